@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::settings::BallDomeSettings;
 use crate::MethodRefusal;
 use crate::ball_measurement::{
-    BallVisit, MeasurementSetup, SearchMode, list_indexations, order_balls_by_path, order_balls_in_xy, order_visits,
-    require_balls,
+    BallVisit, MeasurementSetup, SearchMode, ball_index, list_indexations, order_balls_by_path, order_balls_in_xy,
+    order_visits, require_balls,
 };
 use machine::kinematics::KinematicChain;
 use machine::record::plan::Plan;
@@ -22,9 +22,8 @@ pub fn dome_setup<'a>(plan: &'a Plan, settings: &BallDomeSettings) -> Result<Mea
         "set certificate_u_mm in [artefact] to the standard uncertainty of a coordinate, or measure with \
         samba",
     )?;
-    let known = |id: &String| set.balls.iter().any(|ball| ball.id == *id);
     MethodRefusal::require(
-        settings.tool_ball.is_empty() || known(&settings.tool_ball),
+        settings.tool_ball.is_empty() || ball_index(set, &settings.tool_ball).is_some(),
         format!("tool_ball = {} is not a ball of the artefact", settings.tool_ball),
         "choose one of the balls of [artefact], or remove tool_ball",
     )?;

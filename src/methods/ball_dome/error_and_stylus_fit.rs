@@ -1,7 +1,7 @@
 //! Simultaneous least-squares fit of machine errors and stylus to the readings of the certified artefact
 //! (paper 4, section 7, S4). The spindle does not turn: its offsets are included in the stylus.
 
-use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
+use estimation::linear::{LinearProblem, LinearSolution, RANK_THRESHOLD, solve_least_squares};
 use estimation::rigid::RigidFit;
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::points::MeasuredPoints;
 use super::prior::is_spindle_error;
 use super::stylus::StylusGain;
-use crate::IdentifyError;
+use super::variant::StylusEstimate;
 use crate::identification::KnownErrors;
 use machine::kinematics::{ErrorParameter, ErrorTerm};
 
@@ -17,53 +17,47 @@ use machine::kinematics::{ErrorParameter, ErrorTerm};
 /// µm.
 const GAUSS_NEWTON_STEPS: usize = 3;
 /// Number of unknowns besides the errors: stylus, translation and rotation of the artefact.
-const STYLUS_AND_POSE_UNKNOWNS: usize = 9;
+pub const STYLUS_AND_POSE_UNKNOWNS: usize = 9;
 
-pub struct ErrorAndStylusFit {
-    /// Stylus from the spindle datum, including the offset of the spindle, mm.
-    pub stylus: Vector3<f64>,
-    /// Gain of the stylus for the change of each point minus the change of its certified position.
-    pub gain: StylusGain,
-}
-
-/// # Errors
-/// The readings do not separate errors and stylus.
-pub fn fit_errors_and_stylus(
-    points: &MeasuredPoints,
-    known: &KnownErrors<'_>,
-) -> Result<ErrorAndStylusFit, IdentifyError> {
+/// The fitted stylus minus the offset of the spindle in the prior. Its gain is for the change of each point minus
+/// the change of its certified position. `None`: the readings do not separate errors and stylus.
+pub fn fit_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Option<StylusEstimate> {
     let own = known.errors.iter().filter(|error| !is_spindle_error(error));
-    let parameters: Vec<ErrorParameter> = own.map(|error| error.parameter).collect();
-    let mut values = vec![0.0; parameters.len()];
+    let mut errors: Vec<ErrorTerm> = own.map(|error| ErrorTerm { value: 0.0, ..*error }).collect();
     let mut stylus = points.stylus;
     let mut gain = StylusGain::new();
     for _ in 0..GAUSS_NEWTON_STEPS {
-        let terms: Vec<ErrorTerm> = parameters
-            .iter()
-            .zip(&values)
-            .map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value })
-            .collect();
-        let solution = gauss_newton_step(points, &parameters, &terms, stylus)
-            .map_err(|error| IdentifyError::from_solver_error(error, |_| Vec::new()))?;
-        values.iter_mut().zip(&solution.x).for_each(|(value, change)| *value += change);
-        let first = parameters.len();
+        let solution = gauss_newton_step(points, &errors, stylus)?;
+        errors.iter_mut().zip(&solution.x).for_each(|(error, change)| error.value += change);
+        let first = errors.len();
         stylus += Vector3::from_fn(|k, _| solution.x[first + k]);
         let of_point = |i: usize| Matrix3::from_fn(|k, j| -solution.gain[(first + k, 3 * i + j)]);
         gain = (0..points.count()).map(of_point).collect();
     }
-    Ok(ErrorAndStylusFit { stylus, gain })
+    let prior_derivatives = stylus_by_spindle_errors(points, known);
+    let offset = prior_derivatives.iter().zip(&known.errors).map(|(by, error)| by * error.value);
+    Some(StylusEstimate { vector_mm: stylus + offset.sum::<Vector3<f64>>(), gain: Some(gain), prior_derivatives })
 }
 
-fn gauss_newton_step(
-    points: &MeasuredPoints,
-    parameters: &[ErrorParameter],
-    terms: &[ErrorTerm],
-    stylus: Vector3<f64>,
-) -> Result<LinearSolution, linear::LinearError> {
-    let seen = points.table_positions_mm(terms, stylus);
-    let fit = RigidFit::new(&points.certified_mm, &seen);
-    let error_derivatives = points.error_derivatives(terms, stylus, parameters);
-    let stylus_derivatives = points.stylus_derivatives(terms);
+/// Change of the stylus by each error of the prior, for a stylus that includes the offset of the spindle
+/// (paper 4, Eqs. 5 to 7).
+fn stylus_by_spindle_errors(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
+    let of = |error: &ErrorTerm| {
+        if !is_spindle_error(error) {
+            return Vector3::zeros();
+        }
+        let by_error = points.error_derivatives(&[], points.stylus, &[error.parameter]);
+        let stylus_derivatives = points.stylus_derivatives(&[]);
+        -(stylus_derivatives[0].transpose() * by_error[0][0])
+    };
+    known.errors.iter().map(of).collect()
+}
+
+fn gauss_newton_step(points: &MeasuredPoints, errors: &[ErrorTerm], stylus: Vector3<f64>) -> Option<LinearSolution> {
+    let fit = RigidFit::new(&points.certified_mm, &points.table_positions_mm(errors, stylus));
+    let parameters: Vec<ErrorParameter> = errors.iter().map(|error| error.parameter).collect();
+    let error_derivatives = points.error_derivatives(errors, stylus, &parameters);
+    let stylus_derivatives = points.stylus_derivatives(errors);
     let first = parameters.len();
     let mut a = Mat::zeros(3 * points.count(), first + STYLUS_AND_POSE_UNKNOWNS);
     let mut y = Vec::with_capacity(3 * points.count());
@@ -79,11 +73,8 @@ fn gauss_newton_step(
             }
         }
     }
-    linear::solve_least_squares(&LinearProblem {
-        a: a.as_ref(),
-        y: &y,
-        sigma: &vec![1.0; y.len()],
-        constraints: None,
-        rank_threshold: RANK_THRESHOLD,
-    })
+    let sigma = vec![1.0; y.len()];
+    let problem =
+        LinearProblem { a: a.as_ref(), y: &y, sigma: &sigma, constraints: None, rank_threshold: RANK_THRESHOLD };
+    solve_least_squares(&problem).ok()
 }

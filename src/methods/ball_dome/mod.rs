@@ -63,15 +63,12 @@ impl Method for BallDome {
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         let (watch_min, measure_min) = (self.settings.watch_min, machine_s / 60.0);
-        let watch = || {
-            format!(
+        let time = match watch_min > 0.0 {
+            true => format!(
                 "about {:.0} min: {measure_min:.0} min of measurement, after a rest check of at least \
                 {watch_min:.0} min with one ball",
                 measure_min + watch_min
-            )
-        };
-        let time = match watch_min > 0.0 {
-            true => watch(),
+            ),
             false => format!("about {measure_min:.0} min"),
         };
         if prior::machine_errors_from_prior(plan)?.is_none() {

@@ -22,14 +22,6 @@ pub struct DomeModel<'a> {
     pub weights: &'a [Matrix3<f64>],
 }
 
-/// Changes of the observations, in the table and the artefact frame.
-struct ObservationChanges<'c> {
-    points: Vec<Vector3<f64>>,
-    error_derivatives: Vec<Vector3<f64>>,
-    errors: &'c [f64],
-    certified: Vec<Vector3<f64>>,
-}
-
 impl DomeModel<'_> {
     /// Number of errors of the prior.
     fn prior_error_count(&self) -> usize {
@@ -46,29 +38,23 @@ impl DomeModel<'_> {
         self.error_index(self.prior_error_count()) + 3 * ball
     }
 
-    fn split_change<'c>(&self, change: &'c [f64]) -> ObservationChanges<'c> {
+    fn input_changes<'c>(&self, change: &'c [f64]) -> InputChanges<'c> {
         let vector = |at: usize| Vector3::from_column_slice(&change[at..at + 3]);
         let into_table = self.points.into_table.iter().enumerate();
         let errors = &change[self.error_index(0)..self.certified_index(0)];
-        let error_derivatives =
+        let by_errors =
             |columns: &Vec<Vector3<f64>>| columns.iter().zip(errors).map(|(column, error)| column * *error).sum();
-        ObservationChanges {
-            points: into_table.map(|(i, into)| into * vector(3 * i)).collect(),
-            error_derivatives: self.error_derivatives.iter().map(error_derivatives).collect(),
+        InputChanges {
+            points_mm: into_table.map(|(i, into)| into * vector(3 * i)).collect(),
+            points_by_errors_mm: self.error_derivatives.iter().map(by_errors).collect(),
             errors,
-            certified: self.points.ball_index.iter().map(|ball| vector(self.certified_index(*ball))).collect(),
+            certified_mm: self.points.ball_index.iter().map(|ball| vector(self.certified_index(*ball))).collect(),
         }
     }
 
     /// Changes of the deviations and of the stylus of each variant.
     fn variant_changes(&self, change: &[f64]) -> Vec<(Vec<Vector3<f64>>, Vector3<f64>)> {
-        let split = self.split_change(change);
-        let changes = InputChanges {
-            points: &split.points,
-            error_derivatives: &split.error_derivatives,
-            errors: split.errors,
-            certified: &split.certified,
-        };
+        let changes = self.input_changes(change);
         self.variants.iter().map(|variant| variant.first_order_change(&changes)).collect()
     }
 
@@ -84,8 +70,8 @@ impl DomeModel<'_> {
         let of_variant = |norms: &Vec<f64>| [norms.iter().copied().fold(0.0, f64::max), mean_value(norms)];
         let mut values: Vec<f64> = norms.iter().flat_map(of_variant).collect();
         for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
-            let found = variant.has_stylus().then_some(variant.stylus + stylus);
-            values.extend(found.iter().flatten());
+            let fitted = variant.has_fitted_stylus().then_some(variant.stylus.vector_mm + stylus);
+            values.extend(fitted.iter().flatten());
         }
         values.extend(norms.iter().flat_map(|norms| self.group_means(norms)));
         values
@@ -99,7 +85,7 @@ impl DomeModel<'_> {
 
     /// Index of the mean of a group among the values.
     pub fn group_index(&self, variant: usize, group: usize) -> usize {
-        let styluses = self.variants.iter().filter(|variant| variant.has_stylus()).count();
+        let styluses = self.variants.iter().filter(|variant| variant.has_fitted_stylus()).count();
         2 * self.variants.len() + 3 * styluses + variant * self.groups.len() + group
     }
 
@@ -137,7 +123,7 @@ impl ObservationModel for DomeModel<'_> {
             means.extend(self.group_means(&each));
         }
         for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
-            unknowns.extend(variant.has_stylus().then_some(*stylus).iter().flatten());
+            unknowns.extend(variant.has_fitted_stylus().then_some(*stylus).iter().flatten());
         }
         unknowns.extend(means);
         let residuals = self.judged_variant.map_or(Vec::new(), |judged| self.weighted_residuals(&changes[judged].0));

@@ -29,7 +29,7 @@ pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outpu
     let deviation = |(symbol, value): (String, &f64)| Output { symbol, unit: Unit::Um, value: *value, slope: None };
     let deviations: Vec<Output> = names.zip(&values).map(deviation).collect();
     let count = deviations.len();
-    let with_stylus = model.variants.iter().filter(|variant| variant.has_stylus());
+    let with_stylus = model.variants.iter().filter(|variant| variant.has_fitted_stylus());
     let styluses = with_stylus.flat_map(|v| ["x", "y", "z"].map(|k| format!("{}_tool_{k}", v.kind.name)));
     let stylus = |(i, symbol): (usize, String)| Output::from_unknown(&symbol, Unit::Mm, count + i, &values);
     let nonlinear = NonlinearOutputs {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::ball_measurement::ObservedBalls;
+use crate::ball_measurement::{ObservedBalls, stylus_derivative};
 use machine::Position;
 use machine::frame::Point;
 use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
@@ -27,10 +27,7 @@ pub struct MeasuredPoints {
 impl MeasuredPoints {
     pub fn new(chain: KinematicChain, stylus: Vector3<f64>, observed: &ObservedBalls, balls: &Balls) -> Self {
         let centres = &observed.centres;
-        let at: Vec<Position> = centres
-            .iter()
-            .map(|c| observed.rotary_positions[c.rotary_index].updated_by(&Position::from_xyz(c.axes_mm)))
-            .collect();
+        let at: Vec<Position> = centres.iter().map(|centre| observed.position_of(centre)).collect();
         let longer = 1.0 + balls.relative_expansion()[0];
         let certified = |ball: usize| longer * Vector3::from(balls.balls[ball].centre_mm);
         Self {
@@ -70,11 +67,6 @@ impl MeasuredPoints {
 
     /// Derivative of each point by the stylus; the point is an affine function of it.
     pub fn stylus_derivatives(&self, errors: &[ErrorTerm]) -> Vec<Matrix3<f64>> {
-        let rotation = |at: &Position| {
-            let table = self.chain.machine_from_table(at, errors).rotation;
-            let spindle = self.chain.machine_from_spindle(at, errors).rotation;
-            (table.inverse() * spindle).into_inner()
-        };
-        self.positions.iter().map(rotation).collect()
+        self.positions.iter().map(|at| stylus_derivative(&self.chain, at, errors)).collect()
     }
 }

@@ -71,14 +71,9 @@ impl BallDomeSettings {
     /// Positions of the rotary axes; the spindle is not turned.
     pub fn positions(&self) -> RotaryPositions<'_> {
         let usual = Self::default();
-        let named = |key, degrees, default: &[f64]| ConfiguredPositions {
-            key,
-            angles_deg: degrees,
-            is_default: degrees == default,
-        };
         RotaryPositions {
-            tilt: named("tilt_deg", &self.tilt_deg, &usual.tilt_deg),
-            turn: named("turn_deg", &self.turn_deg, &usual.turn_deg),
+            tilt: ConfiguredPositions::new("tilt_deg", &self.tilt_deg, &usual.tilt_deg),
+            turn: ConfiguredPositions::new("turn_deg", &self.turn_deg, &usual.turn_deg),
             spindle: None,
         }
     }

@@ -4,9 +4,8 @@ use nalgebra::Vector3;
 
 use super::error_and_stylus_fit::fit_errors_and_stylus;
 use super::points::MeasuredPoints;
-use super::prior::is_spindle_error;
 use super::stylus::{stylus_change, stylus_gain};
-use super::variant::{DomeVariant, StylusResult, StylusSource, VARIANT_KINDS, VariantKind};
+use super::variant::{DomeVariant, StylusEstimate, StylusSource, VARIANT_KINDS, VariantKind};
 use crate::identification::KnownErrors;
 use machine::kinematics::ErrorTerm;
 
@@ -51,36 +50,18 @@ fn find_stylus(
     errors: &[ErrorTerm],
     known: Option<&KnownErrors<'_>>,
     tool_ball: usize,
-) -> Option<StylusResult> {
+) -> Option<StylusEstimate> {
     let of_balls = |is_included: &dyn Fn(usize) -> bool| {
         let gain = stylus_gain(&points.stylus_derivatives(errors), &points.ball_index, is_included)?;
         let change = stylus_change(&gain, &points.table_positions_mm(errors, points.stylus));
-        Some(StylusResult { stylus: points.stylus + change, gain: Some(gain), prior_derivatives: Vec::new() })
+        Some(StylusEstimate { vector_mm: points.stylus + change, gain: Some(gain), prior_derivatives: Vec::new() })
     };
     match kind.stylus {
-        StylusSource::Stated => Some(StylusResult { stylus: points.stylus, gain: None, prior_derivatives: Vec::new() }),
+        StylusSource::Stated => {
+            Some(StylusEstimate { vector_mm: points.stylus, gain: None, prior_derivatives: Vec::new() })
+        }
         StylusSource::OneBall => of_balls(&|ball| ball == tool_ball),
         StylusSource::AllBalls => of_balls(&|_| true),
-        StylusSource::ErrorAndStylusFit => {
-            let (known, fit) = (known?, fit_errors_and_stylus(points, known?).ok()?);
-            let prior_derivatives = stylus_by_spindle_errors(points, known);
-            let offset = prior_derivatives.iter().zip(&known.errors).map(|(by, error)| by * error.value);
-            let stylus = fit.stylus + offset.sum::<Vector3<f64>>();
-            Some(StylusResult { stylus, gain: Some(fit.gain), prior_derivatives })
-        }
+        StylusSource::ErrorAndStylusFit => fit_errors_and_stylus(points, known?),
     }
-}
-
-/// Change of the stylus by each error of the prior, for a stylus that includes the offset of the spindle
-/// (paper 4, Eqs. 5 to 7).
-fn stylus_by_spindle_errors(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
-    let of = |error: &ErrorTerm| {
-        if !is_spindle_error(error) {
-            return Vector3::zeros();
-        }
-        let by_error = points.error_derivatives(&[], points.stylus, &[error.parameter]);
-        let stylus_derivatives = points.stylus_derivatives(&[]);
-        -(stylus_derivatives[0].transpose() * by_error[0][0])
-    };
-    known.errors.iter().map(of).collect()
 }

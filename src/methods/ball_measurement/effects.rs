@@ -2,13 +2,11 @@
 
 use nalgebra::Vector3;
 
-use super::observe::BallCentre;
 use crate::identification::{Effect, ObservationSpan};
 
-/// A column of a [`Effect::Joint`]: the `shift` of each measurement, machine frame, mm.
-pub fn shift_column(centres: &[BallCentre], shift: impl FnMut(&BallCentre) -> Vector3<f64>) -> Vec<f64> {
-    let shifts: Vec<[f64; 3]> = centres.iter().map(shift).map(Into::into).collect();
-    shifts.into_flattened()
+/// A column of a [`Effect::Joint`]: the shift of each measurement, machine frame, mm.
+pub fn shift_column(shifts: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
+    shifts.flat_map(<[f64; 3]>::from).collect()
 }
 
 /// An effect of joint draws, without columns that are zero.

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use super::label::{Label, MeasurementPass};
+use super::artefact::ball_index;
+use super::label::{Label, MeasurementPass, labelled_steps};
 use super::setup::MeasurementSetup;
 use machine::Position;
 use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Step};
@@ -27,40 +28,38 @@ pub struct BallMeasurement<'a> {
 }
 
 impl FoundBalls {
-    /// Positions from the plan's steps and their readings; incomplete measurements are ignored.
-    pub fn from_readings(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Self {
-        Self::from_measurements(setup, &ball_measurements(setup, readings))
-    }
-
+    /// Positions from measurements; incomplete ones are ignored.
     pub fn from_measurements<'t, 'r: 't>(
         setup: &MeasurementSetup<'_>,
         all: impl IntoIterator<Item = &'t BallMeasurement<'r>>,
     ) -> Self {
-        let mut found = vec![Vec::new(); setup.balls.balls.len()];
-        for measurement in all {
-            // These passes repeat a visit whose result is already stored.
-            if matches!(measurement.label.pass, MeasurementPass::Reference | MeasurementPass::Watch) {
-                continue;
-            }
-            if let (Some(centres), Some(Ok(measured))) = (found.get_mut(measurement.ball), measurement.fit_ball(setup))
-            {
-                centres.push((measurement.label.indexation as usize, measured.centre_mm));
-            }
-        }
-        Self { centres: found }
+        // References and the watch repeat a visit whose result is already stored.
+        let is_new = |measurement: &&BallMeasurement<'_>| {
+            matches!(measurement.label.pass, MeasurementPass::Find | MeasurementPass::Slow)
+        };
+        let centre = |measurement: &BallMeasurement<'_>| {
+            let measured = measurement.fit_ball(setup)?.ok()?;
+            Some((measurement.ball, measurement.label.indexation, measured.centre_mm))
+        };
+        Self::from_centres(setup, all.into_iter().filter(is_new).filter_map(centre))
     }
 
     /// Positions as if every ball in the plan had been found at its stated position.
     pub fn from_stated_positions(setup: &MeasurementSetup<'_>) -> Self {
-        let mut found = vec![Vec::new(); setup.balls.balls.len()];
-        for label in setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok()) {
-            let ball = setup.balls.balls.iter().position(|ball| ball.id == label.ball);
-            let Some(ball) = ball else { continue };
-            if let (Some(centres), Some(of)) = (found.get_mut(ball), setup.balls.balls.get(ball)) {
-                centres.push((label.indexation as usize, Vector3::from(of.centre_mm)));
-            }
+        let centre = |(_, label): (&Step, Label)| {
+            let ball = ball_index(setup.balls, &label.ball)?;
+            Some((ball, label.indexation, Vector3::from(setup.balls.balls.get(ball)?.centre_mm)))
+        };
+        Self::from_centres(setup, labelled_steps(setup.plan).filter_map(centre))
+    }
+
+    /// `found`: ball, visit and centre.
+    fn from_centres(setup: &MeasurementSetup<'_>, found: impl Iterator<Item = (usize, u32, Vector3<f64>)>) -> Self {
+        let mut centres = vec![Vec::new(); setup.balls.balls.len()];
+        for (ball, visit, centre) in found {
+            centres[ball].push((visit as usize, centre));
         }
-        Self { centres: found }
+        Self { centres }
     }
 
     /// Whether every ball was found.
@@ -109,11 +108,8 @@ pub fn ball_measurements<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Readin
         }
     }
     let mut all: Vec<BallMeasurement<'_>> = Vec::new();
-    for step in &setup.plan.steps {
-        let Ok(label) = step.label.parse::<Label>() else { continue };
-        let Some(ball) = setup.balls.balls.iter().position(|ball| ball.id == label.ball) else {
-            continue;
-        };
+    for (step, label) in labelled_steps(setup.plan) {
+        let Some(ball) = ball_index(setup.balls, &label.ball) else { continue };
         let same =
             |other: &Label| (other.pass, other.indexation, &other.ball) == (label.pass, label.indexation, &label.ball);
         if !all.last().is_some_and(|last| same(&last.label)) {

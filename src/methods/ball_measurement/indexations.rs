@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use crate::MethodRefusal;
-use machine::frame::unit_vector;
+use machine::frame::{Pose, unit_vector};
 use machine::kinematics::KinematicChain;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::{Axis, Position};
@@ -37,6 +37,13 @@ pub struct ConfiguredPositions<'a> {
     pub angles_deg: &'a [f64],
     /// Whether the positions are the defaults, which are restricted to the limits of the axis.
     pub is_default: bool,
+}
+
+impl<'a> ConfiguredPositions<'a> {
+    /// `key`, its value in the settings, and its default value.
+    pub fn new(key: &'static str, angles_deg: &'a [f64], default_deg: &[f64]) -> Self {
+        Self { key, angles_deg, is_default: angles_deg == default_deg }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -86,15 +93,18 @@ pub fn list_indexations(
 
 /// Whether the axis tilts the spindle: an axis of the head that is not parallel to the spindle.
 pub fn tilts_spindle(chain: &KinematicChain, axis: Axis) -> bool {
-    let upright = |position: &Position| chain.machine_from_spindle(position, &[]).rotation[(2, 2)];
-    let turned = Position::new().with(axis, 1.0);
-    !axis.is_linear() && upright(&turned) < upright(&Position::new()) - MIN_TILT_DECREASE
+    is_tilted_by(axis, |position| chain.machine_from_spindle(position, &[]))
 }
 
 /// Whether the axis tilts the table.
 pub fn tilts_table(chain: &KinematicChain, axis: Axis) -> bool {
-    let upright = |position: &Position| chain.machine_from_table(position, &[]).rotation[(2, 2)];
-    !axis.is_linear() && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - MIN_TILT_DECREASE
+    is_tilted_by(axis, |position| chain.machine_from_table(position, &[]))
+}
+
+fn is_tilted_by(axis: Axis, pose: impl Fn(&Position) -> Pose) -> bool {
+    let z_component = |position: &Position| pose(position).rotation[(2, 2)];
+    let turned = Position::new().with(axis, 1.0);
+    !axis.is_linear() && z_component(&turned) < z_component(&Position::new()) - MIN_TILT_DECREASE
 }
 
 /// Whether the axis is rotary and moves the table or the head; the spindle does not count.
@@ -110,10 +120,7 @@ pub fn is_parallel_to_spindle(axis: Axis, machine: &Machine) -> bool {
 }
 
 fn combine_positions(places: &[Position], grid: &AxisGrid) -> Vec<Position> {
-    let with = |place: &Position| {
-        let all = grid.positions_rad.iter().map(|at| place.clone().with(grid.axis, *at));
-        all.collect::<Vec<_>>()
-    };
+    let with = |place| grid.positions_rad.iter().map(move |at| Position::clone(place).with(grid.axis, *at));
     places.iter().flat_map(with).collect()
 }
 
@@ -121,14 +128,10 @@ fn axis_grid(axis: Axis, spec: &AxisSpec, named: &ConfiguredPositions<'_>) -> Re
     let ConfiguredPositions { key, angles_deg: degrees, is_default } = *named;
     let mut at: Vec<f64> = Vec::new();
     for degree in degrees {
-        let Some(place) = command_within_limits(axis, spec, *degree) else {
-            if is_default {
-                continue;
-            }
-            return Err(outside_limits_refusal(axis, spec, *degree, key));
-        };
-        if !at.iter().any(|other| is_same_angle(*other, place)) {
-            at.push(place);
+        match command_within_limits(axis, spec, *degree) {
+            Some(place) if at.iter().all(|other| !is_same_angle(*other, place)) => at.push(place),
+            None if !is_default => return Err(outside_limits_refusal(axis, spec, *degree, key)),
+            _ => {}
         }
     }
     if at.is_empty() {

@@ -25,7 +25,7 @@ fn step_columns(plan: &Plan, centres: &[BallCentre], gap_s: f64) -> Vec<Vec<f64>
     let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
     let step = |axis: Axis| {
         let u = reference_limit_mm(plan, axis, [before, after]);
-        shift_column(centres, |centre| if centre.t_s > gap_s { axis.direction() * u } else { Vector3::zeros() })
+        shift_column(times().map(|t_s| if t_s > gap_s { axis.direction() * u } else { Vector3::zeros() }))
     };
     Axis::LINEAR.into_iter().map(step).collect()
 }

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use machine::record::plan::{Plan, Step};
+
 /// Purpose of a touch of a ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum MeasurementPass {
@@ -47,6 +49,11 @@ impl Label {
         let text = self.to_string();
         text.rsplit_once('/').map_or(text.clone(), |(measurement, _)| measurement.to_owned())
     }
+}
+
+/// The steps of the plan that touch a ball, with their labels.
+pub fn labelled_steps(plan: &Plan) -> impl Iterator<Item = (&Step, Label)> {
+    plan.steps.iter().filter_map(|step| Some((step, step.label.parse().ok()?)))
 }
 
 impl fmt::Display for Label {

@@ -22,7 +22,7 @@ mod stages;
 mod touch_order;
 mod visit_cache;
 
-pub use artefact::require_balls;
+pub use artefact::{ball_index, require_balls};
 pub use effects::{nonzero_columns, nonzero_spans, shift_column};
 pub use indexations::{
     ConfiguredPositions, RotaryPositions, is_parallel_to_spindle, is_rotary, is_same_angle, list_indexations,
@@ -36,8 +36,8 @@ pub use nominal::nominal_readings;
 pub use observe::{BallCentre, ObservedBalls, artefact_balls, observe_balls};
 pub use order::{order_balls_in_xy, order_visits};
 pub use path_order::order_balls_by_path;
-pub use rotary::{angular_source, rotary_source};
+pub use rotary::{kinematic_sources, stylus_derivative};
 pub use setup::{BallVisit, MeasurementSetup, SearchMode, TouchSettings, describe_position};
-pub use sources::touch_sources;
+pub use sources::{certified_source, touch_sources, whitening_matrices};
 pub use stages::{machine_time_s, next_stage};
 pub use visit_cache::VisitCache;

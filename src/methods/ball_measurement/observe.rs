@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::artefact::ball_index;
 use super::label::{Label, MeasurementPass};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::sphere::{SphereError, fit_sphere};
@@ -107,8 +108,8 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
     let mut observed =
         ObservedBalls { skipped_measurements: remove_superseded(&mut visits), ..ObservedBalls::default() };
     for (visit, touches) in visits {
-        let ball = balls.balls.iter().position(|ball| ball.id == visit.ball);
-        let ball = ball.ok_or_else(|| wrong_plan_refusal(format!("the artefact has no ball {}", visit.ball)))?;
+        let ball = ball_index(balls, &visit.ball)
+            .ok_or_else(|| wrong_plan_refusal(format!("the artefact has no ball {}", visit.ball)))?;
         match measure_centre(&touches, ball, &mut observed) {
             Ok(centre) => observed.centres.push(centre),
             Err(reason) => observed.skipped_measurements.push(format!(
@@ -149,15 +150,12 @@ fn remove_superseded<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String>
 pub fn artefact_balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
     match &plan.artefact {
         Artefact::Balls(balls) => Ok(balls),
-        Artefact::Cylinder(_) | Artefact::DatumCylinder(_) | Artefact::None => {
-            Err(wrong_plan_refusal("the artefact has no balls".into()))
-        }
+        _ => Err(wrong_plan_refusal("the artefact has no balls".into())),
     }
 }
 
 fn wrong_plan_refusal(reason: String) -> IdentifyError {
-    let remedy = "give the plan of the run of these readings".to_owned();
-    MethodRefusal { reason, remedy }.into()
+    MethodRefusal::new(reason, "give the plan of the run of these readings").into()
 }
 
 fn measure_centre(
@@ -172,16 +170,11 @@ fn measure_centre(
         return Err(format!("{} touches, at least {MIN_TOUCH_COUNT} are required", touches.len()));
     }
     let place = mean_rotary_position(touches).ok_or("the rotary axes moved between the touches of the ball")?;
-    let xyz = |reading: &Reading| Axis::LINEAR.map(|axis| reading.position.get(axis));
-    let points: Option<Vec<TouchEffect>> = touches
-        .iter()
-        .map(|(_, reading, _)| match xyz(reading) {
-            [Some(x), Some(y), Some(z)] => {
-                Some(TouchEffect { axes_mm: Vector3::new(x, y, z), ..TouchEffect::default() })
-            }
-            _ => None,
-        })
-        .collect();
+    let touch = |(_, reading, _): &(&Step, &Reading, Label)| {
+        let [x, y, z] = Axis::LINEAR.map(|axis| reading.position.get(axis));
+        Some(TouchEffect { axes_mm: Vector3::new(x?, y?, z?), ..TouchEffect::default() })
+    };
+    let points: Option<Vec<TouchEffect>> = touches.iter().map(touch).collect();
     let mut centre = BallCentre {
         label: label.clone(),
         ball,
@@ -224,6 +217,11 @@ fn mean_rotary_position(touches: &[(&Step, &Reading, Label)]) -> Option<Position
 }
 
 impl ObservedBalls {
+    /// Positions of all axes at the measured centre.
+    pub fn position_of(&self, centre: &BallCentre) -> Position {
+        self.rotary_positions[centre.rotary_index].updated_by(&Position::from_xyz(centre.axes_mm))
+    }
+
     /// Fits the spheres again with known errors of the linear axes. `motion_matrices`: for each rotary position, the
     /// matrix from a motion of the axes to the motion of the stylus.
     ///

@@ -23,10 +23,8 @@ pub fn order_balls_in_xy(
     for visit in &mut visits {
         let balls = visit.balls.iter().filter_map(|index| setup.balls.balls.get(*index));
         let places = balls.map(|ball| access.centre(ball, &visit.rotary)).collect::<Result<Vec<_>, _>>();
-        let places = places.map_err(|error| MethodRefusal {
-            reason: error.to_string(),
-            remedy: "correct [axes] in the machine file".to_owned(),
-        })?;
+        let places =
+            places.map_err(|error| MethodRefusal::new(error.to_string(), "correct [axes] in the machine file"))?;
         let order =
             TravelTimes::from_xy_positions(&places, machine_position.as_ref(), &setup.plan.machine).visiting_order(1);
         let end = if back { order.first() } else { order.last() };

@@ -1,13 +1,13 @@
 //! Order of the balls of an indexation and of the touches of each ball, from the times of the planned paths.
 
-use super::setup::{BallVisit, MeasurementSetup, describe_position};
+use super::setup::{BallVisit, MeasurementSetup, UNREACHABLE_BALL_REMEDY};
 use super::touch_order::{BallPathTimes, TouchOrder, fastest_touch_orders};
 use crate::MethodRefusal;
 use machine::Position;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Step, StepKind};
-use planning::{BallApproach, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes};
+use planning::{BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes};
 use planning::{end_position, machine_time_s, step_blocks};
 use rayon::prelude::*;
 
@@ -60,20 +60,10 @@ fn slow_steps_of_balls(
     access: &TouchAccess,
     visit: &BallVisit,
 ) -> Result<Vec<Vec<Step>>, MethodRefusal> {
-    let approach = BallApproach::Measure {
-        standoff_mm: setup.touch_settings.standoff_mm,
-        search_mm: setup.touch_settings.search_mm,
-    };
     let steps = |index: &usize| {
-        let ball = setup.balls.balls.get(*index)?;
-        let task = setup.ball_task(ball, &visit.rotary, approach);
-        let steps = access.steps(&task, &setup.plan.probe, StepKind::Touch, (0, 0), str::to_owned);
-        Some(steps.map_err(|reason| {
-            MethodRefusal::new(
-                format!("ball {} at {}: {reason}", ball.id, describe_position(&visit.rotary)),
-                "remove the position from tilt_deg and turn_deg, or place the ball elsewhere",
-            )
-        }))
+        let task = setup.ball_task(setup.balls.balls.get(*index)?, &visit.rotary, setup.slow_approach());
+        let steps = setup.ball_steps(access, &task, StepKind::Touch, str::to_owned);
+        Some(steps.map_err(|refusal| MethodRefusal::new(refusal.reason, UNREACHABLE_BALL_REMEDY)))
     };
     visit.balls.iter().filter_map(steps).collect()
 }

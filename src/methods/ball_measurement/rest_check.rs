@@ -4,7 +4,7 @@ use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
 
 use super::found_balls::ball_measurements;
-use super::label::{Label, MeasurementPass};
+use super::label::{MeasurementPass, labelled_steps};
 use super::review::continuation_advice;
 use super::setup::MeasurementSetup;
 use crate::MethodRefusal;
@@ -76,8 +76,7 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
 }
 
 fn has_measurement_begun(setup: &MeasurementSetup<'_>) -> bool {
-    let pass = |label: &str| label.parse::<Label>().is_ok_and(|label| label.pass == MeasurementPass::Slow);
-    setup.plan.steps.iter().any(|step| pass(&step.label))
+    labelled_steps(setup.plan).any(|(_, label)| label.pass == MeasurementPass::Slow)
 }
 
 /// Time, s, and centre, mm, of each round since the run was resumed.

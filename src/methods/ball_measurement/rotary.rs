@@ -5,55 +5,36 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::effects::{nonzero_columns, shift_column};
 use super::observe::{BallCentre, ObservedBalls};
-use crate::identification::UncertaintySource;
 use crate::identification::declared::{ROTARY_MOTION_ORDERS, angular_motion_patterns, rotary_error_motions};
+use crate::identification::{Effect, UncertaintySource};
 use machine::Position;
 use machine::frame::Point;
-use machine::kinematics::{ErrorParameter, KinematicChain};
+use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
 use machine::record::plan::Plan;
 
-/// Source of the rotary error motions, which displace all touches of a measurement alike. It may have no
-/// draw.
-pub fn rotary_source(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> UncertaintySource {
-    let mut motions = rotary_error_motions(plan, &ROTARY_MOTION_ORDERS);
-    motions.retain(|motion| chain.check_parameter(motion.error).is_ok());
-    let errors: Vec<ErrorParameter> = motions.iter().map(|motion| motion.error).collect();
-    let by_error = displacements_by_error(plan, chain, observed, &errors);
-    let column = |index: usize| {
-        let mut of_centres = by_error.iter();
-        shift_column(&observed.centres, |_| {
-            let of_centre = of_centres.next().map_or(Vector3::zeros(), |centre| centre[index]);
-            of_centre * motions[index].size_mm
-        })
-    };
-    let effect = nonzero_columns((0..motions.len()).map(column));
-    UncertaintySource::new("error motions of rotary axes", effect)
-}
-
-/// Source of the rotations of X, Y and Z, each the same for all touches of a measurement. It may have no
-/// draw.
-pub fn angular_source(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> UncertaintySource {
+/// Sources of the rotations of X, Y and Z, and of the rotary error motions. Both displace all touches of a
+/// measurement alike. A source may have no draw.
+pub fn kinematic_sources(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> [UncertaintySource; 2] {
     let points: Vec<Vector3<f64>> = observed.centres.iter().map(|centre| centre.axes_mm).collect();
-    let patterns = angular_motion_patterns(plan, &points);
-    let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
-    let by_error = displacements_by_error(plan, chain, observed, &errors);
-    let column = |index: usize| {
-        let mut of_centres = by_error.iter().zip(&patterns[index].1);
-        shift_column(&observed.centres, |_| {
-            of_centres.next().map_or(Vector3::zeros(), |(centre, angle)| centre[index] * *angle)
-        })
-    };
-    let effect = nonzero_columns((0..patterns.len()).map(column));
-    UncertaintySource::new("angular error motions of X, Y and Z", effect)
+    let angular = angular_motion_patterns(plan, &points);
+    let mut rotary = rotary_error_motions(plan, &ROTARY_MOTION_ORDERS);
+    rotary.retain(|motion| chain.check_parameter(motion.error).is_ok());
+    let rotary = rotary.iter().map(|motion| (motion.error, vec![motion.size_mm; points.len()]));
+    let effect = |motions: &[(ErrorParameter, Vec<f64>)]| motion_effect(plan, chain, observed, motions);
+    [
+        UncertaintySource::new("angular error motions of X, Y and Z", effect(&angular)),
+        UncertaintySource::new("error motions of rotary axes", effect(&rotary.collect::<Vec<_>>())),
+    ]
 }
 
-/// Displacement of each measurement, in axis positions, per unit of each error.
-fn displacements_by_error(
+/// Effect of error motions with their size at each measurement.
+fn motion_effect(
     plan: &Plan,
     chain: &KinematicChain,
     observed: &ObservedBalls,
-    errors: &[ErrorParameter],
-) -> Vec<Vec<Vector3<f64>>> {
+    motions: &[(ErrorParameter, Vec<f64>)],
+) -> Effect {
+    let errors: Vec<ErrorParameter> = motions.iter().map(|(error, _)| *error).collect();
     let stylus = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     // Matrix from the table frame to axis positions.
     let back = |place: &Position| {
@@ -61,10 +42,21 @@ fn displacements_by_error(
         forth.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     };
     let back: Vec<Matrix3<f64>> = observed.rotary_positions.iter().map(back).collect();
-    let of_centre = |centre: &BallCentre| {
-        let at = observed.rotary_positions[centre.rotary_index].updated_by(&Position::from_xyz(centre.axes_mm));
-        let columns = chain.jacobian(&at, stylus, &[], errors).into_iter();
+    // Displacement of each measurement, in axis positions, per unit of each error.
+    let by_error = |centre: &BallCentre| -> Vec<Vector3<f64>> {
+        let columns = chain.jacobian(&observed.position_of(centre), stylus, &[], &errors).into_iter();
         columns.map(|along| back[centre.rotary_index] * along).collect()
     };
-    observed.centres.iter().map(of_centre).collect()
+    let by_error: Vec<Vec<Vector3<f64>>> = observed.centres.iter().map(by_error).collect();
+    let column = |(index, (_, sizes)): (usize, &(ErrorParameter, Vec<f64>))| {
+        shift_column(by_error.iter().zip(sizes).map(|(centre, size)| centre[index] * *size))
+    };
+    nonzero_columns(motions.iter().enumerate().map(column))
+}
+
+/// Derivative of the tip in the table frame by the stylus vector: R_wᵀ·R_t.
+pub fn stylus_derivative(chain: &KinematicChain, position: &Position, errors: &[ErrorTerm]) -> Matrix3<f64> {
+    let table = chain.machine_from_table(position, errors).rotation;
+    let spindle = chain.machine_from_spindle(position, errors).rotation;
+    (table.inverse() * spindle).into_inner()
 }

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use super::touch_order::TouchOrder;
 use crate::MethodRefusal;
 use machine::record::artefact::{Artefact, Ball, Balls};
-use machine::record::plan::Plan;
+use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
-use planning::{BallApproach, BallTask, TouchAccess};
+use planning::{BallAccessError, BallApproach, BallTask, TouchAccess};
 
 /// When fast touches search for a ball before it is measured slowly.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,6 +59,7 @@ pub struct TouchSettings {
 }
 
 const MAX_WATCH_S: f64 = 7200.0;
+pub const UNREACHABLE_BALL_REMEDY: &str = "remove the position from tilt_deg and turn_deg, or place the ball elsewhere";
 
 impl TouchSettings {
     /// # Errors
@@ -85,9 +86,7 @@ impl TouchSettings {
             "remove both settings, or choose about 15 and 30",
         )
     }
-}
 
-impl TouchSettings {
     /// Maximum distance of a ball from the position where it was found, mm: half of the standoff of a slow
     /// touch, or of its search distance if that is smaller.
     pub fn position_tolerance_mm(&self) -> f64 {
@@ -104,15 +103,7 @@ pub struct MeasurementSetup<'a> {
     pub touch_settings: TouchSettings,
 }
 
-impl<'a> MeasurementSetup<'a> {
-    /// The same setup for an extended plan.
-    pub fn with_plan<'b>(&self, plan: &'b Plan) -> MeasurementSetup<'b>
-    where
-        'a: 'b,
-    {
-        MeasurementSetup { plan, ..*self }
-    }
-
+impl MeasurementSetup<'_> {
     /// Free space around the artefact at its assumed position.
     ///
     /// # Errors
@@ -124,6 +115,37 @@ impl<'a> MeasurementSetup<'a> {
     /// Task of one measurement of a ball.
     pub fn ball_task<'t>(&self, ball: &'t Ball, rotary: &'t Position, approach: BallApproach) -> BallTask<'t> {
         BallTask { ball, rotary, approach, touches: self.touch_settings.touch_count }
+    }
+
+    /// Steps of one measurement of a ball.
+    ///
+    /// # Errors
+    /// The ball cannot be touched.
+    pub fn ball_steps(
+        &self,
+        access: &TouchAccess,
+        task: &BallTask<'_>,
+        kind: StepKind,
+        label: impl Fn(&str) -> String,
+    ) -> Result<Vec<Step>, MethodRefusal> {
+        access.steps(task, &self.plan.probe, kind, (0, 0), label).map_err(|reason| {
+            let remedy = match reason {
+                BallAccessError::SearchTooLong { .. } => format!(
+                    "lower uncertainty_mm of [artefact] ({} mm): place the artefact closer to centre_mm, or \
+                    measure the position by hand and correct centre_mm",
+                    self.balls.uncertainty_mm
+                ),
+                _ => UNREACHABLE_BALL_REMEDY.to_owned(),
+            };
+            let position = describe_position(task.rotary);
+            MethodRefusal::new(format!("ball {} at {position}: {reason}", task.ball.id), remedy)
+        })
+    }
+
+    /// Approach of a slow measurement.
+    pub fn slow_approach(&self) -> BallApproach {
+        let TouchSettings { standoff_mm, search_mm, .. } = self.touch_settings;
+        BallApproach::Measure { standoff_mm, search_mm }
     }
 
     /// Fast approach to a ball whose position has this uncertainty.

@@ -1,17 +1,39 @@
 //! Uncertainty sources of the touches, as changes of the observations: X, Y, Z of each measurement (machine
 //! frame, mm).
 
-use nalgebra::{Rotation3, Vector3};
+use estimation::whitening::whitening_matrix;
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::effects::{nonzero_columns, nonzero_spans, shift_column};
-use super::interruptions;
+use super::interruptions::interruption_effect;
 use super::observe::{BallCentre, ObservedBalls, TouchEffect};
 use crate::identification::declared::{
     drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_u_mm,
 };
-use crate::identification::{DrawDistribution, Effect, EvaluationType, ObservationSpan, UncertaintySource};
+use crate::identification::{
+    DrawDistribution, Effect, EvaluationType, ObservationSpan, ResidualTreatment, UncertaintySource, block_covariances,
+};
 use machine::Axis;
 use machine::record::plan::Plan;
+
+/// Minimum standard uncertainty of a coordinate in the weights, mm.
+const MIN_COORDINATE_U_MM: f64 = 1e-6;
+
+/// Whitening matrix of each measured centre, from the sources that enter the weights. The correlation between
+/// measurements that a source changes together is ignored.
+pub fn whitening_matrices(sources: &[UncertaintySource], centres: usize) -> impl Iterator<Item = Matrix3<f64>> {
+    let min = Matrix3::from_diagonal_element(MIN_COORDINATE_U_MM.powi(2));
+    block_covariances::<3>(sources, centres).into_iter().map(move |covariance| whitening_matrix(min + covariance))
+}
+
+/// A source of certified size. Its error changes many observations together, so few residuals contain it.
+pub fn certified_source(name: &str, effect: Effect) -> UncertaintySource {
+    UncertaintySource {
+        in_residuals: ResidualTreatment::Expected,
+        is_in_weights: false,
+        ..UncertaintySource::new(name, effect)
+    }
+}
 
 /// Sources that act on the touches of every ball measurement, in this order: repeatability, resolution,
 /// lobing, backlash, error motions of X, Y and Z, drift, interruptions. A source may have no draw.
@@ -36,7 +58,7 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
         // than those before.
         UncertaintySource {
             is_in_weights: false,
-            ..named("steps at interruptions", interruptions::interruption_effect(plan, centres))
+            ..named("steps at interruptions", interruption_effect(plan, centres))
         },
     ]
 }
@@ -69,7 +91,7 @@ fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
     let half = half_backlash_mm(plan);
     let column = |k: usize| {
         let of_touch = |touch: &TouchEffect| touch.gain * half[k] * touch.normal[k].abs();
-        shift_column(centres, |centre| centre.touches.iter().map(of_touch).sum())
+        shift_column(centres.iter().map(|centre| centre.touches.iter().map(of_touch).sum()))
     };
     nonzero_columns((0..3).map(column))
 }
@@ -92,15 +114,15 @@ fn linear_axis_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
 fn drift_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
     let mean_s = centres.iter().map(|centre| centre.t_s).sum::<f64>() / centres.len().max(1) as f64;
     let rate = drift_mm_per_s(plan);
-    let column = |axis: Axis| shift_column(centres, |centre| axis.direction() * (rate * (centre.t_s - mean_s)));
-    nonzero_columns(Axis::LINEAR.map(column))
+    let shift = |axis: Axis| centres.iter().map(move |centre| axis.direction() * (rate * (centre.t_s - mean_s)));
+    nonzero_columns(Axis::LINEAR.map(|axis| shift_column(shift(axis))))
 }
 
 /// A column of shifts of the measurements, from `deviations` of their touches along the normals, mm, one per
 /// touch.
 fn shift_column_from_touches(centres: &[BallCentre], mut deviations: impl Iterator<Item = f64>) -> Vec<f64> {
-    shift_column(centres, |centre| {
+    shift_column(centres.iter().map(|centre| {
         let touches = centre.touches.iter().zip(deviations.by_ref());
         touches.map(|(touch, deviation)| touch.gain * deviation).sum()
-    })
+    }))
 }

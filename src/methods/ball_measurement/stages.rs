@@ -1,15 +1,15 @@
 //! Choice of the next stage: the tasks of a list of visits, one stage each.
 
-use super::found_balls::FoundBalls;
-use super::label::{Label, MeasurementPass};
-use super::rest_check;
+use super::found_balls::{FoundBalls, ball_measurements};
+use super::label::{Label, MeasurementPass, labelled_steps};
+use super::rest_check::needs_watch_round;
 use super::review::review_stage;
-use super::setup::{BallVisit, MeasurementSetup, SearchMode, TouchSettings, describe_position};
+use super::setup::{BallVisit, MeasurementSetup, SearchMode, describe_position};
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
-use planning::{BallAccessError, BallApproach, plan_blocks_by_stage};
+use planning::plan_blocks_by_stage;
 
 /// One stage: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,7 +40,8 @@ pub fn next_stage(
             if let Some(stage) = repeat_rejected(setup, done, readings, id)? {
                 return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
             }
-            (FoundBalls::from_readings(setup, readings), rest_check::needs_watch_round(setup, readings)?)
+            let measurements = ball_measurements(setup, readings);
+            (FoundBalls::from_measurements(setup, &measurements), needs_watch_round(setup, readings)?)
         }
     };
     let tasks = list_tasks(setup, visits, watch_round_count(setup) + usize::from(one_more));
@@ -65,9 +66,8 @@ fn repeat_rejected(
 
 /// Number of watch rounds in the plan so far.
 fn watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
-    let labels = setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok());
-    let rounds = labels.filter(|label| label.pass == MeasurementPass::Watch).map(|label| label.indexation_number());
-    rounds.max().unwrap_or(0) as usize
+    let watch = labelled_steps(setup.plan).filter(|(_, label)| label.pass == MeasurementPass::Watch);
+    watch.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
 }
 
 /// All tasks in measuring order. First every ball is searched for: at the indexation where most balls are
@@ -139,7 +139,7 @@ pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[BallVisit]) -> Res
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
     for (id, task) in (0..).zip(list_tasks(setup, visits, 0)) {
-        let grown = setup.with_plan(&plan);
+        let grown = MeasurementSetup { plan: &plan, ..*setup };
         let (planned, steps) = build_stage(&grown, visits, &task, &FoundBalls::from_stated_positions(&grown), id)?;
         plan.steps.extend(steps);
         stages.push(planned);
@@ -176,11 +176,9 @@ fn build_stage(
 fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTask) -> String {
     let at = visits.get(task.visit_index).map_or(String::new(), |visit| describe_position(&visit.rotary));
     match task.pass {
-        MeasurementPass::Find => {
-            format!("find at {at} ({} of {})", task.label_number + 1, visits.len())
-        }
-        MeasurementPass::Slow => {
-            format!("measure at {at} ({} of {})", task.label_number + 1, visits.len())
+        MeasurementPass::Find | MeasurementPass::Slow => {
+            let action = if task.pass == MeasurementPass::Find { "find" } else { "measure" };
+            format!("{action} at {at} ({} of {})", task.label_number + 1, visits.len())
         }
         MeasurementPass::Watch | MeasurementPass::Reference => {
             let ball = task.balls.first().and_then(|ball| setup.balls.balls.get(*ball));
@@ -199,7 +197,6 @@ fn new_steps(
     let Some(visit) = visits.get(task.visit_index) else { return Ok(Vec::new()) };
     let assumed_artefact = artefact_at_found_positions(setup, task, known);
     let access = setup.access(assumed_artefact.as_ref().unwrap_or(&setup.plan.artefact))?;
-    let TouchSettings { standoff_mm, search_mm, .. } = setup.touch_settings;
     let mut steps: Vec<Step> = Vec::new();
     for index in &task.balls {
         let Some(ball) = setup.balls.balls.get(*index) else { continue };
@@ -207,50 +204,28 @@ fn new_steps(
         let expected = Ball { centre_mm, ..ball.clone() };
         let approach = match task.pass {
             MeasurementPass::Find => setup.search_approach(known.uncertainty_mm(setup)),
-            MeasurementPass::Slow | MeasurementPass::Watch | MeasurementPass::Reference => {
-                BallApproach::Measure { standoff_mm, search_mm }
-            }
+            MeasurementPass::Slow | MeasurementPass::Watch | MeasurementPass::Reference => setup.slow_approach(),
         };
         let kind = if task.pass == MeasurementPass::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
             let (pass, indexation, touch) = (task.pass, task.label_number as u32, touch.to_owned());
             Label { pass, indexation, ball: ball.id.clone(), touch }.to_string()
         };
-        let task_of_ball = setup.ball_task(&expected, &visit.rotary, approach);
-        let new = access.steps(&task_of_ball, &setup.plan.probe, kind, (0, 0), label);
-        let new = new.map_err(|reason| unreachable_refusal(setup, visit, ball, &reason))?;
+        let new = setup.ball_steps(&access, &setup.ball_task(&expected, &visit.rotary, approach), kind, label)?;
         let around = visit.touch_orders.get(index).filter(|_| task.pass == MeasurementPass::Slow);
         steps.extend(around.copied().unwrap_or_default().apply(new));
     }
     Ok(steps)
 }
 
-fn unreachable_refusal(
-    setup: &MeasurementSetup<'_>,
-    visit: &BallVisit,
-    ball: &Ball,
-    reason: &BallAccessError,
-) -> MethodRefusal {
-    let remedy = match reason {
-        BallAccessError::SearchTooLong { .. } => format!(
-            "lower uncertainty_mm of [artefact] ({} mm): place the artefact closer to centre_mm, or measure \
-            the position by hand and correct centre_mm",
-            setup.balls.uncertainty_mm
-        ),
-        _ => "remove the position from tilt_deg and turn_deg, or place the ball elsewhere".to_owned(),
-    };
-    MethodRefusal { reason: format!("ball {} at {}: {reason}", ball.id, describe_position(&visit.rotary)), remedy }
-}
-
 /// The first round of references or of the watch again, at exactly the same places.
 fn repeat_first_round(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Step> {
-    let label = |step: &Step| step.label.parse::<Label>().ok();
-    let of_first = |step: &&Step| label(step).is_some_and(|label| label.pass == task.pass && label.indexation == 0);
-    let renumbered = |step: &Step| {
-        let label = Label { indexation: task.label_number as u32, ..label(step)? };
-        Some(Step { label: label.to_string(), ..step.clone() })
+    let of_first = |(_, label): &(&Step, Label)| label.pass == task.pass && label.indexation == 0;
+    let renumbered = |(step, label): (&Step, Label)| {
+        let label = Label { indexation: task.label_number as u32, ..label };
+        Step { label: label.to_string(), ..step.clone() }
     };
-    setup.plan.steps.iter().filter(of_first).filter_map(renumbered).collect()
+    labelled_steps(setup.plan).filter(of_first).map(renumbered).collect()
 }
 
 /// The artefact with the balls at their found positions. `None` until all balls are found, because only the
@@ -259,10 +234,9 @@ fn artefact_at_found_positions(setup: &MeasurementSetup<'_>, task: &StageTask, k
     if !known.has_all_balls() {
         return None;
     }
-    let settings = setup.touch_settings;
     let uncertainty_mm = match task.pass {
         MeasurementPass::Find => known.uncertainty_mm(setup),
-        _ => settings.position_tolerance_mm(),
+        _ => setup.touch_settings.position_tolerance_mm(),
     };
     let balls = setup.balls.balls.iter().enumerate().map(|(index, ball)| {
         let centre_mm = known.expected_centre(setup, index, task.visit_index).into();

@@ -1,7 +1,5 @@
 //! Uncertainty sources of a run, and the weights that follow from them.
 
-use nalgebra::Vector3;
-
 use super::observe::MeasuredRun;
 use crate::ball_measurement::{nonzero_columns, shift_column, touch_sources};
 use crate::identification::declared::drift_mm_per_s;
@@ -24,16 +22,12 @@ pub fn uncertainty_sources(plan: &Plan, measured: &MeasuredRun) -> Vec<Uncertain
     // The fitted polynomial absorbs a constant rate; this is the assumed change of the rate.
     let settled = |t_s: f64| THERMAL_TIME_CONSTANT_S * (1.0 - (-(t_s - first_s) / THERMAL_TIME_CONSTANT_S).exp());
     let rate = drift_mm_per_s(plan);
-    let column = |axis: Axis| {
-        shift_column(centres, |centre| -> Vector3<f64> { axis.direction() * (rate * settled(centre.t_s)) })
-    };
-    list.push(UncertaintySource {
-        is_in_weights: false,
-        ..UncertaintySource::new("change of the drift rate", nonzero_columns(Axis::LINEAR.map(column)))
-    });
-    list.iter_mut().filter(|source| source.name == "thermal drift").for_each(|source| {
+    let column =
+        |axis: Axis| shift_column(centres.iter().map(|centre| axis.direction() * (rate * settled(centre.t_s))));
+    list.push(UncertaintySource::new("change of the drift rate", nonzero_columns(Axis::LINEAR.map(column))));
+    for source in list.iter_mut().filter(|source| source.name.contains("drift")) {
         source.is_in_weights = false;
-    });
+    }
     list.retain(|source| source.draw_count() > 0);
     list
 }

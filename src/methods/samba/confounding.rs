@@ -9,7 +9,12 @@ use estimation::independence::{find_linear_combination, independent_columns};
 use machine::frame::unit_vector;
 use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
 use machine::record::artefact::Balls;
+use machine::record::estimate::Unit;
 use machine::{Axis, Position, frame::Point};
+
+use super::model::COORDINATE_NAMES;
+use crate::ball_measurement::{ball_index, stylus_derivative};
+use crate::identification::reported_unit;
 
 /// Number of poses, and positions of balls, mm, for the separability check. They have no symmetry and cover
 /// all directions.
@@ -69,28 +74,16 @@ pub struct Confounding {
 
 /// The directions of the certified lengths, from the stated positions of the balls.
 pub fn length_directions(balls: &Balls) -> Vec<Vector3<f64>> {
-    let position = |id: &str| {
-        let ball = balls.balls.iter().find(|ball| ball.id == id);
-        ball.map(|ball| Vector3::from(ball.centre_mm))
-    };
+    let position = |id| ball_index(balls, id).map(|ball| Vector3::from(balls.balls[ball].centre_mm));
     let mut all: Vec<Vector3<f64>> = Vec::new();
     for length in &balls.lengths {
-        let (Some(from), Some(to)) = (position(&length.from), position(&length.to)) else {
-            continue;
-        };
+        let (Some(from), Some(to)) = (position(&length.from), position(&length.to)) else { continue };
         let Some(along) = unit_vector(to - from) else { continue };
         if !all.iter().any(|known| known.dot(&along).abs() > MIN_PARALLEL_COSINE) {
             all.push(along);
         }
     }
     all
-}
-
-#[derive(PartialEq, Eq)]
-enum ErrorKind {
-    Offset,
-    Angle,
-    Gain,
 }
 
 impl MeasuringConditions<'_> {
@@ -120,12 +113,12 @@ impl MeasuringConditions<'_> {
         let shares = find_linear_combination(&known, &column, min_independent_share(&error))?;
         let is_named =
             |j: usize| column_norm(&known[j]) * shares[j].abs() > MIN_NAMED_COEFFICIENT * column_norm(&column);
-        let of_errors = identified.iter().map(|known| (known.to_string(), error_kind(*known)));
-        let of_stylus = free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), ErrorKind::Offset));
+        let of_errors = identified.iter().map(|known| (known.to_string(), reported_unit(known)));
+        let of_stylus = free.iter().map(|k| (format!("tool_{}", COORDINATE_NAMES[*k]), Unit::Um));
         let mut confounding = Confounding::default();
-        for (j, (name, name_kind)) in of_errors.chain(of_stylus).enumerate().filter(|(j, _)| is_named(*j)) {
+        for (j, (name, unit)) in of_errors.chain(of_stylus).enumerate().filter(|(j, _)| is_named(*j)) {
             let share = shares[j];
-            if name_kind == error_kind(error) && (share.abs() - 1.0).abs() < UNIT_COEFFICIENT_TOLERANCE {
+            if unit == reported_unit(&error) && (share.abs() - 1.0).abs() < UNIT_COEFFICIENT_TOLERANCE {
                 let sign = if share < 0.0 { '-' } else { '+' };
                 confounding.sums.push(format!("{name} is reported as {name} {sign} {error}"));
             }
@@ -145,8 +138,7 @@ impl MeasuringConditions<'_> {
         for (pose, ball) in (0..TEST_POSE_COUNT).flat_map(|pose| (0..positions.len()).map(move |b| (pose, b))) {
             let Some(position) = self.pose_at(pose, positions[ball]) else { continue };
             let of_errors = self.chain.jacobian(&position, Point::from_vec(TEST_STYLUS_MM), &[], errors);
-            let table = self.chain.machine_from_table(&position, &[]).rotation;
-            let of_stylus = table.inverse() * self.chain.machine_from_spindle(&position, &[]).rotation;
+            let of_stylus = stylus_derivative(self.chain, &position, &[]);
             for axis in 0..3 {
                 let own = |j| f64::from(u8::from(j == 3 * ball + axis));
                 balls.iter_mut().enumerate().for_each(|(j, column)| column.push(own(j)));
@@ -191,14 +183,6 @@ impl MeasuringConditions<'_> {
         let (target, tip) = (Point::from_vec(ball), Point::from_vec(TEST_STYLUS_MM));
         let linear = self.chain.solve_linear_axes(target, tip, &others, &[]).ok()?;
         Some(others.updated_by(&linear))
-    }
-}
-
-fn error_kind(error: ErrorParameter) -> ErrorKind {
-    match (error.shape(), error.component().is_linear()) {
-        (ErrorShape::Gain, _) => ErrorKind::Gain,
-        (_, true) => ErrorKind::Offset,
-        (_, false) => ErrorKind::Angle,
     }
 }
 

@@ -2,11 +2,17 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::confounding::MeasuringConditions;
+use super::confounding::{MeasuringConditions, length_directions};
+use super::parameters::{fixed_axes, select_parameters};
+use super::settings::SambaSettings;
+use crate::MethodRefusal;
+use crate::ball_measurement::stylus_derivative;
+use machine::frame::{Point, SpindleFrame};
 use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain, KinematicsError};
-use machine::record::artefact::{CertifiedLength, REFERENCE_TEMPERATURE_C};
+use machine::record::artefact::{Balls, CertifiedLength, REFERENCE_TEMPERATURE_C};
 use machine::record::machine::Machine;
-use machine::{Axis, Position, frame::Point};
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
 
 /// Distance over which the change along a linear axis is computed, mm: a power of two, so that the division
 /// does not round.
@@ -22,17 +28,8 @@ pub struct GeometryModel {
     free_stylus: Vec<usize>,
 }
 
-/// Rows of one measurement: FK(reading; errors, tool) − ball, table frame, and its derivatives. The
-/// derivative by the ball is −I.
-#[derive(Debug, Clone)]
-pub struct MeasurementRows {
-    /// Misclosure: calculated position of the ball minus its position `ball`, table frame, mm.
-    pub misclosure: Vector3<f64>,
-    /// ∂/∂parameter, in the order of the parameters: mm per mm, per rad or per mm/mm.
-    pub error_derivatives: Vec<Vector3<f64>>,
-    /// ∂/∂tool: derivative of the tip on the table by the stylus vector.
-    pub stylus_derivatives: Matrix3<f64>,
-}
+/// Names of the coordinates of a point in the symbols of unknowns.
+pub const COORDINATE_NAMES: [&str; 3] = ["x", "y", "z"];
 
 impl GeometryModel {
     /// # Errors
@@ -55,6 +52,23 @@ impl GeometryModel {
             MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions }
                 .free_stylus_coordinates();
         Self { chain, parameters, fixed_axes, length_directions, free_stylus }
+    }
+
+    /// The machine of the plan with the errors that the settings select.
+    ///
+    /// # Errors
+    /// The errors of [`select_parameters`].
+    pub(super) fn for_plan(
+        chain: KinematicChain,
+        plan: &Plan,
+        settings: &SambaSettings,
+        balls: &Balls,
+    ) -> Result<Self, MethodRefusal> {
+        let (fixed_axes, length_directions) = (fixed_axes(plan, settings, &chain), length_directions(balls));
+        let conditions =
+            MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions };
+        let parameters = select_parameters(&settings.parameters, conditions)?;
+        Ok(Self::from_parts(chain, parameters, fixed_axes, length_directions))
     }
 
     /// The measuring conditions that decide which errors are separable.
@@ -81,23 +95,19 @@ impl GeometryModel {
         &self.free_stylus
     }
 
-    /// The rows of the measurement of `ball` (table frame, mm) at `position` (axis positions at which the
-    /// stylus ball centre coincides with it). `errors` are in the order of the parameters, mm, rad, mm/mm;
-    /// `tool` is the stylus from the spindle datum, mm.
-    pub fn rows(&self, position: &Position, errors: &[f64], tool: Vector3<f64>, ball: Vector3<f64>) -> MeasurementRows {
-        let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
-        MeasurementRows {
-            misclosure: self.chain.tip_in_table(position, tip, &terms).mm - ball,
-            error_derivatives: self.chain.jacobian(position, tip, &terms, &self.parameters),
-            stylus_derivatives: self.stylus_jacobian(position, &terms),
-        }
+    /// Number of unknowns that all measurements share: machine errors and stylus.
+    pub fn shared_unknown_count(&self) -> usize {
+        self.parameters.len() + self.free_stylus.len()
     }
 
-    /// Derivative of the tip by the stylus vector: R_wᵀ·R_t.
-    fn stylus_jacobian(&self, position: &Position, terms: &[ErrorTerm]) -> Matrix3<f64> {
-        let table = self.chain.machine_from_table(position, terms).rotation;
-        let spindle = self.chain.machine_from_spindle(position, terms).rotation;
-        (table.inverse() * spindle).into_inner()
+    /// Derivatives of the tip in the table frame by each shared unknown, at zero errors: mm per mm, per rad or per
+    /// mm/mm.
+    pub fn nominal_derivatives(&self, position: &Position, tip: Point<SpindleFrame>) -> Vec<Vector3<f64>> {
+        let zero_errors = self.terms(&vec![0.0; self.parameters.len()]);
+        let mut derivatives = self.chain.jacobian(position, tip, &zero_errors, &self.parameters);
+        let by_stylus = stylus_derivative(&self.chain, position, &zero_errors);
+        derivatives.extend(self.free_stylus.iter().map(|k| by_stylus.column(*k).into_owned()));
+        derivatives
     }
 
     fn terms(&self, errors: &[f64]) -> Vec<ErrorTerm> {
@@ -115,7 +125,7 @@ impl GeometryModel {
         }
     }
 
-    /// The results of [`GeometryModel::rows`] for all X, Y, Z, with the rotary axes and the spindle as in `position`.
+    /// The tip and its derivatives for all X, Y, Z, with the rotary axes and the spindle as in `position`.
     pub fn at_indexation(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> IndexationModel {
         let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
         let derivatives = |xyz: Vector3<f64>| {
@@ -131,7 +141,7 @@ impl GeometryModel {
         IndexationModel {
             tip: self.tip_function(position, errors, tool),
             error_functions: machine.collect(),
-            stylus_derivatives: self.stylus_jacobian(position, &terms),
+            stylus_derivatives: stylus_derivative(&self.chain, position, &terms),
         }
     }
 }

@@ -122,15 +122,11 @@ impl SambaSettings {
     /// Candidate positions of the axes, including those of the spindle if it is `oriented`.
     pub fn candidate_positions(&self, oriented: bool) -> RotaryPositions<'_> {
         let usual = Self::default();
-        let named = |key, degrees, default: &[f64]| ConfiguredPositions {
-            key,
-            angles_deg: degrees,
-            is_default: degrees == default,
-        };
+        let positions = ConfiguredPositions::new;
         RotaryPositions {
-            tilt: named("tilt_deg", &self.tilt_deg, &usual.tilt_deg),
-            turn: named("turn_deg", &self.turn_deg, &usual.turn_deg),
-            spindle: oriented.then(|| named("spindle_deg", &self.spindle_deg, &usual.spindle_deg)),
+            tilt: positions("tilt_deg", &self.tilt_deg, &usual.tilt_deg),
+            turn: positions("turn_deg", &self.turn_deg, &usual.turn_deg),
+            spindle: oriented.then(|| positions("spindle_deg", &self.spindle_deg, &usual.spindle_deg)),
         }
     }
 

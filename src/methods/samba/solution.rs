@@ -1,28 +1,22 @@
 //! The solved equations of a run, without uncertainty.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use super::confounding::{MeasuringConditions, length_directions};
 use super::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues, vector_at};
-use super::model::{GeometryModel, length_mm, length_u_mm};
-use super::parameters;
+use super::model::{COORDINATE_NAMES, GeometryModel, length_mm, length_u_mm};
 use super::settings::SambaSettings;
 use super::sources::uncertainty_sources;
-use crate::ball_measurement::{ObservedBalls, artefact_balls, observe_balls};
-use crate::identification::{UncertaintySource, block_covariances};
+use crate::ball_measurement::{ObservedBalls, artefact_balls, ball_index, observe_balls, whitening_matrices};
+use crate::identification::UncertaintySource;
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{LinearError, RankAnalysis};
 use estimation::nonlinear::{NonlinearError, NonlinearSolution};
 use estimation::null_names::name_null_space;
 use estimation::schur::factorise;
-use estimation::whitening::whitening_matrix;
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Balls, CertifiedLength};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
-
-/// Minimum standard uncertainty of a measurement in the weights, mm.
-const MIN_MEASUREMENT_U_MM: f64 = 1e-6;
 
 pub struct GeometrySolution<'a> {
     pub plan: &'a Plan,
@@ -112,21 +106,17 @@ fn refuse_no_measurement(left_out: &[String], readings: &[Reading]) -> MethodRef
         [reason] => reason.clone(),
         [first, others @ ..] => format!("{first}; likewise {} more", others.len()),
     };
-    let why = format!("the readings contain no complete measurement of a ball: {reason}");
-    let instead = "measure at least the slow touches of one stage, or continue the run".to_owned();
-    MethodRefusal { reason: why, remedy: instead }
+    MethodRefusal::new(
+        format!("the readings contain no complete measurement of a ball: {reason}"),
+        "measure at least the slow touches of one stage, or continue the run",
+    )
 }
 
 /// The model of the machine with the selected errors.
 fn build_model(plan: &Plan, settings: &SambaSettings, balls: &Balls) -> Result<GeometryModel, IdentifyError> {
-    let refused = |why: String| MethodRefusal { reason: why, remedy: "correct the machine file".to_owned() };
-    let chain = KinematicChain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
-    let fixed_axes = parameters::fixed_axes(plan, settings, &chain);
-    let length_directions = length_directions(balls);
-    let conditions =
-        MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions };
-    let parameters = parameters::select_parameters(&settings.parameters, conditions)?;
-    Ok(GeometryModel::from_parts(chain, parameters, fixed_axes, length_directions))
+    let chain = KinematicChain::new(&plan.machine)
+        .map_err(|why| MethodRefusal::new(why.to_string(), "correct the machine file"))?;
+    Ok(GeometryModel::for_plan(chain, plan, settings, balls)?)
 }
 
 /// The artefact without the balls that were not measured and their lengths; they are reported in `left_out`.
@@ -157,20 +147,18 @@ fn build_problem(
     balls: &Balls,
     sources: &[UncertaintySource],
 ) -> GeometryProblem {
-    let index = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
     let bars = balls.lengths.iter().filter_map(|length| {
         Some(LengthConstraint {
-            from_ball: index(&length.from)?,
-            to_ball: index(&length.to)?,
+            from_ball: ball_index(balls, &length.from)?,
+            to_ball: ball_index(balls, &length.to)?,
             u_mm: length_u_mm(length),
         })
     });
-    let least = Matrix3::from_diagonal_element(MIN_MEASUREMENT_U_MM.powi(2));
-    let covariances = block_covariances::<3>(sources, observed.centres.len());
-    let measurements = observed.centres.iter().zip(covariances).map(|(centre, covariance)| BallMeasurement {
+    let whitening = whitening_matrices(sources, observed.centres.len());
+    let measurements = observed.centres.iter().zip(whitening).map(|(centre, whitening)| BallMeasurement {
         position_index: centre.rotary_index,
         ball: centre.ball,
-        whitening: whitening_matrix(least + covariance),
+        whitening,
     });
     let (positions, stylus) = (observed.rotary_positions.clone(), Vector3::from(plan.machine.tool_mm));
     GeometryProblem::new(model, positions, measurements.collect(), bars.collect(), balls.balls.len(), stylus)
@@ -184,10 +172,10 @@ fn unsolved_error(why: NonlinearError, names: &[String]) -> IdentifyError {
 pub fn unknown_names(problem: &GeometryProblem, balls: &Balls) -> Vec<String> {
     let mut names: Vec<String> = problem.model().parameters().iter().map(ToString::to_string).collect();
     let stylus = problem.model().free_stylus_coordinates().iter();
-    names.extend(stylus.map(|k| format!("tool_{}", ["x", "y", "z"][*k])));
+    names.extend(stylus.map(|k| format!("tool_{}", COORDINATE_NAMES[*k])));
     names.resize(problem.unknown_count(), String::new());
     for (ball, named) in balls.balls.iter().enumerate() {
-        for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
+        for (k, axis) in COORDINATE_NAMES.into_iter().enumerate() {
             names[problem.ball_unknown(ball) + k] = format!("ball_{}_{axis}", named.id);
         }
     }
@@ -196,9 +184,14 @@ pub fn unknown_names(problem: &GeometryProblem, balls: &Balls) -> Vec<String> {
 
 /// Undetermined directions in words; the uniform scale has its own name.
 pub fn describe_undetermined(survey: &RankAnalysis, names: &[String]) -> Vec<String> {
-    let lines = name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| {
-        let gains = ["EXX1", "EYY1", "EZZ1"].iter().filter(|name| line.contains(**name)).count();
-        if gains > 1 { format!("the uniform scale (declare a certified length): {line}") } else { line }
+    let lines = name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| match is_scale(&line) {
+        true => format!("the uniform scale (declare a certified length): {line}"),
+        false => line,
     });
     lines.collect()
+}
+
+/// Whether an undetermined direction is the uniform scale: it names more than one gain.
+pub fn is_scale(direction: &str) -> bool {
+    ["EXX1", "EYY1", "EZZ1"].iter().filter(|gain| direction.contains(**gain)).count() > 1
 }

@@ -2,8 +2,8 @@
 //! mm), then each certified length (mm).
 
 use super::model::length_u_parts_mm;
-use crate::ball_measurement::{ObservedBalls, angular_source, nonzero_spans, rotary_source, touch_sources};
-use crate::identification::{ObservationSpan, ResidualTreatment, UncertaintySource};
+use crate::ball_measurement::{ObservedBalls, certified_source, kinematic_sources, nonzero_spans, touch_sources};
+use crate::identification::{ObservationSpan, UncertaintySource};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::CertifiedLength;
 use machine::record::plan::Plan;
@@ -19,10 +19,8 @@ pub fn uncertainty_sources(
     lengths: &[CertifiedLength],
 ) -> Vec<UncertaintySource> {
     let mut list = touch_sources(plan, observed);
-    let rotary = rotary_source(plan, chain, observed);
-    let angular = angular_source(plan, chain, observed);
     let index = ROTARY_SOURCE_INDEX.min(list.len());
-    list.splice(index..index, [angular, rotary]);
+    list.splice(index..index, kinematic_sources(plan, chain, observed));
     list.extend(certificate_sources(observed.centres.len(), lengths));
     list.retain(|source| source.draw_count() > 0);
     list
@@ -34,11 +32,6 @@ fn certificate_sources(centres: usize, lengths: &[CertifiedLength]) -> [Uncertai
             first_index: 3 * centres + i,
             changes_mm: vec![length_u_parts_mm(length)[part]],
         });
-        UncertaintySource {
-            // The error of a certificate scales all observations together, so few residuals contain it.
-            in_residuals: ResidualTreatment::Expected,
-            is_in_weights: false,
-            ..UncertaintySource::new(name, nonzero_spans(runs))
-        }
+        certified_source(name, nonzero_spans(runs))
     })
 }

@@ -31,8 +31,8 @@ fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f
         let norms: Vec<f64> = variant.fit.deviations.iter().map(|d| d.norm() * 1e3).collect();
         let largest = norms.iter().copied().fold(0.0, f64::max);
         let mean = norms.iter().sum::<f64>() / norms.len() as f64;
-        println!("{}: {largest:.3} {mean:.3} µm, {:?}", variant.kind.name, variant.stylus);
-        (variant.kind.name, largest, mean, variant.stylus)
+        println!("{}: {largest:.3} {mean:.3} µm, {:?}", variant.kind.name, variant.stylus.vector_mm);
+        (variant.kind.name, largest, mean, variant.stylus.vector_mm)
     };
     variants.iter().map(result).collect()
 }

@@ -6,6 +6,8 @@ use nalgebra::{Matrix3, Vector3};
 use crate::samba::settings::Criterion;
 use machine::Axis;
 
+/// Unit of offsets and coordinates, mm: their required uncertainty at a noise of 1 µm (METHODS section 4, G4).
+pub const OFFSET_UNIT_MM: f64 = 0.8e-3;
 /// Initial variance of the unknowns in their units, so large that it contributes no information.
 const INITIAL_VARIANCE: f64 = 1e6;
 
@@ -18,13 +20,12 @@ pub struct CandidateMeasurement {
     pub derivatives: Vec<Vector3<f64>>,
 }
 
-/// A certified distance: its balls, the direction from one to the other, and the inverse of its standard
-/// uncertainty (in the unit of a ball coordinate).
+/// A certified distance: its balls, the direction from one to the other, and its standard uncertainty.
 #[derive(Debug, Clone, Copy)]
 pub struct LengthBar {
     pub ball_indices: [usize; 2],
     pub direction: Vector3<f64>,
-    pub weight: f64,
+    pub u_mm: f64,
 }
 
 /// Inverse of an information matrix, square, row by row.
@@ -90,9 +91,9 @@ pub struct InformationMatrix {
 }
 
 impl InformationMatrix {
-    /// `shared`: number of machine parameters and tool coordinates. Balls with a certified length remain
-    /// among the unknowns.
-    pub fn new(machine: usize, shared: usize, balls: usize, bars: &[LengthBar], ball_unit: f64) -> Self {
+    /// `shared`: number of machine parameters and tool coordinates; `centre_u_mm`: standard uncertainty of a
+    /// coordinate of a centre. Balls with a certified length remain among the unknowns.
+    pub fn new(machine: usize, shared: usize, balls: usize, bars: &[LengthBar], centre_u_mm: f64) -> Self {
         let mut size = shared;
         let mut ball_unknowns = vec![None; balls];
         for ball in bars.iter().flat_map(|bar| bar.ball_indices) {
@@ -101,15 +102,13 @@ impl InformationMatrix {
                 size += 3;
             }
         }
-        let measured = vec![(0.0, vec![Vector3::zeros(); shared]); balls];
-        let (with_machine, without_machine) = (InverseInformation::new(size), InverseInformation::new(size - machine));
         let mut information = Self {
             parameter_count: machine,
             ball_unknowns,
-            measurement_means: measured,
-            with_machine,
-            without_machine,
-            ball_unit,
+            measurement_means: vec![(0.0, vec![Vector3::zeros(); shared]); balls],
+            with_machine: InverseInformation::new(size),
+            without_machine: InverseInformation::new(size - machine),
+            ball_unit: OFFSET_UNIT_MM / centre_u_mm,
         };
         bars.iter().for_each(|bar| information.add_length(bar));
         information
@@ -117,10 +116,11 @@ impl InformationMatrix {
 
     fn add_length(&mut self, bar: &LengthBar) {
         let mut columns = vec![Vector3::zeros(); self.with_machine.size];
+        let weight = OFFSET_UNIT_MM / bar.u_mm;
         for (ball, sign) in bar.ball_indices.into_iter().zip([-1.0, 1.0]) {
             let Some(slot) = self.ball_unknowns.get(ball).copied().flatten() else { continue };
             for (column, part) in columns.iter_mut().skip(slot).zip(&bar.direction) {
-                *column = Vector3::new(sign * bar.weight * part, 0.0, 0.0);
+                *column = Vector3::new(sign * weight * part, 0.0, 0.0);
             }
         }
         self.add_rows(&columns);

@@ -3,23 +3,20 @@
 
 use nalgebra::Vector3;
 
-use super::information::{CandidateMeasurement, InformationMatrix, LengthBar};
+use super::information::{CandidateMeasurement, InformationMatrix, LengthBar, OFFSET_UNIT_MM};
 use crate::MethodRefusal;
-use crate::ball_measurement::{MeasurementSetup, describe_position, require_balls, tilts_spindle};
-use crate::samba::confounding::{MeasuringConditions, length_directions};
+use crate::ball_measurement::{MeasurementSetup, ball_index, describe_position, require_balls, tilts_spindle};
 use crate::samba::model::{GeometryModel, length_u_mm};
-use crate::samba::parameters;
-use crate::samba::settings::{self, SambaSettings};
+use crate::samba::settings::{SambaSettings, Spindle};
 use machine::frame::unit_vector;
 use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
-use machine::record::artefact::{Ball, Balls, CertifiedLength};
+use machine::record::artefact::{Ball, Balls};
 use machine::record::machine::Machine;
 use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 
-/// Required uncertainties of the machine's parameters at a noise of 1 µm (METHODS section 4, G4), in mm, rad,
-/// mm/mm. They are the units in which the criteria compare the parameters.
-const OFFSET_UNIT_MM: f64 = 0.8e-3;
+/// Required uncertainties of the machine's parameters at a noise of 1 µm (METHODS section 4, G4), in rad and
+/// mm/mm. With [`OFFSET_UNIT_MM`] they are the units in which the criteria compare the parameters.
 const ANGLE_UNIT_RAD: f64 = 2e-6;
 const GAIN_UNIT: f64 = 2.5e-6;
 /// Standard uncertainty of a coordinate of a ball centre if none is declared, mm.
@@ -43,14 +40,9 @@ impl<'a> DesignSetup<'a> {
         settings.check()?;
         let chain = KinematicChain::new(&plan.machine)?;
         let is_spindle_oriented = spindle_turns(&plan.machine, settings)?;
-        let fixed_axes = parameters::fixed_axes(plan, settings, &chain);
-        let length_directions = length_directions(set);
-        let conditions =
-            MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions };
-        let selected = parameters::select_parameters(&settings.parameters, conditions)?;
-        check_fixed_axes(&selected, conditions)?;
+        let model = GeometryModel::for_plan(chain, plan, settings, set)?;
+        check_fixed_axes(&model)?;
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
-        let model = GeometryModel::from_parts(chain, selected, fixed_axes, length_directions);
         Ok(Self { plan, settings, balls: set, model, tip, is_spindle_oriented })
     }
 
@@ -64,9 +56,9 @@ impl<'a> DesignSetup<'a> {
     pub fn position_at_ball(&self, at: &Position, ball: &Ball) -> Result<Position, MethodRefusal> {
         let centre = Point::from_vec(Vector3::from(ball.centre_mm));
         let linear = self.model.chain().solve_linear_axes(centre, self.tip, at, &[]);
-        let linear = linear.map_err(|error| MethodRefusal {
-            reason: format!("ball {} at {}: {error}", ball.id, describe_position(at)),
-            remedy: "correct the directions in [axes]".to_owned(),
+        let linear = linear.map_err(|error| {
+            let reason = format!("ball {} at {}: {error}", ball.id, describe_position(at));
+            MethodRefusal::new(reason, "correct the directions in [axes]")
         })?;
         Ok(at.updated_by(&linear.filter_axes(Axis::is_linear)))
     }
@@ -78,47 +70,26 @@ impl<'a> DesignSetup<'a> {
         index: usize,
         ball: &Ball,
     ) -> Result<CandidateMeasurement, MethodRefusal> {
-        let zero = vec![0.0; self.model.parameters().len()];
-        let centre = Vector3::from(ball.centre_mm);
-        let rows = self.model.rows(&self.position_at_ball(at, ball)?, &zero, self.tip.mm, centre);
-        let machine = rows
-            .error_derivatives
-            .iter()
-            .zip(self.parameter_units())
-            .map(|(column, unit)| *column * unit / self.centre_u_mm());
-        let tool = self
-            .model
-            .free_stylus_coordinates()
-            .iter()
-            .map(|k| rows.stylus_derivatives.column(*k) * OFFSET_UNIT_MM / self.centre_u_mm());
-        Ok(CandidateMeasurement { indexation, ball: index, derivatives: machine.chain(tool).collect() })
+        let derivatives = self.model.nominal_derivatives(&self.position_at_ball(at, ball)?, self.tip);
+        let units = self.parameter_units().chain(std::iter::repeat(OFFSET_UNIT_MM));
+        let scaled = derivatives.iter().zip(units).map(|(column, unit)| *column * unit / self.centre_u_mm());
+        Ok(CandidateMeasurement { indexation, ball: index, derivatives: scaled.collect() })
     }
 
     /// Information from the certified lengths alone.
     pub fn length_information(&self) -> InformationMatrix {
-        let machine = self.model.parameters().len();
-        let bars: Vec<LengthBar> = self.balls.lengths.iter().filter_map(|l| self.length_bar(l)).collect();
-        let unit = OFFSET_UNIT_MM / self.centre_u_mm();
-        InformationMatrix::new(machine, self.shared_unknown_count(), self.balls.balls.len(), &bars, unit)
+        let (machine, shared) = (self.model.parameters().len(), self.model.shared_unknown_count());
+        let bars: Vec<LengthBar> = self.length_bars().collect();
+        InformationMatrix::new(machine, shared, self.balls.balls.len(), &bars, self.centre_u_mm())
     }
 
-    /// Number of unknowns that all measurements share: machine errors and stylus.
-    pub fn shared_unknown_count(&self) -> usize {
-        self.model.parameters().len() + self.model.free_stylus_coordinates().len()
-    }
-
-    /// The balls that a length joins, and its direction.
-    pub fn length_ends(&self, length: &CertifiedLength) -> Option<([usize; 2], Vector3<f64>)> {
-        let find = |id: &String| self.balls.balls.iter().position(|ball| ball.id == *id);
-        let ends = [find(&length.from)?, find(&length.to)?];
-        let [from, to] = ends.map(|end| self.balls.balls.get(end));
-        let direction = Vector3::from(to?.centre_mm) - Vector3::from(from?.centre_mm);
-        Some((ends, unit_vector(direction)?))
-    }
-
-    fn length_bar(&self, length: &CertifiedLength) -> Option<LengthBar> {
-        let (balls, direction) = self.length_ends(length)?;
-        Some(LengthBar { ball_indices: balls, direction, weight: OFFSET_UNIT_MM / length_u_mm(length) })
+    /// The certified lengths between balls of the artefact.
+    pub fn length_bars(&self) -> impl Iterator<Item = LengthBar> + '_ {
+        self.balls.lengths.iter().filter_map(|length| {
+            let ball_indices = [ball_index(self.balls, &length.from)?, ball_index(self.balls, &length.to)?];
+            let [from, to] = ball_indices.map(|ball| Vector3::from(self.balls.balls[ball].centre_mm));
+            Some(LengthBar { ball_indices, direction: unit_vector(to - from)?, u_mm: length_u_mm(length) })
+        })
     }
 
     /// Standard uncertainty of a coordinate of a ball centre, mm.
@@ -142,23 +113,21 @@ impl<'a> DesignSetup<'a> {
 /// `spindle = "orient"` is set, but the machine declares no axis S.
 fn spindle_turns(machine: &Machine, settings: &SambaSettings) -> Result<bool, MethodRefusal> {
     let is_declared = machine.axes.contains_key(&Axis::S);
-    if settings.spindle == settings::Spindle::Orient && !is_declared {
-        return Err(MethodRefusal {
-            reason: "the spindle cannot be oriented: the machine file declares no axis S".to_owned(),
-            remedy: "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
-                 (EX0S, EY0S) is reported together with that of the stylus"
-                .to_owned(),
-        });
-    }
-    Ok(is_declared && settings.spindle != settings::Spindle::Fixed)
+    MethodRefusal::require(
+        is_declared || settings.spindle != Spindle::Orient,
+        "the spindle cannot be oriented: the machine file declares no axis S",
+        "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle (EX0S, EY0S) is \
+        reported together with that of the stylus",
+    )?;
+    Ok(is_declared && settings.spindle != Spindle::Fixed)
 }
 
 /// Refuses selected errors of an axis that does not move, because they have no effect.
-fn check_fixed_axes(selected: &[ErrorParameter], conditions: MeasuringConditions<'_>) -> Result<(), MethodRefusal> {
-    let is_fixed = |error: &&ErrorParameter| conditions.fixed_axes.contains(&error.axis());
-    let Some(error) = selected.iter().find(is_fixed) else { return Ok(()) };
+fn check_fixed_axes(model: &GeometryModel) -> Result<(), MethodRefusal> {
+    let is_fixed = |error: &&ErrorParameter| model.conditions().fixed_axes.contains(&error.axis());
+    let Some(error) = model.parameters().iter().find(is_fixed) else { return Ok(()) };
     let axis = error.axis();
-    if tilts_spindle(conditions.chain, axis) {
+    if tilts_spindle(model.chain(), axis) {
         return Err(MethodRefusal {
             reason: format!(
                 "{error} was requested, but the spindle must be upright: balls are touched from \
