@@ -32,7 +32,7 @@ pub fn fit_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -
         let first = errors.len();
         stylus += Vector3::from_fn(|k, _| solution.x[first + k]);
         let of_point = |i: usize| Matrix3::from_fn(|k, j| -solution.gain[(first + k, 3 * i + j)]);
-        gain = (0..points.count()).map(of_point).collect();
+        gain = (0..points.point_count()).map(of_point).collect();
     }
     let prior_derivatives = stylus_by_spindle_errors(points, known);
     let offset = prior_derivatives.iter().zip(&known.errors).map(|(by, error)| by * error.value);
@@ -59,9 +59,9 @@ fn gauss_newton_step(points: &MeasuredPoints, errors: &[ErrorTerm], stylus: Vect
     let error_derivatives = points.error_derivatives(errors, stylus, &parameters);
     let stylus_derivatives = points.stylus_derivatives(errors);
     let first = parameters.len();
-    let mut a = Mat::zeros(3 * points.count(), first + STYLUS_AND_POSE_UNKNOWNS);
-    let mut y = Vec::with_capacity(3 * points.count());
-    for i in 0..points.count() {
+    let mut a = Mat::zeros(3 * points.point_count(), first + STYLUS_AND_POSE_UNKNOWNS);
+    let mut y = Vec::with_capacity(3 * points.point_count());
+    for i in 0..points.point_count() {
         y.extend((-fit.deviations[i]).iter());
         let turned = fit.arms[i].cross_matrix();
         for k in 0..3 {

@@ -70,7 +70,7 @@ pub fn build_estimate(
         model: &model,
         residuals: &judged.map_or(Vec::new(), |_| model.weighted_residuals(&best.fit.deviations)),
         has_declared_sizes: plan.probe.repeatability_um.is_some(),
-        figures: fit_figures(&points, best, judged.is_some())?,
+        figures: fit_quality(&points, best, judged.is_some())?,
         measurements: &judged.map_or(Vec::new(), |_| outlier_measurements(&observed, measurement)),
     };
     let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
@@ -84,7 +84,7 @@ pub fn build_estimate(
     Ok(Estimate {
         gauge: outputs::describe_gauge(
             setup.balls.balls.get(tool_ball).map_or("", |ball| &ball.id),
-            simulate_noise_mm(&weights, &points.ball_index, u_mm),
+            simulate_noise_mm(&weights, &points.ball_indices, u_mm),
         ),
         not_identifiable: lost.into_iter().chain(identified.outlier_check.describe_detection_limits()).collect(),
         warnings: outputs::collect_warnings(&observed, known.is_some(), &identified),
@@ -111,15 +111,15 @@ fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
 }
 
 fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<Matrix3<f64>> {
-    let weight = |(whitening, into_table): (Matrix3<f64>, &Matrix3<f64>)| {
-        whitening * into_table.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
+    let weight = |(whitening, table_from_axes): (Matrix3<f64>, &Matrix3<f64>)| {
+        whitening * table_from_axes.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     };
-    whitening_matrices(sources, points.count()).zip(&points.into_table).map(weight).collect()
+    whitening_matrices(sources, points.point_count()).zip(&points.table_from_axes).map(weight).collect()
 }
 
 /// Rank and condition of the equations for stylus, translation and rotation, and the residuals of the variant.
 /// `is_judged`: whether its residuals are compared with the declared sources.
-fn fit_figures(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> Result<FitQuality, IdentifyError> {
+fn fit_quality(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> Result<FitQuality, IdentifyError> {
     let stylus_derivatives = points.stylus_derivatives(&[]);
     let entry = |row: usize, column: usize| {
         let (i, k, j) = (row / 3, row % 3, column % 3);
@@ -129,7 +129,7 @@ fn fit_figures(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> 
             _ => best.fit.arms[i].cross_matrix()[(k, j)],
         }
     };
-    let design = Mat::from_fn(3 * points.count(), STYLUS_AND_POSE_UNKNOWNS, entry);
+    let design = Mat::from_fn(3 * points.point_count(), STYLUS_AND_POSE_UNKNOWNS, entry);
     let survey = analyse_rank(design.as_ref(), None, RANK_THRESHOLD)
         .map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let coordinates: Vec<f64> = best.fit.deviations.iter().flatten().copied().collect();
@@ -137,7 +137,7 @@ fn fit_figures(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> 
         rank: survey.rank,
         unknowns: STYLUS_AND_POSE_UNKNOWNS,
         condition: survey.condition,
-        dof: if is_judged { (3 * points.count()).saturating_sub(STYLUS_AND_POSE_UNKNOWNS) } else { 0 },
+        dof: if is_judged { (3 * points.point_count()).saturating_sub(STYLUS_AND_POSE_UNKNOWNS) } else { 0 },
         residual_rms_mm: rms(&coordinates),
     })
 }

@@ -30,7 +30,7 @@ impl DomeModel<'_> {
 
     /// Index of the observation of an error of the prior.
     pub fn error_index(&self, error: usize) -> usize {
-        3 * self.points.count() + error
+        3 * self.points.point_count() + error
     }
 
     /// Index of the first of the three observations of a certified position.
@@ -40,15 +40,15 @@ impl DomeModel<'_> {
 
     fn input_changes<'c>(&self, change: &'c [f64]) -> InputChanges<'c> {
         let vector = |at: usize| Vector3::from_column_slice(&change[at..at + 3]);
-        let into_table = self.points.into_table.iter().enumerate();
+        let table_from_axes = self.points.table_from_axes.iter().enumerate();
         let errors = &change[self.error_index(0)..self.certified_index(0)];
         let by_errors =
             |columns: &Vec<Vector3<f64>>| columns.iter().zip(errors).map(|(column, error)| column * *error).sum();
         InputChanges {
-            points_mm: into_table.map(|(i, into)| into * vector(3 * i)).collect(),
+            points_mm: table_from_axes.map(|(i, into)| into * vector(3 * i)).collect(),
             points_by_errors_mm: self.error_derivatives.iter().map(by_errors).collect(),
             errors,
-            certified_mm: self.points.ball_index.iter().map(|ball| vector(self.certified_index(*ball))).collect(),
+            certified_mm: self.points.ball_indices.iter().map(|ball| vector(self.certified_index(*ball))).collect(),
         }
     }
 

@@ -103,14 +103,14 @@ pub fn deviation_arrows(
 ) -> Vec<ArrowFigure> {
     let figure = |variant: &DomeVariant| {
         let arrow = |i: usize| Arrow {
-            label: setup.balls.balls[points.ball_index[i]].id.clone(),
+            label: setup.balls.balls[points.ball_indices[i]].id.clone(),
             at_mm: points.certified_mm[i].into(),
             vector: (variant.fit.rotation.inverse() * variant.fit.deviations[i] * 1e3).into(),
             modelled: None,
             flagged: false,
         };
         let group = |(place, at): (usize, &Position)| {
-            let here = (0..points.count()).filter(|i| observed.centres[*i].commanded_index == place);
+            let here = (0..points.point_count()).filter(|i| observed.centres[*i].commanded_position_index == place);
             ArrowGroup { name: describe_position(at), arrows: here.map(arrow).collect() }
         };
         ArrowFigure {

@@ -16,12 +16,12 @@ pub struct MeasuredPoints {
     /// Axis positions with the stylus at the centre of the ball.
     positions: Vec<Position>,
     /// Index of the ball of each point.
-    pub ball_index: Vec<usize>,
+    pub ball_indices: Vec<usize>,
     /// Certified position of the ball of each point at the temperature of the artefact, artefact frame, mm.
     pub certified_mm: Vec<Vector3<f64>>,
     /// Matrix of each point from a change of X, Y, Z to the change in the table frame, for the nominal
     /// machine.
-    pub into_table: Vec<Matrix3<f64>>,
+    pub table_from_axes: Vec<Matrix3<f64>>,
 }
 
 impl MeasuredPoints {
@@ -32,15 +32,15 @@ impl MeasuredPoints {
         let certified = |ball: usize| longer * Vector3::from(balls.balls[ball].centre_mm);
         Self {
             stylus,
-            ball_index: centres.iter().map(|centre| centre.ball).collect(),
+            ball_indices: centres.iter().map(|centre| centre.ball).collect(),
             certified_mm: centres.iter().map(|centre| certified(centre.ball)).collect(),
-            into_table: at.iter().map(|at| chain.linear_jacobian(at, &[])).collect(),
+            table_from_axes: at.iter().map(|at| chain.linear_jacobian(at, &[])).collect(),
             positions: at,
             chain,
         }
     }
 
-    pub fn count(&self) -> usize {
+    pub fn point_count(&self) -> usize {
         self.positions.len()
     }
 

@@ -24,7 +24,7 @@ pub fn compute_variants(
 ) -> (Vec<DomeVariant>, Vec<String>) {
     let (mut variants, mut lost) = (Vec::new(), Vec::new());
     for kind in VARIANT_KINDS {
-        let errors = match (kind.is_calibrated, known) {
+        let errors = match (kind.uses_calibrated_machine, known) {
             (false, _) => &[][..],
             (true, Some(known)) => &known.errors,
             (true, None) => continue,
@@ -52,7 +52,7 @@ fn find_stylus(
     tool_ball: usize,
 ) -> Option<StylusEstimate> {
     let of_balls = |is_included: &dyn Fn(usize) -> bool| {
-        let gain = stylus_gain(&points.stylus_derivatives(errors), &points.ball_index, is_included)?;
+        let gain = stylus_gain(&points.stylus_derivatives(errors), &points.ball_indices, is_included)?;
         let change = stylus_change(&gain, &points.table_positions_mm(errors, points.stylus));
         Some(StylusEstimate { vector_mm: points.stylus + change, gain: Some(gain), prior_derivatives: Vec::new() })
     };

@@ -15,7 +15,7 @@ pub struct VariantKind {
     /// Name of the variant in the paper.
     pub name: &'static str,
     /// Whether the variant uses the machine of the prior; otherwise it uses the nominal one.
-    pub is_calibrated: bool,
+    pub uses_calibrated_machine: bool,
     pub stylus: StylusSource,
 }
 
@@ -30,13 +30,13 @@ pub enum StylusSource {
 }
 
 pub const VARIANT_KINDS: [VariantKind; 7] = [
-    VariantKind { name: "N1", is_calibrated: false, stylus: StylusSource::Stated },
-    VariantKind { name: "N2", is_calibrated: false, stylus: StylusSource::OneBall },
-    VariantKind { name: "N3", is_calibrated: false, stylus: StylusSource::AllBalls },
-    VariantKind { name: "S1", is_calibrated: true, stylus: StylusSource::Stated },
-    VariantKind { name: "S2", is_calibrated: true, stylus: StylusSource::OneBall },
-    VariantKind { name: "S3", is_calibrated: true, stylus: StylusSource::AllBalls },
-    VariantKind { name: "S4", is_calibrated: true, stylus: StylusSource::ErrorAndStylusFit },
+    VariantKind { name: "N1", uses_calibrated_machine: false, stylus: StylusSource::Stated },
+    VariantKind { name: "N2", uses_calibrated_machine: false, stylus: StylusSource::OneBall },
+    VariantKind { name: "N3", uses_calibrated_machine: false, stylus: StylusSource::AllBalls },
+    VariantKind { name: "S1", uses_calibrated_machine: true, stylus: StylusSource::Stated },
+    VariantKind { name: "S2", uses_calibrated_machine: true, stylus: StylusSource::OneBall },
+    VariantKind { name: "S3", uses_calibrated_machine: true, stylus: StylusSource::AllBalls },
+    VariantKind { name: "S4", uses_calibrated_machine: true, stylus: StylusSource::ErrorAndStylusFit },
 ];
 
 /// A variant with its deviations and their first-order changes.
@@ -97,7 +97,7 @@ impl DomeVariant {
         let is_full = self.kind.stylus == StylusSource::ErrorAndStylusFit;
         if is_full {
             subtract_certified(&mut moved);
-        } else if self.kind.is_calibrated {
+        } else if self.kind.uses_calibrated_machine {
             add_errors(&mut moved);
         }
         let mut stylus = self.stylus.gain.as_ref().map_or(Vector3::zeros(), |gain| stylus_change(gain, &moved));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use super::artefact::ball_index;
-use super::label::{Label, MeasurementPass, labelled_steps};
+use super::label::{MeasurementPass, TouchLabel, labelled_steps};
 use super::setup::MeasurementSetup;
 use machine::Position;
 use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Step};
@@ -19,8 +19,8 @@ pub struct FoundBalls {
 }
 
 /// One measurement of a ball: its steps and their newest readings.
-pub struct BallMeasurement<'a> {
-    pub label: Label,
+pub struct BallReadings<'a> {
+    pub label: TouchLabel,
     /// Index of the ball.
     pub ball: usize,
     pub steps: Vec<&'a Step>,
@@ -31,13 +31,13 @@ impl FoundBalls {
     /// Positions from measurements; incomplete ones are ignored.
     pub fn from_measurements<'t, 'r: 't>(
         setup: &MeasurementSetup<'_>,
-        all: impl IntoIterator<Item = &'t BallMeasurement<'r>>,
+        all: impl IntoIterator<Item = &'t BallReadings<'r>>,
     ) -> Self {
         // References and the watch repeat a visit whose result is already stored.
-        let is_new = |measurement: &&BallMeasurement<'_>| {
+        let is_new = |measurement: &&BallReadings<'_>| {
             matches!(measurement.label.pass, MeasurementPass::Find | MeasurementPass::Slow)
         };
-        let centre = |measurement: &BallMeasurement<'_>| {
+        let centre = |measurement: &BallReadings<'_>| {
             let measured = measurement.fit_ball(setup)?.ok()?;
             Some((measurement.ball, measurement.label.indexation, measured.centre_mm))
         };
@@ -46,7 +46,7 @@ impl FoundBalls {
 
     /// Positions as if every ball in the plan had been found at its stated position.
     pub fn from_stated_positions(setup: &MeasurementSetup<'_>) -> Self {
-        let centre = |(_, label): (&Step, Label)| {
+        let centre = |(_, label): (&Step, TouchLabel)| {
             let ball = ball_index(setup.balls, &label.ball)?;
             Some((ball, label.indexation, Vector3::from(setup.balls.balls.get(ball)?.centre_mm)))
         };
@@ -88,7 +88,7 @@ impl FoundBalls {
     }
 }
 
-impl BallMeasurement<'_> {
+impl BallReadings<'_> {
     /// The measured ball by the nominal machine. `None`: touches are missing.
     pub fn fit_ball(&self, setup: &MeasurementSetup<'_>) -> Option<Result<MeasuredBall, BallCheckError>> {
         let touches: Vec<Position> = self.readings.iter().map(|r| r.position.clone()).collect();
@@ -99,7 +99,7 @@ impl BallMeasurement<'_> {
 }
 
 /// All measurements in the plan's steps, in their order.
-pub fn ball_measurements<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<BallMeasurement<'a>> {
+pub fn readings_by_ball<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<BallReadings<'a>> {
     let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
         let of_step = newest.entry(reading.step).or_insert(reading);
@@ -107,13 +107,14 @@ pub fn ball_measurements<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Readin
             *of_step = reading;
         }
     }
-    let mut all: Vec<BallMeasurement<'_>> = Vec::new();
+    let mut all: Vec<BallReadings<'_>> = Vec::new();
     for (step, label) in labelled_steps(setup.plan) {
         let Some(ball) = ball_index(setup.balls, &label.ball) else { continue };
-        let same =
-            |other: &Label| (other.pass, other.indexation, &other.ball) == (label.pass, label.indexation, &label.ball);
+        let same = |other: &TouchLabel| {
+            (other.pass, other.indexation, &other.ball) == (label.pass, label.indexation, &label.ball)
+        };
         if !all.last().is_some_and(|last| same(&last.label)) {
-            all.push(BallMeasurement { label, ball, steps: Vec::new(), readings: Vec::new() });
+            all.push(BallReadings { label, ball, steps: Vec::new(), readings: Vec::new() });
         }
         if let Some(last) = all.last_mut() {
             last.steps.push(step);

@@ -22,7 +22,7 @@ pub enum MeasurementPass {
 /// One touch of one measurement of a ball. All steps that share pass, indexation and ball are one
 /// measurement, with the same position of the rotary axes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Label {
+pub struct TouchLabel {
     pub pass: MeasurementPass,
     /// Index of the indexation, from 0. The text and the messages for users count from 1.
     pub indexation: u32,
@@ -38,7 +38,7 @@ const PASS_NAMES: [(MeasurementPass, &str); 4] = [
     (MeasurementPass::Reference, "reference"),
 ];
 
-impl Label {
+impl TouchLabel {
     /// Number of the indexation of the touch, counted from 1.
     pub fn indexation_number(&self) -> u32 {
         self.indexation.saturating_add(1)
@@ -52,11 +52,11 @@ impl Label {
 }
 
 /// The steps of the plan that touch a ball, with their labels.
-pub fn labelled_steps(plan: &Plan) -> impl Iterator<Item = (&Step, Label)> {
+pub fn labelled_steps(plan: &Plan) -> impl Iterator<Item = (&Step, TouchLabel)> {
     plan.steps.iter().filter_map(|step| Some((step, step.label.parse().ok()?)))
 }
 
-impl fmt::Display for Label {
+impl fmt::Display for TouchLabel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = PASS_NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
         write!(f, "{name}/{:03}/{}/{}", self.indexation_number(), self.ball, self.touch)
@@ -67,7 +67,7 @@ impl fmt::Display for Label {
 #[error("`{0}` is not a label of a ball measurement, such as slow/007/3/+45")]
 pub struct InvalidLabel(pub String);
 
-impl FromStr for Label {
+impl FromStr for TouchLabel {
     type Err = InvalidLabel;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {

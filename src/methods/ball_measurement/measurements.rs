@@ -15,7 +15,7 @@ pub fn outlier_measurements(
     let measurement = |centre: usize| {
         let (residual, first, u_mm) = of_centre(centre);
         let measured = &observed.centres[centre];
-        let (label, at) = (&measured.label, &observed.commanded_positions[measured.commanded_index]);
+        let (label, at) = (&measured.label, &observed.commanded_positions[measured.commanded_position_index]);
         let (ball, number) = (&label.ball, label.indexation_number());
         Measurement {
             label: label.measurement_label(),

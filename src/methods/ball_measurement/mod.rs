@@ -28,9 +28,9 @@ pub use indexations::{
     ConfiguredPositions, RotaryPositions, is_parallel_to_spindle, is_rotary, is_same_angle, list_indexations,
     tilts_spindle, tilts_table,
 };
-#[cfg(test)]
-pub use label::Label;
 pub use label::MeasurementPass;
+#[cfg(test)]
+pub use label::TouchLabel;
 pub use measurements::outlier_measurements;
 pub use nominal::nominal_readings;
 pub use observe::{BallCentre, ObservedBalls, artefact_balls, observe_balls};

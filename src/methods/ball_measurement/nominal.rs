@@ -1,16 +1,16 @@
 //! Nominal readings of a plan.
 
-use super::label::{Label, MeasurementPass, labelled_steps};
+use super::label::{MeasurementPass, TouchLabel, labelled_steps};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
 /// Readings of the slow touches as if each made contact at its start point, at equal time intervals. A
 /// standoff that is the same for all touches of a ball changes only the radius.
 pub fn nominal_readings(plan: &Plan, machine_s: f64) -> Vec<Reading> {
-    let steps: Vec<(&Step, Label)> =
+    let steps: Vec<(&Step, TouchLabel)> =
         labelled_steps(plan).filter(|(_, label)| label.pass == MeasurementPass::Slow).collect();
     let interval_s = machine_s / steps.len().max(1) as f64;
-    let reading = |(i, (step, _)): (usize, &(&Step, Label))| Reading {
+    let reading = |(i, (step, _)): (usize, &(&Step, TouchLabel))| Reading {
         step: step.id,
         repeat: 0,
         position: step.from.clone(),

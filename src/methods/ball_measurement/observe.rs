@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Matrix3, Vector3};
 
 use super::artefact::ball_index;
-use super::label::{Label, MeasurementPass};
+use super::label::{MeasurementPass, TouchLabel};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::sphere::{SphereError, fit_sphere};
 use machine::frame::unit_vector;
@@ -25,13 +25,13 @@ const MIN_TOUCH_COUNT: usize = 4;
 #[derive(Debug, Clone)]
 pub struct BallCentre {
     /// Label of one of the touches of the measurement.
-    pub label: Label,
+    pub label: TouchLabel,
     /// Index of the ball in the artefact.
     pub ball: usize,
     /// Index of the rotary position in [`ObservedBalls::rotary_positions`].
-    pub rotary_index: usize,
+    pub rotary_position_index: usize,
     /// Index of the commanded rotary position in [`ObservedBalls::commanded_positions`].
-    pub commanded_index: usize,
+    pub commanded_position_index: usize,
     /// Centre, as axis positions, mm.
     pub axes_mm: Vector3<f64>,
     /// Sum of the radii of ball and stylus ball, minus pre-travel, mm.
@@ -83,14 +83,14 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
     let balls = artefact_balls(plan)?;
     let steps: BTreeMap<u32, &Step> = plan.steps.iter().map(|step| (step.id, step)).collect();
     let mut seen = BTreeSet::new();
-    let mut visits: BTreeMap<MeasurementKey, Vec<(&Step, &Reading, Label)>> = BTreeMap::new();
+    let mut visits: BTreeMap<MeasurementKey, Vec<(&Step, &Reading, TouchLabel)>> = BTreeMap::new();
     for reading in readings {
         let step = *steps.get(&reading.step).ok_or(IdentifyError::UnknownStep { step: reading.step })?;
         if !seen.insert((reading.step, reading.repeat)) {
             let Reading { step, repeat, .. } = *reading;
             return Err(IdentifyError::DuplicateReading { step, repeat });
         }
-        let label: Label = step.label.parse().map_err(|reason| wrong_plan_refusal(format!("{reason}")))?;
+        let label: TouchLabel = step.label.parse().map_err(|reason| wrong_plan_refusal(format!("{reason}")))?;
         if matches!(label.pass, MeasurementPass::Find | MeasurementPass::Watch) {
             continue;
         }
@@ -110,7 +110,7 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
     for (visit, touches) in visits {
         let ball = ball_index(balls, &visit.ball)
             .ok_or_else(|| wrong_plan_refusal(format!("the artefact has no ball {}", visit.ball)))?;
-        match measure_centre(&touches, ball, &mut observed) {
+        match fit_ball_centre(&touches, ball, &mut observed) {
             Ok(centre) => observed.centres.push(centre),
             Err(reason) => observed.skipped_measurements.push(format!(
                 "ball {} at indexation {} was not used: {reason}",
@@ -158,8 +158,8 @@ fn wrong_plan_refusal(reason: String) -> IdentifyError {
     MethodRefusal::new(reason, "give the plan of the run of these readings").into()
 }
 
-fn measure_centre(
-    touches: &[(&Step, &Reading, Label)],
+fn fit_ball_centre(
+    touches: &[(&Step, &Reading, TouchLabel)],
     ball: usize,
     observed: &mut ObservedBalls,
 ) -> Result<BallCentre, String> {
@@ -170,7 +170,7 @@ fn measure_centre(
         return Err(format!("{} touches, at least {MIN_TOUCH_COUNT} are required", touches.len()));
     }
     let place = mean_rotary_position(touches).ok_or("the rotary axes moved between the touches of the ball")?;
-    let touch = |(_, reading, _): &(&Step, &Reading, Label)| {
+    let touch = |(_, reading, _): &(&Step, &Reading, TouchLabel)| {
         let [x, y, z] = Axis::LINEAR.map(|axis| reading.position.get(axis));
         Some(TouchEffect { axes_mm: Vector3::new(x?, y?, z?), ..TouchEffect::default() })
     };
@@ -178,8 +178,8 @@ fn measure_centre(
     let mut centre = BallCentre {
         label: label.clone(),
         ball,
-        rotary_index: 0,
-        commanded_index: 0,
+        rotary_position_index: 0,
+        commanded_position_index: 0,
         axes_mm: Vector3::zeros(),
         radius_mm: 0.0,
         form_mm: 0.0,
@@ -187,15 +187,15 @@ fn measure_centre(
         t_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
     };
     centre.fit(Matrix3::identity()).map_err(|reason| reason.to_string())?;
-    centre.rotary_index = index_or_insert(place, &mut observed.rotary_positions);
+    centre.rotary_position_index = position_index_or_insert(place, &mut observed.rotary_positions);
     let commanded = step.from.filter_axes(|axis| !axis.is_linear());
-    centre.commanded_index = index_or_insert(commanded, &mut observed.commanded_positions);
+    centre.commanded_position_index = position_index_or_insert(commanded, &mut observed.commanded_positions);
     Ok(centre)
 }
 
 /// Mean position of the rotary axes. `None`: they moved between the touches.
-fn mean_rotary_position(touches: &[(&Step, &Reading, Label)]) -> Option<Position> {
-    let at = |(step, reading, _): &(&Step, &Reading, Label)| {
+fn mean_rotary_position(touches: &[(&Step, &Reading, TouchLabel)]) -> Option<Position> {
+    let at = |(step, reading, _): &(&Step, &Reading, TouchLabel)| {
         step.from.updated_by(&reading.position).filter_axes(|axis| !axis.is_linear())
     };
     let all: Vec<Position> = touches.iter().map(at).collect();
@@ -219,7 +219,7 @@ fn mean_rotary_position(touches: &[(&Step, &Reading, Label)]) -> Option<Position
 impl ObservedBalls {
     /// Positions of all axes at the measured centre.
     pub fn position_of(&self, centre: &BallCentre) -> Position {
-        self.rotary_positions[centre.rotary_index].updated_by(&Position::from_xyz(centre.axes_mm))
+        self.rotary_positions[centre.rotary_position_index].updated_by(&Position::from_xyz(centre.axes_mm))
     }
 
     /// Fits the spheres again with known errors of the linear axes. `motion_matrices`: for each rotary position, the
@@ -227,8 +227,8 @@ impl ObservedBalls {
     ///
     /// # Errors
     /// The matrices do not give a sphere through the touches.
-    pub fn refit(&mut self, motion_matrices: &[Matrix3<f64>]) -> Result<(), SphereError> {
-        self.centres.iter_mut().try_for_each(|centre| centre.fit(motion_matrices[centre.rotary_index]))
+    pub fn refit_spheres(&mut self, motion_matrices: &[Matrix3<f64>]) -> Result<(), SphereError> {
+        self.centres.iter_mut().try_for_each(|centre| centre.fit(motion_matrices[centre.rotary_position_index]))
     }
 }
 
@@ -253,7 +253,7 @@ impl BallCentre {
     }
 }
 
-fn index_or_insert(place: Position, places: &mut Vec<Position>) -> usize {
+fn position_index_or_insert(place: Position, places: &mut Vec<Position>) -> usize {
     places.iter().position(|known| *known == place).unwrap_or_else(|| {
         places.push(place);
         places.len() - 1

@@ -22,7 +22,7 @@ pub fn order_balls_in_xy(
     let mut machine_position: Option<Position> = None;
     for visit in &mut visits {
         let balls = visit.balls.iter().filter_map(|index| setup.balls.balls.get(*index));
-        let places = balls.map(|ball| access.centre(ball, &visit.rotary)).collect::<Result<Vec<_>, _>>();
+        let places = balls.map(|ball| access.centre(ball, &visit.rotary_position)).collect::<Result<Vec<_>, _>>();
         let places =
             places.map_err(|error| MethodRefusal::new(error.to_string(), "correct [axes] in the machine file"))?;
         let order =
@@ -48,7 +48,7 @@ pub fn order_visits(machine: &Machine, visits: Vec<BallVisit>) -> Vec<BallVisit>
 /// direction to the one before.
 fn sort_alternating(visits: &mut [BallVisit], axes: &[Axis], backward: &mut bool) {
     let Some((first, rest)) = axes.split_first() else { return };
-    let at = |visit: &BallVisit| visit.rotary.get_or_zero(*first);
+    let at = |visit: &BallVisit| visit.rotary_position.get_or_zero(*first);
     visits.sort_by(|a, b| at(a).total_cmp(&at(b)));
     let mut inner = false;
     for run in visits.chunk_by_mut(|a, b| at(a) == at(b)) {

@@ -61,7 +61,7 @@ fn slow_steps_of_balls(
     visit: &BallVisit,
 ) -> Result<Vec<Vec<Step>>, MethodRefusal> {
     let steps = |index: &usize| {
-        let task = setup.ball_task(setup.balls.balls.get(*index)?, &visit.rotary, setup.slow_approach());
+        let task = setup.ball_task(setup.balls.balls.get(*index)?, &visit.rotary_position, setup.slow_approach());
         let steps = setup.ball_steps(access, &task, StepKind::Touch, str::to_owned);
         Some(steps.map_err(|refusal| MethodRefusal::new(refusal.reason, UNREACHABLE_BALL_REMEDY)))
     };
@@ -116,7 +116,7 @@ impl PathPlanner<'_> {
                 Some(before) => rows(&ends[before])?,
                 None => machine_position.map(row).transpose()?.into_iter().collect(),
             };
-            Ok(BallPathTimes { entering_s: entering, within_s: rows(&ends[number])? })
+            Ok(BallPathTimes { from_previous_ball_s: entering, between_touches_s: rows(&ends[number])? })
         };
         (0..balls.len()).into_par_iter().map(of_ball).collect()
     }

@@ -3,7 +3,7 @@
 use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
 
-use super::found_balls::ball_measurements;
+use super::found_balls::readings_by_ball;
 use super::label::{MeasurementPass, labelled_steps};
 use super::review::continuation_advice;
 use super::setup::MeasurementSetup;
@@ -20,9 +20,9 @@ const MAX_WATCH_DURATION_RATIO: f64 = 6.0;
 #[derive(Debug, Clone, Copy)]
 struct Creep {
     axis: char,
-    mm_per_s: f64,
+    rate_mm_per_s: f64,
     /// Expanded uncertainty of the creep rate, mm/s, from the scatter of the rounds about the line.
-    expanded_mm_per_s: f64,
+    expanded_rate_mm_per_s: f64,
 }
 
 /// Whether another round is needed: neither the rounds of the last `watch_s` nor all rounds show that the
@@ -51,7 +51,7 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
     let allowed = 2.0 * drift_mm_per_s(setup.plan);
     // If the uncertainty of the rate exceeds the limit, rest is not shown. All rounds together have a smaller
     // uncertainty than the newest ones.
-    let may_creep = |creep: &Creep| creep.mm_per_s.abs() > allowed || creep.expanded_mm_per_s > allowed;
+    let may_creep = |creep: &Creep| creep.rate_mm_per_s.abs() > allowed || creep.expanded_rate_mm_per_s > allowed;
     let creeping = |rounds: &[(f64, Vector3<f64>)]| fit_creep(rounds).into_iter().find(may_creep);
     let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
@@ -61,8 +61,8 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
             "the machine is not confirmed at rest: after {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h \
             along {}, and the limit from drift_um_per_h is {:.1} µm/h",
             watched_s / 60.0,
-            um_per_h(creep.mm_per_s),
-            um_per_h(creep.expanded_mm_per_s),
+            um_per_h(creep.rate_mm_per_s),
+            um_per_h(creep.expanded_rate_mm_per_s),
             creep.axis,
             um_per_h(allowed)
         ),
@@ -81,7 +81,7 @@ fn has_measurement_begun(setup: &MeasurementSetup<'_>) -> bool {
 
 /// Time, s, and centre, mm, of each round since the run was resumed.
 fn watch_rounds(setup: &MeasurementSetup<'_>, readings: &[Reading], resumed_s: f64) -> Vec<(f64, Vector3<f64>)> {
-    let all = ball_measurements(setup, readings);
+    let all = readings_by_ball(setup, readings);
     let of_watch = all.iter().filter(|measurement| measurement.label.pass == MeasurementPass::Watch);
     let round = of_watch.filter_map(|measurement| {
         let measured = measurement.fit_ball(setup)?.ok()?;
@@ -102,7 +102,7 @@ fn fit_creep(rounds: &[(f64, Vector3<f64>)]) -> [Creep; 3] {
     let variance = rounds.iter().map(left).sum::<Vector3<f64>>() / (count - 2.0);
     [(0, 'X'), (1, 'Y'), (2, 'Z')].map(|(k, axis)| Creep {
         axis,
-        mm_per_s: rate[k],
-        expanded_mm_per_s: coverage_factor(count - 2.0) * (variance[k] / square).sqrt(),
+        rate_mm_per_s: rate[k],
+        expanded_rate_mm_per_s: coverage_factor(count - 2.0) * (variance[k] / square).sqrt(),
     })
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::found_balls::{BallMeasurement, FoundBalls, ball_measurements};
+use super::found_balls::{BallReadings, FoundBalls, readings_by_ball};
 use super::label::MeasurementPass;
 use super::setup::{MeasurementSetup, describe_position};
 use crate::MethodRefusal;
@@ -22,15 +22,14 @@ pub fn review_stage(
     last: &Stage,
     readings: &[Reading],
 ) -> Result<Option<(Vec<u32>, u32)>, MethodRefusal> {
-    let all = ball_measurements(setup, readings);
-    let of_stage =
-        |measurement: &&BallMeasurement<'_>| measurement.steps.iter().any(|step| last.steps.contains(&step.id));
+    let all = readings_by_ball(setup, readings);
+    let of_stage = |measurement: &&BallReadings<'_>| measurement.steps.iter().any(|step| last.steps.contains(&step.id));
     let mut again = Vec::new();
     for measurement in all.iter().filter(of_stage) {
         // After a stop the operator has checked the ball and may have cleaned it.
         let newest_s = measurement.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
         let is_resumed_since = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
-        let doubt = match find_fault(setup, measurement) {
+        let doubt = match find_measurement_fault(setup, measurement) {
             Some(fault) if last.repeat > 0 => Some(repeated_fault_refusal(setup, &fault)),
             Some(_) => None,
             None => match check_ball_position(setup, &all, measurement) {
@@ -48,7 +47,7 @@ pub fn review_stage(
 
 /// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals;
 /// for them it is sufficient that they lie on a sphere.
-fn find_fault(setup: &MeasurementSetup<'_>, measurement: &BallMeasurement<'_>) -> Option<BallCheckError> {
+fn find_measurement_fault(setup: &MeasurementSetup<'_>, measurement: &BallReadings<'_>) -> Option<BallCheckError> {
     let measured = match measurement.fit_ball(setup)? {
         Ok(measured) => measured,
         Err(doubt) => return Some(doubt),
@@ -80,7 +79,7 @@ pub fn continuation_advice(setup: &MeasurementSetup<'_>) -> &'static str {
     }
 }
 
-fn describe_measurement(setup: &MeasurementSetup<'_>, measurement: &BallMeasurement<'_>) -> String {
+fn describe_measurement(setup: &MeasurementSetup<'_>, measurement: &BallReadings<'_>) -> String {
     let ball = setup.balls.balls.get(measurement.ball).map_or("", |ball| &ball.id);
     let at = measurement.steps.first().map(|step| step.from.filter_axes(|axis: Axis| !axis.is_linear()));
     format!("ball {ball} at {}", describe_position(&at.unwrap_or_default()))
@@ -89,8 +88,8 @@ fn describe_measurement(setup: &MeasurementSetup<'_>, measurement: &BallMeasurem
 /// Checks that a ball is within the position uncertainty of its expected position.
 fn check_ball_position(
     setup: &MeasurementSetup<'_>,
-    all: &[BallMeasurement<'_>],
-    measurement: &BallMeasurement<'_>,
+    all: &[BallReadings<'_>],
+    measurement: &BallReadings<'_>,
 ) -> Result<(), MethodRefusal> {
     let (Some(Ok(measured)), Some(ball)) = (measurement.fit_ball(setup), setup.balls.balls.get(measurement.ball))
     else {
@@ -100,7 +99,7 @@ fn check_ball_position(
         return Ok(());
     }
     // The results of its own stage were unknown when the stage was planned.
-    let stage = |of: &BallMeasurement<'_>| (of.label.pass, of.label.indexation);
+    let stage = |of: &BallReadings<'_>| (of.label.pass, of.label.indexation);
     let before = all.iter().take_while(|other| stage(other) != stage(measurement));
     let known = FoundBalls::from_measurements(setup, before);
     let stated = Vector3::from(ball.centre_mm);

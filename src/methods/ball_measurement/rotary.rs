@@ -45,7 +45,7 @@ fn motion_effect(
     // Displacement of each measurement, in axis positions, per unit of each error.
     let by_error = |centre: &BallCentre| -> Vec<Vector3<f64>> {
         let columns = chain.jacobian(&observed.position_of(centre), stylus, &[], &errors).into_iter();
-        columns.map(|along| back[centre.rotary_index] * along).collect()
+        columns.map(|along| back[centre.rotary_position_index] * along).collect()
     };
     let by_error: Vec<Vec<Vector3<f64>>> = observed.centres.iter().map(by_error).collect();
     let column = |(index, (_, sizes)): (usize, &(ErrorParameter, Vec<f64>))| {

@@ -25,7 +25,7 @@ pub enum SearchMode {
 /// One rotary position and the balls measured there, as indices of the artefact's balls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BallVisit {
-    pub rotary: Position,
+    pub rotary_position: Position,
     pub balls: Vec<usize>,
     /// Order of the touches of a ball in a slow measurement, by ball; the default order if absent.
     pub touch_orders: BTreeMap<usize, TouchOrder>,
@@ -33,7 +33,7 @@ pub struct BallVisit {
 
 impl BallVisit {
     pub fn new(at: Position, balls: Vec<usize>) -> Self {
-        Self { rotary: at, balls, touch_orders: BTreeMap::new() }
+        Self { rotary_position: at, balls, touch_orders: BTreeMap::new() }
     }
 }
 

@@ -77,7 +77,7 @@ fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> 
 fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> Effect {
     let sense = plan.machine.axes.get(&Axis::S).map_or(1.0, |spec| spec.positive.sign());
     let normals = observed.centres.iter().flat_map(|centre| {
-        let spindle = sense * observed.rotary_positions[centre.rotary_index].get_or_zero(Axis::S);
+        let spindle = sense * observed.rotary_positions[centre.rotary_position_index].get_or_zero(Axis::S);
         let into_spindle = Rotation3::from_axis_angle(&Vector3::z_axis(), -spindle);
         centre.touches.iter().map(move |touch| into_spindle * touch.normal)
     });

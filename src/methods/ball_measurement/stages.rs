@@ -1,7 +1,7 @@
 //! Choice of the next stage: the tasks of a list of visits, one stage each.
 
-use super::found_balls::{FoundBalls, ball_measurements};
-use super::label::{Label, MeasurementPass, labelled_steps};
+use super::found_balls::{FoundBalls, readings_by_ball};
+use super::label::{MeasurementPass, TouchLabel, labelled_steps};
 use super::rest_check::needs_watch_round;
 use super::review::review_stage;
 use super::setup::{BallVisit, MeasurementSetup, SearchMode, describe_position};
@@ -37,14 +37,14 @@ pub fn next_stage(
     let (known, one_more) = match source {
         PositionSource::Nominal => (FoundBalls::from_stated_positions(setup), false),
         PositionSource::Measured(readings) => {
-            if let Some(stage) = repeat_rejected(setup, done, readings, id)? {
+            if let Some(stage) = repeat_rejected_measurements(setup, done, readings, id)? {
                 return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
             }
-            let measurements = ball_measurements(setup, readings);
+            let measurements = readings_by_ball(setup, readings);
             (FoundBalls::from_measurements(setup, &measurements), needs_watch_round(setup, readings)?)
         }
     };
-    let tasks = list_tasks(setup, visits, watch_round_count(setup) + usize::from(one_more));
+    let tasks = list_stage_tasks(setup, visits, watch_round_count(setup) + usize::from(one_more));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
     let Some(task) = tasks.get(passed) else { return Ok(NextStage::Done) };
     let (stage, new_steps) = build_stage(setup, visits, task, &known, id)?;
@@ -52,7 +52,7 @@ pub fn next_stage(
 }
 
 /// The stage that repeats the measurements of the last stage that were outside the limits.
-fn repeat_rejected(
+fn repeat_rejected_measurements(
     setup: &MeasurementSetup<'_>,
     done: &[Stage],
     readings: &[Reading],
@@ -72,8 +72,8 @@ fn watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
 
 /// All tasks in measuring order. First every ball is searched for: at the indexation where most balls are
 /// accessible, then at others for the remaining balls. Then one ball is watched, and the visits follow.
-fn list_tasks(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watched: usize) -> Vec<StageTask> {
-    let searches = plan_searches(visits);
+fn list_stage_tasks(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watched: usize) -> Vec<StageTask> {
+    let searches = choose_search_visits(visits);
     let task = |pass, number: usize, balls: &[usize]| StageTask {
         pass,
         label_number: number,
@@ -112,7 +112,7 @@ fn list_tasks(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watched: usize
 }
 
 /// Visits that together give access to every ball, and the balls that are new at each.
-fn plan_searches(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
+fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
     let mut found: Vec<usize> = Vec::new();
     let mut searches = Vec::new();
     loop {
@@ -138,7 +138,7 @@ fn plan_searches(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
 pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[BallVisit]) -> Result<f64, MethodRefusal> {
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
-    for (id, task) in (0..).zip(list_tasks(setup, visits, 0)) {
+    for (id, task) in (0..).zip(list_stage_tasks(setup, visits, 0)) {
         let grown = MeasurementSetup { plan: &plan, ..*setup };
         let (planned, steps) = build_stage(&grown, visits, &task, &FoundBalls::from_stated_positions(&grown), id)?;
         plan.steps.extend(steps);
@@ -174,7 +174,7 @@ fn build_stage(
 }
 
 fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTask) -> String {
-    let at = visits.get(task.visit_index).map_or(String::new(), |visit| describe_position(&visit.rotary));
+    let at = visits.get(task.visit_index).map_or(String::new(), |visit| describe_position(&visit.rotary_position));
     match task.pass {
         MeasurementPass::Find | MeasurementPass::Slow => {
             let action = if task.pass == MeasurementPass::Find { "find" } else { "measure" };
@@ -209,9 +209,10 @@ fn new_steps(
         let kind = if task.pass == MeasurementPass::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
             let (pass, indexation, touch) = (task.pass, task.label_number as u32, touch.to_owned());
-            Label { pass, indexation, ball: ball.id.clone(), touch }.to_string()
+            TouchLabel { pass, indexation, ball: ball.id.clone(), touch }.to_string()
         };
-        let new = setup.ball_steps(&access, &setup.ball_task(&expected, &visit.rotary, approach), kind, label)?;
+        let new =
+            setup.ball_steps(&access, &setup.ball_task(&expected, &visit.rotary_position, approach), kind, label)?;
         let around = visit.touch_orders.get(index).filter(|_| task.pass == MeasurementPass::Slow);
         steps.extend(around.copied().unwrap_or_default().apply(new));
     }
@@ -220,9 +221,9 @@ fn new_steps(
 
 /// The first round of references or of the watch again, at exactly the same places.
 fn repeat_first_round(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Step> {
-    let of_first = |(_, label): &(&Step, Label)| label.pass == task.pass && label.indexation == 0;
-    let renumbered = |(step, label): (&Step, Label)| {
-        let label = Label { indexation: task.label_number as u32, ..label };
+    let of_first = |(_, label): &(&Step, TouchLabel)| label.pass == task.pass && label.indexation == 0;
+    let renumbered = |(step, label): (&Step, TouchLabel)| {
+        let label = TouchLabel { indexation: task.label_number as u32, ..label };
         Step { label: label.to_string(), ..step.clone() }
     };
     labelled_steps(setup.plan).filter(of_first).map(renumbered).collect()

@@ -15,9 +15,9 @@ pub struct TouchOrder {
 pub struct BallPathTimes {
     /// Times from each touch of the previous ball to each touch; for the first ball one row, from the current
     /// position of the machine.
-    pub entering_s: Vec<Vec<f64>>,
+    pub from_previous_ball_s: Vec<Vec<f64>>,
     /// Times from each touch to each other.
-    pub within_s: Vec<Vec<f64>>,
+    pub between_touches_s: Vec<Vec<f64>>,
 }
 
 impl TouchOrder {
@@ -87,18 +87,19 @@ fn extend_candidates(path_times: &BallPathTimes, before: &[OrderCandidate]) -> V
     let seconds = |table: &[Vec<f64>], from: usize, to: usize| {
         table.get(from).and_then(|row| row.get(to)).copied().unwrap_or_default()
     };
-    let touches = path_times.within_s.len();
+    let touches = path_times.between_touches_s.len();
     let one = |around: TouchOrder| {
         let order = around.apply((0..touches).collect());
         let first = order.first().copied().unwrap_or_default();
         let pairs = order.windows(2);
-        let within: f64 = pairs.map(|pair| seconds(&path_times.within_s, pair[0], pair[1])).sum();
+        let within: f64 = pairs.map(|pair| seconds(&path_times.between_touches_s, pair[0], pair[1])).sum();
         let entered = before.iter().enumerate().map(|(number, reached)| {
             let end = reached.order.last().copied().unwrap_or_default();
-            (number, reached.time_s + seconds(&path_times.entering_s, end, first))
+            (number, reached.time_s + seconds(&path_times.from_previous_ball_s, end, first))
         });
-        let (before, entered) =
-            entered.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, seconds(&path_times.entering_s, 0, first)));
+        let (before, entered) = entered
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, seconds(&path_times.from_previous_ball_s, 0, first)));
         OrderCandidate { touch_order: around, order, time_s: entered + within, previous_index: before }
     };
     TouchOrder::all_orders(touches).into_iter().map(one).collect()
@@ -114,8 +115,8 @@ mod tests {
         let mut seconds = 0.0;
         for (number, touches) in order.iter().enumerate() {
             let from = number.checked_sub(1).map_or(0, |before| *order[before].last().unwrap());
-            seconds += balls[number].entering_s[from][touches[0]];
-            seconds += touches.windows(2).map(|p| balls[number].within_s[p[0]][p[1]]).sum::<f64>();
+            seconds += balls[number].from_previous_ball_s[from][touches[0]];
+            seconds += touches.windows(2).map(|p| balls[number].between_touches_s[p[0]][p[1]]).sum::<f64>();
         }
         seconds
     }
@@ -141,8 +142,10 @@ mod tests {
             (0..rows).map(|_| (0..columns).map(|_| random.random()).collect()).collect()
         };
         // The second ball has four accessible touches.
-        let mut ball =
-            |before, count| BallPathTimes { entering_s: table(before, count), within_s: table(count, count) };
+        let mut ball = |before, count| BallPathTimes {
+            from_previous_ball_s: table(before, count),
+            between_touches_s: table(count, count),
+        };
         let balls = [ball(1, 5), ball(5, 4), ball(4, 5)];
         let orders = [5, 4, 5].map(|count| {
             let touches: Vec<usize> = (0..count).collect();

@@ -13,7 +13,7 @@ pub enum AngleBasis {
 }
 
 impl AngleBasis {
-    pub fn len(&self) -> usize {
+    pub fn function_count(&self) -> usize {
         match self {
             Self::Fourier { order, sub_order } => 2 * (order + sub_order.saturating_sub(1)),
             Self::Stops(count) => *count,
@@ -25,7 +25,7 @@ impl AngleBasis {
     }
 
     /// Values of the functions at the stop `stop` with the commanded `angle`, rad.
-    pub fn values(&self, angle: f64, stop: usize) -> Vec<f64> {
+    pub fn function_values(&self, angle: f64, stop: usize) -> Vec<f64> {
         match self {
             Self::Fourier { .. } => {
                 let pairs = self.frequencies().map(|frequency| (frequency * angle).sin_cos());
@@ -36,7 +36,7 @@ impl AngleBasis {
     }
 
     /// Suffix of each function in the symbol of a parameter: `c2`, `s2`, `c1/2`, `s1/2`.
-    pub fn symbol_suffixes(&self) -> Vec<String> {
+    pub fn function_suffixes(&self) -> Vec<String> {
         match self {
             Self::Fourier { order, sub_order } => {
                 let harmonics = (1..=*order).map(|k| k.to_string());

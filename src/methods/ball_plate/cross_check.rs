@@ -11,11 +11,6 @@ use super::solved::SolvedRun;
 use crate::identification::{Identification, unit_slope};
 use machine::record::estimate::Unit;
 
-pub enum CrossCheck {
-    NotPossible(&'static str),
-    Compared(CoefficientDifference),
-}
-
 /// The coefficient of an error motion with the largest difference relative to its expanded uncertainty.
 pub struct CoefficientDifference {
     pub symbol: String,
@@ -25,50 +20,43 @@ pub struct CoefficientDifference {
     pub expanded: f64,
 }
 
-impl CrossCheck {
-    pub fn new(solved: &SolvedRun<'_>, identified: &Identification) -> Self {
-        if let Some(reason) = find_obstacle(solved) {
-            return Self::NotPossible(reason);
-        }
+impl CoefficientDifference {
+    /// # Errors
+    /// The reason why the four steps do not apply.
+    pub fn new(solved: &SolvedRun<'_>, identified: &Identification) -> Result<Self, &'static str> {
+        check_four_steps_apply(solved)?;
         let layout = &solved.design.layout;
         let (stops, observations) = (&solved.design.stops, &solved.measured.observations);
-        let Some(other) = solve_in_four_steps(layout, stops, observations, &deviations_without_drift(solved)) else {
-            return Self::NotPossible("the equations have no solution");
-        };
-        let uncertainty = |j| identified.propagation.uncertainty(&unit_slope(j, layout.unknowns()));
+        let other = solve_in_four_steps(layout, stops, observations, &deviations_without_drift(solved))
+            .ok_or("the equations have no solution")?;
+        let uncertainty = |j| identified.propagation.uncertainty(&unit_slope(j, layout.unknown_count()));
         let expanded: Vec<f64> = (0..other.len()).map(|j| uncertainty(j).expanded()).collect();
         let by = |j: usize| (other[j] - solved.solution.x[j]).abs();
         let share = |j: usize| by(j) / expanded[j].max(f64::MIN_POSITIVE);
         let worst = (0..other.len()).max_by(|i, j| share(*i).total_cmp(&share(*j))).unwrap_or(0);
-        let symbol = layout.names(solved.plate.axis).swap_remove(worst);
+        let symbol = layout.unknown_names(solved.plate.rotary_axis).swap_remove(worst);
         let unit = coefficient_unit(layout, worst);
-        Self::Compared(CoefficientDifference { symbol, unit, difference: by(worst), expanded: expanded[worst] })
+        Ok(Self { symbol, unit, difference: by(worst), expanded: expanded[worst] })
     }
 
     /// Warning if the difference exceeds U. Unequal weights alone cause less than U: if the weights vary by a
     /// factor of two, the standard deviation of a difference is 0.35 u; by a factor of four, 0.75 u.
     pub fn warning(&self) -> Option<String> {
-        let Self::Compared(difference) = self else { return None };
-        (difference.difference > difference.expanded).then(|| {
+        (self.difference > self.expanded).then(|| {
             format!(
-                "least squares over all visits and the four steps of paper 5 differ: {difference}. Find the \
-                visits with large residual_rms and measure them again"
+                "least squares over all visits and the four steps of paper 5 differ: {self}. Find the visits with \
+                large residual_rms and measure them again"
             )
         })
     }
 }
 
-impl fmt::Display for CrossCheck {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let reference = "least squares over all visits";
-        match self {
-            Self::NotPossible(reason) => {
-                write!(f, "{reference}; not compared with the four steps of paper 5: {reason}")
-            }
-            Self::Compared(difference) => {
-                write!(f, "{reference}; compared with the four steps of paper 5: {difference}")
-            }
-        }
+/// Sentence about the comparison for the gauge of the estimate.
+pub fn describe_cross_check(result: &Result<CoefficientDifference, &'static str>) -> String {
+    let reference = "least squares over all visits";
+    match result {
+        Err(reason) => format!("{reference}; not compared with the four steps of paper 5: {reason}"),
+        Ok(difference) => format!("{reference}; compared with the four steps of paper 5: {difference}"),
     }
 }
 
@@ -82,16 +70,17 @@ impl fmt::Display for CoefficientDifference {
 }
 
 fn coefficient_unit(layout: &UnknownsLayout, coefficient: usize) -> Unit {
-    let motions = MOTION_COMPONENTS.len() * layout.basis.len();
+    let motions = MOTION_COMPONENTS.len() * layout.basis.function_count();
     let component = match coefficient.checked_sub(motions) {
-        None => coefficient / layout.basis.len(),
+        None => coefficient / layout.basis.function_count(),
         Some(reversal) => reversal,
     };
     super::outputs::component_unit(MOTION_COMPONENTS[component])
 }
 
-/// Reason why the four steps do not apply.
-fn find_obstacle(solved: &SolvedRun<'_>) -> Option<&'static str> {
+/// # Errors
+/// The reason why the four steps do not apply.
+fn check_four_steps_apply(solved: &SolvedRun<'_>) -> Result<(), &'static str> {
     let SolvedRun { design, measured, plate, settings, .. } = solved;
     let (balls, positions) = (plate.position_steps.len(), settings.positions);
     let steps: BTreeSet<usize> = plate.position_steps.iter().copied().collect();
@@ -103,10 +92,10 @@ fn find_obstacle(solved: &SolvedRun<'_>) -> Option<&'static str> {
     let all = design.stops.len() * balls;
     let is_complete = visits.len() == all && measured.observations.len() == all;
     match () {
-        () if settings.values => Some("harmonics are required (values = false)"),
-        () if !is_even => Some("balls at equal angles are required, which leave some harmonics undetermined"),
-        () if !is_complete => Some("each ball must be measured once at each stop"),
-        () => None,
+        () if settings.values => Err("harmonics are required (values = false)"),
+        () if !is_even => Err("balls at equal angles are required, which leave some harmonics undetermined"),
+        () if !is_complete => Err("each ball must be measured once at each stop"),
+        () => Ok(()),
     }
 }
 
@@ -115,9 +104,7 @@ fn deviations_without_drift(solved: &SolvedRun<'_>) -> Vec<Vector3<f64>> {
     let SolvedRun { design, measured, solution, design_matrix: a, .. } = solved;
     let drift = design.layout.drift_index(1, 0)..design.layout.position_index(0, 0);
     let fitted = |row: usize| drift.clone().map(|j| a[(row, j)] * solution.x[j]).sum::<f64>();
+    let fitted_drift = |i: usize| Vector3::from_fn(|axis, _| fitted(3 * i + axis));
     let observations = measured.observations.iter().enumerate();
-    let of_observation = |(i, observation): (usize, &super::equations::BallObservation)| {
-        observation.deviation - Vector3::from_fn(|axis, _| fitted(3 * i + axis))
-    };
-    observations.map(of_observation).collect()
+    observations.map(|(i, observation)| observation.deviation - fitted_drift(i)).collect()
 }

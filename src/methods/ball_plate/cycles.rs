@@ -66,7 +66,7 @@ fn linear_axis_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> 
 /// falling ones.
 fn error_motion_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
     let (layout, stops, x) = (&solved.design.layout, &solved.design.stops, &solved.solution.x);
-    let axis = solved.plate.axis;
+    let axis = solved.plate.rotary_axis;
     let bodies = fit_rigid_bodies(&solved.measured.observations, residuals);
     let mut order: Vec<usize> = bodies.keys().copied().collect();
     order.sort_by(|a, b| {
@@ -76,7 +76,7 @@ fn error_motion_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) ->
     let of_component = |(k, component): (usize, Axis)| {
         let point = |stop: &usize| {
             let Stop { angle, approach_direction: direction } = stops[*stop];
-            let functions = layout.basis.values(angle, *stop).into_iter().enumerate();
+            let functions = layout.basis.function_values(angle, *stop).into_iter().enumerate();
             let harmonics: f64 = functions.map(|(j, value)| value * x[layout.motion_index(k, j)]).sum();
             let reversal = if layout.has_reversal { x[layout.reversal_index(k)] } else { 0.0 };
             (angle, harmonics + 0.5 * direction * reversal + bodies[stop][k])

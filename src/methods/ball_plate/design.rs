@@ -2,11 +2,11 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Rotation3, Vector3};
 
 use super::basis::AngleBasis;
-use super::equations::{BallObservation, survey_equations};
-use super::layout::{Stop, UnknownsLayout};
+use super::equations::{BallObservation, analyse_equation_rank};
+use super::layout::{MOTION_COMPONENTS, Stop, UnknownsLayout};
 use super::plate::Plate;
 use super::settings::BallPlateSettings;
 use crate::MethodRefusal;
@@ -35,15 +35,18 @@ impl PlateDesign {
         };
         let stops: Vec<Stop> = numbers.iter().enumerate().map(stop).collect();
         let visit = |stop: &Stop| {
-            let at = plate.rest_position.clone().with(plate.axis, stop.angle);
+            let at = plate.fixed_rotary_position.clone().with(plate.rotary_axis, stop.angle);
             BallVisit::new(at, (0..plate.balls.balls.len()).collect())
         };
         let layout = UnknownsLayout {
-            basis: choose_basis(settings, stops.len()),
+            basis: match settings.values {
+                true => AngleBasis::Stops(stops.len()),
+                false => AngleBasis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics },
+            },
             has_reversal: settings.both_directions && !settings.values,
             // The values of a stop include the drift up to that stop.
             drift_order: if settings.values { 0 } else { settings.drift_order },
-            interruptions: 0,
+            interruption_count: 0,
             position_count: settings.positions,
             radial_directions: plate.radial_directions.clone(),
             rotation_sense: plate.rotation_sense,
@@ -56,36 +59,29 @@ impl PlateDesign {
     ///
     /// # Errors
     /// The visits do not separate the error motions; the error proposes a better layout.
-    pub fn check(&self, settings: &BallPlateSettings, plate: &Plate<'_>) -> Result<(), MethodRefusal> {
+    pub fn check_rank(&self, settings: &BallPlateSettings, plate: &Plate<'_>) -> Result<(), MethodRefusal> {
         let observations = self.nominal_observations(settings, plate);
-        let numerical = |error: estimation::linear::LinearError| MethodRefusal {
-            reason: error.to_string(),
-            remedy: "correct [artefact] and [method.ball-plate]".to_owned(),
-        };
-        let survey = survey_equations(&self.layout, &self.stops, &observations, true).map_err(numerical)?;
+        let survey = analyse_equation_rank(&self.layout, &self.stops, &observations, true)
+            .map_err(|error| MethodRefusal::new(error.to_string(), "correct [artefact] and [method.ball-plate]"))?;
         if survey.nullity == 0 {
             return Ok(());
         }
         let lost = undetermined_harmonics(&plate.position_steps, settings.positions, settings.harmonics);
         let lost = lost.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        let cause = match lost.as_str() {
+            "" => String::new(),
+            lost => format!(
+                ": the harmonics {lost} of the error motions are not determined, because they have the same phase \
+                for every ball at a measuring position"
+            ),
+        };
         let better = stagger_balls(plate.position_steps.len(), settings.positions);
         let degrees = better.iter().map(|step| 360.0 / settings.positions as f64 * *step as f64);
         let degrees = degrees.map(|degrees| format!("{degrees:.1}")).collect::<Vec<_>>().join(", ");
-        Err(MethodRefusal {
-            reason: format!(
-                "these visits do not separate {} combinations of the unknowns{}",
-                survey.nullity,
-                if lost.is_empty() {
-                    String::new()
-                } else {
-                    format!(
-                        ": the harmonics {lost} of the error motions are not determined, because they have \
-                        the same phase for every ball at a measuring position"
-                    )
-                }
-            ),
-            remedy: format!("place the balls at {degrees} degrees from the first ball, or lower harmonics"),
-        })
+        Err(MethodRefusal::new(
+            format!("these visits do not separate {} combinations of the unknowns{cause}", survey.nullity),
+            format!("place the balls at {degrees} degrees from the first ball, or lower harmonics"),
+        ))
     }
 
     /// Sightings as if every ball were at its stated position, with the machine frame parallel to the table
@@ -94,19 +90,16 @@ impl PlateDesign {
         let count = self.stops.len().max(2) as f64;
         let mut observations = Vec::new();
         for (i, (stop, number)) in self.stops.iter().zip(&self.stop_numbers).enumerate() {
-            let turned = Matrix3::from(nalgebra::Rotation3::from_axis_angle(
-                &Vector3::z_axis(),
-                plate.rotation_sense * stop.angle,
-            ));
+            let angle = plate.rotation_sense * stop.angle;
+            let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), angle).into_inner();
             for (ball, radial) in plate.radial_directions.iter().enumerate() {
-                let height = plate.height_mm();
-                let at = turned * radial * plate.radius_mm + Vector3::z() * height;
+                let at = turned * radial * plate.radius_mm + Vector3::z() * plate.height_mm();
                 observations.push(BallObservation {
                     stop: i,
                     ball,
                     position_index: plate.measuring_position(ball, *number, settings.positions),
                     relative_time: 2.0 * i as f64 / (count - 1.0) - 1.0,
-                    segment: 0,
+                    preceding_interruptions: 0,
                     deviation: Vector3::zeros(),
                     motion_derivatives: rigid_motion_columns(at),
                     ball_derivative: turned,
@@ -117,25 +110,20 @@ impl PlateDesign {
     }
 }
 
-fn choose_basis(settings: &BallPlateSettings, stops: usize) -> AngleBasis {
-    match settings.values {
-        true => AngleBasis::Stops(stops),
-        false => AngleBasis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics },
-    }
-}
-
 /// Displacement of a point by each error motion, mm per mm or rad. `from_axis`: vector to the point from the
 /// point about which the table tilts, mm.
 pub fn rigid_motion_columns(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
-    let unit = |axis: usize| Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
-    let turned = |axis: usize| unit(axis).cross(&from_axis);
-    [unit(0), unit(1), unit(2), turned(0), turned(1), turned(2)]
+    MOTION_COMPONENTS.map(|component| match component.is_linear() {
+        true => component.direction(),
+        false => component.direction().cross(&from_axis),
+    })
 }
 
 /// Positions of the stops in steps from zero: rising, then falling.
 fn list_stop_numbers(plan: &Plan, settings: &BallPlateSettings, plate: &Plate<'_>) -> Result<Vec<i64>, MethodRefusal> {
     let BallPlateSettings { positions, revolutions, .. } = *settings;
-    let steps = RevolutionSteps { positions, revolutions, lead_steps: 0 }.range_within_limits(plan, plate.axis)?;
+    let steps =
+        RevolutionSteps { positions, revolutions, lead_steps: 0 }.range_within_limits(plan, plate.rotary_axis)?;
     let (first, last) = (*steps.start(), *steps.end());
     let rising = first..last;
     // The return begins one step beyond the last stop and ends one step after the first.

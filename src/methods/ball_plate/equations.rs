@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::layout::{MOTION_COMPONENTS, Stop, UnknownsLayout};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
+use machine::Axis;
 
 /// One measurement of a ball at one stop.
 #[derive(Debug, Clone)]
@@ -17,7 +18,7 @@ pub struct BallObservation {
     /// Time from the middle of the run, divided by half its duration: −1 to 1.
     pub relative_time: f64,
     /// Number of interruptions of the run before the measurement.
-    pub segment: usize,
+    pub preceding_interruptions: usize,
     /// Axis positions X, Y, Z at which the stylus ball coincides with the ball, minus those of the nominal
     /// machine for the expected position of the ball, mm.
     pub deviation: Vector3<f64>,
@@ -29,13 +30,13 @@ pub struct BallObservation {
 
 /// Design matrix: deviations of all sightings as linear functions of the unknowns, three rows per sighting.
 pub fn design_matrix(layout: &UnknownsLayout, stops: &[Stop], observations: &[BallObservation]) -> Mat<f64> {
-    let mut a = Mat::zeros(3 * observations.len(), layout.unknowns());
+    let mut a = Mat::zeros(3 * observations.len(), layout.unknown_count());
     for (i, observation) in observations.iter().enumerate() {
         let mut set = |j: usize, column: Vector3<f64>| {
             (0..3).for_each(|axis| a[(3 * i + axis, j)] = column[axis]);
         };
         let Some(stop) = stops.get(observation.stop) else { continue };
-        let functions = layout.basis.values(stop.angle, observation.stop);
+        let functions = layout.basis.function_values(stop.angle, observation.stop);
         for (component, by) in observation.motion_derivatives.iter().enumerate() {
             for (function, value) in functions.iter().enumerate() {
                 set(layout.motion_index(component, function), by * *value);
@@ -45,13 +46,12 @@ pub fn design_matrix(layout: &UnknownsLayout, stops: &[Stop], observations: &[Ba
                 set(layout.reversal_index(component), by * (0.5 * stop.approach_direction));
             }
         }
-        for axis in 0..3 {
-            let along = Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
+        for (axis, along) in Axis::LINEAR.map(Axis::direction).into_iter().enumerate() {
             for order in 1..=layout.drift_order {
                 set(layout.drift_index(order, axis), along * observation.relative_time.powi(order as i32));
             }
-            for interruption in 0..observation.segment.min(layout.interruptions) {
-                set(layout.step_index(interruption, axis), along);
+            for interruption in 0..observation.preceding_interruptions.min(layout.interruption_count) {
+                set(layout.interruption_step_index(interruption, axis), along);
             }
             // If the true position of a linear axis is too large, its displayed position at a ball is too
             // small.
@@ -76,7 +76,7 @@ pub fn solve_equations(
         a: a.as_ref(),
         y: &deviations,
         sigma,
-        constraints: Some(layout.gauge(stops).as_ref()),
+        constraints: Some(layout.gauge_rows(stops).as_ref()),
         rank_threshold: RANK_THRESHOLD,
     })?;
     Ok((a, solution))
@@ -86,13 +86,13 @@ pub fn solve_equations(
 ///
 /// # Errors
 /// The errors of [`linear::analyse_rank`].
-pub fn survey_equations(
+pub fn analyse_equation_rank(
     layout: &UnknownsLayout,
     stops: &[Stop],
     observations: &[BallObservation],
     with_gauge: bool,
 ) -> Result<RankAnalysis, LinearError> {
     let a = design_matrix(layout, stops, observations);
-    let gauge = layout.gauge(stops);
+    let gauge = layout.gauge_rows(stops);
     linear::analyse_rank(a.as_ref(), with_gauge.then_some(gauge.as_ref()), RANK_THRESHOLD)
 }

@@ -80,7 +80,7 @@ fn fit_polynomials(
     bodies: &[[f64; MOTION_COMPONENTS.len()]],
 ) -> Option<Vec<f64>> {
     let row = |(i, stop): (usize, &Stop)| {
-        let mut row = layout.basis.values(stop.angle, i);
+        let mut row = layout.basis.function_values(stop.angle, i);
         row.extend(layout.has_reversal.then_some(0.5 * stop.approach_direction));
         row
     };
@@ -91,7 +91,7 @@ fn fit_polynomials(
     for k in 0..MOTION_COMPONENTS.len() {
         let y: Vec<f64> = bodies.iter().map(|body| body[k]).collect();
         let mut found = solve_unweighted(&a, &y)?.into_iter();
-        (0..layout.basis.len()).zip(&mut found).for_each(|(j, value)| x[layout.motion_index(k, j)] = value);
+        (0..layout.basis.function_count()).zip(&mut found).for_each(|(j, value)| x[layout.motion_index(k, j)] = value);
         found.for_each(|value| x[layout.reversal_index(k)] = value);
     }
     Some(x)

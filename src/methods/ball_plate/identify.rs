@@ -1,6 +1,6 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::cross_check::CrossCheck;
+use super::cross_check::{CoefficientDifference, describe_cross_check};
 use super::layout::MOTION_COMPONENTS;
 use super::plate::Plate;
 use super::settings::BallPlateSettings;
@@ -39,8 +39,8 @@ pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialPlan>) -> Res
     let SolvedRun { design, sources, sigma, design_matrix: a, solution, .. } = solved;
     let model = LinearFit { x: &solution.x, design_matrix: a, sigma, gain: &solution.gain };
     let weighted: Vec<f64> = solution.residuals.iter().zip(sigma).map(|(r, s)| r / s).collect();
-    let gauge = design.layout.gauge(&design.stops).nrows();
-    let unknowns = design.layout.unknowns() - gauge;
+    let gauge = design.layout.gauge_rows(&design.stops).nrows();
+    let unknowns = design.layout.unknown_count() - gauge;
     let core = Solution {
         model: &model,
         residuals: &weighted,
@@ -52,11 +52,11 @@ pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialPlan>) -> Res
 }
 
 fn build_estimate(solved: &SolvedRun<'_>, identified: &Identification) -> Estimate {
-    let cross_check = CrossCheck::new(solved, identified);
+    let cross_check = CoefficientDifference::new(solved, identified);
     let mut gauge = warnings::describe_gauge(solved);
-    gauge.push(cross_check.to_string());
+    gauge.push(describe_cross_check(&cross_check));
     let mut warnings = warnings::collect_warnings(solved, identified);
-    warnings.extend(cross_check.warning());
+    warnings.extend(cross_check.ok().and_then(|difference| difference.warning()));
     let mut estimate = Estimate {
         gauge,
         not_identifiable: warnings::describe_not_identifiable(solved, identified),

@@ -30,7 +30,7 @@ pub struct UnknownsLayout {
     pub has_reversal: bool,
     pub drift_order: usize,
     /// Number of interruptions of the run. The table may be displaced after each.
-    pub interruptions: usize,
+    pub interruption_count: usize,
     /// Number of measuring positions.
     pub position_count: usize,
     /// Outward radial direction of each ball, table frame.
@@ -41,16 +41,16 @@ pub struct UnknownsLayout {
 
 impl UnknownsLayout {
     pub fn motion_index(&self, component: usize, function: usize) -> usize {
-        component * self.basis.len() + function
+        component * self.basis.function_count() + function
     }
 
     pub fn reversal_index(&self, component: usize) -> usize {
-        MOTION_COMPONENTS.len() * self.basis.len() + component
+        MOTION_COMPONENTS.len() * self.basis.function_count() + component
     }
 
     fn first_drift(&self) -> usize {
         let reversal = if self.has_reversal { MOTION_COMPONENTS.len() } else { 0 };
-        MOTION_COMPONENTS.len() * self.basis.len() + reversal
+        MOTION_COMPONENTS.len() * self.basis.function_count() + reversal
     }
 
     /// Index of the unknown for a drift coefficient; `order` starts at 1.
@@ -59,35 +59,35 @@ impl UnknownsLayout {
     }
 
     /// Index of the unknown for the table's step at an interruption; interruptions are counted from 0.
-    pub fn step_index(&self, interruption: usize, axis: usize) -> usize {
+    pub fn interruption_step_index(&self, interruption: usize, axis: usize) -> usize {
         self.first_drift() + 3 * (self.drift_order + interruption) + axis
     }
 
     pub fn position_index(&self, place: usize, axis: usize) -> usize {
-        self.step_index(self.interruptions + place, axis)
+        self.interruption_step_index(self.interruption_count + place, axis)
     }
 
     pub fn ball_index(&self, ball: usize, axis: usize) -> usize {
         self.position_index(self.position_count, 0) + 3 * ball + axis
     }
 
-    pub fn unknowns(&self) -> usize {
+    pub fn unknown_count(&self) -> usize {
         self.ball_index(self.radial_directions.len(), 0)
     }
 
     /// Names of all unknowns, for the rotary axis `axis`.
-    pub fn names(&self, axis: Axis) -> Vec<String> {
-        let symbol_suffixes = self.basis.symbol_suffixes();
+    pub fn unknown_names(&self, axis: Axis) -> Vec<String> {
+        let function_suffixes = self.basis.function_suffixes();
         let motions = MOTION_COMPONENTS
             .iter()
-            .flat_map(|component| symbol_suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}")));
+            .flat_map(|component| function_suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}")));
         let mut names: Vec<String> = motions.collect();
         if self.has_reversal {
             names.extend(MOTION_COMPONENTS.map(|component| format!("E{component}{axis}_reversal")));
         }
         let along = |name: String| Axis::LINEAR.map(|axis| format!("{name} {axis}"));
         names.extend((1..=self.drift_order).flat_map(|order| along(format!("drift {order}"))));
-        names.extend((1..=self.interruptions).flat_map(|gap| along(format!("step {gap}"))));
+        names.extend((1..=self.interruption_count).flat_map(|gap| along(format!("step {gap}"))));
         names.extend((1..=self.position_count).flat_map(|place| along(format!("place {place}"))));
         names.extend((1..=self.radial_directions.len()).flat_map(|ball| along(format!("ball {ball}"))));
         names
@@ -97,29 +97,29 @@ impl UnknownsLayout {
     /// - with a value for each stop, the mean of each error motion (a Fourier basis has no constant);
     /// - the co-rotating first order of (X, Y) and of (A, B): eccentricity and tilt of the plate;
     /// - the mean height, rotation and radius of the plate, which the measuring positions absorb.
-    pub fn gauge(&self, stops: &[Stop]) -> Mat<f64> {
+    pub fn gauge_rows(&self, stops: &[Stop]) -> Mat<f64> {
         let mut rows = Vec::new();
         if matches!(self.basis, AngleBasis::Stops(_)) {
-            rows.extend((0..MOTION_COMPONENTS.len()).map(|k| self.weighted_sum(stops, k, |_| 1.0)));
+            rows.extend((0..MOTION_COMPONENTS.len()).map(|k| self.weighted_motion_sum(stops, k, |_| 1.0)));
         }
         let turn = self.rotation_sense;
         for [x, y] in [[0, 1], [3, 4]] {
-            let cos = |component| self.weighted_sum(stops, component, f64::cos);
-            let sin = |component| self.weighted_sum(stops, component, f64::sin);
-            rows.push(add_scaled(&cos(x), &sin(y), turn));
-            rows.push(add_scaled(&cos(y), &sin(x), -turn));
+            let cos = |component| self.weighted_motion_sum(stops, component, f64::cos);
+            let sin = |component| self.weighted_motion_sum(stops, component, f64::sin);
+            rows.push(add_scaled_row(&cos(x), &sin(y), turn));
+            rows.push(add_scaled_row(&cos(y), &sin(x), -turn));
         }
         let directions: [DirectionAtBall; 3] =
             [|_| Vector3::z(), |radial| Vector3::z().cross(radial), |radial| *radial];
         rows.extend(directions.map(|direction| self.ball_gauge_row(direction)));
-        Mat::from_fn(rows.len(), self.unknowns(), |i, j| rows[i][j])
+        Mat::from_fn(rows.len(), self.unknown_count(), |i, j| rows[i][j])
     }
 
     /// Coefficients of the unknowns in Σ of an error motion times a weight of the angle, over the stops.
-    fn weighted_sum(&self, stops: &[Stop], component: usize, weight: impl Fn(f64) -> f64) -> Vec<f64> {
-        let mut row = vec![0.0; self.unknowns()];
+    fn weighted_motion_sum(&self, stops: &[Stop], component: usize, weight: impl Fn(f64) -> f64) -> Vec<f64> {
+        let mut row = vec![0.0; self.unknown_count()];
         for (i, stop) in stops.iter().enumerate() {
-            let values = self.basis.values(stop.angle, i);
+            let values = self.basis.function_values(stop.angle, i);
             for (function, value) in values.iter().enumerate() {
                 row[self.motion_index(component, function)] += weight(stop.angle) * value;
             }
@@ -128,7 +128,7 @@ impl UnknownsLayout {
     }
 
     fn ball_gauge_row(&self, direction: DirectionAtBall) -> Vec<f64> {
-        let mut row = vec![0.0; self.unknowns()];
+        let mut row = vec![0.0; self.unknown_count()];
         for (ball, radial) in self.radial_directions.iter().enumerate() {
             let along = direction(radial);
             (0..3).for_each(|axis| row[self.ball_index(ball, axis)] = along[axis]);
@@ -137,6 +137,6 @@ impl UnknownsLayout {
     }
 }
 
-fn add_scaled(one: &[f64], other: &[f64], factor: f64) -> Vec<f64> {
+fn add_scaled_row(one: &[f64], other: &[f64], factor: f64) -> Vec<f64> {
     one.iter().zip(other).map(|(one, other)| one + factor * other).collect()
 }

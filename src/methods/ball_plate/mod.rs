@@ -66,9 +66,16 @@ impl Method for BallPlate {
         let touch = self.settings.touch_settings();
         let setup = MeasurementSetup { method: NAME, plan, balls: plate.balls, touch_settings: touch };
         if done.is_empty() {
-            design.check(&self.settings, &plate)?;
+            design.check_rank(&self.settings, &plate)?;
             let time_s = ball_measurement::machine_time_s(&setup, &design.visits)?;
-            self.check_duration(time_s)?;
+            MethodRefusal::require(
+                time_s <= MAX_DURATION_S || self.settings.long,
+                format!("this plan requires {:.1} h of machine time", time_s / 3600.0),
+                format!(
+                    "choose fewer positions or revolutions, or set long = true in [method.{NAME}]; U then includes \
+                    the drift"
+                ),
+            )?;
         }
         ball_measurement::next_stage(&setup, &design.visits, done, source)
     }
@@ -84,20 +91,5 @@ impl Method for BallPlate {
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         identify::identify(plan, &self.settings, readings)
-    }
-}
-
-impl BallPlate {
-    fn check_duration(&self, time_s: f64) -> Result<(), MethodRefusal> {
-        if time_s <= MAX_DURATION_S || self.settings.long {
-            return Ok(());
-        }
-        Err(MethodRefusal {
-            reason: format!("this plan requires {:.1} h of machine time", time_s / 3600.0),
-            remedy: format!(
-                "choose fewer positions or revolutions, or set long = true in [method.{NAME}]; U then \
-                includes the drift"
-            ),
-        })
     }
 }

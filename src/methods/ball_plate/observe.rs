@@ -42,11 +42,7 @@ pub fn observe_run(
         .retain(|centre| centre.label.pass == MeasurementPass::Slow && (centre.label.indexation as usize) < stops);
     let chain = KinematicChain::new(&plan.machine).map_err(MethodRefusal::from)?;
     let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
-    let at_table = |centre: &BallCentre| {
-        let position =
-            observed.rotary_positions[centre.rotary_index].updated_by(&machine::Position::from_xyz(centre.axes_mm));
-        chain.tip_in_table(&position, tip, &[]).mm
-    };
+    let at_table = |centre: &BallCentre| chain.tip_in_table(&observed.position_of(centre), tip, &[]).mm;
     let first = |ball: usize| {
         let found = observed.centres.iter().find(|centre| centre.ball == ball).map(at_table);
         found.ok_or_else(|| unmeasured_ball_refusal(plate, ball))
@@ -55,13 +51,12 @@ pub fn observe_run(
     let times = || observed.centres.iter().map(|centre| centre.t_s);
     let (begin, end) = times().fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(t), b.max(t)));
     let (middle, half) = ((begin + end) / 2.0, ((end - begin) / 2.0).max(f64::MIN_POSITIVE));
-    let segments = segment_numbers(plan, &observed.centres);
+    let interruptions = count_preceding_interruptions(plan, &observed.centres);
     let observation = |(i, centre): (usize, &BallCentre)| -> Result<BallObservation, KinematicsError> {
         let stop = centre.label.indexation as usize;
-        let position =
-            observed.rotary_positions[centre.rotary_index].updated_by(&machine::Position::from_xyz(centre.axes_mm));
+        let position = observed.position_of(centre);
         let axes_from_table = chain.inverse_linear_jacobian(&position, &[])?;
-        let errors = MOTION_COMPONENTS.map(|k| ErrorParameter::new(k, plate.axis, ErrorShape::Location));
+        let errors = MOTION_COMPONENTS.map(|k| ErrorParameter::new(k, plate.rotary_axis, ErrorShape::Location));
         let errors: Vec<ErrorParameter> = errors.into_iter().flatten().collect();
         let columns = chain.jacobian(&position, tip, &[], &errors);
         let by = |k: usize| -axes_from_table * columns.get(k).copied().unwrap_or_default();
@@ -71,7 +66,7 @@ pub fn observe_run(
             ball: centre.ball,
             position_index: plate.measuring_position(centre.ball, number, settings.positions),
             relative_time: (centre.t_s - middle) / half,
-            segment: segments.get(i).copied().unwrap_or(0),
+            preceding_interruptions: interruptions.get(i).copied().unwrap_or(0),
             deviation: axes_from_table * (at_table(centre) - expected[centre.ball]),
             motion_derivatives: std::array::from_fn(by),
             ball_derivative: axes_from_table,
@@ -84,7 +79,7 @@ pub fn observe_run(
 
 /// Number of interruptions before each measurement. Only interruptions with measurements before and after
 /// them count.
-fn segment_numbers(plan: &Plan, centres: &[BallCentre]) -> Vec<usize> {
+fn count_preceding_interruptions(plan: &Plan, centres: &[BallCentre]) -> Vec<usize> {
     let gaps = |centre: &BallCentre| plan.gaps_s.iter().filter(|gap| centre.t_s > **gap).count();
     let counts: Vec<usize> = centres.iter().map(gaps).collect();
     let distinct: BTreeSet<usize> = counts.iter().copied().collect();
@@ -93,9 +88,6 @@ fn segment_numbers(plan: &Plan, centres: &[BallCentre]) -> Vec<usize> {
 
 fn unmeasured_ball_refusal(plate: &Plate<'_>, ball: usize) -> IdentifyError {
     let id = plate.balls.balls.get(ball).map_or("", |ball| &ball.id);
-    MethodRefusal {
-        reason: format!("ball {id} has no complete measurement"),
-        remedy: "resume the run, or remove the ball from [artefact] and make a new plan".to_owned(),
-    }
-    .into()
+    let remedy = "resume the run, or remove the ball from [artefact] and make a new plan";
+    MethodRefusal::new(format!("ball {id} has no complete measurement"), remedy).into()
 }

@@ -35,8 +35,8 @@ pub fn build_outputs(solved: &SolvedRun<'_>) -> Outputs {
 
 /// Each motion as its harmonics; empty with values at the stops.
 pub fn harmonic_functions(solved: &SolvedRun<'_>) -> Vec<HarmonicFunction> {
-    let (layout, axis) = (&solved.design.layout, solved.plate.axis);
-    let unknowns = layout.unknowns();
+    let (layout, axis) = (&solved.design.layout, solved.plate.rotary_axis);
+    let unknowns = layout.unknown_count();
     let harmonic = |k: usize, (pair, order): (usize, f64)| {
         let part = |function| unit_slope(layout.motion_index(k, 2 * pair + function), unknowns);
         Harmonic { order, parts: [part(0), part(1)] }
@@ -56,12 +56,12 @@ pub fn component_unit(component: Axis) -> Unit {
 
 /// Harmonics and reversal of each component, then eccentricity and tilt of the plate.
 fn build_parameters(solved: &SolvedRun<'_>) -> Vec<Output> {
-    let (layout, axis, x) = (&solved.design.layout, solved.plate.axis, &solved.solution.x);
+    let (layout, axis, x) = (&solved.design.layout, solved.plate.rotary_axis, &solved.solution.x);
     // Values at the stops are the points of the curves.
-    let symbol_suffixes = if solved.settings.values { Vec::new() } else { layout.basis.symbol_suffixes() };
+    let function_suffixes = if solved.settings.values { Vec::new() } else { layout.basis.function_suffixes() };
     let mut parameters = Vec::new();
     for (k, component) in MOTION_COMPONENTS.into_iter().enumerate() {
-        for (function, suffix) in symbol_suffixes.iter().enumerate() {
+        for (function, suffix) in function_suffixes.iter().enumerate() {
             let symbol = format!("E{component}{axis}_{suffix}");
             let index = layout.motion_index(k, function);
             parameters.push(Output::from_unknown(&symbol, component_unit(component), index, x));
@@ -83,32 +83,24 @@ fn plate_alignment_outputs(solved: &SolvedRun<'_>) -> Vec<Output> {
     let plane: Vec<[f64; 2]> = plane.collect();
     let from_axis: Vec<Vector3<f64>> =
         solved.measured.expected_centres_mm.iter().map(|at| at - plate.axis_point_mm).collect();
-    let mut list = Vec::new();
-    for (axis, symbol) in ["e_x", "e_y"].into_iter().enumerate() {
-        let mut output = Output::from_coefficients(symbol, Unit::Um, vec![0.0; x.len()], x);
+    let output = |symbol: &str, unit: Unit, weights: &[[f64; 2]], axis: usize, direction: DirectionAtBall| {
         let mut slope = vec![0.0; x.len()];
+        let mut stated = 0.0;
         for (ball, radial) in plate.radial_directions.iter().enumerate() {
-            for k in 0..2 {
-                slope[layout.ball_index(ball, k)] = circle[ball][axis] * radial[k];
-            }
-            output.value += circle[ball][axis] * radial.dot(&from_axis[ball]);
+            let along = direction(radial);
+            (0..3).for_each(|k| slope[layout.ball_index(ball, k)] = weights[ball][axis] * along[k]);
+            stated += weights[ball][axis] * along.dot(&from_axis[ball]);
         }
-        output.value += slope.iter().zip(x).map(|(slope, x)| slope * x).sum::<f64>();
-        output.slope = Some(slope);
-        list.push(output);
-    }
-    for (axis, symbol) in ["dz_dx", "dz_dy"].into_iter().enumerate() {
-        let mut slope = vec![0.0; x.len()];
-        let mut value = 0.0;
-        for (ball, from_axis) in from_axis.iter().enumerate() {
-            slope[layout.ball_index(ball, 2)] = plane[ball][axis];
-            value += plane[ball][axis] * from_axis.z;
-        }
-        value += slope.iter().zip(x).map(|(slope, x)| slope * x).sum::<f64>();
-        let symbol = symbol.to_owned();
-        list.push(Output { symbol, unit: Unit::Urad, value, slope: Some(slope) });
-    }
-    list
+        let mut output = Output::from_coefficients(symbol, unit, slope, x);
+        output.value += stated;
+        output
+    };
+    vec![
+        output("e_x", Unit::Um, &circle, 0, |radial| *radial),
+        output("e_y", Unit::Um, &circle, 1, |radial| *radial),
+        output("dz_dx", Unit::Urad, &plane, 0, |_| Vector3::z()),
+        output("dz_dy", Unit::Urad, &plane, 1, |_| Vector3::z()),
+    ]
 }
 
 /// Least-squares fit of a quantity over the balls as a·cos + b·sin + constant of their azimuth: weights of
@@ -122,10 +114,10 @@ fn centring_weights(radial: &[Vector3<f64>]) -> Vec<[f64; 2]> {
 }
 
 fn motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> Curve {
-    let (layout, axis, x) = (&solved.design.layout, solved.plate.axis, &solved.solution.x);
+    let (layout, axis, x) = (&solved.design.layout, solved.plate.rotary_axis, &solved.solution.x);
     let slope = |(stop, angle): (usize, &f64)| {
         let mut slope = vec![0.0; x.len()];
-        for (function, value) in layout.basis.values(*angle, stop).into_iter().enumerate() {
+        for (function, value) in layout.basis.function_values(*angle, stop).into_iter().enumerate() {
             slope[layout.motion_index(k, function)] = value;
         }
         slope
@@ -140,25 +132,20 @@ fn motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> Curve {
         }
     };
     let slopes: Vec<Vec<f64>> = angles.iter().enumerate().map(slope).collect();
-    build_curve(
-        (format!("E{component}{axis}"), component_unit(component), FigureKind::Polar),
-        (axis.name(), "deg"),
-        angles.iter().map(|angle| angle.to_degrees()).collect(),
+    Curve {
+        symbol: format!("E{component}{axis}"),
+        argument: axis.name(),
+        argument_unit: "deg",
+        x: angles.iter().map(|angle| angle.to_degrees()).collect(),
+        y: curve_values(&slopes, x),
+        unit: component_unit(component),
+        figure: FigureKind::Polar,
         slopes,
-        x,
-    )
+    }
 }
 
-fn build_curve(
-    (symbol, unit, figure): (String, Unit, FigureKind),
-    (argument, argument_unit): (&'static str, &'static str),
-    at: Vec<f64>,
-    slopes: Vec<Vec<f64>>,
-    x: &[f64],
-) -> Curve {
-    let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(slope, x)| slope * x).sum();
-    let y = slopes.iter().map(value).collect();
-    Curve { symbol, argument, argument_unit, x: at, y, unit, figure, slopes }
+fn curve_values(slopes: &[Vec<f64>], x: &[f64]) -> Vec<f64> {
+    slopes.iter().map(|slope| slope.iter().zip(x).map(|(slope, x)| slope * x).sum()).collect()
 }
 
 /// Deviation of each ball from its position in the first measurement with the nominal machine: radial,
@@ -178,9 +165,16 @@ fn plate_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
             slope
         };
         let slopes: Vec<Vec<f64>> = plate.radial_directions.iter().enumerate().map(slope).collect();
-        let numbers = (1..=slopes.len()).map(|number| number as f64).collect();
-        let name = (symbol.to_owned(), Unit::Um, FigureKind::Points);
-        build_curve(name, ("ball", ""), numbers, slopes, x)
+        Curve {
+            symbol: symbol.to_owned(),
+            argument: "ball",
+            argument_unit: "",
+            x: (1..=slopes.len()).map(|number| number as f64).collect(),
+            y: curve_values(&slopes, x),
+            unit: Unit::Um,
+            figure: FigureKind::Points,
+            slopes,
+        }
     })
 }
 
@@ -188,14 +182,17 @@ fn plate_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
 fn linear_axis_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     Axis::LINEAR.into_iter().enumerate().map(move |(k, axis)| {
-        let slope = |place: usize| {
-            let mut slope = vec![0.0; x.len()];
-            slope[layout.position_index(place, k)] = 1.0;
-            slope
-        };
+        let slope = |place: usize| unit_slope(layout.position_index(place, k), x.len());
         let slopes: Vec<Vec<f64>> = (0..layout.position_count).map(slope).collect();
-        let at = equal_angles(layout.position_count).map(f64::to_degrees).collect();
-        let name = (format!("D{axis}"), Unit::Um, FigureKind::Points);
-        build_curve(name, ("position", "deg"), at, slopes, x)
+        Curve {
+            symbol: format!("D{axis}"),
+            argument: "position",
+            argument_unit: "deg",
+            x: equal_angles(layout.position_count).map(f64::to_degrees).collect(),
+            y: curve_values(&slopes, x),
+            unit: Unit::Um,
+            figure: FigureKind::Points,
+            slopes,
+        }
     })
 }

@@ -21,9 +21,9 @@ const MIN_RADIUS_MM: f64 = 10.0;
 pub struct Plate<'a> {
     pub balls: &'a Balls,
     /// The axis that turns the plate.
-    pub axis: Axis,
+    pub rotary_axis: Axis,
     /// Positions of all other rotary axes.
-    pub rest_position: Position,
+    pub fixed_rotary_position: Position,
     /// A point on the axis at the height of `point_mm`, table frame, mm.
     pub axis_point_mm: Vector3<f64>,
     /// Sense of rotation: +1 if a rising command turns the table right-handed about +Z.
@@ -51,8 +51,8 @@ impl<'a> Plate<'a> {
         let radius_mm = radial.iter().map(|r| r.norm()).sum::<f64>() / radial.len() as f64;
         let plate = Self {
             balls: set,
-            axis,
-            rest_position: still,
+            rotary_axis: axis,
+            fixed_rotary_position: still,
             axis_point_mm: point,
             rotation_sense: turn,
             radius_mm,
@@ -66,13 +66,11 @@ impl<'a> Plate<'a> {
     /// Checks that the balls are on one circle, at one height, each on its step.
     fn check(&self, settings: &BallPlateSettings) -> Result<(), MethodRefusal> {
         if self.radius_mm < MIN_RADIUS_MM {
-            return Err(MethodRefusal {
-                reason: format!(
-                    "the circle of the balls has a radius of {:.1} mm about the axis {}",
-                    self.radius_mm, self.axis
-                ),
-                remedy: format!("centre the plate on the axis, and choose a radius of at least {MIN_RADIUS_MM} mm"),
-            });
+            let Self { radius_mm, rotary_axis: axis, .. } = self;
+            return Err(MethodRefusal::new(
+                format!("the circle of the balls has a radius of {radius_mm:.1} mm about the axis {axis}"),
+                format!("centre the plate on the axis, and choose a radius of at least {MIN_RADIUS_MM} mm"),
+            ));
         }
         let first = self.radial_directions.first().copied().unwrap_or_default();
         let height = self.balls.balls.first().map_or(0.0, |ball| ball.centre_mm[2]);

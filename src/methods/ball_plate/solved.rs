@@ -45,11 +45,11 @@ impl<'a> SolvedRun<'a> {
     ) -> Result<Self, IdentifyError> {
         let mut design = PlateDesign::new(plan, settings, plate)?;
         let measured = observe_run(plan, settings, plate, &design, readings)?;
-        let interruptions = measured.observations.iter().map(|observation| observation.segment).max();
-        design.layout.interruptions = interruptions.filter(|_| !settings.values).unwrap_or(0);
+        let interruptions = measured.observations.iter().map(|observation| observation.preceding_interruptions).max();
+        design.layout.interruption_count = interruptions.filter(|_| !settings.values).unwrap_or(0);
         let sources = uncertainty_sources(plan, &measured);
         let sigma = coordinate_sigmas(&sources, measured.observations.len());
-        let names = design.layout.names(plate.axis);
+        let names = design.layout.unknown_names(plate.rotary_axis);
         let lost = |survey: &RankAnalysis| {
             let mut named = name_null_space(survey.null_space.as_ref(), &names);
             named.truncate(MAX_NAMED_COMBINATIONS);

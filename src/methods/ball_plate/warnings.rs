@@ -52,13 +52,12 @@ fn describe_loose_ball(solved: &SolvedRun<'_>) -> Option<String> {
 fn mean_residual(solved: &SolvedRun<'_>, ball: usize, revolution: usize) -> Option<(Vector3<f64>, f64)> {
     let positions = solved.settings.positions;
     let observations = solved.measured.observations.iter().enumerate();
-    let here =
-        observations.filter(|(_, s)| s.ball == ball && s.stop / positions == revolution).map(|(i, observation)| {
-            let residual = |axis: usize| solved.solution.residuals[3 * i + axis];
-            let in_axes = Vector3::new(residual(0), residual(1), residual(2));
-            let to_table = observation.ball_derivative.try_inverse().unwrap_or_default();
-            (to_table * in_axes, solved.sigma[3 * i])
-        });
+    let here = observations.filter(|(_, s)| s.ball == ball && s.stop / positions == revolution);
+    let here = here.map(|(i, observation)| {
+        let in_axes = Vector3::from_column_slice(&solved.solution.residuals[3 * i..][..3]);
+        let to_table = observation.ball_derivative.try_inverse().unwrap_or_default();
+        (to_table * in_axes, solved.sigma[3 * i])
+    });
     let all: Vec<(Vector3<f64>, f64)> = here.collect();
     let count = all.len() as f64;
     let sum: Vector3<f64> = all.iter().map(|(residual, _)| residual).sum();
@@ -67,7 +66,7 @@ fn mean_residual(solved: &SolvedRun<'_>, ball: usize, revolution: usize) -> Opti
 }
 
 pub fn describe_gauge(solved: &SolvedRun<'_>) -> Vec<String> {
-    let (axis, plate) = (solved.plate.axis, solved.plate);
+    let (axis, plate) = (solved.plate.rotary_axis, solved.plate);
     let point = plate.axis_point_mm;
     let mut lines = vec![
         format!("the mean of each error motion is zero; the location of {axis} is part of DX, DY and DZ"),
@@ -78,10 +77,10 @@ pub fn describe_gauge(solved: &SolvedRun<'_>) -> Vec<String> {
         format!("EX{axis} and EY{axis} are valid at Z = {:.3} mm (point_mm)", point.z),
         "mean radius, mean height and mean rotation of the plate: as in the first measurement".to_owned(),
     ];
-    if solved.design.layout.interruptions > 0 {
+    if solved.design.layout.interruption_count > 0 {
         lines.push(format!(
             "a step of X, Y and Z fitted at each of {} interruption(s)",
-            solved.design.layout.interruptions
+            solved.design.layout.interruption_count
         ));
     }
     if solved.design.layout.drift_order > 0 {
@@ -94,7 +93,7 @@ pub fn describe_gauge(solved: &SolvedRun<'_>) -> Vec<String> {
 }
 
 pub fn describe_not_identifiable(solved: &SolvedRun<'_>, identified: &Identification) -> Vec<String> {
-    let axis = solved.plate.axis;
+    let axis = solved.plate.rotary_axis;
     let mut lines = vec![
         format!("location of {axis}: inseparable from the deviations of X, Y and Z at the measuring positions"),
         "scale of X and Y: inseparable from the radius of the plate".to_owned(),

@@ -12,7 +12,6 @@ use machine::record::artefact::Balls;
 use machine::record::estimate::Unit;
 use machine::{Axis, Position, frame::Point};
 
-use super::model::COORDINATE_NAMES;
 use crate::ball_measurement::{ball_index, stylus_derivative};
 use crate::identification::reported_unit;
 
@@ -43,6 +42,9 @@ const LENGTH_WEIGHT: f64 = 30.0;
 const MIN_GAIN_SHARE: f64 = 0.03;
 /// Cosine above which the directions of two lengths are parallel.
 const MIN_PARALLEL_COSINE: f64 = 0.9999;
+
+/// Names of the coordinates of a point in the symbols of unknowns.
+pub const COORDINATE_NAMES: [&str; 3] = ["x", "y", "z"];
 
 /// Measuring conditions of a machine: its rotary axes, including S, that stay at zero; and the directions on
 /// the table of the certified lengths. Without lengths one along X is assumed; the measurements will show
@@ -89,14 +91,14 @@ pub fn length_directions(balls: &Balls) -> Vec<Vector3<f64>> {
 impl MeasuringConditions<'_> {
     /// The coordinates of the stylus that do more than shift all balls alike.
     pub fn free_stylus_coordinates(&self) -> Vec<usize> {
-        let UnknownColumns { stylus, balls, .. } = self.columns(&[]);
+        let UnknownColumns { stylus, balls, .. } = self.unknown_columns(&[]);
         independent_columns(&balls, &stylus, |_| MIN_INDEPENDENT_SHARE)
     }
 
     /// Those `candidates`, in their order, that are not linear combinations of stylus, balls and the
     /// candidates already kept.
     pub fn separable_errors(&self, candidates: &[ErrorParameter]) -> Vec<ErrorParameter> {
-        let UnknownColumns { stylus, balls, machine } = self.columns(candidates);
+        let UnknownColumns { stylus, balls, machine } = self.unknown_columns(candidates);
         let known = [stylus, balls].concat();
         let kept = independent_columns(&known, &machine, |i| min_independent_share(&candidates[i]));
         kept.into_iter().map(|i| candidates[i]).collect()
@@ -105,7 +107,7 @@ impl MeasuringConditions<'_> {
     /// What `error` is inseparable from, given the errors `identified`; `None` if it is separable.
     pub fn confounding(&self, error: ErrorParameter, identified: &[ErrorParameter]) -> Option<Confounding> {
         let all = [identified, &[error]].concat();
-        let UnknownColumns { stylus, balls, mut machine } = self.columns(&all);
+        let UnknownColumns { stylus, balls, mut machine } = self.unknown_columns(&all);
         let column = machine.pop()?;
         let free = self.free_stylus_coordinates();
         let stylus = free.iter().map(|k| stylus[*k].clone());
@@ -130,13 +132,13 @@ impl MeasuringConditions<'_> {
         Some(confounding)
     }
 
-    fn columns(&self, errors: &[ErrorParameter]) -> UnknownColumns {
+    fn unknown_columns(&self, errors: &[ErrorParameter]) -> UnknownColumns {
         let (positions, lengths) = self.ball_positions();
         let mut stylus = vec![Vec::new(); 3];
         let mut balls = vec![Vec::new(); 3 * positions.len()];
         let mut machine = vec![Vec::new(); errors.len()];
         for (pose, ball) in (0..TEST_POSE_COUNT).flat_map(|pose| (0..positions.len()).map(move |b| (pose, b))) {
-            let Some(position) = self.pose_at(pose, positions[ball]) else { continue };
+            let Some(position) = self.test_pose(pose, positions[ball]) else { continue };
             let of_errors = self.chain.jacobian(&position, Point::from_vec(TEST_STYLUS_MM), &[], errors);
             let of_stylus = stylus_derivative(self.chain, &position, &[]);
             for axis in 0..3 {
@@ -173,7 +175,7 @@ impl MeasuringConditions<'_> {
         (positions, lengths)
     }
 
-    fn pose_at(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
+    fn test_pose(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
         let turning = self.chain.topology().axes().filter(|axis| !axis.is_linear());
         let angle = |axis: Axis| match self.fixed_axes.contains(&axis) {
             true => 0.0,

@@ -1,6 +1,8 @@
 //! Detection of inconsistent data: single measurements, balls that moved between two visits, lengths. They
 //! are flagged and named, not removed.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::model::length_u_mm;
@@ -10,6 +12,7 @@ use crate::identification::{Measurement, mean_coordinate_u_mm};
 use estimation::coverage;
 use machine::Axis;
 use machine::kinematics::ErrorShape;
+use machine::record::artefact::Ball;
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
@@ -66,14 +69,13 @@ impl GeometrySolution<'_> {
         let centre = |visit: usize| &self.observed.centres[visits[visit]];
         let (ball, before) = (self.ball_id(centre(split).ball), centre(split - 1).label.indexation_number());
         let after = centre(split).label.indexation_number();
-        let single = match split {
-            1 => format!("its first measurement, at indexation {before}, is wrong"),
+        let alternative = match split {
+            1 => format!(", or its first measurement, at indexation {before}, is wrong (dirt, a loose ball)"),
             last if last + 1 == visits.len() => {
-                format!("its last measurement, at indexation {after}, is wrong")
+                format!(", or its last measurement, at indexation {after}, is wrong (dirt, a loose ball)")
             }
             _ => String::new(),
         };
-        let alternative = if single.is_empty() { single } else { format!(", or {single} (dirt, a loose ball)") };
         format!(
             "ball {ball} probably moved by {um:.1} µm between its measurements at indexations \
              {before} and {after}{alternative}: tighten the ball and measure again"
@@ -114,11 +116,7 @@ impl GeometrySolution<'_> {
                 (self.mean_gain(), "the scales of the machine")
             } else {
                 let without_length = self.minimum.residuals[row] / (1.0 - leverage[row]);
-                (
-                    without_length * length_u_mm(length) / length.mm,
-                    "the balls as measured without \
-                                                                    this length",
-                )
+                (without_length * length_u_mm(length) / length.mm, "the balls as measured without this length")
             };
             (deviation.abs() > MAX_LENGTH_DISAGREEMENT).then(|| {
                 format!(
@@ -146,15 +144,14 @@ impl GeometrySolution<'_> {
     /// Balls that were measured at too few indexations; their measurements determine only their own
     /// coordinates.
     pub fn under_measured_balls(&self) -> Vec<String> {
-        let lines = self.balls.balls.iter().enumerate().filter_map(|(ball, named)| {
+        let lines = self.balls.balls.iter().enumerate().filter_map(|(ball, Ball { id, .. })| {
             let centres = self.observed.centres.iter().filter(|centre| centre.ball == ball);
-            let positions: std::collections::BTreeSet<usize> = centres.map(|s| s.commanded_index).collect();
-            (positions.len() < 3).then(|| {
+            let positions: BTreeSet<usize> = centres.map(|centre| centre.commanded_position_index).collect();
+            let count = positions.len();
+            (count < 3).then(|| {
                 format!(
-                    "ball {} was measured at {} indexations: fewer than three determine only its \
-                     position and do not check it",
-                    named.id,
-                    positions.len()
+                    "ball {id} was measured at {count} indexations: fewer than three determine only its position \
+                    and do not check it"
                 )
             })
         });

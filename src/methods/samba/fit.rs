@@ -76,8 +76,7 @@ impl GeometryProblem {
         stylus: Vector3<f64>,
     ) -> Self {
         let groups = group_balls(&measurements, &certified_lengths, balls);
-        let common = model.parameters().len() + model.free_stylus_coordinates().len();
-        let (mut ball_unknowns, mut next) = (vec![0; balls], common);
+        let (mut ball_unknowns, mut next) = (vec![0; balls], model.shared_unknown_count());
         for ball in groups.iter().flat_map(|group| &group.balls) {
             ball_unknowns[*ball] = next;
             next += 3;
@@ -118,7 +117,7 @@ impl GeometryProblem {
     }
 
     pub fn unknown_count(&self) -> usize {
-        self.shared_unknown_count() + 3 * self.ball_unknowns.len()
+        self.model.shared_unknown_count() + 3 * self.ball_unknowns.len()
     }
 
     pub fn row_count(&self) -> usize {
@@ -142,10 +141,6 @@ impl GeometryProblem {
     /// Matrix from the table frame to the weighted residuals of a measurement.
     pub fn weight(&self, measurement: usize) -> Matrix3<f64> {
         self.weights[measurement]
-    }
-
-    fn shared_unknown_count(&self) -> usize {
-        self.model.parameters().len() + self.model.free_stylus_coordinates().len()
     }
 
     /// Errors and stylus from the unknowns `x`.
@@ -186,14 +181,15 @@ impl GeometryProblem {
 
     /// Position of the ball in each measurement from the machine with these errors, table frame, mm.
     pub fn measured_positions(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
+        let tip_functions = self.tip_functions(x);
+        let value = |(of, xyz): (&BallMeasurement, &Vector3<f64>)| tip_functions[of.position_index].value_at(*xyz);
+        self.measurements.iter().zip(&measured.xyz).map(value).collect()
+    }
+
+    /// The tip in the table frame at each rotary position.
+    fn tip_functions(&self, x: &[f64]) -> Vec<AffinePoint> {
         let (errors, tool) = self.errors_and_stylus(x);
-        let tip_functions: Vec<_> =
-            self.positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect();
-        self.measurements
-            .iter()
-            .zip(&measured.xyz)
-            .map(|(measurement, xyz)| tip_functions[measurement.position_index].value_at(*xyz))
-            .collect()
+        self.positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect()
     }
 
     /// For each rotary position, the matrix from a motion of X, Y, Z to the motion of the stylus relative to
@@ -201,11 +197,8 @@ impl GeometryProblem {
     pub fn motion_matrices(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
         let (errors, tool) = self.errors_and_stylus(x);
         let zero = vec![0.0; errors.len()];
-        let matrices = self.positions.iter().map(|position| {
-            self.model.tip_function(position, &zero, tool).inverse()
-                * self.model.tip_function(position, errors, tool).linear()
-        });
-        matrices.collect()
+        let nominal = self.positions.iter().map(|position| self.model.tip_function(position, &zero, tool).inverse());
+        nominal.zip(self.tip_functions(x)).map(|(nominal, tip)| nominal * tip.linear()).collect()
     }
 
     /// Weighted residuals, measured minus model, in the order of the rows.
@@ -229,11 +222,14 @@ impl GeometryProblem {
     /// The model linearised at `x`, group by group.
     pub fn rows(&self, x: &[f64], measured: &ObservedValues) -> Vec<BlockRows> {
         let (errors, tool) = self.errors_and_stylus(x);
-        let models: Vec<IndexationModel> =
-            self.positions.par_iter().map(|position| self.model.at_indexation(position, errors, tool)).collect();
+        let models: Vec<IndexationModel> = self
+            .positions
+            .par_iter()
+            .map(|position| self.model.linearise_at_indexation(position, errors, tool))
+            .collect();
         let group_rows = |group: &BallGroup| {
             let count = 3 * group.measurements.len() + group.certified_lengths.len();
-            let mut rows = BlockRows::zeros(count, 3 * group.balls.len(), self.shared_unknown_count());
+            let mut rows = BlockRows::zeros(count, 3 * group.balls.len(), self.model.shared_unknown_count());
             let first = self.ball_unknowns[group.balls[0]];
             for (n, i) in group.measurements.iter().enumerate() {
                 let indexed = &models[self.measurements[*i].position_index];
@@ -300,9 +296,7 @@ impl GeometryProblem {
     /// Measurements of an exact machine with these unknowns. Only rows linearised there show the true null
     /// space: with nonzero residuals a uniform shrinking would reduce them and appear determined.
     pub fn ideal_values(&self, x: &[f64]) -> ObservedValues {
-        let (errors, tool) = self.errors_and_stylus(x);
-        let tip_functions: Vec<AffinePoint> =
-            self.positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect();
+        let tip_functions = self.tip_functions(x);
         let xyz = self.measurements.iter().map(|measurement| {
             let tip = &tip_functions[measurement.position_index];
             let ball = vector_at(x, self.ball_unknowns[measurement.ball]);
@@ -321,17 +315,18 @@ fn group_balls(
 ) -> Vec<BallGroup> {
     let mut group_of: Vec<usize> = (0..balls).collect();
     for bar in certified_lengths {
-        let (kept, merged) =
-            (group_of[bar.from_ball].min(group_of[bar.to_ball]), group_of[bar.from_ball].max(group_of[bar.to_ball]));
+        let [from, to] = [bar.from_ball, bar.to_ball].map(|ball| group_of[ball]);
+        let (kept, merged) = (from.min(to), from.max(to));
         group_of.iter_mut().filter(|group| **group == merged).for_each(|group| *group = kept);
     }
     let mut groups = vec![BallGroup::default(); balls];
     (0..balls).for_each(|ball| groups[group_of[ball]].balls.push(ball));
-    measurements
-        .iter()
-        .enumerate()
-        .for_each(|(i, measurement)| groups[group_of[measurement.ball]].measurements.push(i));
-    certified_lengths.iter().enumerate().for_each(|(i, bar)| groups[group_of[bar.from_ball]].certified_lengths.push(i));
+    for (i, measurement) in measurements.iter().enumerate() {
+        groups[group_of[measurement.ball]].measurements.push(i);
+    }
+    for (i, bar) in certified_lengths.iter().enumerate() {
+        groups[group_of[bar.from_ball]].certified_lengths.push(i);
+    }
     groups.retain(|group| !group.balls.is_empty());
     groups
 }

@@ -37,12 +37,12 @@ use machine::record::reading::Reading;
 pub const METHOD_NAME: &str = "samba";
 pub struct Samba {
     settings: SambaSettings,
-    visits_cache: VisitCache,
+    visit_cache: VisitCache,
 }
 
 impl Samba {
-    fn visits(&self, setup: &DesignSetup<'_>) -> Result<Arc<[BallVisit]>, MethodRefusal> {
-        self.visits_cache.get_or_design(setup.plan, || {
+    fn designed_visits(&self, setup: &DesignSetup<'_>) -> Result<Arc<[BallVisit]>, MethodRefusal> {
+        self.visit_cache.get_or_design(setup.plan, || {
             design::design_visits(setup, |visits| ball_measurement::machine_time_s(&setup.measurement_setup(), visits))
         })
     }
@@ -59,7 +59,7 @@ impl RegisteredMethod for Samba {
     };
 
     fn new(settings: SambaSettings) -> Self {
-        Self { settings, visits_cache: VisitCache::default() }
+        Self { settings, visit_cache: VisitCache::default() }
     }
 }
 
@@ -70,7 +70,7 @@ impl Method for Samba {
 
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let setup = DesignSetup::new(plan, &self.settings)?;
-        let visits = self.visits(&setup)?;
+        let visits = self.designed_visits(&setup)?;
         ball_measurement::next_stage(&setup.measurement_setup(), &visits, done, source)
     }
 

@@ -28,9 +28,6 @@ pub struct GeometryModel {
     free_stylus: Vec<usize>,
 }
 
-/// Names of the coordinates of a point in the symbols of unknowns.
-pub const COORDINATE_NAMES: [&str; 3] = ["x", "y", "z"];
-
 impl GeometryModel {
     /// # Errors
     /// The kinematics of the machine cannot be built; an error belongs to an axis that the machine does not
@@ -103,21 +100,21 @@ impl GeometryModel {
     /// Derivatives of the tip in the table frame by each shared unknown, at zero errors: mm per mm, per rad or per
     /// mm/mm.
     pub fn nominal_derivatives(&self, position: &Position, tip: Point<SpindleFrame>) -> Vec<Vector3<f64>> {
-        let zero_errors = self.terms(&vec![0.0; self.parameters.len()]);
+        let zero_errors = self.error_terms(&vec![0.0; self.parameters.len()]);
         let mut derivatives = self.chain.jacobian(position, tip, &zero_errors, &self.parameters);
         let by_stylus = stylus_derivative(&self.chain, position, &zero_errors);
         derivatives.extend(self.free_stylus.iter().map(|k| by_stylus.column(*k).into_owned()));
         derivatives
     }
 
-    fn terms(&self, errors: &[f64]) -> Vec<ErrorTerm> {
+    fn error_terms(&self, errors: &[f64]) -> Vec<ErrorTerm> {
         let pairs = self.parameters.iter().zip(errors);
         pairs.map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value }).collect()
     }
 
     /// The tip on the table as a function of X, Y, Z, with the rotary axes and the spindle as in `position`.
     pub fn tip_function(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> AffinePoint {
-        let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
+        let (errors, tip) = (self.error_terms(errors), Point::from_vec(tool));
         let zero = position.filter_axes(|axis| !axis.is_linear());
         AffinePoint {
             origin: self.chain.tip_in_table(&zero, tip, &errors).mm,
@@ -126,8 +123,8 @@ impl GeometryModel {
     }
 
     /// The tip and its derivatives for all X, Y, Z, with the rotary axes and the spindle as in `position`.
-    pub fn at_indexation(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> IndexationModel {
-        let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
+    pub fn linearise_at_indexation(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> IndexationModel {
+        let (terms, tip) = (self.error_terms(errors), Point::from_vec(tool));
         let derivatives = |xyz: Vector3<f64>| {
             let position = position.updated_by(&Position::from_xyz(xyz));
             self.chain.jacobian(&position, tip, &terms, &self.parameters)

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use faer::{Mat, Side};
 
+use super::confounding::COORDINATE_NAMES;
 use super::fit::vector_at;
 use super::omitted_errors::{OmittedError, describe_omitted_errors, omitted_errors};
 use super::solution::GeometrySolution;
@@ -32,14 +33,14 @@ pub fn build_estimate(solved: &GeometrySolution<'_>, identified: &Identification
     Estimate {
         arrows: vec![residual_arrows(solved, identified)],
         weakest: weakest_direction(solved),
-        gauge: gauge_lines(solved, &omitted),
-        not_identifiable: not_identifiable(solved, identified, &omitted),
+        gauge: describe_gauge(solved, &omitted),
+        not_identifiable: describe_not_identifiable(solved, identified, &omitted),
         warnings: warnings::estimate_warnings(solved, identified),
         ..identified.estimate(super::METHOD_NAME)
     }
 }
 
-fn not_identifiable(
+fn describe_not_identifiable(
     solved: &GeometrySolution<'_>,
     identified: &Identification,
     omitted: &[OmittedError],
@@ -79,7 +80,7 @@ fn residual_arrows(solved: &GeometrySolution<'_>, identified: &Identification) -
         }
     };
     let group = |(index, position): (usize, &Position)| {
-        let at_position = (0..residuals.len()).filter(|i| observed.centres[*i].commanded_index == index);
+        let at_position = (0..residuals.len()).filter(|i| observed.centres[*i].commanded_position_index == index);
         ArrowGroup { name: describe_rotary_position(position), arrows: at_position.map(arrow).collect() }
     };
     let groups = observed.commanded_positions.iter().enumerate().map(group).collect();
@@ -107,7 +108,7 @@ fn weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
     })
 }
 
-fn gauge_lines(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<String> {
+fn describe_gauge(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<String> {
     let model = solved.problem.model();
     let reported = omitted.iter().map(|omitted| omitted.error);
     let reported: Vec<ErrorParameter> = reported.chain(model.parameters().iter().copied()).collect();
@@ -130,7 +131,7 @@ fn gauge_lines(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<S
         lines.push(format!("held at zero, because not requested: {}", unrequested.join(", ")));
     }
     for k in (0..3).filter(|k| !model.free_stylus_coordinates().contains(k)) {
-        lines.push(format!("tool_{} keeps its stated value: it only shifts all balls equally", ["x", "y", "z"][k]));
+        lines.push(format!("tool_{} keeps its stated value: it only shifts all balls equally", COORDINATE_NAMES[k]));
     }
     if !model.chain().topology().contains(Axis::S) {
         lines.push("tool_x and tool_y include the offset of the spindle (EX0S, EY0S)".to_owned());

@@ -38,8 +38,8 @@ pub fn select_parameters(
     }
     let mut parameters: Vec<ErrorParameter> = Vec::new();
     for name in names {
-        let parameter = name.parse().map_err(|why| refuse_parameters(format!("{why}")))?;
-        conditions.chain.check_parameter(parameter).map_err(|why| refuse_parameters(format!("{why}")))?;
+        let parameter = name.parse::<ErrorParameter>().map_err(refuse_parameters)?;
+        conditions.chain.check_parameter(parameter).map_err(refuse_parameters)?;
         if parameters.contains(&parameter) {
             return Err(refuse_parameters(format!("`{name}` is listed twice")));
         }
@@ -48,13 +48,9 @@ pub fn select_parameters(
     Ok(parameters)
 }
 
-fn refuse_parameters(why: String) -> MethodRefusal {
-    MethodRefusal {
-        reason: why,
-        remedy: "correct `parameters`, or omit it: then the errors that the topology implies are \
-             identified"
-            .to_owned(),
-    }
+fn refuse_parameters(reason: impl ToString) -> MethodRefusal {
+    let remedy = "correct `parameters`, or omit it: then the errors that the topology implies are identified";
+    MethodRefusal::new(reason.to_string(), remedy)
 }
 
 /// The complete and non-redundant set of location errors and gains, with free balls, a free stylus and one

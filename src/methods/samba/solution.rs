@@ -2,8 +2,9 @@
 
 use nalgebra::Vector3;
 
+use super::confounding::COORDINATE_NAMES;
 use super::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues, vector_at};
-use super::model::{COORDINATE_NAMES, GeometryModel, length_mm, length_u_mm};
+use super::model::{GeometryModel, length_mm, length_u_mm};
 use super::settings::SambaSettings;
 use super::sources::uncertainty_sources;
 use crate::ball_measurement::{ObservedBalls, artefact_balls, ball_index, observe_balls, whitening_matrices};
@@ -51,11 +52,11 @@ pub fn solve_geometry<'a>(
     let sources = uncertainty_sources(plan, model.chain(), &observed, &balls.lengths);
     let problem = build_problem(plan, model, &observed, &balls, &sources);
     let names = unknown_names(&problem, &balls);
-    let (survey, start) = first_solution(&problem, &observed_values(&observed, &balls.lengths))
+    let (survey, start) = solve_from_initial_values(&problem, &observed_values(&observed, &balls.lengths))
         .map_err(|why| unsolved_error(why, &names))?;
     // First the spheres are fitted on the nominal machine, then on the identified one.
     let matrices = problem.motion_matrices(&start.x);
-    observed.refit(&matrices).map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
+    observed.refit_spheres(&matrices).map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
     let measured = observed_values(&observed, &balls.lengths);
     let minimum = problem.solve(&measured, start.x).map_err(|why| unsolved_error(why, &names))?;
     Ok(GeometrySolution { plan, settings, observed, balls, problem, sources, names, survey, measured, minimum })
@@ -85,7 +86,7 @@ pub fn observed_values(observed: &ObservedBalls, lengths: &[CertifiedLength]) ->
 }
 
 /// Checks the rank of the measurements before the solution, and returns the survey and a first solution.
-fn first_solution(
+fn solve_from_initial_values(
     problem: &GeometryProblem,
     measured: &ObservedValues,
 ) -> Result<(RankAnalysis, NonlinearSolution), NonlinearError> {
@@ -156,7 +157,7 @@ fn build_problem(
     });
     let whitening = whitening_matrices(sources, observed.centres.len());
     let measurements = observed.centres.iter().zip(whitening).map(|(centre, whitening)| BallMeasurement {
-        position_index: centre.rotary_index,
+        position_index: centre.rotary_position_index,
         ball: centre.ball,
         whitening,
     });
@@ -184,14 +185,15 @@ pub fn unknown_names(problem: &GeometryProblem, balls: &Balls) -> Vec<String> {
 
 /// Undetermined directions in words; the uniform scale has its own name.
 pub fn describe_undetermined(survey: &RankAnalysis, names: &[String]) -> Vec<String> {
-    let lines = name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| match is_scale(&line) {
-        true => format!("the uniform scale (declare a certified length): {line}"),
-        false => line,
-    });
+    let lines =
+        name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| match is_uniform_scale(&line) {
+            true => format!("the uniform scale (declare a certified length): {line}"),
+            false => line,
+        });
     lines.collect()
 }
 
 /// Whether an undetermined direction is the uniform scale: it names more than one gain.
-pub fn is_scale(direction: &str) -> bool {
+pub fn is_uniform_scale(direction: &str) -> bool {
     ["EXX1", "EYY1", "EZZ1"].iter().filter(|gain| direction.contains(**gain)).count() > 1
 }

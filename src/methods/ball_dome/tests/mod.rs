@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::BallDomeSettings;
 use super::design;
-use crate::ball_measurement::{BallCentre, Label, MeasurementPass, ObservedBalls};
+use crate::ball_measurement::{BallCentre, MeasurementPass, ObservedBalls, TouchLabel};
 use crate::samba::tests::htm::{Triple, Truth};
 use crate::samba::tests::{TOOL, built_in, paper_errors, table};
 use machine::Axis;
@@ -34,16 +34,22 @@ fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> ObservedBalls {
     let setup = design::dome_setup(plan, &settings).unwrap();
     let mut observed = ObservedBalls::default();
     for (place, visit) in design::design_visits(&setup, &settings).unwrap().into_iter().enumerate() {
-        let triple: Triple = [visit.rotary.get_or_zero(Axis::B), visit.rotary.get_or_zero(Axis::C), 0.0];
+        let triple: Triple =
+            [visit.rotary_position.get_or_zero(Axis::B), visit.rotary_position.get_or_zero(Axis::C), 0.0];
         for ball in visit.balls {
             let centre = Vector3::from(setup.balls.balls[ball].centre_mm);
             let xyz = truth.axes_at(centre, triple);
             let id = setup.balls.balls[ball].id.clone();
             observed.centres.push(BallCentre {
-                label: Label { pass: MeasurementPass::Slow, indexation: place as u32, ball: id, touch: "pole".into() },
+                label: TouchLabel {
+                    pass: MeasurementPass::Slow,
+                    indexation: place as u32,
+                    ball: id,
+                    touch: "pole".into(),
+                },
                 ball,
-                rotary_index: place,
-                commanded_index: place,
+                rotary_position_index: place,
+                commanded_position_index: place,
                 axes_mm: xyz + Vector3::from_fn(|_, _| noise()),
                 radius_mm: 0.0,
                 form_mm: 0.0,
@@ -51,8 +57,8 @@ fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> ObservedBalls {
                 t_s: 0.0,
             });
         }
-        observed.rotary_positions.push(visit.rotary.clone());
-        observed.commanded_positions.push(visit.rotary);
+        observed.rotary_positions.push(visit.rotary_position.clone());
+        observed.commanded_positions.push(visit.rotary_position);
     }
     observed
 }

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::g5::{ORDER, Truth, errors, kept_visits, median_and_p95, observe_run, scatter, setting};
 use crate::ball_plate::basis::AngleBasis;
-use crate::ball_plate::cross_check::{CoefficientDifference, CrossCheck};
+use crate::ball_plate::cross_check::CoefficientDifference;
 use crate::ball_plate::equations::{BallObservation, solve_equations};
 use crate::ball_plate::four_steps::solve_in_four_steps;
 use machine::record::estimate::Unit;
@@ -68,8 +68,7 @@ fn four_steps_do_not_bear_missing_visits() {
 fn a_difference_beyond_u_is_a_warning() {
     let warning = |by: f64| {
         let symbol = "EXC_c2".to_owned();
-        let difference = CoefficientDifference { symbol, unit: Unit::Um, difference: by, expanded: 0.3e-3 };
-        CrossCheck::Compared(difference).warning()
+        CoefficientDifference { symbol, unit: Unit::Um, difference: by, expanded: 0.3e-3 }.warning()
     };
     assert_eq!(warning(0.29e-3), None);
     let beyond = warning(0.31e-3).unwrap();

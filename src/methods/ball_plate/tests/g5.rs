@@ -99,10 +99,10 @@ pub fn observe_run(setting: &Setting, truth: &Truth, mut noise: impl FnMut() -> 
 pub fn errors(setting: &Setting, truth: &Truth, basis: &AngleBasis, x: &[f64]) -> [f64; 6] {
     let stops = setting.stops();
     let turn = stops.iter().take(setting.positions);
-    let at = turn.map(|stop| (stop.angle, basis.values(stop.angle, 0)));
+    let at = turn.map(|stop| (stop.angle, basis.function_values(stop.angle, 0)));
     let at: Vec<(f64, Vec<f64>)> = at.collect();
     std::array::from_fn(|k| {
-        let coefficients = &x[k * basis.len()..][..basis.len()];
+        let coefficients = &x[k * basis.function_count()..][..basis.function_count()];
         let found = |values: &[f64]| values.iter().zip(coefficients).map(|(v, c)| v * c).sum::<f64>();
         let error = |(angle, values): &(f64, Vec<f64>)| (found(values) - truth.motion_index(k, *angle)).abs();
         at.iter().map(error).fold(0.0, f64::max)

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::Setting;
 use crate::ball_plate::basis::AngleBasis;
 use crate::ball_plate::design::{stagger_balls, undetermined_harmonics};
-use crate::ball_plate::equations::survey_equations;
+use crate::ball_plate::equations::analyse_equation_rank;
 
 const POSITIONS: usize = 48;
 
@@ -20,7 +20,7 @@ fn surveyed(steps: Vec<usize>, with_gauge: bool) -> (usize, f64) {
     let setting = Setting { positions: POSITIONS, revolutions: 1, radius_mm: 1.0, steps };
     let layout = setting.layout(AngleBasis::Stops(POSITIONS));
     let observations = setting.observations(|_, _, _| Some(Vector3::zeros()));
-    let survey = survey_equations(&layout, &setting.stops(), &observations, with_gauge).unwrap();
+    let survey = analyse_equation_rank(&layout, &setting.stops(), &observations, with_gauge).unwrap();
     (survey.nullity, survey.condition_unscaled)
 }
 
@@ -60,8 +60,8 @@ fn sub_harmonics_need_as_many_revolutions() {
     let condition = |sub_order: usize| {
         let basis = AngleBasis::Fourier { order: 8, sub_order };
         let rows: Vec<Vec<f64>> =
-            setting.stops().iter().map(|stop| [vec![1.0], basis.values(stop.angle, 0)].concat()).collect();
-        let a = Mat::from_fn(rows.len(), basis.len() + 1, |i, j| rows[i][j]);
+            setting.stops().iter().map(|stop| [vec![1.0], basis.function_values(stop.angle, 0)].concat()).collect();
+        let a = Mat::from_fn(rows.len(), basis.function_count() + 1, |i, j| rows[i][j]);
         estimation::linear::analyse_rank(a.as_ref(), None, RANK_THRESHOLD).unwrap().condition_unscaled
     };
     let (enough, too_many) = (condition(3), condition(4));

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::information::{CandidateMeasurement, InformationMatrix};
 use crate::MethodRefusal;
-use crate::samba::settings::Criterion;
+use crate::samba::settings::SambaSettings;
 
 /// Minimum number of measurements of a ball. An uncalibrated ball adds three unknowns; with fewer
 /// measurements it gives hardly any information about the machine.
@@ -14,13 +14,6 @@ pub const MIN_VISITS: usize = 3;
 /// Additional time for a new indexation, in units of the time of a ball measurement: the rotation and the
 /// path to it.
 const NEW_INDEXATION_COST: f64 = 0.25;
-
-/// Maximum size of the design.
-#[derive(Debug, Clone, Copy)]
-pub struct DesignSizeLimits {
-    pub max_measurements: usize,
-    pub max_indexations: usize,
-}
 
 /// Indices of the candidates in the order in which they were chosen.
 pub struct ChosenMeasurements {
@@ -32,11 +25,10 @@ pub struct ChosenMeasurements {
 /// State of the greedy choice.
 struct GreedyChoice<'a> {
     candidates: &'a [CandidateMeasurement],
-    budget: DesignSizeLimits,
-    criterion: Criterion,
+    settings: &'a SambaSettings,
     information: InformationMatrix,
     chosen: Vec<usize>,
-    open_indexations: BTreeSet<usize>,
+    chosen_indexations: BTreeSet<usize>,
     /// Number of visits of each ball.
     visit_counts: Vec<usize>,
 }
@@ -52,26 +44,24 @@ pub fn choose_measurements(
     candidates: &[CandidateMeasurement],
     balls: usize,
     lengths: InformationMatrix,
-    budget: DesignSizeLimits,
-    criterion: Criterion,
+    settings: &SambaSettings,
 ) -> Result<ChosenMeasurements, MethodRefusal> {
     let mut choice = GreedyChoice {
         candidates,
-        budget,
-        criterion,
+        settings,
         information: lengths,
         chosen: Vec::new(),
-        open_indexations: BTreeSet::new(),
+        chosen_indexations: BTreeSet::new(),
         visit_counts: vec![0; balls],
     };
     while choice.add_indexation() {}
     while choice.visit_counts.iter().any(|visits| *visits < MIN_VISITS) {
-        if !choice.add_best(true) {
+        if !choice.add_best_candidate(true) {
             return Err(choice.budget_refusal());
         }
     }
     let min_count = choice.chosen.len();
-    while choice.add_best(false) {}
+    while choice.add_best_candidate(false) {}
     Ok(ChosenMeasurements { indices: choice.chosen, min_count })
 }
 
@@ -89,22 +79,22 @@ impl GreedyChoice<'_> {
             candidate.indexation == best && (is_new(candidate) || self.chosen.is_empty())
         };
         let found: Vec<usize> = self.candidates.iter().enumerate().filter(is_there).map(|(index, _)| index).collect();
-        let allowed: Vec<usize> = found.into_iter().filter(|index| self.is_allowed(*index)).collect();
+        let allowed: Vec<usize> = found.into_iter().filter(|index| self.fits_size_limits(*index)).collect();
         allowed.iter().for_each(|index| self.add_candidate(*index));
         !allowed.is_empty()
     }
 
     /// Adds the candidate with the most information per time within the budget; with `needs_visits` only of balls that
     /// need more visits.
-    fn add_best(&mut self, needs_visits: bool) -> bool {
+    fn add_best_candidate(&mut self, needs_visits: bool) -> bool {
         let is_eligible = |candidate: &CandidateMeasurement| {
             !needs_visits || self.visit_counts.get(candidate.ball).is_some_and(|visits| *visits < MIN_VISITS)
         };
         let mut best: Option<(f64, usize)> = None;
         for (index, candidate) in self.candidates.iter().enumerate() {
-            if is_eligible(candidate) && self.is_allowed(index) {
-                let score =
-                    self.information.information_gain(candidate, self.criterion) / self.relative_cost(candidate);
+            if is_eligible(candidate) && self.fits_size_limits(index) {
+                let gain = self.information.information_gain(candidate, self.settings.criterion);
+                let score = gain / self.relative_cost(candidate);
                 if best.is_none_or(|(highest, _)| score > highest) {
                     best = Some((score, index));
                 }
@@ -116,24 +106,24 @@ impl GreedyChoice<'_> {
         best.is_some()
     }
 
-    fn is_allowed(&self, index: usize) -> bool {
+    fn fits_size_limits(&self, index: usize) -> bool {
         let Some(candidate) = self.candidates.get(index) else { return false };
-        let has_room = self.open_indexations.len() < self.budget.max_indexations;
+        let has_room = self.chosen_indexations.len() < self.settings.indexations;
         !self.chosen.contains(&index)
-            && self.chosen.len() < self.budget.max_measurements
-            && (has_room || self.open_indexations.contains(&candidate.indexation))
+            && self.chosen.len() < self.settings.balls
+            && (has_room || self.chosen_indexations.contains(&candidate.indexation))
     }
 
     /// Time in units of a ball measurement.
     fn relative_cost(&self, candidate: &CandidateMeasurement) -> f64 {
-        if self.open_indexations.contains(&candidate.indexation) { 1.0 } else { 1.0 + NEW_INDEXATION_COST }
+        if self.chosen_indexations.contains(&candidate.indexation) { 1.0 } else { 1.0 + NEW_INDEXATION_COST }
     }
 
     fn add_candidate(&mut self, index: usize) {
         let Some(candidate) = self.candidates.get(index) else { return };
         self.information.add_measurement(candidate);
         self.chosen.push(index);
-        self.open_indexations.insert(candidate.indexation);
+        self.chosen_indexations.insert(candidate.indexation);
         if let Some(visits) = self.visit_counts.get_mut(candidate.ball) {
             *visits += 1;
         }
@@ -141,16 +131,13 @@ impl GreedyChoice<'_> {
 
     fn budget_refusal(&self) -> MethodRefusal {
         let min_measurements = MIN_VISITS * self.visit_counts.len();
-        MethodRefusal {
-            reason: format!(
-                "the budget of {} ball measurements at {} indexations is too small: every ball \
-                 must be measured at {MIN_VISITS} indexations or more, which needs \
-                 {min_measurements} measurements",
-                self.budget.max_measurements, self.budget.max_indexations
+        MethodRefusal::new(
+            format!(
+                "the budget of {} ball measurements at {} indexations is too small: every ball must be measured at \
+                {MIN_VISITS} indexations or more, which needs {min_measurements} measurements",
+                self.settings.balls, self.settings.indexations
             ),
-            remedy: "increase balls and indexations in [method.samba], or remove balls from \
-                      [artefact]"
-                .to_owned(),
-        }
+            "increase balls and indexations in [method.samba], or remove balls from [artefact]",
+        )
     }
 }

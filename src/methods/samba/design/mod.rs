@@ -13,7 +13,7 @@ pub mod tests;
 
 use std::collections::BTreeMap;
 
-use self::choose::{DesignSizeLimits, MIN_VISITS, choose_measurements};
+use self::choose::{MIN_VISITS, choose_measurements};
 use self::information::CandidateMeasurement;
 pub use self::setup::DesignSetup;
 use super::settings::Design as DesignKind;
@@ -64,9 +64,7 @@ fn choose_optimal(
     time_s: impl Fn(&[BallVisit]) -> Result<f64, MethodRefusal>,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
     let (balls, settings) = (setup.balls.balls.len(), setup.settings);
-    let budget = DesignSizeLimits { max_measurements: settings.balls, max_indexations: settings.indexations };
-    let sights = &candidates.measurements;
-    let chosen = choose_measurements(sights, balls, setup.length_information(), budget, settings.criterion)?;
+    let chosen = choose_measurements(&candidates.measurements, balls, setup.length_information(), settings)?;
     let first_visits = |count: usize| {
         let indices = chosen.indices.get(..count).unwrap_or_default();
         let visits = order_visits(&setup.plan.machine, candidates.visits(indices));
@@ -162,10 +160,10 @@ fn accessibility(
         let rotary = if is_central { position.filter_axes(|axis| axis != Axis::S) } else { position.clone() };
         let result = match last.take().filter(|(before, _)| *before == rotary) {
             Some((_, result)) => result,
-            None => match access.accessible_touches(&setup.measurement_setup().ball_task(ball, position, approach)) {
-                Ok(_) => Ok(()),
-                Err(why) => Err(why.to_string()),
-            },
+            None => {
+                let task = setup.measurement_setup().ball_task(ball, position, approach);
+                access.accessible_touches(&task).map(drop).map_err(|error| error.to_string())
+            }
         };
         all.push(result.clone());
         last = Some((rotary, result));
@@ -185,13 +183,9 @@ fn refuse_unreachable_ball(
         0 => "is accessible at none".to_owned(),
         some => format!("is accessible at only {some}"),
     };
-    MethodRefusal {
-        reason: format!(
-            "ball {id} {accessible} of {total} indexations, {MIN_VISITS} are needed: {}",
-            reasons.join("; ")
-        ),
-        remedy: "mount the ball at another position or with another stem, choose other positions in \
-             tilt_deg and turn_deg, or remove the ball from [artefact]"
-            .to_owned(),
-    }
+    MethodRefusal::new(
+        format!("ball {id} {accessible} of {total} indexations, {MIN_VISITS} are needed: {}", reasons.join("; ")),
+        "mount the ball at another position or with another stem, choose other positions in tilt_deg and turn_deg, \
+        or remove the ball from [artefact]",
+    )
 }

@@ -62,9 +62,8 @@ pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> R
         (find_axis(false), find_axis(true), rotary.len(), setup.is_spindle_oriented)
     else {
         return Err(refuse_paper_design(
-            "the paper's design needs one rotary axis that tilts, one parallel to the spindle, and a \
-             spindle that is oriented (axis S)"
-                .to_owned(),
+            "the paper's design needs one rotary axis that tilts, one parallel to the spindle, and a spindle that \
+            is oriented (axis S)",
         ));
     };
     let mut visits = Vec::new();
@@ -108,6 +107,6 @@ fn remove_one_ball(visits: &mut [BallVisit]) {
     visit.balls.retain(|ball| Some(*ball) != most);
 }
 
-fn refuse_paper_design(why: String) -> MethodRefusal {
-    MethodRefusal { reason: why, remedy: "choose design = \"optimal\"".to_owned() }
+fn refuse_paper_design(reason: impl Into<String>) -> MethodRefusal {
+    MethodRefusal::new(reason, "choose design = \"optimal\"")
 }

@@ -5,8 +5,8 @@ use faer::Mat;
 use super::setup::DesignSetup;
 use crate::MethodRefusal;
 use crate::ball_measurement::BallVisit;
-use crate::samba::model::COORDINATE_NAMES;
-use crate::samba::solution::is_scale;
+use crate::samba::confounding::COORDINATE_NAMES;
+use crate::samba::solution::is_uniform_scale;
 use estimation::linear::{RANK_THRESHOLD, RankAnalysis, analyse_rank};
 use estimation::null_names::name_null_space;
 
@@ -23,7 +23,8 @@ pub fn design_matrix(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<(M
     for visit in visits {
         for index in &visit.balls {
             let Some(ball) = balls.get(*index) else { continue };
-            let common = setup.model.nominal_derivatives(&setup.position_at_ball(&visit.rotary, ball)?, setup.tip);
+            let common =
+                setup.model.nominal_derivatives(&setup.position_at_ball(&visit.rotary_position, ball)?, setup.tip);
             for axis in 0..3 {
                 let mut row: Vec<f64> = common.iter().map(|column| column[axis] / setup.centre_u_mm()).collect();
                 row.resize(unknowns, 0.0);
@@ -74,7 +75,7 @@ pub fn check_design(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<Ran
 
 /// Error for a design that leaves combinations undetermined, with a remedy.
 fn undetermined_refusal(setup: &DesignSetup<'_>, rank: String, lost: &[String]) -> MethodRefusal {
-    let (reason, remedy) = if setup.balls.lengths.is_empty() && lost.iter().any(|line| is_scale(line)) {
+    let (reason, remedy) = if setup.balls.lengths.is_empty() && lost.iter().any(|line| is_uniform_scale(line)) {
         (
             "the artefact has no certified length for the scale; ",
             "declare [[artefact.lengths]], or list the errors in parameters without one of EXX1, \

@@ -77,8 +77,8 @@ fn check_g4(kind: (DesignKind, Criterion)) {
         assert!(shown >= 3, "ball {ball} is measured {shown} times");
     }
     for (index, visit) in visits.iter().enumerate() {
-        println!("{} {:?}", describe_position(&visit.rotary), visit.balls);
-        assert!(visits[..index].iter().all(|other| other.rotary != visit.rotary), "twice");
+        println!("{} {:?}", describe_position(&visit.rotary_position), visit.balls);
+        assert!(visits[..index].iter().all(|other| other.rotary_position != visit.rotary_position), "twice");
     }
     let (matrix, names) = rank_check::design_matrix(&setup, visits).unwrap();
     let found = rank_check::check_design(&setup, visits).unwrap();

@@ -81,7 +81,7 @@ pub fn outlier_measurements(kind: (Design, Criterion)) -> Vec<(Triple, usize)> {
 
 fn ball_measurements(visits: &[BallVisit]) -> Vec<(Triple, usize)> {
     let one = |visit: &BallVisit| {
-        let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.rotary.get(axis).unwrap());
+        let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.rotary_position.get(axis).unwrap());
         visit.balls.iter().map(|ball| (triple, *ball)).collect::<Vec<_>>()
     };
     visits.iter().flat_map(one).collect()

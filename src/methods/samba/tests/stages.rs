@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::ball_measurement::{Label, MeasurementPass, SearchMode};
+use crate::ball_measurement::{MeasurementPass, SearchMode, TouchLabel};
 use crate::samba::design::tests::{plan, rumba};
 use crate::samba::settings::SambaSettings;
 use crate::samba::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod, Samba};
@@ -12,7 +12,7 @@ use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::{Axis, Position, frame::Point};
 
-type DirtThickness = Box<dyn Fn(&Label, u32) -> f64>;
+type DirtThickness = Box<dyn Fn(&TouchLabel, u32) -> f64>;
 
 /// A machine with errors, and balls that are displaced from their stated positions.
 struct SimulatedMachine {
@@ -37,7 +37,7 @@ impl SimulatedMachine {
     /// Contact of the stylus with the ball, by bisection.
     fn touch(&self, plan: &Plan, step: &Step, repeat: u32) -> Reading {
         let Artefact::Balls(balls) = &plan.artefact else { panic!() };
-        let label: Label = step.label.parse().unwrap();
+        let label: TouchLabel = step.label.parse().unwrap();
         let ball = balls.balls.iter().find(|ball| ball.id == label.ball).unwrap();
         let centre = Vector3::from(ball.centre_mm) + self.shift;
         let reach = ball.radius_mm + plan.probe.ball_radius_mm + (self.dirt)(&label, repeat);
@@ -109,7 +109,7 @@ fn the_stages_are_played_to_the_end() {
     let (played, done, _) = play(&settings, &shop).unwrap();
     assert!(done.iter().all(|stage| stage.repeat == 0));
     // Every ball is searched for first, and measured at three or more indexations.
-    let labels: Vec<Label> = played.steps.iter().map(|step| step.label.parse().unwrap()).collect();
+    let labels: Vec<TouchLabel> = played.steps.iter().map(|step| step.label.parse().unwrap()).collect();
     for ball in rumba().balls {
         let of = |pass: MeasurementPass| {
             let mine = labels.iter().filter(move |l| l.pass == pass && l.touch == "pole");
@@ -174,7 +174,7 @@ fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
 fn dirt_is_measured_once_more_and_then_holds_the_run() {
     let settings = small_design_settings();
     let mut shop = SimulatedMachine::new(&plan(&settings));
-    let dirty = |label: &Label| label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45";
+    let dirty = |label: &TouchLabel| label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45";
     shop.dirt = Box::new(move |label, repeat| if dirty(label) && repeat == 0 { 0.06 } else { 0.0 });
     let (played, done, readings) = play(&settings, &shop).unwrap();
     let again: Vec<&Stage> = done.iter().filter(|stage| stage.repeat == 1).collect();
@@ -236,6 +236,6 @@ fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
     continue_run(&settings, &shop, &mut played).unwrap();
     let again: Vec<&Stage> = played.1.iter().filter(|stage| stage.repeat == 1).collect();
     assert_eq!(again.len(), 1);
-    let label = |id: &u32| played.0.steps[*id as usize].label.parse::<Label>().unwrap();
+    let label = |id: &u32| played.0.steps[*id as usize].label.parse::<TouchLabel>().unwrap();
     assert!(again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.pass == MeasurementPass::Find));
 }

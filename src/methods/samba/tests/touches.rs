@@ -31,7 +31,7 @@ fn residual_unknowns_of_trial(solved: &GeometrySolution<'_>, trial: u64) -> [Vec
             touch.axes_mm += touch.normal * (deviation * NOISE_MM);
         }
     }
-    touched.refit(&problem.motion_matrices(&minimum.x)).unwrap();
+    touched.refit_spheres(&problem.motion_matrices(&minimum.x)).unwrap();
     let touches = observed_values(&touched, &solved.balls.lengths);
     let whole = problem.solve(&touches, minimum.x.clone()).unwrap();
     [LeastSquares { equation: &equation, minimum }.solve_for_change(&change), whole.x]
