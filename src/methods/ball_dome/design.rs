@@ -15,7 +15,7 @@ use machine::record::plan::Plan;
 /// Settings or artefact are unusable; the balls have no certified positions.
 pub fn dome_setup<'a>(plan: &'a Plan, settings: &BallDomeSettings) -> Result<MeasurementSetup<'a>, MethodRefusal> {
     settings.check()?;
-    let set = require_balls(super::NAME, &plan.artefact)?;
+    let set = require_balls(super::METHOD_NAME, &plan.artefact)?;
     MethodRefusal::require(
         set.certificate_u_mm.is_some(),
         "the positions of the balls have no certificate, which this comparison requires",
@@ -27,7 +27,7 @@ pub fn dome_setup<'a>(plan: &'a Plan, settings: &BallDomeSettings) -> Result<Mea
         format!("tool_ball = {} is not a ball of the artefact", settings.tool_ball),
         "choose one of the balls of [artefact], or remove tool_ball",
     )?;
-    Ok(MeasurementSetup { method: super::NAME, plan, balls: set, touch_settings: settings.touch_settings() })
+    Ok(MeasurementSetup { method: super::METHOD_NAME, plan, balls: set, touch_settings: settings.touch_settings() })
 }
 
 /// Visits in measuring order.
@@ -39,7 +39,7 @@ pub fn design_visits(
     settings: &BallDomeSettings,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
     let chain = KinematicChain::new(&setup.plan.machine)?;
-    let places = list_indexations(super::NAME, &setup.plan.machine, &chain, &settings.positions())?;
+    let places = list_indexations(super::METHOD_NAME, &setup.plan.machine, &chain, &settings.positions())?;
     let access = setup.access(&setup.plan.artefact)?;
     let approach = setup.search_approach(setup.balls.uncertainty_mm);
     let mut seen = vec![false; setup.balls.balls.len()];

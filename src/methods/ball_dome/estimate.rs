@@ -75,7 +75,7 @@ pub fn build_estimate(
     };
     let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let identified = identify(&solution, &sources, outputs::build_outputs(&model, &groups), Some(trials))?;
-    let mut estimate = identified.estimate(super::NAME);
+    let mut estimate = identified.estimate(super::METHOD_NAME);
     // The deviations come first: those of N1 and of the best variant, then those of the other variants.
     estimate.parameters.rotate_right(2 * variants.len());
     sort_deviations(&mut estimate.parameters[..2 * variants.len()], [&variants[0], best]);

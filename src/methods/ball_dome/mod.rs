@@ -28,7 +28,7 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
-pub const NAME: &str = "ball-dome";
+pub const METHOD_NAME: &str = "ball-dome";
 
 pub struct BallDome {
     settings: BallDomeSettings,
@@ -38,7 +38,7 @@ pub struct BallDome {
 impl RegisteredMethod for BallDome {
     type Settings = BallDomeSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
-        name: NAME,
+        name: METHOD_NAME,
         required_setup: "a ball artefact with calibrated positions, such as a ball dome",
         results: "deviation of the balls from their certificate, with the nominal machine and, given a SAMBA \
             estimate, with the calibrated machine",

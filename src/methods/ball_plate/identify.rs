@@ -61,7 +61,7 @@ fn build_estimate(solved: &SolvedRun<'_>, identified: &Identification) -> Estima
         gauge,
         not_identifiable: warnings::describe_not_identifiable(solved, identified),
         warnings,
-        ..identified.estimate(super::NAME)
+        ..identified.estimate(super::METHOD_NAME)
     };
     // The ranges come first, because tolerances are stated for them.
     estimate.parameters.rotate_right(MOTION_COMPONENTS.len());

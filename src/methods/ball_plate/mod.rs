@@ -31,7 +31,7 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
-pub const NAME: &str = "ball-plate";
+pub const METHOD_NAME: &str = "ball-plate";
 /// Maximum duration of a run without `long = true`, s: drift limits the value of a longer run.
 const MAX_DURATION_S: f64 = 4.0 * 3600.0;
 
@@ -42,7 +42,7 @@ pub struct BallPlate {
 impl RegisteredMethod for BallPlate {
     type Settings = BallPlateSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
-        name: NAME,
+        name: METHOD_NAME,
         required_setup: "three or more uncalibrated balls on a circle about the rotary table",
         results: "six error motions of the rotary table over its angle, reversal, deviations of \
                 the linear axes along the circle, and of the plate",
@@ -64,7 +64,7 @@ impl Method for BallPlate {
         let plate = Plate::new(plan, &self.settings)?;
         let design = PlateDesign::new(plan, &self.settings, &plate)?;
         let touch = self.settings.touch_settings();
-        let setup = MeasurementSetup { method: NAME, plan, balls: plate.balls, touch_settings: touch };
+        let setup = MeasurementSetup { method: METHOD_NAME, plan, balls: plate.balls, touch_settings: touch };
         if done.is_empty() {
             design.check_rank(&self.settings, &plate)?;
             let time_s = ball_measurement::machine_time_s(&setup, &design.visits)?;
@@ -72,8 +72,8 @@ impl Method for BallPlate {
                 time_s <= MAX_DURATION_S || self.settings.long,
                 format!("this plan requires {:.1} h of machine time", time_s / 3600.0),
                 format!(
-                    "choose fewer positions or revolutions, or set long = true in [method.{NAME}]; U then includes \
-                    the drift"
+                    "choose fewer positions or revolutions, or set long = true in [method.{METHOD_NAME}]; U then \
+                    includes the drift"
                 ),
             )?;
         }

@@ -39,7 +39,7 @@ impl<'a> Plate<'a> {
     /// # Errors
     /// The machine has no rotary table along Z; the balls are not on one circle at multiples of 360°/M.
     pub fn new(plan: &'a Plan, settings: &BallPlateSettings) -> Result<Self, MethodRefusal> {
-        let set = require_balls(super::NAME, &plan.artefact)?;
+        let set = require_balls(super::METHOD_NAME, &plan.artefact)?;
         let chain = KinematicChain::new(&plan.machine)?;
         let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let TableAxis { axis, zero_position: still, turn_sign: turn } = table;

@@ -16,7 +16,7 @@ use machine::record::plan::Plan;
 const BASE_MM: f64 = 60.0;
 
 fn plan() -> Plan {
-    built_in::plan_of(include_str!("../../../../config/ball-dome.toml"), super::NAME)
+    built_in::plan_of(include_str!("../../../../config/ball-dome.toml"), super::METHOD_NAME)
 }
 
 /// Certified ball positions of the dome: paper 4, table 3, mm.
