@@ -99,7 +99,7 @@ fn check_four_steps_apply(solved: &SolvedRun<'_>) -> Result<(), &'static str> {
     }
 }
 
-/// Deviations of the sightings, minus the fitted drift and the steps at interruptions, mm.
+/// Deviations of the observations, minus the fitted drift and the steps at interruptions, mm.
 fn deviations_without_drift(solved: &SolvedRun<'_>) -> Vec<Vector3<f64>> {
     let SolvedRun { design, measured, solution, design_matrix: a, .. } = solved;
     let drift = design.layout.drift_index(1, 0)..design.layout.position_index(0, 0);

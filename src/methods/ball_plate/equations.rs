@@ -28,7 +28,7 @@ pub struct BallObservation {
     pub ball_derivative: Matrix3<f64>,
 }
 
-/// Design matrix: deviations of all sightings as linear functions of the unknowns, three rows per sighting.
+/// Design matrix: deviations of all observations as linear functions of the unknowns, three rows per observation.
 pub fn design_matrix(layout: &UnknownsLayout, stops: &[Stop], observations: &[BallObservation]) -> Mat<f64> {
     let mut a = Mat::zeros(3 * observations.len(), layout.unknown_count());
     for (i, observation) in observations.iter().enumerate() {

@@ -12,8 +12,8 @@ use super::equations::BallObservation;
 use super::layout::{MOTION_COMPONENTS, Stop, UnknownsLayout};
 use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
 
-/// Error motions and reversal in the order of the layout, from the `deviations` of the sightings without
-/// drift, mm. `None`: the sightings of a stop, or the stops, do not determine them.
+/// Error motions and reversal in the order of the layout, from the `deviations` of the observations without
+/// drift, mm. `None`: the observations of a stop, or the stops, do not determine them.
 pub fn solve_in_four_steps(
     layout: &UnknownsLayout,
     stops: &[Stop],
@@ -54,7 +54,7 @@ fn group_means<K: Ord>(
     groups.into_iter().map(|(key, values)| (key, mean(values))).collect()
 }
 
-/// The six error motions at each stop from the `values` of the sightings, mm and rad. Stops whose balls do
+/// The six error motions at each stop from the `values` of the observations, mm and rad. Stops whose balls do
 /// not determine them are left out.
 pub fn fit_rigid_bodies(
     observations: &[BallObservation],

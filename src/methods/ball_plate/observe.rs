@@ -1,4 +1,4 @@
-//! Conversion of readings to sightings.
+//! Conversion of readings to observations.
 
 use std::collections::BTreeSet;
 
@@ -20,7 +20,7 @@ use machine::record::reading::Reading;
 pub struct MeasuredRun {
     /// The slow measurements only, in order of time.
     pub observed: ObservedBalls,
-    /// The sighting of each of `observed.centres`.
+    /// The observation of each of `observed.centres`.
     pub observations: Vec<BallObservation>,
     /// Position of each ball from its first measurement with the nominal machine, table frame, mm.
     pub expected_centres_mm: Vec<Vector3<f64>>,

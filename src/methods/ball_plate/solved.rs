@@ -26,7 +26,7 @@ pub struct SolvedRun<'a> {
     pub design: PlateDesign,
     pub measured: MeasuredRun,
     pub sources: Vec<UncertaintySource>,
-    /// Standard uncertainty of each coordinate of each sighting, mm.
+    /// Standard uncertainty of each coordinate of each observation, mm.
     pub sigma: Vec<f64>,
     pub design_matrix: Mat<f64>,
     pub solution: LinearSolution,
@@ -70,7 +70,7 @@ impl<'a> SolvedRun<'a> {
         })
     }
 
-    /// Measured minus fitted deviation of each sighting, in axis positions, mm.
+    /// Measured minus fitted deviation of each observation, in axis positions, mm.
     pub fn residuals(&self) -> impl Iterator<Item = Vector3<f64>> {
         self.solution.residuals.chunks(3).map(Vector3::from_column_slice)
     }

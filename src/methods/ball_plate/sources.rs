@@ -32,7 +32,7 @@ pub fn uncertainty_sources(plan: &Plan, measured: &MeasuredRun) -> Vec<Uncertain
     list
 }
 
-/// Standard uncertainty of each coordinate of each sighting, mm.
+/// Standard uncertainty of each coordinate of each observation, mm.
 pub fn coordinate_sigmas(sources: &[UncertaintySource], observations: usize) -> Vec<f64> {
     let blocks = block_covariances::<3>(sources, observations);
     let of_block = |block: &nalgebra::Matrix3<f64>| [0, 1, 2].map(|axis| block[(axis, axis)].sqrt().max(MIN_U_MM));

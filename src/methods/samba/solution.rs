@@ -120,7 +120,7 @@ fn build_model(plan: &Plan, settings: &SambaSettings, balls: &Balls) -> Result<G
     Ok(GeometryModel::for_plan(chain, plan, settings, balls)?)
 }
 
-/// The artefact without the balls that were not measured and their lengths; they are reported in `left_out`.
+/// The artefact without the balls that were not measured and their lengths; they are reported in `skipped_measurements`.
 fn measured_balls(stated: &Balls, observed: &mut ObservedBalls) -> Balls {
     let is_measured = |ball: usize| observed.centres.iter().any(|centre| centre.ball == ball);
     let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| is_measured(*ball)).collect();
