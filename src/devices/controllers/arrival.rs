@@ -1,6 +1,9 @@
 //! Checks whether a machine is where it was sent, and computes its braking distance after a hold. Shared by
 //! all controls that report positions.
 
+use std::collections::BTreeMap;
+
+use super::control_clock::ControlClock;
 use crate::controllers::ControllerError;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::{Axis, Position};
@@ -19,39 +22,100 @@ pub(in crate::controllers) fn axis_tolerance(axis: Axis, spec: Option<&AxisSpec>
     }
 }
 
-/// Error that names the axis of `target` with the largest deviation, if any axis is out of tolerance.
-pub(in crate::controllers) fn deviation_error(
+/// Checks that `actual` is `target`. The error names the axis of `target` with the largest deviation.
+pub(in crate::controllers) fn check_position(
     target: &Position,
     actual: &Position,
     tolerance: impl Fn(Axis) -> f64,
-) -> Option<ControllerError> {
+) -> Result<(), ControllerError> {
     let relative_deviation = |(axis, value): &(Axis, f64)| (value - actual.get_or_zero(*axis)).abs() / tolerance(*axis);
-    let (axis, expected) =
-        target.iter().max_by(|a, other| relative_deviation(a).total_cmp(&relative_deviation(other)))?;
+    let largest = target.iter().max_by(|a, other| relative_deviation(a).total_cmp(&relative_deviation(other)));
+    let Some((axis, expected)) = largest else { return Ok(()) };
     // A position of NaN must not count as arrival.
     if relative_deviation(&(axis, expected)) <= 1.0 {
-        return None;
+        return Ok(());
     }
     let format_coordinate = |value: f64| format!("{axis}{:.3}", axis.to_mm_or_deg(value));
-    Some(ControllerError::WrongPosition {
+    Err(ControllerError::WrongPosition {
         expected: format_coordinate(expected),
         actual: format_coordinate(actual.get_or_zero(axis)),
     })
 }
 
-/// Error if the contact is not between the start of the probing move and its rest position, axis by axis.
-pub(in crate::controllers) fn contact_path_error(
+/// Checks that the contact is between the start of the probing move and its rest position, axis by axis.
+pub(in crate::controllers) fn check_contact_path(
     from: &Position,
     rest: &Position,
     contact: &Position,
     tolerance: impl Fn(Axis) -> f64,
-) -> Option<ControllerError> {
+) -> Result<(), ControllerError> {
     let clamp_to_path = |(axis, at): (Axis, f64)| {
         let (a, other) = (from.get_or_zero(axis), rest.get_or_zero(axis));
         (axis, at.clamp(a.min(other), a.max(other)))
     };
     let nearest_on_path: Position = contact.iter().map(clamp_to_path).collect();
-    deviation_error(&nearest_on_path, contact, tolerance)
+    check_position(&nearest_on_path, contact, tolerance)
+}
+
+/// Axes of a machine without the spindle, their tolerances, and the machine's last position and orientation.
+pub(in crate::controllers) struct AxisMonitor {
+    /// Axes of the machine file, without the spindle.
+    pub axes: Vec<Axis>,
+    /// Largest permitted distance of each axis from its target, mm or rad.
+    tolerances: BTreeMap<Axis, f64>,
+    /// Last position of the machine at a standstill.
+    pub rest_position: Position,
+    /// Orientation of the spindle, rad, once it was commanded.
+    pub spindle_rad: Option<f64>,
+    pub clock: ControlClock,
+}
+
+impl AxisMonitor {
+    pub fn new(machine: &Machine) -> Self {
+        let specs = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
+        let tolerances: BTreeMap<_, _> = specs.map(|(axis, spec)| (*axis, axis_tolerance(*axis, Some(spec)))).collect();
+        Self {
+            axes: tolerances.keys().copied().collect(),
+            tolerances,
+            rest_position: Position::new(),
+            spindle_rad: None,
+            clock: ControlClock::default(),
+        }
+    }
+
+    fn tolerance(&self, axis: Axis) -> f64 {
+        // Axes that the machine file does not name, and the spindle, are not checked.
+        self.tolerances.get(&axis).copied().unwrap_or(f64::INFINITY)
+    }
+
+    pub fn check_position(&self, target: &Position, actual: &Position) -> Result<(), ControllerError> {
+        check_position(target, actual, |axis| self.tolerance(axis))
+    }
+
+    /// Checks that the machine is at rest at `target`.
+    pub fn check_arrival(&self, target: &Position) -> Result<(), ControllerError> {
+        self.check_position(target, &self.rest_position)
+    }
+
+    /// Checks that a contact is on the path between `from` and `to`.
+    pub fn check_contact_path(
+        &self,
+        from: &Position,
+        to: &Position,
+        contact: &Position,
+    ) -> Result<(), ControllerError> {
+        check_contact_path(from, to, contact, |axis| self.tolerance(axis))
+    }
+
+    /// Restricts a position to the axes of the machine.
+    pub fn machine_axes_only(&self, position: &Position) -> Position {
+        position.filter_axes(|axis| self.axes.contains(&axis))
+    }
+
+    /// Returns `position` with the orientation of the spindle.
+    pub fn with_spindle(&self, position: impl IntoIterator<Item = (Axis, f64)>) -> Position {
+        position.into_iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect()
+    }
 }
 
 /// Braking distance of each axis from rapid at the set acceleration, v²/2a, from the machine file.
@@ -68,10 +132,10 @@ pub(in crate::controllers) fn describe_braking_distances(machine: &Machine) -> S
 /// Converts `WrongPosition` to `NotReady`: between two blocks only a person or another program moves the machine.
 pub(in crate::controllers) fn into_moved_by_hand(error: ControllerError) -> ControllerError {
     match error {
-        ControllerError::WrongPosition { expected, actual } => ControllerError::NotReady {
-            state: format!("the machine was moved by hand: it is at {actual}, not at {expected}"),
-            remedy: "do not move the machine and do not run other programs during a measurement".to_owned(),
-        },
+        ControllerError::WrongPosition { expected, actual } => ControllerError::not_ready(
+            format!("the machine was moved by hand: it is at {actual}, not at {expected}"),
+            "do not move the machine and do not run other programs during a measurement",
+        ),
         other => other,
     }
 }

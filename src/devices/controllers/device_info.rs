@@ -84,6 +84,34 @@ pub struct Diagnosis {
     pub remedy: String,
 }
 
+impl Diagnosis {
+    pub(in crate::controllers) fn confirmed(
+        cause: impl Into<String>,
+        evidence: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self { is_confirmed: true, ..Self::suspected(cause, evidence, remedy) }
+    }
+
+    pub(in crate::controllers) fn suspected(
+        cause: impl Into<String>,
+        evidence: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        let (cause, evidence, remedy) = (cause.into(), evidence.into(), remedy.into());
+        Self { is_confirmed: false, needs_active_search: false, cause, evidence, remedy }
+    }
+
+    /// A suspected cause about which an active search could find out more.
+    pub(in crate::controllers) fn preliminary(
+        cause: impl Into<String>,
+        evidence: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self { needs_active_search: true, ..Self::suspected(cause, evidence, remedy) }
+    }
+}
+
 impl fmt::Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { is_confirmed, cause, evidence, .. } = self;

@@ -1,5 +1,7 @@
 //! Errors of a control, and what the operator should do next.
 
+use std::time::Duration;
+
 use link::LinkError;
 use link::modbus::ModbusError;
 use planning::gcode::ProbeFault;
@@ -78,6 +80,15 @@ pub enum ControllerError {
 }
 
 impl ControllerError {
+    /// A control whose state prevents a measurement; `remedy` is what the operator must do before the next start.
+    pub(in crate::controllers) fn not_ready(state: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::NotReady { state: state.into(), remedy: remedy.into() }
+    }
+
+    pub(in crate::controllers) fn no_answer(line: &str, waited: Duration) -> Self {
+        Self::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
+    }
+
     /// Whether the control may have lost the position of its axes: then the operator must home them before
     /// anything else moves (grblHAL `alarms.h`; LinuxCNC reports itself whether it is homed). A machine
     /// that did not execute a hold was stopped hard.
@@ -87,6 +98,26 @@ impl ControllerError {
             Self::Alarm { code, .. } => matches!(code, 1 | 3 | 6..=10 | 17),
             _ => false,
         }
+    }
+
+    /// Whether the machine is at rest after this error on every control: the control reports the fault at a
+    /// standstill, or a hold was sent.
+    pub(in crate::controllers) fn is_machine_at_rest(&self) -> bool {
+        matches!(
+            self,
+            Self::Halted
+                | Self::HeldAtControl { .. }
+                | Self::Alarm { .. }
+                | Self::NoContact { .. }
+                | Self::UnexpectedContact { .. }
+                | Self::ProbeStillClosed { .. }
+                | Self::WrongPosition { .. }
+                | Self::NotReady { .. }
+                | Self::UnexpectedDevice { .. }
+                | Self::InvalidTimestamp { .. }
+                | Self::ProbeFault { .. }
+                | Self::RenderFailed { .. }
+        )
     }
 
     /// The step that the message names.

@@ -29,6 +29,7 @@ mod motion_lines;
 mod port;
 mod port_scan;
 mod readiness;
+mod stall_detector;
 
 pub use device_info::{DeviceInfo, Diagnosis, DiagnosisMode, ReadinessFinding, ReportedAxis};
 pub use error::ControllerError;
@@ -108,6 +109,17 @@ pub trait Driver: Send + 'static {
     }
     /// Restores the modal state that `prepare` has found.
     fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
+}
+
+/// Refuses a block after a halt, and after a fault without a new preparation.
+fn require_prepared(is_prepared: bool, is_halted: bool) -> Result<(), ControllerError> {
+    match (is_halted, is_prepared) {
+        (true, _) => Err(ControllerError::Halted),
+        (false, true) => Ok(()),
+        (false, false) => {
+            Err(ControllerError::not_ready("the control was not prepared after the last fault", "start again"))
+        }
+    }
 }
 
 /// Holds the machine at its position, whatever else is pending. Cloneable; works from any thread.

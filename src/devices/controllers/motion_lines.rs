@@ -7,13 +7,16 @@ use machine::record::motion::Motion;
 use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
 
+/// Maximum time that the spindle needs to reach its orientation.
+pub(in crate::controllers) const MAX_ORIENT_TIME: Duration = Duration::from_secs(30);
+
 /// One motion and the lines that command it.
 pub(in crate::controllers) struct MotionLines<'a> {
     pub step: u32,
     pub motion: &'a Motion,
     pub text: &'a str,
-    /// Total time for which the control waits for the clamps in these lines.
-    pub clamp_wait: Duration,
+    /// Maximum time for which the machine is at rest in these lines.
+    pub rest_time: Duration,
 }
 
 /// # Errors
@@ -28,9 +31,22 @@ pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<Mo
             step,
             motion,
             text: &proven.unit.text,
-            clamp_wait: Duration::try_from_secs_f64(proven.unit.clamp_wait_s).unwrap_or_default(),
+            rest_time: max_rest_time(motion) + to_duration(proven.unit.clamp_wait_s),
         }),
         _ => Err(ControllerError::WrongTransmission { step }),
     });
     lines.collect()
+}
+
+fn max_rest_time(motion: &Motion) -> Duration {
+    match motion {
+        Motion::Dwell { seconds } => to_duration(*seconds),
+        Motion::Orient { .. } => MAX_ORIENT_TIME,
+        _ => Duration::ZERO,
+    }
+}
+
+/// Zero if `seconds` is no duration.
+pub(in crate::controllers) fn to_duration(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }

@@ -29,14 +29,10 @@ pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &C
     vec![diagnosis]
 }
 
-fn confirmed_diagnosis(cause: String, evidence: String, remedy: &str) -> Diagnosis {
-    Diagnosis { is_confirmed: true, needs_active_search: false, cause, evidence, remedy: remedy.to_owned() }
-}
-
 fn connection_refused_diagnosis(address: &str) -> Diagnosis {
-    confirmed_diagnosis(
+    Diagnosis::confirmed(
         format!("wrong port, or the control's server is not running: no server answers at {address}"),
-        "the computer refuses the connection".to_owned(),
+        "the computer refuses the connection",
         "start the server on that computer, or set [controller] tcp = \"host:port\" in the machine file to \
          the port in the control's manual",
     )
@@ -45,7 +41,7 @@ fn connection_refused_diagnosis(address: &str) -> Diagnosis {
 fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> Diagnosis {
     use std::io::ErrorKind as Kind;
     match source.kind() {
-        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => confirmed_diagnosis(
+        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => Diagnosis::confirmed(
             format!(
                 "{address} is not reachable: wrong address, the computer is off, or a firewall blocks the connection"
             ),
@@ -53,7 +49,7 @@ fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> Diagnos
             "switch the computer on, run `ping`, check the cable and the addresses of both computers; then \
              correct [controller] tcp in the machine file",
         ),
-        _ => confirmed_diagnosis(
+        _ => Diagnosis::confirmed(
             format!("the host name in {address} is unknown"),
             source.to_string(),
             "use the IP address: [controller] tcp = \"192.0.2.10:23\"",
@@ -74,7 +70,7 @@ fn port_missing_diagnosis(address: &str, devices: &Path) -> Diagnosis {
             "set [controller] serial, or better serial_id with a name from {PORTS_BY_ID_DIR}: these names do not change"
         ),
     };
-    confirmed_diagnosis(format!("wrong port: this computer has no {address}"), others, &remedy)
+    Diagnosis::confirmed(format!("wrong port: this computer has no {address}"), others, remedy)
 }
 
 fn list_serial_ports(devices: &Path) -> Vec<String> {
@@ -88,7 +84,7 @@ fn list_serial_ports(devices: &Path) -> Vec<String> {
 
 fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> Diagnosis {
     let names = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
-    confirmed_diagnosis(
+    Diagnosis::confirmed(
         format!("wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"),
         format!("{PORTS_BY_ID_DIR} contains {names}"),
         "set [controller] serial_id to a name from that directory, or to a part that occurs in one name only",
@@ -98,10 +94,10 @@ fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> Diagnosis {
 fn permission_denied_diagnosis(address: &str) -> Diagnosis {
     let group = fs::metadata(address).ok().and_then(|found| read_group_name(found.gid()));
     let group = group.unwrap_or_else(|| "dialout".to_owned());
-    confirmed_diagnosis(
+    Diagnosis::confirmed(
         format!("no permission: this user cannot open {address}"),
         format!("{address} belongs to the group `{group}`"),
-        &format!("run `sudo usermod -aG {group} $USER`, then log out and in again"),
+        format!("run `sudo usermod -aG {group} $USER`, then log out and in again"),
     )
 }
 
@@ -127,7 +123,7 @@ fn port_in_use_diagnosis(address: &str) -> Diagnosis {
             ),
         ),
     };
-    confirmed_diagnosis(format!("another program uses {address}"), evidence, &remedy)
+    Diagnosis::confirmed(format!("another program uses {address}"), evidence, remedy)
 }
 
 /// Number and name of a process that has `path` open, as far as this user may see it.

@@ -29,34 +29,12 @@ const DEFAULT_RTU_UNIT: u8 = 1;
 
 /// Searches for a control of another kind than `configured_kind` at a serial port, at `baud` or another usual rate.
 pub(in crate::controllers) async fn scan_serial(path: &str, baud: u32, configured_kind: &str) -> Option<Diagnosis> {
-    let baud_rates = || std::iter::once(baud).chain(BAUD_RATES.into_iter().filter(move |rate| *rate != baud));
-    if configured_kind != grbl::CONTROL_KIND {
-        for baud in baud_rates() {
-            let address = Address::Serial { path: path.to_owned(), baud };
-            if let Some(reply) = query_grbl(&address).await {
-                let keys = format!("serial = \"{path}\" and baud = {baud}");
-                return Some(wrong_kind_diagnosis(
-                    configured_kind,
-                    grbl::CONTROL_KIND,
-                    &format!("the reply `{reply}`"),
-                    &keys,
-                ));
-            }
-        }
-    }
-    if configured_kind != modbus::CONTROL_KIND {
-        for baud in baud_rates() {
+    for kind in [grbl::CONTROL_KIND, modbus::CONTROL_KIND].into_iter().filter(|kind| *kind != configured_kind) {
+        for baud in std::iter::once(baud).chain(BAUD_RATES.into_iter().filter(|rate| *rate != baud)) {
             let at = LinkConfig::Serial { path: path.into(), baud };
-            for line in modbus_lines(&at) {
-                if has_modbus_unit(&line, DEFAULT_RTU_UNIT).await {
-                    let keys = format!("serial = \"{path}\" and baud = {baud}");
-                    return Some(wrong_kind_diagnosis(
-                        configured_kind,
-                        modbus::CONTROL_KIND,
-                        "a reply from unit 1",
-                        &keys,
-                    ));
-                }
+            if let Some(reply) = query_control(kind, &at).await {
+                let keys = format!("serial = \"{path}\" and baud = {baud}");
+                return Some(wrong_kind_diagnosis(configured_kind, kind, &reply, &keys));
             }
         }
     }
@@ -65,54 +43,54 @@ pub(in crate::controllers) async fn scan_serial(path: &str, baud: u32, configure
 
 /// Searches for a control of another kind than `configured_kind` behind a TCP port.
 pub(in crate::controllers) async fn scan_tcp(at: &LinkConfig, configured_kind: &str) -> Option<Diagnosis> {
-    let address = at.address().ok()?;
-    let keys = format!("tcp = \"{address}\"");
-    if configured_kind != modbus::CONTROL_KIND {
-        for line in modbus_lines(at) {
-            if has_modbus_unit(&line, DEFAULT_TCP_UNIT).await {
-                return Some(wrong_kind_diagnosis(configured_kind, modbus::CONTROL_KIND, "a reply", &keys));
-            }
+    let keys = format!("tcp = \"{}\"", at.address().ok()?);
+    let kinds = [modbus::CONTROL_KIND, linuxcnc::CONTROL_KIND, grbl::CONTROL_KIND];
+    for kind in kinds.into_iter().filter(|kind| *kind != configured_kind) {
+        if let Some(reply) = query_control(kind, at).await {
+            return Some(wrong_kind_diagnosis(configured_kind, kind, &reply, &keys));
         }
-    }
-    if configured_kind != linuxcnc::CONTROL_KIND
-        && let Some(reply) = query_linuxcncrsh(&address).await
-    {
-        return Some(wrong_kind_diagnosis(
-            configured_kind,
-            linuxcnc::CONTROL_KIND,
-            &format!("the reply `{reply}`"),
-            &keys,
-        ));
-    }
-    if configured_kind != grbl::CONTROL_KIND
-        && let Some(reply) = query_grbl(&address).await
-    {
-        return Some(wrong_kind_diagnosis(configured_kind, grbl::CONTROL_KIND, &format!("the reply `{reply}`"), &keys));
     }
     None
 }
 
-fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &str) -> Diagnosis {
-    Diagnosis {
-        is_confirmed: true,
-        needs_active_search: false,
-        cause: format!("wrong kind of control: the device is of kind `{kind}`, not `{configured_kind}`"),
-        evidence: format!("a request in the protocol of `{kind}` got {reply}"),
-        remedy: format!("in the machine file, set [controller] kind = \"{kind}\" with {keys}"),
+/// Describes the reply of a control of `kind` at `at`.
+async fn query_control(kind: &str, at: &LinkConfig) -> Option<String> {
+    if kind == modbus::CONTROL_KIND {
+        let (unit, reply) = match at {
+            LinkConfig::Tcp(_) => (DEFAULT_TCP_UNIT, "a reply"),
+            _ => (DEFAULT_RTU_UNIT, "a reply from unit 1"),
+        };
+        for line in modbus_lines(at) {
+            if has_modbus_unit(&line, unit).await {
+                return Some(reply.to_owned());
+            }
+        }
+        return None;
     }
+    let address = at.address().ok()?;
+    let reply = match kind {
+        linuxcnc::CONTROL_KIND => query_linuxcncrsh(&address).await,
+        _ => query_grbl(&address).await,
+    };
+    reply.map(|reply| format!("the reply `{reply}`"))
+}
+
+fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &str) -> Diagnosis {
+    Diagnosis::confirmed(
+        format!("wrong kind of control: the device is of kind `{kind}`, not `{configured_kind}`"),
+        format!("a request in the protocol of `{kind}` got {reply}"),
+        format!("in the machine file, set [controller] kind = \"{kind}\" with {keys}"),
+    )
 }
 
 /// Suspected cause if no known control answers at `at`.
 pub(in crate::controllers) fn no_known_device_diagnosis(at: &str, evidence: &str) -> Diagnosis {
-    Diagnosis {
-        is_confirmed: false,
-        needs_active_search: false,
-        cause: format!("wrong port, or the device at {at} is off, not wired, or not a supported control"),
-        evidence: evidence.to_owned(),
-        remedy: "switch the device on and check the cable; unplug the device to see which name disappears (`ls \
-                 /dev/serial/by-id`); then correct [controller] serial, serial_id or tcp in the machine file"
-            .to_owned(),
-    }
+    Diagnosis::suspected(
+        format!("wrong port, or the device at {at} is off, not wired, or not a supported control"),
+        evidence,
+        "switch the device on and check the cable; unplug the device to see which name disappears (`ls \
+         /dev/serial/by-id`); then correct [controller] serial, serial_id or tcp in the machine file",
+    )
 }
 
 /// Returns the answer of a Grbl to `?`.
@@ -134,11 +112,10 @@ async fn query_line(address: &Address, request: &[u8], is_match: impl Fn(&str) -
         link.send(request).ok()?;
         let retry_at = deadline.min(Instant::now() + GREETING_RETRY_INTERVAL);
         while let Some(received) = link.recv_deadline(retry_at).await.ok()? {
-            match received {
-                LineEvent::Line(line) if is_match(line.trim()) => {
-                    return Some(line.trim().to_owned());
-                }
-                _ => {}
+            if let LineEvent::Line(line) = received
+                && is_match(line.trim())
+            {
+                return Some(line.trim().to_owned());
             }
         }
     }

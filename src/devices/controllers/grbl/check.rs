@@ -3,7 +3,6 @@
 
 use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
-pub(super) use crate::controllers::arrival::{axis_tolerance, contact_path_error, deviation_error};
 use planning::proof::ProvenModes;
 
 /// Modal groups; one word of each group is in force.
@@ -39,9 +38,9 @@ pub(super) fn check_modes(
         GrblMessage::Modes(words) => Some(words),
         _ => None,
     });
-    let mismatch = |detail: String| ControllerError::NotReady {
-        state: format!("the modal state is not as set: {detail}"),
-        remedy: "start again; if the error occurs again, check the dialect and the cable".to_owned(),
+    let mismatch = |detail: String| {
+        let remedy = "start again; if the error occurs again, check the dialect and the cable";
+        ControllerError::not_ready(format!("the modal state is not as set: {detail}"), remedy)
     };
     let active_words = active_words.ok_or_else(|| mismatch("the control does not report its modes ($G)".to_owned()))?;
     let mut slot = "G54";

@@ -6,11 +6,11 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::fault::{
-    foreign_device_error, no_reply_error, not_ready_error, override_finding, refusal_error, state_text,
-    unexpected_reply_error,
+    foreign_device_error, not_ready_error, override_finding, refusal_error, state_text, unexpected_reply_error,
 };
 use super::message::{GrblMessage, GrblStatus, Overrides, alarm_meaning};
-use super::stall_detector::{GrblTimeouts, MAX_FREE_MOVE_POLL, StallDetector};
+use super::timeouts::{GrblTimeouts, MAX_FREE_MOVE_POLL};
+use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, Halt, ReadinessFinding};
 use link::{LineEvent, Link, LinkError, UrgentSender};
 
@@ -40,21 +40,18 @@ impl GrblConnection {
         let urgent = link.urgent();
         let hold = urgent.clone();
         let halt = Halt::new(move || hold.send_and_drop_ordinary(b"!"));
-        let timeouts = GrblTimeouts::default();
-        (
-            Self {
-                link,
-                urgent,
-                halt: halt.clone(),
-                is_reply_pending: false,
-                needs_status: false,
-                overrides: None,
-                free_move_step: None,
-                is_block_running: false,
-                timeouts,
-            },
-            halt,
-        )
+        let connection = Self {
+            link,
+            urgent,
+            halt: halt.clone(),
+            is_reply_pending: false,
+            needs_status: false,
+            overrides: None,
+            free_move_step: None,
+            is_block_running: false,
+            timeouts: GrblTimeouts::default(),
+        };
+        (connection, halt)
     }
 
     pub(super) fn is_halted(&self) -> bool {
@@ -90,7 +87,7 @@ impl GrblConnection {
         self.is_reply_pending = true;
         let mut messages = Vec::new();
         let mut last_report = Instant::now();
-        let mut stall_detector = StallDetector::default();
+        let mut stall_detector = StallDetector::new();
         let mut request_at = Instant::now() + self.poll_interval();
         loop {
             match self.receive(request_at).await? {
@@ -106,7 +103,8 @@ impl GrblConnection {
                     last_report = Instant::now();
                     if !self.halt.is_halted() {
                         self.check_state(&status).await?;
-                        stall_detector.check_progress(&status, &self.timeouts, rest_time, line)?;
+                        let limit = self.timeouts.unchanged_limit(&status);
+                        stall_detector.check_progress((status.state, status.position), limit, rest_time, line)?;
                     }
                 }
                 Some(GrblMessage::Unknown(_)) => {}
@@ -120,7 +118,7 @@ impl GrblConnection {
                 return Err(self.wait_hold().await);
             }
             if last_report.elapsed() > self.timeouts.reply {
-                return Err(no_reply_error(line, self.timeouts.reply));
+                return Err(ControllerError::no_answer(line, self.timeouts.reply));
             }
         }
     }
@@ -142,7 +140,7 @@ impl GrblConnection {
         self.hold();
         let remedy = "the machine was held: inspect it, reset the control, home the machine, and set both overrides \
                       to 100 %";
-        Err(ControllerError::NotReady { state: description, remedy: remedy.to_owned() })
+        Err(ControllerError::not_ready(description, remedy))
     }
 
     /// Reads the control's status now; requests it again if a byte is lost.
@@ -184,7 +182,7 @@ impl GrblConnection {
             }
         }
         let name = if request == b"?" { "?" } else { "0x87" };
-        other.ok_or_else(|| no_reply_error(name, self.timeouts.reply))
+        other.ok_or_else(|| ControllerError::no_answer(name, self.timeouts.reply))
     }
 
     /// Waits until the machine is at rest: two idle reports in a row. The first may be older than the start
@@ -194,7 +192,7 @@ impl GrblConnection {
         // No pause before the second request: even a control whose moves take no time may have accepted
         // the line without having executed it.
         let mut pause = Duration::ZERO;
-        let mut stall_detector = StallDetector::default();
+        let mut stall_detector = StallDetector::new();
         loop {
             let status = self.read_status().await?;
             if self.halt.is_halted() {
@@ -208,7 +206,8 @@ impl GrblConnection {
                 idle_reports += 1;
                 continue;
             }
-            stall_detector.check_progress(&status, &self.timeouts, Duration::ZERO, "?")?;
+            let limit = self.timeouts.unchanged_limit(&status);
+            stall_detector.check_progress((status.state, status.position), limit, Duration::ZERO, "?")?;
             idle_reports = 0;
             if !pause.is_zero() {
                 sleep(pause).await;

@@ -66,21 +66,13 @@ fn passive_diagnosis(address: &Address, received: &str) -> Vec<Diagnosis> {
             "compare [controller] tcp and kind with the control's manual, or permit the search for other controls",
         ),
     };
-    vec![Diagnosis {
-        is_confirmed: false,
-        needs_active_search: true,
-        cause,
-        evidence: received.to_owned(),
-        remedy: remedy.to_owned(),
-    }]
+    vec![Diagnosis::preliminary(cause, received, remedy)]
 }
 
 fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> Diagnosis {
-    Diagnosis {
-        is_confirmed: true,
-        needs_active_search: false,
-        cause: format!("wrong baud rate: the control communicates at {actual_baud} baud, not at {baud}"),
-        evidence: format!("at {actual_baud} baud the control replies `{reply}`"),
-        remedy: format!("in the machine file, set [controller] baud = {actual_baud}"),
-    }
+    Diagnosis::confirmed(
+        format!("wrong baud rate: the control communicates at {actual_baud} baud, not at {baud}"),
+        format!("at {actual_baud} baud the control replies `{reply}`"),
+        format!("in the machine file, set [controller] baud = {actual_baud}"),
+    )
 }

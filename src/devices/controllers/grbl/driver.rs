@@ -1,17 +1,15 @@
 //! Driver: executes proven blocks and returns their outcomes.
 
-use std::collections::BTreeMap;
-use std::time::Duration;
-
 use super::check;
 use super::connection::GrblConnection;
 use super::fault::is_at_rest_after;
 use super::message::{GrblMessage, GrblStatus};
-use super::stall_detector::GrblTimeouts;
-use crate::controllers::control_clock::{ControlClock, ReportedTime};
-use crate::controllers::motion_lines::MotionLines;
+use super::timeouts::GrblTimeouts;
+use crate::controllers::arrival::{self, AxisMonitor};
+use crate::controllers::control_clock::ReportedTime;
+use crate::controllers::motion_lines::{self, MotionLines};
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival, motion_lines,
+    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, require_prepared,
 };
 use link::Link;
 use machine::record::machine::{Homing, Machine};
@@ -19,21 +17,13 @@ use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
 
-/// Maximum time that the spindle needs to reach its orientation.
-const MAX_ORIENT_TIME: Duration = Duration::from_secs(30);
-
 /// Driver of one Grbl control.
 pub struct Grbl {
     pub(super) connection: GrblConnection,
     pub(super) modes: ProvenModes,
-    /// Axes of the machine file, without the spindle.
-    pub(super) machine_axes: Vec<Axis>,
-    /// Axes of `machine_axes` that the control must have homed.
+    pub(super) monitor: AxisMonitor,
+    /// Axes of the machine that the control must have homed.
     pub(super) homed_axes: Vec<Axis>,
-    /// Largest permitted distance of each axis from its target, mm or rad.
-    pub(super) axis_tolerances: BTreeMap<Axis, f64>,
-    /// Last position of the machine at a standstill.
-    pub(super) rest_position: Position,
     /// Whether the control is prepared and no fault has occurred since.
     pub(super) is_prepared: bool,
     pub(super) stop_description: String,
@@ -41,8 +31,6 @@ pub struct Grbl {
     pub(super) report_axes: Vec<Option<Axis>>,
     pub(super) max_line_bytes: usize,
     pub(super) initial_modes: Vec<String>,
-    pub(super) spindle_rad: Option<f64>,
-    pub(super) control_clock: ControlClock,
 }
 
 impl Grbl {
@@ -50,27 +38,19 @@ impl Grbl {
     /// After a halt the link accepts no more lines: a new run opens a new link.
     pub fn new(link: Link, machine: &Machine, modes: ProvenModes) -> (Self, Halt) {
         let (connection, halt) = GrblConnection::new(link);
-        let machine_axes: Vec<Axis> = machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        let monitor = AxisMonitor::new(machine);
         let has_switch = |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);
-        let homed_axes = machine_axes.iter().copied().filter(has_switch).collect();
-        let tolerance = machine_axes.iter().map(|axis| {
-            let spec = machine.axes.get(axis);
-            (*axis, check::axis_tolerance(*axis, spec))
-        });
+        let homed_axes = monitor.axes.iter().copied().filter(has_switch).collect();
         let grbl = Self {
             connection,
             modes,
-            axis_tolerances: tolerance.collect(),
-            rest_position: Position::new(),
-            is_prepared: false,
-            machine_axes,
+            monitor,
             homed_axes,
+            is_prepared: false,
             stop_description: format!("feed hold (!): {}", arrival::describe_braking_distances(machine)),
             report_axes: Vec::new(),
             max_line_bytes: usize::MAX,
             initial_modes: Vec::new(),
-            spindle_rad: None,
-            control_clock: ControlClock::default(),
         };
         (grbl, halt)
     }
@@ -83,10 +63,9 @@ impl Grbl {
 
     /// Sends the lines of one motion and returns the messages received meanwhile.
     pub(super) async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<Vec<GrblMessage>, ControllerError> {
-        let rest_time = max_rest_time(lines.motion) + lines.clamp_wait;
         let mut messages = Vec::new();
         for line in lines.text.lines() {
-            messages.extend(self.connection.send_line_with_rest(line, rest_time).await?);
+            messages.extend(self.connection.send_line_with_rest(line, lines.rest_time).await?);
         }
         Ok(messages)
     }
@@ -107,7 +86,7 @@ impl Grbl {
             }
             Motion::Orient { s } => {
                 self.send_lines(lines).await?;
-                self.spindle_rad = Some(*s);
+                self.monitor.spindle_rad = Some(*s);
                 Ok(None)
             }
             Motion::Rapid { to } | Motion::Feed { to, .. } => self.execute_free_move(lines, to).await.map(Some),
@@ -185,7 +164,7 @@ impl Grbl {
         self.check_overrides()?;
         let contact = ReportedTime { name: "TIME", t_s: outcome.t_s };
         let now = ReportedTime { name: "Time", t_s: status.t_s };
-        outcome.t_s = self.control_clock.check_time(contact, now)?;
+        outcome.t_s = self.monitor.clock.check_time(contact, now)?;
         Ok(outcome)
     }
 
@@ -214,9 +193,7 @@ impl Grbl {
         }
         let position = self.status_position(&status)?;
         self.check_unmoved(&position).await?;
-        let begins = block.start_position().filter_axes(|axis| axis != Axis::S);
-        let deviation_error = check::deviation_error(&begins, &self.rest_position, |axis| self.axis_tolerance(axis));
-        deviation_error.map_or(Ok(()), |error| Err(arrival::into_moved_by_hand(error)))
+        self.monitor.check_arrival(block.start_position()).map_err(arrival::into_moved_by_hand)
     }
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
@@ -232,29 +209,15 @@ impl Grbl {
 
 impl Driver for Grbl {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
-        self.is_prepared = false;
-        let prepared = self.prepare_control(check::require_open_probe).await?;
-        self.is_prepared = true;
-        Ok(prepared)
+        self.prepare_control(check::require_open_probe).await
     }
 
     async fn prepare_in_contact(&mut self) -> Result<PreparedControl, ControllerError> {
-        self.is_prepared = false;
-        let prepared = self.prepare_control(|_| Ok(())).await?;
-        self.is_prepared = true;
-        Ok(prepared)
+        self.prepare_control(|_| Ok(())).await
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        if self.connection.is_halted() {
-            return Err(ControllerError::Halted);
-        }
-        if !self.is_prepared {
-            return Err(ControllerError::NotReady {
-                state: "the control was not prepared after the last fault".to_owned(),
-                remedy: "start again".to_owned(),
-            });
-        }
+        require_prepared(self.is_prepared, self.connection.is_halted())?;
         let outcome = self.execute_block(&block).await;
         outcome.map_err(|error| self.handle_fault(error))
     }
@@ -266,9 +229,9 @@ impl Driver for Grbl {
             self.check_firmware_axes().await?;
         }
         let status = self.connection.read_status().await?;
-        let is_probe_closed = status.is_probe_closed;
-        self.rest_position = self.status_position(&status)?;
-        Ok(MachineSnapshot { is_probe_closed, position: self.rest_position.clone() })
+        self.monitor.rest_position = self.status_position(&status)?;
+        let position = self.monitor.rest_position.clone();
+        Ok(MachineSnapshot { is_probe_closed: status.is_probe_closed, position })
     }
 
     async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
@@ -285,14 +248,5 @@ impl Driver for Grbl {
             self.connection.send_line(&initial_modes.join(" ")).await?;
         }
         self.connection.wait_idle().await.map(|_| ())
-    }
-}
-
-/// Maximum time of a motion during which the control reports idle.
-fn max_rest_time(motion: &Motion) -> Duration {
-    match motion {
-        Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),
-        Motion::Orient { .. } => MAX_ORIENT_TIME,
-        _ => Duration::ZERO,
     }
 }

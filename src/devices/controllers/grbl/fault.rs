@@ -13,10 +13,6 @@ pub(super) fn refusal_error(line: &str, code: u32) -> ControllerError {
     }
 }
 
-pub(super) fn no_reply_error(line: &str, waited: Duration) -> ControllerError {
-    ControllerError::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
-}
-
 /// Error if the answering device is not a Grbl control, or if nothing answers.
 pub(super) fn foreign_device_error(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
     if noise {
@@ -30,7 +26,7 @@ pub(super) fn foreign_device_error(noise: bool, foreign: Option<String>, waited:
             state: format!("the reply is not from a Grbl control: `{text}`"),
             remedy: "check kind and the address in [controller] of the machine file".to_owned(),
         },
-        None => no_reply_error("?", waited),
+        None => ControllerError::no_answer("?", waited),
     }
 }
 
@@ -49,7 +45,7 @@ pub(super) fn not_ready_error(status: &GrblStatus) -> ControllerError {
         "Sleep" => "wake the control with a reset",
         _ => "bring the control to the state Idle",
     };
-    ControllerError::NotReady { state: state_text(status), remedy: remedy.to_owned() }
+    ControllerError::not_ready(state_text(status), remedy)
 }
 
 /// Touches at another feed than the planned one have another latch delay and overtravel.
@@ -79,25 +75,8 @@ pub(super) fn unexpected_reply_error(reply: &GrblMessage) -> ControllerError {
     ControllerError::UnexpectedReply { reply }
 }
 
-/// Whether the machine is at rest after `error`: the control reports the fault at a standstill, or a hold
-/// was sent.
+/// Whether the machine is at rest after `error`.
 pub(super) fn is_at_rest_after(error: &ControllerError) -> bool {
-    use ControllerError as E;
-    matches!(
-        error,
-        E::Halted
-            | E::HeldAtControl { .. }
-            | E::Alarm { .. }
-            | E::Reset { .. }
-            | E::NoContact { .. }
-            | E::UnexpectedContact { .. }
-            | E::ProbeStillClosed { .. }
-            | E::WrongPosition { .. }
-            | E::TouchMismatch { .. }
-            | E::NotReady { .. }
-            | E::UnexpectedDevice { .. }
-            | E::InvalidTimestamp { .. }
-            | E::ProbeFault { .. }
-            | E::RenderFailed { .. }
-    )
+    let is_reported_at_rest = matches!(error, ControllerError::Reset { .. } | ControllerError::TouchMismatch { .. });
+    is_reported_at_rest || error.is_machine_at_rest()
 }

@@ -24,13 +24,13 @@ mod message;
 mod prepare;
 mod readiness;
 mod settings;
-mod stall_detector;
 #[cfg(test)]
 mod tests;
+mod timeouts;
 mod touch;
 
 pub use config::GrblConfig;
 pub use driver::Grbl;
-pub use stall_detector::GrblTimeouts;
+pub use timeouts::GrblTimeouts;
 
 pub const CONTROL_KIND: &str = "grbl";

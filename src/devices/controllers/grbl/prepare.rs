@@ -1,8 +1,6 @@
 //! Checks before the first motion: the identity of the control, whether it can measure, and whether its
 //! modes are as set.
 
-use std::time::Duration;
-
 use super::check;
 use super::driver::Grbl;
 use super::fault::not_ready_error;
@@ -10,6 +8,7 @@ use super::firmware_info::FirmwareInfo;
 use super::message::{GrblMessage, GrblStatus};
 use super::readiness::{self, reject_blocking};
 use crate::controllers::control_clock::ControlClock;
+use crate::controllers::motion_lines::to_duration;
 use crate::controllers::{ControllerError, PreparedControl};
 use machine::Axis;
 use planning::gcode::Transmission;
@@ -26,6 +25,7 @@ impl Grbl {
         &mut self,
         check_probe: fn(&GrblStatus) -> Result<(), ControllerError>,
     ) -> Result<PreparedControl, ControllerError> {
+        self.is_prepared = false;
         let status = self.connection.start_session().await?;
         if status.state != "Idle" {
             return Err(not_ready_error(&status));
@@ -51,18 +51,21 @@ impl Grbl {
         let status = self.connection.wait_idle().await?;
         check_probe(&status)?;
         check::check_probe_health(&status, &self.modes)?;
-        self.rest_position = self.status_position(&status)?;
-        self.control_clock = ControlClock::default();
-        let transmission = Transmission::Lines { max_line_bytes: self.max_line_bytes };
-        let (stop_description, position) = (self.stop_description.clone(), self.rest_position.clone());
-        let identity = firmware.identity();
-        let unreadable_items = readiness::unreadable_items(&firmware);
-        Ok(PreparedControl { identity, stop_description, position, transmission, unreadable_items })
+        self.monitor.rest_position = self.status_position(&status)?;
+        self.monitor.clock = ControlClock::default();
+        self.is_prepared = true;
+        Ok(PreparedControl {
+            identity: firmware.identity(),
+            stop_description: self.stop_description.clone(),
+            position: self.monitor.rest_position.clone(),
+            transmission: Transmission::Lines { max_line_bytes: self.max_line_bytes },
+            unreadable_items: readiness::unreadable_items(&firmware),
+        })
     }
 
     pub(super) async fn check_firmware_axes(&mut self) -> Result<FirmwareInfo, ControllerError> {
         let firmware = self.read_firmware_info().await?;
-        let missing: Vec<String> = (self.machine_axes.iter())
+        let missing: Vec<String> = (self.monitor.axes.iter())
             .filter(|axis| !self.report_axes.contains(&Some(**axis)))
             .map(Axis::to_string)
             .collect();
@@ -92,8 +95,7 @@ impl Grbl {
 
     /// Sends the lines of the head or the foot.
     pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
-        let rest_time = self.modes.settling_time_s().unwrap_or_default();
-        let rest_time = Duration::try_from_secs_f64(rest_time).unwrap_or_default();
+        let rest_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
         for line in lines {
             self.connection.send_line_with_rest(line, rest_time).await?;
         }

@@ -4,13 +4,12 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::check;
 use super::driver::Grbl;
 use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
 use crate::controllers::arrival::into_moved_by_hand;
 use crate::controllers::motion_lines::MotionLines;
-use machine::{Axis, Position};
+use machine::Position;
 
 /// Maximum time that a probe bounces after it has come free.
 const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
@@ -67,32 +66,29 @@ impl Grbl {
         first_result: &ProbeResult,
         contact: &Position,
     ) -> Result<GrblStatus, ControllerError> {
-        let from = self.rest_position.clone();
+        let from = self.monitor.rest_position.clone();
         let status = self.connection.wait_idle().await?;
-        self.rest_position = self.status_position(&status)?;
+        self.monitor.rest_position = self.status_position(&status)?;
         let second = parse_touch(&self.connection.send_line("$#").await?)?;
         if second != *first_result {
             let (first, second) = (format!("{first_result:?}"), format!("{second:?}"));
             return Err(ControllerError::TouchMismatch { step, first, second });
         }
-        let contact = contact.filter_axes(|axis| axis != Axis::S);
-        let deviation_error =
-            check::contact_path_error(&from, &self.rest_position, &contact, |axis| self.axis_tolerance(axis));
-        deviation_error.map_or(Ok(status), Err)
+        self.monitor.check_contact_path(&from, &self.monitor.rest_position, contact)?;
+        Ok(status)
     }
 
     /// Waits until the machine is at rest, and checks that it is at its target.
     pub(super) async fn wait_arrival(&mut self, target: &Position) -> Result<GrblStatus, ControllerError> {
         let deadline = Instant::now() + self.connection.timeouts.after_alarm;
-        let target = target.filter_axes(|axis| axis != Axis::S);
         loop {
             let status = self.connection.wait_idle().await?;
-            self.rest_position = self.status_position(&status)?;
-            match check::deviation_error(&target, &self.rest_position, |axis| self.axis_tolerance(axis)) {
-                None => return Ok(status),
+            self.monitor.rest_position = self.status_position(&status)?;
+            match self.monitor.check_arrival(target) {
+                Ok(()) => return Ok(status),
                 // The status reports may be older than the end of the motion.
-                Some(error) if Instant::now() > deadline => return Err(error),
-                Some(_) => sleep(self.connection.timeouts.poll_interval / 10).await,
+                Err(error) if Instant::now() > deadline => return Err(error),
+                Err(_) => sleep(self.connection.timeouts.poll_interval / 10).await,
             }
         }
     }
@@ -100,24 +96,17 @@ impl Grbl {
     /// Checks that the machine is still at its last rest position. A deviating report is read again: it may
     /// have been altered in transmission.
     pub(super) async fn check_unmoved(&mut self, position: &Position) -> Result<(), ControllerError> {
-        let rest_position = self.rest_position.clone();
-        if check::deviation_error(&rest_position, position, |axis| self.axis_tolerance(axis)).is_none() {
+        let rest_position = self.monitor.rest_position.clone();
+        if self.monitor.check_position(&rest_position, position).is_ok() {
             return Ok(());
         }
         self.wait_arrival(&rest_position).await.map(drop).map_err(into_moved_by_hand)
     }
 
-    pub(super) fn axis_tolerance(&self, axis: Axis) -> f64 {
-        // Axes that the machine file does not name are not checked.
-        self.axis_tolerances.get(&axis).copied().unwrap_or(f64::INFINITY)
-    }
-
     pub(super) fn status_position(&self, status: &GrblStatus) -> Result<Position, ControllerError> {
-        let values = status.position.as_ref().ok_or_else(|| ControllerError::NotReady {
-            state: "the status reports do not contain the machine position".to_owned(),
-            remedy: "set $10=511 at the control".to_owned(),
-        })?;
-        self.to_position(values)
+        let missing = "the status reports do not contain the machine position";
+        let values = status.position.as_ref();
+        self.to_position(values.ok_or_else(|| ControllerError::not_ready(missing, "set $10=511 at the control"))?)
     }
 
     pub(super) fn to_position(&self, values: &[f64]) -> Result<Position, ControllerError> {
@@ -126,8 +115,7 @@ impl Grbl {
         }
         let named = self.report_axes.iter().zip(values);
         let axes = named.filter_map(|(axis, value)| axis.map(|axis| (axis, axis.to_mm_or_rad(*value))));
-        let spindle = self.spindle_rad.map(|s| (Axis::S, s));
-        Ok(axes.chain(spindle).collect())
+        Ok(self.monitor.with_spindle(axes))
     }
 
     /// Waits until the probe reads open, first in the status `last_status`; an error after `MAX_PROBE_BOUNCE`.

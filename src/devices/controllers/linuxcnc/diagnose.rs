@@ -33,13 +33,11 @@ impl LinuxCncConfig {
                     format!("{failure}; requests in the protocols of other controls also had no valid reply");
                 vec![found.unwrap_or_else(|| port_scan::no_known_device_diagnosis(&address.to_string(), &evidence))]
             }
-            DiagnosisMode::Passive if is_foreign => vec![Diagnosis {
-                is_confirmed: false,
-                needs_active_search: true,
-                cause: "wrong port, or another kind of control".to_owned(),
-                evidence: failure.to_string(),
-                remedy: "compare [controller] tcp and kind with the start command of the control".to_owned(),
-            }],
+            DiagnosisMode::Passive if is_foreign => vec![Diagnosis::preliminary(
+                "wrong port, or another kind of control",
+                failure.to_string(),
+                "compare [controller] tcp and kind with the start command of the control",
+            )],
             _ => Vec::new(),
         }
     }
@@ -52,12 +50,10 @@ impl LinuxCncConfig {
             return None;
         }
         let reply = port_scan::query_linuxcncrsh(&default_address).await?;
-        Some(Diagnosis {
-            is_confirmed: true,
-            needs_active_search: false,
-            cause: format!("wrong port: linuxcncrsh listens at {default_address}, not at {address}"),
-            evidence: format!("linuxcncrsh replied `{reply}`"),
-            remedy: format!("in the machine file, set [controller] tcp = \"{default_address}\""),
-        })
+        Some(Diagnosis::confirmed(
+            format!("wrong port: linuxcncrsh listens at {default_address}, not at {address}"),
+            format!("linuxcncrsh replied `{reply}`"),
+            format!("in the machine file, set [controller] tcp = \"{default_address}\""),
+        ))
     }
 }

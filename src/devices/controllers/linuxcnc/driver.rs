@@ -8,7 +8,6 @@ use tokio::time::sleep;
 use super::fault;
 use super::files::SharedFiles;
 use super::ini::IniFile;
-use super::not_ready::not_ready;
 use super::prepare;
 use super::program_runner::ProgramLimits;
 use super::result::ResultLog;
@@ -16,6 +15,7 @@ use super::rsh::RshClient;
 use super::{Sampler, kinematics, path_check, program_runner, state};
 use crate::controllers::{
     ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, ReadinessItem, arrival,
+    require_prepared,
 };
 use link::Address;
 use machine::record::motion::{BlockOutcome, Motion};
@@ -111,7 +111,10 @@ impl LinuxCnc {
         // The reported switches may be outdated. (While the machine is stopped, this would be refused.)
         program_runner::request_sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
-            return Err(not_ready("a program is running", "wait until the program ends, or stop it, then start again"));
+            return Err(ControllerError::not_ready(
+                "a program is running",
+                "wait until the program ends, or stop it, then start again",
+            ));
         }
         state::check_feed_override(&mut self.rsh).await
     }
@@ -185,8 +188,8 @@ impl LinuxCnc {
             return Ok(());
         }
         let position = state::read_position(&mut self.rsh, axes).await?;
-        let deviation_error = arrival::deviation_error(&begins, &position, |axis| arrival::axis_tolerance(axis, None));
-        deviation_error.map_or(Ok(()), |error| Err(arrival::into_moved_by_hand(error)))
+        arrival::check_position(&begins, &position, |axis| arrival::axis_tolerance(axis, None))
+            .map_err(arrival::into_moved_by_hand)
     }
 
     /// Positions of the axes during `block`, if the block moves at feed and there is a sampler.
@@ -290,10 +293,7 @@ impl Driver for LinuxCnc {
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        self.refuse_if_halted()?;
-        if !self.is_prepared {
-            return Err(not_ready("the control was not prepared after the last fault", "start again"));
-        }
+        require_prepared(self.is_prepared, self.halt.is_halted())?;
         match self.execute_block(&block).await {
             Ok(outcome) => Ok(outcome),
             Err(error) => Err(self.handle_fault(error).await),

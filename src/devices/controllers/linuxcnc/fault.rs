@@ -1,6 +1,5 @@
 //! Reason why a program stopped before its end: from the log first, then the switches, then the messages.
 
-use super::not_ready::not_ready;
 use super::prepare::clear_offset_command;
 use super::result::ProgramResult;
 use super::rsh::RshClient;
@@ -19,7 +18,7 @@ pub(super) async fn stop_reason(
         Some(ProgramResult::ProbeClosedAtStart) => ControllerError::ProbeStillClosed { step },
         Some(ProgramResult::NoContact) => ControllerError::NoContact { step },
         Some(ProgramResult::ProbeFault(fault)) => ControllerError::ProbeFault { fault: *fault },
-        Some(ProgramResult::OffsetSet) => not_ready(
+        Some(ProgramResult::OffsetSet) => ControllerError::not_ready(
             "the work offset slot G59.3 was set during the run",
             &format!("enter {}, then start again", clear_offset_command(axes)),
         ),

@@ -3,7 +3,6 @@
 use std::io::Error;
 use std::path::Path;
 
-use super::not_ready::not_ready;
 use super::result::ResultLog;
 use crate::controllers::ControllerError;
 use link::SharedFolder;
@@ -26,8 +25,8 @@ impl SharedFiles {
     pub fn open(directory: &Path) -> Result<Self, ControllerError> {
         let name = directory.join(PROGRAM_FILE_NAME).to_string_lossy().into_owned();
         if !directory.is_absolute() || name.len() > MAX_PROGRAM_PATH_BYTES || name.contains(['(', ')', ' ']) {
-            return Err(not_ready(
-                &format!("LinuxCNC cannot open {name}"),
+            return Err(ControllerError::not_ready(
+                format!("LinuxCNC cannot open {name}"),
                 "set [controller] program_dir to a short absolute path without spaces and brackets",
             ));
         }
@@ -61,8 +60,8 @@ impl SharedFiles {
     pub fn expect_log(&self) -> Result<(), ControllerError> {
         match self.0.read(LOG_FILE_NAME) {
             Ok(Some(_)) => Ok(()),
-            Ok(None) => Err(not_ready(
-                &format!("LinuxCNC has run a program but has not written {}", self.0.path_of(LOG_FILE_NAME).display()),
+            Ok(None) => Err(ControllerError::not_ready(
+                format!("LinuxCNC has run a program but has not written {}", self.0.path_of(LOG_FILE_NAME).display()),
                 "check [controller] program_dir: the user of LinuxCNC needs this folder under the same path, with \
                  write permission; a network folder may update late",
             )),
@@ -76,8 +75,8 @@ impl SharedFiles {
 }
 
 fn directory_error(path: &Path, error: &Error) -> ControllerError {
-    not_ready(
-        &format!("trued cannot use {}: {error}", path.display()),
+    ControllerError::not_ready(
+        format!("trued cannot use {}: {error}", path.display()),
         "set [controller] program_dir to a folder to which the users of trued and of LinuxCNC can write",
     )
 }

@@ -10,12 +10,12 @@ pub(super) struct IniFile(BTreeMap<(String, String), String>);
 
 impl IniFile {
     pub fn read(path: &Path) -> Result<Self, ControllerError> {
-        let text = std::fs::read_to_string(path).map_err(|error| ControllerError::NotReady {
-            state: format!("the INI file {} is not readable: {error}", path.display()),
-            remedy:
+        let text = std::fs::read_to_string(path).map_err(|error| {
+            ControllerError::not_ready(
+                format!("the INI file {} is not readable: {error}", path.display()),
                 "set [controller] ini in the machine file to the file that LinuxCNC was started with, and give this \
-                     user read permission"
-                    .to_owned(),
+                 user read permission",
+            )
         })?;
         Ok(Self::parse(&text))
     }

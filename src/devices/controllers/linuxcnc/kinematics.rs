@@ -5,7 +5,6 @@
 //! on the module, which `[KINS]KINEMATICS` of the INI file names.
 
 use super::ini::IniFile;
-use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use machine::{Axis, Position};
 
@@ -39,8 +38,8 @@ pub(super) fn check_identity_mode(
     match (mode, identity) {
         _ if ini.and_then(IniFile::kinematics_module) == Some("trivkins") => Ok(()),
         (KinematicsMode::Type(now), Some(identity)) if now == identity => Ok(()),
-        (KinematicsMode::Type(now), Some(identity)) => Err(not_ready(
-            &format!(
+        (KinematicsMode::Type(now), Some(identity)) => Err(ControllerError::not_ready(
+            format!(
                 "the kinematics compensate the rotary axes: motion.switchkins-type is {now}, identity is \
                  {identity}"
             ),
@@ -93,7 +92,7 @@ fn unknown_mode_error(ini: Option<&IniFile>, mode: KinematicsMode) -> Controller
         "the mode of the kinematics is unknown (with or without compensation of the rotary axes): {reason}, and the \
          present positions do not show the mode"
     );
-    not_ready(&state, &format!("{first_remedy}{turn_remedy}"))
+    ControllerError::not_ready(&state, &format!("{first_remedy}{turn_remedy}"))
 }
 
 #[cfg(test)]

@@ -43,7 +43,6 @@ mod files;
 mod fuzz;
 mod ini;
 mod kinematics;
-mod not_ready;
 mod part_result;
 mod path_check;
 mod prepare;

@@ -27,11 +27,11 @@ impl LinuxCnc {
         let deadline = Instant::now() + MAX_SETTLING_TIME;
         loop {
             let position = state::read_position(&mut self.rsh, &self.settings.axes).await?;
-            match path_check::end_deviation_error(&part.motions, &position) {
-                None => return Ok(()),
+            match path_check::check_end_position(&part.motions, &position) {
+                Ok(()) => return Ok(()),
                 // The position is that of the feedback: an axis may still be settling.
-                Some(_) if Instant::now() < deadline => sleep(LINK_WRITE_TIME).await,
-                Some(error) => {
+                Err(_) if Instant::now() < deadline => sleep(LINK_WRITE_TIME).await,
+                Err(error) => {
                     self.require_open_probe(step).await?;
                     return Err(error);
                 }
@@ -60,9 +60,7 @@ impl LinuxCnc {
         self.spindle_rad = orientation.or(self.spindle_rad);
         match (part.motions.iter().any(is_touch), result) {
             (true, Some(ProgramResult::Touch(at))) => {
-                if let Some(error) = path_check::contact_path_error(&part.motions, &at) {
-                    return Err(error);
-                }
+                path_check::check_contact_path(&part.motions, &at)?;
                 let at = at.filter_axes(|axis| self.settings.axes.contains(&axis));
                 Ok(Some(self.spindle_rad.map_or(at.clone(), |s| at.with(Axis::S, s))))
             }

@@ -7,18 +7,18 @@ use crate::controllers::{ControllerError, arrival};
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
-/// Error if `position` is not the end of `motions`; a probing move ends at its contact.
-pub(super) fn end_deviation_error(motions: &[Motion], position: &Position) -> Option<ControllerError> {
+/// Checks that `position` is the end of `motions`; a probing move ends at its contact.
+pub(super) fn check_end_position(motions: &[Motion], position: &Position) -> Result<(), ControllerError> {
     let moving = motions.iter().rev().find(|motion| motion_target(motion).is_some());
     if moving.is_none_or(|last| matches!(last, Motion::Probe { .. })) {
-        return None;
+        return Ok(());
     }
-    position_error(&end_position(motions), position)
+    check_position(&end_position(motions), position)
 }
 
-/// Error if `position` is not `end`.
-pub(super) fn position_error(end: &Position, position: &Position) -> Option<ControllerError> {
-    arrival::deviation_error(end, &unwrap_rotary_axes(position, end), |axis| arrival::axis_tolerance(axis, None))
+/// Checks that `position` is `end`.
+pub(super) fn check_position(end: &Position, position: &Position) -> Result<(), ControllerError> {
+    arrival::check_position(end, &unwrap_rotary_axes(position, end), |axis| arrival::axis_tolerance(axis, None))
 }
 
 /// End position of the rotary axes of `motions`, if one of them turns at feed.
@@ -31,16 +31,14 @@ pub(super) fn turn_end_position(motions: &[Motion]) -> Option<Position> {
     turns_at_feed.then(|| end_position(motions).filter_axes(is_rotary))
 }
 
-/// Error if the contact at `at` is not between the start of the probing move of `motions` and its target.
-pub(super) fn contact_path_error(motions: &[Motion], at: &Position) -> Option<ControllerError> {
-    let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }))?;
+/// Checks that the contact at `at` is between the start of the probing move of `motions` and its target.
+pub(super) fn check_contact_path(motions: &[Motion], at: &Position) -> Result<(), ControllerError> {
+    let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }));
+    let Some(probing) = probing else { return Ok(()) };
     let (from, to) = (end_position(&motions[..probing]), end_position(&motions[..=probing]));
     // The position of an axis before the first motion is not known here.
     let at = unwrap_rotary_axes(at, &to).filter_axes(|axis| from.iter().any(|(known, _)| known == axis));
-    if at.is_empty() {
-        return None;
-    }
-    arrival::contact_path_error(&from, &to, &at, |axis| arrival::axis_tolerance(axis, None))
+    arrival::check_contact_path(&from, &to, &at, |axis| arrival::axis_tolerance(axis, None))
 }
 
 /// End position of each axis that `motions` move.
@@ -91,28 +89,28 @@ mod tests {
     #[test]
     fn a_guarded_move_that_stopped_on_its_way_is_astray() {
         let guarded = &touch()[..2];
-        assert!(end_deviation_error(guarded, &at(30.001, -90.0)).is_none());
-        assert!(end_deviation_error(guarded, &at(30.0, 270.0)).is_none(), "an axis that wraps");
-        let error = end_deviation_error(guarded, &at(41.3, -90.0)).unwrap();
+        assert!(check_end_position(guarded, &at(30.001, -90.0)).is_ok());
+        assert!(check_end_position(guarded, &at(30.0, 270.0)).is_ok(), "an axis that wraps");
+        let error = check_end_position(guarded, &at(41.3, -90.0)).unwrap_err();
         assert!(error.to_string().contains("X41.300, not at X30.000"), "{error}");
-        assert!(end_deviation_error(guarded, &at(30.0, -89.0)).is_some());
+        assert!(check_end_position(guarded, &at(30.0, -89.0)).is_err());
     }
 
     #[test]
     fn a_touch_ends_anywhere_but_its_contact_lies_on_its_way() {
-        assert!(end_deviation_error(&touch(), &at(28.0, -90.0)).is_none());
-        assert!(contact_path_error(&touch(), &at(28.0, -90.0)).is_none());
+        assert!(check_end_position(&touch(), &at(28.0, -90.0)).is_ok());
+        assert!(check_contact_path(&touch(), &at(28.0, -90.0)).is_ok());
         // Result of another touch.
-        assert!(contact_path_error(&touch(), &at(-28.0, -90.0)).is_some());
-        assert!(contact_path_error(&touch(), &at(28.0, 30.0)).is_some());
+        assert!(check_contact_path(&touch(), &at(-28.0, -90.0)).is_err());
+        assert!(check_contact_path(&touch(), &at(28.0, 30.0)).is_err());
     }
 
     #[test]
     fn a_back_off_is_where_it_was_told_to_be() {
         let mut motions = touch();
         motions.push(Motion::BackOff { to: at(30.0, -90.0), feed_mm_min: 300.0 });
-        assert!(end_deviation_error(&motions, &at(27.9, -90.0)).is_some());
-        assert!(end_deviation_error(&motions, &at(30.0, -90.0)).is_none());
-        assert!(end_deviation_error(&[Motion::Dwell { seconds: 1.0 }], &at(5.0, 0.0)).is_none());
+        assert!(check_end_position(&motions, &at(27.9, -90.0)).is_err());
+        assert!(check_end_position(&motions, &at(30.0, -90.0)).is_ok());
+        assert!(check_end_position(&[Motion::Dwell { seconds: 1.0 }], &at(5.0, 0.0)).is_ok());
     }
 }

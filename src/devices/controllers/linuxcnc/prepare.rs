@@ -1,7 +1,6 @@
 //! Conditions that LinuxCNC must meet before a measurement. Nothing here moves the machine.
 
 use super::kinematics::KinematicsMode;
-use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
@@ -39,10 +38,10 @@ pub(super) fn check_state(state: &[f64], axes: &[Axis]) -> Result<ReportedState,
         return Err(ControllerError::UnreadableReply { text: format!("state {state:?}") });
     }
     if *spindle != 0.0 {
-        return Err(not_ready("the spindle is on", "stop the spindle: the stylus must not rotate"));
+        return Err(ControllerError::not_ready("the spindle is on", "stop the spindle: the stylus must not rotate"));
     }
     if slot.iter().any(|offset| *offset != 0.0) {
-        return Err(not_ready(
+        return Err(ControllerError::not_ready(
             "the work offset slot G59.3 is not zero",
             &format!(
                 "trued uses G59.3 and requires zero offsets there: move your offset to another slot, then \
@@ -52,7 +51,7 @@ pub(super) fn check_state(state: &[f64], axes: &[Axis]) -> Result<ReportedState,
         ));
     }
     if *tool_offset != 0.0 {
-        return Err(not_ready(
+        return Err(ControllerError::not_ready(
             "a tool length offset is active",
             "enter G49; the length of the stylus is tool_mm in the machine file",
         ));
@@ -83,10 +82,13 @@ pub(super) fn check_switches(
     joints: Option<usize>,
 ) -> Result<(), ControllerError> {
     if estop != "OFF" {
-        return Err(not_ready("the emergency stop is pressed", "release the emergency stop at the machine"));
+        return Err(ControllerError::not_ready(
+            "the emergency stop is pressed",
+            "release the emergency stop at the machine",
+        ));
     }
     if machine != "ON" {
-        return Err(not_ready("the machine is off", "switch the machine on at the control"));
+        return Err(ControllerError::not_ready("the machine is off", "switch the machine on at the control"));
     }
     let homed: Vec<&str> = homed.split_whitespace().collect();
     let axes = axes.iter().filter(|axis| **axis != Axis::S).count();
@@ -94,7 +96,9 @@ pub(super) fn check_switches(
     let joints = joints.unwrap_or(homed.len().saturating_sub(1)).max(axes);
     match (0..joints).find(|joint| homed.get(*joint) != Some(&"YES")) {
         None => Ok(()),
-        Some(joint) => Err(not_ready(&format!("joint {joint} is not homed"), "home all joints at the control")),
+        Some(joint) => {
+            Err(ControllerError::not_ready(format!("joint {joint} is not homed"), "home all joints at the control"))
+        }
     }
 }
 

@@ -121,7 +121,7 @@ async fn has_contact_in_turn(rsh: &mut RshClient, turn_end: &Position) -> Result
     }
     let axes: Vec<Axis> = turn_end.iter().map(|(axis, _)| axis).collect();
     let position = state::read_position(rsh, &axes).await?;
-    Ok(path_check::position_error(turn_end, &position).is_some())
+    Ok(path_check::check_position(turn_end, &position).is_err())
 }
 
 /// Time without a change.

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::not_ready::not_ready;
 use crate::controllers::{ControllerError, Halt};
 use link::{Address, LineEvent, Link, LinkError};
 
@@ -130,8 +129,8 @@ impl RshClient {
 
 fn connection_error(address: &Address, error: LinkError) -> ControllerError {
     match error {
-        LinkError::NotListening { .. } => not_ready(
-            &format!("no linuxcncrsh listens at {address}"),
+        LinkError::NotListening { .. } => ControllerError::not_ready(
+            format!("no linuxcncrsh listens at {address}"),
             "start LinuxCNC and linuxcncrsh (as its display, or in addition to its display); check [controller] tcp",
         ),
         other => other.into(),

@@ -1,6 +1,5 @@
 //! State of the machine, as linuxcncrsh reports it at a standstill.
 
-use super::not_ready::not_ready;
 use super::rsh::RshClient;
 use crate::controllers::ControllerError;
 use machine::{Axis, Position};
@@ -38,7 +37,7 @@ pub(super) async fn read_length_unit_mm(rsh: &mut RshClient) -> Result<f64, Cont
 
 fn unsupported_units_error(unit: &str) -> ControllerError {
     let state = format!("the configuration of LinuxCNC uses the unit `{unit}`");
-    not_ready(&state, "use mm or inch and degrees: LINEAR_UNITS and ANGULAR_UNITS of the INI file")
+    ControllerError::not_ready(&state, "use mm or inch and degrees: LINEAR_UNITS and ANGULAR_UNITS of the INI file")
 }
 
 /// Checks that each axis is where its joint is, as switchable kinematics must be in identity mode. A
@@ -50,7 +49,7 @@ pub(super) async fn check_identity_kinematics(rsh: &mut RshClient, axes: &[Axis]
     if is_subsequence(axes.map(|(_, at)| at), &joints) {
         return Ok(());
     }
-    Err(not_ready(
+    Err(ControllerError::not_ready(
         "the positions of axes and joints differ: the kinematics compensate the rotary axes",
         "switch the kinematics to identity (in LinuxCNC's five-axis samples: M429), then start again",
     ))
@@ -69,7 +68,10 @@ pub(super) async fn check_feed_override(rsh: &mut RshClient) -> Result<(), Contr
         return Ok(());
     }
     let state = format!("the feed override is {percent} %");
-    Err(not_ready(&state, "set the feed override to 100 %: another speed changes the detection delay of a contact"))
+    Err(ControllerError::not_ready(
+        &state,
+        "set the feed override to 100 %: another speed changes the detection delay of a contact",
+    ))
 }
 
 /// Checks that a run will execute this program, and not one that another client has opened meanwhile.
@@ -79,7 +81,7 @@ pub(super) async fn check_open_program(rsh: &mut RshClient, program: &str) -> Re
         return Ok(());
     }
     let state = format!("another program is open at the control: {open}");
-    Err(not_ready(&state, "do not use the control during a measurement; start again"))
+    Err(ControllerError::not_ready(&state, "do not use the control during a measurement; start again"))
 }
 
 pub(super) async fn read_numbers(rsh: &mut RshClient, key: &str) -> Result<Vec<f64>, ControllerError> {

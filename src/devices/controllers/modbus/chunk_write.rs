@@ -1,8 +1,8 @@
 //! Writes the chunk before the control acts, and the sequence number that makes it act.
 
+use crc::{CRC_16_MODBUS, Crc};
 use tokio::time::sleep;
 
-use super::crc::crc16_modbus;
 use super::fault::is_transient;
 use super::map::MAX_WRITE_REGISTERS;
 use super::window::{RegisterWindow, encoding_error, next_heartbeat};
@@ -11,6 +11,7 @@ use link::modbus::{ModbusError, RegisterSpace};
 
 /// Maximum number of attempts for a request that may be repeated without harm.
 const MAX_ATTEMPTS: usize = 4;
+const CHUNK_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MODBUS);
 
 impl RegisterWindow {
     /// Writes the chunk and all that belongs to it, and reads each item back. The control does not act
@@ -22,7 +23,7 @@ impl RegisterWindow {
         let items = [
             command.heartbeat.write(beat),
             command.acknowledge.write(self.last_result_number.unwrap_or(self.sequence)),
-            command.crc.write(crc16_modbus(chunk)),
+            command.crc.write(CHUNK_CRC.checksum(chunk)),
             command.length.write(length),
             Ok(command.chunk.write(chunk)),
         ];

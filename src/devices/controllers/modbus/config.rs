@@ -6,9 +6,12 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::program::{self, ResidentProgram};
-use super::{RegisterMap, map};
-use link::HostPort;
+use super::{ModbusControl, RegisterMap, map};
+use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
 use link::modbus::{Framing, ModbusDevice, ModbusDeviceKeys, Parity};
+use link::{Clock, HostPort};
+use machine::record::machine::Machine;
+use planning::proof::ProvenModes;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -41,39 +44,53 @@ pub struct ModbusConfig {
     pub(super) dialect: String,
 }
 
-type WindowConfig = (RegisterMap, Option<Arc<ResidentProgram>>);
-
-/// Converts the keys to the register map of the window, and to the resident program if there is one.
-fn window_config(
-    registers: map::keys::RegisterMapKeys,
-    program: Option<program::ProgramKeys>,
-) -> Result<WindowConfig, String> {
-    let Some(keys) = program else { return Ok((registers.try_into()?, None)) };
-    let map = registers.into_program_map()?;
-    let program = ResidentProgram::from_keys(keys, &map)?;
-    Ok((map, Some(Arc::new(program))))
-}
-
 impl TryFrom<ModbusConfigKeys> for ModbusConfig {
     type Error = String;
 
     fn try_from(keys: ModbusConfigKeys) -> Result<Self, String> {
-        let ModbusConfigKeys {
-            serial,
-            serial_id,
-            baud,
-            parity,
-            tcp,
-            framing,
-            unit,
-            timeout_s,
-            dialect,
-            registers,
-            program,
-        } = keys;
-        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = ModbusDevice::try_from(device)?;
-        let (map, program) = window_config(registers.unwrap_or_default(), program)?;
-        Ok(Self { device, map, program, dialect })
+        let device = ModbusDeviceKeys {
+            serial: keys.serial,
+            serial_id: keys.serial_id,
+            baud: keys.baud,
+            parity: keys.parity,
+            tcp: keys.tcp,
+            framing: keys.framing,
+            unit: keys.unit,
+            timeout_s: keys.timeout_s,
+        };
+        let registers = keys.registers.unwrap_or_default();
+        let Some(program) = keys.program else {
+            let (device, map) = (device.try_into()?, registers.try_into()?);
+            return Ok(Self { device, map, program: None, dialect: keys.dialect });
+        };
+        let (device, map) = (device.try_into()?, registers.into_program_map()?);
+        let program = Some(Arc::new(ResidentProgram::from_keys(program, &map)?));
+        Ok(Self { device, map, program, dialect: keys.dialect })
+    }
+}
+
+impl ControllerConfig for ModbusConfig {
+    fn dialect(&self) -> &str {
+        &self.dialect
+    }
+
+    fn describe_address(&self) -> String {
+        self.device.describe()
+    }
+
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
+        Box::pin(async move {
+            let (driver, halt) = ModbusControl::open(self, machine, modes).await?;
+            Ok(Controller::spawn(driver, halt))
+        })
+    }
+
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failure: &'a ControllerError,
+        mode: DiagnosisMode,
+    ) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_failure(machine, failure, mode))
     }
 }

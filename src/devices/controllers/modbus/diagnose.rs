@@ -118,13 +118,7 @@ impl ModbusConfig {
                  search for other settings",
             ),
         };
-        Diagnosis {
-            is_confirmed: false,
-            needs_active_search: true,
-            cause,
-            evidence: failure.to_string(),
-            remedy: remedy.to_owned(),
-        }
+        Diagnosis::preliminary(cause, failure.to_string(), remedy.to_owned())
     }
 
     /// Searches for other units, settings and protocols that answer.
@@ -208,65 +202,52 @@ async fn diagnose_window_kind(modbus: &ModbusClient, map: &RegisterMap) -> Optio
         return None;
     };
     let evidence = format!("the window reports version {version}");
-    let (cause, remedy) = (cause.to_owned(), remedy.to_owned());
-    Some(Diagnosis { is_confirmed: false, needs_active_search: false, cause, evidence, remedy })
+    Some(Diagnosis::suspected(cause, evidence, remedy))
 }
 
 fn wrong_unit_diagnosis(configured: u8, actual: u8) -> Diagnosis {
-    Diagnosis {
-        is_confirmed: true,
-        needs_active_search: false,
-        cause: format!("wrong unit: a device replies as unit {actual}, no device as unit {configured}"),
-        evidence: format!("unit {actual} replied to a read of one register"),
-        remedy: format!("if that device is the control, set [controller] unit = {actual}"),
-    }
+    Diagnosis::confirmed(
+        format!("wrong unit: a device replies as unit {actual}, no device as unit {configured}"),
+        format!("unit {actual} replied to a read of one register"),
+        format!("if that device is the control, set [controller] unit = {actual}"),
+    )
 }
 
 fn wrong_line_diagnosis(cause: &str, keys: &str) -> Diagnosis {
-    Diagnosis {
-        is_confirmed: true,
-        needs_active_search: false,
-        cause: cause.to_owned(),
-        evidence: format!("with {keys} the device replies"),
-        remedy: format!("in the machine file, set [controller] {keys}"),
-    }
+    Diagnosis::confirmed(
+        cause.to_owned(),
+        format!("with {keys} the device replies"),
+        format!("in the machine file, set [controller] {keys}"),
+    )
 }
 
 fn wrong_address_diagnosis() -> Diagnosis {
-    Diagnosis {
-        is_confirmed: false,
-        needs_active_search: false,
-        cause: "wrong addresses, wrong space, or a program in the control that provides another window".to_owned(),
-        evidence: "the registers contain no valid status: head and tail, version or state do not agree".to_owned(),
-        remedy: "compare [controller.registers] with the control's program (docs/line-window.md); addresses \
+    Diagnosis::suspected(
+        "wrong addresses, wrong space, or a program in the control that provides another window",
+        "the registers contain no valid status: head and tail, version or state do not agree",
+        "compare [controller.registers] with the control's program (docs/line-window.md); addresses \
                  in the machine file count from 0"
             .to_owned(),
-    }
+    )
 }
 
 fn stopped_program_diagnosis(heartbeat_address: u16) -> Diagnosis {
-    Diagnosis {
-        is_confirmed: true,
-        needs_active_search: false,
-        cause: "the control's program is stopped: only its Modbus server replies".to_owned(),
-        evidence: format!("the status does not change, and the heartbeat (register {heartbeat_address}) has stopped"),
-        remedy: "start the program in the control or PLC (RUN), then try again".to_owned(),
-    }
+    Diagnosis::confirmed(
+        "the control's program is stopped: only its Modbus server replies",
+        format!("the status does not change, and the heartbeat (register {heartbeat_address}) has stopped"),
+        "start the program in the control or PLC (RUN), then try again",
+    )
 }
 
 fn wrong_heartbeat_diagnosis(heartbeat_address: u16, changed: &[u16]) -> Diagnosis {
     let list: Vec<String> = changed.iter().map(u16::to_string).collect();
     let list = list.join(", ");
-    Diagnosis {
-        is_confirmed: false,
-        needs_active_search: false,
-        cause: format!(
-            "wrong address of the heartbeat: register {heartbeat_address} does not change, but the control runs"
-        ),
-        evidence: format!("register {list} changes without a command"),
-        remedy: format!(
+    Diagnosis::suspected(
+        format!("wrong address of the heartbeat: register {heartbeat_address} does not change, but the control runs"),
+        format!("register {list} changes without a command"),
+        format!(
             "[controller.registers.status] heartbeat = {{ address = ... }}: one of {list}, as in the control's \
              program"
         ),
-    }
+    )
 }

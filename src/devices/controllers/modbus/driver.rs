@@ -1,28 +1,27 @@
 //! Driver: executes proven blocks and returns their outcomes.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
 use super::ModbusConfig;
-use super::fault::{ALARM_PROBE_CLOSED, is_at_rest_after, require_open_probe};
+use super::fault::{ALARM_PROBE_CLOSED, require_open_probe};
 use super::program::ResidentProgram;
 use super::status::WindowStatus;
 use super::timeouts::ModbusTimeouts;
 use super::window::RegisterWindow;
-use crate::controllers::arrival::into_moved_by_hand;
-use crate::controllers::control_clock::{ControlClock, ReportedTime};
+use crate::controllers::arrival::{self, AxisMonitor};
+use crate::controllers::control_clock::ReportedTime;
 use crate::controllers::motion_lines::{self, MotionLines};
-use crate::controllers::{ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival};
+use crate::controllers::{
+    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, require_prepared,
+};
+use machine::Position;
 use machine::record::machine::Machine;
 use machine::record::motion::{BlockOutcome, Motion};
-use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
 
-/// Maximum time that the spindle needs to reach its orientation.
-pub(super) const MAX_ORIENT_TIME: Duration = Duration::from_secs(30);
 /// Maximum time that a probe bounces after it has come free.
 const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
 
@@ -33,16 +32,9 @@ pub struct ModbusControl {
     pub(super) machine: Machine,
     /// Address of the control, for the record.
     pub(super) address_label: String,
-    /// Axes of the machine file, without the spindle.
-    pub(super) machine_axes: Vec<Axis>,
-    /// Largest permitted distance of each axis from its target, mm or rad.
-    axis_tolerances: BTreeMap<Axis, f64>,
-    /// Last position of the machine at a standstill.
-    pub(super) rest_position: Position,
+    pub(super) monitor: AxisMonitor,
     /// Whether the control is prepared and no fault has occurred since.
-    is_prepared: bool,
-    pub(super) spindle_rad: Option<f64>,
-    pub(super) control_clock: ControlClock,
+    pub(super) is_prepared: bool,
     /// Resident program that executes the blocks; if `None`, their lines are sent.
     pub(super) program: Option<Arc<ResidentProgram>>,
 }
@@ -58,8 +50,8 @@ impl ModbusControl {
         machine: &Machine,
         modes: ProvenModes,
     ) -> Result<(Self, Halt), ControllerError> {
-        let machine_axes: Vec<Axis> = machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
-        if let Some(axis) = config.map.axis_without_registers(&machine_axes) {
+        let monitor = AxisMonitor::new(machine);
+        if let Some(axis) = config.map.axis_without_registers(&monitor.axes) {
             return Err(ControllerError::Unsupported {
                 reason: format!("the register map has no registers for axis {axis}"),
                 remedy: "add the axis to [controller.registers.status.position] and .latch".to_owned(),
@@ -73,21 +65,14 @@ impl ModbusControl {
                     .to_owned(),
             });
         }
-        let (line, map) = (config.device.line.clone(), config.map.clone());
-        let name = format!("{line}, unit {}", config.device.unit);
-        let (window, halt) = RegisterWindow::open(line, config.device.unit, config.device.timeout, map).await?;
-        let tolerance = |axis: &Axis| (*axis, arrival::axis_tolerance(*axis, machine.axes.get(axis)));
+        let (window, halt) = RegisterWindow::open(&config.device, config.map.clone()).await?;
         let driver = Self {
             window,
             modes,
             machine: machine.clone(),
-            address_label: name,
-            axis_tolerances: machine_axes.iter().map(tolerance).collect(),
-            machine_axes,
-            rest_position: Position::new(),
+            address_label: format!("{}, unit {}", config.device.line, config.device.unit),
+            monitor,
             is_prepared: false,
-            spindle_rad: None,
-            control_clock: ControlClock::default(),
             program: config.program.clone(),
         };
         Ok((driver, halt))
@@ -101,10 +86,9 @@ impl ModbusControl {
 
     /// Sends the lines of one motion; returns the status after the last line.
     async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<WindowStatus, ControllerError> {
-        let rest_time = max_rest_time(lines.motion) + lines.clamp_wait;
         let mut status = None;
         for line in lines.text.lines() {
-            status = Some(self.window.execute_line(line, rest_time).await?);
+            status = Some(self.window.execute_line(line, lines.rest_time).await?);
         }
         self.standstill_status(status).await
     }
@@ -122,7 +106,7 @@ impl ModbusControl {
             Motion::Dwell { .. } => self.send_lines(lines).await,
             Motion::Orient { s } => {
                 let status = self.send_lines(lines).await?;
-                self.spindle_rad = Some(*s);
+                self.monitor.spindle_rad = Some(*s);
                 Ok(status)
             }
             Motion::Rapid { to } | Motion::Feed { to, .. } => {
@@ -200,21 +184,12 @@ impl ModbusControl {
         if !has_contact {
             return Err(ControllerError::NoContact { step });
         }
-        let from = std::mem::replace(&mut self.rest_position, status.position.clone());
-        let contact = self.machine_axes_only(&status.latched_position);
-        let deviation_error =
-            arrival::contact_path_error(&from, &self.rest_position, &contact, |axis| self.axis_tolerance(axis));
-        if let Some(error) = deviation_error {
-            return Err(error);
-        }
-        outcome.touch = Some(contact.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect());
+        let from = std::mem::replace(&mut self.monitor.rest_position, status.position.clone());
+        let contact = self.monitor.machine_axes_only(&status.latched_position);
+        self.monitor.check_contact_path(&from, &self.monitor.rest_position, &contact)?;
+        outcome.touch = Some(self.monitor.with_spindle(contact.iter()));
         outcome.t_s = status.latch_time_s;
         Ok(status)
-    }
-
-    /// Restricts a position to the axes of the machine.
-    pub(super) fn machine_axes_only(&self, position: &Position) -> Position {
-        position.filter_axes(|axis| self.machine_axes.contains(&axis))
     }
 
     /// Checks that the machine is at its target, by `status`.
@@ -223,15 +198,9 @@ impl ModbusControl {
         status: WindowStatus,
         target: &Position,
     ) -> Result<WindowStatus, ControllerError> {
-        self.rest_position = status.position.clone();
-        let target = target.filter_axes(|axis| axis != Axis::S);
-        let deviation_error = arrival::deviation_error(&target, &self.rest_position, |axis| self.axis_tolerance(axis));
-        deviation_error.map_or(Ok(status), Err)
-    }
-
-    pub(super) fn axis_tolerance(&self, axis: Axis) -> f64 {
-        // Axes that the machine file does not name are not checked.
-        self.axis_tolerances.get(&axis).copied().unwrap_or(f64::INFINITY)
+        self.monitor.rest_position = status.position.clone();
+        self.monitor.check_arrival(target)?;
+        Ok(status)
     }
 
     /// Waits until the probe reads open, first in the status `last_status`; returns the status that shows it. An
@@ -276,7 +245,7 @@ impl ModbusControl {
         status: &WindowStatus,
     ) -> Result<Option<f64>, ControllerError> {
         let contact = ReportedTime { name: "latch_time_s", t_s: latch_s };
-        self.control_clock.check_time(contact, ReportedTime { name: "time_s", t_s: status.time_s })
+        self.monitor.clock.check_time(contact, ReportedTime { name: "time_s", t_s: status.time_s })
     }
 
     /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.
@@ -287,18 +256,17 @@ impl ModbusControl {
         if !backs_off {
             status = self.wait_probe_open(block.step(), status).await?;
         }
-        let begins = self.machine_axes_only(block.start_position());
-        let expected = [&self.rest_position, &begins].into_iter();
-        let mut deviation_error =
-            expected.filter_map(|at| arrival::deviation_error(at, &status.position, |axis| self.axis_tolerance(axis)));
-        deviation_error.next().map_or(Ok(()), |error| Err(into_moved_by_hand(error)))
+        [&self.monitor.rest_position, block.start_position()]
+            .into_iter()
+            .try_for_each(|expected| self.monitor.check_position(expected, &status.position))
+            .map_err(arrival::into_moved_by_hand)
     }
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
     /// the driver holds it; after that only a new link accepts lines.
     fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
         self.is_prepared = false;
-        if !is_at_rest_after(&error) {
+        if !error.is_machine_at_rest() {
             self.window.hold();
         }
         error
@@ -307,37 +275,23 @@ impl ModbusControl {
 
 impl Driver for ModbusControl {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
-        self.is_prepared = false;
-        let prepared = self.prepare_control(require_open_probe).await?;
-        self.is_prepared = true;
-        Ok(prepared)
+        self.prepare_control(require_open_probe).await
     }
 
     async fn prepare_in_contact(&mut self) -> Result<PreparedControl, ControllerError> {
-        self.is_prepared = false;
-        let prepared = self.prepare_control(|_| Ok(())).await?;
-        self.is_prepared = true;
-        Ok(prepared)
+        self.prepare_control(|_| Ok(())).await
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        if self.window.is_halted() {
-            return Err(ControllerError::Halted);
-        }
-        if !self.is_prepared {
-            return Err(ControllerError::NotReady {
-                state: "the control was not prepared after the last fault".to_owned(),
-                remedy: "start again".to_owned(),
-            });
-        }
+        require_prepared(self.is_prepared, self.window.is_halted())?;
         let outcome = self.execute_block(&block).await;
         outcome.map_err(|error| self.handle_fault(error))
     }
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
         let status = self.window.read_status().await?;
-        self.rest_position = self.machine_axes_only(&status.position);
-        let position = self.rest_position.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect();
+        self.monitor.rest_position = self.monitor.machine_axes_only(&status.position);
+        let position = self.monitor.with_spindle(self.monitor.rest_position.iter());
         Ok(MachineSnapshot { is_probe_closed: status.is_probe_closed, position })
     }
 
@@ -349,14 +303,5 @@ impl Driver for ModbusControl {
         let foot = self.modes.foot().to_vec();
         self.set_modes(&foot).await?;
         self.window.wait_idle().await.map(|_| ())
-    }
-}
-
-/// Maximum time of a motion during which the machine is at rest.
-fn max_rest_time(motion: &Motion) -> Duration {
-    match motion {
-        Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),
-        Motion::Orient { .. } => MAX_ORIENT_TIME,
-        _ => Duration::ZERO,
     }
 }

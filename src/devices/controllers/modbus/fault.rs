@@ -1,7 +1,5 @@
 //! Converts a control's reports, or its silence, to errors for the operator.
 
-use std::time::Duration;
-
 use super::status::{WindowState, WindowStatus};
 use crate::controllers::ControllerError;
 use link::modbus::ModbusError;
@@ -51,10 +49,6 @@ pub(super) fn refusal_error(line: &str, error: u16) -> ControllerError {
     }
 }
 
-pub(super) fn no_reply_error(line: &str, waited: Duration) -> ControllerError {
-    ControllerError::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
-}
-
 pub(super) fn unexpected_reply_error(status: &WindowStatus, sequence: u16) -> ControllerError {
     let WindowStatus { accepted_sequence, executed_sequence, .. } = status;
     let reply = format!("accepted {accepted_sequence}, executed {executed_sequence}, expected {sequence}");
@@ -95,10 +89,10 @@ pub(super) fn not_ready_error(status: &WindowStatus) -> Option<ControllerError> 
             let state = format!("alarm {}: {}", status.alarm_code, alarm_meaning(status.alarm_code));
             let remedy =
                 "inspect the machine, clear the alarm at the control, home the machine if the control requires it";
-            return Some(ControllerError::NotReady { state, remedy: remedy.to_owned() });
+            return Some(ControllerError::not_ready(state, remedy));
         }
     };
-    Some(ControllerError::NotReady { state: state.to_owned(), remedy: remedy.to_owned() })
+    Some(ControllerError::not_ready(state, remedy))
 }
 
 /// Checks that the probe is open before the first motion.
@@ -115,25 +109,4 @@ pub(super) fn is_transient(error: &ModbusError) -> bool {
         ModbusError::ExceptionReply { code, .. } => matches!(code, 5 | 6),
         _ => false,
     }
-}
-
-/// Whether the machine is at rest after `error`: the control reports the fault at a standstill, or a hold
-/// was sent.
-pub(super) fn is_at_rest_after(error: &ControllerError) -> bool {
-    use ControllerError as E;
-    matches!(
-        error,
-        E::Halted
-            | E::HeldAtControl { .. }
-            | E::Alarm { .. }
-            | E::NoContact { .. }
-            | E::UnexpectedContact { .. }
-            | E::ProbeStillClosed { .. }
-            | E::WrongPosition { .. }
-            | E::NotReady { .. }
-            | E::UnexpectedDevice { .. }
-            | E::InvalidTimestamp { .. }
-            | E::ProbeFault { .. }
-            | E::RenderFailed { .. }
-    )
 }

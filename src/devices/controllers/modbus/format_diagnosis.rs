@@ -91,16 +91,14 @@ pub(super) fn diagnose_position_format(map: &RegisterMap, block: &[u16], machine
 fn format_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Axis, f64)]) -> Diagnosis {
     let (cause, key) = change.describe(number);
     let position_list: Vec<String> = positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
-    Diagnosis {
-        is_confirmed: false,
-        needs_active_search: false,
-        cause: format!("{cause} of the positions"),
-        evidence: format!("with {key} every axis is within its travel: {}", position_list.join(", ")),
-        remedy: format!(
+    Diagnosis::suspected(
+        format!("{cause} of the positions"),
+        format!("with {key} every axis is within its travel: {}", position_list.join(", ")),
+        format!(
             "if the control's display shows these positions: {key} in each axis of \
              [controller.registers.status.position] and .latch"
         ),
-    }
+    )
 }
 
 /// Position of each axis of `machine` according to `block`, mm and degrees.
@@ -189,13 +187,11 @@ pub(super) fn shifted_status_diagnosis(map: &RegisterMap, shift: i16, in_other_s
             if in_other_space { format!("space = \"{space}\", and ") } else { String::new() }
         ),
     };
-    Diagnosis {
-        is_confirmed: true,
-        needs_active_search: false,
+    Diagnosis::confirmed(
         cause,
-        evidence: format!("read from {space} register {first} on, head, tail, version and state agree"),
-        remedy: format!("in the machine file: {keys}"),
-    }
+        format!("read from {space} register {first} on, head, tail, version and state agree"),
+        format!("in the machine file: {keys}"),
+    )
 }
 
 #[cfg(test)]

@@ -16,17 +16,15 @@
 
 mod chunk_write;
 mod config;
-mod controller_config;
-mod crc;
 mod device_info;
 mod diagnose;
 mod driver;
 mod fault;
 mod format_diagnosis;
+mod heartbeat_monitor;
 mod map;
 mod prepare;
 mod program;
-mod stall_detector;
 mod status;
 #[cfg(test)]
 mod tests;

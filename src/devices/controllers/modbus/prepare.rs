@@ -1,13 +1,12 @@
 //! Checks before the first motion: whether a live control is behind the registers, and whether its modes
 //! are set.
 
-use std::time::Duration;
-
 use super::driver::ModbusControl;
 use super::fault::not_ready_error;
 use super::format_diagnosis;
 use super::status::WindowStatus;
 use crate::controllers::control_clock::ControlClock;
+use crate::controllers::motion_lines::to_duration;
 use crate::controllers::{ControllerError, PreparedControl, ReadinessItem, arrival};
 use planning::gcode::Transmission;
 
@@ -17,6 +16,7 @@ impl ModbusControl {
         &mut self,
         check_probe: fn(&WindowStatus) -> Result<(), ControllerError>,
     ) -> Result<PreparedControl, ControllerError> {
+        self.is_prepared = false;
         let status = self.window.wait_for_heartbeat().await?;
         if let Some(error) = not_ready_error(&status) {
             return Err(error);
@@ -36,8 +36,8 @@ impl ModbusControl {
         let status = self.window.wait_idle().await?;
         check_probe(&status)?;
         self.check_probe_health(&status)?;
-        self.rest_position = self.machine_axes_only(&status.position);
-        self.control_clock = ControlClock::default();
+        self.monitor.rest_position = self.monitor.machine_axes_only(&status.position);
+        self.monitor.clock = ControlClock::default();
         self.contact_time_s(None, &status)?;
         let stop_description = format!(
             "hold (a register): takes effect when the pending request is answered, within {:.1} s at most; \
@@ -50,11 +50,17 @@ impl ModbusControl {
             // A chunk holds one line.
             None => Transmission::Lines { max_line_bytes: self.window.map.command.chunk.bytes() + 1 },
         };
-        let (identity, position) = (self.identity(), self.rest_position.clone());
         // The window has registers for the position and the probe; the control's program checks all else.
         let unreadable_items = ReadinessItem::ALL.into_iter();
         let unreadable_items = unreadable_items.filter(|item| *item != ReadinessItem::ProbeInput).collect();
-        Ok(PreparedControl { identity, stop_description, position, transmission, unreadable_items })
+        self.is_prepared = true;
+        Ok(PreparedControl {
+            identity: self.identity(),
+            stop_description,
+            position: self.monitor.rest_position.clone(),
+            transmission,
+            unreadable_items,
+        })
     }
 
     /// Describes what is behind the window, and its address.
@@ -110,14 +116,13 @@ impl ModbusControl {
         if self.program.is_some() {
             return Ok(());
         }
-        let fault = |reason: String| ControllerError::RenderFailed { step: 0, reason };
-        let most = self.window.map.command.chunk.bytes();
-        let rest_time = self.modes.settling_time_s().unwrap_or_default();
-        let rest_time = Duration::try_from_secs_f64(rest_time).unwrap_or_default();
+        let max_bytes = self.window.map.command.chunk.bytes();
+        let rest_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
         // Comments have no effect at the control, and may be longer than the window.
         for line in lines.iter().filter(|line| !line.starts_with('(')) {
-            if line.len() > most {
-                return Err(fault(format!("a line is longer than the window: `{line}`")));
+            if line.len() > max_bytes {
+                let reason = format!("a line is longer than the window: `{line}`");
+                return Err(ControllerError::RenderFailed { step: 0, reason });
             }
             self.window.execute_line(line, rest_time).await?;
         }

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use super::status::WindowState;
+
 /// Timeouts of the driver, host time.
 #[derive(Debug, Clone, Copy)]
 pub struct ModbusTimeouts {
@@ -14,6 +16,14 @@ pub struct ModbusTimeouts {
     pub stall: Duration,
     /// Maximum time without a change of the control's heartbeat.
     pub heartbeat: Duration,
+}
+
+impl ModbusTimeouts {
+    /// Maximum time for which a control may report `state` unchanged while a chunk is incomplete. An idle control
+    /// has lost the chunk; one that reports a motion without a change of position hangs.
+    pub(super) fn unchanged_limit(&self, state: WindowState) -> Duration {
+        if state == WindowState::Idle { self.reply } else { self.stall }
+    }
 }
 
 impl Default for ModbusTimeouts {

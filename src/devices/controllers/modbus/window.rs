@@ -8,14 +8,16 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
-use super::fault::{check_state, is_transient, no_reply_error, refusal_error, reset_error, unexpected_reply_error};
+use super::fault::{check_state, is_transient, refusal_error, reset_error, unexpected_reply_error};
+use super::heartbeat_monitor::HeartbeatMonitor;
 use super::map::RegisterMap;
-use super::stall_detector::{HeartbeatMonitor, StallDetector};
 use super::status::{WindowState, WindowStatus};
 use super::timeouts::ModbusTimeouts;
+use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, Halt};
 use link::modbus::value::ValueError;
-use link::modbus::{DeviceSettings, ModbusClient, ModbusError, ModbusLine, UrgentWriteSender};
+use link::modbus::{DeviceSettings, ModbusClient, ModbusDevice, ModbusError, UrgentWriteSender};
+use machine::Position;
 
 /// Interval of trued's own heartbeat while nothing else is written.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
@@ -26,14 +28,14 @@ pub(super) struct PendingChunk {
     pub(super) sequence: u16,
     rest_time: Duration,
     started: Instant,
-    stall_detector: StallDetector,
+    stall_detector: StallDetector<(WindowState, Position)>,
     /// Pause before the next request; `None`: there was no request yet.
     pause: Option<Duration>,
 }
 
 impl PendingChunk {
     fn new(name: &str, sequence: u16, rest_time: Duration) -> Self {
-        let (started, stall_detector) = (Instant::now(), StallDetector::default());
+        let (started, stall_detector) = (Instant::now(), StallDetector::new());
         Self { name: name.to_owned(), sequence, rest_time, started, stall_detector, pause: None }
     }
 
@@ -95,32 +97,25 @@ pub(super) fn encoding_error(error: ValueError) -> ControllerError {
 
 impl RegisterWindow {
     /// Opens the line; the halt writes `hold`, and nothing is written after it.
-    pub(super) async fn open(
-        line: ModbusLine,
-        unit: u8,
-        timeout: Duration,
-        map: RegisterMap,
-    ) -> Result<(Self, Halt), ControllerError> {
-        let settings = DeviceSettings { unit, timeout, allowed: map.access_ranges() };
+    pub(super) async fn open(device: &ModbusDevice, map: RegisterMap) -> Result<(Self, Halt), ControllerError> {
+        let settings = DeviceSettings { unit: device.unit, timeout: device.timeout, allowed: map.access_ranges() };
         let (at, words) = map.command.hold.write(1).map_err(encoding_error)?;
-        let link = Arc::new(ModbusClient::open(line, settings).await?);
+        let link = Arc::new(ModbusClient::open(device.line.clone(), settings).await?);
         let hold = link.urgent(at, &words)?;
         let urgent = hold.clone();
         let halt = Halt::new(move || urgent.send_and_drop_ordinary());
-        let beat = Arc::new(AtomicU16::new(0));
-        let timeouts = ModbusTimeouts::default();
         let window = Self {
             link,
             map,
             hold,
             halt: halt.clone(),
-            own_heartbeat: beat,
+            own_heartbeat: Arc::default(),
             heartbeat_task: OnceLock::new(),
             sequence: 0,
             is_own_sequence: false,
             last_result_number: None,
             free_move_step: None,
-            timeouts,
+            timeouts: ModbusTimeouts::default(),
             heartbeat_monitor: HeartbeatMonitor::default(),
         };
         Ok((window, halt))
@@ -261,13 +256,14 @@ impl RegisterWindow {
             }
             before if before == self.sequence => {
                 if pending.started.elapsed() > self.timeouts.reply {
-                    return Err(no_reply_error(name, self.timeouts.reply));
+                    return Err(ControllerError::no_answer(name, self.timeouts.reply));
                 }
             }
             0 => return Err(reset_error()),
             _ => return Err(unexpected_reply_error(&status, sequence)),
         }
-        pending.stall_detector.check_progress(&status, &self.timeouts, pending.rest_time, name)?;
+        let (state, limit) = ((status.state, status.position.clone()), self.timeouts.unchanged_limit(status.state));
+        pending.stall_detector.check_progress(state, limit, pending.rest_time, name)?;
         Ok((status, false))
     }
 

@@ -15,7 +15,6 @@ use serde::Deserialize;
 use tokio::time::{Instant, sleep};
 
 use self::tick_record::{TickPositions, TickRecord};
-use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use link::Clock;
 use link::{Address, ByteStreamHandle, HostPort, StreamRead};
@@ -106,7 +105,7 @@ impl Sampler {
         let name = format!("the sampler at {address}");
         let stream = link::open_byte_stream(&address).await.map_err(|error| {
             let state = format!("{name} is not reachable: {error}");
-            not_ready(&state, &format!("start the sampler together with LinuxCNC: {SETUP_GUIDE}"))
+            ControllerError::not_ready(&state, &format!("start the sampler together with LinuxCNC: {SETUP_GUIDE}"))
         })?;
         let state = SamplerState { record: TickRecord::new(axes, config.period_s), lost_reason: None };
         let shared_state = Arc::new(Mutex::new(state));
@@ -134,13 +133,16 @@ impl Sampler {
         self.mm_per_unit = mm_per_unit;
         let required_axes = axes.iter().filter(|axis| **axis != Axis::S);
         if let Some(axis) = required_axes.into_iter().find(|a| !self.lock_state().record.axes().contains(a)) {
-            return Err(not_ready(
-                &format!("{} does not record axis {axis}", self.name),
+            return Err(ControllerError::not_ready(
+                format!("{} does not record axis {axis}", self.name),
                 "add the axis to [controller.sampler] axes, and connect it to a pin of the sampler",
             ));
         }
         let silent = |name: &str, reason: String| {
-            not_ready(&format!("{name}: {reason}"), &format!("check that the sampler runs: {SETUP_GUIDE}"))
+            ControllerError::not_ready(
+                format!("{name}: {reason}"),
+                &format!("check that the sampler runs: {SETUP_GUIDE}"),
+            )
         };
         // Positions buffered before the connection arrive at once.
         self.wait_for_tick_after(f64::NEG_INFINITY).await.map_err(|reason| silent(&self.name, reason))?;
@@ -151,13 +153,13 @@ impl Sampler {
         let newest = self.wait_for_tick_after(now_s).await.map_err(|reason| silent(&self.name, reason))?;
         let period_s = before.and_then(|tick| self.lock_state().record.ticks.wrong_period_s(tick));
         if let Some(period_s) = period_s {
-            return Err(not_ready(
-                &format!("{} counts one tick every {:.3} ms", self.name, period_s * 1e3),
+            return Err(ControllerError::not_ready(
+                format!("{} counts one tick every {:.3} ms", self.name, period_s * 1e3),
                 "set [controller.sampler] period_s to the servo thread's period (`halcmd show thread`)",
             ));
         }
         let difference = self.position_difference(&newest, position);
-        difference.map_or(Ok(()), |difference| Err(not_ready(&difference, &pin_remedy())))
+        difference.map_or(Ok(()), |difference| Err(ControllerError::not_ready(&difference, &pin_remedy())))
     }
 
     /// Starts to keep positions.

@@ -7,11 +7,12 @@ use tokio::time::Instant;
 use super::ResidentProgram;
 use super::layout::ProgramCall;
 use super::rows::{self, ProgramRow, RowAction};
-use crate::controllers::modbus::driver::{MAX_ORIENT_TIME, ModbusControl};
+use crate::controllers::ControllerError;
+use crate::controllers::modbus::driver::ModbusControl;
 use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
 use crate::controllers::modbus::status::{HandedOverResult, WindowStatus};
 use crate::controllers::modbus::window::{PendingChunk, RegisterWindow, sequence_after};
-use crate::controllers::{ControllerError, arrival};
+use crate::controllers::motion_lines::{MAX_ORIENT_TIME, to_duration};
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
@@ -61,13 +62,13 @@ impl ModbusControl {
         let latch_s = touch.and_then(|result| result.t_s);
         let mut outcome = BlockOutcome { t_s: self.contact_time_s(latch_s, &status)?, ..BlockOutcome::default() };
         if let Some(result) = touch {
-            let spindle = block.motions().take(result.row).filter_map(orientation_rad).last();
-            let spindle = spindle.or(self.spindle_rad);
-            let spindle = spindle.map(|s| (Axis::S, s));
-            outcome.touch = Some(self.machine_axes_only(&result.latched_position).iter().chain(spindle).collect());
+            let orientation = block.motions().take(result.row).filter_map(orientation_rad).last();
+            let spindle = orientation.or(self.monitor.spindle_rad).map(|s| (Axis::S, s));
+            let contact = self.monitor.machine_axes_only(&result.latched_position);
+            outcome.touch = Some(contact.iter().chain(spindle).collect());
         }
-        self.spindle_rad = block.motions().filter_map(orientation_rad).last().or(self.spindle_rad);
-        let end = rows::end_position(&rows, &self.rest_position);
+        self.monitor.spindle_rad = block.motions().filter_map(orientation_rad).last().or(self.monitor.spindle_rad);
+        let end = rows::end_position(&rows, &self.monitor.rest_position);
         let status = self.check_arrival(status, &end)?;
         if rows.last().is_some_and(|row| row.action != RowAction::Touch) {
             self.wait_probe_open(block.step(), status).await?;
@@ -184,11 +185,10 @@ impl ModbusControl {
         row: &ProgramRow,
         result: &ContactRowResult,
     ) -> Result<(), ControllerError> {
-        let from = rows::end_position(before, &self.rest_position);
+        let from = rows::end_position(before, &self.monitor.rest_position);
         let to = from.updated_by(&row.target);
-        let contact = self.machine_axes_only(&result.latched_position).filter_axes(|axis| from.get(axis).is_some());
-        let deviation_error = arrival::contact_path_error(&from, &to, &contact, |axis| self.axis_tolerance(axis));
-        deviation_error.map_or(Ok(()), Err)
+        let contact = self.monitor.machine_axes_only(&result.latched_position);
+        self.monitor.check_contact_path(&from, &to, &contact.filter_axes(|axis| from.get(axis).is_some()))
     }
 }
 
@@ -239,7 +239,7 @@ fn orientation_rad(motion: &Motion) -> Option<f64> {
 /// Maximum time for which the machine may be at rest within a call.
 fn max_rest_time(rows: &[ProgramRow]) -> Duration {
     let rest_times = rows.iter().map(|row| match row.action {
-        RowAction::Dwell => Duration::try_from_secs_f64(row.value).unwrap_or_default(),
+        RowAction::Dwell => to_duration(row.value),
         RowAction::Orient => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     });

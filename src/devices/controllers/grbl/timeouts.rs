@@ -2,11 +2,7 @@
 
 use std::time::Duration;
 
-use tokio::time::Instant;
-
-use super::fault::no_reply_error;
 use super::message::GrblStatus;
-use crate::controllers::ControllerError;
 
 /// Timeouts of the driver, host time.
 #[derive(Debug, Clone, Copy)]
@@ -37,24 +33,10 @@ impl Default for GrblTimeouts {
     }
 }
 
-/// Detects a control that answers but makes no progress.
-#[derive(Default)]
-pub(super) struct StallDetector(Option<(GrblStatus, Instant)>);
-
-impl StallDetector {
-    /// Error if the control is idle while an answer is outstanding (a byte was lost), or if it reports a
-    /// motion without a change of position (it hangs).
-    pub(super) fn check_progress(
-        &mut self,
-        status: &GrblStatus,
-        timeouts: &GrblTimeouts,
-        rest_time: Duration,
-        line: &str,
-    ) -> Result<(), ControllerError> {
-        let same = |last: &&(GrblStatus, Instant)| last.0.state == status.state && last.0.position == status.position;
-        let since = self.0.as_ref().filter(same).map_or_else(Instant::now, |(_, since)| *since);
-        self.0 = Some((status.clone(), since));
-        let limit = if status.state == "Idle" { timeouts.reply } else { timeouts.stall };
-        if since.elapsed() > limit + rest_time { Err(no_reply_error(line, limit)) } else { Ok(()) }
+impl GrblTimeouts {
+    /// Maximum time for which a control may report `status` unchanged. A control that is idle while an answer is
+    /// outstanding has lost a byte; one that reports a motion without a change of position hangs.
+    pub(super) fn unchanged_limit(&self, status: &GrblStatus) -> Duration {
+        if status.state == "Idle" { self.reply } else { self.stall }
     }
 }
