@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use super::method_list::methods_help;
 use super::result_args::{BackupArgs, CompareArgs, ExportArgs, PredictArgs, RunsArgs, ShowArgs};
 use crate::service::Role;
+use crate::setup::control_kinds;
 use devices::controllers::linuxcnc;
 
 /// Keeps five-axis machine tools in tolerance: the machine measures its geometric errors with its own touch
@@ -210,11 +211,16 @@ pub struct IdentifyArgs {
     pub json: bool,
 }
 
+fn control_kind_help() -> String {
+    let kinds = control_kinds().join(", ");
+    let (others, last) = kinds.rsplit_once(", ").unwrap_or(("", &kinds));
+    format!("Kind of the control: {others} or {last}")
+}
+
 #[derive(Debug, Args)]
 #[command(group = clap::ArgGroup::new("link").required(true).args(["serial", "serial_id", "tcp"]))]
 pub struct InitArgs {
-    /// Kind of the control: grbl, linuxcnc or modbus.
-    #[arg(long)]
+    #[arg(long, help = control_kind_help())]
     pub kind: String,
     #[arg(long, value_name = "/dev/...")]
     pub serial: Option<String>,

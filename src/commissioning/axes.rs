@@ -5,6 +5,7 @@ use std::time::Instant;
 use super::jog::{self, JogError};
 use super::question_text::{axis_unit, format_amount, format_jog, visible_motion};
 use super::{Check, CheckEnd, CheckPart};
+use crate::setup::control_hints;
 use machine::Axis;
 use machine::record::machine::AxisSense;
 use machine::record::question::{Answer, Jog, ObservedMotion, Question};
@@ -193,9 +194,9 @@ fn judge_axis(check: &mut Check<'_>, jog: &Jog, seen: ObservedMotion, since: Ins
 fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {
     if axis.is_linear() {
         return format!(
-            "invert the direction of {axis} at the control (grblHAL: $3; LinuxCNC: the sign of SCALE of the \
-            joint), or correct [machine] topology: an axis that carries the table moves against the sign of \
-            its command, an axis that carries the spindle moves with it"
+            "invert the direction of {axis} at the control ({}), or correct [machine] topology: an axis that \
+            carries the table moves against the sign of its command, an axis that carries the spindle moves with it",
+            control_hints(|control| control.axis_direction_hint)
         );
     }
     let other = if stated == Some(AxisSense::Reversed) { "iso" } else { "reversed" };
@@ -217,9 +218,9 @@ fn gain_fault(jog: &Jog, seen: f64) -> (String, String) {
         format_amount(axis, format_args!("{seen:+}"))
     );
     let remedy = format!(
-        "divide the steps per {unit} of {axis} at the control by {gain:.3} (grblHAL: $100 and following, in \
-        axis order; LinuxCNC: SCALE of the joint); for a more accurate value, measure over a longer \
-        distance"
+        "divide the steps per {unit} of {axis} at the control by {gain:.3} ({}); for a more accurate value, \
+        measure over a longer distance",
+        control_hints(|control| control.axis_scale_hint)
     );
     (what, remedy)
 }

@@ -8,7 +8,7 @@ use tokio::time::timeout;
 use super::axes::NO_PROBE_REASON;
 use super::jog::{self, ProvenJog};
 use super::{Check, CheckEnd, CheckPart};
-use crate::setup::{Pace, SetupError};
+use crate::setup::{Pace, SetupError, control_hints};
 use devices::controllers::ControllerError;
 use machine::Axis;
 use machine::record::motion::BlockOutcome;
@@ -24,11 +24,6 @@ const MAX_TRAVEL_AFTER_HALT_MM: f64 = 1.0;
 const MAX_RELEASE_QUESTIONS: usize = 3;
 /// Maximum distance from the end at which the axis has reached it, mm.
 const END_TOLERANCE_MM: f64 = 0.05;
-/// Remedy for the person who configures the hold of the control.
-const HOLD_REMEDY: &str = "check how the control receives a hold. Modbus: hold in \
-    [controller.registers.command] (docs/line-window.md); grblHAL: real-time command `!`; LinuxCNC: abort \
-    through linuxcncrsh";
-
 /// Result of the held jog.
 struct HeldJog {
     /// Time from the start to the halt, s; `None`: the motion had ended before.
@@ -117,6 +112,11 @@ async fn run_held_jog(check: &Check<'_>, proven: ProvenJog) -> Result<HeldJog, C
 }
 
 /// Judges the jog; returns whether the control is held.
+/// Remedy for the person who configures the hold of the control.
+fn hold_remedy() -> String {
+    format!("check how the control receives a hold. {}", control_hints(|control| Some(control.hold_hint)))
+}
+
 async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Instant) -> Result<bool, CheckEnd> {
     let axis = jog.axis;
     let time_to_halt_s = match (&held.ended, held.time_to_halt_s) {
@@ -131,7 +131,7 @@ async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Inst
             return Ok(held.time_to_halt_s.is_some());
         }
         (Err(error @ ControllerError::HoldFailed { .. }), _) => {
-            let remedy = format!("{}; {HOLD_REMEDY}", error.remedy());
+            let remedy = format!("{}; {}", error.remedy(), hold_remedy());
             check.report_failed(CheckPart::Hold, since, error.to_string(), remedy);
             return Err(CheckEnd::Unsafe);
         }
@@ -156,7 +156,7 @@ async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Inst
             CheckPart::Hold,
             since,
             what,
-            format!("do not start a run on this machine until a hold stops it; {HOLD_REMEDY}"),
+            format!("do not start a run on this machine until a hold stops it; {}", hold_remedy()),
         );
         return Err(CheckEnd::Unsafe);
     }

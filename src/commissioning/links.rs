@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::{Check, CheckEnd, CheckPart, Verdict};
 use crate::setup::SetupError;
 use crate::setup::machine_file::Control;
-use devices::controllers::{ControllerError, DiagnosisMode};
+use devices::controllers::{ControllerError, DiagnosisMode, DiagnosisRequest};
 use machine::record::question::{Answer, Question};
 
 pub(super) async fn check_links(check: &mut Check<'_>) -> Result<(), CheckEnd> {
@@ -40,11 +40,11 @@ pub(super) async fn report_link_fault(
     check.report_failed(part, since, error.to_string(), error.remedy());
     check.devices = None;
     let Control::Real(control) = &check.file.controller.control else { return check.check_stop() };
-    let machine = &check.file.machine;
-    let mut found = control.diagnose(machine, error, DiagnosisMode::Passive).await;
+    let request = DiagnosisRequest { machine: &check.file.machine, failure: error, mode: DiagnosisMode::Passive };
+    let mut found = control.diagnose(request).await;
     let more = found.is_empty() || found.iter().any(|suspicion| suspicion.needs_active_search);
     if more && check.prompt_operator(diagnosis_question()).await? == Answer::Yes {
-        found = control.diagnose(machine, error, DiagnosisMode::Active).await;
+        found = control.diagnose(DiagnosisRequest { mode: DiagnosisMode::Active, ..request }).await;
     }
     for suspicion in found {
         let (what, remedy) = (suspicion.to_string(), suspicion.remedy);

@@ -2,29 +2,45 @@
 
 use std::sync::Arc;
 
-use devices::controllers::{ControllerConfig, grbl, linuxcnc, modbus};
+use devices::controllers::{ControlDescription, ControllerConfig, grbl, linuxcnc, modbus};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
-/// The kinds of all controls.
-pub const CONTROL_KINDS: [&str; 3] = [grbl::CONTROL_KIND, linuxcnc::CONTROL_KIND, modbus::CONTROL_KIND];
+macro_rules! registry {
+    ($($config:ty,)*) => {
+        const CONTROLS: &[ControlDescription] = &[$(<$config>::DESCRIPTION),*];
 
-/// Configuration of a control of `kind` from the keys of its table. This is the registry: a new control is one
-/// line here.
-///
-/// # Errors
-/// An unknown kind, or a table with unknown keys or wrong types.
-pub fn configure_control<'de, D: Deserializer<'de>>(
-    kind: &str,
-    keys: D,
-) -> Result<Arc<dyn ControllerConfig>, D::Error> {
-    match kind {
-        grbl::CONTROL_KIND => Ok(Arc::new(grbl::GrblConfig::deserialize(keys)?)),
-        linuxcnc::CONTROL_KIND => Ok(Arc::new(linuxcnc::LinuxCncConfig::deserialize(keys)?)),
-        modbus::CONTROL_KIND => Ok(Arc::new(modbus::ModbusConfig::deserialize(keys)?)),
-        unknown => Err(D::Error::custom(format!(
-            "the kind of control `{unknown}` is not known; known are {}",
-            CONTROL_KINDS.join(", ")
-        ))),
-    }
+        /// Configuration of a control of `kind` from the keys of its table.
+        ///
+        /// # Errors
+        /// An unknown kind, or a table with unknown keys or wrong types.
+        pub fn configure_control<'de, D: Deserializer<'de>>(
+            kind: &str,
+            keys: D,
+        ) -> Result<Arc<dyn ControllerConfig>, D::Error> {
+            $(if kind == <$config>::DESCRIPTION.kind {
+                return Ok(Arc::new(<$config>::deserialize(keys)?));
+            })*
+            let known = control_kinds().join(", ");
+            Err(D::Error::custom(format!("the kind of control `{kind}` is not known; known are {known}")))
+        }
+    };
+}
+
+registry! {
+    modbus::ModbusConfig,
+    grbl::GrblConfig,
+    linuxcnc::LinuxCncConfig,
+}
+
+/// The kinds of all controls, in alphabetical order.
+pub fn control_kinds() -> Vec<&'static str> {
+    let mut kinds: Vec<_> = CONTROLS.iter().map(|control| control.kind).collect();
+    kinds.sort_unstable();
+    kinds
+}
+
+/// The hints of all controls that have one.
+pub fn control_hints(hint: fn(&ControlDescription) -> Option<&'static str>) -> String {
+    CONTROLS.iter().filter_map(hint).collect::<Vec<_>>().join("; ")
 }

@@ -19,7 +19,7 @@ use std::path::Path;
 
 pub use self::devices::{Devices, RunHistory, machine_dialect, render_modes};
 pub use built_in::{BuiltInFile, built_in_file};
-pub use controls::configure_control;
+pub use controls::{configure_control, control_hints, control_kinds};
 pub use draft::MachineFileDraft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;

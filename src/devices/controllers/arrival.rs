@@ -64,7 +64,7 @@ pub(in crate::controllers) struct AxisMonitor {
     /// Largest permitted distance of each axis from its target, mm or rad.
     tolerances: BTreeMap<Axis, f64>,
     /// Last position of the machine at a standstill.
-    pub rest_position: Position,
+    pub standstill_position: Position,
     /// Orientation of the spindle, rad, once it was commanded.
     pub spindle_rad: Option<f64>,
     pub clock: ControlClock,
@@ -77,7 +77,7 @@ impl AxisMonitor {
         Self {
             axes: tolerances.keys().copied().collect(),
             tolerances,
-            rest_position: Position::new(),
+            standstill_position: Position::new(),
             spindle_rad: None,
             clock: ControlClock::default(),
         }
@@ -94,7 +94,7 @@ impl AxisMonitor {
 
     /// Checks that the machine is at rest at `target`.
     pub fn check_arrival(&self, target: &Position) -> Result<(), ControllerError> {
-        self.check_position(target, &self.rest_position)
+        self.check_position(target, &self.standstill_position)
     }
 
     /// Checks that a contact is on the path between `from` and `to`.
@@ -130,7 +130,7 @@ pub(in crate::controllers) fn describe_braking_distances(machine: &Machine) -> S
 }
 
 /// Converts `WrongPosition` to `NotReady`: between two blocks only a person or another program moves the machine.
-pub(in crate::controllers) fn into_moved_by_hand(error: ControllerError) -> ControllerError {
+pub(in crate::controllers) fn moved_between_blocks_error(error: ControllerError) -> ControllerError {
     match error {
         ControllerError::WrongPosition { expected, actual } => ControllerError::not_ready(
             format!("the machine was moved by hand: it is at {actual}, not at {expected}"),

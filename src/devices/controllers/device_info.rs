@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use super::ControllerError;
 use machine::Axis;
-use machine::record::machine::AxisSense;
+use machine::record::machine::{AxisSense, Machine};
 
 /// Properties that a control reports, from its own settings, independent of the machine file.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -67,6 +68,14 @@ pub enum DiagnosisMode {
     /// numbers. None of them is a command in the protocol that is tried; their effect on another device is
     /// unknown.
     Active,
+}
+
+/// Search for the reason why the control of `machine` could not be opened or prepared.
+#[derive(Clone, Copy)]
+pub struct DiagnosisRequest<'a> {
+    pub machine: &'a Machine,
+    pub failure: &'a ControllerError,
+    pub mode: DiagnosisMode,
 }
 
 /// A possible cause of a fault.

@@ -102,7 +102,7 @@ impl ControllerError {
 
     /// Whether the machine is at rest after this error on every control: the control reports the fault at a
     /// standstill, or a hold was sent.
-    pub(in crate::controllers) fn is_machine_at_rest(&self) -> bool {
+    pub(in crate::controllers) fn is_machine_stationary(&self) -> bool {
         matches!(
             self,
             Self::Halted

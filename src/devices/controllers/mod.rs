@@ -26,14 +26,26 @@ pub mod grbl;
 pub mod linuxcnc;
 pub mod modbus;
 mod motion_lines;
-mod port;
+mod port_diagnosis;
 mod port_scan;
 mod readiness;
 mod stall_detector;
 
-pub use device_info::{DeviceInfo, Diagnosis, DiagnosisMode, ReadinessFinding, ReportedAxis};
+pub use device_info::{DeviceInfo, Diagnosis, DiagnosisMode, DiagnosisRequest, ReadinessFinding, ReportedAxis};
 pub use error::ControllerError;
-pub use readiness::{ReadinessItem, describe_unreadable_items};
+pub use readiness::{READINESS_ITEMS, ReadinessItem, describe_unreadable_items};
+
+/// Texts about one kind of control, for messages that name all controls.
+pub struct ControlDescription {
+    /// Value of `kind` in `[controller]`.
+    pub kind: &'static str,
+    /// How the control receives a hold.
+    pub hold_hint: &'static str,
+    /// Setting of the direction of an axis.
+    pub axis_direction_hint: Option<&'static str>,
+    /// Setting of the steps per unit of an axis.
+    pub axis_scale_hint: Option<&'static str>,
+}
 
 /// Configuration of a control, from `[controller]`. Each kind of control defines the keys of its own table.
 pub trait ControllerConfig: fmt::Debug + Send + Sync {
@@ -48,15 +60,9 @@ pub trait ControllerConfig: fmt::Debug + Send + Sync {
     /// Opens the control's links and starts its task. Timestamps have the time of `clock`, unless the
     /// control has a clock of its own. Nothing is commanded yet. Call inside a tokio runtime.
     fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, clock: Arc<dyn Clock>) -> OpenFuture<'a>;
-    /// Possible causes why the control could not be opened or prepared, which has failed with `failure`; the
-    /// most likely first, none if nothing is found. It opens its own links: earlier links must be closed.
-    /// Nothing moves. Call inside a tokio runtime.
-    fn diagnose<'a>(
-        &'a self,
-        machine: &'a Machine,
-        failure: &'a ControllerError,
-        mode: DiagnosisMode,
-    ) -> DiagnosisFuture<'a>;
+    /// Possible causes why the control could not be opened or prepared; the most likely first, none if nothing
+    /// is found. It opens its own links: earlier links must be closed. Nothing moves. Call inside a tokio runtime.
+    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a>;
 }
 
 pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;

@@ -16,7 +16,7 @@ pub(in crate::controllers) struct MotionLines<'a> {
     pub motion: &'a Motion,
     pub text: &'a str,
     /// Maximum time for which the machine is at rest in these lines.
-    pub rest_time: Duration,
+    pub standstill_time: Duration,
 }
 
 /// # Errors
@@ -31,14 +31,14 @@ pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<Mo
             step,
             motion,
             text: &proven.unit.text,
-            rest_time: max_rest_time(motion) + to_duration(proven.unit.clamp_wait_s),
+            standstill_time: max_standstill_time(motion) + to_duration(proven.unit.clamp_wait_s),
         }),
         _ => Err(ControllerError::WrongTransmission { step }),
     });
     lines.collect()
 }
 
-fn max_rest_time(motion: &Motion) -> Duration {
+fn max_standstill_time(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => to_duration(*seconds),
         Motion::Orient { .. } => MAX_ORIENT_TIME,

@@ -84,7 +84,7 @@ fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &s
 }
 
 /// Suspected cause if no known control answers at `at`.
-pub(in crate::controllers) fn no_known_device_diagnosis(at: &str, evidence: &str) -> Diagnosis {
+pub(in crate::controllers) fn no_known_control_diagnosis(at: &str, evidence: &str) -> Diagnosis {
     Diagnosis::suspected(
         format!("wrong port, or the device at {at} is off, not wired, or not a supported control"),
         evidence,

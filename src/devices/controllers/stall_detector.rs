@@ -14,17 +14,17 @@ impl<State: PartialEq> StallDetector<State> {
         Self(None)
     }
 
-    /// Error if `line` is executed and the control has reported `state` for longer than `limit` and `rest_time`.
+    /// Error if `line` is executed and the control has reported `state` for longer than `limit` and `standstill_time`.
     pub fn check_progress(
         &mut self,
         state: State,
         limit: Duration,
-        rest_time: Duration,
+        standstill_time: Duration,
         line: &str,
     ) -> Result<(), ControllerError> {
         let last = self.0.take().filter(|(last, _)| *last == state);
         let since = last.map_or_else(Instant::now, |(_, since)| since);
         self.0 = Some((state, since));
-        if since.elapsed() > limit + rest_time { Err(ControllerError::no_answer(line, limit)) } else { Ok(()) }
+        if since.elapsed() > limit + standstill_time { Err(ControllerError::no_answer(line, limit)) } else { Ok(()) }
     }
 }

@@ -9,7 +9,9 @@ use minijinja::Environment;
 use minijinja::value::Value;
 
 use super::{SetupError, controls, render_modes};
-use devices::controllers::{ControllerConfig, ControllerError, DeviceInfo, Diagnosis, DiagnosisMode, ReportedAxis};
+use devices::controllers::{
+    ControllerConfig, ControllerError, DeviceInfo, Diagnosis, DiagnosisMode, DiagnosisRequest, ReportedAxis,
+};
 use link::clock::HostClock;
 use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
@@ -56,7 +58,7 @@ impl MachineFileDraft {
         failed: &ControllerError,
         leave: DiagnosisMode,
     ) -> Vec<Diagnosis> {
-        control.diagnose(&empty_machine(), failed, leave).await
+        control.diagnose(DiagnosisRequest { machine: &empty_machine(), failure: failed, mode: leave }).await
     }
 
     /// Text of the machine file.

@@ -52,7 +52,7 @@ const CONTROLLER_SECTION: [&str; 1] = ["controller"];
 
 pub fn read_controller(document: &Document) -> Result<ControllerConfig, MachineFileError> {
     let CommonKeys { kind, compensations_active } = document.read_required(&CONTROLLER_SECTION)?;
-    let known = [&[SIMULATED_KIND][..], &controls::CONTROL_KINDS].concat();
+    let known = [vec![SIMULATED_KIND], controls::control_kinds()].concat();
     if !known.contains(&kind.as_str()) {
         let key = ["controller", "kind"];
         let why = format!("is `{kind}`; known: {}", known.join(", "));

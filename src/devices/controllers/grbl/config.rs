@@ -5,8 +5,10 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::Grbl;
-use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
+use super::{CONTROL_KIND, Grbl};
+use crate::controllers::{
+    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
+};
 use link::Clock;
 use link::{HostPort, LinkKeys};
 use machine::record::machine::Machine;
@@ -46,6 +48,15 @@ impl TryFrom<GrblConfigKeys> for GrblConfig {
     }
 }
 
+impl GrblConfig {
+    pub const DESCRIPTION: ControlDescription = ControlDescription {
+        kind: CONTROL_KIND,
+        hold_hint: "grblHAL: real-time command `!`",
+        axis_direction_hint: Some("grblHAL: $3"),
+        axis_scale_hint: Some("grblHAL: $100 and following, in axis order"),
+    };
+}
+
 impl ControllerConfig for GrblConfig {
     fn dialect(&self) -> &str {
         &self.dialect
@@ -63,12 +74,7 @@ impl ControllerConfig for GrblConfig {
         })
     }
 
-    fn diagnose<'a>(
-        &'a self,
-        machine: &'a Machine,
-        failure: &'a ControllerError,
-        mode: DiagnosisMode,
-    ) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_failure(machine, failure, mode))
+    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_failure(request))
     }
 }

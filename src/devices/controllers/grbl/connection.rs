@@ -59,7 +59,7 @@ impl GrblConnection {
     }
 
     /// Holds the machine after a fault, whatever it is executing and whatever is still in transit.
-    pub(super) fn hold(&self) {
+    pub(super) fn send_hold(&self) {
         self.urgent.send_and_drop_ordinary(b"!");
     }
 
@@ -68,14 +68,14 @@ impl GrblConnection {
     /// # Errors
     /// A refusal, an alarm, a reset, silence, a surplus answer; `Halted` once a halt was requested.
     pub(super) async fn send_line(&mut self, line: &str) -> Result<Vec<GrblMessage>, ControllerError> {
-        self.send_line_with_rest(line, Duration::ZERO).await
+        self.send_line_with_standstill(line, Duration::ZERO).await
     }
 
-    /// As `send_line`, for a line during which the control is at rest for up to `rest_time`.
-    pub(super) async fn send_line_with_rest(
+    /// As `send_line`, for a line during which the control is at rest for up to `standstill_time`.
+    pub(super) async fn send_line_with_standstill(
         &mut self,
         line: &str,
-        rest_time: Duration,
+        standstill_time: Duration,
     ) -> Result<Vec<GrblMessage>, ControllerError> {
         self.process_unsolicited().await?;
         if self.halt.is_halted() {
@@ -104,7 +104,7 @@ impl GrblConnection {
                     if !self.halt.is_halted() {
                         self.check_state(&status).await?;
                         let limit = self.timeouts.unchanged_limit(&status);
-                        stall_detector.check_progress((status.state, status.position), limit, rest_time, line)?;
+                        stall_detector.check_progress((status.state, status.position), limit, standstill_time, line)?;
                     }
                 }
                 Some(GrblMessage::Unknown(_)) => {}
@@ -137,7 +137,7 @@ impl GrblConnection {
         let Some(ReadinessFinding { description, .. }) = overrides.and_then(override_finding) else {
             return Ok(());
         };
-        self.hold();
+        self.send_hold();
         let remedy = "the machine was held: inspect it, reset the control, home the machine, and set both overrides \
                       to 100 %";
         Err(ControllerError::not_ready(description, remedy))
@@ -151,7 +151,7 @@ impl GrblConnection {
     /// Reads the report with all its fields, or another report if no full one comes. The answer to an
     /// earlier request may come first. A control that does not support the request does not answer.
     pub(super) async fn read_full_status(&mut self) -> Result<GrblStatus, ControllerError> {
-        self.query_report(FULL_REPORT_REQUEST, |status| status.is_full).await
+        self.query_report(FULL_REPORT_REQUEST, |status| status.has_all_fields).await
     }
 
     async fn query_report(
@@ -232,7 +232,7 @@ impl GrblConnection {
             _ => match self.free_move_step.filter(|_| status.is_probe_closed) {
                 Some(step) => {
                     // The machine may still be moving, and does not stop by itself.
-                    self.hold();
+                    self.send_hold();
                     Err(ControllerError::UnexpectedContact { step })
                 }
                 None => self.require_planned_speed(),
@@ -359,7 +359,7 @@ impl GrblConnection {
                 return ControllerError::Halted;
             }
             if !matches!(status.state.as_str(), "Hold" | "Door") {
-                self.hold();
+                self.send_hold();
             }
             sleep(self.timeouts.poll_interval / 4).await;
         }

@@ -3,10 +3,9 @@
 
 use super::driver::Grbl;
 use super::fault::not_ready_error;
-use super::firmware_info::FirmwareInfo;
 use super::homing::{HomingMethod, has_homing, homed_axes_mask, homing_method, travel_limits};
 use super::readiness;
-use super::settings::GrblSettings;
+use super::settings::{FirmwareInfo, GrblSettings};
 use crate::controllers::{ControllerError, DeviceInfo, ReportedAxis};
 use machine::Axis;
 
@@ -23,14 +22,13 @@ impl Grbl {
         }
         let firmware = self.read_firmware_info().await?;
         let settings = self.read_settings().await?;
-        let axes = firmware.axes();
         let state = self.state_findings(&firmware).await?;
         let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
         let needed = &self.homed_axes;
         let mut info = device_info(&firmware, &settings, homed_axes_mask(&offsets), needed);
         info.findings.extend(state);
         info.findings.extend(readiness::modal_findings(&modes));
-        info.findings.extend(readiness::homed_state_finding(&firmware, &settings, &axes, needed, &offsets));
+        info.findings.extend(readiness::homed_state_finding(&firmware, &settings, needed, &offsets));
         Ok(info)
     }
 }
@@ -47,7 +45,7 @@ fn device_info(
     DeviceInfo {
         identity: firmware.identity(),
         axes: reported_axes.collect(),
-        findings: readiness::settings_findings(firmware, settings, &axes, homed_axes),
+        findings: readiness::settings_findings(firmware, settings, homed_axes),
         probe_polarity_hint: settings
             .value(6)
             .map(|now| format!("enter ${}={} at the control (present value: {now})", 6, u8::from(now == 0.0))),

@@ -1,18 +1,13 @@
 //! Finds out why no Grbl answers: the port, its baud rate, or another control at the port.
 
 use super::{CONTROL_KIND, GrblConfig};
-use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, port, port_scan};
+use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
 use link::{Address, LinkError};
-use machine::record::machine::Machine;
 
 impl GrblConfig {
-    pub(super) async fn diagnose_failure(
-        &self,
-        _machine: &Machine,
-        failure: &ControllerError,
-        mode: DiagnosisMode,
-    ) -> Vec<Diagnosis> {
-        let link_findings = port::diagnose_open_failure(&self.link, failure);
+    pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
+        let DiagnosisRequest { failure, mode, .. } = request;
+        let link_findings = port_diagnosis::diagnose_open_failure(&self.link, failure);
         let Some(received) = describe_received(failure) else { return link_findings };
         let Ok(address) = self.link.address() else { return link_findings };
         match (mode, &address) {
@@ -33,13 +28,13 @@ impl GrblConfig {
         }
         let other = port_scan::scan_serial(path, baud, CONTROL_KIND).await;
         let evidence = || format!("{received}; requests at other baud rates and in Modbus also had no valid reply");
-        vec![other.unwrap_or_else(|| port_scan::no_known_device_diagnosis(path, &evidence()))]
+        vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(path, &evidence()))]
     }
 
     async fn diagnose_tcp(&self, address: &Address, received: &str) -> Vec<Diagnosis> {
         let other = port_scan::scan_tcp(&self.link, CONTROL_KIND).await;
         let evidence = || format!("{received}; requests in the protocols of other controls also had no valid reply");
-        vec![other.unwrap_or_else(|| port_scan::no_known_device_diagnosis(&address.to_string(), &evidence()))]
+        vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence()))]
     }
 }
 

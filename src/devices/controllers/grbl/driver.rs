@@ -65,7 +65,7 @@ impl Grbl {
     pub(super) async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<Vec<GrblMessage>, ControllerError> {
         let mut messages = Vec::new();
         for line in lines.text.lines() {
-            messages.extend(self.connection.send_line_with_rest(line, lines.rest_time).await?);
+            messages.extend(self.connection.send_line_with_standstill(line, lines.standstill_time).await?);
         }
         Ok(messages)
     }
@@ -103,7 +103,7 @@ impl Grbl {
                 self.wait_arrival(to).await.map(Some)
             }
             Motion::Probe { .. } => {
-                let status = self.rest_status(last_status).await?;
+                let status = self.standstill_status(last_status).await?;
                 self.wait_probe_open(step, &status).await?;
                 self.execute_touch(lines, outcome).await.map(Some)
             }
@@ -111,7 +111,7 @@ impl Grbl {
     }
 
     /// Status at a standstill; read from the control unless `last_status` was read after the last motion.
-    async fn rest_status(&mut self, last_status: Option<GrblStatus>) -> Result<GrblStatus, ControllerError> {
+    async fn standstill_status(&mut self, last_status: Option<GrblStatus>) -> Result<GrblStatus, ControllerError> {
         match last_status {
             Some(status) => Ok(status),
             None => self.connection.wait_idle().await,
@@ -145,7 +145,7 @@ impl Grbl {
         if !result.has_contact {
             return Err(ControllerError::NoContact { step });
         }
-        let contact = self.to_position(&result.values)?;
+        let contact = self.position_from_axis_values(&result.values)?;
         let status = self.confirm_touch(step, &result, &contact).await?;
         outcome.touch = Some(contact);
         outcome.t_s = result.t_s;
@@ -177,7 +177,7 @@ impl Grbl {
         for lines in lines {
             last_status = self.execute_motion(lines, &mut outcome, last_status).await?;
         }
-        let status = self.rest_status(last_status).await?;
+        let status = self.standstill_status(last_status).await?;
         Ok((outcome, status))
     }
 
@@ -193,7 +193,7 @@ impl Grbl {
         }
         let position = self.status_position(&status)?;
         self.check_unmoved(&position).await?;
-        self.monitor.check_arrival(block.start_position()).map_err(arrival::into_moved_by_hand)
+        self.monitor.check_arrival(block.start_position()).map_err(arrival::moved_between_blocks_error)
     }
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
@@ -201,7 +201,7 @@ impl Grbl {
     fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
         self.is_prepared = false;
         if !is_at_rest_after(&error) {
-            self.connection.hold();
+            self.connection.send_hold();
         }
         error
     }
@@ -229,8 +229,8 @@ impl Driver for Grbl {
             self.check_firmware_axes().await?;
         }
         let status = self.connection.read_status().await?;
-        self.monitor.rest_position = self.status_position(&status)?;
-        let position = self.monitor.rest_position.clone();
+        self.monitor.standstill_position = self.status_position(&status)?;
+        let position = self.monitor.standstill_position.clone();
         Ok(MachineSnapshot { is_probe_closed: status.is_probe_closed, position })
     }
 

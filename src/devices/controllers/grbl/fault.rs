@@ -78,5 +78,5 @@ pub(super) fn unexpected_reply_error(reply: &GrblMessage) -> ControllerError {
 /// Whether the machine is at rest after `error`.
 pub(super) fn is_at_rest_after(error: &ControllerError) -> bool {
     let is_reported_at_rest = matches!(error, ControllerError::Reset { .. } | ControllerError::TouchMismatch { .. });
-    is_reported_at_rest || error.is_machine_at_rest()
+    is_reported_at_rest || error.is_machine_stationary()
 }

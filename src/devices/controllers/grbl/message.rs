@@ -51,7 +51,7 @@ pub(super) struct GrblStatus {
     /// `MPG:1`: a pendant has the control; the lines of `trued` are not executed as sent.
     pub has_pendant: bool,
     /// `FW:`, present only in the answer to 0x87 (grblHAL `report.c`, compatibility level 0 or 1).
-    pub is_full: bool,
+    pub has_all_fields: bool,
     /// `Time:`, an extension of the simulated control, s.
     pub t_s: Option<f64>,
 }
@@ -120,7 +120,7 @@ impl GrblMessage {
 
 fn parse_probe_result(value: &str) -> Option<GrblMessage> {
     let (list, has_contact) = value.rsplit_once(':')?;
-    let values = parse_values(list)?;
+    let values = parse_finite_numbers(list)?;
     match has_contact {
         "0" => Some(GrblMessage::ProbeResult { values, has_contact: false }),
         "1" => Some(GrblMessage::ProbeResult { values, has_contact: true }),
@@ -129,10 +129,10 @@ fn parse_probe_result(value: &str) -> Option<GrblMessage> {
 }
 
 fn parse_offset(name: &str, value: &str) -> Option<GrblMessage> {
-    parse_values(value).map(|values| GrblMessage::Offset { name: name.to_owned(), values })
+    parse_finite_numbers(value).map(|values| GrblMessage::Offset { name: name.to_owned(), values })
 }
 
-fn parse_values(list: &str) -> Option<Vec<f64>> {
+fn parse_finite_numbers(list: &str) -> Option<Vec<f64>> {
     let values: Result<Vec<f64>, _> = list.split(',').map(str::parse).collect();
     values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
 }
@@ -155,13 +155,13 @@ fn parse_status(report: &str) -> Option<GrblStatus> {
     let mut status = GrblStatus { state: state.to_owned(), substate, ..GrblStatus::default() };
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         match name {
-            "MPos" => status.position = parse_values(value),
+            "MPos" => status.position = parse_finite_numbers(value),
             "Pn" => {
                 status.is_probe_closed = value.contains('P');
                 status.active_inputs = value.to_owned();
             }
             "Ov" => status.overrides = parse_overrides(value),
-            "FW" => status.is_full = true,
+            "FW" => status.has_all_fields = true,
             "MPG" => status.has_pendant = value == "1",
             "Time" => status.t_s = parse_seconds(value),
             _ => {}
@@ -171,7 +171,7 @@ fn parse_status(report: &str) -> Option<GrblStatus> {
 }
 
 fn parse_overrides(value: &str) -> Option<Overrides> {
-    let [feed_percent, rapid_percent, ..] = parse_values(value)?[..] else { return None };
+    let [feed_percent, rapid_percent, ..] = parse_finite_numbers(value)?[..] else { return None };
     Some(Overrides { feed_percent, rapid_percent })
 }
 

@@ -16,7 +16,6 @@ mod device_info;
 mod diagnose;
 mod driver;
 mod fault;
-mod firmware_info;
 #[cfg(test)]
 mod fuzz;
 mod homing;

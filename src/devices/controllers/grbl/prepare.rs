@@ -4,9 +4,9 @@
 use super::check;
 use super::driver::Grbl;
 use super::fault::not_ready_error;
-use super::firmware_info::FirmwareInfo;
 use super::message::{GrblMessage, GrblStatus};
 use super::readiness::{self, reject_blocking};
+use super::settings::FirmwareInfo;
 use crate::controllers::control_clock::ControlClock;
 use crate::controllers::motion_lines::to_duration;
 use crate::controllers::{ControllerError, PreparedControl};
@@ -31,8 +31,8 @@ impl Grbl {
             return Err(not_ready_error(&status));
         }
         let firmware = self.check_firmware_axes().await?;
-        let (axes, settings) = (firmware.axes(), self.read_settings().await?);
-        reject_blocking(readiness::settings_findings(&firmware, &settings, &axes, &self.homed_axes))?;
+        let settings = self.read_settings().await?;
+        reject_blocking(readiness::settings_findings(&firmware, &settings, &self.homed_axes))?;
         reject_blocking(self.state_findings(&firmware).await?)?;
         if !self.modes.has_probe_on_command() {
             check_probe(&self.connection.wait_idle().await?)?;
@@ -40,7 +40,7 @@ impl Grbl {
         // The head writes an offset and switches outputs: a state that prevents a measurement is refused before.
         let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
         reject_blocking(readiness::modal_findings(&modes))?;
-        reject_blocking(readiness::homed_state_finding(&firmware, &settings, &axes, &self.homed_axes, &offsets))?;
+        reject_blocking(readiness::homed_state_finding(&firmware, &settings, &self.homed_axes, &offsets))?;
         self.store_initial_modes(modes);
         let head = self.modes.head().to_vec();
         self.set_modes(&head).await?;
@@ -51,13 +51,13 @@ impl Grbl {
         let status = self.connection.wait_idle().await?;
         check_probe(&status)?;
         check::check_probe_health(&status, &self.modes)?;
-        self.monitor.rest_position = self.status_position(&status)?;
+        self.monitor.standstill_position = self.status_position(&status)?;
         self.monitor.clock = ControlClock::default();
         self.is_prepared = true;
         Ok(PreparedControl {
             identity: firmware.identity(),
             stop_description: self.stop_description.clone(),
-            position: self.monitor.rest_position.clone(),
+            position: self.monitor.standstill_position.clone(),
             transmission: Transmission::Lines { max_line_bytes: self.max_line_bytes },
             unreadable_items: readiness::unreadable_items(&firmware),
         })
@@ -95,9 +95,9 @@ impl Grbl {
 
     /// Sends the lines of the head or the foot.
     pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
-        let rest_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
+        let standstill_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
         for line in lines {
-            self.connection.send_line_with_rest(line, rest_time).await?;
+            self.connection.send_line_with_standstill(line, standstill_time).await?;
         }
         Ok(())
     }

@@ -4,10 +4,9 @@
 
 use super::driver::Grbl;
 use super::fault::override_finding;
-use super::firmware_info::FirmwareInfo;
 use super::homing::{HomingMethod, homed_axes_mask, homing_method};
 use super::message::GrblMessage;
-use super::settings::{GrblSettings, HOMING_BIT};
+use super::settings::{FirmwareInfo, GrblSettings, HOMING_BIT};
 use crate::controllers::{ControllerError, ReadinessFinding, ReadinessItem};
 use machine::Axis;
 
@@ -61,14 +60,13 @@ pub(super) fn tool_length_finding(offsets: &[GrblMessage]) -> Option<ReadinessFi
     })
 }
 
-/// Remarks on the settings. `axes`: each axis with its index in the reports. `homed_axes`: axes that must
-/// have a switch.
+/// Remarks on the settings. `homed_axes`: axes that must have a switch.
 pub(super) fn settings_findings(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
-    axes: &[(Axis, u16)],
     homed_axes: &[Axis],
 ) -> Vec<ReadinessFinding> {
+    let axes = &firmware.axes();
     let mut findings = Vec::new();
     let mut add_blocking =
         |description: String, remedy: &str| findings.push(ReadinessFinding::blocking(description, remedy));
@@ -116,7 +114,8 @@ fn missing_travel_finding(settings: &GrblSettings, axes: &[(Axis, u16)]) -> Opti
     let zero = |(axis, index): &&(Axis, u16)| axis.is_linear() && settings.value(130 + index) == Some(0.0);
     let without: Vec<&(Axis, u16)> = axes.iter().filter(zero).collect();
     let (_, first) = without.first()?;
-    let description = format!("soft limits do not limit {}: the travel in the settings is 0", axis_list(&without));
+    let description =
+        format!("soft limits do not limit {}: the travel in the settings is 0", join_axis_names(&without));
     Some(ReadinessFinding::blocking(
         description,
         &format!("enter the travel in mm at the control: ${} and following", 130 + first),
@@ -136,7 +135,7 @@ fn homing_cycle_finding(
     (!unhomed.is_empty()).then(|| {
         let description = format!(
             "the control does not home {}: the zero is the position at power-on ($44 to $49)",
-            axis_list(&unhomed)
+            join_axis_names(&unhomed)
         );
         ReadinessFinding::blocking(
             description,
@@ -150,7 +149,6 @@ fn homing_cycle_finding(
 pub(super) fn homed_state_finding(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
-    axes: &[(Axis, u16)],
     homed_axes: &[Axis],
     offsets: &[GrblMessage],
 ) -> Option<ReadinessFinding> {
@@ -166,13 +164,14 @@ pub(super) fn homed_state_finding(
     }
     let mask = homed_axes_mask(offsets);
     let is_unhomed = |(axis, index): &&(Axis, u16)| homed_axes.contains(axis) && mask >> index & 1 == 0;
+    let axes = firmware.axes();
     let unhomed: Vec<&(Axis, u16)> = axes.iter().filter(is_unhomed).collect();
     (!unhomed.is_empty()).then(|| {
         let description = format!(
             "{} not homed since the control was started or reset: machine zero is unknown",
             match unhomed.len() {
-                1 => format!("{} is", axis_list(&unhomed)),
-                _ => format!("{} are", axis_list(&unhomed)),
+                1 => format!("{} is", join_axis_names(&unhomed)),
+                _ => format!("{} are", join_axis_names(&unhomed)),
             }
         );
         let by_hand = unhomed.iter().any(|(_, index)| homing_method(settings, *index) == HomingMethod::Manual);
@@ -196,7 +195,7 @@ pub(super) fn reject_blocking(findings: impl IntoIterator<Item = ReadinessFindin
     }
 }
 
-fn axis_list(axes: &[&(Axis, u16)]) -> String {
+fn join_axis_names(axes: &[&(Axis, u16)]) -> String {
     axes.iter().map(|(axis, _)| axis.to_string()).collect::<Vec<_>>().join(", ")
 }
 

@@ -7,7 +7,7 @@ use tokio::time::{Instant, sleep};
 use super::driver::Grbl;
 use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
-use crate::controllers::arrival::into_moved_by_hand;
+use crate::controllers::arrival::moved_between_blocks_error;
 use crate::controllers::motion_lines::MotionLines;
 use machine::Position;
 
@@ -24,7 +24,7 @@ pub(super) struct ProbeResult {
 }
 
 /// Returns the result of the probing move; there must be exactly one among the messages.
-fn parse_touch(messages: &[GrblMessage]) -> Result<ProbeResult, ControllerError> {
+fn single_probe_result(messages: &[GrblMessage]) -> Result<ProbeResult, ControllerError> {
     let mut found = None;
     let mut t_s = None;
     for message in messages {
@@ -55,7 +55,7 @@ impl Grbl {
             ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
             other => other,
         })?;
-        parse_touch(&messages)
+        single_probe_result(&messages)
     }
 
     /// Reads the touch again from `$#`: both results must be equal to the last digit, and the contact must
@@ -66,15 +66,15 @@ impl Grbl {
         first_result: &ProbeResult,
         contact: &Position,
     ) -> Result<GrblStatus, ControllerError> {
-        let from = self.monitor.rest_position.clone();
+        let from = self.monitor.standstill_position.clone();
         let status = self.connection.wait_idle().await?;
-        self.monitor.rest_position = self.status_position(&status)?;
-        let second = parse_touch(&self.connection.send_line("$#").await?)?;
+        self.monitor.standstill_position = self.status_position(&status)?;
+        let second = single_probe_result(&self.connection.send_line("$#").await?)?;
         if second != *first_result {
             let (first, second) = (format!("{first_result:?}"), format!("{second:?}"));
             return Err(ControllerError::TouchMismatch { step, first, second });
         }
-        self.monitor.check_contact_path(&from, &self.monitor.rest_position, contact)?;
+        self.monitor.check_contact_path(&from, &self.monitor.standstill_position, contact)?;
         Ok(status)
     }
 
@@ -83,7 +83,7 @@ impl Grbl {
         let deadline = Instant::now() + self.connection.timeouts.after_alarm;
         loop {
             let status = self.connection.wait_idle().await?;
-            self.monitor.rest_position = self.status_position(&status)?;
+            self.monitor.standstill_position = self.status_position(&status)?;
             match self.monitor.check_arrival(target) {
                 Ok(()) => return Ok(status),
                 // The status reports may be older than the end of the motion.
@@ -96,20 +96,22 @@ impl Grbl {
     /// Checks that the machine is still at its last rest position. A deviating report is read again: it may
     /// have been altered in transmission.
     pub(super) async fn check_unmoved(&mut self, position: &Position) -> Result<(), ControllerError> {
-        let rest_position = self.monitor.rest_position.clone();
-        if self.monitor.check_position(&rest_position, position).is_ok() {
+        let standstill_position = self.monitor.standstill_position.clone();
+        if self.monitor.check_position(&standstill_position, position).is_ok() {
             return Ok(());
         }
-        self.wait_arrival(&rest_position).await.map(drop).map_err(into_moved_by_hand)
+        self.wait_arrival(&standstill_position).await.map(drop).map_err(moved_between_blocks_error)
     }
 
     pub(super) fn status_position(&self, status: &GrblStatus) -> Result<Position, ControllerError> {
         let missing = "the status reports do not contain the machine position";
         let values = status.position.as_ref();
-        self.to_position(values.ok_or_else(|| ControllerError::not_ready(missing, "set $10=511 at the control"))?)
+        self.position_from_axis_values(
+            values.ok_or_else(|| ControllerError::not_ready(missing, "set $10=511 at the control"))?,
+        )
     }
 
-    pub(super) fn to_position(&self, values: &[f64]) -> Result<Position, ControllerError> {
+    pub(super) fn position_from_axis_values(&self, values: &[f64]) -> Result<Position, ControllerError> {
         if values.len() != self.report_axes.len() {
             return Err(ControllerError::UnreadableReply { text: format!("[PRB:{values:?}]") });
         }

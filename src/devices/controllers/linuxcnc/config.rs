@@ -6,8 +6,10 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::files::result_log_path;
-use super::{LinuxCnc, LinuxCncSettings, Sampler, sampler};
-use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
+use super::{CONTROL_KIND, LinuxCnc, LinuxCncSettings, Sampler, sampler};
+use crate::controllers::{
+    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
+};
 use link::Clock;
 use link::{Address, HostPort};
 use machine::Axis;
@@ -39,6 +41,15 @@ fn default_dialect() -> String {
     "linuxcnc".to_owned()
 }
 
+impl LinuxCncConfig {
+    pub const DESCRIPTION: ControlDescription = ControlDescription {
+        kind: CONTROL_KIND,
+        hold_hint: "LinuxCNC: abort through linuxcncrsh",
+        axis_direction_hint: Some("LinuxCNC: the sign of SCALE of the joint"),
+        axis_scale_hint: Some("LinuxCNC: SCALE of the joint"),
+    };
+}
+
 impl ControllerConfig for LinuxCncConfig {
     fn dialect(&self) -> &str {
         &self.dialect
@@ -66,12 +77,7 @@ impl ControllerConfig for LinuxCncConfig {
         })
     }
 
-    fn diagnose<'a>(
-        &'a self,
-        machine: &'a Machine,
-        failure: &'a ControllerError,
-        mode: DiagnosisMode,
-    ) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_failure(machine, failure, mode))
+    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_failure(request))
     }
 }

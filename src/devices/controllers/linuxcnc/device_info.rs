@@ -27,7 +27,7 @@ const REPORT_RESOLUTION: f64 = 0.000_001;
 
 impl LinuxCnc {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
-        let identity = format!("LinuxCNC, {}", self.rsh.server);
+        let identity = format!("LinuxCNC, {}", self.rsh.server_identity);
         let Some(path) = &self.settings.ini else {
             let axes = self.settings.axes.iter().map(|axis| (*axis, ReportedAxis::default()));
             let description = "linuxcncrsh does not report axes, travel and speeds";

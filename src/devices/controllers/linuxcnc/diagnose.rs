@@ -1,24 +1,19 @@
 //! Finds out why no linuxcncrsh answers: the port, or another control at the port.
 
 use super::{CONTROL_KIND, LinuxCncConfig};
-use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, port, port_scan};
+use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
 use link::{Address, LinkConfig};
-use machine::record::machine::Machine;
 
 /// Default TCP port of linuxcncrsh.
 const DEFAULT_PORT: u16 = 5007;
 
 impl LinuxCncConfig {
-    pub(super) async fn diagnose_failure(
-        &self,
-        _machine: &Machine,
-        failure: &ControllerError,
-        mode: DiagnosisMode,
-    ) -> Vec<Diagnosis> {
+    pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
+        let DiagnosisRequest { failure, mode, .. } = request;
         let named_address = LinkConfig::Tcp(self.tcp.clone());
         let Ok(address) = named_address.address() else { return Vec::new() };
         if let Err(error) = link::open_line_link(&address).await {
-            let mut link_findings = port::diagnose_open_failure(&named_address, &error.into());
+            let mut link_findings = port_diagnosis::diagnose_open_failure(&named_address, &error.into());
             link_findings.splice(0..0, self.diagnose_default_port(&address, mode).await);
             return link_findings;
         }
@@ -31,7 +26,7 @@ impl LinuxCncConfig {
                 let found = port_scan::scan_tcp(&named_address, CONTROL_KIND).await;
                 let evidence =
                     format!("{failure}; requests in the protocols of other controls also had no valid reply");
-                vec![found.unwrap_or_else(|| port_scan::no_known_device_diagnosis(&address.to_string(), &evidence))]
+                vec![found.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence))]
             }
             DiagnosisMode::Passive if is_foreign => vec![Diagnosis::preliminary(
                 "wrong port, or another kind of control",

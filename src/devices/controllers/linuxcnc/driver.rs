@@ -29,7 +29,7 @@ pub(super) const LINK_WRITE_TIME: Duration = Duration::from_millis(20);
 const NO_BLOCK_STEP: u32 = 0;
 /// Limits for a program that moves nothing.
 const NO_MOTION_LIMITS: ProgramLimits<'_> =
-    ProgramLimits { step: NO_BLOCK_STEP, rest_time: Duration::ZERO, turn_end: None };
+    ProgramLimits { step: NO_BLOCK_STEP, standstill_time: Duration::ZERO, turn_end_position: None };
 const HALT_COMMANDS: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Address and shared directory of the control, and properties of its machine.
@@ -122,7 +122,7 @@ impl LinuxCnc {
     async fn prepare_control(&mut self) -> Result<PreparedControl, ControllerError> {
         self.refuse_if_halted()?;
         let ini = self.settings.ini.as_deref().map(IniFile::read).transpose()?;
-        self.rsh.take_command().await?;
+        self.rsh.acquire_command_right().await?;
         self.check_switches_and_state(ini.as_ref()).await?;
         let mode = self.rsh.get("mode").await?;
         self.initial_mode.get_or_insert(mode);
@@ -132,7 +132,7 @@ impl LinuxCnc {
         self.rsh.send_command(&format!("open {}", self.files.program_path())).await?;
         let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS).await?;
         if !log.is_complete {
-            self.files.expect_log()?;
+            self.files.require_log()?;
             return Err(self.stop_reason(NO_BLOCK_STEP, log).await);
         }
         let axes = &self.settings.axes;
@@ -146,7 +146,7 @@ impl LinuxCnc {
             sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
         }
         let axes = &self.settings.axes;
-        let mut identity = format!("LinuxCNC {} ({})", state.version, self.rsh.server);
+        let mut identity = format!("LinuxCNC {} ({})", state.version, self.rsh.server_identity);
         if let Some(sampler) = &mut self.sampler {
             let mm = state::read_length_unit_mm(&mut self.rsh).await?;
             sampler.check_agreement(&position, axes, mm).await?;
@@ -189,7 +189,7 @@ impl LinuxCnc {
         }
         let position = state::read_position(&mut self.rsh, axes).await?;
         arrival::check_position(&begins, &position, |axis| arrival::axis_tolerance(axis, None))
-            .map_err(arrival::into_moved_by_hand)
+            .map_err(arrival::moved_between_blocks_error)
     }
 
     /// Positions of the axes during `block`, if the block moves at feed and there is a sampler.
@@ -214,8 +214,11 @@ impl LinuxCnc {
         self.refuse_if_halted()?;
         // A contact while an axis turns must stop the axis (`planning::turning`).
         let ends = path_check::turn_end_position(&part.motions);
-        let limits =
-            ProgramLimits { step, rest_time: program_runner::program_rest_time(part), turn_end: ends.as_ref() };
+        let limits = ProgramLimits {
+            step,
+            standstill_time: program_runner::program_standstill_time(part),
+            turn_end_position: ends.as_ref(),
+        };
         let log = match program_runner::run_program(&mut self.rsh, &self.files, &self.halt, limits).await {
             Err(refusal @ ControllerError::Refused { .. }) => {
                 return Err(fault::refusal_reason(&mut self.rsh, refusal).await);

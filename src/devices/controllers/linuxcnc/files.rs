@@ -57,7 +57,7 @@ impl SharedFiles {
     }
 
     /// Checks that the log exists, after a program that should have opened it.
-    pub fn expect_log(&self) -> Result<(), ControllerError> {
+    pub fn require_log(&self) -> Result<(), ControllerError> {
         match self.0.read(LOG_FILE_NAME) {
             Ok(Some(_)) => Ok(()),
             Ok(None) => Err(ControllerError::not_ready(
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn a_log_that_linuxcnc_has_not_written_names_the_key_and_the_side() {
         let directory = tempfile::tempdir().unwrap();
-        let error = SharedFiles::open(directory.path()).unwrap().expect_log().unwrap_err();
+        let error = SharedFiles::open(directory.path()).unwrap().require_log().unwrap_err();
         let ControllerError::NotReady { state, remedy } = error else { panic!("{error}") };
         assert!(state.contains("LinuxCNC has") && state.contains("trued.log"), "{state}");
         assert!(remedy.contains("[controller] program_dir"), "{remedy}");

@@ -24,7 +24,7 @@ pub(super) enum KinematicsMode {
     NotReadable,
     /// The kinematics have no modes.
     NotSwitchable,
-    Type(f64),
+    SwitchkinsType(f64),
 }
 
 /// Refuses kinematics that compensate the rotary axes, and kinematics whose mode is not known. At `position`
@@ -37,8 +37,8 @@ pub(super) fn check_identity_mode(
     let identity = ini.and_then(identity_type);
     match (mode, identity) {
         _ if ini.and_then(IniFile::kinematics_module) == Some("trivkins") => Ok(()),
-        (KinematicsMode::Type(now), Some(identity)) if now == identity => Ok(()),
-        (KinematicsMode::Type(now), Some(identity)) => Err(ControllerError::not_ready(
+        (KinematicsMode::SwitchkinsType(now), Some(identity)) if now == identity => Ok(()),
+        (KinematicsMode::SwitchkinsType(now), Some(identity)) => Err(ControllerError::not_ready(
             format!(
                 "the kinematics compensate the rotary axes: motion.switchkins-type is {now}, identity is \
                  {identity}"
@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn the_number_of_identity_is_a_matter_of_the_module() {
-        let accepted = |kinematics, now| is_accepted(kinematics, KinematicsMode::Type(now), HOME_POSITION);
+        let accepted = |kinematics, now| is_accepted(kinematics, KinematicsMode::SwitchkinsType(now), HOME_POSITION);
         assert!(accepted("xyzbc-trt-kins sparm=identityfirst", 0.0));
         assert!(!accepted("xyzbc-trt-kins sparm=identityfirst", 1.0));
         assert!(!accepted("xyzac-trt-kins", 0.0));
@@ -125,7 +125,7 @@ mod tests {
         assert!(!accepted("millkins", 0.0));
         // Another mode is refused at every position.
         let shows = [20.0, 20.0, 200.0, 0.0, 30.0];
-        assert!(!is_accepted("xyzac-trt-kins", KinematicsMode::Type(2.0), shows));
+        assert!(!is_accepted("xyzac-trt-kins", KinematicsMode::SwitchkinsType(2.0), shows));
     }
 
     #[test]
@@ -139,7 +139,9 @@ mod tests {
             assert!(!is_accepted("maxkins", mode, [0.0, 0.0, 200.0, 0.0, 10.0]));
             assert!(!is_accepted("maxkins", mode, [20.0, 20.0, 200.0, 0.0, 360.0]));
         }
-        assert!(check_identity_mode(None, KinematicsMode::Type(0.0), &at(HOME_POSITION)).is_err());
-        assert!(check_identity_mode(None, KinematicsMode::Type(0.0), &at([20.0, 0.0, 0.0, 10.0, 0.0])).is_ok());
+        assert!(check_identity_mode(None, KinematicsMode::SwitchkinsType(0.0), &at(HOME_POSITION)).is_err());
+        assert!(
+            check_identity_mode(None, KinematicsMode::SwitchkinsType(0.0), &at([20.0, 0.0, 0.0, 10.0, 0.0])).is_ok()
+        );
     }
 }

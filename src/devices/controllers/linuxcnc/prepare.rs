@@ -59,7 +59,7 @@ pub(super) fn check_state(state: &[f64], axes: &[Axis]) -> Result<ReportedState,
     let kinematics = match (*pins != 0.0, *kinematics) {
         (false, _) => KinematicsMode::NotReadable,
         (true, number) if number < 0.0 => KinematicsMode::NotSwitchable,
-        (true, number) => KinematicsMode::Type(number),
+        (true, number) => KinematicsMode::SwitchkinsType(number),
     };
     Ok(ReportedState { version: *version, kinematics })
 }
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn each_thing_that_is_not_as_it_must_be_is_named() {
         let clean = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-        let reported = ReportedState { version: 2.9, kinematics: KinematicsMode::Type(0.0) };
+        let reported = ReportedState { version: 2.9, kinematics: KinematicsMode::SwitchkinsType(0.0) };
         assert_eq!(check_state(&clean, &AXES).unwrap(), reported);
         for (at, named) in [(1, "spindle"), (2, "G59.3"), (8, "G59.3"), (9, "tool")] {
             let mut state = clean;
@@ -127,7 +127,7 @@ mod tests {
         for (pins, number, expected) in [
             (0.0, -1.0, KinematicsMode::NotReadable),
             (1.0, -1.0, KinematicsMode::NotSwitchable),
-            (1.0, 1.0, KinematicsMode::Type(1.0)),
+            (1.0, 1.0, KinematicsMode::SwitchkinsType(1.0)),
         ] {
             let state = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pins, number];
             assert_eq!(check_state(&state, &AXES).unwrap().kinematics, expected);

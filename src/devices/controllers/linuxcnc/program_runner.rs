@@ -41,14 +41,14 @@ const MAX_REST_MOVEMENT: f64 = 0.01;
 pub(super) struct ProgramLimits<'a> {
     pub step: u32,
     /// Time without motion that the program may need, in addition to [`MAX_STALL_TIME`].
-    pub rest_time: Duration,
+    pub standstill_time: Duration,
     /// End position of its rotary axes, if one of them turns at feed: a contact before that position is
     /// unexpected.
-    pub turn_end: Option<&'a Position>,
+    pub turn_end_position: Option<&'a Position>,
 }
 
 /// Time for which a program is at rest by itself.
-pub(super) fn program_rest_time(part: &TransmissionUnit) -> Duration {
+pub(super) fn program_standstill_time(part: &TransmissionUnit) -> Duration {
     let seconds = part.motions.iter().map(|motion| match motion {
         Motion::Dwell { seconds } => seconds.max(0.0),
         // Maximum time that the dialect allows.
@@ -70,14 +70,14 @@ pub(super) async fn run_program(
     halt: &Halt,
     limits: ProgramLimits<'_>,
 ) -> Result<ResultLog, ControllerError> {
-    let ProgramLimits { step, rest_time, turn_end } = limits;
+    let ProgramLimits { step, standstill_time, turn_end_position } = limits;
     rsh.send_command("run").await?;
     let (mut idle_since, mut is_refreshed) = (None, false);
     let mut halted_since = None;
     let mut progress = ProgressMonitor::start();
     loop {
-        if let Some(turn_end) = turn_end
-            && has_contact_in_turn(rsh, turn_end).await?
+        if let Some(turn_end_position) = turn_end_position
+            && has_contact_during_turn(rsh, turn_end_position).await?
         {
             return Err(ControllerError::UnexpectedContact { step });
         }
@@ -106,22 +106,22 @@ pub(super) async fn run_program(
             "PAUSED" => return Err(paused_error("pause was pressed")),
             _ => {
                 (idle_since, is_refreshed) = (None, false);
-                progress.check_progress(rsh, log.line_count, rest_time).await?;
+                progress.check_progress(rsh, log.line_count, standstill_time).await?;
             }
         }
         sleep(POLL_INTERVAL).await;
     }
 }
 
-/// Whether the probe reads closed before the rotary axes have reached `turn_end`. The touch of the same program
+/// Whether the probe reads closed before the rotary axes have reached `turn_end_position`. The touch of the same program
 /// begins after that.
-async fn has_contact_in_turn(rsh: &mut RshClient, turn_end: &Position) -> Result<bool, ControllerError> {
+async fn has_contact_during_turn(rsh: &mut RshClient, turn_end_position: &Position) -> Result<bool, ControllerError> {
     if rsh.get("probe_value").await? == "0" {
         return Ok(false);
     }
-    let axes: Vec<Axis> = turn_end.iter().map(|(axis, _)| axis).collect();
+    let axes: Vec<Axis> = turn_end_position.iter().map(|(axis, _)| axis).collect();
     let position = state::read_position(rsh, &axes).await?;
-    Ok(path_check::check_position(turn_end, &position).is_err())
+    Ok(path_check::check_position(turn_end_position, &position).is_err())
 }
 
 /// Time without a change.
@@ -141,7 +141,7 @@ impl ProgressMonitor {
         &mut self,
         rsh: &mut RshClient,
         line_count: usize,
-        rest_time: Duration,
+        standstill_time: Duration,
     ) -> Result<(), ControllerError> {
         let now = (rsh.get("abs_act_pos").await?, line_count);
         if now != self.last {
@@ -154,7 +154,7 @@ impl ProgressMonitor {
         if rsh.get("feed_override").await? == "0" {
             return Err(paused_error("the feed override is 0 %"));
         }
-        if self.since.elapsed() > MAX_STALL_TIME + rest_time {
+        if self.since.elapsed() > MAX_STALL_TIME + standstill_time {
             return Err(paused_error("the program runs, but the machine does not move: a feed hold or an interlock"));
         }
         self.last_sign_of_life = Instant::now();
@@ -191,7 +191,7 @@ pub(super) async fn abort_until_at_rest(rsh: &mut RshClient) -> Result<(), Contr
     // Wait, so that the first hold is processed alone.
     sleep(STATE_UPDATE_TIME).await;
     while Instant::now() < deadline {
-        if ignore_odd_reply(rsh.take_command().await)?.is_some()
+        if ignore_odd_reply(rsh.acquire_command_right().await)?.is_some()
             && ignore_odd_reply(rsh.send_command("abort").await)?.is_some()
             && ignore_odd_reply(is_at_rest(rsh).await)? == Some(true)
         {

@@ -64,21 +64,13 @@ impl ResultLog {
                 ("from", [_, _, at @ ..]) => from = at.to_vec(),
                 ("guarded", [_, _, touched, at @ ..]) if at.len() >= 3 => {
                     if *touched != 0.0 {
-                        let is_at_start = distance_mm(&from, at) < MIN_CONTACT_DISTANCE_MM;
-                        log.result = Some(if is_at_start {
-                            ProgramResult::ProbeClosedAtStart
-                        } else {
-                            ProgramResult::UnexpectedContact
-                        });
+                        log.result = Some(contact_result(&from, at, ProgramResult::UnexpectedContact));
                     }
                 }
                 ("touch", [_, _, touched, at @ ..]) if at.len() == LOGGED_AXES.len() => {
-                    log.result = Some(if *touched == 0.0 {
-                        ProgramResult::NoContact
-                    } else if distance_mm(&from, at) < MIN_CONTACT_DISTANCE_MM {
-                        ProgramResult::ProbeClosedAtStart
-                    } else {
-                        ProgramResult::Touch(parse_position(at))
+                    log.result = Some(match *touched == 0.0 {
+                        true => ProgramResult::NoContact,
+                        false => contact_result(&from, at, ProgramResult::Touch(parse_position(at))),
                     });
                 }
                 _ => return Err(garbled()),
@@ -86,6 +78,12 @@ impl ResultLog {
         }
         Ok(log)
     }
+}
+
+/// Result of a contact at `at` in a move from `from`: `result`, unless the probe was closed before the move.
+fn contact_result(from: &[f64], at: &[f64], result: ProgramResult) -> ProgramResult {
+    let is_at_start = distance_mm(from, at) < MIN_CONTACT_DISTANCE_MM;
+    if is_at_start { ProgramResult::ProbeClosedAtStart } else { result }
 }
 
 /// Distance between the first three coordinates; infinite if there are fewer.

@@ -17,21 +17,21 @@ const HALT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 pub(super) struct RshClient {
     pub link: Link,
     /// Name and version that linuxcncrsh reports.
-    pub server: String,
+    pub server_identity: String,
     /// Halt of the machine. Once it is requested, a lost answer is not waited for.
     pub halt: Option<Halt>,
 }
 
 impl RshClient {
-    /// Connects and performs the handshake. This alone gives no right to command: see [`RshClient::take_command`].
+    /// Connects and performs the handshake. This alone gives no right to command: see [`RshClient::acquire_command_right`].
     pub async fn open(address: &Address) -> Result<Self, ControllerError> {
         let link = link::open_line_link(address).await.map_err(|error| connection_error(address, error))?;
-        let mut rsh = Self { link, server: String::new(), halt: None };
+        let mut rsh = Self { link, server_identity: String::new(), halt: None };
         let answer = rsh.send_request("hello EMC trued 1.0", &["HELLO"]).await?;
         let Some(server) = answer.strip_prefix("ACK") else {
             return Err(refusal_error("hello EMC trued 1.0", answer, "linuxcncrsh requires another password"));
         };
-        rsh.server = server.trim().to_owned();
+        rsh.server_identity = server.trim().to_owned();
         // This command is not answered, but perhaps echoed.
         rsh.link.send_line("set echo off")?;
         rsh.set("verbose on").await?;
@@ -39,7 +39,7 @@ impl RshClient {
     }
 
     /// Takes the right to command; the connection that had it loses it.
-    pub async fn take_command(&mut self) -> Result<(), ControllerError> {
+    pub async fn acquire_command_right(&mut self) -> Result<(), ControllerError> {
         self.set("enable EMCTOO").await
     }
 

@@ -79,12 +79,8 @@ impl RegisterWindow {
         loop {
             match self.link.read(RegisterSpace::Holding, at, count).await {
                 Ok(read) => return Ok(read == words),
-                Err(error) => {
-                    attempts_left -= 1;
-                    if attempts_left == 0 || !is_transient(&error) {
-                        return Err(error.into());
-                    }
-                }
+                Err(error) if attempts_left == 1 || !is_transient(&error) => return Err(error.into()),
+                Err(_) => attempts_left -= 1,
             }
         }
     }

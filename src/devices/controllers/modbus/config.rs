@@ -6,8 +6,10 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::program::{self, ResidentProgram};
-use super::{ModbusControl, RegisterMap, map};
-use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
+use super::{CONTROL_KIND, ModbusControl, RegisterMap, map};
+use crate::controllers::{
+    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
+};
 use link::modbus::{Framing, ModbusDevice, ModbusDeviceKeys, Parity};
 use link::{Clock, HostPort};
 use machine::record::machine::Machine;
@@ -69,6 +71,15 @@ impl TryFrom<ModbusConfigKeys> for ModbusConfig {
     }
 }
 
+impl ModbusConfig {
+    pub const DESCRIPTION: ControlDescription = ControlDescription {
+        kind: CONTROL_KIND,
+        hold_hint: "Modbus: hold in [controller.registers.command] (docs/line-window.md)",
+        axis_direction_hint: None,
+        axis_scale_hint: None,
+    };
+}
+
 impl ControllerConfig for ModbusConfig {
     fn dialect(&self) -> &str {
         &self.dialect
@@ -85,12 +96,7 @@ impl ControllerConfig for ModbusConfig {
         })
     }
 
-    fn diagnose<'a>(
-        &'a self,
-        machine: &'a Machine,
-        failure: &'a ControllerError,
-        mode: DiagnosisMode,
-    ) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_failure(machine, failure, mode))
+    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_failure(request))
     }
 }

@@ -9,7 +9,7 @@ use tokio::time::sleep;
 use super::map::RegisterMap;
 use super::status::{LINE_WINDOW_VERSION, PROGRAM_WINDOW_VERSION};
 use super::{CONTROL_KIND, ModbusConfig, format_diagnosis};
-use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, port, port_scan};
+use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
 use link::modbus::{
     AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
 };
@@ -23,14 +23,10 @@ const TCP_UNIT_CANDIDATES: [u8; 4] = [255, 1, 0, 2];
 const HEARTBEAT_CHECK_TIME: Duration = Duration::from_millis(1200);
 
 impl ModbusConfig {
-    pub(super) async fn diagnose_failure(
-        &self,
-        machine: &Machine,
-        failure: &ControllerError,
-        mode: DiagnosisMode,
-    ) -> Vec<Diagnosis> {
+    pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
+        let DiagnosisRequest { machine, failure, mode } = request;
         use ControllerError as E;
-        let link_findings = port::diagnose_open_failure(&self.device.line.link, failure);
+        let link_findings = port_diagnosis::diagnose_open_failure(&self.device.line.link, failure);
         match failure {
             E::Modbus(ModbusError::ExceptionReply { .. })
             | E::UnexpectedDevice { .. }
@@ -63,7 +59,7 @@ impl ModbusConfig {
     async fn diagnose_values(&self, machine: &Machine, mode: DiagnosisMode) -> Vec<Diagnosis> {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let block = read_status_block(&modbus, &self.map).await;
-        if let Some(block) = block.filter(|block| format_diagnosis::is_status(&self.map, block)) {
+        if let Some(block) = block.filter(|block| format_diagnosis::is_valid_status(&self.map, block)) {
             let are_positions_plausible = format_diagnosis::are_positions_plausible(&self.map, &block, machine);
             return if are_positions_plausible {
                 Vec::new()
@@ -77,11 +73,12 @@ impl ModbusConfig {
         if mode == DiagnosisMode::Passive {
             return vec![Diagnosis { needs_active_search: true, ..wrong_address_diagnosis() }];
         }
-        for (by, other) in format_diagnosis::STATUS_SHIFTS {
-            let Some(map) = format_diagnosis::shifted_map(&self.map, by, other) else { continue };
-            let Some(block) = read_status_block(&modbus, &map).await else { continue };
-            if format_diagnosis::is_status(&map, &block) {
-                return vec![format_diagnosis::shifted_status_diagnosis(&map, by, other)];
+        for (shift, in_other_space) in format_diagnosis::STATUS_SHIFTS {
+            let shifted = format_diagnosis::shifted_block(&self.map.status, shift, in_other_space);
+            let Some(shifted) = shifted else { continue };
+            let Ok(block) = modbus.read(shifted.space, shifted.first, shifted.count).await else { continue };
+            if format_diagnosis::is_valid_status(&self.map, &block) {
+                return vec![format_diagnosis::shifted_status_diagnosis(&shifted, shift, in_other_space)];
             }
         }
         vec![wrong_address_diagnosis()]
@@ -131,7 +128,7 @@ impl ModbusConfig {
         let at = self.device.line.to_string();
         let evidence =
             || format!("{failure}; requests with other unit numbers and in other protocols also had no valid reply");
-        vec![found.unwrap_or_else(|| port_scan::no_known_device_diagnosis(&at, &evidence()))]
+        vec![found.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&at, &evidence()))]
     }
 
     async fn search_serial(&self, path: &str, baud: u32) -> Option<Diagnosis> {

@@ -88,7 +88,7 @@ impl ModbusControl {
     async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<WindowStatus, ControllerError> {
         let mut status = None;
         for line in lines.text.lines() {
-            status = Some(self.window.execute_line(line, lines.rest_time).await?);
+            status = Some(self.window.execute_line(line, lines.standstill_time).await?);
         }
         self.standstill_status(status).await
     }
@@ -184,9 +184,9 @@ impl ModbusControl {
         if !has_contact {
             return Err(ControllerError::NoContact { step });
         }
-        let from = std::mem::replace(&mut self.monitor.rest_position, status.position.clone());
+        let from = std::mem::replace(&mut self.monitor.standstill_position, status.position.clone());
         let contact = self.monitor.machine_axes_only(&status.latched_position);
-        self.monitor.check_contact_path(&from, &self.monitor.rest_position, &contact)?;
+        self.monitor.check_contact_path(&from, &self.monitor.standstill_position, &contact)?;
         outcome.touch = Some(self.monitor.with_spindle(contact.iter()));
         outcome.t_s = status.latch_time_s;
         Ok(status)
@@ -198,7 +198,7 @@ impl ModbusControl {
         status: WindowStatus,
         target: &Position,
     ) -> Result<WindowStatus, ControllerError> {
-        self.monitor.rest_position = status.position.clone();
+        self.monitor.standstill_position = status.position.clone();
         self.monitor.check_arrival(target)?;
         Ok(status)
     }
@@ -256,18 +256,18 @@ impl ModbusControl {
         if !backs_off {
             status = self.wait_probe_open(block.step(), status).await?;
         }
-        [&self.monitor.rest_position, block.start_position()]
+        [&self.monitor.standstill_position, block.start_position()]
             .into_iter()
             .try_for_each(|expected| self.monitor.check_position(expected, &status.position))
-            .map_err(arrival::into_moved_by_hand)
+            .map_err(arrival::moved_between_blocks_error)
     }
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
     /// the driver holds it; after that only a new link accepts lines.
     fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
         self.is_prepared = false;
-        if !error.is_machine_at_rest() {
-            self.window.hold();
+        if !error.is_machine_stationary() {
+            self.window.send_hold();
         }
         error
     }
@@ -290,8 +290,8 @@ impl Driver for ModbusControl {
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
         let status = self.window.read_status().await?;
-        self.monitor.rest_position = self.monitor.machine_axes_only(&status.position);
-        let position = self.monitor.with_spindle(self.monitor.rest_position.iter());
+        self.monitor.standstill_position = self.monitor.machine_axes_only(&status.position);
+        let position = self.monitor.with_spindle(self.monitor.standstill_position.iter());
         Ok(MachineSnapshot { is_probe_closed: status.is_probe_closed, position })
     }
 

@@ -1,7 +1,7 @@
 //! Reads the same registers with other settings: another word order, type, scale or address. If the values
 //! then make sense, a suspicion names the one setting that would have to be changed.
 
-use super::map::{Register, RegisterMap, ResultRegisters, StatusRegisters};
+use super::map::{Register, RegisterMap, StatusRegisters};
 use super::status::WindowStatus;
 use crate::controllers::Diagnosis;
 use link::modbus::RegisterSpace;
@@ -129,48 +129,37 @@ fn are_within_travel(positions: &[(Axis, f64)], machine: &Machine) -> bool {
     })
 }
 
+/// Block of registers with a status.
+pub(super) struct StatusBlockRange {
+    pub space: RegisterSpace,
+    pub first: u16,
+    pub count: u16,
+}
+
 /// Other locations of the status that are tried: shift in registers, and whether in the other space.
 pub(super) const STATUS_SHIFTS: [(i16, bool); 5] = [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
 
-/// Returns the map with its status shifted by `shift` registers, and in the other space if `in_other_space`.
-pub(super) fn shifted_map(map: &RegisterMap, shift: i16, in_other_space: bool) -> Option<RegisterMap> {
-    let mut map = map.clone();
-    let status = &mut map.status;
-    if in_other_space {
-        status.space = if status.space == RegisterSpace::Input { RegisterSpace::Holding } else { RegisterSpace::Input };
-    }
-    let counts = [
-        &mut status.sequence_head,
-        &mut status.version,
-        &mut status.state,
-        &mut status.alarm,
-        &mut status.accepted,
-        &mut status.executed,
-        &mut status.error,
-        &mut status.probe,
-        &mut status.inputs,
-        &mut status.latches,
-        &mut status.heartbeat,
-        &mut status.time_s,
-        &mut status.latch_time_s,
-        &mut status.sequence_tail,
-    ];
-    let axes = status.latch.values_mut().chain(status.position.values_mut());
-    let results = status.result.iter_mut().flat_map(ResultRegisters::registers_mut);
-    for register in counts.into_iter().chain(axes).chain(results) {
-        register.address = register.address.checked_add_signed(shift)?;
-    }
-    Some(map)
+/// Space, first register and number of registers of a status that is shifted by `shift` registers, and in the other
+/// space if `in_other_space`; `None` if it is before the first address.
+pub(super) fn shifted_block(status: &StatusRegisters, shift: i16, in_other_space: bool) -> Option<StatusBlockRange> {
+    let (first, count) = status.block_range();
+    let space = match (in_other_space, status.space) {
+        (false, space) => space,
+        (true, RegisterSpace::Input) => RegisterSpace::Holding,
+        (true, _) => RegisterSpace::Input,
+    };
+    Some(StatusBlockRange { space, first: first.checked_add_signed(shift)?, count })
 }
 
 /// Whether `block` is a valid status according to `map`.
-pub(super) fn is_status(map: &RegisterMap, block: &[u16]) -> bool {
+pub(super) fn is_valid_status(map: &RegisterMap, block: &[u16]) -> bool {
     matches!(WindowStatus::parse(map, block), Ok(Some(_)))
 }
 
-/// Suspected cause if the status was found with [`shifted_map`].
-pub(super) fn shifted_status_diagnosis(map: &RegisterMap, shift: i16, in_other_space: bool) -> Diagnosis {
-    let space = if map.status.space == RegisterSpace::Input { "input" } else { "holding" };
+/// Cause if the status was found at `block`, which is a [`shifted_block`].
+pub(super) fn shifted_status_diagnosis(block: &StatusBlockRange, shift: i16, in_other_space: bool) -> Diagnosis {
+    let (space, first) = (block.space, block.first);
+    let space = if space == RegisterSpace::Input { "input" } else { "holding" };
     let cause = match (shift, in_other_space) {
         (0, _) => format!("wrong space: the status is in the {space} registers"),
         (_, false) => {
@@ -178,7 +167,6 @@ pub(super) fn shifted_status_diagnosis(map: &RegisterMap, shift: i16, in_other_s
         }
         (_, true) => format!("wrong space and addresses off by one: {space} registers, {shift:+}"),
     };
-    let (first, _) = map.status.block_range();
     let keys = match (shift, in_other_space) {
         (0, _) => format!("[controller.registers.status] space = \"{space}\""),
         (_, in_other_space) => format!(
@@ -250,11 +238,11 @@ mod tests {
         let published: RegisterMap = toml::from_str("").unwrap();
         let mut block = block();
         (block[0], block[1], block[2], block[44]) = (7, 1, 1, 7);
-        assert!(is_status(&published, &block));
-        let later = shifted_map(&published, 1, false).unwrap();
-        assert_eq!(later.status.block_range(), (1, 45));
-        assert!(!is_status(&published, &[&[0], &block[..44]].concat()));
-        assert!(shifted_map(&published, -1, false).is_none());
-        assert_eq!(shifted_map(&published, 0, true).unwrap().status.space, RegisterSpace::Holding);
+        assert!(is_valid_status(&published, &block));
+        let later = shifted_block(&published.status, 1, false).unwrap();
+        assert_eq!((later.space, later.first, later.count), (RegisterSpace::Input, 1, 45));
+        assert!(!is_valid_status(&published, &[&[0], &block[..44]].concat()));
+        assert!(shifted_block(&published.status, -1, false).is_none());
+        assert_eq!(shifted_block(&published.status, 0, true).unwrap().space, RegisterSpace::Holding);
     }
 }

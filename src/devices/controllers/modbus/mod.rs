@@ -21,7 +21,6 @@ mod diagnose;
 mod driver;
 mod fault;
 mod format_diagnosis;
-mod heartbeat_monitor;
 mod map;
 mod prepare;
 mod program;

@@ -7,7 +7,7 @@ use super::format_diagnosis;
 use super::status::WindowStatus;
 use crate::controllers::control_clock::ControlClock;
 use crate::controllers::motion_lines::to_duration;
-use crate::controllers::{ControllerError, PreparedControl, ReadinessItem, arrival};
+use crate::controllers::{ControllerError, PreparedControl, READINESS_ITEMS, ReadinessItem, arrival};
 use planning::gcode::Transmission;
 
 impl ModbusControl {
@@ -36,7 +36,7 @@ impl ModbusControl {
         let status = self.window.wait_idle().await?;
         check_probe(&status)?;
         self.check_probe_health(&status)?;
-        self.monitor.rest_position = self.monitor.machine_axes_only(&status.position);
+        self.monitor.standstill_position = self.monitor.machine_axes_only(&status.position);
         self.monitor.clock = ControlClock::default();
         self.contact_time_s(None, &status)?;
         let stop_description = format!(
@@ -48,16 +48,16 @@ impl ModbusControl {
         let transmission = match self.program {
             Some(_) => Transmission::Rows,
             // A chunk holds one line.
-            None => Transmission::Lines { max_line_bytes: self.window.map.command.chunk.bytes() + 1 },
+            None => Transmission::Lines { max_line_bytes: self.window.map.command.chunk.capacity_bytes() + 1 },
         };
         // The window has registers for the position and the probe; the control's program checks all else.
-        let unreadable_items = ReadinessItem::ALL.into_iter();
+        let unreadable_items = READINESS_ITEMS.map(|(item, _)| item).into_iter();
         let unreadable_items = unreadable_items.filter(|item| *item != ReadinessItem::ProbeInput).collect();
         self.is_prepared = true;
         Ok(PreparedControl {
             identity: self.identity(),
             stop_description,
-            position: self.monitor.rest_position.clone(),
+            position: self.monitor.standstill_position.clone(),
             transmission,
             unreadable_items,
         })
@@ -116,15 +116,15 @@ impl ModbusControl {
         if self.program.is_some() {
             return Ok(());
         }
-        let max_bytes = self.window.map.command.chunk.bytes();
-        let rest_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
+        let max_bytes = self.window.map.command.chunk.capacity_bytes();
+        let standstill_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
         // Comments have no effect at the control, and may be longer than the window.
         for line in lines.iter().filter(|line| !line.starts_with('(')) {
             if line.len() > max_bytes {
                 let reason = format!("a line is longer than the window: `{line}`");
                 return Err(ControllerError::RenderFailed { step: 0, reason });
             }
-            self.window.execute_line(line, rest_time).await?;
+            self.window.execute_line(line, standstill_time).await?;
         }
         Ok(())
     }

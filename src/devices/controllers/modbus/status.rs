@@ -41,13 +41,13 @@ pub(super) struct WindowStatus {
     pub latched_position: Position,
     pub position: Position,
     /// Result of a resident program.
-    pub result: Option<HandedOverResult>,
+    pub result: Option<ReportedResult>,
 }
 
 /// Result that a resident program hands over: the status' `latch_count` is its number, `latched_position` the position
 /// of the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct HandedOverResult {
+pub(super) struct ReportedResult {
     /// Row that the program executes, from 1; 0: none.
     pub active_row: u16,
     /// Sequence number of the call to which the result belongs; `row` is its row.
@@ -127,8 +127,8 @@ impl StatusBlock<'_> {
         Err(window_error(format!("`status.{name}` is {value}, not a whole number from 0 to 65535")))
     }
 
-    fn read_result(&self, result: &ResultRegisters) -> Result<HandedOverResult, ControllerError> {
-        Ok(HandedOverResult {
+    fn read_result(&self, result: &ResultRegisters) -> Result<ReportedResult, ControllerError> {
+        Ok(ReportedResult {
             active_row: self.read_count("result.under_way", &result.under_way)?,
             call_sequence: self.read_count("result.sequence", &result.sequence)?,
             row: self.read_count("result.row", &result.row)?,

@@ -9,10 +9,9 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
 use super::fault::{check_state, is_transient, refusal_error, reset_error, unexpected_reply_error};
-use super::heartbeat_monitor::HeartbeatMonitor;
 use super::map::RegisterMap;
 use super::status::{WindowState, WindowStatus};
-use super::timeouts::ModbusTimeouts;
+use super::timeouts::{HeartbeatMonitor, ModbusTimeouts};
 use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, Halt};
 use link::modbus::value::ValueError;
@@ -26,7 +25,7 @@ const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 pub(super) struct PendingChunk {
     name: String,
     pub(super) sequence: u16,
-    rest_time: Duration,
+    standstill_time: Duration,
     started: Instant,
     stall_detector: StallDetector<(WindowState, Position)>,
     /// Pause before the next request; `None`: there was no request yet.
@@ -34,9 +33,9 @@ pub(super) struct PendingChunk {
 }
 
 impl PendingChunk {
-    fn new(name: &str, sequence: u16, rest_time: Duration) -> Self {
+    fn new(name: &str, sequence: u16, standstill_time: Duration) -> Self {
         let (started, stall_detector) = (Instant::now(), StallDetector::new());
-        Self { name: name.to_owned(), sequence, rest_time, started, stall_detector, pause: None }
+        Self { name: name.to_owned(), sequence, standstill_time, started, stall_detector, pause: None }
     }
 
     /// Waits before the next request. The pause grows with each request, up to `max_pause`. The second request
@@ -56,7 +55,7 @@ impl PendingChunk {
 pub(super) struct RegisterWindow {
     pub(super) link: Arc<ModbusClient>,
     pub(super) map: RegisterMap,
-    hold: UrgentWriteSender,
+    hold_sender: UrgentWriteSender,
     halt: Halt,
     pub(super) own_heartbeat: Arc<AtomicU16>,
     /// Task that writes the heartbeat; [`RegisterWindow::wait_for_heartbeat`] starts it.
@@ -101,13 +100,13 @@ impl RegisterWindow {
         let settings = DeviceSettings { unit: device.unit, timeout: device.timeout, allowed: map.access_ranges() };
         let (at, words) = map.command.hold.write(1).map_err(encoding_error)?;
         let link = Arc::new(ModbusClient::open(device.line.clone(), settings).await?);
-        let hold = link.urgent(at, &words)?;
-        let urgent = hold.clone();
+        let hold_sender = link.urgent(at, &words)?;
+        let urgent = hold_sender.clone();
         let halt = Halt::new(move || urgent.send_and_drop_ordinary());
         let window = Self {
             link,
             map,
-            hold,
+            hold_sender,
             halt: halt.clone(),
             own_heartbeat: Arc::default(),
             heartbeat_task: OnceLock::new(),
@@ -126,8 +125,8 @@ impl RegisterWindow {
     }
 
     /// Holds the machine after a fault, whatever it is executing.
-    pub(super) fn hold(&self) {
-        self.hold.send_and_drop_ordinary();
+    pub(super) fn send_hold(&self) {
+        self.hold_sender.send_and_drop_ordinary();
     }
 
     /// Reads the control's present status: consistent, though perhaps older than the last chunk.
@@ -184,7 +183,7 @@ impl RegisterWindow {
         sequence_after(self.sequence)
     }
 
-    /// Executes `line`; returns the status at its end. `rest_time` is the time for which the machine may be at
+    /// Executes `line`; returns the status at its end. `standstill_time` is the time for which the machine may be at
     /// rest meanwhile.
     ///
     /// # Errors
@@ -192,9 +191,9 @@ impl RegisterWindow {
     pub(super) async fn execute_line(
         &mut self,
         line: &str,
-        rest_time: Duration,
+        standstill_time: Duration,
     ) -> Result<WindowStatus, ControllerError> {
-        let mut pending = self.start_chunk(line.as_bytes(), line, rest_time).await?;
+        let mut pending = self.start_chunk(line.as_bytes(), line, standstill_time).await?;
         loop {
             if let (status, true) = self.poll_chunk(&mut pending).await? {
                 return Ok(status);
@@ -207,7 +206,7 @@ impl RegisterWindow {
         &mut self,
         chunk: &[u8],
         name: &str,
-        rest_time: Duration,
+        standstill_time: Duration,
     ) -> Result<PendingChunk, ControllerError> {
         if self.halt.is_halted() {
             return Err(ControllerError::Halted);
@@ -218,7 +217,7 @@ impl RegisterWindow {
             Err(error) => Err(error),
         };
         match sent {
-            Ok(()) => Ok(PendingChunk::new(name, sequence, rest_time)),
+            Ok(()) => Ok(PendingChunk::new(name, sequence, standstill_time)),
             Err(_) if self.halt.is_halted() => Err(self.wait_hold().await),
             Err(error) => Err(error),
         }
@@ -245,7 +244,7 @@ impl RegisterWindow {
         self.heartbeat_monitor.check_heartbeat(status.heartbeat, &self.timeouts)?;
         if let Some(step) = self.free_move_step.filter(|_| status.is_probe_closed) {
             // The machine may still be moving, and does not stop by itself.
-            self.hold();
+            self.send_hold();
             return Err(ControllerError::UnexpectedContact { step });
         }
         match status.accepted_sequence {
@@ -263,7 +262,7 @@ impl RegisterWindow {
             _ => return Err(unexpected_reply_error(&status, sequence)),
         }
         let (state, limit) = ((status.state, status.position.clone()), self.timeouts.unchanged_limit(status.state));
-        pending.stall_detector.check_progress(state, limit, pending.rest_time, name)?;
+        pending.stall_detector.check_progress(state, limit, pending.standstill_time, name)?;
         Ok((status, false))
     }
 
@@ -285,7 +284,7 @@ impl RegisterWindow {
                 WindowState::Idle if beats.len() > 2 && status.executed_sequence == status.accepted_sequence => {
                     break;
                 }
-                WindowState::Idle | WindowState::Running => self.hold(),
+                WindowState::Idle | WindowState::Running => self.send_hold(),
                 _ => break,
             }
             if last_beat_at.elapsed() > self.timeouts.heartbeat {

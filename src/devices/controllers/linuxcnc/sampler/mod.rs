@@ -151,7 +151,7 @@ impl Sampler {
         sleep(PERIOD_CHECK_TIME).await;
         let now_s = self.clock.now_s();
         let newest = self.wait_for_tick_after(now_s).await.map_err(|reason| silent(&self.name, reason))?;
-        let period_s = before.and_then(|tick| self.lock_state().record.ticks.wrong_period_s(tick));
+        let period_s = before.and_then(|tick| self.lock_state().record.tick_clock.wrong_period_s(tick));
         if let Some(period_s) = period_s {
             return Err(ControllerError::not_ready(
                 format!("{} counts one tick every {:.3} ms", self.name, period_s * 1e3),
@@ -200,7 +200,7 @@ impl Sampler {
                     return Err(format!("the connection is lost: {reason}"));
                 }
                 let newest = state.record.newest_positions.as_ref();
-                let was = newest.and_then(|newest| state.record.ticks.time_s(newest.tick));
+                let was = newest.and_then(|newest| state.record.tick_clock.time_s(newest.tick));
                 if let Some(newest) = newest.filter(|_| was.is_some_and(|was| was > t_s)) {
                     return Ok(newest.clone());
                 }

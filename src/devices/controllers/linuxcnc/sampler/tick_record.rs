@@ -21,7 +21,7 @@ pub(super) struct TickPositions {
 #[derive(Debug)]
 pub(super) struct TickRecord {
     axes: Vec<Axis>,
-    pub ticks: TickClock,
+    pub tick_clock: TickClock,
     partial_line: Vec<u8>,
     pub newest_positions: Option<TickPositions>,
     /// The last line that is not in the sampler's format.
@@ -33,16 +33,16 @@ pub(super) struct TickRecord {
 #[derive(Debug, Default)]
 struct BlockTicks {
     ticks: Vec<Tick>,
-    values: Vec<f64>,
+    positions: Vec<f64>,
     is_full: bool,
 }
 
 impl TickRecord {
     pub fn new(axes: Vec<Axis>, period_s: f64) -> Self {
-        let ticks = TickClock::with_period(period_s);
+        let tick_clock = TickClock::with_period(period_s);
         Self {
             axes,
-            ticks,
+            tick_clock,
             partial_line: Vec::new(),
             newest_positions: None,
             last_invalid_line: None,
@@ -78,19 +78,19 @@ impl TickRecord {
         if line == "overrun" {
             return;
         }
-        let Some((number, at, is_full)) = parse_line(line, self.axes.len()) else {
+        let Some((number, at, has_missing_ticks)) = parse_tick_line(line, self.axes.len()) else {
             self.last_invalid_line = Some(line.chars().take(80).collect());
             return;
         };
-        if is_full {
-            self.ticks.start_new_count();
+        if has_missing_ticks {
+            self.tick_clock.start_new_count();
         }
-        let tick = self.ticks.register_tick(number, at_s);
+        let tick = self.tick_clock.register_tick(number, at_s);
         if let Some(block_ticks) = &mut self.block_ticks {
             block_ticks.is_full |= block_ticks.ticks.len() >= MAX_TICKS;
             if !block_ticks.is_full {
                 block_ticks.ticks.push(tick);
-                block_ticks.values.extend(&at);
+                block_ticks.positions.extend(&at);
             }
         }
         self.newest_positions = Some(TickPositions { tick, positions: at });
@@ -107,11 +107,11 @@ impl TickRecord {
         let block_ticks = self.block_ticks.take().unwrap_or_default();
         let mut track = AxisTrack::new(self.axes.clone());
         let mut before = None;
-        for (tick, at) in block_ticks.ticks.iter().zip(block_ticks.values.chunks(self.axes.len().max(1))) {
+        for (tick, at) in block_ticks.ticks.iter().zip(block_ticks.positions.chunks(self.axes.len().max(1))) {
             if !before.is_some_and(|before| tick.is_next_after(before)) {
                 track.record_gap();
             }
-            before = self.ticks.time_s(*tick).map(|t_s| {
+            before = self.tick_clock.time_s(*tick).map(|t_s| {
                 track.push(t_s, self.to_internal_units(at, mm_per_unit));
                 *tick
             });
@@ -130,7 +130,7 @@ impl TickRecord {
 }
 
 /// Returns the number of the tick, `axes` positions, and whether ticks before it are missing.
-fn parse_line(line: &str, axes: usize) -> Option<(i64, Vec<f64>, bool)> {
+fn parse_tick_line(line: &str, axes: usize) -> Option<(i64, Vec<f64>, bool)> {
     let mut words = line.split_whitespace();
     let number = words.next()?.parse().ok()?;
     let at: Vec<f64> = words
@@ -138,12 +138,12 @@ fn parse_line(line: &str, axes: usize) -> Option<(i64, Vec<f64>, bool)> {
         .take(axes)
         .map(|word| word.parse().ok().filter(|value: &f64| value.is_finite()))
         .collect::<Option<_>>()?;
-    let is_full = match (words.next()?, words.next()) {
+    let has_missing_ticks = match (words.next()?, words.next()) {
         ("0", None) => false,
         ("1", None) => true,
         _ => return None,
     };
-    (at.len() == axes).then_some((number, at, is_full))
+    (at.len() == axes).then_some((number, at, has_missing_ticks))
 }
 
 #[cfg(test)]

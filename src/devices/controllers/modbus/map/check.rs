@@ -95,13 +95,13 @@ fn check_status_block(map: &RegisterMap) -> Result<(), String> {
 }
 
 /// Space, first register, number of registers and name of an item.
-pub(in super::super) type ItemSpan = (RegisterSpace, u16, u16, String);
+pub(in super::super) type RegisterSpan = (RegisterSpace, u16, u16, String);
 
 /// Checks that no two items overlap.
 ///
 /// # Errors
 /// Two items overlap, or an item is beyond the last address; the message names them.
-pub(in super::super) fn check_overlaps(mut items: Vec<ItemSpan>) -> Result<(), String> {
+pub(in super::super) fn check_overlaps(mut items: Vec<RegisterSpan>) -> Result<(), String> {
     items.sort();
     for pair in items.windows(2) {
         let [(space, at, count, name), (next_space, next, _, next_name)] = pair else { continue };

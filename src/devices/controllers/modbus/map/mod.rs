@@ -109,7 +109,7 @@ impl Register {
 
 impl ChunkRegisters {
     /// Capacity of the chunk, bytes.
-    pub(super) fn bytes(&self) -> usize {
+    pub(super) fn capacity_bytes(&self) -> usize {
         2 * usize::from(self.registers)
     }
 
@@ -181,10 +181,6 @@ impl StatusRegisters {
 }
 
 impl ResultRegisters {
-    pub(super) fn registers_mut(&mut self) -> [&mut Register; 5] {
-        [&mut self.under_way, &mut self.sequence, &mut self.row, &mut self.contact, &mut self.valid]
-    }
-
     fn named_registers(&self) -> [(&'static str, Register); 5] {
         [
             ("under_way", self.under_way),

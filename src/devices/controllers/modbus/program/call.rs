@@ -10,7 +10,7 @@ use super::rows::{self, ProgramRow, RowAction};
 use crate::controllers::ControllerError;
 use crate::controllers::modbus::driver::ModbusControl;
 use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
-use crate::controllers::modbus::status::{HandedOverResult, WindowStatus};
+use crate::controllers::modbus::status::{ReportedResult, WindowStatus};
 use crate::controllers::modbus::window::{PendingChunk, RegisterWindow, sequence_after};
 use crate::controllers::motion_lines::{MAX_ORIENT_TIME, to_duration};
 use machine::record::motion::{BlockOutcome, Motion};
@@ -46,7 +46,7 @@ impl ModbusControl {
     ) -> Result<(), ControllerError> {
         self.window.last_result_number = Some(status.latch_count);
         match status.result {
-            Some(HandedOverResult { is_pending: true, .. }) => self.window.acknowledge(status.latch_count).await,
+            Some(ReportedResult { is_pending: true, .. }) => self.window.acknowledge(status.latch_count).await,
             _ => Ok(()),
         }
     }
@@ -68,7 +68,7 @@ impl ModbusControl {
             outcome.touch = Some(contact.iter().chain(spindle).collect());
         }
         self.monitor.spindle_rad = block.motions().filter_map(orientation_rad).last().or(self.monitor.spindle_rad);
-        let end = rows::end_position(&rows, &self.monitor.rest_position);
+        let end = rows::end_position(&rows, &self.monitor.standstill_position);
         let status = self.check_arrival(status, &end)?;
         if rows.last().is_some_and(|row| row.action != RowAction::Touch) {
             self.wait_probe_open(block.step(), status).await?;
@@ -89,7 +89,7 @@ impl ModbusControl {
         let chunk = chunk.map_err(|reason| ControllerError::RenderFailed { step, reason })?;
         self.check_block_start(block).await?;
         let name = format!("program {}, step {step}", program.number);
-        let mut pending = self.window.start_chunk(&chunk, &name, max_rest_time(rows)).await?;
+        let mut pending = self.window.start_chunk(&chunk, &name, max_standstill_time(rows)).await?;
         let collected = self.collect_results(&mut pending, rows, step).await;
         collected.map_err(|error| match error {
             ControllerError::Alarm { code, .. }
@@ -117,7 +117,7 @@ impl ModbusControl {
             let row = active_row.and_then(|row| rows.get(row));
             if status.is_probe_closed && row.is_some_and(|row| row.is_free_move) {
                 // The machine may still be moving, and does not stop by itself.
-                self.window.hold();
+                self.window.send_hold();
                 return Err(ControllerError::UnexpectedContact { step });
             }
             if !slot.is_pending {
@@ -130,7 +130,12 @@ impl ModbusControl {
                 ResultFreshness::Stale => {}
                 ResultFreshness::AlreadyRead => self.window.acknowledge(status.latch_count).await?,
                 ResultFreshness::New => {
-                    results.push(row_result(&status, &slot));
+                    results.push(ContactRowResult {
+                        row: usize::from(slot.row).wrapping_sub(1),
+                        has_contact: slot.has_contact,
+                        latched_position: status.latched_position.clone(),
+                        t_s: status.latch_time_s,
+                    });
                     self.window.last_result_number = Some(status.latch_count);
                     self.window.acknowledge(status.latch_count).await?;
                 }
@@ -185,7 +190,7 @@ impl ModbusControl {
         row: &ProgramRow,
         result: &ContactRowResult,
     ) -> Result<(), ControllerError> {
-        let from = rows::end_position(before, &self.monitor.rest_position);
+        let from = rows::end_position(before, &self.monitor.standstill_position);
         let to = from.updated_by(&row.target);
         let contact = self.monitor.machine_axes_only(&result.latched_position);
         self.monitor.check_contact_path(&from, &to, &contact.filter_axes(|axis| from.get(axis).is_some()))
@@ -195,7 +200,7 @@ impl ModbusControl {
 fn result_kind(
     window: &RegisterWindow,
     status: &WindowStatus,
-    slot: &HandedOverResult,
+    slot: &ReportedResult,
     sequence: u16,
 ) -> Result<ResultFreshness, ControllerError> {
     let last_number = window.last_result_number.unwrap_or_default();
@@ -216,15 +221,6 @@ fn result_kind(
     Err(ControllerError::UnexpectedReply { reply })
 }
 
-fn row_result(status: &WindowStatus, slot: &HandedOverResult) -> ContactRowResult {
-    ContactRowResult {
-        row: usize::from(slot.row).wrapping_sub(1),
-        has_contact: slot.has_contact,
-        latched_position: status.latched_position.clone(),
-        t_s: status.latch_time_s,
-    }
-}
-
 fn result_mismatch(slot: &str, expected: usize) -> ControllerError {
     ControllerError::UnexpectedReply { reply: format!("{slot} received, {expected} results expected") }
 }
@@ -237,7 +233,7 @@ fn orientation_rad(motion: &Motion) -> Option<f64> {
 }
 
 /// Maximum time for which the machine may be at rest within a call.
-fn max_rest_time(rows: &[ProgramRow]) -> Duration {
+fn max_standstill_time(rows: &[ProgramRow]) -> Duration {
     let rest_times = rows.iter().map(|row| match row.action {
         RowAction::Dwell => to_duration(row.value),
         RowAction::Orient => MAX_ORIENT_TIME,

@@ -5,7 +5,7 @@ use serde::Deserialize;
 use super::ResidentProgram;
 use super::rows::{ProgramRow, RowAction};
 use crate::controllers::modbus::map::Register;
-use crate::controllers::modbus::map::check::{ItemSpan, check_overlaps};
+use crate::controllers::modbus::map::check::{RegisterSpan, check_overlaps};
 use crate::controllers::modbus::map::keys::RegisterKeys;
 use link::modbus::RegisterSpace;
 use link::modbus::value::{NumberType, ValueError};
@@ -60,6 +60,9 @@ pub(super) struct RowKeys {
     c: RegisterKeys,
 }
 
+/// Parameters of one call before the table, as in [`ParameterKeys`].
+const PARAMETER_NAMES: [&str; 6] = ["sequence", "program", "tool", "step", "touches", "rows"];
+
 /// Parameters of one call.
 pub(super) struct ProgramCall<'a> {
     pub sequence: u16,
@@ -70,12 +73,8 @@ pub(super) struct ProgramCall<'a> {
 
 #[derive(Debug, Clone)]
 pub(super) struct ParameterLayout {
-    sequence: Register,
-    program: Register,
-    tool: Register,
-    step: Register,
-    touches: Register,
-    rows: Register,
+    /// Registers of [`PARAMETER_NAMES`].
+    parameters: [Register; PARAMETER_NAMES.len()],
     /// First register of the table; registers of a row (`row_registers`); maximum number of rows (`max_rows`).
     table_address: u16,
     row_registers: u16,
@@ -97,12 +96,14 @@ impl ParameterLayout {
             (axis, entry.with_default_scale(POSITION_SCALE).register(address, NumberType::I32))
         };
         let layout = Self {
-            sequence: keys.sequence.register(0, NumberType::U16),
-            program: keys.program.register(1, NumberType::U16),
-            tool: keys.tool.register(2, NumberType::U16),
-            step: keys.step.register(3, NumberType::U32),
-            touches: keys.touches.register(5, NumberType::U16),
-            rows: keys.rows.register(6, NumberType::U16),
+            parameters: [
+                keys.sequence.register(0, NumberType::U16),
+                keys.program.register(1, NumberType::U16),
+                keys.tool.register(2, NumberType::U16),
+                keys.step.register(3, NumberType::U32),
+                keys.touches.register(5, NumberType::U16),
+                keys.rows.register(6, NumberType::U16),
+            ],
             table_address: table,
             row_registers,
             max_rows: registers.saturating_sub(table).checked_div(row_registers).unwrap_or(0),
@@ -119,30 +120,23 @@ impl ParameterLayout {
         if self.max_rows == 0 {
             return Err("`command.chunk` is too small for one row of the program's table".to_owned());
         }
-        let span = |section: &str, name: &str, at: &Register| -> ItemSpan {
+        let span = |section: &str, name: &str, at: &Register| -> RegisterSpan {
             (RegisterSpace::Holding, at.address, at.count(), format!("{section}.{name}"))
         };
-        let parameters = [
-            ("sequence", &self.sequence),
-            ("program", &self.program),
-            ("tool", &self.tool),
-            ("step", &self.step),
-            ("touches", &self.touches),
-            ("rows", &self.rows),
-        ];
-        let parameters = parameters.map(|(name, at)| span("parameters", name, at));
+        let parameters = PARAMETER_NAMES.iter().zip(&self.parameters);
+        let parameters: Vec<_> = parameters.map(|(name, at)| span("parameters", name, at)).collect();
         let named = [("kind", &self.kind), ("axes", &self.axes), ("value", &self.value)];
-        let mut row: Vec<ItemSpan> = named.map(|(name, at)| span("row", name, at)).to_vec();
+        let mut row: Vec<RegisterSpan> = named.map(|(name, at)| span("row", name, at)).to_vec();
         row.extend(self.target.iter().map(|(axis, at)| span("row", &axis.to_string(), at)));
         row.push((RegisterSpace::Holding, self.row_registers, 1, "the next row".to_owned()));
-        let end = |(_, at, count, _): &ItemSpan| u32::from(*at) + u32::from(*count);
+        let end = |(_, at, count, _): &RegisterSpan| u32::from(*at) + u32::from(*count);
         if let Some((.., name)) = row.iter().rev().skip(1).find(|item| end(item) > self.row_registers.into()) {
             return Err(format!("`{name}` is beyond the {} registers of a row", self.row_registers));
         }
         if let Some((.., name)) = parameters.iter().find(|item| end(item) > self.table_address.into()) {
             return Err(format!("`{name}` must be before the table at {}", self.table_address));
         }
-        check_overlaps(parameters.to_vec())?;
+        check_overlaps(parameters)?;
         check_overlaps(row)
     }
 
@@ -180,14 +174,9 @@ impl ParameterLayout {
             return Err(format!("the block has {rows} moves, but `command.chunk` holds only {max_rows} rows"));
         }
         let touches = call.rows.iter().filter(|row| row.action == RowAction::Touch).count();
-        let mut items = vec![
-            (self.sequence, f64::from(call.sequence)),
-            (self.program, f64::from(call.program.number)),
-            (self.tool, f64::from(call.program.tool)),
-            (self.step, f64::from(call.step)),
-            (self.touches, touches as f64),
-            (self.rows, rows as f64),
-        ];
+        let (program, tool) = (f64::from(call.program.number), f64::from(call.program.tool));
+        let values = [f64::from(call.sequence), program, tool, f64::from(call.step), touches as f64, rows as f64];
+        let mut items: Vec<_> = self.parameters.into_iter().zip(values).collect();
         for (row, first) in call.rows.iter().zip((self.table_address..).step_by(self.row_registers.into())) {
             self.add_row(row, first, &mut items)?;
         }
