@@ -1,5 +1,5 @@
-//! Version and axes of a control, as `$I` reports them, and its settings, as `$$` lists them. Setting numbers and meanings are those of grblHAL
-//! (`settings.h`).
+//! Version and axes of a control, as `$I` reports them, and its settings, as `$$` lists them. Setting
+//! numbers and meanings are those of grblHAL (`settings.h`).
 
 use std::collections::BTreeMap;
 

@@ -7,7 +7,7 @@
 //! measured on the simulated machine, the abort takes effect within 20 ms. Worst-case travel: 20 ms of the
 //! feed, plus feed²/(2·acceleration). The driver, which sends nothing else from then on, repeats the abort
 //! on its own connection until the machine is at rest: linuxcncrsh may lose a line that arrives together
-//! with another (`watch::abort_until_at_rest`).
+//! with another (`program_runner::abort_until_at_rest`).
 //!
 //! **Properties of LinuxCNC 2.9 that the driver relies on**, all measured:
 //! - An acknowledgement is not success, and messages overwrite each other. The result is the content of the

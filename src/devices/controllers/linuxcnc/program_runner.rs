@@ -113,8 +113,8 @@ pub(super) async fn run_program(
     }
 }
 
-/// Whether the probe reads closed before the rotary axes have reached `turn_end_position`. The touch of the same program
-/// begins after that.
+/// Whether the probe reads closed before the rotary axes have reached `turn_end_position`. The touch of the same
+/// program begins after that.
 async fn has_contact_during_turn(rsh: &mut RshClient, turn_end_position: &Position) -> Result<bool, ControllerError> {
     if rsh.get("probe_value").await? == "0" {
         return Ok(false);

@@ -23,7 +23,8 @@ pub(super) struct RshClient {
 }
 
 impl RshClient {
-    /// Connects and performs the handshake. This alone gives no right to command: see [`RshClient::acquire_command_right`].
+    /// Connects and performs the handshake. This alone gives no right to command: see
+    /// [`RshClient::acquire_command_right`].
     pub async fn open(address: &Address) -> Result<Self, ControllerError> {
         let link = link::open_line_link(address).await.map_err(|error| connection_error(address, error))?;
         let mut rsh = Self { link, server_identity: String::new(), halt: None };
@@ -94,7 +95,8 @@ impl RshClient {
                     if let Some(rest) = rest {
                         return Ok(rest.trim().to_owned());
                     }
-                    // Words of another connection's line may be mixed into this one (see `watch::abort_until_at_rest`).
+                    // Words of another connection's line may be mixed into this one (see
+                    // `program_runner::abort_until_at_rest`).
                     if text.ends_with("NAK") {
                         return Ok("NAK".to_owned());
                     }
