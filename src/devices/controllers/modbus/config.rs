@@ -6,14 +6,9 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::program::{self, ResidentProgram};
-use super::{CONTROL_KIND, ModbusControl, RegisterMap, map};
-use crate::controllers::{
-    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
-};
+use super::{RegisterMap, map};
+use link::HostPort;
 use link::modbus::{Framing, ModbusDevice, ModbusDeviceKeys, Parity};
-use link::{Clock, HostPort};
-use machine::record::machine::Machine;
-use planning::proof::ProvenModes;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -68,35 +63,5 @@ impl TryFrom<ModbusConfigKeys> for ModbusConfig {
         let (device, map) = (device.try_into()?, registers.into_program_map()?);
         let program = Some(Arc::new(ResidentProgram::from_keys(program, &map)?));
         Ok(Self { device, map, program, dialect: keys.dialect })
-    }
-}
-
-impl ModbusConfig {
-    pub const DESCRIPTION: ControlDescription = ControlDescription {
-        kind: CONTROL_KIND,
-        hold_hint: "Modbus: hold in [controller.registers.command] (docs/line-window.md)",
-        axis_direction_hint: None,
-        axis_scale_hint: None,
-    };
-}
-
-impl ControllerConfig for ModbusConfig {
-    fn dialect(&self) -> &str {
-        &self.dialect
-    }
-
-    fn describe_address(&self) -> String {
-        self.device.describe()
-    }
-
-    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
-        Box::pin(async move {
-            let (driver, halt) = ModbusControl::open(self, machine, modes).await?;
-            Ok(Controller::spawn(driver, halt))
-        })
-    }
-
-    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_failure(request))
     }
 }

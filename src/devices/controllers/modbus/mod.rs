@@ -16,6 +16,7 @@
 
 mod chunk_write;
 mod config;
+mod controller_config;
 mod device_info;
 mod diagnose;
 mod driver;

@@ -1,0 +1,41 @@
+//! Opens and diagnoses the control that a `[controller]` table of kind `modbus` describes.
+
+use std::sync::Arc;
+
+use super::{CONTROL_KIND, ModbusConfig, ModbusControl};
+use crate::controllers::{
+    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
+};
+use link::Clock;
+use machine::record::machine::Machine;
+use planning::proof::ProvenModes;
+
+impl ModbusConfig {
+    pub const DESCRIPTION: ControlDescription = ControlDescription {
+        kind: CONTROL_KIND,
+        hold_hint: "Modbus: hold in [controller.registers.command] (docs/line-window.md)",
+        axis_direction_hint: None,
+        axis_scale_hint: None,
+    };
+}
+
+impl ControllerConfig for ModbusConfig {
+    fn dialect(&self) -> &str {
+        &self.dialect
+    }
+
+    fn describe_address(&self) -> String {
+        self.device.describe()
+    }
+
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
+        Box::pin(async move {
+            let (driver, halt) = ModbusControl::open(self, machine, modes).await?;
+            Ok(Controller::spawn(driver, halt))
+        })
+    }
+
+    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_failure(request))
+    }
+}
