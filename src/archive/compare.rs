@@ -107,15 +107,15 @@ fn largest_k(estimates: [&Estimate; 2]) -> f64 {
 
 /// Symbols of parameters and functions of both estimates whose units differ.
 fn unit_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
-    let parameters = |of: &Estimate| -> Vec<_> { of.parameters.iter().map(|p| (p.symbol.clone(), p.unit)).collect() };
-    let functions = |of: &Estimate| -> Vec<_> { of.functions.iter().map(|f| (f.symbol.clone(), f.unit)).collect() };
-    let pairs = [(parameters(one), parameters(other)), (functions(one), functions(other))];
-    let differing = pairs.into_iter().flat_map(|(first, second)| {
-        first
-            .into_iter()
-            .filter(move |(symbol, unit)| second.iter().any(|(other, of_other)| other == symbol && of_other != unit))
-    });
-    differing.map(|(symbol, _)| symbol).collect()
+    let parameters = one
+        .parameters
+        .iter()
+        .filter(|p| other.parameters.iter().any(|of_other| of_other.symbol == p.symbol && of_other.unit != p.unit));
+    let functions = one
+        .functions
+        .iter()
+        .filter(|f| other.functions.iter().any(|of_other| of_other.symbol == f.symbol && of_other.unit != f.unit));
+    parameters.map(|p| p.symbol.clone()).chain(functions.map(|f| f.symbol.clone())).collect()
 }
 
 /// Functions at different heights: displacements of a tilting axis depend on the height.

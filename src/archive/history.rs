@@ -47,43 +47,48 @@ const MAX_RUNS: u32 = 200;
 /// The journal cannot be read.
 pub fn history(journal: &Journal, machine: &str, tolerance: &[ParameterLimit]) -> Result<Vec<Series>, StoreError> {
     let mut all: Vec<ParameterValues> = Vec::new();
-    journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_values(&mut all, measured))?;
-    all.sort_by(|(one, ..), (other, ..)| one.cmp(other));
-    Ok(all.into_iter().map(|known| to_series(known, tolerance)).collect())
+    journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_run(&mut all, measured))?;
+    all.sort_by(|one, other| one.method.cmp(&other.method));
+    Ok(all.into_iter().map(|parameter| parameter.into_series(tolerance)).collect())
 }
 
-/// Values of one parameter so far, with method, symbol and unit.
-type ParameterValues = (String, String, Unit, Vec<Value>);
+/// Values of one parameter so far.
+struct ParameterValues {
+    method: String,
+    symbol: String,
+    unit: Unit,
+    values: Vec<Value>,
+}
 
-fn add_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
+fn add_run(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
     let MeasuredRun { run, started, method, parameters, temperatures_c } = measured;
     let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
     for parameter in parameters.into_iter().filter(known) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
-        let temperatures_c = temperatures_c.clone();
-        let value = Value { run, started, value, expanded, temperatures_c };
-        let known =
-            all.iter_mut().find(|(of, name, its, _)| (of.as_str(), name.as_str(), *its) == (&method, &symbol, unit));
-        match known {
-            Some((.., values)) => values.push(value),
-            None => all.push((method.clone(), symbol, unit, vec![value])),
+        let value = Value { run, started, value, expanded, temperatures_c: temperatures_c.clone() };
+        match all.iter_mut().find(|other| other.method == method && other.symbol == symbol && other.unit == unit) {
+            Some(known) => known.values.push(value),
+            None => all.push(ParameterValues { method: method.clone(), symbol, unit, values: vec![value] }),
         }
     }
 }
 
-fn to_series((method, symbol, unit, values): ParameterValues, tolerance: &[ParameterLimit]) -> Series {
-    let point = |value: &Value| TrendPoint { t_s: value.started.as_duration().as_secs_f64(), value: value.value };
-    let trend = Trend::from_points(values.iter().map(point).collect());
-    let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
-    let tolerance = limit.map(|limit| limit.limit);
-    Series { method, symbol, unit, tolerance, values, trend }
+impl ParameterValues {
+    fn into_series(self, tolerance: &[ParameterLimit]) -> Series {
+        let Self { method, symbol, unit, values } = self;
+        let point = |value: &Value| TrendPoint { t_s: value.started.as_duration().as_secs_f64(), value: value.value };
+        let trend = Trend::from_points(values.iter().map(point).collect());
+        let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
+        Series { method, symbol, unit, tolerance: limit.map(|limit| limit.limit), values, trend }
+    }
 }
 
 /// The changes of the last `days` in one sentence; days in this computer's time zone.
 pub fn describe_changes(all: &[Series], days: u32) -> String {
-    let told: Vec<NamedTrend<'_>> = all.iter().map(trend_summary).collect();
+    let trends = all.iter();
+    let trends = trends.map(|Series { symbol, unit, trend, .. }| NamedTrend { symbol, unit: unit.symbol(), trend });
     let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(days));
-    trend::describe_changes(&told, since.as_secs_f64(), format_day)
+    trend::describe_changes(&trends.collect::<Vec<_>>(), since.as_secs_f64(), format_day)
 }
 
 fn format_day(t_s: f64) -> String {
@@ -91,10 +96,6 @@ fn format_day(t_s: f64) -> String {
     let [at, now] = [at, Timestamp::now()].map(|at| at.to_zoned(TimeZone::system()));
     let format_day = if at.year() == now.year() { "%-d %B" } else { "%-d %B %Y" };
     at.strftime(format_day).to_string()
-}
-
-fn trend_summary(series: &Series) -> NamedTrend<'_> {
-    NamedTrend { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
 }
 
 /// Chart of a series as of `now`; `None` if there is nothing to draw.

@@ -50,12 +50,12 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         story: run_story(&stored),
         signed: Some(describe_signatures(&stored)),
         volume: volumetric_error_maps(&stored.plan.machine, &last.estimate),
-        proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
+        proofs: stored.events.iter().filter_map(|(_, event)| stage_proof(event)).collect(),
     };
     Ok(page::render(&stored.plan, &last.estimate, &facts)?)
 }
 
-fn proof_of(event: &Event) -> Option<Proof> {
+fn stage_proof(event: &Event) -> Option<Proof> {
     match event {
         Event::StageProven { proof, .. } => Some(proof.clone()),
         _ => None,

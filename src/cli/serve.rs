@@ -17,9 +17,9 @@ pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatu
         (None, Some(machine)) => DaemonFile::for_machine_file(machine),
         (None, None) => DaemonFile::built_in(),
     };
-    let DaemonFile { machines, http, retention } = file.map_err(SetupError::from)?;
+    let file = file.map_err(SetupError::from)?;
     let log = telemetry::start_log();
-    let service = Service::new(machines, http, state_folder(state)?, args.speed.into(), log)?;
+    let service = Service::new(file, state_folder(state)?, args.speed.into(), log)?;
     let service = match &args.capture {
         Some(file) => {
             check_parent_folder(file, "the captures", "--capture")?;
@@ -27,7 +27,6 @@ pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatu
         }
         None => service,
     };
-    let service = service.with_retention(retention);
     if args.check {
         service.check_plans()?;
         return Ok(ExitStatus::Pass);

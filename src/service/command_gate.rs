@@ -4,19 +4,19 @@
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::Sender;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, watch};
 use tracing::field::Empty;
 use tracing::info_span;
 
-use super::Log;
 use super::config::{ServeConfig, StartInterlock};
-use super::heartbeat::Heartbeat;
+use super::gate_inputs::Heartbeat;
 use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, State};
 use super::schedule_state::{DueRequest, ReadinessSource};
 use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, WorkerCommand};
+use super::{Log, lock};
 use crate::run::{OpenPrompt, PromptAnswers, RehearsalResult};
 use crate::store::{Journal, NewestRuns, RunId, StoreError};
 use devices::controllers::Halt;
@@ -83,7 +83,7 @@ impl CommandGate {
     }
 
     pub(super) fn inner(&self) -> MutexGuard<'_, GateState> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.inner)
     }
 
     pub fn machine_state(&self) -> MachineState {
@@ -104,7 +104,7 @@ impl CommandGate {
     /// # Errors
     /// The journal cannot be read; the previous result is discarded.
     pub fn query_newest(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
-        let query = self.newest_query.lock().unwrap_or_else(PoisonError::into_inner);
+        let query = lock(&self.newest_query);
         let found = journal.newest_results(machine);
         let newest = found.as_ref().map_or_else(|_| NewestRuns::default(), NewestRuns::clone);
         if *self.inner().machine_state.newest != newest {
@@ -127,13 +127,10 @@ impl CommandGate {
     /// # Errors
     /// The reason of the refusal; it is also in the machine state and in the log.
     pub fn start(&self, cycle: u16, interlocks: Interlocks, by: &str) -> Result<(), Refusal> {
-        let mut inner = self.inner();
+        let inner = self.inner();
         let judged = self.judge(&inner, cycle, interlocks);
-        if let Err(why) = judged.and_then(|()| self.send(&mut inner, WorkerCommand::Start { cycle })) {
-            drop(inner);
-            self.refuse(why, &format!("start of cycle {cycle} by {by}"));
-            return Err(why);
-        }
+        let what = format!("start of cycle {cycle} by {by}");
+        let mut inner = self.send(inner, judged, WorkerCommand::Start { cycle }, &what)?;
         inner.stop = false;
         inner.machine_state.accepted = inner.machine_state.accepted.wrapping_add(1);
         let machine_s = inner.rehearsed.get(&cycle).map(|known| known.machine_s);
@@ -155,7 +152,7 @@ impl CommandGate {
         inspection: Inspection<'_>,
         interlocks: Interlocks,
     ) -> Result<AcknowledgementReceiver, Refusal> {
-        let mut inner = self.inner();
+        let inner = self.inner();
         let judged = match inner.machine_state.state {
             State::Held => interlocks.lacks(&self.demand).map_or(Ok(()), Err),
             State::Running => Err(Refusal::Busy),
@@ -163,11 +160,8 @@ impl CommandGate {
         };
         let (acknowledgement, answer) = inspection.acknowledgement_channel();
         let command = WorkerCommand::Resume { run, acknowledgement };
-        if let Err(why) = judged.and_then(|()| self.send(&mut inner, command)) {
-            drop(inner);
-            self.refuse(why, &format!("resume of run {run} by {}", inspection.who));
-            return Err(why);
-        }
+        let what = format!("resume of run {run} by {}", inspection.who);
+        let mut inner = self.send(inner, judged, command, &what)?;
         inner.stop = false;
         let cycle = inner.machine_state.cycle;
         // The run itself determines how much is done already.
@@ -179,14 +173,26 @@ impl CommandGate {
         Ok(answer)
     }
 
-    /// Sends a command to the worker. No other command is accepted until this one is finished.
-    fn send(&self, inner: &mut GateState, command: WorkerCommand) -> Result<(), Refusal> {
-        if inner.acting {
-            return Err(Refusal::NotReady);
+    /// Sends the command `what` to the worker if it is accepted: `judged`. No other command is accepted until this one
+    /// is finished.
+    fn send<'a>(
+        &self,
+        mut inner: MutexGuard<'a, GateState>,
+        judged: Result<(), Refusal>,
+        command: WorkerCommand,
+        what: &str,
+    ) -> Result<MutexGuard<'a, GateState>, Refusal> {
+        let sent = judged.and_then(|()| match inner.acting {
+            true => Err(Refusal::NotReady),
+            false => self.commands.try_send(command).map_err(|_| Refusal::NotReady),
+        });
+        if let Err(why) = sent {
+            drop(inner);
+            self.refuse(why, what);
+            return Err(why);
         }
-        self.commands.try_send(command).map_err(|_| Refusal::NotReady)?;
         inner.acting = true;
-        Ok(())
+        Ok(inner)
     }
 
     fn judge(&self, inner: &GateState, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
@@ -228,17 +234,14 @@ impl CommandGate {
     /// # Errors
     /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
     pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<AcknowledgementReceiver, Refusal> {
-        let mut inner = self.inner();
+        let inner = self.inner();
         let judged = match inner.machine_state.state {
             State::Held | State::Failed => Ok(()),
             _ => Err(Refusal::NothingToAcknowledge),
         };
         let (acknowledgement, answer) = inspection.acknowledgement_channel();
-        if let Err(why) = judged.and_then(|()| self.send(&mut inner, WorkerCommand::Acknowledge(acknowledgement))) {
-            drop(inner);
-            self.refuse(why, &format!("acknowledgement by {}", inspection.who));
-            return Err(why);
-        }
+        let what = format!("acknowledgement by {}", inspection.who);
+        drop(self.send(inner, judged, WorkerCommand::Acknowledge(acknowledgement), &what)?);
         Ok(answer)
     }
 

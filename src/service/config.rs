@@ -1,5 +1,6 @@
 //! `[serve]` of the machine file: which cycles may be started from outside, and through which interfaces.
 
+use std::fmt::Display;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -118,14 +119,10 @@ impl TryFrom<LineKeys> for LineConfig {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ServeKeys {
-    #[serde(default = "default_min_interval_s")]
-    min_interval_s: f64,
-    #[serde(default = "default_patience_s")]
-    patience_s: f64,
-    #[serde(default = "default_verdict_h")]
-    verdict_h: f64,
-    #[serde(default = "default_demand")]
-    demand: Vec<StartInterlock>,
+    min_interval_s: Option<f64>,
+    patience_s: Option<f64>,
+    verdict_h: Option<f64>,
+    demand: Option<Vec<StartInterlock>>,
     cycle: Vec<CycleConfig>,
     modbus: Option<ModbusConfig>,
     line: Option<LineConfig>,
@@ -153,25 +150,8 @@ pub struct ServeConfig {
     pub schedules: Vec<ScheduleEntry>,
 }
 
-fn default_min_interval_s() -> f64 {
-    5.0
-}
-
-fn default_patience_s() -> f64 {
-    900.0
-}
-
-/// Default validity of a verdict, h: one week between measurements, and one day of tolerance.
-fn default_verdict_h() -> f64 {
-    192.0
-}
-
 fn default_fresh_s() -> f64 {
     1.0
-}
-
-fn default_demand() -> Vec<StartInterlock> {
-    vec![StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door]
 }
 
 impl TryFrom<ServeKeys> for ServeConfig {
@@ -179,15 +159,13 @@ impl TryFrom<ServeKeys> for ServeConfig {
 
     fn try_from(keys: ServeKeys) -> Result<Self, String> {
         let ServeKeys { min_interval_s, patience_s, verdict_h, demand, cycle, modbus, line, http, schedule } = keys;
-        if !(0.0..=86_400.0).contains(&min_interval_s) {
-            return Err(format!("min_interval_s is {min_interval_s}; allowed: 0 to 86400"));
-        }
-        if !(1.0..=86_400.0).contains(&patience_s) {
-            return Err(format!("patience_s is {patience_s}; allowed: 1 to 86400"));
-        }
-        if !(0.1..=8784.0).contains(&verdict_h) {
-            return Err(format!("verdict_h is {verdict_h}; allowed: 0.1 to 8784"));
-        }
+        let (min_interval_s, patience_s) = (min_interval_s.unwrap_or(5.0), patience_s.unwrap_or(900.0));
+        // One week between measurements, and one day of tolerance.
+        let verdict_h = verdict_h.unwrap_or(192.0);
+        let demand = demand.unwrap_or_else(|| vec![StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door]);
+        check_range("min_interval_s", min_interval_s, 0.0, 86_400.0)?;
+        check_range("patience_s", patience_s, 1.0, 86_400.0)?;
+        check_range("verdict_h", verdict_h, 0.1, 8784.0)?;
         if !demand.contains(&StartInterlock::Enable) {
             return Err("demand must contain `enable`: an external start must be enabled at the machine, \
                         not by software alone"
@@ -197,13 +175,10 @@ impl TryFrom<ServeKeys> for ServeConfig {
         let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
         entry::validate_entries(&schedule, &numbers)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
-        let min_interval = Duration::from_secs_f64(min_interval_s);
-        let event_timeout = Duration::from_secs_f64(patience_s);
-        let verdict_validity = Duration::from_secs_f64(3600.0 * verdict_h);
         Ok(Self {
-            min_interval,
-            event_timeout,
-            verdict_validity,
+            min_interval: Duration::from_secs_f64(min_interval_s),
+            event_timeout: Duration::from_secs_f64(patience_s),
+            verdict_validity: Duration::from_secs_f64(3600.0 * verdict_h),
             required_interlocks: demand,
             cycles: cycle,
             modbus,
@@ -240,8 +215,13 @@ fn check_modbus(modbus: &ModbusConfig) -> Result<(), String> {
     if modbus.allow.is_empty() {
         return Err("modbus.allow is empty: list the addresses of the clients that may connect".to_owned());
     }
-    match (0.1..=60.0).contains(&modbus.fresh_s) {
+    check_range("modbus.fresh_s", modbus.fresh_s, 0.1, 60.0)
+}
+
+/// Checks that the value of `key` is at least `min` and at most `max`.
+pub(super) fn check_range<T: PartialOrd + Display>(key: &str, value: T, min: T, max: T) -> Result<(), String> {
+    match (&min..=&max).contains(&&value) {
         true => Ok(()),
-        false => Err(format!("modbus.fresh_s is {}; allowed: 0.1 to 60", modbus.fresh_s)),
+        false => Err(format!("{key} is {value}; allowed: {min} to {max}")),
     }
 }

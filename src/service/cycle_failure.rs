@@ -14,23 +14,19 @@ pub(super) enum CycleFailure {
 }
 
 impl CycleFailure {
-    /// Whether a requested stop ended the cycle.
-    pub(super) fn is_stop(&self) -> bool {
-        matches!(self, Self::Cycle(error) if error.is_stop())
+    /// Message and remedy.
+    pub(super) fn describe(&self) -> Failure {
+        let (what, remedy) = match self {
+            Self::Setup(error) => return Failure { what: error.to_string(), remedy: error.remedy() },
+            Self::Cycle(CycleError::Run { run, error, .. }) => (format!("run {run}: {error}"), error.remedy()),
+            Self::Cycle(CycleError::Identification { run, why }) => (
+                format!("run {run} is measured and stored, but not identified: {why}"),
+                why.remedy().map_or(String::new(), |remedy| format!("{remedy}; "))
+                    + &format!("`trued resume {run}` repeats the identification; the machine does not move"),
+            ),
+            Self::Cycle(CycleError::Store(error)) => (error.to_string(), error.remedy().to_owned()),
+            Self::Cycle(CycleError::Qualification(error)) => (error.to_string(), error.remedy()),
+        };
+        Failure { what, remedy: Some(remedy) }
     }
-}
-
-/// Message and remedy of a cycle that failed.
-pub(super) fn describe_failure(error: &CycleError) -> Failure {
-    let (what, remedy) = match error {
-        CycleError::Run { run, error, .. } => (format!("run {run}: {error}"), error.remedy()),
-        CycleError::Identification { run, why } => (
-            format!("run {run} is measured and stored, but not identified: {why}"),
-            why.remedy().map_or(String::new(), |remedy| format!("{remedy}; "))
-                + &format!("`trued resume {run}` repeats the identification; the machine does not move"),
-        ),
-        CycleError::Store(error) => (error.to_string(), error.remedy().to_owned()),
-        CycleError::Qualification(error) => (error.to_string(), error.remedy()),
-    };
-    Failure { what, remedy: Some(remedy) }
 }

@@ -3,17 +3,18 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
 use super::captures::CaptureNaming;
 use super::command_gate::CommandGate;
-use super::config::{HttpConfig, ServeConfig};
+use super::config::HttpConfig;
+use super::daemon_file::DaemonFile;
 use super::metrics::Metrics;
 use super::retention::{self, Retention};
 use super::worker::MachineWorker;
 use super::{ExitState, Log, ServeError, http, notify};
-use crate::setup::{MachineFile, Pace};
+use crate::setup::Pace;
 use crate::store::Journal;
 use devices::controllers::Halt;
 
@@ -34,14 +35,9 @@ impl Service {
     /// # Errors
     /// A cycle has an unknown method or invalid settings, two machines have the same name, or no trigger could start
     /// a machine.
-    pub fn new(
-        machines: Vec<(MachineFile, ServeConfig)>,
-        http: Option<HttpConfig>,
-        folder: PathBuf,
-        pace: Pace,
-        log: Log,
-    ) -> Result<Self, ServeError> {
-        let (has_several_machines, metrics) = (machines.len() > 1, Metrics::default());
+    pub fn new(file: DaemonFile, folder: PathBuf, pace: Pace, log: Log) -> Result<Self, ServeError> {
+        let DaemonFile { machines, http, retention } = file;
+        let has_several_machines = machines.len() > 1;
         let mut workers: Vec<MachineWorker> = Vec::new();
         for (machine, config) in machines {
             let name = machine.machine.name.clone();
@@ -54,23 +50,16 @@ impl Service {
             let log = if has_several_machines { log.for_machine(name) } else { log.clone() };
             workers.push(MachineWorker::new(machine, config, folder.clone(), pace, log)?);
         }
-        let (captures, retention) = (None, None);
-        Ok(Self { workers, http, folder, log, metrics, captures, retention })
+        Ok(Self { workers, http, folder, log, metrics: Metrics::default(), captures: None, retention })
     }
 
     /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
     /// extension.
     pub fn with_captures(mut self, file: PathBuf) -> Self {
         let captures = CaptureNaming::new(file);
-        let workers = self.workers.into_iter();
-        self.workers = workers.map(|worker| worker.capturing(captures.clone())).collect();
+        self.workers.iter_mut().for_each(|worker| worker.captures = Some(captures.clone()));
         self.captures = Some(captures);
         self
-    }
-
-    /// Removes old samples and captures according to `retention`.
-    pub fn with_retention(self, retention: Option<Retention>) -> Self {
-        Self { retention, ..self }
     }
 
     /// Checks that the plans of all cycles can be measured. Nothing is opened.
@@ -93,7 +82,7 @@ impl Service {
     }
 
     fn gates(&self) -> Vec<CommandGate> {
-        self.workers.iter().map(|worker| worker.gate().clone()).collect()
+        self.workers.iter().map(|worker| worker.gate.clone()).collect()
     }
 
     /// Serves until [`Service::halt_handle`] is triggered.
@@ -103,8 +92,8 @@ impl Service {
     pub fn serve(self) -> Result<ExitState, ServeError> {
         let journal = Arc::new(Journal::open_timed(&self.folder, self.metrics.wrote())?);
         let (halt, gates) = (self.halt_handle(), self.gates());
-        let watched_machines = self.workers.iter().map(|worker| (worker.name().to_owned(), worker.gate().clone()));
-        let watched_machines: notify::WatchedMachines = watched_machines.collect();
+        let watched_machines =
+            self.workers.iter().map(|worker| (worker.name().to_owned(), worker.gate.clone())).collect();
         let served_machines = self.workers.iter().map(MachineWorker::served_machine).collect();
         let (ready, all_ready) = channel();
         let threads: Result<Vec<_>, ServeError> = self
@@ -114,7 +103,8 @@ impl Service {
             .collect();
         drop(ready);
         let started = threads.and_then(|threads| {
-            wait_until_ready(&all_ready)?;
+            // Each worker reports that it has begun; the first error ends the wait.
+            all_ready.iter().collect::<Result<(), ServeError>>()?;
             if let Some(config) = &self.http {
                 http::start_http_server(config, served_machines, Arc::clone(&journal), self.metrics, &self.log)?;
             }
@@ -132,11 +122,6 @@ impl Service {
         let ended = threads.into_iter().map(WorkerThread::join).collect::<Result<Vec<_>, _>>()?;
         Ok(if ended.contains(&ExitState::Held) { ExitState::Held } else { ExitState::Waiting })
     }
-}
-
-/// Waits until each worker has begun; returns the first error.
-fn wait_until_ready(all_ready: &Receiver<Result<(), ServeError>>) -> Result<(), ServeError> {
-    all_ready.iter().collect()
 }
 
 /// The thread of a worker.
@@ -168,12 +153,17 @@ fn run_worker(mut worker: MachineWorker, journal: &Arc<Journal>, ready: Sender<R
         runtime.block_on(worker.start(journal))?;
         Ok(runtime)
     });
-    let (runtime, start_result) = match started {
-        Ok(runtime) => (Some(runtime), Ok(())),
-        Err(error) => (None, Err(error)),
-    };
     // The receiver may have been dropped, because another machine could not begin.
-    let _ = ready.send(start_result);
-    drop(ready);
-    runtime.map_or(ExitState::Waiting, |runtime| runtime.block_on(worker.run(journal)))
+    let report = |result| drop(ready.send(result));
+    match started {
+        Ok(runtime) => {
+            report(Ok(()));
+            drop(ready);
+            runtime.block_on(worker.run(journal))
+        }
+        Err(error) => {
+            report(Err(error));
+            ExitState::Waiting
+        }
+    }
 }

@@ -12,7 +12,7 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::metrics::info::Info;
-use prometheus_client::registry::Registry;
+use prometheus_client::registry::{Metric, Registry};
 
 use super::machine_state::{CycleOutcome, MachineState, State};
 
@@ -34,42 +34,32 @@ pub struct Metrics {
 
 impl Default for Metrics {
     fn default() -> Self {
+        let mut registry = Registry::with_prefix("trued");
+        registry.register("build", "Version of the program", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
+        let runs = register(&mut registry, "runs", "Cycles by outcome");
+        let readings = register(&mut registry, "readings", "Touches and scans in the journal");
+        let refusals = register(&mut registry, "refusals", "Refused requests by reason");
+        let link_errors = register(&mut registry, "link_errors", "Cycles that ended with a link error");
+        let state = register(&mut registry, "state", "1 for the current state of a machine");
+        let help = "Time since the worker of a machine last made progress; the watchdog monitors it";
+        let progress_age = register(&mut registry, "progress_age_seconds", help);
         // Time of a synced commit: buckets from 0.1 ms upwards, to cover a slow disk.
         let wrote = Histogram::new(exponential_buckets(0.0001, 2.5, 12));
-        let mut metrics = Self {
-            registry: Arc::default(),
-            runs: Family::default(),
-            readings: Family::default(),
-            refusals: Family::default(),
-            link_errors: Family::default(),
-            state: Family::default(),
-            progress_age: Family::default(),
-            wrote,
-        };
-        metrics.registry = Arc::new(metrics.registered());
-        metrics
+        let help = "Duration of a write job of the journal, including its commit";
+        registry.register("journal_write_seconds", help, wrote.clone());
+        let registry = Arc::new(registry);
+        Self { registry, runs, readings, refusals, link_errors, state, progress_age, wrote }
     }
 }
 
-impl Metrics {
-    fn registered(&self) -> Registry {
-        let mut registry = Registry::with_prefix("trued");
-        let build = Info::new([("version", env!("CARGO_PKG_VERSION"))]);
-        registry.register("build", "Version of the program", build);
-        registry.register("runs", "Cycles by outcome", self.runs.clone());
-        registry.register("readings", "Touches and scans in the journal", self.readings.clone());
-        registry.register("refusals", "Refused requests by reason", self.refusals.clone());
-        let link_errors = self.link_errors.clone();
-        registry.register("link_errors", "Cycles that ended with a link error", link_errors);
-        registry.register("state", "1 for the current state of a machine", self.state.clone());
-        let age = self.progress_age.clone();
-        let help = "Time since the worker of a machine last made progress; the watchdog monitors it";
-        registry.register("progress_age_seconds", help, age);
-        let help = "Duration of a write job of the journal, including its commit";
-        registry.register("journal_write_seconds", help, self.wrote.clone());
-        registry
-    }
+/// Adds a metric to the registry.
+fn register<M: Metric + Clone + Default>(registry: &mut Registry, name: &str, help: &str) -> M {
+    let metric = M::default();
+    registry.register(name, help, metric.clone());
+    metric
+}
 
+impl Metrics {
     /// Callback for the journal's writer; it records the duration of each job.
     pub fn wrote(&self) -> impl Fn(Duration) + Send + 'static + use<> {
         let histogram = self.wrote.clone();

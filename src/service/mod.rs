@@ -15,7 +15,6 @@ mod cycle_failure;
 mod daemon;
 mod daemon_file;
 mod gate_inputs;
-mod heartbeat;
 mod http;
 mod identify;
 mod last_run;
@@ -33,6 +32,8 @@ pub mod telemetry;
 pub mod triggers;
 mod worker;
 mod worker_command;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 pub use self::config::{HttpConfig, ServeConfig};
 pub use self::daemon::Service;
@@ -94,6 +95,17 @@ impl ServeError {
             }
         }
     }
+}
+
+/// Locks a mutex, also after a panic of another thread.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Starts a thread of the service.
+fn spawn_thread(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), ServeError> {
+    let thread = std::thread::Builder::new().name(name.to_owned());
+    thread.spawn(work).map(drop).map_err(ServeError::Thread)
 }
 
 /// State in which the service ended.

@@ -4,14 +4,14 @@
 //! The watchdog is fed only while every machine's worker makes progress within the time that the worker has
 //! announced ([`CommandGate::report_progress`]): a live thread does not mask a hung one.
 
-use std::thread::{Builder, sleep};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState::{self, Ready, Status, Stopping, Watchdog};
 
 use super::command_gate::CommandGate;
 use super::machine_state::State;
-use super::{Log, ServeError};
+use super::{Log, ServeError, spawn_thread};
 
 /// Maximum time between two checks of the workers.
 const MAX_CHECK_PERIOD: Duration = Duration::from_secs(1);
@@ -27,9 +27,7 @@ pub fn start_watchdog(machines: WatchedMachines, log: &Log) -> Result<(), ServeE
     notify_systemd(&[Ready, Status(&status_line(&machines))], log);
     let (mut watch, log) = (WorkerWatch::new(machines), log.clone());
     let feed_period = sd_notify::watchdog_enabled().map(|whole| whole / 3);
-    let thread = Builder::new().name("watchdog".to_owned());
-    let thread = thread.spawn(move || watch_workers(&mut watch, feed_period, &log));
-    thread.map(drop).map_err(ServeError::Thread)
+    spawn_thread("watchdog", move || watch_workers(&mut watch, feed_period, &log))
 }
 
 /// `feed_period`: one third of systemd's watchdog timeout; `None` without a watchdog.

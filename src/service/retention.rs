@@ -2,7 +2,7 @@
 //! machine measures.
 
 use std::sync::Arc;
-use std::thread::{Builder, sleep};
+use std::thread::sleep;
 use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
@@ -10,8 +10,9 @@ use serde::Deserialize;
 
 use super::captures::CaptureNaming;
 use super::command_gate::CommandGate;
+use super::config::check_range;
 use super::machine_state::State;
-use super::{Log, ServeError};
+use super::{Log, ServeError, spawn_thread};
 use crate::store::{Journal, StoreError};
 
 /// Time between two searches for old data.
@@ -36,10 +37,7 @@ impl TryFrom<RetentionKeys> for Retention {
     type Error = String;
 
     fn try_from(RetentionKeys { keep_days }: RetentionKeys) -> Result<Self, String> {
-        match (30..=36_500).contains(&keep_days) {
-            true => Ok(Self { keep_days }),
-            false => Err(format!("keep_days is {keep_days}; allowed: 30 to 36500")),
-        }
+        check_range("keep_days", keep_days, 30, 36_500).map(|()| Self { keep_days })
     }
 }
 
@@ -65,9 +63,7 @@ pub(super) fn start_retention(
         }
         sleep(SWEEP_PERIOD);
     };
-    let thread = Builder::new().name("retention".to_owned());
-    let thread = thread.spawn(move || std::iter::repeat_with(sweep).for_each(drop));
-    thread.map(drop).map_err(ServeError::Thread)
+    spawn_thread("retention", move || std::iter::repeat_with(sweep).for_each(drop))
 }
 
 /// Processes one run at a time; after an interruption by a cycle, the next sweep continues.

@@ -61,17 +61,6 @@ pub fn agenda(journal: &Journal, planned: Vec<PlannedSchedule>, machine: &str) -
     Ok(Agenda { planned, armed: journal.armings(machine)?, last: journal.newest_slots(machine, LAST)? })
 }
 
-/// Why the end of an arming is refused.
-#[derive(Debug, thiserror::Error)]
-pub enum ArmingError {
-    #[error("`{0}` is neither a time nor a duration")]
-    Unreadable(String),
-    #[error("{0} has already passed")]
-    Past(Timestamp),
-    #[error("{0} is more than a year away; an arming lasts at most a year")]
-    TooLong(Timestamp),
-}
-
 /// Maximum duration of an arming.
 const LONGEST: SignedDuration = SignedDuration::from_hours(24 * 366);
 
@@ -80,14 +69,7 @@ const LONGEST: SignedDuration = SignedDuration::from_hours(24 * 366);
 ///
 /// # Errors
 /// `until` is neither an instant nor a duration, is in the past, or is more than a year away.
-pub fn arming(
-    machine: &str,
-    cycle: u16,
-    who: &str,
-    why: &str,
-    until: &str,
-    now: Timestamp,
-) -> Result<Arming, ArmingError> {
+pub fn arming(machine: &str, cycle: u16, who: &str, why: &str, until: &str, now: Timestamp) -> Result<Arming, String> {
     // Whole seconds are enough for a reader.
     let now = Timestamp::from_second(now.as_second()).unwrap_or(now);
     let for_so_long = |span: Span| Some(now.to_zoned(TimeZone::UTC).checked_add(span).ok()?.timestamp());
@@ -95,13 +77,13 @@ pub fn arming(
     let instant = instant.or_else(|| until.parse::<Zoned>().ok().map(|zoned| zoned.timestamp()));
     let instant = instant.or_else(|| until.parse::<Span>().ok().and_then(for_so_long));
     let Some(until) = instant else {
-        return Err(ArmingError::Unreadable(until.to_owned()));
+        return Err(format!("`{until}` is neither a time nor a duration"));
     };
     if until <= now {
-        return Err(ArmingError::Past(until));
+        return Err(format!("{until} has already passed"));
     }
     if until.duration_since(now) > LONGEST {
-        return Err(ArmingError::TooLong(until));
+        return Err(format!("{until} is more than a year away; an arming lasts at most a year"));
     }
     let [machine, who, why] = [machine, who, why].map(str::to_owned);
     Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken: None })
@@ -135,7 +117,7 @@ mod tests {
             ("2026-11-22T12:00:00Z", "passed"),
             ("2y", "more than a year"),
         ] {
-            let told = until(words).unwrap_err().to_string();
+            let told = until(words).unwrap_err();
             assert!(told.contains(why), "{words}: {told}");
         }
     }

@@ -13,7 +13,7 @@ use tracing::{Instrument, Span, info_span};
 use super::captures::{CaptureNaming, RunCapture};
 use super::command_gate::CommandGate;
 use super::config::{CycleConfig, ServeConfig};
-use super::cycle_failure::{CycleFailure, describe_failure};
+use super::cycle_failure::CycleFailure;
 use super::http::ServedMachine;
 use super::identify::Identifications;
 use super::last_run::unfinished;
@@ -42,7 +42,7 @@ pub(super) struct MachineWorker {
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
-    captures: Option<CaptureNaming>,
+    pub(super) captures: Option<CaptureNaming>,
     /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) lock: Option<MachineLock>,
     /// Identifications of runs that were measured before.
@@ -65,12 +65,8 @@ impl MachineWorker {
             setup::plan_header(&machine, &cycle.method, cycle.repeat)?;
         }
         let (gate, commands) = CommandGate::new(&config, log.clone());
-        let (captures, lock, identifications) = (None, None, Identifications::default());
-        Ok(Self { machine, config, folder, pace, gate, commands, log, captures, lock, identifications })
-    }
-
-    pub fn capturing(self, captures: CaptureNaming) -> Self {
-        Self { captures: Some(captures), ..self }
+        let identifications = Identifications::default();
+        Ok(Self { machine, config, folder, pace, gate, commands, log, captures: None, lock: None, identifications })
     }
 
     /// Acquires the machine's lock, rehearses the cycles, and starts the triggers and the schedule. Call it inside
@@ -92,8 +88,7 @@ impl MachineWorker {
             }
             None => self.gate.finish_command(State::Waiting),
         }
-        let (entries, required) = (&self.config.schedules, &self.config.required_interlocks);
-        schedule::start_schedule(self.name(), entries, required, &self.gate, journal, &self.log)?;
+        schedule::start_schedule(self.name(), &self.config, &self.gate, journal, &self.log)?;
         // The time of the start-up does not count: progress is watched from now on.
         self.gate.report_progress(HEARTBEAT_TIMEOUT);
         Ok(())
@@ -114,43 +109,42 @@ impl MachineWorker {
                 }
             };
             self.gate.report_progress(self.config.event_timeout);
-            match command {
+            let exit_state = match command {
                 _ if self.gate.is_ending() => break,
                 WorkerCommand::End => break,
                 WorkerCommand::Acknowledge(acknowledgement) => {
-                    self.handle_acknowledgement(acknowledgement, journal).await
+                    self.handle_acknowledgement(acknowledgement, journal).await;
+                    None
                 }
                 WorkerCommand::Start { cycle } => {
                     let span = info_span!("cycle", machine = self.name(), cycle, run = Empty);
-                    if let Some(ended) = self.cycle(cycle, journal).instrument(span).await {
-                        return ended;
-                    }
+                    self.run_cycle(cycle, journal).instrument(span).await
                 }
                 WorkerCommand::Resume { run, acknowledgement } => {
                     let span = info_span!("cycle", machine = self.name(), run = run.0);
-                    let again = self.cycle_again(run, acknowledgement, journal).instrument(span);
-                    if let Some(ended) = again.await {
-                        return ended;
-                    }
+                    self.resume_cycle(run, acknowledgement, journal).instrument(span).await
                 }
+            };
+            if let Some(exit_state) = exit_state {
+                return exit_state;
             }
         }
         ExitState::Waiting
     }
 
-    async fn cycle(&mut self, number: u16, journal: &Journal) -> Option<ExitState> {
-        let measured = self.measured(number, journal).await;
+    async fn run_cycle(&mut self, number: u16, journal: &Journal) -> Option<ExitState> {
+        let measured = self.measure(number, journal).await;
         self.finish_cycle(measured, State::Failed)
     }
 
-    async fn cycle_again(
+    async fn resume_cycle(
         &mut self,
         run: RunId,
         acknowledgement: Acknowledgement,
         journal: &Journal,
     ) -> Option<ExitState> {
-        let again = self.prepare_resume(run, acknowledgement, journal).await?;
-        let measured = self.resume_run(again, journal).await;
+        let resumable_run = self.prepare_resume(run, acknowledgement, journal).await?;
+        let measured = self.resume_run(resumable_run, journal).await;
         // If the devices could not be opened, the run still waits for a person.
         self.finish_cycle(measured, State::Held)
     }
@@ -162,10 +156,8 @@ impl MachineWorker {
         for CycleConfig { number, method, repeat } in &self.config.cycles {
             let (method, plan) = setup::plan_header(&self.machine, method, *repeat)?;
             let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
-            let rehearsed = rehearsed.map_err(|error| {
-                let (number, error) = (*number, Box::new(error));
-                ServeError::InvalidCycle { number, error }
-            })?;
+            let rehearsed =
+                rehearsed.map_err(|error| ServeError::InvalidCycle { number: *number, error: Box::new(error) })?;
             let minutes = rehearsed.machine_s / 60.0;
             let person = if rehearsed.has_prompts { "; its plan has prompts" } else { "" };
             self.log.info(&format!("cycle {number}: machine time about {minutes:.0} min{person}"));
@@ -176,25 +168,20 @@ impl MachineWorker {
     }
 
     pub fn served_machine(&self) -> ServedMachine {
-        let (cycles, demand) = (self.config.cycles.clone(), self.config.required_interlocks.clone());
-        let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
         ServedMachine {
-            name,
+            name: self.name().to_owned(),
             file_sha256: sha256_text(self.machine.text()),
             gate: self.gate.clone(),
-            cycles,
-            required_interlocks: demand,
-            tolerance,
+            cycles: self.config.cycles.clone(),
+            required_interlocks: self.config.required_interlocks.clone(),
+            tolerance: self.machine.tolerance.clone(),
             verdict_validity: self.config.verdict_validity,
+            live_part: Arc::default(),
         }
     }
 
     pub fn name(&self) -> &str {
         &self.machine.machine.name
-    }
-
-    pub fn gate(&self) -> &CommandGate {
-        &self.gate
     }
 
     /// Maximum time between two events of a run; after that, the run counts as hung.
@@ -221,54 +208,56 @@ impl MachineWorker {
         measured: Result<(RunId, Estimate), CycleFailure>,
         unopened: State,
     ) -> Option<ExitState> {
-        let (state, why) = match &measured {
-            Ok(_) => (State::Waiting, None),
-            Err(CycleFailure::Cycle(error)) if error.holds_machine() => (State::Held, Some(describe_failure(error))),
-            // The run is completely measured and nothing moves; it is identified while the machine waits.
-            Err(CycleFailure::Cycle(CycleError::Identification { run, why: IdentificationError::Stopped })) => {
-                self.identifications.add(*run);
-                (State::Waiting, None)
+        let end = match &measured {
+            Ok((run, estimate)) => {
+                self.log.info(&format!("run {run} is finished, verdict {}", estimate.verdict));
+                let outcome = Some(CycleOutcome::Judged(estimate.verdict));
+                CycleEnd {
+                    state: State::Waiting,
+                    estimate: Some(estimate),
+                    failure: None,
+                    outcome,
+                    is_link_error: false,
+                }
             }
-            Err(CycleFailure::Cycle(error)) => (State::Failed, Some(describe_failure(error))),
-            Err(CycleFailure::Setup(error)) => {
-                let (what, remedy) = (error.to_string(), error.remedy());
-                (unopened, Some(Failure { what, remedy }))
-            }
+            Err(failed) => self.log_failed_cycle(failed, unopened),
         };
-        let told = match (&measured, &why) {
-            (Ok((run, estimate)), _) => {
-                format!("run {run} is finished, verdict {}", estimate.verdict)
-            }
-            (_, Some(Failure { what, remedy: Some(remedy) })) => format!("{what}; {remedy}"),
-            (Err(CycleFailure::Cycle(error)), None) => describe_failure(error).what,
-            (_, why) => why.as_ref().map_or(String::new(), |why| why.what.clone()),
-        };
-        match &measured {
-            Err(failed) if !failed.is_stop() => self.log.error(&told),
-            _ => self.log.info(&told),
-        }
+        let state = end.state;
         if state == State::Held {
             // From now on a person may resume the run, from the page or from the command line.
             self.lock = None;
         }
-        let outcome = match &measured {
-            Ok((_, estimate)) => Some(CycleOutcome::Judged(estimate.verdict)),
-            Err(CycleFailure::Cycle(error)) if error.holds_machine() => Some(CycleOutcome::Held),
-            // The run is counted when it is identified.
-            Err(failed) if failed.is_stop() => None,
-            Err(_) => Some(CycleOutcome::Failed),
-        };
-        let is_link_error = match &measured {
-            Err(CycleFailure::Cycle(CycleError::Run { error, .. })) => error.is_of_link(),
-            _ => false,
-        };
-        let estimate = measured.as_ref().ok().map(|(_, estimate)| estimate);
-        let end = CycleEnd { state, estimate, failure: why, outcome, is_link_error };
         self.gate.record_end(end);
         (state != State::Waiting && self.gate.is_ending()).then_some(ExitState::Held)
     }
 
-    async fn measured(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
+    /// Logs why a cycle has no estimate, and returns how it ended.
+    fn log_failed_cycle(&mut self, failed: &CycleFailure, unopened: State) -> CycleEnd<'static> {
+        let (state, outcome) = match failed {
+            CycleFailure::Cycle(error) if error.holds_machine() => (State::Held, Some(CycleOutcome::Held)),
+            // The run is completely measured and nothing moves; it is identified, and counted, while the machine waits.
+            CycleFailure::Cycle(CycleError::Identification { run, why: IdentificationError::Stopped }) => {
+                self.identifications.add(*run);
+                (State::Waiting, None)
+            }
+            CycleFailure::Cycle(error) => (State::Failed, (!error.is_stop()).then_some(CycleOutcome::Failed)),
+            CycleFailure::Setup(_) => (unopened, Some(CycleOutcome::Failed)),
+        };
+        let Failure { what, remedy } = failed.describe();
+        let message = match &remedy {
+            Some(remedy) if state != State::Waiting => format!("{what}; {remedy}"),
+            _ => what.clone(),
+        };
+        match failed {
+            CycleFailure::Cycle(error) if error.is_stop() => self.log.info(&message),
+            _ => self.log.error(&message),
+        }
+        let failure = (state != State::Waiting).then_some(Failure { what, remedy });
+        let is_link_error = matches!(failed, CycleFailure::Cycle(CycleError::Run { error, .. }) if error.is_of_link());
+        CycleEnd { state, estimate: None, failure, outcome, is_link_error }
+    }
+
+    async fn measure(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
         let allowed = self.config.cycles.iter().find(|cycle| cycle.number == number);
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
@@ -277,17 +266,16 @@ impl MachineWorker {
         let opening = setup::open_devices(&self.machine, self.pace, RunHistory::default());
         let (devices, capture) = self.open(opening).await?;
         let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
-        let mut tell = |event: &Event| events.publish(event);
+        let mut publish = |event: &Event| events.publish(event);
         let begun = |id: RunId| {
             Span::current().record("run", id.0);
             self.log.info(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.name_after_run(id));
             self.gate.update(|machine_state| machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
-        let machine = &self.machine;
-        let (method, answers) = (method.into(), self.gate.answers(self.config.event_timeout));
-        let cycle = run::Cycle { machine, method, plan, answers };
-        let ended = cycle.run(&devices, journal, begun, &mut tell).await;
+        let answers = self.gate.answers(self.patience());
+        let cycle = run::Cycle { machine: &self.machine, method: method.into(), plan, answers };
+        let ended = cycle.run(&devices, journal, begun, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)
     }

@@ -7,15 +7,14 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::AppState;
-use super::journal::read_journal;
 use super::openapi::views::{AuditView, ComparisonView, DocumentedObject, RunView, SeriesView};
 use super::problem::Problem;
 use super::status::MachineStatus;
+use super::{AppState, ServedMachine};
 use crate::archive::compare::{Comparison, compare_runs};
 use crate::archive::history::{Series, history};
 use crate::archive::run_story::run_story;
-use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError, StoredAuditEntry};
+use crate::store::{RunFilter, RunId, RunSummary, StoredAuditEntry};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -45,23 +44,19 @@ async fn list_machines(State(app): State<AppState>) -> Json<Vec<MachineStatus>> 
 
 /// State of a machine.
 #[utoipa::path(get, path = "/api/v1/machines/{name}", operation_id = "machine", params(("name" = String, Path)), responses((status = OK, body = MachineStatus)))]
-async fn get_machine(State(app): State<AppState>, Path(name): Path<String>) -> Result<Json<MachineStatus>, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    Ok(Json(MachineStatus::from_machine(machine)))
+async fn get_machine(machine: ServedMachine) -> Json<MachineStatus> {
+    Json(MachineStatus::from_machine(&machine))
 }
 
 /// Each value over the newest 200 finished runs of its method, with its tolerance and the mean temperatures of
 /// each run; its control limits, its steps and its drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", operation_id = "trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
 async fn get_trends(State(app): State<AppState>, Path(name): Path<String>) -> Result<Json<Vec<Series>>, Problem> {
-    let served = app.find_machine(&name).is_some();
-    let limits = app.tolerance_limits(&name);
-    let series = read_journal(&app, move |journal| {
-        // A machine that is no longer served may still have runs in the journal.
-        match served || journal.machine_names()?.contains(&name) {
-            true => Ok(history(journal, &name, &limits)?),
-            false => Err(Problem::not_found(&name)),
-        }
+    // A machine that is no longer served has no tolerances, but may still have runs in the journal.
+    let limits = app.find_machine(&name).map(|machine| machine.tolerance.clone()).ok();
+    let series = app.read_journal(move |journal| match limits.is_some() || journal.machine_names()?.contains(&name) {
+        true => Ok(history(journal, &name, &limits.unwrap_or_default())?),
+        false => Err(Problem::not_found(&name)),
     });
     Ok(Json(series.await??))
 }
@@ -117,7 +112,7 @@ async fn list_runs(
     State(app): State<AppState>,
     Query(range): Query<RunListQuery>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
-    Ok(Json(read_journal(&app, move |journal| journal.list_runs(range.filter(), range.item_limit())).await??))
+    Ok(Json(app.read_journal(move |journal| journal.list_runs(range.filter(), range.item_limit())).await??))
 }
 
 /// Audit log: requests, who made them, and their outcome, newest first.
@@ -126,7 +121,7 @@ async fn list_audit_log(
     State(app): State<AppState>,
     Query(AuditListQuery { before, limit }): Query<AuditListQuery>,
 ) -> Result<Json<Vec<StoredAuditEntry>>, Problem> {
-    Ok(Json(read_journal(&app, move |journal| journal.audit_entries(before, item_limit(limit))).await??))
+    Ok(Json(app.read_journal(move |journal| journal.audit_entries(before, item_limit(limit))).await??))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -145,7 +140,7 @@ struct RunDetail {
 /// A run and its events.
 #[utoipa::path(get, path = "/api/v1/runs/{run}", operation_id = "run", params(("run" = i64, Path)), responses((status = OK, body = RunDetail)))]
 async fn get_run(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Json<RunDetail>, Problem> {
-    let stored = read_journal(&app, move |journal| journal.load_run(RunId(run))).await??;
+    let stored = app.read_journal(move |journal| journal.load_run(RunId(run))).await??;
     Ok(Json(RunDetail {
         stages: stored.stages.len(),
         steps: stored.plan.steps.len(),
@@ -158,7 +153,7 @@ async fn get_run(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Js
 /// Plan of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/plan", operation_id = "plan", params(("run" = i64, Path)), responses((status = OK, body = DocumentedObject)))]
 async fn get_plan(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
-    Ok(Json(read_journal(&app, move |journal| journal.load_run(RunId(run))).await??.plan))
+    Ok(Json(app.read_journal(move |journal| journal.load_run(RunId(run))).await??.plan))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -177,7 +172,7 @@ async fn list_readings(
     Query(range): Query<ReadingListQuery>,
 ) -> Result<Json<ReadingsPage>, Problem> {
     let (after, most) = (range.after.unwrap_or(0), item_limit(range.limit));
-    let query = read_journal(&app, move |journal| journal.list_readings(RunId(run), after, most));
+    let query = app.read_journal(move |journal| journal.list_readings(RunId(run), after, most));
     let (all, readings) = query.await??;
     Ok(Json(ReadingsPage { all, after, readings }))
 }
@@ -185,11 +180,9 @@ async fn list_readings(
 /// Last estimate of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/estimate", operation_id = "estimate", params(("run" = i64, Path)), responses((status = OK, body = DocumentedObject)))]
 async fn get_estimate(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Json<Estimate>, Problem> {
-    let read = move |journal: &Journal| -> Result<Option<Estimate>, StoreError> {
-        Ok(journal.load_run(RunId(run))?.estimates.pop().map(|stored| stored.estimate))
-    };
-    let estimate = read_journal(&app, read).await??;
-    estimate.map(Json).ok_or_else(|| Problem::not_found(format!("estimate of run {run}")))
+    let mut stored = app.read_journal(move |journal| journal.load_run(RunId(run))).await??;
+    let last = stored.estimates.pop().ok_or_else(|| Problem::not_found(format!("estimate of run {run}")))?;
+    Ok(Json(last.estimate))
 }
 
 /// Runs to compare.
@@ -208,5 +201,5 @@ async fn get_comparison(State(app): State<AppState>, Query(pair): Query<RunPair>
 
 /// Comparison of two runs; the page uses it too.
 pub(super) async fn compare_pair(app: &AppState, RunPair { a, b }: RunPair) -> Result<Comparison, Problem> {
-    Ok(read_journal(app, move |journal| compare_runs(journal, RunId(a), RunId(b))).await??)
+    Ok(app.read_journal(move |journal| compare_runs(journal, RunId(a), RunId(b))).await??)
 }

@@ -9,14 +9,14 @@ use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::extract::ConnectInfo;
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CONTENT_TYPE, HeaderValue};
 use axum::response::{IntoResponse, Response};
 use http_body::{Frame, SizeHint};
 use hyper::body::Incoming;
@@ -32,6 +32,7 @@ use tokio::time::{MissedTickBehavior, interval, sleep};
 
 use super::access::ClientIdentity;
 use super::problem::Problem;
+use crate::service::lock;
 
 /// Maximum number of connections, without the fresh ones.
 const MAX_CONNECTIONS: usize = 256;
@@ -100,7 +101,7 @@ impl Connections {
     }
 
     fn lock_open(&self) -> MutexGuard<'_, BTreeMap<u64, Connection>> {
-        self.open_connections.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.open_connections)
     }
 
     fn register(&self, number: u64, from: IpAddr, now: Instant) -> ConnectionGuard {
@@ -220,26 +221,21 @@ async fn serve_connection(stream: TcpStream, from: SocketAddr, router: Router, g
 
 impl Connections {
     fn track_response(&self, number: u64, response: Response) -> Response {
-        let content_type = response.headers().get(CONTENT_TYPE);
-        let permit =
-            if content_type.is_some_and(|content_type| content_type.as_bytes().starts_with(b"text/event-stream")) {
-                if let Some(ClientIdentity(client)) = response.extensions().get() {
-                    self.set_client(number, client);
-                }
-                self.set_state(number, ConnectionState::Streaming);
-                None
-            } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_BYTES {
-                match Arc::clone(&self.large_response_permits).try_acquire_owned() {
-                    Ok(permit) => Some(permit),
-                    Err(_) => {
-                        return self.track_response(number, too_many_large_responses().into_response());
-                    }
-                }
-            } else {
-                None
-            };
-        let response_guard = ResponseGuard { connections: self.clone(), number, _permit: permit };
-        response.map(|body| Body::new(TrackedBody { body, _guard: response_guard }))
+        let content_type = response.headers().get(CONTENT_TYPE).map_or(&[][..], HeaderValue::as_bytes);
+        let mut permit = None;
+        if content_type.starts_with(b"text/event-stream") {
+            if let Some(ClientIdentity(client)) = response.extensions().get() {
+                self.set_client(number, client);
+            }
+            self.set_state(number, ConnectionState::Streaming);
+        } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_BYTES {
+            permit = Arc::clone(&self.large_response_permits).try_acquire_owned().ok();
+            if permit.is_none() {
+                return self.track_response(number, too_many_large_responses().into_response());
+            }
+        }
+        let connections = self.clone();
+        response.map(|body| Body::new(TrackedBody { body, connections, number, _permit: permit }))
     }
 }
 
@@ -248,23 +244,18 @@ fn too_many_large_responses() -> Problem {
     Problem::new(status, "busy", "too many large responses are in progress", "repeat the request in a few seconds")
 }
 
-/// Marks a response in progress, until it is received or given up.
-struct ResponseGuard {
+/// The body of a response in progress, until it is received or given up.
+struct TrackedBody {
+    body: Body,
     connections: Connections,
     number: u64,
     _permit: Option<OwnedSemaphorePermit>,
 }
 
-impl Drop for ResponseGuard {
+impl Drop for TrackedBody {
     fn drop(&mut self) {
         self.connections.set_state(self.number, ConnectionState::Idle);
     }
-}
-
-/// A response body that detects its own end.
-struct TrackedBody {
-    body: Body,
-    _guard: ResponseGuard,
 }
 
 impl http_body::Body for TrackedBody {

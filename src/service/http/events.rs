@@ -4,7 +4,7 @@
 use std::convert::Infallible;
 use std::time::Duration;
 
-use axum::extract::{Extension, Path, State};
+use axum::extract::Extension;
 use axum::response::sse::Event;
 use axum::response::{IntoResponse, Sse};
 use tokio::time::{Instant, MissedTickBehavior, interval_at};
@@ -14,7 +14,6 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::access::Caller;
-use super::problem::Problem;
 use super::status::MachineStatus;
 use super::{AppState, ServedMachine};
 
@@ -30,17 +29,12 @@ pub fn event_routes() -> OpenApiRouter<AppState> {
 
 /// Events `standing`: the state of a machine at each change, and every 5 s.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/events", operation_id = "of_machine", params(("name" = String, Path)), responses((status = OK, body = MachineStatus, content_type = "text/event-stream")))]
-async fn machine_events(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-    Extension(caller): Extension<Caller>,
-) -> Result<impl IntoResponse, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
+async fn machine_events(machine: ServedMachine, Extension(caller): Extension<Caller>) -> impl IntoResponse {
     // The stream ends when the token is revoked.
     let triggers = event_triggers(&machine).take_while(move |()| caller.is_token_valid());
     let events = triggers.map(move |()| Ok::<_, Infallible>(state_event(&machine)));
     // A proxy that buffers events would make the page treat the server as lost.
-    Ok(([("x-accel-buffering", "no")], Sse::new(events)))
+    ([("x-accel-buffering", "no")], Sse::new(events))
 }
 
 /// Triggers of the events: the first at once, then each change and each keep-alive.

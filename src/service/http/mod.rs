@@ -8,8 +8,6 @@ mod actions;
 mod api;
 mod connections;
 mod events;
-mod journal;
-mod metrics;
 mod newest_result;
 mod openapi;
 mod page;
@@ -19,22 +17,28 @@ mod request_checks;
 mod schedule;
 mod status;
 
-use std::collections::BTreeMap;
 use std::net::TcpListener;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
+use axum::extract::{FromRequestParts, Path, State};
+use axum::http::StatusCode;
+use axum::http::header::CONTENT_TYPE;
+use axum::http::request::Parts;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
 use tokio::sync::Semaphore;
 
 use self::access::Access;
 pub use self::access::{Role, Token, TokenError, Tokens};
 pub use self::page::machine_page_path;
 pub use self::page_address::PageAddressFile;
+use self::problem::Problem;
 use super::command_gate::CommandGate;
 use super::config::{CycleConfig, HttpConfig, StartInterlock};
 use super::metrics::Metrics;
-use super::{Log, ServeError};
+use super::{Log, ServeError, spawn_thread};
 use crate::run::{HTTP_NICE, lower_priority};
 use crate::store::Journal;
 use machine::record::estimate::ParameterLimit;
@@ -52,6 +56,8 @@ pub struct ServedMachine {
     pub tolerance: Vec<ParameterLimit>,
     /// Time for which a verdict stays valid.
     pub verdict_validity: Duration,
+    /// Live part of its page.
+    pub live_part: Arc<page::RenderingCache>,
 }
 
 /// Shared state of all handlers.
@@ -62,19 +68,41 @@ struct AppState {
     metrics: Metrics,
     access: Arc<Access>,
     reader_permits: Arc<Semaphore>,
-    /// Live part of each machine's page.
-    live_parts: Arc<BTreeMap<String, page::RenderingCache>>,
     hold_log: actions::HoldLog,
 }
 
 impl AppState {
-    fn find_machine(&self, name: &str) -> Option<&ServedMachine> {
-        self.machines.iter().find(|machine| machine.name == name)
+    fn find_machine(&self, name: &str) -> Result<&ServedMachine, Problem> {
+        self.machines.iter().find(|machine| machine.name == name).ok_or_else(|| Problem::not_found(name))
     }
 
-    /// Tolerances of the machine file; empty for a machine that is not served.
-    fn tolerance_limits(&self, name: &str) -> Vec<ParameterLimit> {
-        self.find_machine(name).map(|machine| machine.tolerance.clone()).unwrap_or_default()
+    /// Reads the journal outside the thread of the HTTP server, because the disk may be slow.
+    async fn read_journal<T: Send + 'static>(
+        &self,
+        read: impl FnOnce(&Journal) -> T + Send + 'static,
+    ) -> Result<T, Problem> {
+        let journal = Arc::clone(&self.journal);
+        // If the client disconnects while it waits for a reader, nothing is read.
+        let permit = Arc::clone(&self.reader_permits).acquire_owned().await;
+        let read = move || {
+            let read = read(&journal);
+            drop(permit);
+            read
+        };
+        tokio::task::spawn_blocking(read).await.map_err(|_| {
+            let status = StatusCode::INTERNAL_SERVER_ERROR;
+            Problem::new(status, "no-answer", "the journal query ended without a result", "repeat the request")
+        })
+    }
+}
+
+/// The machine that the path names.
+impl FromRequestParts<AppState> for ServedMachine {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Self, Response> {
+        let name = Path::<String>::from_request_parts(parts, app).await.map_err(IntoResponse::into_response)?;
+        app.find_machine(&name).cloned().map_err(IntoResponse::into_response)
     }
 }
 
@@ -96,8 +124,7 @@ pub fn start_http_server(
     let names = request_checks::HostNames::new(at, &config.proxy_names);
     let access = Access::new(config, journal.state_dir(), log)?;
     let files = machines.iter().map(|machine| (machine.name.clone(), machine.file_sha256.clone()));
-    let (pid, machine_files) = (std::process::id(), files.collect());
-    let address_file = PageAddressFile { pid, page: at, machine_files };
+    let address_file = PageAddressFile { pid: std::process::id(), page: at, machine_files: files.collect() };
     if let Err(error) = address_file.write(journal.state_dir()) {
         log.error(&format!(
             "the address file of the page cannot be written, so commands will not find the page: {error}"
@@ -108,24 +135,16 @@ pub fn start_http_server(
             log.error(&format!("the last result of {} cannot be read: {error}", machine.name));
         }
     }
-    let readers = Arc::new(Semaphore::new(MAX_READERS));
-    let live = machines.iter().map(|machine| (machine.name.clone(), page::RenderingCache::default()));
-    let live = Arc::new(live.collect());
-    let (machines, holds) = (machines.into(), actions::HoldLog::default());
-    let app =
-        AppState { machines, journal, metrics, access, reader_permits: readers, live_parts: live, hold_log: holds };
-    let (server_app, router) = (app.clone(), build_router(app, names));
-    let server_log = log.clone();
-    std::thread::Builder::new()
-        .name("http".to_owned())
-        .spawn(move || {
-            // The reader threads that this thread starts inherit its lower priority.
-            lower_priority(HTTP_NICE);
-            if let Err(error) = run_http_server(listener, server_app, router) {
-                server_log.error(&format!("the page server stopped: {error}"));
-            }
-        })
-        .map_err(ServeError::Thread)?;
+    let (machines, reader_permits) = (machines.into(), Arc::new(Semaphore::new(MAX_READERS)));
+    let app = AppState { machines, journal, metrics, access, reader_permits, hold_log: actions::HoldLog::default() };
+    let (router, server_log) = (build_router(app.clone(), names), log.clone());
+    spawn_thread("http", move || {
+        // The reader threads that this thread starts inherit its lower priority.
+        lower_priority(HTTP_NICE);
+        if let Err(error) = run_http_server(listener, app, router) {
+            server_log.error(&format!("the page server stopped: {error}"));
+        }
+    })?;
     log.info(&format!("the page is at http://{at}/"));
     Ok(())
 }
@@ -148,6 +167,19 @@ fn run_http_server(listener: TcpListener, app: AppState, router: Router) -> std:
 fn build_router(app: AppState, names: request_checks::HostNames) -> Router {
     let access = Arc::clone(&app.access);
     let all = openapi::openapi_routes().merge(page::page_routes()).merge(access::login_routes());
-    let all = all.merge(metrics::metrics_routes());
+    let all = all.route("/metrics", get(serve_metrics));
     request_checks::with_checks(all.with_state(app), names, access)
+}
+
+const OPEN_METRICS_CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// `/metrics`, for Prometheus.
+async fn serve_metrics(State(app): State<AppState>) -> Response {
+    for ServedMachine { name, gate, .. } in app.machines.iter() {
+        app.metrics.set_machine(name, &gate.machine_state(), gate.progress_age());
+    }
+    match app.metrics.text() {
+        Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS_CONTENT_TYPE)], text).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
 }

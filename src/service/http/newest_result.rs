@@ -7,7 +7,6 @@ use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::journal::read_journal;
 use super::openapi::views::VerdictView;
 use super::{AppState, ServedMachine};
 use crate::service::command_gate::CommandGate;
@@ -53,7 +52,7 @@ pub async fn refresh_on_changes(app: AppState, machine: ServedMachine) {
         let previous_key = run_end_key(&machine.gate);
         let (gate, name) = (machine.gate.clone(), machine.name.clone());
         // After an error there is no result, and the page shows it as unknown.
-        let _ = read_journal(&app, move |journal| gate.query_newest(journal, &name)).await;
+        let _ = app.read_journal(move |journal| gate.query_newest(journal, &name)).await;
         let next_run_end =
             async { while changes.changed().await.is_ok() && run_end_key(&machine.gate) == previous_key {} };
         let _ = tokio::time::timeout(JOURNAL_POLL_PERIOD, next_run_end).await;

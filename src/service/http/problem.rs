@@ -42,27 +42,19 @@ impl From<StoreError> for Problem {
         match &error.fault {
             // The client does not need the journal's path.
             StoreFault::RunNotFound(run) => Self::not_found(format!("run {run}")),
-            _ => {
-                let status = StatusCode::INTERNAL_SERVER_ERROR;
-                Self::new(status, "journal", error.to_string(), error.remedy())
-            }
+            _ => Self::new(StatusCode::INTERNAL_SERVER_ERROR, "journal", error.to_string(), error.remedy()),
         }
     }
 }
 
 impl From<ReportError> for Problem {
     fn from(error: ReportError) -> Self {
-        match error {
-            ReportError::Store(error) => error.into(),
-            ReportError::NoEstimate(_) => {
-                let remedy = error.remedy();
-                Self::new(StatusCode::NOT_FOUND, "no-estimate", error.to_string(), remedy)
-            }
-            ReportError::Template(_) => {
-                let (status, remedy) = (StatusCode::INTERNAL_SERVER_ERROR, error.remedy());
-                Self::new(status, "template", error.to_string(), remedy)
-            }
-        }
+        let (status, code) = match error {
+            ReportError::Store(error) => return error.into(),
+            ReportError::NoEstimate(_) => (StatusCode::NOT_FOUND, "no-estimate"),
+            ReportError::Template(_) => (StatusCode::INTERNAL_SERVER_ERROR, "template"),
+        };
+        Self::new(status, code, error.to_string(), error.remedy())
     }
 }
 

@@ -8,7 +8,7 @@ use super::ServedMachine;
 use super::newest_result::NewestResult;
 use super::openapi::views::{LiveValuesView, ParameterView, VerdictView};
 use crate::run::OpenPrompt;
-use crate::service::machine_state::{Failure, MachineState};
+use crate::service::machine_state::Failure;
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::watch::LiveValues;
 
@@ -65,47 +65,29 @@ pub struct PromptStatus {
 
 impl MachineStatus {
     pub fn from_machine(machine: &ServedMachine) -> Self {
-        let MachineState {
-            state,
-            progress_percent,
-            verdict,
-            cycle,
-            run,
-            refusal,
-            deviations,
-            stage,
-            step,
-            remaining_s,
-            measured,
-            failure,
-            elsewhere,
-            asked,
-            live,
-            newest,
-            ..
-        } = machine.gate.machine_state();
-        let now = Timestamp::now();
+        let now = machine.gate.machine_state();
         let cycles = machine.cycles.iter();
         let cycles = cycles.map(|c| StartableCycle { number: c.number, method: c.method.clone() });
+        let prompt = |OpenPrompt { step, repeat, text }| PromptStatus { step, repeat, text, live: now.live };
         Self {
             name: machine.name.clone(),
-            state: state.word(),
+            state: now.state.word(),
             late: machine.gate.is_progress_late(),
-            result: NewestResult::from_latest(&newest, machine.verdict_validity, now),
-            not_identified: newest.not_identified.map(|run| run.0),
-            verdict,
-            cycle,
-            run,
-            progress_percent,
-            stage,
-            step,
-            remaining_s,
-            measured,
-            refusal: refusal.map(|why| why.to_string()),
-            failure,
-            elsewhere,
-            asked: asked.map(|OpenPrompt { step, repeat, text }| PromptStatus { step, repeat, text, live }),
-            parameters: deviations,
+            result: NewestResult::from_latest(&now.newest, machine.verdict_validity, Timestamp::now()),
+            not_identified: now.newest.not_identified.map(|run| run.0),
+            verdict: now.verdict,
+            cycle: now.cycle,
+            run: now.run,
+            progress_percent: now.progress_percent,
+            stage: now.stage,
+            step: now.step,
+            remaining_s: now.remaining_s,
+            measured: now.measured,
+            refusal: now.refusal.map(|why| why.to_string()),
+            failure: now.failure,
+            elsewhere: now.elsewhere,
+            asked: now.asked.map(prompt),
+            parameters: now.deviations,
             cycles: cycles.collect(),
         }
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::calendar::Calendar;
+use crate::service::config::check_range;
 
 /// Condition of a scheduled start beyond the `demand` of `[serve]`; the machine reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -35,8 +36,7 @@ struct ScheduleKeys {
     cycle: u16,
     at: String,
     zone: String,
-    #[serde(default = "default_latest_min")]
-    latest_min: u32,
+    latest_min: Option<u32>,
     #[serde(default)]
     idle_min: u32,
     #[serde(default)]
@@ -66,10 +66,6 @@ pub struct ScheduleEntry {
 /// Schedule name of starts that a person or a timer requests.
 pub const DUE_REQUEST_SCHEDULE: &str = "due";
 
-fn default_latest_min() -> u32 {
-    30
-}
-
 impl TryFrom<ScheduleKeys> for ScheduleEntry {
     type Error = String;
 
@@ -81,12 +77,9 @@ impl TryFrom<ScheduleKeys> for ScheduleEntry {
                 "name = \"{name}\" of a schedule is not valid: use 1 to 60 printable characters, and not \"{DUE_REQUEST_SCHEDULE}\""
             ));
         }
-        if !(1..=1440).contains(&latest_min) {
-            return Err(format!("latest_min of schedule {name} is {latest_min}; allowed: 1 to 1440"));
-        }
-        if idle_min > 1440 {
-            return Err(format!("idle_min of schedule {name} is {idle_min}; allowed: 0 to 1440"));
-        }
+        let latest_min = latest_min.unwrap_or(30);
+        check_range(&format!("latest_min of schedule {name}"), latest_min, 1, 1440)?;
+        check_range(&format!("idle_min of schedule {name}"), idle_min, 0, 1440)?;
         let calendar = Calendar::new(&at, &zone).map_err(|why| format!("schedule {name}: {why}"))?;
         let [max_delay, min_idle] = [latest_min, idle_min].map(|min| Duration::from_secs(60 * u64::from(min)));
         Ok(Self { name, cycle, pattern: at, zone, calendar, max_delay, min_idle, required_conditions: ready, overlap })

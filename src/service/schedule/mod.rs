@@ -21,13 +21,13 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
-use self::entry::ScheduleEntry;
+use self::records::SlotRecorder;
 use self::scheduler::Scheduler;
 pub use self::scheduler::planned;
 use super::command_gate::CommandGate;
-use super::config::StartInterlock;
+use super::config::ServeConfig;
 use super::schedule_state::DueRequest;
-use super::{Log, ServeError};
+use super::{Log, ServeError, spawn_thread};
 use crate::store::Journal;
 use link::Clock;
 use link::clock::HostClock;
@@ -42,18 +42,17 @@ const CLOCK_CHECK_PERIOD: Duration = Duration::from_secs(1);
 /// The journal cannot be written, or the thread cannot be started.
 pub fn start_schedule(
     machine: &str,
-    entries: &[ScheduleEntry],
-    demand: &[StartInterlock],
+    config: &ServeConfig,
     gate: &CommandGate,
     journal: &Arc<Journal>,
     log: &Log,
 ) -> Result<(), ServeError> {
     let (due_requests, due_receiver) = channel();
     gate.set_due_requests(due_requests);
-    let (machine, entries, demand) = (machine.to_owned(), entries.to_vec(), demand.to_vec());
-    let (gate, journal, log) = (gate.clone(), Arc::clone(journal), log.clone());
+    let records = SlotRecorder { machine: machine.to_owned(), journal: Arc::clone(journal), log: log.clone() };
+    let (config, gate) = (config.clone(), gate.clone());
     let (result_sender, result_receiver) = channel();
-    let run = move || match Scheduler::begin(&machine, &entries, &demand, &gate, &journal, &log) {
+    let run = move || match Scheduler::begin(records, config, gate) {
         Ok(scheduler) => {
             let _ = result_sender.send(Ok(()));
             run_scheduler(scheduler, &due_receiver);
@@ -61,8 +60,7 @@ pub fn start_schedule(
         Err(error) => drop(result_sender.send(Err(error))),
     };
     // The scheduler blocks on the journal, so it needs a thread without a tokio runtime.
-    let thread = std::thread::Builder::new().name("schedule".to_owned()).spawn(run);
-    thread.map_err(ServeError::Thread)?;
+    spawn_thread("schedule", run)?;
     let died = || ServeError::Thread(std::io::Error::other("the thread of the schedule panicked"));
     Ok(result_receiver.recv().map_err(|_| died())??)
 }

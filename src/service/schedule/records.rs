@@ -33,11 +33,16 @@ impl SlotRecorder {
     }
 
     /// Writes the slot as [`Self::write`] does, and logs it.
-    pub fn write_and_log(&self, slot: &ScheduleSlot) {
+    fn write_and_log(&self, slot: &ScheduleSlot) {
         if self.write(slot) {
             let ScheduleSlot { schedule, at, outcome, why, .. } = slot;
             self.log.info(&format!("schedule {schedule}: slot {at}: {}: {why}", outcome.as_str()));
         }
+    }
+
+    /// Records and logs a slot that did not start.
+    pub fn record_not_started(&self, schedule: &str, cycle: u16, at: Timestamp, outcome: SlotOutcome, why: String) {
+        self.write_and_log(&ScheduleSlot { why, ..self.new_slot(schedule, cycle, at, outcome) });
     }
 
     /// Recent slots, newest first.

@@ -1,7 +1,6 @@
 //! The scheduler: checks the clock, decides about the due slots, and executes the decision, first in the journal,
 //! then at the gate.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
@@ -10,13 +9,12 @@ use super::entry::{DUE_REQUEST_SCHEDULE, OverlapPolicy, ReadinessCondition, Sche
 use super::records::SlotRecorder;
 use super::slot_window::{DueAndMissedSlots, find_slots};
 use super::start_decision::{StartConditions, StartDecision, StartRequirements, decide_start};
-use crate::service::Log;
 use crate::service::command_gate::CommandGate;
-use crate::service::config::StartInterlock;
+use crate::service::config::{ServeConfig, StartInterlock};
 use crate::service::machine_state::{PlannedSchedule, State};
 use crate::service::not_started::NotStarted;
 use crate::service::schedule_state::{DueRequest, Readiness};
-use crate::store::{Journal, ScheduleSlot, SlotOutcome, StoreError};
+use crate::store::{ScheduleSlot, SlotOutcome, StoreError};
 
 /// Time within which a second request for a cycle counts as a repetition of the first; the same holds if the clock
 /// was set back.
@@ -53,32 +51,21 @@ impl Scheduler {
     ///
     /// # Errors
     /// The journal cannot be written.
-    pub fn begin(
-        machine: &str,
-        entries: &[ScheduleEntry],
-        demand: &[StartInterlock],
-        gate: &CommandGate,
-        journal: &Arc<Journal>,
-        log: &Log,
-    ) -> Result<Self, StoreError> {
-        let known = entries.iter().map(|e| (e.name.clone(), format!("{} {}", e.pattern, e.zone)));
+    pub fn begin(records: SlotRecorder, config: ServeConfig, gate: CommandGate) -> Result<Self, StoreError> {
+        let SlotRecorder { machine, journal, .. } = &records;
+        let known = config.schedules.iter().map(|e| (e.name.clone(), format!("{} {}", e.pattern, e.zone)));
         let last_recorded = journal.register_schedules(machine, known.collect(), Timestamp::now()).wait()?;
-        let (machine, journal, log) = (machine.to_owned(), Arc::clone(journal), log.clone());
-        let records = SlotRecorder { machine, journal, log };
         for slot in records.recent_slots()?.into_iter().filter(|slot| slot.outcome == SlotOutcome::Started) {
             records.record_end(slot);
         }
-        records.journal.armings(&records.machine)?.iter().for_each(|arming| records.end_broken_arming(arming));
-        let track = |(entry, last_recorded): (&ScheduleEntry, _)| ScheduleTrack {
-            entry: entry.clone(),
-            last_recorded,
-            waiting_slot: None,
-        };
+        journal.armings(machine)?.iter().for_each(|arming| records.end_broken_arming(arming));
+        let tracks = config.schedules.into_iter().zip(last_recorded);
+        let tracks = tracks.map(|(entry, last_recorded)| ScheduleTrack { entry, last_recorded, waiting_slot: None });
         Ok(Self {
+            tracks: tracks.collect(),
             records,
-            gate: gate.clone(),
-            demand: demand.to_vec(),
-            tracks: entries.iter().zip(last_recorded).map(track).collect(),
+            gate,
+            demand: config.required_interlocks,
             last_check: None,
             readiness: None,
             idle_since: None,
@@ -144,16 +131,14 @@ impl Scheduler {
             Some(_) => "the clock was set forward past the slot, or the service was suspended",
         };
         for at in &found.missed {
-            let slot = self.records.new_slot(&entry.name, entry.cycle, *at, SlotOutcome::Missed);
-            self.records.write_and_log(&ScheduleSlot { why: why.to_owned(), ..slot });
+            self.records.record_not_started(&entry.name, entry.cycle, *at, SlotOutcome::Missed, why.to_owned());
             *last_recorded = *at.max(last_recorded);
         }
     }
 
     fn skip_slot(&self, track: &mut ScheduleTrack, at: Timestamp, why: String) {
         let ScheduleTrack { entry, last_recorded, .. } = track;
-        let slot = self.records.new_slot(&entry.name, entry.cycle, at, SlotOutcome::Skipped);
-        self.records.write_and_log(&ScheduleSlot { why, ..slot });
+        self.records.record_not_started(&entry.name, entry.cycle, at, SlotOutcome::Skipped, why);
         *last_recorded = at.max(*last_recorded);
     }
 
@@ -217,8 +202,7 @@ impl Scheduler {
                 Ok(())
             }
             Err(refusal) => {
-                let (outcome, why) = (SlotOutcome::Skipped, refusal.to_string());
-                self.records.write_and_log(&ScheduleSlot { outcome, why, ..slot });
+                self.records.record_not_started(schedule, cycle, at, SlotOutcome::Skipped, refusal.to_string());
                 Err(refusal.into())
             }
         }
@@ -238,12 +222,10 @@ impl Scheduler {
         let of_cycle = self.tracks.iter().map(|t| &t.entry).filter(|entry| entry.cycle == cycle);
         let ready: Vec<ReadinessCondition> =
             of_cycle.clone().flat_map(|entry| entry.required_conditions.clone()).collect();
-        let idle = of_cycle.map(|entry| entry.min_idle).max().unwrap_or_default();
-        let (demand, ready) = (self.demand.as_slice(), ready.as_slice());
         let requirements = StartRequirements {
-            required_interlocks: demand,
-            required_conditions: ready,
-            min_idle: idle,
+            required_interlocks: &self.demand,
+            required_conditions: &ready,
+            min_idle: of_cycle.map(|entry| entry.min_idle).max().unwrap_or_default(),
             overlap: OverlapPolicy::Skip,
             latest_start: now,
         };
@@ -258,8 +240,7 @@ impl Scheduler {
             (None, StartDecision::Start) => return self.start(&name, cycle, now),
             (None, StartDecision::Wait(why) | StartDecision::Skip(why)) => why,
         };
-        let slot = self.records.new_slot(&name, cycle, now, SlotOutcome::Skipped);
-        self.records.write_and_log(&ScheduleSlot { why: why.to_string(), ..slot });
+        self.records.record_not_started(&name, cycle, now, SlotOutcome::Skipped, why.to_string());
         Err(why)
     }
 
@@ -269,8 +250,7 @@ impl Scheduler {
         let state = self.gate.machine_state().state;
         let rests = state != State::Running && self.readiness.is_some_and(|readiness| readiness.idle);
         self.idle_since = rests.then(|| self.idle_since.unwrap_or(now_s));
-        let idle = self.idle_since.map(|since| (now_s - since).max(0.0));
-        self.idle = idle.map(Duration::from_secs_f64);
+        self.idle = self.idle_since.map(|since| Duration::from_secs_f64((now_s - since).max(0.0)));
         let stopped = matches!(state, State::Held | State::Failed);
         if stopped && !self.stopped {
             self.records.disarm(None, "the machine is held, or a cycle failed");
@@ -301,11 +281,10 @@ impl Scheduler {
     }
 
     fn publish(&self, now: Timestamp) {
-        let waiting_slot = self.tracks.iter().map(|ScheduleTrack { waiting_slot, .. }| {
-            waiting_slot.as_ref().map(|(at, why)| format!("the slot {at} waits: {why}"))
+        let all = self.tracks.iter().map(|ScheduleTrack { entry, waiting_slot, .. }| {
+            let waiting = waiting_slot.as_ref().map(|(at, why)| format!("the slot {at} waits: {why}"));
+            PlannedSchedule { waiting, ..plan_of_entry(entry, now) }
         });
-        let all = self.tracks.iter().map(|track| plan_of_entry(&track.entry, now)).zip(waiting_slot);
-        let all = all.map(|(planned, waiting)| PlannedSchedule { waiting, ..planned });
         self.gate.update(|machine_state| machine_state.planned = all.collect());
     }
 }

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use tokio::sync::mpsc::Receiver;
 use tokio::sync::oneshot;
 
+use super::entry::ScheduleEntry;
 use super::scheduler::Scheduler;
 use super::*;
 use crate::run::RehearsalResult;
@@ -64,8 +65,9 @@ fn open_bench(folder: tempfile::TempDir, since: Option<&str>) -> SchedulerBench 
     let readiness = Arc::new(Mutex::new(full_readiness()));
     let source = Arc::clone(&readiness);
     gate.add_readiness_source(move || *source.lock().unwrap());
-    let demand = config().required_interlocks;
-    let scheduler = Scheduler::begin(MACHINE_NAME, &entries(), &demand, &gate, &journal, &log).unwrap();
+    let records = SlotRecorder { machine: MACHINE_NAME.to_owned(), journal: Arc::clone(&journal), log };
+    let config = ServeConfig { schedules: entries(), ..config() };
+    let scheduler = Scheduler::begin(records, config, gate.clone()).unwrap();
     SchedulerBench { folder, journal, gate, commands, scheduler, readiness, now_s: 0.0 }
 }
 

@@ -3,16 +3,16 @@
 //! them for a schedule, which starts without a request. Each line gets one response; that of a start is sent when
 //! the run has its number.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use crate::service::Log;
 use crate::service::command_gate::CommandGate;
-use crate::service::machine_state::{Interlocks, Refusal, State};
+use crate::service::machine_state::{Interlocks, MachineState, Refusal, State};
 use crate::service::schedule_state::Readiness;
 use crate::service::worker_command::Inspection;
+use crate::service::{Log, lock};
 use link::{LineEvent, Link, LinkConfig, LinkError};
 
 /// Time before a lost port is opened again.
@@ -44,7 +44,7 @@ pub async fn serve_line(config: LinkConfig, gate: CommandGate, log: Log) {
 }
 
 fn fresh_readiness(last: &LastReadiness) -> Readiness {
-    let report = *last.lock().unwrap_or_else(PoisonError::into_inner);
+    let report = *lock(last);
     report
         .filter(|(when, _)| when.elapsed() <= TELL_VALIDITY)
         .map_or_else(Readiness::default, |(_, readiness)| readiness)
@@ -93,7 +93,7 @@ fn handle_line(
         },
         ["TELL", words @ ..] => match parse_readiness(words) {
             Some(readiness) => {
-                let mut last = last_readiness.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut last = lock(last_readiness);
                 // The first `TELL` makes the line a source of readiness; a line that sends only commands is not one.
                 if last.replace((Instant::now(), readiness)).is_none() {
                     let last_readiness = Arc::clone(last_readiness);
@@ -113,12 +113,8 @@ fn handle_line(
             "OK".to_owned()
         }
         ["STATE"] => {
-            let machine_state = gate.machine_state();
-            let word = format!("{:?}", machine_state.state).to_uppercase();
-            format!(
-                "{word} cycle {} run {} {} %",
-                machine_state.cycle, machine_state.run, machine_state.progress_percent
-            )
+            let MachineState { state, cycle, run, progress_percent, .. } = gate.machine_state();
+            format!("{} cycle {cycle} run {run} {progress_percent} %", state.word().to_uppercase())
         }
         _ => refuse_unreadable(gate),
     };

@@ -33,10 +33,7 @@ async fn login_page(State(app): State<AppState>, headers: HeaderMap) -> Result<H
     let access = &app.access;
     let numbers = session_numbers(&headers);
     let session_token = numbers.iter().find_map(|number| access.sessions.find(number));
-    let (name, role) = match &session_token {
-        Some(token) => (Some(token.name.as_str()), Some(token.role.as_str())),
-        None => (None, None),
-    };
+    let (name, role) = session_token.as_ref().map(|token| (token.name.as_str(), token.role.as_str())).unzip();
     render_page("login.html", access.requires_tokens, context! { name, role, wrong => false })
 }
 
@@ -47,8 +44,8 @@ async fn sign_in(State(app): State<AppState>, request: Request) -> Result<Respon
     let Form(LoginForm { token }) = form.map_err(|_| missing_token_field())?;
     let known = access.valid_tokens().map_err(|_| tokens_unreadable())?;
     let Some(token) = find_token(&known, token.trim()) else {
-        if let Err(too_often) = access.rate_limits.count_failure(&address) {
-            return Ok(AccessDenied::from(too_often).into_response());
+        if let Err(too_often) = access.rate_limits.failures.count(&address) {
+            return Ok(AccessDenied::RateLimitExceeded(too_often).into_response());
         }
         access.log.info(&format!("{address} presented an invalid token"));
         let values = context! { name => (), role => (), wrong => true };

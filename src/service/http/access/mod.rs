@@ -5,13 +5,12 @@
 mod login;
 mod rate_limit;
 mod roles;
-mod secret;
 mod session;
 mod tokens;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use axum::extract::{ConnectInfo, MatchedPath, Request, State};
@@ -30,8 +29,8 @@ use self::tokens::find_token;
 pub use self::tokens::{Token, TokenError, Tokens};
 use super::page::{error_page, is_json};
 use super::problem::Problem;
-use crate::service::Log;
 use crate::service::config::HttpConfig;
+use crate::service::{Log, lock};
 
 /// Name of the session cookie.
 const SESSION_COOKIE_NAME: &str = "trued";
@@ -41,7 +40,8 @@ const MAX_COOKIES_READ_PER_REQUEST: usize = 8;
 
 /// Access control of all requests.
 pub struct Access {
-    requires_tokens: bool,
+    /// Whether every client must present a token.
+    pub requires_tokens: bool,
     /// Host names under which a proxy with TLS receives requests.
     proxy_names: Vec<String>,
     tokens: Tokens,
@@ -113,7 +113,7 @@ impl Caller {
 
     /// Counts a hold of the client; returns whether its holds are too frequent to log each one.
     pub fn exceeds_hold_log_rate(&self) -> bool {
-        self.access.rate_limits.count_hold(&self.rate_limit_key).is_err()
+        self.access.rate_limits.holds.count(&self.rate_limit_key).is_err()
     }
 }
 
@@ -124,12 +124,6 @@ enum AccessDenied {
     RateLimitExceeded(RateLimitExceeded),
     /// The tokens cannot be read.
     TokensUnreadable,
-}
-
-impl From<RateLimitExceeded> for AccessDenied {
-    fn from(too_often: RateLimitExceeded) -> Self {
-        Self::RateLimitExceeded(too_often)
-    }
 }
 
 impl Access {
@@ -144,17 +138,14 @@ impl Access {
                 "no token exists, but access requires one: create a token with `trued token add NAME --role ROLE`",
             );
         }
-        let (requires_tokens, names) = (config.requires_tokens, config.proxy_names.clone());
-        let (sessions, rates, log) = (Sessions::default(), RateLimits::default(), log.clone());
-        let trouble = Mutex::default();
         Ok(Arc::new(Self {
-            requires_tokens,
-            proxy_names: names,
+            requires_tokens: config.requires_tokens,
+            proxy_names: config.proxy_names.clone(),
             tokens,
-            sessions,
-            rate_limits: rates,
-            logged_error: trouble,
-            log,
+            sessions: Sessions::default(),
+            rate_limits: RateLimits::default(),
+            logged_error: Mutex::default(),
+            log: log.clone(),
         }))
     }
 
@@ -162,7 +153,7 @@ impl Access {
     fn valid_tokens(&self) -> Result<Vec<Token>, TokenError> {
         let known = self.tokens.read_all();
         let trouble = known.as_ref().err().map(|error| format!("{error}; {}", error.remedy()));
-        let mut logged_error = self.logged_error.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut logged_error = lock(&self.logged_error);
         if *logged_error != trouble {
             match &trouble {
                 Some(why) => self.log.error(&format!("the tokens cannot be read, so access is refused: {why}")),
@@ -171,11 +162,6 @@ impl Access {
             *logged_error = trouble;
         }
         known
-    }
-
-    /// Whether every client must present a token.
-    pub fn requires_tokens(&self) -> bool {
-        self.requires_tokens
     }
 
     fn authorize(self: &Arc<Self>, request: &Request) -> Result<Caller, AccessDenied> {
@@ -191,7 +177,7 @@ impl Access {
         }
         let rate_limit_key = token.as_ref().map_or(address, |token| token.name.clone());
         if !reads && route != HOLD_ROUTE {
-            self.rate_limits.count_change(&rate_limit_key)?;
+            self.rate_limits.changes.count(&rate_limit_key).map_err(AccessDenied::RateLimitExceeded)?;
         }
         Ok(Caller { token, rate_limit_key, access: Arc::clone(self) })
     }
@@ -218,7 +204,7 @@ impl Access {
         match token {
             Some(token) => Ok(token),
             None => {
-                self.rate_limits.count_failure(address)?;
+                self.rate_limits.failures.count(address).map_err(AccessDenied::RateLimitExceeded)?;
                 self.log.info(&format!("{address} presented an invalid token"));
                 Err(AccessDenied::NoToken)
             }

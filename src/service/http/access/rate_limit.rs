@@ -16,12 +16,16 @@ const MAX_HOLD_LOG_LINES_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add
 /// Maximum number of clients that are counted separately; all further clients share one count.
 const MAX_COUNTED_CLIENTS: usize = 1000;
 
-type Limiter = RateLimiter<String, HashMapStateStore<String>, DefaultClock>;
+/// A rate limit that counts each client separately.
+pub struct ClientRateLimit(RateLimiter<String, HashMapStateStore<String>, DefaultClock>);
 
 pub struct RateLimits {
-    changes: Limiter,
-    failures: Limiter,
-    holds: Limiter,
+    /// Changes by each client.
+    pub changes: ClientRateLimit,
+    /// Invalid tokens from each address.
+    pub failures: ClientRateLimit,
+    /// Holds by each client. The hold is executed in any case; beyond the limit it is not logged.
+    pub holds: ClientRateLimit,
 }
 
 /// The rate limit is exceeded; the value is the time to wait.
@@ -30,37 +34,24 @@ pub struct RateLimitExceeded(pub Duration);
 
 impl Default for RateLimits {
     fn default() -> Self {
-        let limiter = |most| Limiter::hashmap(Quota::per_minute(most));
+        let limit = |per_minute| ClientRateLimit(RateLimiter::hashmap(Quota::per_minute(per_minute)));
         let [changes, failures, holds] =
-            [MAX_CHANGES_PER_MINUTE, MAX_FAILURES_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE].map(limiter);
+            [MAX_CHANGES_PER_MINUTE, MAX_FAILURES_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE].map(limit);
         Self { changes, failures, holds }
     }
 }
 
-impl RateLimits {
-    /// Counts a change by `caller`.
-    pub fn count_change(&self, caller: &str) -> Result<(), RateLimitExceeded> {
-        check_rate(&self.changes, caller)
+impl ClientRateLimit {
+    /// Counts an event of `client`.
+    pub fn count(&self, client: &str) -> Result<(), RateLimitExceeded> {
+        let Self(limiter) = self;
+        if limiter.len() >= MAX_COUNTED_CLIENTS {
+            limiter.retain_recent();
+        }
+        let key = if limiter.len() >= MAX_COUNTED_CLIENTS { "all others" } else { client };
+        let result = limiter.check_key(&key.to_owned());
+        result.map_err(|until| RateLimitExceeded(until.wait_time_from(DefaultClock::default().now())))
     }
-
-    /// Counts a hold by `caller`. The hold is executed in any case; an error means that it is not logged.
-    pub fn count_hold(&self, caller: &str) -> Result<(), RateLimitExceeded> {
-        check_rate(&self.holds, caller)
-    }
-
-    /// Counts an invalid token from `address`.
-    pub fn count_failure(&self, address: &str) -> Result<(), RateLimitExceeded> {
-        check_rate(&self.failures, address)
-    }
-}
-
-fn check_rate(limiter: &Limiter, client: &str) -> Result<(), RateLimitExceeded> {
-    if limiter.len() >= MAX_COUNTED_CLIENTS {
-        limiter.retain_recent();
-    }
-    let key = if limiter.len() >= MAX_COUNTED_CLIENTS { "all others" } else { client };
-    let result = limiter.check_key(&key.to_owned());
-    result.map_err(|until| RateLimitExceeded(until.wait_time_from(DefaultClock::default().now())))
 }
 
 #[cfg(test)]
@@ -70,13 +61,13 @@ mod tests {
     #[test]
     fn each_caller_has_a_count_of_its_own_and_all_others_one() {
         let rates = RateLimits::default();
-        let refused = |who: &str| (0..11).filter(|_| rates.count_failure(who).is_err()).count();
+        let refused = |who: &str| (0..11).filter(|_| rates.failures.count(who).is_err()).count();
         assert_eq!(refused("10.0.0.1"), 1);
         assert_eq!(refused("10.0.0.2"), 1);
-        assert_eq!(rates.count_change("10.0.0.1"), Ok(()));
+        assert_eq!(rates.changes.count("10.0.0.1"), Ok(()));
         let flood =
-            (0..3 * MAX_COUNTED_CLIENTS).filter(|n| rates.count_failure(&format!("flood {n}")).is_err()).count();
+            (0..3 * MAX_COUNTED_CLIENTS).filter(|n| rates.failures.count(&format!("flood {n}")).is_err()).count();
         assert!(flood > MAX_COUNTED_CLIENTS, "{flood}");
-        assert!(rates.failures.len() <= MAX_COUNTED_CLIENTS + 1);
+        assert!(rates.failures.0.len() <= MAX_COUNTED_CLIENTS + 1);
     }
 }

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use serde::de::IntoDeserializer;
+use serde::de::value::Error as ValueError;
 use serde::{Deserialize, Serialize};
 
 /// Role of a token; each role includes the rights of the one before it.
@@ -18,8 +20,6 @@ pub enum Role {
 }
 
 impl Role {
-    const ALL: [Self; 3] = [Self::Viewer, Self::Operator, Self::Metrologist];
-
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Viewer => "viewer",
@@ -39,8 +39,8 @@ impl FromStr for Role {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let role = Self::ALL.into_iter().find(|role| role.as_str() == text);
-        role.ok_or_else(|| "the role must be viewer, operator or metrologist".to_owned())
+        let role = Self::deserialize(text.into_deserializer());
+        role.map_err(|_: ValueError| "the role must be viewer, operator or metrologist".to_owned())
     }
 }
 

@@ -1,13 +1,13 @@
 //! Sessions of the page. The browser keeps a random number; the token that it represents is kept here, for the
 //! duration of a shift and while the token is valid.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use subtle::ConstantTimeEq;
 
-use super::secret;
-use super::tokens::Token;
+use super::tokens::{Token, generate_secret, sha256_hex};
+use crate::service::lock;
 
 /// Duration of a session; after that, the user must sign in again.
 pub const SESSION_DURATION: Duration = Duration::from_secs(12 * 3600);
@@ -24,8 +24,8 @@ struct Session {
 pub struct Sessions(Mutex<Vec<Session>>);
 
 impl Sessions {
-    fn lock_valid(&self) -> std::sync::MutexGuard<'_, Vec<Session>> {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+    fn lock_valid(&self) -> MutexGuard<'_, Vec<Session>> {
+        let mut all = lock(&self.0);
         all.retain(|session| session.started.elapsed() < SESSION_DURATION);
         all
     }
@@ -35,8 +35,8 @@ impl Sessions {
     /// # Errors
     /// The operating system provides no random numbers.
     pub fn open(&self, token: Token) -> Result<String, getrandom::Error> {
-        let number = secret::generate_secret()?;
-        let session = Session { sha256: secret::sha256_hex(&number), token, started: Instant::now() };
+        let number = generate_secret()?;
+        let session = Session { sha256: sha256_hex(&number), token, started: Instant::now() };
         let mut all = self.lock_valid();
         if all.len() >= MAX_SESSIONS {
             all.remove(0);
@@ -46,14 +46,14 @@ impl Sessions {
     }
 
     pub fn find(&self, number: &str) -> Option<Token> {
-        let sha256 = secret::sha256_hex(number);
+        let sha256 = sha256_hex(number);
         let all = self.lock_valid();
         let is = |session: &&Session| bool::from(session.sha256.as_bytes().ct_eq(sha256.as_bytes()));
         all.iter().find(is).map(|session| session.token.clone())
     }
 
     pub fn close(&self, number: &str) {
-        let sha256 = secret::sha256_hex(number);
+        let sha256 = sha256_hex(number);
         self.lock_valid().retain(|session| session.sha256 != sha256);
     }
 }

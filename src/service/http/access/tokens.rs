@@ -8,14 +8,15 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, fchown};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
 use super::roles::Role;
-use super::secret;
+use crate::service::lock;
 
 /// Maximum number of tokens.
 const MAX_TOKENS: usize = 1000;
@@ -98,7 +99,7 @@ impl Tokens {
     /// # Errors
     /// The file exists and cannot be read.
     pub fn read_all(&self) -> Result<Vec<Token>, TokenError> {
-        let mut read = self.last_read.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut read = lock(&self.last_read);
         let version = match fs::metadata(&self.path) {
             Ok(meta) => Some((meta.ino(), meta.len(), meta.mtime(), meta.mtime_nsec())),
             Err(error) if error.kind() == ErrorKind::NotFound => None,
@@ -121,7 +122,7 @@ impl Tokens {
 
     /// Returns the tokens of the last successful read.
     pub fn last_read_tokens(&self) -> Vec<Token> {
-        self.last_read.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
+        lock(&self.last_read).1.clone()
     }
 
     /// Creates a token and returns its secret, which is stored nowhere.
@@ -133,8 +134,8 @@ impl Tokens {
         if name.is_empty() || name.len() > 40 || !name.chars().all(is_allowed) {
             return Err(TokenError::InvalidName(name.to_owned()));
         }
-        let secret_text = format!("trued_{}", secret::generate_secret()?);
-        let sha256 = secret::sha256_hex(&secret_text);
+        let secret_text = format!("trued_{}", generate_secret()?);
+        let sha256 = sha256_hex(&secret_text);
         let token = Token { name: name.to_owned(), role, made: Timestamp::now(), sha256 };
         self.change_tokens(|tokens| match tokens.iter().any(|known| known.name == name) {
             true => Err(TokenError::DuplicateName(name.to_owned())),
@@ -223,7 +224,7 @@ impl Tokens {
 
 /// The token of `tokens` whose secret is `secret_text`. Every token is compared in full, so that the time is constant.
 pub fn find_token(tokens: &[Token], secret_text: &str) -> Option<Token> {
-    let sha256 = secret::sha256_hex(secret_text);
+    let sha256 = sha256_hex(secret_text);
     let mut found = None;
     for token in tokens {
         if bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes())) {
@@ -231,6 +232,25 @@ pub fn find_token(tokens: &[Token], secret_text: &str) -> Option<Token> {
         }
     }
     found
+}
+
+/// 256 bits from the operating system, in hexadecimal digits.
+///
+/// # Errors
+/// The operating system provides no random numbers.
+pub fn generate_secret() -> Result<String, getrandom::Error> {
+    let mut bytes = [0; 32];
+    getrandom::fill(&mut bytes)?;
+    Ok(hex_digits(&bytes))
+}
+
+/// SHA-256 of a secret. The secret has 256 random bits, so that neither a salt nor a slow hash is needed.
+pub fn sha256_hex(secret: &str) -> String {
+    hex_digits(&Sha256::digest(secret.as_bytes()))
+}
+
+fn hex_digits(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Creates a new file that only this user can access; does not follow a symbolic link.

@@ -1,12 +1,15 @@
-//! Body of a request, as JSON or as a form.
+//! A person's request to act on a machine, with its body as JSON or as a form.
 
 use axum::extract::rejection::{FormRejection, JsonRejection};
-use axum::extract::{FromRequest, Request};
-use axum::http::header::CONTENT_TYPE;
-use axum::{Form, Json};
+use axum::extract::{Extension, FromRequest, Path, Request};
+use axum::response::{IntoResponse, Response};
+use axum::{Form, Json, RequestExt};
 use serde::de::DeserializeOwned;
 
+use crate::service::http::access::Caller;
+use crate::service::http::page::is_json;
 use crate::service::http::problem::Problem;
+use crate::service::http::{AppState, ServedMachine};
 
 /// Maximum length of a reason, in characters.
 const MAX_REASON_CHARS: usize = 500;
@@ -17,30 +20,46 @@ pub fn truncate_reason(why: &str) -> String {
 }
 
 /// Body of a request: JSON or a form, according to its content type.
-pub enum JsonOrForm<T> {
-    Json(T),
-    Form(T),
-}
-
-impl<T> JsonOrForm<T> {
-    /// The body, and whether it came from the page's form, so that the response is a page.
-    pub fn into_parts(self) -> (T, bool) {
-        match self {
-            Self::Json(body) => (body, false),
-            Self::Form(body) => (body, true),
-        }
-    }
+#[derive(Default)]
+pub struct JsonOrForm<T> {
+    pub body: T,
+    /// Whether the page's form sent the request, so that the response is a page.
+    pub is_form: bool,
 }
 
 impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for JsonOrForm<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let content_type = request.headers().get(CONTENT_TYPE).and_then(|content_type| content_type.to_str().ok());
-        match content_type.is_some_and(|content_type| content_type.starts_with("application/json")) {
-            true => Ok(Self::Json(Json::from_request(request, state).await.map_err(json_problem)?.0)),
-            false => Ok(Self::Form(Form::from_request(request, state).await.map_err(form_problem)?.0)),
-        }
+        let is_form = !is_json(request.headers());
+        let body = match is_form {
+            true => Form::from_request(request, state).await.map_err(form_problem)?.0,
+            false => Json::from_request(request, state).await.map_err(json_problem)?.0,
+        };
+        Ok(Self { body, is_form })
+    }
+}
+
+/// A request to act on a machine.
+pub struct ActionRequest<T> {
+    pub app: AppState,
+    pub machine: ServedMachine,
+    pub caller: Caller,
+    pub body: T,
+    /// As in [`JsonOrForm`].
+    pub is_form: bool,
+}
+
+impl<T: DeserializeOwned + 'static> FromRequest<AppState> for ActionRequest<T> {
+    type Rejection = Response;
+
+    async fn from_request(mut request: Request, app: &AppState) -> Result<Self, Response> {
+        let Path(name) = request.extract_parts::<Path<String>>().await.map_err(IntoResponse::into_response)?;
+        let Extension(caller) = request.extract_parts().await.map_err(IntoResponse::into_response)?;
+        let body = JsonOrForm::from_request(request, app).await.map_err(IntoResponse::into_response)?;
+        let JsonOrForm { body, is_form } = body;
+        let machine = app.find_machine(&name).map_err(IntoResponse::into_response)?.clone();
+        Ok(Self { app: app.clone(), machine, caller, body, is_form })
     }
 }
 

@@ -3,11 +3,12 @@
 //! seconds that states their number.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use crate::service::http::AppState;
 use crate::service::http::access::Caller;
+use crate::service::lock;
 use crate::service::worker_command::HoldEffect;
 use crate::store::AuditEntry;
 
@@ -32,7 +33,7 @@ pub struct HoldLog(Arc<Mutex<HoldLogState>>);
 
 impl HoldLog {
     fn with_lock<T>(&self, action: impl FnOnce(&mut HoldLogState) -> T) -> T {
-        action(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        action(&mut lock(&self.0))
     }
 
     /// Whether a hold of `run` is the first within [`SAME_HOLD_WINDOW`]. `None`: no run was in progress.

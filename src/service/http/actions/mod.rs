@@ -2,17 +2,17 @@
 //! optionally a reason. Each is written to the audit log before the response, even if the client has disconnected.
 //! A program sends JSON; the page sends a form and is redirected to the machine's page.
 
-mod answer;
 mod body;
 mod hold_log;
 mod resume;
 mod sign;
 
+use std::fmt::Display;
 use std::future::Future;
 use std::time::Duration;
 
 use axum::Json;
-use axum::extract::{Extension, FromRequest, Path, Request, State};
+use axum::extract::{Extension, FromRequest, Request, State};
 use axum::http::StatusCode;
 use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Redirect, Response};
@@ -21,7 +21,8 @@ use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-pub(super) use self::body::{JsonOrForm, truncate_reason};
+use self::body::JsonOrForm;
+pub(super) use self::body::{ActionRequest, truncate_reason};
 pub(super) use self::hold_log::HoldLog;
 use super::access::Caller;
 use super::page::errors_as_pages;
@@ -44,7 +45,7 @@ pub fn action_routes() -> OpenApiRouter<AppState> {
         .routes(routes!(hold_machine))
         .routes(routes!(acknowledge_machine))
         .routes(routes!(resume::resume_held_run))
-        .routes(routes!(answer::answer_prompt))
+        .routes(routes!(answer_prompt))
         .routes(routes!(sign::sign_result))
         .layer(from_fn(errors_as_pages))
 }
@@ -86,21 +87,24 @@ struct AcknowledgeRequest {
     homed: bool,
 }
 
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct AnswerRequest {
+    /// Step of the prompt; `repeat` is its pass.
+    step: u32,
+    #[serde(default)]
+    repeat: u32,
+    who: String,
+}
+
 /// Start a cycle. The caller confirms the conditions that `[serve]` demands.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/start", operation_id = "start", params(("name" = String, Path)), request_body = StartRequest, responses((status = ACCEPTED, body = MachineStatus)))]
-async fn start_cycle(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-    Extension(caller): Extension<Caller>,
-    body: JsonOrForm<StartRequest>,
-) -> Result<Response, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (request, is_form) = body.into_parts();
-    let who = caller.audit_name(&request.who)?;
-    check_confirmations(machine, &request)?;
-    let accepted = machine.gate.start(request.cycle, confirmed_interlocks(machine), &who);
-    let what = format!("start of cycle {}", request.cycle);
-    audit_and_respond(&app, machine, who, what, request.why, accepted, is_form).await
+async fn start_cycle(action: ActionRequest<StartRequest>) -> Result<Response, Problem> {
+    let StartRequest { cycle, who, why, .. } = &action.body;
+    let who = action.caller.audit_name(who)?;
+    check_confirmations(&action.machine, &action.body)?;
+    let accepted = action.machine.gate.start(*cycle, confirmed_interlocks(&action.machine), &who);
+    action.audit_and_respond(who, format!("start of cycle {cycle}"), why, accepted).await
 }
 
 /// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
@@ -129,33 +133,32 @@ fn not_confirmed(what: &str) -> Problem {
 #[utoipa::path(post, path = "/api/v1/machines/{name}/hold", operation_id = "hold", params(("name" = String, Path)), request_body = HoldRequest, responses((status = ACCEPTED, body = MachineStatus)))]
 async fn hold_machine(
     State(app): State<AppState>,
-    Path(name): Path<String>,
+    machine: ServedMachine,
     Extension(caller): Extension<Caller>,
     request: Request,
 ) -> Result<Response, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     // Before the body is read: the machine is held even if the rest of the request is invalid.
-    let stopped = machine.gate.stop(&caller.log_name(""));
-    run_to_completion(finish_hold(app.clone(), machine.clone(), caller, stopped, request)).await
+    let effect = machine.gate.stop(&caller.log_name(""));
+    run_to_completion(finish_hold(app, machine, caller, effect, request)).await
 }
 
 async fn finish_hold(
     app: AppState,
     machine: ServedMachine,
     caller: Caller,
-    stopped: HoldEffect,
+    effect: HoldEffect,
     request: Request,
 ) -> Result<Response, Problem> {
     let body = tokio::time::timeout(HOLD_BODY_TIMEOUT, JsonOrForm::<HoldRequest>::from_request(request, &()));
-    let body = body.await.ok().and_then(Result::ok).unwrap_or(JsonOrForm::Json(HoldRequest::default()));
-    let (HoldRequest { who, why }, is_form) = body.into_parts();
-    let held = match stopped {
+    let body = body.await.ok().and_then(Result::ok).unwrap_or_default();
+    let JsonOrForm { body: HoldRequest { who, why }, is_form } = body;
+    let held = match effect {
         // This service cannot hold motion of another process.
         HoldEffect::OtherProcess => Err(Refusal::Elsewhere),
         HoldEffect::RunHeld | HoldEffect::NoRun => Ok(()),
     };
-    let audit = audit_entry(&machine, caller.log_name(&who), "hold".to_owned(), why, &held);
-    if hold_log::needs_audit_line(&app, &caller, &audit, stopped) {
+    let audit = audit_entry(&machine, caller.log_name(&who), "hold".to_owned(), &why, &held);
+    if hold_log::needs_audit_line(&app, &caller, &audit, effect) {
         app.journal.add_audit_entry(&audit).await?;
     }
     held?;
@@ -171,71 +174,73 @@ pub(super) async fn run_to_completion<T: Send + 'static>(
 
 /// Acknowledge that a person has inspected the machine: new cycles may start.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", operation_id = "acknowledge", params(("name" = String, Path)), request_body = AcknowledgeRequest, responses((status = ACCEPTED, body = MachineStatus)))]
-async fn acknowledge_machine(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-    Extension(caller): Extension<Caller>,
-    body: JsonOrForm<AcknowledgeRequest>,
-) -> Result<Response, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
-    let (AcknowledgeRequest { who, why, homed }, is_form) = body.into_parts();
-    let (who, why) = (caller.audit_name(&who)?, truncate_reason(&why));
-    let accepted = machine.gate.acknowledge(Inspection { who: &who, why: &why, homed });
-    let audit_parts = (who, "acknowledgement".to_owned(), why);
-    await_result(app, machine, audit_parts, accepted, is_form).await
+async fn acknowledge_machine(action: ActionRequest<AcknowledgeRequest>) -> Result<Response, Problem> {
+    let AcknowledgeRequest { who, why, homed } = &action.body;
+    let (who, why) = (action.caller.audit_name(who)?, truncate_reason(why));
+    let accepted = action.machine.gate.acknowledge(Inspection { who: &who, why: &why, homed: *homed });
+    action.await_result(who, "acknowledgement".to_owned(), why, accepted).await
 }
 
-/// Waits for the result and writes it to the audit log, even if the client has disconnected.
-async fn await_result(
-    app: AppState,
-    machine: ServedMachine,
-    audit_parts: (String, String, String),
-    accepted: Result<AcknowledgementReceiver, Refusal>,
-    is_form: bool,
-) -> Result<Response, Problem> {
-    run_to_completion(async move {
-        let result = match accepted {
-            // After the timeout, the machine state shows the result.
-            Ok(receiver) => tokio::time::timeout(ACKNOWLEDGEMENT_TIMEOUT, receiver)
-                .await
-                // The worker has dropped the command, because the service is ending.
-                .map_or(Ok(()), |receiver| receiver.unwrap_or(Err(Refusal::NotReady))),
-            Err(why) => Err(why),
-        };
-        let (who, what, why) = audit_parts;
-        audit_and_respond(&app, &machine, who, what, why, result, is_form).await
-    })
-    .await
+/// Answer the run's prompt: the requested action is done, and the run continues.
+/// An answer to any other prompt is refused.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/answer", operation_id = "done", params(("name" = String, Path)), request_body = AnswerRequest, responses((status = ACCEPTED, body = MachineStatus)))]
+async fn answer_prompt(action: ActionRequest<AnswerRequest>) -> Result<Response, Problem> {
+    let AnswerRequest { step, repeat, who } = &action.body;
+    let who = action.caller.audit_name(who)?;
+    let accepted = action.machine.gate.answer(*step, *repeat, &who);
+    action.audit_and_respond(who, format!("answer to step {step}, pass {}", repeat + 1), "", accepted).await
 }
 
-/// Responds after the action is in the audit log.
-async fn audit_and_respond(
-    app: &AppState,
+impl<T: Send + Sync + 'static> ActionRequest<T> {
+    /// Waits for the result and writes it to the audit log, even if the client has disconnected.
+    async fn await_result(
+        self,
+        who: String,
+        what: String,
+        why: String,
+        accepted: Result<AcknowledgementReceiver, Refusal>,
+    ) -> Result<Response, Problem> {
+        run_to_completion(async move {
+            let result = match accepted {
+                // After the timeout, the machine state shows the result.
+                Ok(receiver) => tokio::time::timeout(ACKNOWLEDGEMENT_TIMEOUT, receiver)
+                    .await
+                    // The worker has dropped the command, because the service is ending.
+                    .map_or(Ok(()), |receiver| receiver.unwrap_or(Err(Refusal::NotReady))),
+                Err(why) => Err(why),
+            };
+            self.audit_and_respond(who, what, &why, result).await
+        })
+        .await
+    }
+
+    /// Responds after the action is in the audit log.
+    async fn audit_and_respond(
+        &self,
+        who: String,
+        what: String,
+        why: &str,
+        accepted: Result<(), Refusal>,
+    ) -> Result<Response, Problem> {
+        self.app.journal.add_audit_entry(&audit_entry(&self.machine, who, what, why, &accepted)).await?;
+        accepted?;
+        Ok(accepted_response(&self.machine, self.is_form))
+    }
+}
+
+pub(super) fn audit_entry(
     machine: &ServedMachine,
     who: String,
     what: String,
-    why: String,
-    accepted: Result<(), Refusal>,
-    is_form: bool,
-) -> Result<Response, Problem> {
-    app.journal.add_audit_entry(&audit_entry(machine, who, what, why, &accepted)).await?;
-    accepted?;
-    Ok(accepted_response(machine, is_form))
-}
-
-fn audit_entry(
-    machine: &ServedMachine,
-    who: String,
-    what: String,
-    why: String,
-    accepted: &Result<(), Refusal>,
+    why: &str,
+    accepted: &Result<(), impl Display>,
 ) -> AuditEntry {
     let outcome = match accepted {
         Ok(()) => "accepted".to_owned(),
         Err(refusal) => format!("refused: {refusal}"),
     };
     let (name, run) = (machine.name.clone(), machine.gate.machine_state().run);
-    AuditEntry { who, what, why: truncate_reason(&why), machine: name, run: run.into(), outcome }
+    AuditEntry { who, what, why: truncate_reason(why), machine: name, run: run.into(), outcome }
 }
 
 fn accepted_response(machine: &ServedMachine, is_form: bool) -> Response {

@@ -1,18 +1,13 @@
 //! Resume of a run by a person at the page.
 
-use axum::extract::{Extension, Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::body::{JsonOrForm, truncate_reason};
-use super::{await_result, confirmed_interlocks, not_confirmed};
+use super::{ActionRequest, confirmed_interlocks, not_confirmed, truncate_reason};
 use crate::archive::run_story::resume_hint;
 use crate::run::{ResumableRun, ResumeQuestion, ResumeRefusal, can_resume};
-use crate::service::http::AppState;
-use crate::service::http::access::Caller;
-use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
 use crate::service::worker_command::Inspection;
@@ -37,19 +32,13 @@ pub struct ResumeRequest {
 
 /// Resume a held run. The caller confirms the state of the machine.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/resume", operation_id = "resume", params(("name" = String, Path)), request_body = ResumeRequest, responses((status = ACCEPTED, body = MachineStatus)))]
-pub async fn resume_held_run(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-    Extension(caller): Extension<Caller>,
-    body: JsonOrForm<ResumeRequest>,
-) -> Result<Response, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
-    let (ResumeRequest { run, who, why, free, whole, homed }, is_form) = body.into_parts();
-    let (who, why) = (caller.audit_name(&who)?, truncate_reason(&why));
-    let run = RunId(run);
-    let stored = read_journal(&app, move |journal| journal.load_run(run)).await??;
-    if stored.summary.machine != name {
-        return Err(Problem::not_found(format!("run {run} of {name}")));
+pub async fn resume_held_run(action: ActionRequest<ResumeRequest>) -> Result<Response, Problem> {
+    let ResumeRequest { run, ref who, ref why, free, whole, homed } = action.body;
+    let (who, why, run) = (action.caller.audit_name(who)?, truncate_reason(why), RunId(run));
+    let machine = &action.machine;
+    let stored = action.app.read_journal(move |journal| journal.load_run(run)).await??;
+    if stored.summary.machine != machine.name {
+        return Err(Problem::not_found(format!("run {run} of {}", machine.name)));
     }
     let can_resume = can_resume(&stored.plan, &stored.readings);
     let resumable_run = ResumableRun::from_stored(stored)?;
@@ -65,9 +54,8 @@ pub async fn resume_held_run(
             "acknowledge the held run, then start a new run",
         ));
     }
-    let accepted = machine.gate.resume(run, Inspection { who: &who, why: &why, homed }, confirmed_interlocks(&machine));
-    let what = format!("resume of run {run}");
-    await_result(app, machine, (who, what, why), accepted, is_form).await
+    let accepted = machine.gate.resume(run, Inspection { who: &who, why: &why, homed }, confirmed_interlocks(machine));
+    action.await_result(who, format!("resume of run {run}"), why, accepted).await
 }
 
 impl From<ResumeRefusal> for Problem {

@@ -12,7 +12,6 @@ use super::run_to_completion;
 use crate::archive::report::ReportError;
 use crate::service::http::AppState;
 use crate::service::http::access::Caller;
-use crate::service::http::journal::read_journal;
 use crate::service::http::openapi::views::SignatureView;
 use crate::service::http::problem::Problem;
 use crate::store::{AuditEntry, RunId, Signature};
@@ -34,11 +33,10 @@ pub async fn sign_result(
     State(app): State<AppState>,
     Path(run): Path<i64>,
     Extension(caller): Extension<Caller>,
-    body: JsonOrForm<SignRequest>,
+    JsonOrForm { body: SignRequest { who, why, estimate }, is_form }: JsonOrForm<SignRequest>,
 ) -> Result<Response, Problem> {
-    let (SignRequest { who, why, estimate }, is_form) = body.into_parts();
     let (run, who) = (RunId(run), caller.audit_name(&who)?);
-    let stored = read_journal(&app, move |journal| journal.load_run(run)).await??;
+    let stored = app.read_journal(move |journal| journal.load_run(run)).await??;
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
     if last.sha256 != estimate {
         return Err(Problem::new(

@@ -17,7 +17,7 @@ pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPai
     let Comparison { runs, differences, functions, common_sources, besides } = compare_pair(&app, pair).await?;
     render_page(
         "compare.html",
-        app.access.requires_tokens(),
+        app.access.requires_tokens,
         context! {
             runs => runs.iter().map(run_row).collect::<Vec<_>>(),
             rows => differences.iter().map(difference_row).collect::<Vec<_>>(),

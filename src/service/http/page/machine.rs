@@ -1,16 +1,18 @@
 //! Page of one machine: its state, the actions, the trends of its values.
 
+use std::sync::Arc;
+
 use axum::body::Bytes;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::response::Html;
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::{local_time, machine_page_path, render_page, render_template, run_row, schedule, sensors, trends, views};
+use super::{local_time, machine_page_path, parameter_row, render_page, render_template, run_row};
+use super::{schedule, sensors, trends, views};
 use crate::archive::history::history;
 use crate::run::{can_resume, resume_question};
 use crate::service::config::StartInterlock;
-use crate::service::http::journal::read_journal;
 use crate::service::http::newest_result::NewestResult;
 use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
@@ -23,11 +25,10 @@ use machine::record::estimate::Verdict;
 /// Number of runs on a machine's page.
 const MAX_SHOWN_RUNS: usize = 10;
 
-pub async fn machine_page(State(app): State<AppState>, Path(name): Path<String>) -> Result<Html<String>, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
-    let tokens = app.access.requires_tokens();
+pub async fn machine_page(State(app): State<AppState>, machine: ServedMachine) -> Result<Html<String>, Problem> {
+    let tokens = app.access.requires_tokens;
     // The charts are drawn outside the thread that receives holds.
-    read_journal(&app, move |journal| render_page("machine.html", tokens, machine_values(journal, &machine)?)).await?
+    app.read_journal(move |journal| render_page("machine.html", tokens, machine_values(journal, &machine)?)).await?
 }
 
 fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> {
@@ -50,21 +51,16 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
 }
 
 /// Live part of the page, for the script.
-pub async fn live_part(State(app): State<AppState>, Path(name): Path<String>) -> Result<Html<Bytes>, Problem> {
-    let (machine, shared) =
-        app.find_machine(&name).zip(app.live_parts.get(&name)).ok_or_else(|| Problem::not_found(&name))?;
+pub async fn live_part(State(app): State<AppState>, machine: ServedMachine) -> Result<Html<Bytes>, Problem> {
+    let shared = Arc::clone(&machine.live_part);
     // Read first: a change while the part is rendered causes a new rendering.
     let change = *machine.gate.changes().borrow();
-    let make = async {
-        let machine = machine.clone();
-        let made = read_journal(&app, move |journal| {
-            machine.gate.query_newest(journal, &machine.name)?;
-            let views = views::run_views(journal, RunId(machine.gate.machine_state().run.into()))?;
-            render_template("live.html", context! { machine => status_values(&machine), views })
-        });
-        made.await?
+    let render = move |journal: &Journal| {
+        machine.gate.query_newest(journal, &machine.name)?;
+        let views = views::run_views(journal, RunId(machine.gate.machine_state().run.into()))?;
+        render_template("live.html", context! { machine => status_values(&machine), views })
     };
-    shared.get_or_render(change, make).await
+    shared.get_or_render(change, async { app.read_journal(render).await? }).await
 }
 
 /// The newest runs, and the last one if it waits for a person, with the question before its resume.
@@ -88,24 +84,12 @@ fn resume_values(stored: &StoredRun) -> Value {
 
 pub fn status_values(machine: &ServedMachine) -> Value {
     let status = MachineStatus::from_machine(machine);
-    let result = status.result.clone();
-    let (class, glance) = state_banner(&status, result.as_ref());
+    let result = status.result.as_ref();
+    let (class, glance) = state_banner(&status, result);
     // Values that no longer describe the machine are shown only with their run.
-    let shows_values = !matches!(class, "measuring" | "held") && result.as_ref().is_some_and(|r| !r.outdated);
+    let shows_values = !matches!(class, "measuring" | "held") && result.is_some_and(|r| !r.outdated);
     let newest = machine.gate.machine_state().newest;
     let parameters = newest.result.iter().filter(|_| shows_values).flat_map(|newest| &newest.parameters);
-    let parameters = parameters.map(|p| {
-        context! {
-            symbol => p.symbol.as_str(),
-            value => format!("{:.1}", p.value),
-            expanded => format!("{:.1}", p.expanded),
-            unit => p.unit.symbol(),
-            judged => p.judged.map(|judged| context! {
-                limit => format!("{:.1}", judged.limit),
-                verdict => judged.verdict.to_string(),
-            }),
-        }
-    });
     let cycles = status.cycles.iter();
     let cycles = cycles.map(|c| context! { number => c.number, method => c.method.as_str() });
     context! {
@@ -114,24 +98,24 @@ pub fn status_values(machine: &ServedMachine) -> Value {
         run => status.run,
         late => status.late,
         not_identified => status.not_identified,
-        result => result.map(|newest| context! { run => newest.run, at => local_time(newest.measured) }),
         stage => status.stage.as_str(),
         step => status.step.as_str(),
         progress_percent => status.progress_percent,
         measured => status.measured,
         refusal => status.refusal.as_deref(),
         failure => status.failure.as_ref().map(|Failure { what, remedy }| context! { what, remedy }),
+        cycles => cycles.collect::<Vec<_>>(),
+        result => result.map(|newest| context! { run => newest.run, at => local_time(newest.measured) }),
         asked => status.asked.as_ref().map(|asked| context! {
             step => asked.step,
             repeat => asked.repeat,
             text => asked.text.as_str(),
             live => asked.live.as_ref().map(sensors::live_values),
         }),
-        cycles => cycles.collect::<Vec<_>>(),
         class,
         glance,
         address => machine_page_path(&machine.name),
-        parameters => parameters.collect::<Vec<_>>(),
+        parameters => parameters.map(parameter_row).collect::<Vec<_>>(),
         remaining => status.remaining_s.map(minutes_and_seconds),
         now => local_time(Timestamp::now()),
     }
@@ -191,8 +175,17 @@ mod tests {
         let ((gate, _asks), verdict_validity) = (CommandGate::for_tests(), Duration::from_secs(3600));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
         let (file_sha256, tolerance) = (String::new(), Vec::new());
-        let machine =
-            ServedMachine { name, file_sha256, gate, cycles, required_interlocks: demand, tolerance, verdict_validity };
+        let (required_interlocks, live_part) = (demand, Arc::default());
+        let machine = ServedMachine {
+            name,
+            file_sha256,
+            gate,
+            cycles,
+            required_interlocks,
+            tolerance,
+            verdict_validity,
+            live_part,
+        };
         machine.gate.update(|machine_state| {
             (machine_state.state, machine_state.run, machine_state.measured) = (State::Running, 3, 17);
             "touch 18".clone_into(&mut machine_state.step);

@@ -4,16 +4,14 @@
 mod compare;
 mod error_page;
 mod machine;
-mod middleware;
 mod rendering_cache;
 mod run;
-mod runs;
 mod schedule;
 mod sensors;
 mod trends;
 mod views;
 
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 
 use axum::Router;
 use axum::extract::State;
@@ -21,36 +19,21 @@ use axum::http::header::CONTENT_TYPE;
 use axum::middleware::from_fn;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::get;
+use include_dir::{Dir, File, include_dir};
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-pub use self::error_page::{error_page, is_json};
-pub use self::middleware::errors_as_pages;
+pub use self::error_page::{error_page, errors_as_pages, is_json};
 pub use self::rendering_cache::RenderingCache;
 use super::AppState;
 use super::problem::Problem;
 use crate::store::RunSummary;
+use ::machine::record::estimate::Parameter;
 
 const LIVE_SCRIPT: &str = include_str!("../templates/live.js");
 const ICON_SVG: &str = include_str!("../templates/icon.svg");
-const TEMPLATES: [(&str, &str); 15] = [
-    ("base.html", include_str!("../templates/base.html")),
-    ("machines.html", include_str!("../templates/machines.html")),
-    ("overview.html", include_str!("../templates/overview.html")),
-    ("machine.html", include_str!("../templates/machine.html")),
-    ("actions.html", include_str!("../templates/actions.html")),
-    ("schedule.html", include_str!("../templates/schedule.html")),
-    ("live.html", include_str!("../templates/live.html")),
-    ("sensors.html", include_str!("../templates/sensors.html")),
-    ("views.html", include_str!("../templates/views.html")),
-    ("runs.html", include_str!("../templates/runs.html")),
-    ("runs_table.html", include_str!("../templates/runs_table.html")),
-    ("run.html", include_str!("../templates/run.html")),
-    ("compare.html", include_str!("../templates/compare.html")),
-    ("refused.html", include_str!("../templates/refused.html")),
-    ("login.html", include_str!("../templates/login.html")),
-];
+static TEMPLATE_FOLDER: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/src/service/http/templates");
 
 pub fn page_routes() -> Router<AppState> {
     let pages = Router::new()
@@ -59,7 +42,7 @@ pub fn page_routes() -> Router<AppState> {
         .route("/machines/{name}", get(machine::machine_page))
         .route("/machines/{name}/live", get(machine::live_part))
         .route("/machines/{name}/sensors", get(sensors::sensors_part))
-        .route("/runs", get(runs::runs_page))
+        .route("/runs", get(run::runs_page))
         .route("/runs/{run}", get(run::run_page))
         .route("/runs/{run}/report", get(run::report_page))
         .route("/compare", get(compare::compare_page));
@@ -78,7 +61,7 @@ pub fn machine_page_path(machine: &str) -> String {
 }
 
 pub fn render_template(name: &str, values: Value) -> Result<Html<String>, Problem> {
-    Ok(Html(template_environment()?.get_template(name)?.render(values)?))
+    Ok(Html(TEMPLATES.get_template(name)?.render(values)?))
 }
 
 /// Renders a complete page with its header and navigation. `tokens`: whether tokens are required, so that the page
@@ -87,20 +70,17 @@ pub fn render_page(name: &str, tokens: bool, values: Value) -> Result<Html<Strin
     render_template(name, context! { tokens, ..values })
 }
 
-/// The templates, parsed once.
-fn template_environment() -> Result<&'static Environment<'static>, minijinja::Error> {
-    static ENVIRONMENT: OnceLock<Environment<'static>> = OnceLock::new();
-    if let Some(environment) = ENVIRONMENT.get() {
-        return Ok(environment);
-    }
+/// The templates, each parsed at its first use.
+static TEMPLATES: LazyLock<Environment<'_>> = LazyLock::new(|| {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
-    for (name, text) in TEMPLATES {
-        environment.add_template(name, text)?;
-    }
-    Ok(ENVIRONMENT.get_or_init(|| environment))
-}
+    environment.set_loader(|name| {
+        let file = TEMPLATE_FOLDER.get_file(name).and_then(File::contents_utf8);
+        Ok(file.map(str::to_owned))
+    });
+    environment
+});
 
 async fn serve_script() -> impl IntoResponse {
     ([(CONTENT_TYPE, "text/javascript; charset=utf-8")], LIVE_SCRIPT)
@@ -115,7 +95,7 @@ async fn machines_page(State(app): State<AppState>) -> Result<Response, Problem>
     if let [only] = &*app.machines {
         return Ok(Redirect::to(&machine_page_path(&only.name)).into_response());
     }
-    let tokens = app.access.requires_tokens();
+    let tokens = app.access.requires_tokens;
     Ok(render_page("machines.html", tokens, overview_values(&app))?.into_response())
 }
 
@@ -137,6 +117,21 @@ fn run_row(run: &RunSummary) -> Value {
         machine => run.machine.as_str(),
         state => run.state.as_str(),
         signed => run.signed.as_deref(),
+    }
+}
+
+fn parameter_row(parameter: &Parameter) -> Value {
+    let Parameter { symbol, value, expanded, unit, identifiable, judged, .. } = parameter;
+    context! {
+        symbol,
+        value => format!("{value:.1}"),
+        expanded => format!("{expanded:.1}"),
+        unit => unit.symbol(),
+        identifiable,
+        judged => judged.map(|judged| context! {
+            limit => format!("{:.1}", judged.limit),
+            verdict => judged.verdict.to_string(),
+        }),
     }
 }
 

@@ -1,22 +1,48 @@
-//! Page of one run: its result, its events, its signatures.
+//! Paged list of the runs, and the page of one run: its result, its events, its signatures.
 
-use axum::extract::{Path, State};
+use axum::extract::{Path, Query, State};
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{local_time, machine, machine_page_path};
+use super::{local_time, machine, machine_page_path, parameter_row};
 use crate::archive::report::render_report;
 use crate::archive::run_story::{describe_end, describe_signatures, run_story};
 use crate::report::temperature;
 use crate::service::http::AppState;
-use crate::service::http::journal::read_journal;
+use crate::service::http::api::RunListQuery;
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunFilter, RunId, RunState, RunSummary, StoredRun};
 use ::machine::record::estimate::Estimate;
 
+/// Paged list of the runs.
+pub async fn runs_page(
+    State(app): State<AppState>,
+    Query(range): Query<RunListQuery>,
+) -> Result<Html<String>, Problem> {
+    let tokens = app.access.requires_tokens;
+    app.read_journal(move |journal| {
+        let (filter, limit) = (range.filter(), range.item_limit());
+        // One more run than shown is read, to detect whether more runs exist.
+        let mut runs = journal.list_runs(filter, limit + 1)?;
+        let onward = filter.newer_than.is_some() && filter.older_than.is_none();
+        let more = runs.len() > limit;
+        match (more, onward) {
+            (true, true) => drop(runs.remove(0)),
+            (true, false) => drop(runs.pop()),
+            (false, _) => {}
+        }
+        let [newest, oldest] = [runs.first(), runs.last()].map(|run| run.map(|run| run.id.0));
+        let newer = newest.filter(|_| if onward { more } else { filter.older_than.is_some() });
+        let older = oldest.filter(|_| onward || more);
+        let runs = runs.iter().map(super::run_row).collect::<Vec<_>>();
+        super::render_page("runs.html", tokens, context! { runs, newer, older })
+    })
+    .await?
+}
+
 pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
-    let tokens = app.access.requires_tokens();
-    read_journal(&app, move |journal| {
+    let tokens = app.access.requires_tokens;
+    app.read_journal(move |journal| {
         let stored = journal.load_run(RunId(run))?;
         let before = previous_run(journal, &stored.summary)?;
         super::render_page("run.html", tokens, run_values(&stored, before))
@@ -26,7 +52,7 @@ pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Resu
 
 /// The report is a separate page.
 pub async fn report_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
-    Ok(Html(read_journal(&app, move |journal| render_report(journal, RunId(run))).await??))
+    Ok(Html(app.read_journal(move |journal| render_report(journal, RunId(run))).await??))
 }
 
 /// The previous finished run of the same machine and method, for a comparison.
@@ -64,19 +90,7 @@ fn run_values(stored: &StoredRun, before: Option<i64>) -> Value {
 
 fn estimate_values(estimate: &Estimate) -> Value {
     let (class, glance) = machine::verdict_banner(estimate.verdict);
-    let rows = estimate.parameters.iter().map(|p| {
-        context! {
-            symbol => p.symbol.as_str(),
-            value => format!("{:.1}", p.value),
-            expanded => format!("{:.1}", p.expanded),
-            unit => p.unit.symbol(),
-            identifiable => p.identifiable,
-            judged => p.judged.map(|judged| context! {
-                limit => format!("{:.1}", judged.limit),
-                verdict => judged.verdict.to_string(),
-            }),
-        }
-    });
+    let rows = estimate.parameters.iter().map(parameter_row);
     let is_judged = estimate.parameters.iter().any(|p| p.judged.is_some());
     context! { class, glance, is_judged, parameters => rows.collect::<Vec<_>>() }
 }

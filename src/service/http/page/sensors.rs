@@ -1,19 +1,17 @@
 //! Live values of the sensors that a prompt names, for the person at the machine.
 
-use axum::extract::{Path, State};
 use axum::response::Html;
 use minijinja::{Value, context};
 
 use super::render_template;
-use crate::service::http::AppState;
+use crate::service::http::ServedMachine;
 use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
 
 /// The part that the script reloads with each new value.
-pub async fn sensors_part(State(app): State<AppState>, Path(name): Path<String>) -> Result<Html<String>, Problem> {
-    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let live = MachineStatus::from_machine(machine).asked.and_then(|asked| asked.live);
+pub async fn sensors_part(machine: ServedMachine) -> Result<Html<String>, Problem> {
+    let live = MachineStatus::from_machine(&machine).asked.and_then(|asked| asked.live);
     render_template("sensors.html", context! { live => live.as_ref().map(live_values) })
 }
 

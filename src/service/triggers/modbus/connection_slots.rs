@@ -3,7 +3,7 @@
 use std::future::Future as _;
 use std::io;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -11,6 +11,8 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
 use tokio::sync::oneshot;
 use tokio::time::{Instant, Sleep, sleep};
+
+use crate::service::lock;
 
 /// Maximum time without a received byte; after that, the connection is closed, also if it is half open.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
@@ -39,10 +41,10 @@ impl ConnectionSlots {
     /// Returns a slot for `stream`. If all are occupied, the connection that has been quiet longest is replaced.
     /// `None`: no connection was quiet.
     pub fn admit(&self, stream: TcpStream) -> Option<GuardedStream> {
-        let mut occupied = self.occupied.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut occupied = lock(&self.occupied);
         occupied.retain(|slot| !slot.close_request.is_closed());
         if occupied.len() >= self.capacity {
-            let last_received = |slot: &ConnectionSlot| read_instant(&slot.last_received);
+            let last_received = |slot: &ConnectionSlot| *lock(&slot.last_received);
             let quietest = occupied.iter().enumerate().min_by_key(|(_, slot)| last_received(slot))?.0;
             if last_received(occupied.get(quietest)?).elapsed() < MIN_QUIET_TIME {
                 return None;
@@ -60,10 +62,6 @@ impl ConnectionSlots {
             frame: RequestFrame::default(),
         })
     }
-}
-
-fn read_instant(last_received: &Mutex<Instant>) -> Instant {
-    *last_received.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 pub struct GuardedStream {
@@ -135,7 +133,7 @@ impl AsyncRead for GuardedStream {
                 }
                 let now = Instant::now();
                 self.idle_timer.as_mut().reset(now + IDLE_TIMEOUT);
-                *self.last_received.lock().unwrap_or_else(PoisonError::into_inner) = now;
+                *lock(&self.last_received) = now;
                 ready
             }
         }

@@ -9,7 +9,7 @@ use std::future::{Ready, ready};
 use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::ops::Range;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use tokio::net::{TcpListener, TcpStream};
@@ -24,7 +24,7 @@ use crate::service::command_gate::CommandGate;
 use crate::service::config::ModbusConfig;
 use crate::service::machine_state::Refusal;
 use crate::service::worker_command::Inspection;
-use crate::service::{Log, ServeError};
+use crate::service::{Log, ServeError, lock, spawn_thread};
 
 /// Period of the heartbeat counter.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(250);
@@ -45,13 +45,9 @@ pub fn start_modbus_server(config: &ModbusConfig, gate: &CommandGate, log: &Log)
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     log.info(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
-    let fresh = Duration::from_secs_f64(config.fresh_s);
-    let inputs = Arc::new(Mutex::new(ControlInputs::new(fresh)));
-    let shared = Arc::new(ModbusState { gate: gate.clone(), inputs, started: Instant::now() });
-    let readiness_inputs = Arc::clone(&shared.inputs);
-    gate.add_readiness_source(move || {
-        readiness_inputs.lock().unwrap_or_else(PoisonError::into_inner).readiness(Instant::now())
-    });
+    let inputs = Arc::new(Mutex::new(ControlInputs::new(Duration::from_secs_f64(config.fresh_s))));
+    let shared = Arc::new(ModbusState { gate: gate.clone(), inputs: Arc::clone(&inputs), started: Instant::now() });
+    gate.add_readiness_source(move || lock(&inputs).readiness(Instant::now()));
     let filter = ConnectionFilter {
         allowed: config.allow.clone().into(),
         slots: ConnectionSlots::new(MAX_CONNECTIONS),
@@ -59,15 +55,11 @@ pub fn start_modbus_server(config: &ModbusConfig, gate: &CommandGate, log: &Log)
         log: log.clone(),
         last_refused: Mutex::new(None),
     };
-    std::thread::Builder::new()
-        .name("modbus server".to_owned())
-        .spawn(move || {
-            if let Err(error) = run_modbus_server(listener, &filter) {
-                filter.log.error(&format!("the Modbus server stopped: {error}"));
-            }
-        })
-        .map(drop)
-        .map_err(ServeError::Thread)
+    spawn_thread("modbus server", move || {
+        if let Err(error) = run_modbus_server(listener, &filter) {
+            filter.log.error(&format!("the Modbus server stopped: {error}"));
+        }
+    })
 }
 
 fn run_modbus_server(listener: std::net::TcpListener, filter: &ConnectionFilter) -> io::Result<()> {
@@ -97,7 +89,7 @@ impl ConnectionFilter {
     fn accept(&self, stream: TcpStream, from: SocketAddr) -> Option<(ModbusClient, GuardedStream)> {
         let by = from.ip().to_canonical();
         if !self.allowed.contains(&by) {
-            let mut last = self.last_refused.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut last = lock(&self.last_refused);
             if last.replace(by) != Some(by) {
                 self.log.info(&format!(
                     "the connection from {by} is refused: the address is not in `allow` of [serve.modbus]"
@@ -119,12 +111,8 @@ struct ModbusState {
 }
 
 impl ModbusState {
-    fn lock_inputs(&self) -> MutexGuard<'_, ControlInputs> {
-        self.inputs.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn input_registers(&self) -> [u16; INPUT_REGISTER_COUNT] {
-        let interlocks = self.lock_inputs().interlocks(Instant::now());
+        let interlocks = lock(&self.inputs).interlocks(Instant::now());
         let beats = self.started.elapsed().as_millis() / HEARTBEAT_PERIOD.as_millis();
         map::input_registers(&self.gate.machine_state(), interlocks, beats as u16)
     }
@@ -133,7 +121,7 @@ impl ModbusState {
         let range = register_range(first, values.len() as u16, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
         let now = Instant::now();
         let (coil_commands, interlocks) = {
-            let mut inputs = self.lock_inputs();
+            let mut inputs = lock(&self.inputs);
             (inputs.write_coils(range.start, values, now), inputs.interlocks(now))
         };
         for command in coil_commands {
@@ -154,7 +142,7 @@ impl ModbusState {
     fn write_registers(&self, first: u16, values: &[u16]) -> Result<(), ExceptionCode> {
         register_range(first, values.len() as u16, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
         if let [alive] = values {
-            self.lock_inputs().write_alive(*alive, Instant::now());
+            lock(&self.inputs).write_alive(*alive, Instant::now());
         }
         Ok(())
     }
@@ -196,7 +184,7 @@ impl ModbusClient {
         match request {
             Request::ReadCoils(first, count) => {
                 let range = register_range(first, count, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
-                let coils = shared.lock_inputs().coils().get(range).unwrap_or_default().to_vec();
+                let coils = lock(&shared.inputs).coils().get(range).unwrap_or_default().to_vec();
                 Ok(Response::ReadCoils(coils))
             }
             Request::ReadInputRegisters(first, count) => {
@@ -205,7 +193,7 @@ impl ModbusClient {
             }
             Request::ReadHoldingRegisters(first, count) => {
                 let range = register_range(first, count, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
-                Ok(Response::ReadHoldingRegisters(slice(&[shared.lock_inputs().alive()], range)))
+                Ok(Response::ReadHoldingRegisters(slice(&[lock(&shared.inputs).alive()], range)))
             }
             Request::WriteSingleCoil(at, value) => {
                 shared.write_coils(at, &[value], &self.name)?;
