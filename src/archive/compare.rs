@@ -89,11 +89,11 @@ const SAME_HEIGHT_MM: f64 = 0.5;
 /// time.
 fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
     let (a, b) = (&one.plan, &other.plan);
-    let is_mounted = |plan: &Plan| {
+    let needs_mounting = |plan: &Plan| {
         let is_prompt = |step: &Step| step.kind == StepKind::Prompt;
         !plan.sensors.is_empty() || plan.steps.iter().any(is_prompt)
     };
-    !is_mounted(a)
+    !needs_mounting(a)
         && (&a.method, &a.machine, &a.settings, &a.probe, &a.artefact)
             == (&b.method, &b.machine, &b.settings, &b.probe, &b.artefact)
 }
@@ -148,14 +148,14 @@ fn not_comparable([one, other]: [RunSummary; 2], unit_differences: &[String]) ->
 }
 
 fn setup_differences(one: &StoredRun, other: &StoredRun) -> Vec<String> {
-    let said = [
+    let differences = [
         (one.summary.machine != other.summary.machine, "the runs are from different machines"),
         (one.summary.method != other.summary.method, "the runs have different methods"),
         (one.config != other.config, "the machine file was changed between the runs"),
         (one.plan.settings != other.plan.settings, "the runs have different settings of the method"),
         (one.plan.artefact != other.plan.artefact, "the runs have different data of the artefact"),
     ];
-    said.into_iter().filter(|(differs, _)| *differs).map(|(_, words)| words.to_owned()).collect()
+    differences.into_iter().filter(|(differs, _)| *differs).map(|(_, text)| text.to_owned()).collect()
 }
 
 #[cfg(test)]

@@ -47,7 +47,7 @@ const MAX_RUNS: u32 = 200;
 /// The journal cannot be read.
 pub fn history(journal: &Journal, machine: &str, tolerance: &[ParameterLimit]) -> Result<Vec<Series>, StoreError> {
     let mut all: Vec<ParameterValues> = Vec::new();
-    journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_run(&mut all, measured))?;
+    journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_run_values(&mut all, measured))?;
     all.sort_by(|one, other| one.method.cmp(&other.method));
     Ok(all.into_iter().map(|parameter| parameter.into_series(tolerance)).collect())
 }
@@ -60,7 +60,7 @@ struct ParameterValues {
     values: Vec<Value>,
 }
 
-fn add_run(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
+fn add_run_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
     let MeasuredRun { run, started, method, parameters, temperatures_c } = measured;
     let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
     for parameter in parameters.into_iter().filter(known) {
@@ -88,20 +88,20 @@ pub fn describe_changes(all: &[Series], days: u32) -> String {
     let trends = all.iter();
     let trends = trends.map(|Series { symbol, unit, trend, .. }| NamedTrend { symbol, unit: unit.symbol(), trend });
     let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(days));
-    trend::describe_changes(&trends.collect::<Vec<_>>(), since.as_secs_f64(), format_day)
+    trend::describe_changes(&trends.collect::<Vec<_>>(), since.as_secs_f64(), format_date)
 }
 
-fn format_day(t_s: f64) -> String {
+fn format_date(t_s: f64) -> String {
     let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
     let [at, now] = [at, Timestamp::now()].map(|at| at.to_zoned(TimeZone::system()));
-    let format_day = if at.year() == now.year() { "%-d %B" } else { "%-d %B %Y" };
-    at.strftime(format_day).to_string()
+    let format = if at.year() == now.year() { "%-d %B" } else { "%-d %B %Y" };
+    at.strftime(format).to_string()
 }
 
 /// Chart of a series as of `now`; `None` if there is nothing to draw.
-pub fn draw_chart(series: &Series, now: Timestamp) -> Option<String> {
+pub fn draw_series_chart(series: &Series, now: Timestamp) -> Option<String> {
     let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
-    let values = &values_in_time(series);
+    let values = &values_with_monotonic_times(series);
     let at = |index: usize| values.get(index).map(|value| before_s(value.started));
     let steps = series.trend.changes.iter().filter(|change| change.kind == ChangeKind::Step);
     // Halfway between the last value before the step and the first one after it.
@@ -133,7 +133,7 @@ fn thermometer_series(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> 
 }
 
 /// Values at the times at which they can have been measured, see [`Trend::of`].
-fn values_in_time(series: &Series) -> Vec<Value> {
+fn values_with_monotonic_times(series: &Series) -> Vec<Value> {
     let at =
         |point: &TrendPoint| Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default();
     let both = series.values.iter().zip(&series.trend.points);

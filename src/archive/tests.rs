@@ -1,5 +1,5 @@
 use super::compare::{CompareError, compare_runs};
-use super::history::{draw_chart, history};
+use super::history::{draw_series_chart, history};
 use super::report::render_report;
 use super::run_story::{describe_signatures, position_lost, run_story};
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
@@ -102,7 +102,7 @@ fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
     let series = history(&journal, "mill", &[]).unwrap().remove(0);
     assert_eq!(series.trend.is_outside_limits(), Some(true));
     assert!(series.trend.individuals.unwrap().limits()[1] < 10.0, "{:?}", series.trend.individuals);
-    let svg = draw_chart(&series, jiff::Timestamp::now()).unwrap();
+    let svg = draw_series_chart(&series, jiff::Timestamp::now()).unwrap();
     // Not 56 years wide: all runs were measured within this test.
     assert!(svg.contains("seconds before now") || svg.contains("minutes before now"), "{svg}");
 }

@@ -1,8 +1,8 @@
 //! Acknowledgement of a held machine: the run stays as it is, or another process has continued it.
 
 use super::ServeError;
-use super::last_run::{last_of, unfinished};
-use super::machine_state::{Refusal, State};
+use super::last_run::{last_run, unfinished_run};
+use super::machine_state::{Refusal, ServiceState};
 use super::worker::MachineWorker;
 use super::worker_command::Acknowledgement;
 use crate::store::{Journal, MachineLock};
@@ -12,28 +12,25 @@ impl MachineWorker {
     /// Acts on the acknowledgement of a person at the machine. A new cycle may then start; the held run is not
     /// resumed.
     pub(super) async fn handle_acknowledgement(&mut self, acknowledgement: Acknowledgement, journal: &Journal) {
-        let result = self.acknowledge_held_run(&acknowledgement, journal).await;
-        let refused = match result {
+        let (why, cause) = match self.acknowledge_held_run(&acknowledgement, journal).await {
             Ok(None) => {
                 self.gate.update(|machine_state| machine_state.failure = None);
-                self.gate.finish_command(State::Waiting);
+                self.gate.finish_command(ServiceState::Waiting);
                 self.log.info("the held or failed state of the machine is acknowledged; a new cycle may start");
-                None
+                return drop(acknowledgement.result_sender.send(Ok(())));
             }
-            Ok(Some(why)) => Some((why, String::new())),
-            Err(ServeError::Lock(error)) => Some((Refusal::Elsewhere, format!(" ({error})"))),
-            Err(error) => Some((Refusal::NotReady, format!(" ({error})"))),
+            Ok(Some(why)) => (why, String::new()),
+            Err(ServeError::Lock(error)) => (Refusal::Elsewhere, format!(" ({error})")),
+            Err(error) => (Refusal::NotReady, format!(" ({error})")),
         };
-        if let Some((why, because)) = &refused {
-            let previous_state = self.gate.machine_state().state;
-            if previous_state == State::Held {
-                self.lock = None;
-            }
-            self.gate.refuse(*why, &format!("acknowledgement by {}{because}", acknowledgement.who));
-            self.gate.finish_command(previous_state);
+        let previous_state = self.gate.machine_state().state;
+        if previous_state == ServiceState::Held {
+            self.lock = None;
         }
+        self.gate.record_refusal(why, &format!("acknowledgement by {}{cause}", acknowledgement.who));
+        self.gate.finish_command(previous_state);
         // The receiver may have been dropped.
-        let _ = acknowledgement.result_sender.send(refused.map_or(Ok(()), |(why, _)| Err(why)));
+        let _ = acknowledgement.result_sender.send(Err(why));
     }
 
     async fn acknowledge_held_run(
@@ -43,9 +40,9 @@ impl MachineWorker {
     ) -> Result<Option<Refusal>, ServeError> {
         match self.lock {
             None => self.lock = Some(self.acquire_lock(journal).await?),
-            Some(_) => self.find_unidentified(journal)?,
+            Some(_) => self.queue_unidentified_runs(journal)?,
         }
-        let Some(unfinished_run) = unfinished(journal, self.name())? else { return Ok(None) };
+        let Some(unfinished_run) = unfinished_run(journal, self.name())? else { return Ok(None) };
         if unfinished_run.position_lost && !homed {
             return Ok(Some(Refusal::PositionLost));
         }
@@ -61,16 +58,16 @@ impl MachineWorker {
     /// how that process left the run.
     pub(super) async fn check_other_process(&mut self, journal: &Journal) {
         let machine_state = self.gate.machine_state();
-        if self.lock.is_some() || machine_state.state != State::Held {
+        if self.lock.is_some() || machine_state.state != ServiceState::Held {
             return;
         }
         let elsewhere = MachineLock::holder(&self.folder, self.name()).is_some();
-        if elsewhere != machine_state.elsewhere {
-            self.gate.update(|machine_state| machine_state.elsewhere = elsewhere);
+        if elsewhere != machine_state.is_used_elsewhere {
+            self.gate.update(|machine_state| machine_state.is_used_elsewhere = elsewhere);
         }
-        let last = last_of(journal, self.name()).ok().flatten();
+        let last = last_run(journal, self.name()).ok().flatten();
         let changed = last.is_some_and(|run| !run.state.is_resumable());
-        if !elsewhere && (machine_state.elsewhere || changed) {
+        if !elsewhere && (machine_state.is_used_elsewhere || changed) {
             self.reload_run_state(journal).await;
         }
     }
@@ -79,16 +76,16 @@ impl MachineWorker {
     async fn reload_run_state(&mut self, journal: &Journal) {
         // Another process has acquired the lock meanwhile: the next call detects that.
         let Ok(lock) = self.acquire_lock(journal).await else { return };
-        match unfinished(journal, self.name()) {
+        match unfinished_run(journal, self.name()) {
             Ok(None) => {
                 self.lock = Some(lock);
-                if self.gate.set_state_if_idle(State::Waiting) {
+                if self.gate.set_state_if_idle(ServiceState::Waiting) {
                     self.gate.update(|machine_state| machine_state.failure = None);
                     self.log.info("another program has completed or closed the run; a new cycle may start");
                 }
             }
             Ok(Some(unfinished_run)) => {
-                self.gate.update(|machine_state| machine_state.failure = Some(unfinished_run.why))
+                self.gate.update(|machine_state| machine_state.failure = Some(unfinished_run.failure))
             }
             Err(error) => self.log.error(&error.to_string()),
         }

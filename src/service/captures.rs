@@ -15,7 +15,7 @@ pub(super) struct CaptureNaming(PathBuf);
 
 /// The capture of one cycle.
 pub(super) struct RunCapture<'a> {
-    captures: &'a CaptureNaming,
+    naming: &'a CaptureNaming,
     file: PathBuf,
     capture: Capture,
     log: &'a Log,
@@ -32,7 +32,7 @@ impl CaptureNaming {
         let numbered_paths = (2..).map(|number| self.path_for(&format!("begun-{number}")));
         for file in std::iter::once(self.path_for("begun")).chain(numbered_paths) {
             match Capture::create(&file) {
-                Ok(capture) => return Some(RunCapture { captures: self, file, capture, log }),
+                Ok(capture) => return Some(RunCapture { naming: self, file, capture, log }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => {
                     log.error(&format!("{}: the capture file cannot be created: {error}", file.display()));
@@ -57,13 +57,13 @@ impl CaptureNaming {
 }
 
 impl RunCapture<'_> {
-    pub(super) fn wiring(&self) -> LinkMode {
+    pub(super) fn link_mode(&self) -> LinkMode {
         LinkMode::Captured(self.capture.clone())
     }
 
     /// Renames the capture after the run, which now has its number.
     pub(super) fn name_after_run(&self, run: RunId) {
-        let (from, to) = (&self.file, self.captures.path_for(&run.to_string()));
+        let (from, to) = (&self.file, self.naming.path_for(&run.to_string()));
         if let Err(error) = rename_without_overwrite(from, &to) {
             self.log.error(&format!(
                 "{}: the capture file cannot be renamed: {error}; the file keeps the name {}",

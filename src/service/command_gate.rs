@@ -13,7 +13,7 @@ use tracing::info_span;
 
 use super::config::{ServeConfig, StartInterlock};
 use super::gate_inputs::Heartbeat;
-use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, State};
+use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, ServiceState};
 use super::schedule_state::{DueRequest, ReadinessSource};
 use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, WorkerCommand};
 use super::{Log, lock};
@@ -25,15 +25,15 @@ pub(super) struct GateState {
     machine_state: MachineState,
     /// Halt handle of the run in progress.
     halt: Option<Halt>,
-    stop: bool,
+    is_stop_requested: bool,
     /// Whether an accepted command is not finished yet.
-    acting: bool,
+    is_command_in_progress: bool,
     /// The answered prompt and the name of the person who answered, until the run reads them.
-    answer: Option<(OpenPrompt, String)>,
+    prompt_answer: Option<(OpenPrompt, String)>,
     /// Results of the rehearsal, by cycle number.
-    rehearsed: BTreeMap<u16, RehearsalResult>,
+    rehearsal_results: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
-    last_end: Option<Instant>,
+    last_cycle_end: Option<Instant>,
     pub(super) heartbeat: Heartbeat,
     pub(super) readiness_sources: Vec<ReadinessSource>,
     pub(super) due_requests: Option<Sender<DueRequest>>,
@@ -42,44 +42,44 @@ pub(super) struct GateState {
 #[derive(Clone)]
 pub struct CommandGate {
     inner: Arc<Mutex<GateState>>,
-    commands: mpsc::Sender<WorkerCommand>,
-    cycles: Arc<[u16]>,
-    demand: Arc<[StartInterlock]>,
+    command_sender: mpsc::Sender<WorkerCommand>,
+    cycle_numbers: Arc<[u16]>,
+    required_interlocks: Arc<[StartInterlock]>,
     min_interval: Duration,
     log: Log,
     /// Counter of the changes of the machine state.
-    changes: Arc<watch::Sender<u64>>,
+    change_counter: Arc<watch::Sender<u64>>,
     /// Serialises the queries of the newest runs, so that an older result never replaces a newer one.
-    newest_query: Arc<Mutex<()>>,
+    newest_runs_query: Arc<Mutex<()>>,
 }
 
 impl CommandGate {
     /// The receiver gets the accepted commands.
     pub fn new(config: &ServeConfig, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
-        let (commands, todo) = mpsc::channel(8);
+        let (command_sender, command_receiver) = mpsc::channel(8);
         let inner = GateState {
             machine_state: MachineState::default(),
             halt: None,
-            stop: false,
-            acting: false,
-            answer: None,
-            rehearsed: BTreeMap::new(),
-            last_end: None,
+            is_stop_requested: false,
+            is_command_in_progress: false,
+            prompt_answer: None,
+            rehearsal_results: BTreeMap::new(),
+            last_cycle_end: None,
             heartbeat: Heartbeat::now(config.event_timeout),
             readiness_sources: Vec::new(),
             due_requests: None,
         };
         let gate = Self {
             inner: Arc::new(Mutex::new(inner)),
-            commands,
-            cycles: config.cycles.iter().map(|cycle| cycle.number).collect(),
-            demand: config.required_interlocks.clone().into(),
+            command_sender,
+            cycle_numbers: config.cycles.iter().map(|cycle| cycle.number).collect(),
+            required_interlocks: config.required_interlocks.clone().into(),
             min_interval: config.min_interval,
             log,
-            changes: Arc::new(watch::Sender::new(0)),
-            newest_query: Arc::default(),
+            change_counter: Arc::new(watch::Sender::new(0)),
+            newest_runs_query: Arc::default(),
         };
-        (gate, todo)
+        (gate, command_receiver)
     }
 
     pub(super) fn inner(&self) -> MutexGuard<'_, GateState> {
@@ -91,24 +91,24 @@ impl CommandGate {
     }
 
     /// Subscribes to the changes of the machine state. A slow subscriber sees only the latest value.
-    pub fn changes(&self) -> watch::Receiver<u64> {
-        self.changes.subscribe()
+    pub fn subscribe_changes(&self) -> watch::Receiver<u64> {
+        self.change_counter.subscribe()
     }
 
-    fn changed(&self) {
-        self.changes.send_modify(|count| *count = count.wrapping_add(1));
+    fn notify_change(&self) {
+        self.change_counter.send_modify(|count| *count = count.wrapping_add(1));
     }
 
     /// Queries the journal for the newest runs of this machine. Blocks this thread.
     ///
     /// # Errors
     /// The journal cannot be read; the previous result is discarded.
-    pub fn query_newest(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
-        let query = lock(&self.newest_query);
+    pub fn query_newest_runs(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
+        let query = lock(&self.newest_runs_query);
         let found = journal.newest_results(machine);
         let newest = found.as_ref().map_or_else(|_| NewestRuns::default(), NewestRuns::clone);
-        if *self.inner().machine_state.newest != newest {
-            self.update(|machine_state| machine_state.newest = Arc::new(newest));
+        if *self.inner().machine_state.newest_runs != newest {
+            self.update(|machine_state| machine_state.newest_runs = Arc::new(newest));
         }
         drop(query);
         found.map(drop)
@@ -119,7 +119,7 @@ impl CommandGate {
     /// # Errors
     /// The reason of the refusal.
     pub fn check_start(&self, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
-        self.judge(&self.inner(), cycle, interlocks)
+        self.check_conditions(&self.inner(), cycle, interlocks)
     }
 
     /// Starts `cycle` on behalf of a trigger. From an accepted start on, the service is running.
@@ -128,15 +128,15 @@ impl CommandGate {
     /// The reason of the refusal; it is also in the machine state and in the log.
     pub fn start(&self, cycle: u16, interlocks: Interlocks, by: &str) -> Result<(), Refusal> {
         let inner = self.inner();
-        let judged = self.judge(&inner, cycle, interlocks);
+        let judged = self.check_conditions(&inner, cycle, interlocks);
         let what = format!("start of cycle {cycle} by {by}");
-        let mut inner = self.send(inner, judged, WorkerCommand::Start { cycle }, &what)?;
-        inner.stop = false;
-        inner.machine_state.accepted = inner.machine_state.accepted.wrapping_add(1);
-        let machine_s = inner.rehearsed.get(&cycle).map(|known| known.machine_s);
+        let mut inner = self.send_command(inner, judged, WorkerCommand::Start { cycle }, &what)?;
+        inner.is_stop_requested = false;
+        inner.machine_state.accepted_starts = inner.machine_state.accepted_starts.wrapping_add(1);
+        let machine_s = inner.rehearsal_results.get(&cycle).map(|known| known.machine_s);
         inner.machine_state.begin_cycle(cycle, machine_s);
         drop(inner);
-        self.changed();
+        self.notify_change();
         self.log.info(&format!("cycle {cycle} is started by {by}"));
         Ok(())
     }
@@ -154,78 +154,78 @@ impl CommandGate {
     ) -> Result<AcknowledgementReceiver, Refusal> {
         let inner = self.inner();
         let judged = match inner.machine_state.state {
-            State::Held => interlocks.lacks(&self.demand).map_or(Ok(()), Err),
-            State::Running => Err(Refusal::Busy),
+            ServiceState::Held => interlocks.missing_interlock(&self.required_interlocks).map_or(Ok(()), Err),
+            ServiceState::Running => Err(Refusal::Busy),
             _ => Err(Refusal::NothingToAcknowledge),
         };
         let (acknowledgement, answer) = inspection.acknowledgement_channel();
         let command = WorkerCommand::Resume { run, acknowledgement };
         let what = format!("resume of run {run} by {}", inspection.who);
-        let mut inner = self.send(inner, judged, command, &what)?;
-        inner.stop = false;
+        let mut inner = self.send_command(inner, judged, command, &what)?;
+        inner.is_stop_requested = false;
         let cycle = inner.machine_state.cycle;
         // The run itself determines how much is done already.
         inner.machine_state.begin_cycle(cycle, None);
         inner.machine_state.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
-        self.changed();
+        self.notify_change();
         self.log.info(&format!("run {run} is resumed by {}", inspection.who));
         Ok(answer)
     }
 
     /// Sends the command `what` to the worker if it is accepted: `judged`. No other command is accepted until this one
     /// is finished.
-    fn send<'a>(
+    fn send_command<'a>(
         &self,
         mut inner: MutexGuard<'a, GateState>,
         judged: Result<(), Refusal>,
         command: WorkerCommand,
         what: &str,
     ) -> Result<MutexGuard<'a, GateState>, Refusal> {
-        let sent = judged.and_then(|()| match inner.acting {
+        let sent = judged.and_then(|()| match inner.is_command_in_progress {
             true => Err(Refusal::NotReady),
-            false => self.commands.try_send(command).map_err(|_| Refusal::NotReady),
+            false => self.command_sender.try_send(command).map_err(|_| Refusal::NotReady),
         });
         if let Err(why) = sent {
             drop(inner);
-            self.refuse(why, what);
+            self.record_refusal(why, what);
             return Err(why);
         }
-        inner.acting = true;
+        inner.is_command_in_progress = true;
         Ok(inner)
     }
 
-    fn judge(&self, inner: &GateState, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
+    fn check_conditions(&self, inner: &GateState, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
         match inner.machine_state.state {
-            State::Waiting => {}
-            State::Running => return Err(Refusal::Busy),
-            State::Held => return Err(Refusal::Held),
-            State::Failed => return Err(Refusal::Failed),
-            State::Starting | State::Ending => return Err(Refusal::NotReady),
+            ServiceState::Waiting => {}
+            ServiceState::Running => return Err(Refusal::Busy),
+            ServiceState::Held => return Err(Refusal::Held),
+            ServiceState::Failed => return Err(Refusal::Failed),
+            ServiceState::Starting | ServiceState::Ending => return Err(Refusal::NotReady),
         }
-        if !self.cycles.contains(&cycle) {
+        if !self.cycle_numbers.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }
-        if inner.rehearsed.get(&cycle).is_some_and(|known| known.has_prompts) && !interlocks.person {
+        if inner.rehearsal_results.get(&cycle).is_some_and(|known| known.has_prompts) && !interlocks.person {
             return Err(Refusal::AsksPerson);
         }
-        if let Some(why) = interlocks.lacks(&self.demand) {
+        if let Some(why) = interlocks.missing_interlock(&self.required_interlocks) {
             return Err(why);
         }
-        match inner.last_end.is_some_and(|end| end.elapsed() < self.min_interval) {
+        match inner.last_cycle_end.is_some_and(|end| end.elapsed() < self.min_interval) {
             true => Err(Refusal::TooSoon),
             false => Ok(()),
         }
     }
 
     /// Records a refusal in the machine state and the log.
-    pub fn refuse(&self, why: Refusal, what: &str) {
+    pub fn record_refusal(&self, why: Refusal, what: &str) {
         let mut inner = self.inner();
-        inner.machine_state.refusal = Some(why);
-        inner.machine_state.refused = inner.machine_state.refused.wrapping_add(1);
+        inner.machine_state.last_refusal = Some(why);
+        inner.machine_state.refusal_count = inner.machine_state.refusal_count.wrapping_add(1);
         *inner.machine_state.counters.refusals.entry(why).or_default() += 1;
         drop(inner);
-        self.changed();
+        self.notify_change();
         self.log.info(&format!("request refused: {what}: {why}"));
     }
 
@@ -236,18 +236,18 @@ impl CommandGate {
     pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<AcknowledgementReceiver, Refusal> {
         let inner = self.inner();
         let judged = match inner.machine_state.state {
-            State::Held | State::Failed => Ok(()),
+            ServiceState::Held | ServiceState::Failed => Ok(()),
             _ => Err(Refusal::NothingToAcknowledge),
         };
         let (acknowledgement, answer) = inspection.acknowledgement_channel();
         let what = format!("acknowledgement by {}", inspection.who);
-        drop(self.send(inner, judged, WorkerCommand::Acknowledge(acknowledgement), &what)?);
+        drop(self.send_command(inner, judged, WorkerCommand::Acknowledge(acknowledgement), &what)?);
         Ok(answer)
     }
 
     /// Stores the results of the rehearsals. A cycle with prompts does not start without a person at the machine.
-    pub(super) fn rehearsed(&self, cycles: BTreeMap<u16, RehearsalResult>) {
-        self.inner().rehearsed = cycles;
+    pub(super) fn set_rehearsal_results(&self, cycles: BTreeMap<u16, RehearsalResult>) {
+        self.inner().rehearsal_results = cycles;
     }
 
     /// Answers the prompt of this step and repeat: the person has done what the run requested.
@@ -257,25 +257,25 @@ impl CommandGate {
     pub fn answer(&self, step: u32, repeat: u32, who: &str) -> Result<(), Refusal> {
         let mut inner = self.inner();
         let meant = |asked: &mut OpenPrompt| (asked.step, asked.repeat) == (step, repeat);
-        let Some(asked) = inner.machine_state.asked.take_if(meant) else {
+        let Some(asked) = inner.machine_state.open_prompt.take_if(meant) else {
             drop(inner);
             let why = Refusal::NotAsked;
-            self.refuse(why, &format!("answer to step {step} by {who}"));
+            self.record_refusal(why, &format!("answer to step {step} by {who}"));
             return Err(why);
         };
-        inner.answer = Some((asked, who.to_owned()));
+        inner.prompt_answer = Some((asked, who.to_owned()));
         drop(inner);
-        self.changed();
+        self.notify_change();
         Ok(())
     }
 
     /// Source of the answers for the run. Each poll beats the heartbeat with `patience`, so that a run that waits
     /// for a person does not count as hung.
-    pub(super) fn answers(&self, patience: Duration) -> PromptAnswers {
+    pub(super) fn prompt_answers(&self, patience: Duration) -> PromptAnswers {
         let gate = self.clone();
         PromptAnswers::new(move |asked| {
             gate.report_progress(patience);
-            let given = gate.inner().answer.take_if(|(to, _)| to == asked);
+            let given = gate.inner().prompt_answer.take_if(|(to, _)| to == asked);
             given.map(|(_, who)| who)
         })
     }
@@ -284,10 +284,10 @@ impl CommandGate {
     /// a run.
     pub fn stop(&self, by: &str) -> HoldEffect {
         let mut inner = self.inner();
-        if inner.machine_state.state != State::Running && inner.halt.is_none() {
-            return if inner.machine_state.elsewhere { HoldEffect::OtherProcess } else { HoldEffect::NoRun };
+        if inner.machine_state.state != ServiceState::Running && inner.halt.is_none() {
+            return if inner.machine_state.is_used_elsewhere { HoldEffect::OtherProcess } else { HoldEffect::NoRun };
         }
-        inner.stop = true;
+        inner.is_stop_requested = true;
         let (halt, run) = (inner.halt.clone(), inner.machine_state.run);
         drop(inner);
         if let Some(halt) = halt {
@@ -303,27 +303,27 @@ impl CommandGate {
     /// Ends the service: holds the machine as [`Self::stop`] does, and accepts no further start.
     pub(super) fn end(&self) {
         let mut inner = self.inner();
-        inner.stop = true;
-        inner.machine_state.state = State::Ending;
+        inner.is_stop_requested = true;
+        inner.machine_state.state = ServiceState::Ending;
         let halt = inner.halt.clone();
         drop(inner);
         if let Some(halt) = halt {
             halt.trigger();
         }
-        self.changed();
+        self.notify_change();
         // If the channel is full, the worker checks the state before each command.
-        let _ = self.commands.try_send(WorkerCommand::End);
+        let _ = self.command_sender.try_send(WorkerCommand::End);
     }
 
     pub(super) fn is_ending(&self) -> bool {
-        self.inner().machine_state.state == State::Ending
+        self.inner().machine_state.state == ServiceState::Ending
     }
 
     /// Registers the halt handle of the run, whose devices are open now. A stop that came earlier takes effect here.
     pub(super) fn register_halt(&self, halt: &Halt) {
         let mut inner = self.inner();
         inner.halt = Some(halt.clone());
-        let stop = inner.stop;
+        let stop = inner.is_stop_requested;
         drop(inner);
         if stop {
             halt.trigger();
@@ -332,13 +332,13 @@ impl CommandGate {
 
     pub(super) fn update(&self, change: impl FnOnce(&mut MachineState)) {
         change(&mut self.inner().machine_state);
-        self.changed();
+        self.notify_change();
     }
 
-    pub(super) fn record_end(&self, end: CycleEnd<'_>) {
+    pub(super) fn record_cycle_end(&self, end: CycleEnd<'_>) {
         let mut inner = self.inner();
-        (inner.halt, inner.answer) = (None, None);
-        inner.last_end = Some(Instant::now());
+        (inner.halt, inner.prompt_answer) = (None, None);
+        inner.last_cycle_end = Some(Instant::now());
         inner.machine_state.end_cycle(&end);
         drop(inner);
         self.finish_command(end.state);
@@ -346,26 +346,26 @@ impl CommandGate {
 
     /// Sets the state, unless a command is in progress (the end of the command sets it) or the service is ending.
     /// Returns whether the state was set.
-    pub(super) fn set_state_if_idle(&self, state: State) -> bool {
+    pub(super) fn set_state_if_idle(&self, state: ServiceState) -> bool {
         let mut inner = self.inner();
-        if inner.acting || inner.machine_state.state == State::Ending {
+        if inner.is_command_in_progress || inner.machine_state.state == ServiceState::Ending {
             return false;
         }
         inner.machine_state.state = state;
         drop(inner);
-        self.changed();
+        self.notify_change();
         true
     }
 
     /// Ends the command in progress and sets the state, unless the service is ending.
-    pub(super) fn finish_command(&self, state: State) {
+    pub(super) fn finish_command(&self, state: ServiceState) {
         let mut inner = self.inner();
-        inner.acting = false;
-        if inner.machine_state.state != State::Ending {
+        inner.is_command_in_progress = false;
+        if inner.machine_state.state != ServiceState::Ending {
             inner.machine_state.state = state;
         }
         drop(inner);
-        self.changed();
+        self.notify_change();
     }
 }
 

@@ -3,7 +3,7 @@
 use tokio::sync::mpsc::Receiver;
 
 use super::command_gate::CommandGate;
-use super::machine_state::{CycleEnd, Interlocks, Refusal, State};
+use super::machine_state::{CycleEnd, Interlocks, Refusal, ServiceState};
 use super::worker_command::{HoldEffect, Inspection, WorkerCommand};
 use crate::run::RehearsalResult;
 use crate::store::RunId;
@@ -14,7 +14,7 @@ const ALL_INTERLOCKS_SET: Interlocks =
 
 fn held_gate() -> (CommandGate, Receiver<WorkerCommand>) {
     let (gate, commands) = CommandGate::for_tests();
-    gate.finish_command(State::Held);
+    gate.finish_command(ServiceState::Held);
     (gate, commands)
 }
 
@@ -31,9 +31,11 @@ const RESUME_REQUEST: GateRequest = |gate| gate.resume(RunId(1), inspection_by_a
 /// Until the first command has ended, no other command is accepted, so that nothing starts by itself afterwards.
 #[test]
 fn of_all_pairs_of_asks_the_second_waits_for_the_end_of_the_first() {
-    for (first, state) in
-        [(START_REQUEST, State::Waiting), (ACKNOWLEDGE_REQUEST, State::Held), (RESUME_REQUEST, State::Held)]
-    {
+    for (first, state) in [
+        (START_REQUEST, ServiceState::Waiting),
+        (ACKNOWLEDGE_REQUEST, ServiceState::Held),
+        (RESUME_REQUEST, ServiceState::Held),
+    ] {
         for second in [START_REQUEST, ACKNOWLEDGE_REQUEST, RESUME_REQUEST] {
             let (gate, mut commands) = held_gate();
             gate.finish_command(state);
@@ -45,7 +47,7 @@ fn of_all_pairs_of_asks_the_second_waits_for_the_end_of_the_first() {
             }
             assert_eq!(taken, 1);
             assert!(second(&gate).is_err(), "the first command is not finished");
-            gate.finish_command(State::Waiting);
+            gate.finish_command(ServiceState::Waiting);
             assert_eq!(START_REQUEST(&gate), Ok(()));
         }
     }
@@ -57,10 +59,10 @@ fn of_all_pairs_of_asks_the_second_waits_for_the_end_of_the_first() {
 fn what_is_seen_meanwhile_ends_nothing() {
     let (gate, _asks) = held_gate();
     assert_eq!(ACKNOWLEDGE_REQUEST(&gate), Ok(()));
-    assert!(!gate.set_state_if_idle(State::Waiting));
-    assert_eq!((gate.machine_state().state, START_REQUEST(&gate).is_err()), (State::Held, true));
-    gate.finish_command(State::Held);
-    assert!(gate.set_state_if_idle(State::Waiting));
+    assert!(!gate.set_state_if_idle(ServiceState::Waiting));
+    assert_eq!((gate.machine_state().state, START_REQUEST(&gate).is_err()), (ServiceState::Held, true));
+    gate.finish_command(ServiceState::Held);
+    assert!(gate.set_state_if_idle(ServiceState::Waiting));
     assert_eq!(START_REQUEST(&gate), Ok(()));
 }
 
@@ -68,7 +70,7 @@ fn what_is_seen_meanwhile_ends_nothing() {
 fn a_hold_is_heard_by_whatever_moves() {
     let (gate, _asks) = held_gate();
     assert_eq!(gate.stop("Ada"), HoldEffect::NoRun);
-    gate.update(|machine_state| machine_state.elsewhere = true);
+    gate.update(|machine_state| machine_state.is_used_elsewhere = true);
     assert_eq!(gate.stop("Ada"), HoldEffect::OtherProcess);
     assert_eq!(RESUME_REQUEST(&gate), Ok(()));
     // The devices are not open yet; the stop takes effect as soon as they are.
@@ -76,13 +78,13 @@ fn a_hold_is_heard_by_whatever_moves() {
     let (halt, halted) = halt_with_observer();
     gate.register_halt(&halt);
     assert!(halted());
-    gate.record_end(CycleEnd::in_state(State::Held));
+    gate.record_cycle_end(CycleEnd::in_state(ServiceState::Held));
     assert_eq!(gate.stop("Ada"), HoldEffect::NoRun);
     // The stop does not depend on the machine state.
     assert_eq!(RESUME_REQUEST(&gate), Ok(()));
     let (halt, halted) = halt_with_observer();
     gate.register_halt(&halt);
-    gate.update(|machine_state| machine_state.state = State::Waiting);
+    gate.update(|machine_state| machine_state.state = ServiceState::Waiting);
     assert!(!halted());
     assert_eq!((gate.stop("Ada"), halted()), (HoldEffect::RunHeld, true));
 }
@@ -91,11 +93,11 @@ fn a_hold_is_heard_by_whatever_moves() {
 #[test]
 fn the_time_left_is_never_made_up() {
     let (gate, _asks) = held_gate();
-    gate.finish_command(State::Waiting);
-    gate.rehearsed([(1, RehearsalResult { machine_s: 600.0, has_prompts: true })].into());
+    gate.finish_command(ServiceState::Waiting);
+    gate.set_rehearsal_results([(1, RehearsalResult { machine_s: 600.0, has_prompts: true })].into());
     assert_eq!(START_REQUEST(&gate), Ok(()));
     assert_eq!(gate.machine_state().remaining_s, Some(600.0));
-    gate.record_end(CycleEnd::in_state(State::Held));
+    gate.record_cycle_end(CycleEnd::in_state(ServiceState::Held));
     assert_eq!(gate.machine_state().remaining_s, None);
     assert_eq!(RESUME_REQUEST(&gate), Ok(()));
     assert_eq!(gate.machine_state().remaining_s, None);

@@ -90,7 +90,7 @@ impl Service {
     /// # Errors
     /// The service cannot start; then no machine is served.
     pub fn serve(self) -> Result<ExitState, ServeError> {
-        let journal = Arc::new(Journal::open_timed(&self.folder, self.metrics.wrote())?);
+        let journal = Arc::new(Journal::open_timed(&self.folder, self.metrics.journal_write_observer())?);
         let (halt, gates) = (self.halt_handle(), self.gates());
         let watched_machines =
             self.workers.iter().map(|worker| (worker.name().to_owned(), worker.gate.clone())).collect();

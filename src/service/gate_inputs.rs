@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 
 use super::command_gate::CommandGate;
 use super::machine_state::Interlocks;
-use super::not_started::NotStarted;
+use super::not_started::NotStartedReason;
 use super::schedule_state::{DueRequest, Readiness};
 
 /// Newest heartbeat of a machine's worker: each beat states the maximum time until the next one. Only progress of the
@@ -62,14 +62,14 @@ impl CommandGate {
     pub fn combined_readiness(&self) -> Option<Readiness> {
         let reports = self.readiness_reports();
         let is_fresh = reports.iter().all(|report| report.interlocks.fresh);
-        is_fresh.then(|| reports.into_iter().reduce(Readiness::and)).flatten()
+        is_fresh.then(|| reports.into_iter().reduce(Readiness::combine)).flatten()
     }
 
     /// Combined interlocks of the fresh sources only: a person can replace a stale source, but cannot override a
     /// fresh one.
     pub fn fresh_interlocks(&self) -> Option<Interlocks> {
         let fresh = self.readiness_reports().into_iter().filter(|report| report.interlocks.fresh);
-        fresh.reduce(Readiness::and).map(|report| report.interlocks)
+        fresh.reduce(Readiness::combine).map(|report| report.interlocks)
     }
 
     fn readiness_reports(&self) -> Vec<Readiness> {
@@ -84,11 +84,11 @@ impl CommandGate {
     }
 
     /// Requests on behalf of `who` that `cycle` is due now. `None`: no schedule is running yet.
-    pub fn request_due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), NotStarted>>> {
-        let (answer, answered) = oneshot::channel();
+    pub fn request_due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), NotStartedReason>>> {
+        let (result_sender, result_receiver) = oneshot::channel();
         let due_requests = self.inner().due_requests.clone()?;
-        due_requests.send(DueRequest { cycle, who, answer }).ok()?;
-        Some(answered)
+        due_requests.send(DueRequest { cycle, who, result_sender }).ok()?;
+        Some(result_receiver)
     }
 }
 

@@ -16,24 +16,24 @@ use machine::record::estimate::Estimate;
 #[derive(Default)]
 pub(super) struct Identifications {
     /// Stack of the waiting runs: the last element is the next one.
-    queue: Vec<RunId>,
+    waiting_runs: Vec<RunId>,
     in_progress: Option<(RunId, oneshot::Receiver<Result<Estimate, IdentificationError>>)>,
 }
 
 impl Identifications {
     /// Finds all runs of `machine` that wait for an identification. Call it only while this process holds the
     /// machine's lock: then no other process computes an identification.
-    pub fn find_waiting(&mut self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
-        self.queue = journal.runs_without_estimate(machine)?;
+    pub fn queue_unidentified_runs(&mut self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
+        self.waiting_runs = journal.runs_without_estimate(machine)?;
         Ok(())
     }
 
-    pub fn add(&mut self, run: RunId) {
-        self.queue.push(run);
+    pub fn add_run(&mut self, run: RunId) {
+        self.waiting_runs.push(run);
     }
 
     /// Stores the result of the identification in progress, or begins the next one. Never waits for a computation.
-    pub async fn poll(&mut self, gate: &CommandGate, log: &Log, journal: &Journal) {
+    pub async fn advance(&mut self, gate: &CommandGate, log: &Log, journal: &Journal) {
         if let Some((run, mut result)) = self.in_progress.take() {
             let outcome = match result.try_recv() {
                 Ok(outcome) => outcome,
@@ -59,7 +59,7 @@ impl Identifications {
 
     /// The newest run without an estimate, except runs whose identification has failed before.
     fn next_unidentified(&mut self, journal: &Journal) -> Result<Option<StoredRun>, StoreError> {
-        while let Some(run) = self.queue.pop() {
+        while let Some(run) = self.waiting_runs.pop() {
             let stored = journal.load_run(run)?;
             let is_open = stored.summary.state == RunState::NotIdentified;
             if is_open && identification_fault(&stored).is_none() {
@@ -75,7 +75,7 @@ fn publish_result(gate: &CommandGate, log: &Log, run: RunId, stored: Result<Esti
         Ok(estimate) => {
             gate.update(|machine_state| {
                 machine_state.count_outcome(CycleOutcome::Judged(estimate.verdict));
-                machine_state.identified = machine_state.identified.wrapping_add(1)
+                machine_state.identified_runs = machine_state.identified_runs.wrapping_add(1)
             });
             log.info(&format!("run {run} is identified, verdict {}", estimate.verdict));
         }

@@ -9,18 +9,18 @@ pub struct UnfinishedRun {
     pub run: RunId,
     /// Whether the axes must be homed first; a physical button cannot confirm that.
     pub position_lost: bool,
-    pub why: Failure,
+    pub failure: Failure,
 }
 
 /// The newest run of `machine`.
-pub fn last_of(journal: &Journal, machine: &str) -> Result<Option<RunSummary>, StoreError> {
+pub fn last_run(journal: &Journal, machine: &str) -> Result<Option<RunSummary>, StoreError> {
     let wanted = RunFilter { machine: Some(machine), ..RunFilter::default() };
     Ok(journal.list_runs(wanted, 1)?.pop())
 }
 
 /// The last run of `machine`, if it is unfinished and no person has acknowledged that it stays unfinished.
-pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<UnfinishedRun>, StoreError> {
-    let Some(last) = last_of(journal, machine)?.filter(|run| run.state.is_resumable()) else {
+pub fn unfinished_run(journal: &Journal, machine: &str) -> Result<Option<UnfinishedRun>, StoreError> {
+    let Some(last) = last_run(journal, machine)?.filter(|run| run.state.is_resumable()) else {
         return Ok(None);
     };
     let stored = journal.load_run(last.id)?;
@@ -28,8 +28,8 @@ pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<UnfinishedR
         return Ok(None);
     }
     let (position_lost, what) = (position_lost(&stored), describe_end(&stored));
-    let why = Failure { what, remedy: Some("inspect the machine".to_owned()) };
-    Ok(Some(UnfinishedRun { run: last.id, position_lost, why }))
+    let failure = Failure { what, remedy: Some("inspect the machine".to_owned()) };
+    Ok(Some(UnfinishedRun { run: last.id, position_lost, failure }))
 }
 
 #[cfg(test)]
@@ -49,7 +49,7 @@ mod tests {
         journal.set_state(run, RunState::Held).wait().unwrap();
         let waits = |event: Event| {
             journal.add_event(run, &event).wait().unwrap();
-            unfinished(&journal, "mill").unwrap().map(|before| before.position_lost)
+            unfinished_run(&journal, "mill").unwrap().map(|before| before.position_lost)
         };
         let word = |leaves| Event::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
         let said = || Event::Announced { text: "as ever".to_owned() };

@@ -15,7 +15,7 @@ use machine::record::watch::LiveValues;
 
 /// State of the service of one machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum State {
+pub enum ServiceState {
     #[default]
     Starting = 0,
     Waiting = 1,
@@ -27,7 +27,7 @@ pub enum State {
     Ending = 5,
 }
 
-impl State {
+impl ServiceState {
     pub const ALL: [Self; 6] = [Self::Starting, Self::Waiting, Self::Running, Self::Held, Self::Failed, Self::Ending];
 
     pub fn word(self) -> &'static str {
@@ -119,7 +119,7 @@ pub struct Interlocks {
 }
 
 impl Interlocks {
-    pub(super) fn lacks(self, demands: &[StartInterlock]) -> Option<Refusal> {
+    pub(super) fn missing_interlock(self, demands: &[StartInterlock]) -> Option<Refusal> {
         if !self.fresh {
             return Some(Refusal::Stale);
         }
@@ -151,7 +151,7 @@ pub struct PlannedSchedule {
 /// it ([`CommandGate`](super::command_gate::CommandGate)).
 #[derive(Debug, Clone, Default)]
 pub struct MachineState {
-    pub state: State,
+    pub state: ServiceState,
     pub progress_percent: u16,
     /// Verdict of the last completed cycle; `None` before the first.
     pub verdict: Option<Verdict>,
@@ -159,32 +159,32 @@ pub struct MachineState {
     pub cycle: u16,
     /// Number of the run of this cycle; 0 until it has one.
     pub run: u32,
-    /// Number of accepted starts; wraps around, as does `refused`, the number of refusals.
-    pub accepted: u16,
-    pub refused: u16,
-    pub refusal: Option<Refusal>,
+    /// Number of accepted starts; wraps around, as does `refusal_count`, the number of refusals.
+    pub accepted_starts: u16,
+    pub refusal_count: u16,
+    pub last_refusal: Option<Refusal>,
     /// Runs that were identified while the machine waited; the counter wraps around.
-    pub identified: u16,
+    pub identified_runs: u16,
     pub deviations: Vec<Parameter>,
     /// Current stage and step of the run; empty while no run is in progress.
-    pub stage: String,
-    pub step: String,
+    pub stage_name: String,
+    pub step_label: String,
     /// Remaining machine time, s: from the plan until the run reports it; `None` where it is unknown.
     pub remaining_s: Option<f64>,
     /// Number of touches and scans in the journal.
-    pub measured: u32,
+    pub measured_steps: u32,
     /// While the machine is held: whether another process holds its lock and may move it.
-    pub elsewhere: bool,
+    pub is_used_elsewhere: bool,
     /// Why the last cycle was not completed, and the remedy; `None` once that is resolved.
     pub failure: Option<Failure>,
     /// Open prompt; the machine does not move before a person answers it.
-    pub asked: Option<OpenPrompt>,
+    pub open_prompt: Option<OpenPrompt>,
     /// Live values of the sensors that the open prompt names; `None` before the first values.
-    pub live: Option<LiveValues>,
+    pub live_values: Option<LiveValues>,
     /// Schedules with their next times and the reasons why due slots wait.
-    pub planned: Vec<PlannedSchedule>,
+    pub planned_schedules: Vec<PlannedSchedule>,
     /// Newest runs in the journal, whichever process measured them, as of the last query.
-    pub newest: Arc<NewestRuns>,
+    pub newest_runs: Arc<NewestRuns>,
     pub counters: Counters,
 }
 
@@ -242,7 +242,7 @@ pub struct Failure {
 /// How a cycle ended.
 pub(super) struct CycleEnd<'a> {
     /// State of the machine from now on.
-    pub state: State,
+    pub state: ServiceState,
     pub estimate: Option<&'a Estimate>,
     pub failure: Option<Failure>,
     /// `None`: the run is counted when it is identified.
@@ -253,7 +253,7 @@ pub(super) struct CycleEnd<'a> {
 
 #[cfg(test)]
 impl CycleEnd<'_> {
-    pub fn in_state(state: State) -> Self {
+    pub fn in_state(state: ServiceState) -> Self {
         Self { state, estimate: None, failure: None, outcome: None, is_link_error: false }
     }
 }
@@ -261,13 +261,13 @@ impl CycleEnd<'_> {
 impl MachineState {
     /// Resets the state for a new cycle. `machine_s`: expected machine time, s, if it is known.
     pub(super) fn begin_cycle(&mut self, cycle: u16, machine_s: Option<f64>) {
-        (self.state, self.cycle, self.run) = (State::Running, cycle, 0);
+        (self.state, self.cycle, self.run) = (ServiceState::Running, cycle, 0);
         (self.progress_percent, self.verdict) = (0, None);
         self.deviations.clear();
-        (self.elsewhere, self.failure) = (false, None);
-        (self.stage, self.step) = (String::new(), String::new());
-        (self.remaining_s, self.measured) = (machine_s, 0);
-        (self.asked, self.live) = (None, None);
+        (self.is_used_elsewhere, self.failure) = (false, None);
+        (self.stage_name, self.step_label) = (String::new(), String::new());
+        (self.remaining_s, self.measured_steps) = (machine_s, 0);
+        (self.open_prompt, self.live_values) = (None, None);
     }
 
     /// Records the end of a cycle; the gate sets the state.
@@ -277,8 +277,8 @@ impl MachineState {
             self.verdict = Some(estimate.verdict);
             self.deviations = estimate.parameters.clone();
         }
-        (self.stage, self.step) = (String::new(), String::new());
-        (self.asked, self.remaining_s) = (None, None);
+        (self.stage_name, self.step_label) = (String::new(), String::new());
+        (self.open_prompt, self.remaining_s) = (None, None);
         self.failure.clone_from(&end.failure);
         end.outcome.into_iter().for_each(|outcome| self.count_outcome(outcome));
         self.counters.link_errors += u64::from(end.is_link_error);

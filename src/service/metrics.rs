@@ -14,10 +14,10 @@ use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::{Metric, Registry};
 
-use super::machine_state::{CycleOutcome, MachineState, State};
+use super::machine_state::{CycleOutcome, MachineState, ServiceState};
 
 type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
-type Seconds = Gauge<f64, AtomicU64>;
+type SecondsGauge = Gauge<f64, AtomicU64>;
 
 /// Metrics of the whole daemon.
 #[derive(Clone)]
@@ -28,32 +28,32 @@ pub struct Metrics {
     refusals: Family<Labels<2>, Counter>,
     link_errors: Family<Labels<1>, Counter>,
     state: Family<Labels<2>, Gauge>,
-    progress_age: Family<Labels<1>, Seconds>,
-    wrote: Histogram,
+    progress_age: Family<Labels<1>, SecondsGauge>,
+    journal_write_time: Histogram,
 }
 
 impl Default for Metrics {
     fn default() -> Self {
         let mut registry = Registry::with_prefix("trued");
         registry.register("build", "Version of the program", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
-        let runs = register(&mut registry, "runs", "Cycles by outcome");
-        let readings = register(&mut registry, "readings", "Touches and scans in the journal");
-        let refusals = register(&mut registry, "refusals", "Refused requests by reason");
-        let link_errors = register(&mut registry, "link_errors", "Cycles that ended with a link error");
-        let state = register(&mut registry, "state", "1 for the current state of a machine");
+        let runs = register_metric(&mut registry, "runs", "Cycles by outcome");
+        let readings = register_metric(&mut registry, "readings", "Touches and scans in the journal");
+        let refusals = register_metric(&mut registry, "refusals", "Refused requests by reason");
+        let link_errors = register_metric(&mut registry, "link_errors", "Cycles that ended with a link error");
+        let state = register_metric(&mut registry, "state", "1 for the current state of a machine");
         let help = "Time since the worker of a machine last made progress; the watchdog monitors it";
-        let progress_age = register(&mut registry, "progress_age_seconds", help);
+        let progress_age = register_metric(&mut registry, "progress_age_seconds", help);
         // Time of a synced commit: buckets from 0.1 ms upwards, to cover a slow disk.
-        let wrote = Histogram::new(exponential_buckets(0.0001, 2.5, 12));
+        let journal_write_time = Histogram::new(exponential_buckets(0.0001, 2.5, 12));
         let help = "Duration of a write job of the journal, including its commit";
-        registry.register("journal_write_seconds", help, wrote.clone());
+        registry.register("journal_write_seconds", help, journal_write_time.clone());
         let registry = Arc::new(registry);
-        Self { registry, runs, readings, refusals, link_errors, state, progress_age, wrote }
+        Self { registry, runs, readings, refusals, link_errors, state, progress_age, journal_write_time }
     }
 }
 
 /// Adds a metric to the registry.
-fn register<M: Metric + Clone + Default>(registry: &mut Registry, name: &str, help: &str) -> M {
+fn register_metric<M: Metric + Clone + Default>(registry: &mut Registry, name: &str, help: &str) -> M {
     let metric = M::default();
     registry.register(name, help, metric.clone());
     metric
@@ -61,17 +61,17 @@ fn register<M: Metric + Clone + Default>(registry: &mut Registry, name: &str, he
 
 impl Metrics {
     /// Callback for the journal's writer; it records the duration of each job.
-    pub fn wrote(&self) -> impl Fn(Duration) + Send + 'static + use<> {
-        let histogram = self.wrote.clone();
+    pub fn journal_write_observer(&self) -> impl Fn(Duration) + Send + 'static + use<> {
+        let histogram = self.journal_write_time.clone();
         move |took: Duration| histogram.observe(took.as_secs_f64())
     }
 
     /// Sets the values of `machine`. Those of all outcomes, readings and link errors exist from the start.
-    pub fn set_machine(&self, machine: &str, machine_state: &MachineState, progress_age: Duration) {
+    pub fn update_machine(&self, machine: &str, machine_state: &MachineState, progress_age: Duration) {
         let MachineState { state: now, counters, .. } = machine_state;
         let name = || ("machine", Cow::from(machine.to_owned()));
         let set = |counter: &Counter, count: u64| counter.inner().store(count, Ordering::Relaxed);
-        for state in State::ALL {
+        for state in ServiceState::ALL {
             let labels = [name(), ("state", state.word().into())];
             self.state.get_or_create(&labels).set(i64::from(state == *now));
         }
@@ -92,7 +92,7 @@ impl Metrics {
     ///
     /// # Errors
     /// None known: writing to a `String` does not fail.
-    pub fn text(&self) -> Result<String, std::fmt::Error> {
+    pub fn encode_text(&self) -> Result<String, std::fmt::Error> {
         let mut text = String::new();
         text::encode(&mut text, &self.registry)?;
         Ok(text)

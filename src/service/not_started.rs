@@ -6,7 +6,7 @@ use super::machine_state::Refusal;
 use crate::store::{RunId, StoreError};
 
 #[derive(Debug, thiserror::Error)]
-pub enum NotStarted {
+pub enum NotStartedReason {
     #[error("the cycle is not armed for unattended motion")]
     NotArmed,
     #[error("the arming by {who} ended at {when}: {why}")]
@@ -28,7 +28,7 @@ pub enum NotStarted {
     #[error("not ready: the control has been idle for {idle_min} of {min_idle_min} minutes")]
     IdleTooShort { idle_min: u64, min_idle_min: u64 },
     #[error("the latest start time has passed: {0}")]
-    TooLate(Box<NotStarted>),
+    TooLate(Box<NotStartedReason>),
     #[error("the cycle was already started at {0}")]
     AlreadyStarted(Timestamp),
     #[error("the slot already has an outcome, or the journal cannot be written")]

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use sd_notify::NotifyState::{self, Ready, Status, Stopping, Watchdog};
 
 use super::command_gate::CommandGate;
-use super::machine_state::State;
+use super::machine_state::ServiceState;
 use super::{Log, ServeError, spawn_thread};
 
 /// Maximum time between two checks of the workers.
@@ -65,7 +65,7 @@ fn status_line(machines: &WatchedMachines) -> String {
         let machine_state = gate.machine_state();
         let name = name.replace(char::is_control, " ");
         match machine_state.state {
-            State::Running => {
+            ServiceState::Running => {
                 format!("{name}: run {}, {} %", machine_state.run, machine_state.progress_percent)
             }
             state => format!("{name}: {}", state.word()),
@@ -121,7 +121,7 @@ mod tests {
         let mut watch = WorkerWatch::new(machines.clone());
         let halt = Halt::new(|| {});
         let (_, mill) = &machines[0];
-        mill.update(|machine_state| machine_state.state = State::Running);
+        mill.update(|machine_state| machine_state.state = ServiceState::Running);
         mill.register_halt(&halt);
         machines.iter().for_each(|(_, gate)| gate.report_progress(LONG_TIMEOUT));
         assert!(watch.check_workers(&log) && !halt.is_halted());

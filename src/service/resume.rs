@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use super::ServeError;
 use super::captures::RunCapture;
 use super::cycle_failure::CycleFailure;
-use super::machine_state::{Refusal, State};
-use super::run_events::RunEvents;
+use super::machine_state::{Refusal, ServiceState};
+use super::run_events::RunEventPublisher;
 use super::worker::MachineWorker;
 use super::worker_command::Acknowledgement;
 use crate::run::{ResumableRun, ResumeRefusal};
@@ -45,9 +45,9 @@ impl MachineWorker {
                     ResumeError::ResumableRun(ResumeRefusal::NotHomed(_)) => Refusal::PositionLost,
                     _ => Refusal::NotReady,
                 };
-                self.gate.refuse(why, &format!("resume of run {run} by {who} ({error})"));
+                self.gate.record_refusal(why, &format!("resume of run {run} by {who} ({error})"));
                 self.lock = None;
-                self.gate.finish_command(State::Held);
+                self.gate.finish_command(ServiceState::Held);
                 let _ = result_sender.send(Err(why));
                 None
             }
@@ -77,15 +77,16 @@ impl MachineWorker {
         journal: &Journal,
     ) -> Result<(RunId, Estimate), CycleFailure> {
         let opening = setup::open_devices(&resumable_run.machine, self.pace, resumable_run.history());
-        let (devices, capture) = self.open(opening).await?;
-        let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
-        let mut publish = |event: &Event| events.publish(event);
+        let (devices, capture) = self.open_devices_with_capture(opening).await?;
+        let mut events = RunEventPublisher::new(&self.gate, &self.log, self.event_timeout());
+        let mut publish = |event: &Event| events.publish_event(event);
         capture.iter().for_each(|capture| capture.name_after_run(resumable_run.stored().summary.id));
         let readings = resumable_run.stored().readings.iter();
         let stored_readings: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
-        self.gate
-            .update(|machine_state| machine_state.measured = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX));
-        let answers = self.gate.answers(self.patience());
+        self.gate.update(|machine_state| {
+            machine_state.measured_steps = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
+        });
+        let answers = self.gate.prompt_answers(self.event_timeout());
         let ended = resumable_run.run(&devices, journal, answers, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)

@@ -11,7 +11,7 @@ use serde::Deserialize;
 use super::captures::CaptureNaming;
 use super::command_gate::CommandGate;
 use super::config::check_range;
-use super::machine_state::State;
+use super::machine_state::ServiceState;
 use super::{Log, ServeError, spawn_thread};
 use crate::store::{Journal, StoreError};
 
@@ -53,12 +53,12 @@ pub(super) fn start_retention(
     log: &Log,
 ) -> Result<(), ServeError> {
     let log = log.clone();
-    let is_any_running = move || gates.iter().any(|gate| gate.machine_state().state == State::Running);
+    let is_any_run_in_progress = move || gates.iter().any(|gate| gate.machine_state().state == ServiceState::Running);
     let sweep = move || {
-        while is_any_running() {
+        while is_any_run_in_progress() {
             sleep(IDLE_CHECK_PERIOD);
         }
-        if let Err(error) = remove_expired_data(retention, &journal, captures.as_ref(), &is_any_running, &log) {
+        if let Err(error) = remove_expired_data(retention, &journal, captures.as_ref(), &is_any_run_in_progress, &log) {
             log.error(&format!("retention: {error}; {}", error.remedy()));
         }
         sleep(SWEEP_PERIOD);
@@ -71,12 +71,12 @@ fn remove_expired_data(
     Retention { keep_days }: Retention,
     journal: &Journal,
     captures: Option<&CaptureNaming>,
-    is_any_running: &impl Fn() -> bool,
+    is_any_run_in_progress: &impl Fn() -> bool,
     log: &Log,
 ) -> Result<(), StoreError> {
     let age = SignedDuration::from_hours(24 * i64::from(keep_days));
     for run in journal.runs_with_expired_samples(Timestamp::now() - age)? {
-        if is_any_running() {
+        if is_any_run_in_progress() {
             return Ok(());
         }
         let scans = journal.remove_scan_samples(run)?;

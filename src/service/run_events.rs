@@ -11,7 +11,7 @@ use crate::run::OpenPrompt;
 use machine::record::event::Event;
 
 /// Receiver of the events of one run.
-pub(super) struct RunEvents<'a> {
+pub(super) struct RunEventPublisher<'a> {
     gate: &'a CommandGate,
     log: &'a Log,
     /// Maximum time to the next event.
@@ -22,18 +22,18 @@ pub(super) struct RunEvents<'a> {
     progress_percent: u16,
 }
 
-impl<'a> RunEvents<'a> {
+impl<'a> RunEventPublisher<'a> {
     pub(super) fn new(gate: &'a CommandGate, log: &'a Log, event_timeout: Duration) -> Self {
         Self { gate, log, event_timeout, max_remaining_s: 0.0, progress_percent: 0 }
     }
 
-    pub(super) fn publish(&mut self, event: &Event) {
+    pub(super) fn publish_event(&mut self, event: &Event) {
         self.gate.report_progress(self.event_timeout);
         match event {
             Event::Announced { text } => self.log.info(text),
             Event::StageStarted { stage } => {
                 self.log.info(&format!("{}: {} touches", stage.name, stage.steps.len()));
-                self.gate.update(|machine_state| machine_state.stage.clone_from(&stage.name));
+                self.gate.update(|machine_state| machine_state.stage_name.clone_from(&stage.name));
             }
             Event::StepStarted { step, remaining_s, label, .. } => {
                 debug!(step, "{label}");
@@ -41,21 +41,23 @@ impl<'a> RunEvents<'a> {
                 self.gate.update(|machine_state: &mut MachineState| {
                     machine_state.progress_percent = percent;
                     machine_state.remaining_s = Some(*remaining_s);
-                    machine_state.step.clone_from(label);
+                    machine_state.step_label.clone_from(label);
                 });
             }
             Event::Asked { step, repeat, text } => {
                 self.log.info(&format!("prompt: {text}"));
                 let prompt = OpenPrompt { step: *step, repeat: *repeat, text: text.clone() };
-                self.gate.update(|machine_state| (machine_state.asked, machine_state.live) = (Some(prompt), None));
+                self.gate.update(|machine_state| {
+                    (machine_state.open_prompt, machine_state.live_values) = (Some(prompt), None)
+                });
             }
             Event::Watched { values } => {
-                self.gate.update(|machine_state| machine_state.live = Some(values.clone()));
+                self.gate.update(|machine_state| machine_state.live_values = Some(values.clone()));
             }
             Event::Answered { who, .. } => self.log.info(&format!("prompt answered by {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
                 self.gate.update(|machine_state| {
-                    machine_state.measured += 1;
+                    machine_state.measured_steps += 1;
                     machine_state.counters.readings += 1;
                 });
             }

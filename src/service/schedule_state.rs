@@ -9,7 +9,7 @@ use serde::Serialize;
 use tokio::sync::oneshot;
 
 use super::machine_state::{Interlocks, PlannedSchedule};
-use super::not_started::NotStarted;
+use super::not_started::NotStartedReason;
 use crate::store::{Arming, Journal, ScheduleSlot, StoreError};
 
 /// Interlocks that the machine reports, and the further conditions of an unattended cycle.
@@ -25,7 +25,7 @@ pub struct Readiness {
 
 impl Readiness {
     /// Combines the reports of several sources: every condition must hold in all of them.
-    pub(super) fn and(self, other: Self) -> Self {
+    pub(super) fn combine(self, other: Self) -> Self {
         let (one, two) = (self.interlocks, other.interlocks);
         Self {
             interlocks: Interlocks {
@@ -56,13 +56,13 @@ pub struct Agenda {
 ///
 /// # Errors
 /// The journal cannot be read.
-pub fn agenda(journal: &Journal, planned: Vec<PlannedSchedule>, machine: &str) -> Result<Agenda, StoreError> {
-    const LAST: usize = 50;
-    Ok(Agenda { planned, armed: journal.armings(machine)?, last: journal.newest_slots(machine, LAST)? })
+pub fn load_agenda(journal: &Journal, planned: Vec<PlannedSchedule>, machine: &str) -> Result<Agenda, StoreError> {
+    const MAX_LISTED_SLOTS: usize = 50;
+    Ok(Agenda { planned, armed: journal.armings(machine)?, last: journal.newest_slots(machine, MAX_LISTED_SLOTS)? })
 }
 
 /// Maximum duration of an arming.
-const LONGEST: SignedDuration = SignedDuration::from_hours(24 * 366);
+const MAX_ARMING_DURATION: SignedDuration = SignedDuration::from_hours(24 * 366);
 
 /// Arming of `cycle` of `machine` by `who` from `now` on. `until` is an instant (`2027-01-31T18:00:00+01:00`) or
 /// a duration (`14d`).
@@ -82,7 +82,7 @@ pub fn arming(machine: &str, cycle: u16, who: &str, why: &str, until: &str, now:
     if until <= now {
         return Err(format!("{until} has already passed"));
     }
-    if until.duration_since(now) > LONGEST {
+    if until.duration_since(now) > MAX_ARMING_DURATION {
         return Err(format!("{until} is more than a year away; an arming lasts at most a year"));
     }
     let [machine, who, why] = [machine, who, why].map(str::to_owned);
@@ -93,7 +93,7 @@ pub fn arming(machine: &str, cycle: u16, who: &str, why: &str, until: &str, now:
 pub struct DueRequest {
     pub cycle: u16,
     pub who: String,
-    pub answer: oneshot::Sender<Result<(), NotStarted>>,
+    pub result_sender: oneshot::Sender<Result<(), NotStartedReason>>,
 }
 
 pub(super) type ReadinessSource = Arc<dyn Fn() -> Readiness + Send + Sync>;

@@ -16,9 +16,9 @@ use super::config::{CycleConfig, ServeConfig};
 use super::cycle_failure::CycleFailure;
 use super::http::ServedMachine;
 use super::identify::Identifications;
-use super::last_run::unfinished;
-use super::machine_state::{CycleEnd, CycleOutcome, Failure, State};
-use super::run_events::RunEvents;
+use super::last_run::unfinished_run;
+use super::machine_state::{CycleEnd, CycleOutcome, Failure, ServiceState};
+use super::run_events::RunEventPublisher;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{ExitState, Log, ServeError, schedule, triggers};
 use crate::run::{self, CycleError, IdentificationError};
@@ -29,7 +29,7 @@ use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 
 /// Time between two heartbeats while the worker waits.
-const TICK: Duration = Duration::from_secs(1);
+const IDLE_POLL_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum time between two heartbeats while the worker waits.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -78,15 +78,16 @@ impl MachineWorker {
         self.lock = Some(self.acquire_lock(journal).await?);
         self.rehearse().await?;
         triggers::start_triggers(&self.config, &self.gate, &self.log)?;
-        match unfinished(journal, self.name())? {
+        match unfinished_run(journal, self.name())? {
             Some(before) => {
                 self.log.info(&format!("run {} is unfinished: a person must resume or acknowledge it", before.run));
                 self.lock = None;
                 let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
-                self.gate.update(|machine_state| (machine_state.run, machine_state.failure) = (run, Some(before.why)));
-                self.gate.finish_command(State::Held);
+                self.gate
+                    .update(|machine_state| (machine_state.run, machine_state.failure) = (run, Some(before.failure)));
+                self.gate.finish_command(ServiceState::Held);
             }
-            None => self.gate.finish_command(State::Waiting),
+            None => self.gate.finish_command(ServiceState::Waiting),
         }
         schedule::start_schedule(self.name(), &self.config, &self.gate, journal, &self.log)?;
         // The time of the start-up does not count: progress is watched from now on.
@@ -98,13 +99,13 @@ impl MachineWorker {
     pub async fn run(mut self, journal: &Journal) -> ExitState {
         loop {
             self.gate.report_progress(HEARTBEAT_TIMEOUT);
-            let command = match timeout(TICK, self.commands.recv()).await {
+            let command = match timeout(IDLE_POLL_PERIOD, self.commands.recv()).await {
                 Ok(Some(command)) => command,
                 Ok(None) => break,
                 // No command within the tick.
                 Err(_) => {
                     self.check_other_process(journal).await;
-                    self.identifications.poll(&self.gate, &self.log, journal).await;
+                    self.identifications.advance(&self.gate, &self.log, journal).await;
                     continue;
                 }
             };
@@ -133,8 +134,8 @@ impl MachineWorker {
     }
 
     async fn run_cycle(&mut self, number: u16, journal: &Journal) -> Option<ExitState> {
-        let measured = self.measure(number, journal).await;
-        self.finish_cycle(measured, State::Failed)
+        let measured = self.measure_cycle(number, journal).await;
+        self.finish_cycle(measured, ServiceState::Failed)
     }
 
     async fn resume_cycle(
@@ -146,7 +147,7 @@ impl MachineWorker {
         let resumable_run = self.prepare_resume(run, acknowledgement, journal).await?;
         let measured = self.resume_run(resumable_run, journal).await;
         // If the devices could not be opened, the run still waits for a person.
-        self.finish_cycle(measured, State::Held)
+        self.finish_cycle(measured, ServiceState::Held)
     }
 
     /// Rehearses all cycles, so that an error is reported at the start and not when the operator presses the button.
@@ -163,7 +164,7 @@ impl MachineWorker {
             self.log.info(&format!("cycle {number}: machine time about {minutes:.0} min{person}"));
             all.insert(*number, rehearsed);
         }
-        self.gate.rehearsed(all);
+        self.gate.set_rehearsal_results(all);
         Ok(())
     }
 
@@ -185,95 +186,95 @@ impl MachineWorker {
     }
 
     /// Maximum time between two events of a run; after that, the run counts as hung.
-    pub(super) fn patience(&self) -> Duration {
+    pub(super) fn event_timeout(&self) -> Duration {
         self.config.event_timeout
     }
 
     pub(super) async fn acquire_lock(&mut self, journal: &Journal) -> Result<MachineLock, ServeError> {
         let lock = MachineLock::acquire(&self.folder, self.name())?;
         journal.mark_interrupted(&lock).await?;
-        self.find_unidentified(journal)?;
+        self.queue_unidentified_runs(journal)?;
         Ok(lock)
     }
 
     /// Call it only while this process holds the machine's lock.
-    pub(super) fn find_unidentified(&mut self, journal: &Journal) -> Result<(), StoreError> {
-        self.identifications.find_waiting(journal, &self.machine.machine.name)
+    pub(super) fn queue_unidentified_runs(&mut self, journal: &Journal) -> Result<(), StoreError> {
+        self.identifications.queue_unidentified_runs(journal, &self.machine.machine.name)
     }
 
-    /// Records the result of a cycle; returns a value if the service must end with it. `unopened`: state of the
-    /// machine if its devices could not be opened.
+    /// Records the result of a cycle; returns a value if the service must end with it. `state_if_unopened`: state of
+    /// the machine if its devices could not be opened.
     fn finish_cycle(
         &mut self,
         measured: Result<(RunId, Estimate), CycleFailure>,
-        unopened: State,
+        state_if_unopened: ServiceState,
     ) -> Option<ExitState> {
         let end = match &measured {
             Ok((run, estimate)) => {
                 self.log.info(&format!("run {run} is finished, verdict {}", estimate.verdict));
                 let outcome = Some(CycleOutcome::Judged(estimate.verdict));
                 CycleEnd {
-                    state: State::Waiting,
+                    state: ServiceState::Waiting,
                     estimate: Some(estimate),
                     failure: None,
                     outcome,
                     is_link_error: false,
                 }
             }
-            Err(failed) => self.log_failed_cycle(failed, unopened),
+            Err(failed) => self.log_failed_cycle(failed, state_if_unopened),
         };
         let state = end.state;
-        if state == State::Held {
+        if state == ServiceState::Held {
             // From now on a person may resume the run, from the page or from the command line.
             self.lock = None;
         }
-        self.gate.record_end(end);
-        (state != State::Waiting && self.gate.is_ending()).then_some(ExitState::Held)
+        self.gate.record_cycle_end(end);
+        (state != ServiceState::Waiting && self.gate.is_ending()).then_some(ExitState::Held)
     }
 
     /// Logs why a cycle has no estimate, and returns how it ended.
-    fn log_failed_cycle(&mut self, failed: &CycleFailure, unopened: State) -> CycleEnd<'static> {
+    fn log_failed_cycle(&mut self, failed: &CycleFailure, state_if_unopened: ServiceState) -> CycleEnd<'static> {
         let (state, outcome) = match failed {
-            CycleFailure::Cycle(error) if error.holds_machine() => (State::Held, Some(CycleOutcome::Held)),
+            CycleFailure::Cycle(error) if error.holds_machine() => (ServiceState::Held, Some(CycleOutcome::Held)),
             // The run is completely measured and nothing moves; it is identified, and counted, while the machine waits.
             CycleFailure::Cycle(CycleError::Identification { run, why: IdentificationError::Stopped }) => {
-                self.identifications.add(*run);
-                (State::Waiting, None)
+                self.identifications.add_run(*run);
+                (ServiceState::Waiting, None)
             }
-            CycleFailure::Cycle(error) => (State::Failed, (!error.is_stop()).then_some(CycleOutcome::Failed)),
-            CycleFailure::Setup(_) => (unopened, Some(CycleOutcome::Failed)),
+            CycleFailure::Cycle(error) => (ServiceState::Failed, (!error.is_stop()).then_some(CycleOutcome::Failed)),
+            CycleFailure::Setup(_) => (state_if_unopened, Some(CycleOutcome::Failed)),
         };
         let Failure { what, remedy } = failed.describe();
         let message = match &remedy {
-            Some(remedy) if state != State::Waiting => format!("{what}; {remedy}"),
+            Some(remedy) if state != ServiceState::Waiting => format!("{what}; {remedy}"),
             _ => what.clone(),
         };
         match failed {
             CycleFailure::Cycle(error) if error.is_stop() => self.log.info(&message),
             _ => self.log.error(&message),
         }
-        let failure = (state != State::Waiting).then_some(Failure { what, remedy });
+        let failure = (state != ServiceState::Waiting).then_some(Failure { what, remedy });
         let is_link_error = matches!(failed, CycleFailure::Cycle(CycleError::Run { error, .. }) if error.is_of_link());
         CycleEnd { state, estimate: None, failure, outcome, is_link_error }
     }
 
-    async fn measure(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
+    async fn measure_cycle(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
         let allowed = self.config.cycles.iter().find(|cycle| cycle.number == number);
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
         };
         let (method, plan) = setup::plan_header(&self.machine, method, *repeat)?;
         let opening = setup::open_devices(&self.machine, self.pace, RunHistory::default());
-        let (devices, capture) = self.open(opening).await?;
-        let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
-        let mut publish = |event: &Event| events.publish(event);
+        let (devices, capture) = self.open_devices_with_capture(opening).await?;
+        let mut events = RunEventPublisher::new(&self.gate, &self.log, self.event_timeout());
+        let mut publish = |event: &Event| events.publish_event(event);
         let begun = |id: RunId| {
             Span::current().record("run", id.0);
             self.log.info(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.name_after_run(id));
             self.gate.update(|machine_state| machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
-        let answers = self.gate.answers(self.patience());
+        let answers = self.gate.prompt_answers(self.event_timeout());
         let cycle = run::Cycle { machine: &self.machine, method: method.into(), plan, answers };
         let ended = cycle.run(&devices, journal, begun, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);
@@ -281,13 +282,13 @@ impl MachineWorker {
     }
 
     /// Opens the devices, with a capture if one is configured. From here on a stop reaches the control.
-    pub(super) async fn open(
+    pub(super) async fn open_devices_with_capture(
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,
     ) -> Result<(Devices, Option<RunCapture<'_>>), SetupError> {
         let capture = self.captures.as_ref().and_then(|captures| captures.create_for_cycle(&self.log));
-        let wiring = capture.as_ref().map_or(LinkMode::Direct, RunCapture::wiring);
-        let devices = wiring.apply_to(opening).await?;
+        let link_mode = capture.as_ref().map_or(LinkMode::Direct, RunCapture::link_mode);
+        let devices = link_mode.apply_to(opening).await?;
         self.gate.register_halt(&devices.controller.halt_handle());
         Ok((devices, capture))
     }

@@ -39,7 +39,7 @@ async fn machine_events(machine: ServedMachine, Extension(caller): Extension<Cal
 
 /// Triggers of the events: the first at once, then each change and each keep-alive.
 fn event_triggers(machine: &ServedMachine) -> impl Stream<Item = ()> + use<> {
-    let changes = WatchStream::new(machine.gate.changes()).map(|_| ());
+    let changes = WatchStream::new(machine.gate.subscribe_changes()).map(|_| ());
     let changes = changes.throttle(MIN_EVENT_INTERVAL);
     let mut alive = interval_at(Instant::now() + KEEP_ALIVE_PERIOD, KEEP_ALIVE_PERIOD);
     alive.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -47,7 +47,7 @@ fn event_triggers(machine: &ServedMachine) -> impl Stream<Item = ()> + use<> {
 }
 
 fn state_event(machine: &ServedMachine) -> Event {
-    let count = *machine.gate.changes().borrow();
+    let count = *machine.gate.subscribe_changes().borrow();
     let event = Event::default().event("standing").id(count.to_string());
     event.json_data(MachineStatus::from_machine(machine)).unwrap_or_else(|_| Event::default())
 }

@@ -131,7 +131,7 @@ pub fn start_http_server(
         ));
     }
     for machine in &machines {
-        if let Err(error) = machine.gate.query_newest(&journal, &machine.name) {
+        if let Err(error) = machine.gate.query_newest_runs(&journal, &machine.name) {
             log.error(&format!("the last result of {} cannot be read: {error}", machine.name));
         }
     }
@@ -176,9 +176,9 @@ const OPEN_METRICS_CONTENT_TYPE: &str = "application/openmetrics-text; version=1
 /// `/metrics`, for Prometheus.
 async fn serve_metrics(State(app): State<AppState>) -> Response {
     for ServedMachine { name, gate, .. } in app.machines.iter() {
-        app.metrics.set_machine(name, &gate.machine_state(), gate.progress_age());
+        app.metrics.update_machine(name, &gate.machine_state(), gate.progress_age());
     }
-    match app.metrics.text() {
+    match app.metrics.encode_text() {
         Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS_CONTENT_TYPE)], text).into_response(),
         Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     }

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use super::openapi::views::VerdictView;
 use super::{AppState, ServedMachine};
 use crate::service::command_gate::CommandGate;
-use crate::service::machine_state::State;
+use crate::service::machine_state::ServiceState;
 use crate::store::{LatestResult, NewestRuns};
 use machine::record::estimate::Verdict;
 
@@ -47,12 +47,12 @@ impl NewestResult {
 
 /// Queries the journal whenever a run may have ended, for as long as the process lives.
 pub async fn refresh_on_changes(app: AppState, machine: ServedMachine) {
-    let mut changes = machine.gate.changes();
+    let mut changes = machine.gate.subscribe_changes();
     loop {
         let previous_key = run_end_key(&machine.gate);
         let (gate, name) = (machine.gate.clone(), machine.name.clone());
         // After an error there is no result, and the page shows it as unknown.
-        let _ = app.read_journal(move |journal| gate.query_newest(journal, &name)).await;
+        let _ = app.read_journal(move |journal| gate.query_newest_runs(journal, &name)).await;
         let next_run_end =
             async { while changes.changed().await.is_ok() && run_end_key(&machine.gate) == previous_key {} };
         let _ = tokio::time::timeout(JOURNAL_POLL_PERIOD, next_run_end).await;
@@ -61,9 +61,9 @@ pub async fn refresh_on_changes(app: AppState, machine: ServedMachine) {
 
 /// Values that change when the journal may have another result: the state, the run whose verdict the gate has, and
 /// the number of runs that were identified while the machine waited.
-fn run_end_key(gate: &CommandGate) -> (State, Option<u32>, u16) {
+fn run_end_key(gate: &CommandGate) -> (ServiceState, Option<u32>, u16) {
     let machine_state = gate.machine_state();
-    (machine_state.state, machine_state.verdict.map(|_| machine_state.run), machine_state.identified)
+    (machine_state.state, machine_state.verdict.map(|_| machine_state.run), machine_state.identified_runs)
 }
 
 #[cfg(test)]

@@ -17,8 +17,8 @@ use super::page::{errors_as_pages, machine_page_path};
 use super::problem::Problem;
 use super::{AppState, ServedMachine};
 use crate::service::machine_state::Refusal;
-use crate::service::not_started::NotStarted;
-use crate::service::schedule_state::{Agenda, agenda, arming};
+use crate::service::not_started::NotStartedReason;
+use crate::service::schedule_state::{Agenda, arming, load_agenda};
 
 pub fn schedule_routes() -> OpenApiRouter<AppState> {
     let action_routes =
@@ -30,12 +30,12 @@ pub fn schedule_routes() -> OpenApiRouter<AppState> {
 /// Schedule of a machine: the next times, the armings, and the outcome of the last slots, newest first.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", operation_id = "schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
 async fn get_schedule(State(app): State<AppState>, machine: ServedMachine) -> Result<Json<Agenda>, Problem> {
-    Ok(Json(read_agenda(&app, &machine).await?))
+    Ok(Json(query_agenda(&app, &machine).await?))
 }
 
-async fn read_agenda(app: &AppState, machine: &ServedMachine) -> Result<Agenda, Problem> {
-    let (planned, name) = (machine.gate.machine_state().planned, machine.name.clone());
-    Ok(app.read_journal(move |journal| agenda(journal, planned, &name)).await??)
+async fn query_agenda(app: &AppState, machine: &ServedMachine) -> Result<Agenda, Problem> {
+    let (planned, name) = (machine.gate.machine_state().planned_schedules, machine.name.clone());
+    Ok(app.read_journal(move |journal| load_agenda(journal, planned, &name)).await??)
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
@@ -110,7 +110,7 @@ async fn request_due_start(action: &ActionRequest<DueCycleRequest>, who: String)
     };
     let audit = audit_entry(machine, who, format!("cycle {cycle} is due"), why, &result);
     action.app.journal.add_audit_entry(&audit).await?;
-    result.map_err(|why: NotStarted| {
+    result.map_err(|why: NotStartedReason| {
         let remedy = "the schedule records the cycle as skipped; remove the cause, then repeat the request";
         Problem::new(StatusCode::CONFLICT, "not-started", why.to_string(), remedy)
     })
@@ -120,6 +120,6 @@ async fn respond_with_agenda<T>(action: &ActionRequest<T>) -> Result<Response, P
     let ActionRequest { app, machine, is_form, .. } = action;
     Ok(match is_form {
         true => Redirect::to(&machine_page_path(&machine.name)).into_response(),
-        false => (StatusCode::ACCEPTED, Json(read_agenda(app, machine).await?)).into_response(),
+        false => (StatusCode::ACCEPTED, Json(query_agenda(app, machine).await?)).into_response(),
     })
 }

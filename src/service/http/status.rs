@@ -68,25 +68,25 @@ impl MachineStatus {
         let now = machine.gate.machine_state();
         let cycles = machine.cycles.iter();
         let cycles = cycles.map(|c| StartableCycle { number: c.number, method: c.method.clone() });
-        let prompt = |OpenPrompt { step, repeat, text }| PromptStatus { step, repeat, text, live: now.live };
+        let prompt = |OpenPrompt { step, repeat, text }| PromptStatus { step, repeat, text, live: now.live_values };
         Self {
             name: machine.name.clone(),
             state: now.state.word(),
             late: machine.gate.is_progress_late(),
-            result: NewestResult::from_latest(&now.newest, machine.verdict_validity, Timestamp::now()),
-            not_identified: now.newest.not_identified.map(|run| run.0),
+            result: NewestResult::from_latest(&now.newest_runs, machine.verdict_validity, Timestamp::now()),
+            not_identified: now.newest_runs.not_identified.map(|run| run.0),
             verdict: now.verdict,
             cycle: now.cycle,
             run: now.run,
             progress_percent: now.progress_percent,
-            stage: now.stage,
-            step: now.step,
+            stage: now.stage_name,
+            step: now.step_label,
             remaining_s: now.remaining_s,
-            measured: now.measured,
-            refusal: now.refusal.map(|why| why.to_string()),
+            measured: now.measured_steps,
+            refusal: now.last_refusal.map(|why| why.to_string()),
             failure: now.failure,
-            elsewhere: now.elsewhere,
-            asked: now.asked.map(prompt),
+            elsewhere: now.is_used_elsewhere,
+            asked: now.open_prompt.map(prompt),
             parameters: now.deviations,
             cycles: cycles.collect(),
         }

@@ -1,10 +1,9 @@
 //! A due cycle starts if a person has armed it and the machine reports that it is ready; otherwise the reason is
 //! recorded.
 //!
-//! `window` finds the due slots, and `judge` decides whether a slot
-//! may start; both are pure functions. The `Scheduler` checks the clock once a second, on its own thread, so that
-//! a clock that was set or a computer that slept does no harm. The outcome of a slot is in the journal before the
-//! machine moves.
+//! `slot_window` finds the due slots, and `start_decision` decides whether a slot may start; both are pure functions.
+//! The `Scheduler` checks the clock once a second, on its own thread, so that a clock that was set or a computer that
+//! slept does no harm. The outcome of a slot is in the journal before the machine moves.
 
 pub mod calendar;
 pub mod entry;
@@ -79,7 +78,7 @@ fn run_scheduler(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) 
         let (now, now_s) = (Timestamp::now(), clock.now_s());
         scheduler.check_schedules(now, now_s);
         if let Some(request) = request {
-            scheduler.called(request, now);
+            scheduler.handle_due_request(request, now);
         }
     }
 }

@@ -25,16 +25,16 @@ impl SlotRecorder {
     }
 
     /// Writes the slot to the journal. Returns `false` if its outcome was decided before, or on a journal error.
-    pub fn write(&self, slot: &ScheduleSlot) -> bool {
+    pub fn write_slot(&self, slot: &ScheduleSlot) -> bool {
         self.journal.store_slot(slot).wait().unwrap_or_else(|error| {
             self.log.error(&format!("schedule {}: {error}; {}", slot.schedule, error.remedy()));
             false
         })
     }
 
-    /// Writes the slot as [`Self::write`] does, and logs it.
-    fn write_and_log(&self, slot: &ScheduleSlot) {
-        if self.write(slot) {
+    /// Writes the slot as [`Self::write_slot`] does, and logs it.
+    fn write_and_log_slot(&self, slot: &ScheduleSlot) {
+        if self.write_slot(slot) {
             let ScheduleSlot { schedule, at, outcome, why, .. } = slot;
             self.log.info(&format!("schedule {schedule}: slot {at}: {}: {why}", outcome.as_str()));
         }
@@ -42,7 +42,7 @@ impl SlotRecorder {
 
     /// Records and logs a slot that did not start.
     pub fn record_not_started(&self, schedule: &str, cycle: u16, at: Timestamp, outcome: SlotOutcome, why: String) {
-        self.write_and_log(&ScheduleSlot { why, ..self.new_slot(schedule, cycle, at, outcome) });
+        self.write_and_log_slot(&ScheduleSlot { why, ..self.new_slot(schedule, cycle, at, outcome) });
     }
 
     /// Recent slots, newest first.
@@ -51,7 +51,7 @@ impl SlotRecorder {
     }
 
     /// Whether the slot may still start: it has no outcome, or was only missed.
-    pub fn may_start(&self, schedule: &str, at: Timestamp) -> bool {
+    pub fn may_slot_start(&self, schedule: &str, at: Timestamp) -> bool {
         let slots = self.recent_slots().unwrap_or_default();
         let slot = slots.iter().find(|slot| slot.schedule == schedule && slot.at == at);
         match slot.filter(|slot| slot.outcome != SlotOutcome::Missed) {
@@ -65,7 +65,7 @@ impl SlotRecorder {
     }
 
     /// Records how the run of a started slot has ended; returns whether it has a result.
-    pub fn record_end(&self, slot: ScheduleSlot) -> bool {
+    pub fn record_slot_end(&self, slot: ScheduleSlot) -> bool {
         let stored = (slot.run > 0).then(|| self.journal.load_run(RunId(slot.run)));
         let (outcome, why) = match stored {
             None => (SlotOutcome::Failed, "the cycle ended before its run began".to_owned()),
@@ -78,18 +78,18 @@ impl SlotRecorder {
                 }
             },
         };
-        self.write_and_log(&ScheduleSlot { outcome, why, ..slot });
+        self.write_and_log_slot(&ScheduleSlot { outcome, why, ..slot });
         outcome == SlotOutcome::Ran
     }
 
     /// Ends the arming permanently if a run has broken it.
     pub fn end_broken_arming(&self, arming: &Arming) {
         if let (None, Some(run)) = (&arming.ended, arming.broken) {
-            self.disarm(Some(arming.cycle), &format!("run {run} was not completed"));
+            self.disarm_cycles(Some(arming.cycle), &format!("run {run} was not completed"));
         }
     }
 
-    pub fn disarm(&self, cycle: Option<u16>, why: &str) {
+    pub fn disarm_cycles(&self, cycle: Option<u16>, why: &str) {
         match self.journal.disarm(&self.machine, cycle, AUTOMATIC_DISARM_NAME, why).wait() {
             Ok(0) => {}
             Ok(_) => self.log.info(&format!("schedule: disarmed: {why}")),

@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::entry::{OverlapPolicy, ReadinessCondition};
 use crate::service::config::StartInterlock;
 use crate::service::machine_state::Refusal;
-use crate::service::not_started::NotStarted;
+use crate::service::not_started::NotStartedReason;
 use crate::service::schedule_state::Readiness;
 use crate::store::Arming;
 
@@ -43,8 +43,8 @@ pub struct StartConditions<'a> {
 #[derive(Debug)]
 pub enum StartDecision {
     Start,
-    Wait(NotStarted),
-    Skip(NotStarted),
+    Wait(NotStartedReason),
+    Skip(NotStartedReason),
 }
 
 pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> StartDecision {
@@ -53,7 +53,7 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartCond
     }
     let Some(why) = unmet_condition(requirements, conditions) else { return StartDecision::Start };
     if conditions.now > requirements.latest_start {
-        return StartDecision::Skip(NotStarted::TooLate(Box::new(why)));
+        return StartDecision::Skip(NotStartedReason::TooLate(Box::new(why)));
     }
     match conditions.gate_refusal {
         // Waiting does not help: no person will be at the machine later either.
@@ -67,33 +67,33 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartCond
 ///
 /// # Errors
 /// Why the arming is not valid.
-pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), NotStarted> {
-    let Arming { who, ended, broken, until, armed, .. } = arming.ok_or(NotStarted::NotArmed)?;
+pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), NotStartedReason> {
+    let Arming { who, ended, broken, until, armed, .. } = arming.ok_or(NotStartedReason::NotArmed)?;
     let who = who.clone();
     if let Some((when, why)) = ended {
-        return Err(NotStarted::ArmingEnded { who, when: *when, why: why.clone() });
+        return Err(NotStartedReason::ArmingEnded { who, when: *when, why: why.clone() });
     }
     if let Some(run) = *broken {
-        return Err(NotStarted::ArmingBroken { who, run });
+        return Err(NotStartedReason::ArmingBroken { who, run });
     }
     if now >= *until {
-        return Err(NotStarted::ArmingExpired { who, until: *until });
+        return Err(NotStartedReason::ArmingExpired { who, until: *until });
     }
     match armed.duration_since(now) > MAX_CLOCK_SETBACK {
-        true => Err(NotStarted::ClockSetBack { who }),
+        true => Err(NotStartedReason::ClockSetBack { who }),
         false => Ok(()),
     }
 }
 
-fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> Option<NotStarted> {
+fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> Option<NotStartedReason> {
     let Some(readiness) = conditions.readiness else {
         return Some(match conditions.gate_refusal {
-            None | Some(Refusal::Stale) => NotStarted::NoReport { inputs: input_names(requirements) },
-            Some(why) => NotStarted::NotReady(why),
+            None | Some(Refusal::Stale) => NotStartedReason::NoReport { inputs: input_names(requirements) },
+            Some(why) => NotStartedReason::NotReady(why),
         });
     };
     if let Some(why) = conditions.gate_refusal {
-        return Some(NotStarted::NotReady(why));
+        return Some(NotStartedReason::NotReady(why));
     }
     let unmet_input = requirements.required_conditions.iter().find_map(|input| match input {
         ReadinessCondition::Probe => (!readiness.probe).then_some("the probe is ready (`probe`)"),
@@ -103,18 +103,18 @@ fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartCondi
         }
     });
     if let Some(condition) = unmet_input {
-        return Some(NotStarted::UnmetCondition { condition });
+        return Some(NotStartedReason::UnmetCondition { condition });
     }
     unmet_idle_time(requirements.min_idle, conditions.idle_time)
 }
 
-fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<NotStarted> {
+fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<NotStartedReason> {
     let minutes = |span: Duration| span.as_secs() / 60;
     match idle_time {
         _ if min_idle.is_zero() => None,
-        None => Some(NotStarted::IdleNotReported),
+        None => Some(NotStartedReason::IdleNotReported),
         Some(idle) if idle < min_idle => {
-            Some(NotStarted::IdleTooShort { idle_min: minutes(idle), min_idle_min: minutes(min_idle) })
+            Some(NotStartedReason::IdleTooShort { idle_min: minutes(idle), min_idle_min: minutes(min_idle) })
         }
         Some(_) => None,
     }

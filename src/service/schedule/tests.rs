@@ -11,7 +11,7 @@ use super::scheduler::Scheduler;
 use super::*;
 use crate::run::RehearsalResult;
 use crate::service::config::ServeConfig;
-use crate::service::machine_state::{CycleEnd, Interlocks, PlannedSchedule, Refusal, State};
+use crate::service::machine_state::{CycleEnd, Interlocks, PlannedSchedule, Refusal, ServiceState};
 use crate::service::schedule_state::Readiness;
 use crate::service::worker_command::WorkerCommand;
 use crate::store::{Arming, SlotOutcome};
@@ -61,7 +61,7 @@ fn open_bench(folder: tempfile::TempDir, since: Option<&str>) -> SchedulerBench 
     }
     let log: Log = Log::new(|_, _| {});
     let (gate, commands) = CommandGate::new(&config(), log.clone());
-    gate.finish_command(State::Waiting);
+    gate.finish_command(ServiceState::Waiting);
     let readiness = Arc::new(Mutex::new(full_readiness()));
     let source = Arc::clone(&readiness);
     gate.add_readiness_source(move || *source.lock().unwrap());
@@ -128,7 +128,7 @@ impl SchedulerBench {
     }
 
     fn planned(&self) -> PlannedSchedule {
-        self.gate.machine_state().planned.remove(0)
+        self.gate.machine_state().planned_schedules.remove(0)
     }
 }
 
@@ -142,10 +142,10 @@ fn what_is_due_and_armed_and_ready_starts_once() {
     bench.check_every_30_s("2026-11-23T04:30:30Z", 10);
     assert_eq!(bench.start_count(), 0);
     // The cycle failed before its run began: nothing starts until it is armed again.
-    bench.gate.record_end(CycleEnd::in_state(State::Failed));
+    bench.gate.record_cycle_end(CycleEnd::in_state(ServiceState::Failed));
     bench.check_every_30_s("2026-11-23T04:36:00Z", 1);
     bench.assert_only_slot("23T04:30", SlotOutcome::Failed, "before its run began");
-    bench.gate.finish_command(State::Waiting);
+    bench.gate.finish_command(ServiceState::Waiting);
     bench.check_every_30_s("2026-11-24T04:25:00Z", 20);
     assert_eq!(bench.start_count(), 0);
     let slots = bench.slots();
@@ -216,7 +216,7 @@ fn a_manual_run_is_waited_for() {
     bench.check_every_30_s("2026-11-23T04:20:00Z", 40);
     assert_eq!(bench.start_count(), 0);
     assert!(bench.planned().waiting.unwrap().contains("a run is in progress"));
-    bench.gate.record_end(CycleEnd::in_state(State::Waiting));
+    bench.gate.record_cycle_end(CycleEnd::in_state(ServiceState::Waiting));
     bench.check_every_30_s("2026-11-23T04:40:00Z", 6);
     assert_eq!(bench.start_count(), 1, "the cycle starts two minutes after the end of the run");
     bench.assert_only_slot("23T04:30", SlotOutcome::Started, "");
@@ -228,7 +228,7 @@ fn a_clock_that_is_set_back_in_mid_run_starts_nothing_twice() {
     bench.check_every_30_s("2026-11-23T04:20:00Z", 24);
     assert_eq!(bench.start_count(), 1);
     bench.check_every_30_s("2026-11-23T04:10:00Z", 30);
-    bench.gate.record_end(CycleEnd::in_state(State::Waiting));
+    bench.gate.record_cycle_end(CycleEnd::in_state(ServiceState::Waiting));
     bench.check_every_30_s("2026-11-23T04:25:00.4Z", 30);
     assert_eq!(bench.start_count(), 0);
     bench.assert_only_slot("23T04:30", SlotOutcome::Failed, "before its run began");
@@ -276,7 +276,9 @@ fn a_call_is_judged_alike_and_counts_once() {
         bench.now_s += 70.0;
         bench.scheduler.check_schedules(at(now), bench.now_s);
         let (answer, mut readiness) = oneshot::channel();
-        bench.scheduler.called(DueRequest { cycle: 1, who: "timer".to_owned(), answer }, at(now));
+        bench
+            .scheduler
+            .handle_due_request(DueRequest { cycle: 1, who: "timer".to_owned(), result_sender: answer }, at(now));
         readiness.try_recv().unwrap().map_err(|why| why.to_string())
     };
     bench.readiness.lock().unwrap().interlocks.auto = false;
@@ -293,7 +295,7 @@ fn a_call_is_judged_alike_and_counts_once() {
     assert!(refused.contains("idle for 1 of 2"), "{refused}");
     assert_eq!(call(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
     assert_eq!(bench.start_count(), 1);
-    bench.gate.record_end(CycleEnd::in_state(State::Waiting));
+    bench.gate.record_cycle_end(CycleEnd::in_state(ServiceState::Waiting));
     bench.arm("2026-11-22T12:00:00Z");
     // The clock is set back, and the timer expires again.
     for now in ["2026-11-23T03:50:00Z", "2026-11-23T04:00:59Z", "2026-11-23T04:05:59Z"] {
@@ -310,7 +312,7 @@ fn a_call_is_judged_alike_and_counts_once() {
 #[test]
 fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
     let mut bench = armed_bench();
-    bench.gate.rehearsed([(1, RehearsalResult { machine_s: 60.0, has_prompts: true })].into());
+    bench.gate.set_rehearsal_results([(1, RehearsalResult { machine_s: 60.0, has_prompts: true })].into());
     bench.check_every_30_s("2026-11-23T04:20:00Z", 30);
     assert_eq!(bench.start_count(), 0);
     let last = bench.journal.newest_slots(MACHINE_NAME, 1).unwrap().remove(0);

@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use crate::service::command_gate::CommandGate;
-use crate::service::machine_state::{Interlocks, MachineState, Refusal, State};
+use crate::service::machine_state::{Interlocks, MachineState, Refusal, ServiceState};
 use crate::service::schedule_state::Readiness;
 use crate::service::worker_command::Inspection;
 use crate::service::{Log, lock};
@@ -62,7 +62,7 @@ async fn serve_open_line(
             is_starting |= handle_line(&received, &mut link, gate, last_readiness)?;
         }
         let machine_state = gate.machine_state();
-        if is_starting && (machine_state.run > 0 || machine_state.state != State::Running) {
+        if is_starting && (machine_state.run > 0 || machine_state.state != ServiceState::Running) {
             is_starting = false;
             link.send_line(&match machine_state.run {
                 0 => "FAILED before the run began".to_owned(),
@@ -123,7 +123,7 @@ fn handle_line(
 }
 
 fn refuse_unreadable(gate: &CommandGate) -> String {
-    gate.refuse(Refusal::Unreadable, &format!("request of {TRIGGER_NAME}"));
+    gate.record_refusal(Refusal::Unreadable, &format!("request of {TRIGGER_NAME}"));
     format!("REFUSED {}", Refusal::Unreadable)
 }
 

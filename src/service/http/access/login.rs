@@ -13,7 +13,7 @@ use serde::Deserialize;
 
 use super::session::SESSION_DURATION;
 use super::tokens::find_token;
-use super::{Access, AccessDenied, LOGIN_ROUTE, SESSION_COOKIE_NAME, session_numbers, tokens_unreadable};
+use super::{Access, AccessDenied, LOGIN_ROUTE, SESSION_COOKIE_NAME, session_cookie_values, tokens_unreadable};
 use crate::service::http::AppState;
 use crate::service::http::page::{errors_as_pages, render_page};
 use crate::service::http::problem::Problem;
@@ -31,7 +31,7 @@ struct LoginForm {
 
 async fn login_page(State(app): State<AppState>, headers: HeaderMap) -> Result<Html<String>, Problem> {
     let access = &app.access;
-    let numbers = session_numbers(&headers);
+    let numbers = session_cookie_values(&headers);
     let session_token = numbers.iter().find_map(|number| access.sessions.find(number));
     let (name, role) = session_token.as_ref().map(|token| (token.name.as_str(), token.role.as_str())).unzip();
     render_page("login.html", access.requires_tokens, context! { name, role, wrong => false })
@@ -44,7 +44,7 @@ async fn sign_in(State(app): State<AppState>, request: Request) -> Result<Respon
     let Form(LoginForm { token }) = form.map_err(|_| missing_token_field())?;
     let known = access.valid_tokens().map_err(|_| tokens_unreadable())?;
     let Some(token) = find_token(&known, token.trim()) else {
-        if let Err(too_often) = access.rate_limits.failures.count(&address) {
+        if let Err(too_often) = access.rate_limits.failure_limit.count_event(&address) {
             return Ok(AccessDenied::RateLimitExceeded(too_often).into_response());
         }
         access.log.info(&format!("{address} presented an invalid token"));
@@ -59,7 +59,7 @@ async fn sign_in(State(app): State<AppState>, request: Request) -> Result<Respon
 }
 
 async fn sign_out(State(app): State<AppState>, headers: HeaderMap) -> Response {
-    for number in session_numbers(&headers) {
+    for number in session_cookie_values(&headers) {
         app.access.sessions.close(&number);
     }
     redirect_with_cookie(&app.access, &headers, String::new(), time::Duration::ZERO, LOGIN_ROUTE)

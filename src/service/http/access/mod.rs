@@ -57,7 +57,7 @@ pub struct Access {
 pub struct Caller {
     token: Option<Token>,
     /// Key of the rate limit: the token's name, or the address.
-    rate_limit_key: String,
+    pub rate_limit_key: String,
     access: Arc<Access>,
 }
 
@@ -106,14 +106,9 @@ impl Caller {
         self.token.as_ref().is_none_or(|token| known().contains(token))
     }
 
-    /// Key of the client's rate limit.
-    pub fn rate_limit_key(&self) -> &str {
-        &self.rate_limit_key
-    }
-
     /// Counts a hold of the client; returns whether its holds are too frequent to log each one.
     pub fn exceeds_hold_log_rate(&self) -> bool {
-        self.access.rate_limits.holds.count(&self.rate_limit_key).is_err()
+        self.access.rate_limits.hold_log_limit.count_event(&self.rate_limit_key).is_err()
     }
 }
 
@@ -166,18 +161,18 @@ impl Access {
 
     fn authorize(self: &Arc<Self>, request: &Request) -> Result<Caller, AccessDenied> {
         let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
-        let (reads, address) = (request.method().is_safe(), self.client_address(request));
+        let (is_read_only, address) = (request.method().is_safe(), self.client_address(request));
         let token = match self.requires_tokens && route != LOGIN_ROUTE {
             true => Some(self.authenticate(request.headers(), &address, route)?),
             false => None,
         };
-        let required = required_role(route, reads);
+        let required = required_role(route, is_read_only);
         if token.as_ref().is_some_and(|token| token.role < required) {
             return Err(AccessDenied::RoleTooLow(required));
         }
         let rate_limit_key = token.as_ref().map_or(address, |token| token.name.clone());
-        if !reads && route != HOLD_ROUTE {
-            self.rate_limits.changes.count(&rate_limit_key).map_err(AccessDenied::RateLimitExceeded)?;
+        if !is_read_only && route != HOLD_ROUTE {
+            self.rate_limits.change_limit.count_event(&rate_limit_key).map_err(AccessDenied::RateLimitExceeded)?;
         }
         Ok(Caller { token, rate_limit_key, access: Arc::clone(self) })
     }
@@ -193,7 +188,7 @@ impl Access {
         let token = match presented {
             Some(presented) => presented.and_then(|presented| find_token(&known, presented)),
             None => {
-                let numbers = session_numbers(headers);
+                let numbers = session_cookie_values(headers);
                 if numbers.is_empty() {
                     return Err(AccessDenied::NoToken);
                 }
@@ -204,7 +199,7 @@ impl Access {
         match token {
             Some(token) => Ok(token),
             None => {
-                self.rate_limits.failures.count(address).map_err(AccessDenied::RateLimitExceeded)?;
+                self.rate_limits.failure_limit.count_event(address).map_err(AccessDenied::RateLimitExceeded)?;
                 self.log.info(&format!("{address} presented an invalid token"));
                 Err(AccessDenied::NoToken)
             }
@@ -238,7 +233,7 @@ fn bearer_token(authorization: &str) -> Option<&str> {
 }
 
 /// The values of the session cookies, valid or not.
-fn session_numbers(headers: &HeaderMap) -> Vec<String> {
+fn session_cookie_values(headers: &HeaderMap) -> Vec<String> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     let cookies = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);
     let named = cookies.filter(|cookie| cookie.name() == SESSION_COOKIE_NAME).take(MAX_COOKIES_READ_PER_REQUEST);
@@ -257,10 +252,10 @@ pub async fn check_access(State(access): State<Arc<Access>>, mut request: Reques
         }
         Err(refused) => refused,
     };
-    let reads = request.method().is_safe();
+    let is_read_only = request.method().is_safe();
     match refused {
         refused if !is_browser_request(&request) => refused.into_response(),
-        AccessDenied::NoToken if reads => Redirect::to(LOGIN_ROUTE).into_response(),
+        AccessDenied::NoToken if is_read_only => Redirect::to(LOGIN_ROUTE).into_response(),
         AccessDenied::NoToken => error_page(not_signed_in().into_response(), access.requires_tokens).await,
         refused => error_page(refused.into_response(), access.requires_tokens).await,
     }

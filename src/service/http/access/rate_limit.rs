@@ -21,11 +21,11 @@ pub struct ClientRateLimit(RateLimiter<String, HashMapStateStore<String>, Defaul
 
 pub struct RateLimits {
     /// Changes by each client.
-    pub changes: ClientRateLimit,
+    pub change_limit: ClientRateLimit,
     /// Invalid tokens from each address.
-    pub failures: ClientRateLimit,
+    pub failure_limit: ClientRateLimit,
     /// Holds by each client. The hold is executed in any case; beyond the limit it is not logged.
-    pub holds: ClientRateLimit,
+    pub hold_log_limit: ClientRateLimit,
 }
 
 /// The rate limit is exceeded; the value is the time to wait.
@@ -35,15 +35,15 @@ pub struct RateLimitExceeded(pub Duration);
 impl Default for RateLimits {
     fn default() -> Self {
         let limit = |per_minute| ClientRateLimit(RateLimiter::hashmap(Quota::per_minute(per_minute)));
-        let [changes, failures, holds] =
+        let [change_limit, failure_limit, hold_log_limit] =
             [MAX_CHANGES_PER_MINUTE, MAX_FAILURES_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE].map(limit);
-        Self { changes, failures, holds }
+        Self { change_limit, failure_limit, hold_log_limit }
     }
 }
 
 impl ClientRateLimit {
     /// Counts an event of `client`.
-    pub fn count(&self, client: &str) -> Result<(), RateLimitExceeded> {
+    pub fn count_event(&self, client: &str) -> Result<(), RateLimitExceeded> {
         let Self(limiter) = self;
         if limiter.len() >= MAX_COUNTED_CLIENTS {
             limiter.retain_recent();
@@ -61,13 +61,14 @@ mod tests {
     #[test]
     fn each_caller_has_a_count_of_its_own_and_all_others_one() {
         let rates = RateLimits::default();
-        let refused = |who: &str| (0..11).filter(|_| rates.failures.count(who).is_err()).count();
+        let refused = |who: &str| (0..11).filter(|_| rates.failure_limit.count_event(who).is_err()).count();
         assert_eq!(refused("10.0.0.1"), 1);
         assert_eq!(refused("10.0.0.2"), 1);
-        assert_eq!(rates.changes.count("10.0.0.1"), Ok(()));
-        let flood =
-            (0..3 * MAX_COUNTED_CLIENTS).filter(|n| rates.failures.count(&format!("flood {n}")).is_err()).count();
+        assert_eq!(rates.change_limit.count_event("10.0.0.1"), Ok(()));
+        let flood = (0..3 * MAX_COUNTED_CLIENTS)
+            .filter(|n| rates.failure_limit.count_event(&format!("flood {n}")).is_err())
+            .count();
         assert!(flood > MAX_COUNTED_CLIENTS, "{flood}");
-        assert!(rates.failures.0.len() <= MAX_COUNTED_CLIENTS + 1);
+        assert!(rates.failure_limit.0.len() <= MAX_COUNTED_CLIENTS + 1);
     }
 }

@@ -62,9 +62,9 @@ const ROUTE_ROLES: [(&str, Role); 8] = [
     ("/api/v1/machines/{name}/disarm", Role::Operator),
 ];
 
-/// Minimum role for `route`. `reads`: whether the request changes nothing.
-pub fn required_role(route: &str, reads: bool) -> Role {
-    if reads {
+/// Minimum role for `route`. `is_read_only`: whether the request changes nothing.
+pub fn required_role(route: &str, is_read_only: bool) -> Role {
+    if is_read_only {
         return Role::Viewer;
     }
     ROUTE_ROLES.iter().find(|(known, _)| *known == route).map_or(Role::Metrologist, |(_, role)| *role)

@@ -21,13 +21,13 @@ pub fn truncate_reason(why: &str) -> String {
 
 /// Body of a request: JSON or a form, according to its content type.
 #[derive(Default)]
-pub struct JsonOrForm<T> {
+pub struct JsonOrFormBody<T> {
     pub body: T,
     /// Whether the page's form sent the request, so that the response is a page.
     pub is_form: bool,
 }
 
-impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for JsonOrForm<T> {
+impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for JsonOrFormBody<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
@@ -46,7 +46,7 @@ pub struct ActionRequest<T> {
     pub machine: ServedMachine,
     pub caller: Caller,
     pub body: T,
-    /// As in [`JsonOrForm`].
+    /// As in [`JsonOrFormBody`].
     pub is_form: bool,
 }
 
@@ -56,8 +56,8 @@ impl<T: DeserializeOwned + 'static> FromRequest<AppState> for ActionRequest<T> {
     async fn from_request(mut request: Request, app: &AppState) -> Result<Self, Response> {
         let Path(name) = request.extract_parts::<Path<String>>().await.map_err(IntoResponse::into_response)?;
         let Extension(caller) = request.extract_parts().await.map_err(IntoResponse::into_response)?;
-        let body = JsonOrForm::from_request(request, app).await.map_err(IntoResponse::into_response)?;
-        let JsonOrForm { body, is_form } = body;
+        let body = JsonOrFormBody::from_request(request, app).await.map_err(IntoResponse::into_response)?;
+        let JsonOrFormBody { body, is_form } = body;
         let machine = app.find_machine(&name).map_err(IntoResponse::into_response)?.clone();
         Ok(Self { app: app.clone(), machine, caller, body, is_form })
     }

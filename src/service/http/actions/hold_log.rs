@@ -32,44 +32,38 @@ struct HoldLogState {
 pub struct HoldLog(Arc<Mutex<HoldLogState>>);
 
 impl HoldLog {
-    fn with_lock<T>(&self, action: impl FnOnce(&mut HoldLogState) -> T) -> T {
-        action(&mut lock(&self.0))
-    }
-
     /// Whether a hold of `run` is the first within [`SAME_HOLD_WINDOW`]. `None`: no run was in progress.
     fn is_first_hold(&self, machine: &str, run: Option<i64>, now: Instant) -> bool {
         let Some(run) = run else { return false };
-        self.with_lock(|inner| {
-            let last = inner.last_held.get(machine);
-            let is_repeated = last.is_some_and(|(held, at)| *held == run && now < *at + SAME_HOLD_WINDOW);
-            if !is_repeated {
-                inner.last_held.insert(machine.to_owned(), (run, now));
-            }
-            !is_repeated
-        })
+        let mut inner = lock(&self.0);
+        let last = inner.last_held.get(machine);
+        let is_repeated = last.is_some_and(|(held, at)| *held == run && now < *at + SAME_HOLD_WINDOW);
+        if !is_repeated {
+            inner.last_held.insert(machine.to_owned(), (run, now));
+        }
+        !is_repeated
     }
 
     /// Counts a hold without a line; returns whether it is the first of them.
     fn count_hold(&self, key: &HoldKey) -> bool {
-        self.with_lock(|inner| {
-            let count = inner.unlogged.entry(key.clone()).or_insert(0);
-            *count += 1;
-            *count == 1
-        })
+        let mut inner = lock(&self.0);
+        let count = inner.unlogged.entry(key.clone()).or_insert(0);
+        *count += 1;
+        *count == 1
     }
 
     fn take_count(&self, key: &HoldKey) -> u64 {
-        self.with_lock(|inner| inner.unlogged.remove(key)).unwrap_or(0)
+        lock(&self.0).unlogged.remove(key).unwrap_or(0)
     }
 }
 
 /// Whether the hold `audit` gets its own line; otherwise it is counted.
-pub fn needs_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, stopped: HoldEffect) -> bool {
+pub fn gets_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, stopped: HoldEffect) -> bool {
     let run = (stopped == HoldEffect::RunHeld).then_some(audit.run);
     if app.hold_log.is_first_hold(&audit.machine, run, Instant::now()) || !caller.exceeds_hold_log_rate() {
         return true;
     }
-    let key = (caller.rate_limit_key().to_owned(), audit.machine.clone());
+    let key = (caller.rate_limit_key.clone(), audit.machine.clone());
     if app.hold_log.count_hold(&key) {
         let (app, audit) = (app.clone(), audit.clone());
         tokio::spawn(async move {

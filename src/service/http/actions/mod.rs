@@ -21,7 +21,7 @@ use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use self::body::JsonOrForm;
+use self::body::JsonOrFormBody;
 pub(super) use self::body::{ActionRequest, truncate_reason};
 pub(super) use self::hold_log::HoldLog;
 use super::access::Caller;
@@ -149,16 +149,16 @@ async fn finish_hold(
     effect: HoldEffect,
     request: Request,
 ) -> Result<Response, Problem> {
-    let body = tokio::time::timeout(HOLD_BODY_TIMEOUT, JsonOrForm::<HoldRequest>::from_request(request, &()));
+    let body = tokio::time::timeout(HOLD_BODY_TIMEOUT, JsonOrFormBody::<HoldRequest>::from_request(request, &()));
     let body = body.await.ok().and_then(Result::ok).unwrap_or_default();
-    let JsonOrForm { body: HoldRequest { who, why }, is_form } = body;
+    let JsonOrFormBody { body: HoldRequest { who, why }, is_form } = body;
     let held = match effect {
         // This service cannot hold motion of another process.
         HoldEffect::OtherProcess => Err(Refusal::Elsewhere),
         HoldEffect::RunHeld | HoldEffect::NoRun => Ok(()),
     };
     let audit = audit_entry(&machine, caller.log_name(&who), "hold".to_owned(), &why, &held);
-    if hold_log::needs_audit_line(&app, &caller, &audit, effect) {
+    if hold_log::gets_audit_line(&app, &caller, &audit, effect) {
         app.journal.add_audit_entry(&audit).await?;
     }
     held?;

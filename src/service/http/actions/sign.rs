@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::body::{JsonOrForm, truncate_reason};
+use super::body::{JsonOrFormBody, truncate_reason};
 use super::run_to_completion;
 use crate::archive::report::ReportError;
 use crate::service::http::AppState;
@@ -33,7 +33,7 @@ pub async fn sign_result(
     State(app): State<AppState>,
     Path(run): Path<i64>,
     Extension(caller): Extension<Caller>,
-    JsonOrForm { body: SignRequest { who, why, estimate }, is_form }: JsonOrForm<SignRequest>,
+    JsonOrFormBody { body: SignRequest { who, why, estimate }, is_form }: JsonOrFormBody<SignRequest>,
 ) -> Result<Response, Problem> {
     let (run, who) = (RunId(run), caller.audit_name(&who)?);
     let stored = app.read_journal(move |journal| journal.load_run(run)).await??;

@@ -18,7 +18,7 @@ use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
 use crate::service::http::{AppState, ServedMachine};
 use crate::service::machine_state::Failure;
-use crate::service::schedule_state::agenda;
+use crate::service::schedule_state::load_agenda;
 use crate::store::{Journal, RunFilter, RunId, StoredRun};
 use machine::record::estimate::Verdict;
 
@@ -38,7 +38,7 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
     let status = status_values(machine);
     let (all, (runs, waits)) = (history(journal, name, tolerance)?, newest_runs(journal, name)?);
     let views = views::run_views(journal, RunId(gate.machine_state().run.into()))?;
-    gate.query_newest(journal, name)?;
+    gate.query_newest_runs(journal, name)?;
     Ok(context! {
         machine => status,
         views,
@@ -46,7 +46,7 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
         vouch => machine.required_interlocks.iter().map(confirmation_values).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::trend_values).collect::<Vec<_>>(),
         runs,
-        schedule => schedule::schedule_values(&agenda(journal, gate.machine_state().planned, name)?),
+        schedule => schedule::schedule_values(&load_agenda(journal, gate.machine_state().planned_schedules, name)?),
     })
 }
 
@@ -54,9 +54,9 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
 pub async fn live_part(State(app): State<AppState>, machine: ServedMachine) -> Result<Html<Bytes>, Problem> {
     let shared = Arc::clone(&machine.live_part);
     // Read first: a change while the part is rendered causes a new rendering.
-    let change = *machine.gate.changes().borrow();
+    let change = *machine.gate.subscribe_changes().borrow();
     let render = move |journal: &Journal| {
-        machine.gate.query_newest(journal, &machine.name)?;
+        machine.gate.query_newest_runs(journal, &machine.name)?;
         let views = views::run_views(journal, RunId(machine.gate.machine_state().run.into()))?;
         render_template("live.html", context! { machine => status_values(&machine), views })
     };
@@ -88,7 +88,7 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     let (class, glance) = state_banner(&status, result);
     // Values that no longer describe the machine are shown only with their run.
     let shows_values = !matches!(class, "measuring" | "held") && result.is_some_and(|r| !r.outdated);
-    let newest = machine.gate.machine_state().newest;
+    let newest = machine.gate.machine_state().newest_runs;
     let parameters = newest.result.iter().filter(|_| shows_values).flat_map(|newest| &newest.parameters);
     let cycles = status.cycles.iter();
     let cycles = cycles.map(|c| context! { number => c.number, method => c.method.as_str() });
@@ -167,7 +167,7 @@ mod tests {
 
     use super::*;
     use crate::service::command_gate::CommandGate;
-    use crate::service::machine_state::State;
+    use crate::service::machine_state::ServiceState;
 
     /// The last state reported by a hung worker is not shown as the current one.
     #[test]
@@ -187,8 +187,8 @@ mod tests {
             live_part,
         };
         machine.gate.update(|machine_state| {
-            (machine_state.state, machine_state.run, machine_state.measured) = (State::Running, 3, 17);
-            "touch 18".clone_into(&mut machine_state.step);
+            (machine_state.state, machine_state.run, machine_state.measured_steps) = (ServiceState::Running, 3, 17);
+            "touch 18".clone_into(&mut machine_state.step_label);
         });
         let page = || {
             let values = context! { machine => status_values(&machine), views => () };

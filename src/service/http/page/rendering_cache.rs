@@ -28,15 +28,16 @@ impl RenderingCache {
     pub async fn get_or_render(
         &self,
         change: u64,
-        make: impl Future<Output = Result<Html<String>, Problem>>,
+        render: impl Future<Output = Result<Html<String>, Problem>>,
     ) -> Result<Html<Bytes>, Problem> {
         let mut last = self.0.lock().await;
-        let holds = |made: &Rendering| made.change_count == change && made.rendered_at.elapsed() < MAX_RENDERING_AGE;
-        if let Some(made) = last.as_ref().filter(|made| holds(made)) {
+        let is_current =
+            |made: &Rendering| made.change_count == change && made.rendered_at.elapsed() < MAX_RENDERING_AGE;
+        if let Some(made) = last.as_ref().filter(|made| is_current(made)) {
             return Ok(Html(made.text.clone()));
         }
         let rendered_at = Instant::now();
-        let text = Bytes::from(make.await?.0);
+        let text = Bytes::from(render.await?.0);
         *last = Some(Rendering { rendered_at, change_count: change, text: text.clone() });
         Ok(Html(text))
     }

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use crate::archive::history::{self, Series, describe_changes, draw_chart};
+use crate::archive::history::{self, Series, describe_changes, draw_series_chart};
 use machine::record::reading::Temperatures;
 
 /// Number of days over which changes are reported.
@@ -24,7 +24,7 @@ pub fn trend_values(series: &[Series]) -> Value {
             out => series.trend.is_outside_limits() == Some(true),
             tolerance => series.tolerance.map(|limit| format!("±{limit}")),
             warmth => temperature_text(&newest.temperatures_c),
-            chart => draw_chart(series, now).map(Value::from_safe_string),
+            chart => draw_series_chart(series, now).map(Value::from_safe_string),
         })
     });
     context! {

@@ -44,23 +44,32 @@ fn progress_views(progress: &RunProgress) -> Option<Value> {
 
 /// Marks of all steps; stages that are not planned yet have none.
 fn step_marks(progress: &RunProgress) -> Option<Vec<StepMark>> {
-    let RunProgress { plan, stages, stored_readings: done } = progress;
+    let RunProgress { plan, stored_readings, .. } = progress;
     let chain = KinematicChain::new(&plan.machine).ok()?;
-    let is_done = |step: u32| done.iter().any(|(read, _)| *read == step);
-    let moves = || plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
-    let is_open = |step: u32, repeat: u32| !done.contains(&(step, repeat)) && moves().any(|known| known.id == step);
-    // After a stop the reference checks are the last stage, and the stage before it continues after them.
-    let now = stages.iter().rev().find_map(|stage| stage.steps.iter().find(|step| is_open(**step, stage.repeat)));
-    let class = |step: &Step| match (now == Some(&step.id), is_done(step.id)) {
+    let current = current_step(progress);
+    let class = |step: u32| match (current == Some(step), stored_readings.iter().any(|(read, _)| *read == step)) {
         (true, _) => "now",
         (false, true) => "done",
         (false, false) => "next",
     };
-    let mark = |step: &Step| StepMark { class: class(step), path: step_path(plan, &chain, step) };
+    let mark = |step: &Step| StepMark { class: class(step.id), path: step_path(plan, &chain, step) };
     // The current step is drawn last, on top of the others.
-    let mut marks: Vec<StepMark> = moves().map(mark).collect();
+    let mut marks: Vec<StepMark> = motion_steps(plan).map(mark).collect();
     marks.sort_by_key(|mark| mark.class == "now");
     Some(marks)
+}
+
+fn motion_steps(plan: &Plan) -> impl Iterator<Item = &Step> {
+    plan.steps.iter().filter(|step| step.kind != StepKind::Prompt)
+}
+
+/// Next step without a reading. After a stop the reference checks are the last stage, and the stage before it
+/// continues after them.
+fn current_step(RunProgress { plan, stages, stored_readings }: &RunProgress) -> Option<u32> {
+    let is_open = |step: u32, repeat: u32| {
+        !stored_readings.contains(&(step, repeat)) && motion_steps(plan).any(|known| known.id == step)
+    };
+    stages.iter().rev().find_map(|stage| stage.steps.iter().copied().find(|step| is_open(*step, stage.repeat)))
 }
 
 /// Path of the stylus ball, or of the zero point of a sensor in the spindle, table frame, mm.

@@ -101,9 +101,9 @@ pub fn input_registers(
     image[VERDICT_REGISTER] = verdict;
     image[CYCLE_REGISTER] = machine_state.cycle;
     write_registers(&mut image, RUN_REGISTER, &high_low_words(machine_state.run));
-    image[ACCEPTED_REGISTER] = machine_state.accepted;
-    image[REFUSED_REGISTER] = machine_state.refused;
-    image[REFUSAL_REGISTER] = machine_state.refusal.map_or(0, |why| why as u16);
+    image[ACCEPTED_REGISTER] = machine_state.accepted_starts;
+    image[REFUSED_REGISTER] = machine_state.refusal_count;
+    image[REFUSAL_REGISTER] = machine_state.last_refusal.map_or(0, |why| why as u16);
     image[INTERLOCKS_REGISTER] = mask;
     write_registers(&mut image, VERSION_REGISTER, &version_registers());
     image[MAP_VERSION_REGISTER] = MAP_VERSION;
@@ -116,8 +116,8 @@ pub fn input_registers(
     image
 }
 
-fn write_registers(image: &mut [u16; INPUT_REGISTER_COUNT], at: usize, registers: &[u16]) {
-    image.iter_mut().skip(at).zip(registers).for_each(|(to, from)| *to = *from);
+fn write_registers(image: &mut [u16; INPUT_REGISTER_COUNT], first: usize, registers: &[u16]) {
+    image.iter_mut().skip(first).zip(registers).for_each(|(to, from)| *to = *from);
 }
 
 /// Registers of a 32-bit value, high word first.

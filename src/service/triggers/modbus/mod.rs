@@ -53,7 +53,7 @@ pub fn start_modbus_server(config: &ModbusConfig, gate: &CommandGate, log: &Log)
         slots: ConnectionSlots::new(MAX_CONNECTIONS),
         shared,
         log: log.clone(),
-        last_refused: Mutex::new(None),
+        last_refused_address: Mutex::new(None),
     };
     spawn_thread("modbus server", move || {
         if let Err(error) = run_modbus_server(listener, &filter) {
@@ -82,14 +82,14 @@ struct ConnectionFilter {
     shared: Arc<ModbusState>,
     log: Log,
     /// The last refused address: it is logged only once.
-    last_refused: Mutex<Option<IpAddr>>,
+    last_refused_address: Mutex<Option<IpAddr>>,
 }
 
 impl ConnectionFilter {
     fn accept(&self, stream: TcpStream, from: SocketAddr) -> Option<(ModbusClient, GuardedStream)> {
         let by = from.ip().to_canonical();
         if !self.allowed.contains(&by) {
-            let mut last = lock(&self.last_refused);
+            let mut last = lock(&self.last_refused_address);
             if last.replace(by) != Some(by) {
                 self.log.info(&format!(
                     "the connection from {by} is refused: the address is not in `allow` of [serve.modbus]"
@@ -128,7 +128,7 @@ impl ModbusState {
             match command {
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Start(cycle) => drop(self.gate.start(cycle, interlocks, by)),
-                CoilCommand::SeveralStarts => self.gate.refuse(Refusal::Several, &format!("request of {by}")),
+                CoilCommand::SeveralStarts => self.gate.record_refusal(Refusal::Several, &format!("request of {by}")),
                 CoilCommand::Stop => drop(self.gate.stop(by)),
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Acknowledge => {
