@@ -106,7 +106,7 @@ pub(super) fn visible_motion(machine: &Machine, stands: &Position, jog: &Jog) ->
     let still = carried.pose(&commands);
     *commands.get_mut(jog.axis as usize)? += jog.axis.to_mm_or_rad(jog.by);
     let moved = carried.pose(&commands) * still.inverse();
-    let what = if carried.side() == MachineSide::Tool { "the spindle" } else { "the table" };
+    let what = if carried.side == MachineSide::Tool { "the spindle" } else { "the table" };
     let by = format_amount(jog.axis, jog.by.abs());
     Some(if jog.axis.is_linear() {
         let (axis, along) = dominant_axis(moved.translation.vector)?;

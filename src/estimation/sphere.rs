@@ -48,9 +48,7 @@ impl Sphere {
     pub fn centre_covariance(&self, u: f64) -> [[f64; 3]; 3] {
         std::array::from_fn(|i| std::array::from_fn(|j| u * u * self.covariance[i][j]))
     }
-}
 
-impl Sphere {
     /// Largest less smallest residual, unit of the points.
     pub fn form_deviation(&self) -> f64 {
         let of = |pick: fn(f64, f64) -> f64, from: f64| self.residuals.iter().copied().fold(from, pick);

@@ -50,16 +50,6 @@ impl TrigonometricInterpolant {
         self.coefficients.get(order).map_or((0.0, 0.0), |c| (c.re, -c.im))
     }
 
-    /// Returns the function without the given harmonics (0 is the mean).
-    pub fn without_harmonics(mut self, orders: &[usize]) -> Self {
-        for order in orders {
-            if let Some(coefficient) = self.coefficients.get_mut(*order) {
-                *coefficient = Complex64::ZERO;
-            }
-        }
-        self
-    }
-
     /// Values at the N angles of the samples.
     pub fn samples(&self) -> Vec<f64> {
         let step = TAU / self.samples.max(1) as f64;
@@ -91,11 +81,6 @@ mod tests {
                 let t = 0.37 * f64::from(i) - 4.0;
                 assert!((found.value(t) - f(t)).abs() < 1e-12, "{count} {t}");
                 assert!((found.derivative(t) - slope(t)).abs() < 1e-12, "{count} {t}");
-            }
-            let rest = found.without_harmonics(&[0, 1]);
-            for (i, value) in rest.samples().into_iter().enumerate() {
-                let t = i as f64 * TAU / count as f64;
-                assert!((value - 0.25 * (3.0 * t + 0.4).cos()).abs() < 1e-12);
             }
         }
     }

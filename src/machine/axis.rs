@@ -39,28 +39,12 @@ impl Axis {
     }
 
     pub fn letter(self) -> char {
-        match self {
-            Axis::X => 'X',
-            Axis::Y => 'Y',
-            Axis::Z => 'Z',
-            Axis::A => 'A',
-            Axis::B => 'B',
-            Axis::C => 'C',
-            Axis::S => 'S',
-        }
+        ['X', 'Y', 'Z', 'A', 'B', 'C', 'S'][self as usize]
     }
 
     /// Letter of the axis as text.
     pub fn name(self) -> &'static str {
-        match self {
-            Axis::X => "X",
-            Axis::Y => "Y",
-            Axis::Z => "Z",
-            Axis::A => "A",
-            Axis::B => "B",
-            Axis::C => "C",
-            Axis::S => "S",
-        }
+        ["X", "Y", "Z", "A", "B", "C", "S"][self as usize]
     }
 
     /// Converts a value of files and messages (mm or degrees) to the internal unit (mm or rad).

@@ -4,10 +4,8 @@ use std::marker::PhantomData;
 
 use nalgebra::{IsometryMatrix3, Vector3};
 
-/// Machine frame: origin at the zero of the machine coordinates, directions of X, Y, Z after ISO 841.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MachineFrame;
-/// Frame of the workpiece table: coincides with the machine frame when all axes are at zero.
+/// Frame of the workpiece table: coincides with the machine frame when all axes are at zero. The machine frame has its
+/// origin at the zero of the machine coordinates, and the directions of X, Y, Z after ISO 841.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TableFrame;
 /// Frame of the spindle nose: origin at the spindle datum, rotating with the spindle.

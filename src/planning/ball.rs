@@ -33,23 +33,17 @@ pub struct BallTask<'a> {
 }
 
 impl BallApproach {
-    /// Distances before and beyond the expected contact, mm.
-    fn approach_distances_mm(self) -> (f64, f64) {
-        match self {
-            Self::Search { uncertainty_mm, standoff_mm } => {
-                (uncertainty_mm + standoff_mm, uncertainty_mm + SEARCH_OVERRUN_MM)
-            }
-            Self::Measure { standoff_mm, search_mm } => (standoff_mm, search_mm),
-        }
-    }
-
     fn touch_extent(self) -> TouchExtent {
-        let uncertainty_mm = match self {
-            Self::Search { uncertainty_mm, .. } => uncertainty_mm,
-            Self::Measure { search_mm, .. } => search_mm,
-        };
-        let (before_mm, beyond_mm) = self.approach_distances_mm();
-        TouchExtent { before_mm, beyond_mm, uncertainty_mm }
+        match self {
+            Self::Search { uncertainty_mm, standoff_mm } => TouchExtent {
+                before_mm: uncertainty_mm + standoff_mm,
+                beyond_mm: uncertainty_mm + SEARCH_OVERRUN_MM,
+                uncertainty_mm,
+            },
+            Self::Measure { standoff_mm, search_mm } => {
+                TouchExtent { before_mm: standoff_mm, beyond_mm: search_mm, uncertainty_mm: search_mm }
+            }
+        }
     }
 
     fn feed_mm_min(self, probe: &Probe) -> f64 {
@@ -112,17 +106,17 @@ impl TouchAccess {
         (first, stage): (u32, u32),
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, BallAccessError> {
-        let (before_mm, beyond_mm) = task.approach.approach_distances_mm();
+        let TouchExtent { before_mm, beyond_mm, .. } = task.approach.touch_extent();
         let (length, overtravel) = (before_mm + beyond_mm, probe.overtravel_mm);
         if length > overtravel {
             return Err(BallAccessError::SearchTooLong { length, overtravel });
         }
+        let contact_mm = self.contact_distance_mm(task.ball);
         let numbered = (first..).zip(contacts);
         numbered
             .map(|(id, contact)| {
                 let place = |distance_mm: f64| {
-                    let distance_mm = self.contact_distance_mm(task.ball) + distance_mm;
-                    self.position_beside_ball(task.ball, task.rotary, contact.normal, distance_mm)
+                    self.position_beside_ball(task.ball, task.rotary, contact.normal, contact_mm + distance_mm)
                 };
                 let (from, to) = (place(before_mm)?, place(-beyond_mm)?);
                 Ok(Step {
@@ -135,10 +129,7 @@ impl TouchAccess {
                     feed_mm_min: task.approach.feed_mm_min(probe),
                     sensors: vec!["probe".to_owned()],
                     normal: contact.normal.into(),
-                    scan: None,
-                    text: None,
-                    mount: None,
-                    watch: Vec::new(),
+                    ..Step::default()
                 })
             })
             .collect()

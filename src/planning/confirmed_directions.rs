@@ -21,15 +21,9 @@ pub struct BlockStart<'a> {
 /// Directions in which touches have met the part at its stated position since the control was prepared. A touch is
 /// not longer than the range in which the part may be, and a run stops when a touch meets nothing or when any other
 /// move meets something. The default: none.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ConfirmedDirections {
     normal_dyads: Matrix3<f64>,
-}
-
-impl Default for ConfirmedDirections {
-    fn default() -> Self {
-        Self { normal_dyads: Matrix3::zeros() }
-    }
 }
 
 impl ConfirmedDirections {

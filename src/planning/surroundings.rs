@@ -71,7 +71,7 @@ impl Surroundings {
         let uncertainty_mm = artefact::position_uncertainty_mm(artefact);
         let (mut obstacles, mut carriers) = (Vec::new(), Vec::new());
         let mut add = |name: &str, on: Carrier, body: ObstacleBody, is_artefact: bool| {
-            if let Some(carried) = chain.carrier_chain(on).filter(|on| on.side() != MachineSide::Tool) {
+            if let Some(carried) = chain.carrier_chain(on).filter(|on| on.side != MachineSide::Tool) {
                 let carrier_index = carrier_index(&mut carriers, carried);
                 let (name, uncertainty_mm) = (name.to_owned(), if is_artefact { uncertainty_mm } else { 0.0 });
                 obstacles.push(Obstacle { name, carrier_index, body, is_artefact, uncertainty_mm });

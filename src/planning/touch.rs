@@ -112,9 +112,7 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
 /// A guarded move that meets an obstacle must stop within the probe's overtravel, for every linear axis.
 fn check_guarded_feed(plan: &Plan) -> Result<(), PlanningError> {
     let (feed, overtravel) = (plan.probe.guarded_feed_mm_min, plan.probe.overtravel_mm);
-    let axes = plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
-    let weakest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
-    let distance_mm = (feed / 60.0).powi(2) / (2.0 * weakest);
+    let distance_mm = (feed / 60.0).powi(2) / (2.0 * plan.machine.min_linear_acceleration_mm_s2());
     if distance_mm <= overtravel {
         Ok(())
     } else {

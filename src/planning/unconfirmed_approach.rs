@@ -166,9 +166,7 @@ pub(super) fn round_radius_mm(plan: &Plan) -> f64 {
 
 /// Feed, mm/min, from which a hold stops within `within_mm`, for every linear axis.
 fn stopping_feed_mm_min(plan: &Plan, within_mm: f64) -> f64 {
-    let axes = plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
-    let slowest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
-    60.0 * turn_feeds::stopping_speed_mm_s(slowest, within_mm)
+    60.0 * turn_feeds::stopping_speed_mm_s(plan.machine.min_linear_acceleration_mm_s2(), within_mm)
 }
 
 /// Whether all sensors of `step` are on the table: they measure the ball in the spindle, which is between them.

@@ -85,7 +85,8 @@ fn render(dialect: &Dialect) {
     let blocks = [(); 10].map(|()| motion_block(500));
     let program = ProgramHeader { title: "busy", axes: &[Axis::X, Axis::C], log: None };
     let text = dialect.render_program(&program, &blocks).unwrap();
-    dialect.check_program(&text, &blocks).unwrap();
+    let motions: Vec<Motion> = blocks.iter().flat_map(|block| block.motions.clone()).collect();
+    dialect.check_motions(blocks[0].step, &motions, &dialect.read_back(&text).unwrap()).unwrap();
 }
 
 fn long_timeouts() -> GrblTimeouts {

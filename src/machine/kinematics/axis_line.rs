@@ -22,17 +22,17 @@ impl KinematicChain {
     /// Axis of rotation of `axis` while the axes that carry it are at `position`. `None` for a linear axis, and for
     /// an axis that the machine does not have.
     pub fn axis_line(&self, axis: Axis, position: &Position) -> Option<AxisLine> {
-        let is_requested = |joint: &Joint| joint.axis() == axis && !axis.is_linear();
+        let is_requested = |joint: &Joint| joint.axis == axis && !axis.is_linear();
         let (branch, index) = [&self.workpiece, &self.tool]
             .into_iter()
             .find_map(|branch| Some((branch, branch.iter().position(is_requested)?)))?;
         let carriers = branch.iter().take(index);
         let carrier_pose = carriers
-            .fold(Pose::identity(), |outer, joint| outer * joint.nominal_pose(position.get_or_zero(joint.axis())));
+            .fold(Pose::identity(), |outer, joint| outer * joint.nominal_pose(position.get_or_zero(joint.axis)));
         let joint = branch.get(index)?;
         Some(AxisLine {
-            point: carrier_pose.transform_point(&joint.point().into()).coords,
-            direction: carrier_pose.rotation * joint.direction(),
+            point: carrier_pose.transform_point(&joint.point.into()).coords,
+            direction: carrier_pose.rotation * joint.direction,
             carrier_pose,
         })
     }

@@ -24,7 +24,7 @@ pub enum MachineSide {
 /// The joints between the bed and a carrier, beginning at the bed.
 #[derive(Debug, Clone)]
 pub struct CarrierChain {
-    side: MachineSide,
+    pub side: MachineSide,
     joints: Vec<Joint>,
 }
 
@@ -37,14 +37,14 @@ impl KinematicChain {
     /// Joints of `carrier`; `None` if the machine does not have its axis.
     pub fn carrier_chain(&self, carrier: Carrier) -> Option<CarrierChain> {
         let up_to = |branch: &[Joint], axis: Axis| {
-            let last = branch.iter().position(|joint| joint.axis() == axis)?;
+            let last = branch.iter().position(|joint| joint.axis == axis)?;
             Some(branch.iter().take(last + 1).cloned().collect())
         };
         let (side, joints) = match carrier {
             Carrier::Bed => (MachineSide::Bed, Vec::new()),
             Carrier::Table => (MachineSide::Workpiece, self.workpiece.clone()),
             Carrier::Spindle => {
-                let is_not_s = |joint: &&Joint| joint.axis() != Axis::S;
+                let is_not_s = |joint: &&Joint| joint.axis != Axis::S;
                 (MachineSide::Tool, self.tool.iter().filter(is_not_s).cloned().collect())
             }
             Carrier::Axis(axis) => match up_to(&self.workpiece, axis) {
@@ -62,16 +62,12 @@ impl CarrierChain {
         self.joints
             .iter()
             .rev()
-            .fold(Pose::identity(), |pose, joint| joint.nominal_pose(commands[joint.axis() as usize]) * pose)
-    }
-
-    pub fn side(&self) -> MachineSide {
-        self.side
+            .fold(Pose::identity(), |pose, joint| joint.nominal_pose(commands[joint.axis as usize]) * pose)
     }
 
     /// The axes that move the carrier.
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
-        self.joints.iter().map(Joint::axis)
+        self.joints.iter().map(|joint| joint.axis)
     }
 
     /// Whether the same axes move both carriers.
@@ -90,11 +86,11 @@ impl CarrierChain {
 
     /// The carrier during the motion from `from` to `to`.
     pub fn motion_between(&self, from: &AxisCommands, to: &AxisCommands) -> CarrierMotion<'_> {
-        let joint = |joint| {
-            let [from, to] = [from, to].map(|commands| commands[Joint::axis(joint) as usize]);
+        let joints = self.joints.iter().map(|joint| {
+            let [from, to] = [from, to].map(|commands| commands[joint.axis as usize]);
             (joint, (from == to).then(|| joint.nominal_pose(from)))
-        };
-        CarrierMotion(self.joints.iter().map(joint).collect())
+        });
+        CarrierMotion(joints.collect())
     }
 }
 
@@ -115,7 +111,7 @@ impl CarrierMotion<'_> {
     ) -> (Pose, f64) {
         let (mut pose, mut displacement_bound) = (Pose::identity(), 0.0);
         for (joint, fixed_pose) in self.0.iter().rev() {
-            let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
+            let (command, half) = (middle[joint.axis as usize], half[joint.axis as usize]);
             if half > 0.0 {
                 let distances =
                     corners.iter().map(|p| joint.distance_from_axis(pose.transform_point(&(*p).into()).coords));

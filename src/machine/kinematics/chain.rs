@@ -121,7 +121,7 @@ impl KinematicChain {
         for (branch, side) in [(&self.workpiece, -1.0), (&self.tool, 1.0)] {
             let mut carrier_pose = Rotation3::identity();
             for joint in branch {
-                if let Some(index) = Axis::LINEAR.into_iter().position(|a| a == joint.axis()) {
+                if let Some(index) = Axis::LINEAR.into_iter().position(|a| a == joint.axis) {
                     let pose_with_location_errors = carrier_pose * joint.error_pose(position, errors).rotation;
                     columns.set_column(
                         index,

@@ -29,7 +29,7 @@ impl KinematicChain {
         for (branch, side) in [(&workpiece.0, -1.0), (&tool.0, 1.0)] {
             for joint_poses in branch {
                 for (column, parameter) in columns.iter_mut().zip(parameters) {
-                    if parameter.axis() == joint_poses.joint.axis() {
+                    if parameter.axis() == joint_poses.joint.axis {
                         let velocity = tip_velocity(joint_poses, *parameter, position, errors, tip);
                         *column = into_table * velocity * side;
                     }
@@ -67,10 +67,10 @@ fn tip_velocity(
     errors: &[ErrorTerm],
     tip: Vector3<f64>,
 ) -> Vector3<f64> {
-    let factor = parameter.factor(position.get_or_zero(joint.axis()));
+    let factor = parameter.factor(position.get_or_zero(joint.axis));
     let generator = parameter.component().direction();
     if parameter.shape() == ErrorShape::Gain {
-        return pose_with_location_errors.transform_vector(&generator) * joint.sign() * factor;
+        return pose_with_location_errors.transform_vector(&generator) * joint.sign * factor;
     }
     let component_pose = ERROR_COMPONENT_ORDER
         .into_iter()
@@ -80,6 +80,6 @@ fn tip_velocity(
     if parameter.component().is_linear() {
         direction * factor
     } else {
-        direction.cross(&(tip - component_pose.transform_point(&joint.point().into()).coords)) * factor
+        direction.cross(&(tip - component_pose.transform_point(&joint.point.into()).coords)) * factor
     }
 }

@@ -15,12 +15,12 @@ pub(super) const ERROR_COMPONENT_ORDER: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, 
 
 #[derive(Debug, Clone)]
 pub(super) struct Joint {
-    axis: Axis,
+    pub(super) axis: Axis,
     /// Sign of the branch times sense of the axis: the joint moves by `sign · command`.
-    sign: f64,
-    direction: Vector3<f64>,
+    pub(super) sign: f64,
+    pub(super) direction: Vector3<f64>,
     /// A point on a rotary axis; zero for a linear axis. Angular errors rotate about it.
-    point: Vector3<f64>,
+    pub(super) point: Vector3<f64>,
 }
 
 impl Joint {
@@ -49,29 +49,9 @@ impl Joint {
         Ok(Self { axis, sign: side * spec.positive.sign(), direction, point })
     }
 
-    pub(super) fn axis(&self) -> Axis {
-        self.axis
-    }
-
-    pub(super) fn sign(&self) -> f64 {
-        self.sign
-    }
-
-    pub(super) fn point(&self) -> Vector3<f64> {
-        self.point
-    }
-
-    pub(super) fn direction(&self) -> Vector3<f64> {
-        self.direction
-    }
-
     /// The joint's motion without errors.
     pub(super) fn nominal_pose(&self, command: f64) -> Pose {
-        if self.axis.is_linear() {
-            Pose::from(Translation3::from(self.sign * command * self.direction))
-        } else {
-            rotation_about_line(self.direction, self.point, self.sign * command)
-        }
+        axis_motion(self.axis, self.direction, self.point, self.sign * command)
     }
 
     /// Distance of `point` from the axis of rotation; 0 for a linear joint.
@@ -96,12 +76,8 @@ impl Joint {
 
     /// Motion of the joint with its gains, without location errors and error motions.
     pub(super) fn pose_with_gains(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        let command = position.get_or_zero(self.axis);
-        if self.axis.is_linear() {
-            Pose::from(Translation3::from(self.sign * command * self.direction_with_gains(errors)))
-        } else {
-            rotation_about_line(self.direction, self.point, self.sign * command)
-        }
+        let amount = self.sign * position.get_or_zero(self.axis);
+        axis_motion(self.axis, self.direction_with_gains(errors), self.point, amount)
     }
 
     /// Location errors and error motions: one motion per component, in the order of [`ERROR_COMPONENT_ORDER`].
@@ -131,11 +107,7 @@ impl Joint {
     }
 
     fn component_pose(&self, component: Axis, amount: f64) -> Pose {
-        if component.is_linear() {
-            Pose::from(Translation3::from(component.direction() * amount))
-        } else {
-            rotation_about_line(component.direction(), self.point, amount)
-        }
+        axis_motion(component, component.direction(), self.point, amount)
     }
 
     /// ∂(motion)/∂(command) of a linear joint, in the frame after its location errors.
@@ -160,8 +132,12 @@ fn is_finite(vector: Vector3<f64>) -> bool {
     vector.iter().all(|value| value.is_finite())
 }
 
-/// Rotation about the line through `point` along the unit vector `direction`.
-fn rotation_about_line(direction: Vector3<f64>, point: Vector3<f64>, angle: f64) -> Pose {
-    let rotation = Rotation3::from_axis_angle(&Unit::new_unchecked(direction), angle);
+/// Translation by `amount` along `direction`; for a rotary axis, rotation about the line through `point` along the
+/// unit vector `direction`.
+fn axis_motion(axis: Axis, direction: Vector3<f64>, point: Vector3<f64>, amount: f64) -> Pose {
+    if axis.is_linear() {
+        return Pose::from(Translation3::from(amount * direction));
+    }
+    let rotation = Rotation3::from_axis_angle(&Unit::new_unchecked(direction), amount);
     Pose::rotation_wrt_point(rotation, point.into())
 }

@@ -150,7 +150,7 @@ fn every_carrier_stands_where_its_axes_bring_it() {
     assert_near(pose(Carrier::Axis(Axis::Z)).transform_point(&point.into()).coords, Vector3::new(1.0, 2.0, 26.0));
     assert_near(pose(Carrier::Spindle).transform_point(&point.into()).coords, Vector3::new(1.0, -5.0, 26.0));
     assert_near(pose(Carrier::Bed).transform_point(&point.into()).coords, point);
-    let side = |carrier| chain.carrier_chain(carrier).map(|carried| carried.side());
+    let side = |carrier| chain.carrier_chain(carrier).map(|carried| carried.side);
     assert_eq!(side(Carrier::Axis(Axis::B)), Some(MachineSide::Workpiece));
     assert_eq!(side(Carrier::Axis(Axis::Y)), Some(MachineSide::Tool));
     assert_eq!(side(Carrier::Axis(Axis::A)), None);

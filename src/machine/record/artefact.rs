@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::default_value;
+
 /// Temperature at which dimensions are certified (ISO 1), °C.
 pub const REFERENCE_TEMPERATURE_C: f64 = 20.0;
 
@@ -28,7 +30,7 @@ pub struct DatumCylinder {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub face: Option<CylinderSection>,
     /// Maximum distance of the true centre from the stated centre.
-    #[serde(default = "default_uncertainty")]
+    #[serde(default = "default_value::<2>")]
     pub uncertainty_mm: f64,
 }
 
@@ -49,10 +51,10 @@ pub struct Cylinder {
     pub centre_mm: [f64; 3],
     pub axis: [f64; 3],
     pub radius_mm: f64,
-    #[serde(default = "default_height")]
+    #[serde(default = "default_value::<100>")]
     pub height_mm: f64,
     /// Maximum distance of the true centre from the stated centre.
-    #[serde(default = "default_uncertainty")]
+    #[serde(default = "default_value::<2>")]
     pub uncertainty_mm: f64,
 }
 
@@ -79,7 +81,7 @@ pub struct Balls {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub u_temperature_k: Option<f64>,
     /// Maximum distance of the true centres from the stated centres.
-    #[serde(default = "default_uncertainty")]
+    #[serde(default = "default_value::<2>")]
     pub uncertainty_mm: f64,
 }
 
@@ -130,14 +132,6 @@ pub struct CertifiedLength {
     /// Standard uncertainty of `temperature_c`.
     #[serde(default)]
     pub u_temperature_k: f64,
-}
-
-fn default_height() -> f64 {
-    100.0
-}
-
-fn default_uncertainty() -> f64 {
-    2.0
 }
 
 fn default_stem() -> [f64; 3] {

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::default_value;
 use crate::{Axis, Position};
 
 /// Sense of a positive command: `iso` after ISO 841, `reversed` the opposite.
@@ -65,6 +66,12 @@ pub struct Machine {
 }
 
 impl Machine {
+    /// Acceleration of the slowest of X, Y and Z, mm/s².
+    pub fn min_linear_acceleration_mm_s2(&self) -> f64 {
+        let linear = self.axes.iter().filter(|(axis, _)| axis.is_linear());
+        linear.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min)
+    }
+
     /// Position with all rotary axes at zero, or at the limit nearest to zero; the spindle keeps its orientation.
     pub fn rotary_zero_position(&self) -> Position {
         let rotary = self.axes.iter().filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
@@ -88,10 +95,10 @@ pub struct AxisSpec {
     #[serde(default, skip_serializing_if = "Homing::is_switch")]
     pub homing: Homing,
     /// Rapid speed, mm/min or deg/min.
-    #[serde(default = "default_rapid")]
+    #[serde(default = "default_value::<10_000>")]
     pub rapid_per_min: f64,
     /// Acceleration, mm/s² or deg/s².
-    #[serde(default = "default_acceleration")]
+    #[serde(default = "default_value::<1_000>")]
     pub acceleration_per_s2: f64,
     /// Resolution of the displayed position, um (linear axes).
     #[serde(default)]
@@ -113,7 +120,7 @@ pub struct AxisSpec {
     #[serde(default, skip_serializing_if = "is_zero")]
     pub angular_motion_urad: f64,
     /// Distance over which error motions of a linear axis change, mm.
-    #[serde(default = "default_wavelength")]
+    #[serde(default = "default_value::<200>")]
     pub error_wavelength_mm: f64,
     /// Clamp of a rotary axis that must be unclamped to turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -145,18 +152,6 @@ pub struct Clamp {
 
 fn default_clamp_wait() -> f64 {
     0.5
-}
-
-fn default_rapid() -> f64 {
-    10_000.0
-}
-
-fn default_acceleration() -> f64 {
-    1_000.0
-}
-
-fn default_wavelength() -> f64 {
-    200.0
 }
 
 /// The touch probe and its declared properties.
@@ -196,16 +191,16 @@ pub struct Probe {
     #[serde(default)]
     pub body_length_mm: f64,
     /// Maximum deflection of the stylus beyond contact.
-    #[serde(default = "default_overtravel")]
+    #[serde(default = "default_value::<4>")]
     pub overtravel_mm: f64,
     /// Feed of a measuring touch.
-    #[serde(default = "default_touch_feed")]
+    #[serde(default = "default_value::<30>")]
     pub feed_mm_min: f64,
     /// Feed of a search touch and of the retract after any touch.
-    #[serde(default = "default_search_feed")]
+    #[serde(default = "default_value::<300>")]
     pub search_feed_mm_min: f64,
     /// Feed of guarded positioning near the artefact: the braking distance from it must be within the overtravel.
-    #[serde(default = "default_guarded_feed")]
+    #[serde(default = "default_value::<1_500>")]
     pub guarded_feed_mm_min: f64,
     /// Command of the control that switches the probe on, e.g. `M64 P1`; absent: the probe is always on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -268,22 +263,6 @@ impl LiveCheck {
 
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
-}
-
-fn default_overtravel() -> f64 {
-    4.0
-}
-
-fn default_touch_feed() -> f64 {
-    30.0
-}
-
-fn default_search_feed() -> f64 {
-    300.0
-}
-
-fn default_guarded_feed() -> f64 {
-    1_500.0
 }
 
 /// A body that nothing may collide with: a table, a clamp, the spindle nose.

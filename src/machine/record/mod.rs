@@ -13,3 +13,8 @@ pub mod sensor;
 mod sensor_names;
 pub mod track;
 pub mod watch;
+
+/// Default of a key in the machine file.
+fn default_value<const VALUE: u16>() -> f64 {
+    f64::from(VALUE)
+}

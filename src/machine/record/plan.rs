@@ -53,10 +53,11 @@ pub struct Plan {
     pub steps: Vec<Step>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum StepKind {
     Index,
+    #[default]
     Touch,
     Scan,
     /// A touch that is repeated to detect drift. A run can continue after a stop only with references. A method may
@@ -68,7 +69,7 @@ pub enum StepKind {
 
 /// One step. A touch is the straight line `from` → `to` of the linear axes alone; rotary axes and spindle are
 /// positioned as in `from`. Machine coordinates.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Step {
     pub id: u32,
     pub stage: u32,
@@ -115,29 +116,14 @@ impl Plan {
 impl Step {
     /// A prompt without step number.
     pub fn prompt(label: String, text: String) -> Self {
-        Self {
-            id: 0,
-            stage: 0,
-            kind: StepKind::Prompt,
-            label,
-            from: Position::new(),
-            to: Position::new(),
-            feed_mm_min: 0.0,
-            sensors: Vec::new(),
-            normal: [0.0; 3],
-            scan: None,
-            text: Some(text),
-            mount: None,
-            watch: Vec::new(),
-        }
+        Self { kind: StepKind::Prompt, label, text: Some(text), ..Self::default() }
     }
 
     /// A scan from the first to the last point of its path, without step number, feed and sensors.
     pub fn scan(label: String, scan: Scan) -> Self {
         let end = |point: Option<&Position>| point.cloned().unwrap_or_default();
         let (from, to) = (end(scan.path.first()), end(scan.path.last()));
-        let (kind, scan) = (StepKind::Scan, Some(scan));
-        Self { kind, from, to, scan, text: None, ..Self::prompt(label, String::new()) }
+        Self { kind: StepKind::Scan, label, from, to, scan: Some(scan), ..Self::default() }
     }
 
     /// Name of the first sensor; empty if there is none.

@@ -1,6 +1,5 @@
 //! Errors between motion and text.
 
-use super::rs274::ReadError;
 use machine::Axis;
 
 /// Error: a dialect is missing or incomplete.
@@ -70,8 +69,6 @@ impl RenderError {
 /// Error: the text does not agree with the motions that it was rendered from.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReadBackMismatch {
-    #[error("the program cannot be read back: {0}")]
-    Unreadable(#[from] ReadError),
     #[error("the program has {read} motions instead of {expected}")]
     Count { expected: usize, read: usize },
     #[error("line {line} of the program differs from step {step}: {reason}")]

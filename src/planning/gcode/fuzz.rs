@@ -1,6 +1,6 @@
 //! Fuzz tests: arbitrary text as a program.
 
-use super::rs274::{self, ReadMotion};
+use super::rs274::{self, DeclaredCommands, ReadMotion};
 use testing::fuzz::fuzz;
 
 const GRBL: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
@@ -39,9 +39,9 @@ fn the_reader_bears_anything() {
     ];
     fuzz("gcode-rs274", &[GRBL, LINUXCNC], &words, |input| {
         let text = String::from_utf8_lossy(input);
-        let read = rs274::read_program(&text, Some("G59.3"));
-        assert_eq!(read, rs274::read_program(&text, Some("G59.3")));
-        let Ok(motions) = read else { return 0 };
+        let read = || rs274::read_program(&text, Some("G59.3"), &DeclaredCommands::default());
+        assert_eq!(read(), read());
+        let Ok(motions) = read() else { return 0 };
         for motion in &motions {
             assert!(is_finite(motion), "{motion:?}");
         }

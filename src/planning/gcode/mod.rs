@@ -2,7 +2,7 @@
 //!
 //! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); a new dialect needs no Rust. A *language* is a
 //! reader ([`rs274`]): the text that a dialect has rendered can be read back and compared with the intended motions
-//! ([`Dialect::check_program`]).
+//! ([`Dialect::check_motions`]).
 
 mod dialect;
 mod environment;

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use minijinja::value::Value;
 
 use super::error::DialectError;
-use super::rs274::{DeclaredCommands, SwitchEffect};
+use super::rs274::{DeclaredCommands, LineError, SwitchEffect};
 use machine::record::machine::{Clamp, Machine, Probe};
 use machine::{Axis, Position};
 
@@ -51,40 +51,34 @@ impl DialectOptions {
     /// A command is not exactly one M word, already has another meaning, or has two meanings.
     pub(super) fn new(machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
         let axes = machine.axes.iter();
-        let clamps = axes.filter_map(|(axis, spec)| Some((*axis, spec.clamp.clone()?))).collect();
-        let mut options = Self {
+        let clamps: BTreeMap<Axis, Clamp> =
+            axes.filter_map(|(axis, spec)| Some((*axis, spec.clamp.clone()?))).collect();
+        let mut declared = DeclaredCommands::default();
+        let mut declare = |key: String, text: &str, switch| {
+            let refused = |error: LineError| DialectError::InvalidOption {
+                key,
+                value: text.to_owned(),
+                reason: error.to_string(),
+            };
+            declared.add(text, switch).map_err(refused)
+        };
+        for (key, text, on) in [("on", &probe.on, true), ("off", &probe.off, false)] {
+            if let Some(text) = text {
+                declare(format!("[probe] {key}"), text, SwitchEffect::Probe(on))?;
+            }
+        }
+        for (axis, clamp) in &clamps {
+            declare(format!("[axes.{axis}] clamp.close"), &clamp.close, SwitchEffect::Clamp(*axis, true))?;
+            declare(format!("[axes.{axis}] clamp.open"), &clamp.open, SwitchEffect::Clamp(*axis, false))?;
+        }
+        Ok(Self {
             probe_on: probe.on.clone(),
             probe_off: probe.off.clone(),
             clamps,
             error_input: probe.error_input.clone(),
             battery_input: probe.battery_input.clone(),
-            declared: DeclaredCommands::default(),
-        };
-        options.declare_commands()?;
-        Ok(options)
-    }
-
-    fn declare_commands(&mut self) -> Result<(), DialectError> {
-        let mut words: Vec<(String, &str, SwitchEffect)> = Vec::new();
-        let probe = [("on", &self.probe_on, true), ("off", &self.probe_off, false)];
-        for (key, text, on) in probe {
-            let declared = text.iter().map(|t| (format!("[probe] {key}"), t, SwitchEffect::Probe(on)));
-            words.extend(declared.map(|(key, text, switch)| (key, text.as_str(), switch)));
-        }
-        for (axis, clamp) in &self.clamps {
-            let key = |end| format!("[axes.{axis}] clamp.{end}");
-            words.push((key("close"), &clamp.close, SwitchEffect::Clamp(*axis, true)));
-            words.push((key("open"), &clamp.open, SwitchEffect::Clamp(*axis, false)));
-        }
-        let mut declared = DeclaredCommands::default();
-        for (key, text, switch) in words {
-            declared.add(text, switch).map_err(|reason| {
-                let value = text.to_owned();
-                DialectError::InvalidOption { key, value, reason }
-            })?;
-        }
-        self.declared = declared;
-        Ok(())
+            declared,
+        })
     }
 
     /// Names for every template: `probe_on`, `probe_off`, `error_input`, `battery_input` if they are declared;

@@ -6,7 +6,7 @@ use super::dialect::Dialect;
 use super::error::ReadBackMismatch;
 use super::rs274::{self, MotionFrame, MotionKind, ReadError, ReadMotion};
 use machine::Axis;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::Motion;
 
 /// Half a unit of the third decimal, plus rounding; feeds, seconds and orientations have three decimals.
 const THIRD_DECIMAL_TOLERANCE: f64 = 0.000_501;
@@ -17,7 +17,7 @@ impl Dialect {
     /// # Errors
     /// The first line that is not understood.
     pub fn read_back(&self, text: &str) -> Result<Vec<ReadMotion>, ReadError> {
-        rs274::read_program_with(text, Some(&self.spec.work_offset), &self.options.declared)
+        rs274::read_program(text, Some(&self.spec.work_offset), &self.options.declared)
     }
 
     /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and
@@ -31,36 +31,12 @@ impl Dialect {
         axis.to_mm_or_rad(0.501 * 0.1_f64.powi(decimals as i32))
     }
 
-    /// Checks that `text`, a whole program, means exactly the motions of `blocks`. Targets agree to half a unit of
-    /// the last decimal, all in machine coordinates.
-    ///
-    /// # Errors
-    /// The first line that cannot be read or has another meaning.
-    pub fn check_program(&self, text: &str, blocks: &[Block]) -> Result<(), ReadBackMismatch> {
-        let read = self.read_back(text)?;
-        let expected = blocks.iter().map(|block| block.motions.len()).sum();
-        if expected != read.len() {
-            return Err(ReadBackMismatch::Count { expected, read: read.len() });
-        }
-        let mut read = read.as_slice();
-        for block in blocks {
-            let (of_block, rest) = read.split_at(block.motions.len());
-            self.check_motions(block.step, &block.motions, of_block)?;
-            read = rest;
-        }
-        Ok(())
-    }
-
-    /// Checks that the read motions mean exactly the motions of one step.
+    /// Checks that the read motions mean exactly the motions of one step. Targets agree to half a unit of the last
+    /// decimal, all in machine coordinates.
     ///
     /// # Errors
     /// The first motion that has another meaning.
-    pub(crate) fn check_motions(
-        &self,
-        step: u32,
-        expected: &[Motion],
-        read: &[ReadMotion],
-    ) -> Result<(), ReadBackMismatch> {
+    pub fn check_motions(&self, step: u32, expected: &[Motion], read: &[ReadMotion]) -> Result<(), ReadBackMismatch> {
         if expected.len() != read.len() {
             return Err(ReadBackMismatch::Count { expected: expected.len(), read: read.len() });
         }

@@ -1,15 +1,13 @@
 //! Rules for an approach before touches have confirmed the position. No rapid is allowed. Only Z moves, unless Z is at
 //! its upper end, or X and Y make a round above the step before the first touch. Until that touch, a move faster than a
-//! search keeps [`MIN_UNGUARDED_CLEARANCE_MM`] from everything. An axis turns so slowly that a hold stops the carried
+//! search keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`] from everything. An axis turns so slowly that a hold stops the carried
 //! parts within the overtravel.
 
-use super::MIN_UNGUARDED_CLEARANCE_MM;
 use super::program_check::{CheckResult, ProgramCheck};
 use super::refusal::RefusalReason;
 use super::rules;
 use super::scene::ClearanceRule;
 use crate::gcode::rs274::ReadMotion;
-use crate::turn_feeds;
 use crate::unconfirmed_approach::{MIN_PROBING_MOVE_MM, round_radius_mm, unconfirmed_search_feed_mm_min};
 use machine::{Axis, Position};
 
@@ -21,11 +19,11 @@ impl ProgramCheck<'_> {
     pub(super) fn check_z_at_top(&self, target: &Position) -> CheckResult {
         let aside = |(axis, to): (Axis, f64)| {
             let expected = Position::new().with(axis, to);
-            axis != Axis::Z && rules::find_axis_mismatch(self.position(), &expected, self.request().dialect).is_some()
+            axis != Axis::Z && rules::find_axis_mismatch(&self.position, &expected, self.request.dialect).is_some()
         };
-        let top = self.request().plan.machine.axes.get(&Axis::Z).map(|spec| spec.max);
+        let top = self.request.plan.machine.axes.get(&Axis::Z).map(|spec| spec.max);
         let top: Position = top.map(|z| (Axis::Z, z)).into_iter().collect();
-        let off = rules::find_axis_mismatch(self.position(), &top, self.request().dialect);
+        let off = rules::find_axis_mismatch(&self.position, &top, self.request.dialect);
         match off.filter(|_| target.iter().any(aside)) {
             Some(off) => Err(off.into_refusal_reason(RefusalReason::SidewaysBelowTopZ)),
             None => Ok(()),
@@ -35,7 +33,7 @@ impl ProgramCheck<'_> {
     /// Whether X and Y make a round above the step before the first touch.
     fn is_probing_round(&self, motion: &ReadMotion) -> bool {
         let Some(step) = self.step() else { return false };
-        let plan = self.request().plan;
+        let plan = self.request.plan;
         let reach = round_radius_mm(plan) + TEXT_ROUNDING_MM;
         let over = |at: &Position| {
             let off = |axis| at.get_or_zero(axis) - step.from.get_or_zero(axis);
@@ -43,35 +41,31 @@ impl ProgramCheck<'_> {
             known && off(Axis::X).hypot(off(Axis::Y)) <= reach
         };
         let level = motion.target.iter().all(|(axis, _)| matches!(axis, Axis::X | Axis::Y));
-        let ends = self.position().updated_by(&motion.target);
-        level && !self.confirmed.is_any() && over(self.position()) && over(&ends)
+        let ends = self.position.updated_by(&motion.target);
+        level && !self.confirmed.is_any() && over(&self.position) && over(&ends)
     }
 
     /// Checks a turn of one axis, or a move that is too short for a probing move.
     pub(super) fn check_unconfirmed_feed(&mut self, motion: &ReadMotion) -> CheckResult {
         self.check_z_at_top(&motion.target)?;
-        let plan = self.request().plan;
-        let mut moved = motion.target.iter();
-        if let (Some((axis, _)), None) = (moved.next(), moved.next())
-            && !axis.is_linear()
-        {
-            let most = turn_feeds::max_turn_feed_deg_min(plan, &self.chain, axis, self.position());
-            rules::check_max_feed("the turn", motion, most)?;
-            return self.check_move(&motion.target, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM));
+        let plan = self.request.plan;
+        if let Some(max_feed) = self.max_turn_feed(motion) {
+            rules::check_max_feed("the turn", motion, max_feed)?;
+            return self.check_move(&motion.target, &ClearanceRule::Unguarded);
         }
         rules::check_max_feed("the short move", motion, unconfirmed_search_feed_mm_min(plan))?;
-        let ends = self.position().updated_by(&motion.target);
+        let ends = self.position.updated_by(&motion.target);
         let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
-        let known = motion.target.iter().all(|(axis, _)| self.position().get(axis).is_some());
-        let dialect = self.request().dialect;
-        let is_at = |place: &Position| rules::find_axis_mismatch(self.position(), place, dialect).is_none();
+        let known = motion.target.iter().all(|(axis, _)| self.position.get(axis).is_some());
+        let dialect = self.request.dialect;
+        let is_at = |place: &Position| rules::find_axis_mismatch(&self.position, place, dialect).is_none();
         // The machine may already be above a step within rounding; at the start of the touch, the next move must be
         // the touch.
         let replaces_touch = is_at(&motion.target) && self.step().is_some_and(|step| is_at(&step.from));
         if turns
             || !known
             || replaces_touch
-            || rules::check_touch_length(self.position(), &ends, MIN_PROBING_MOVE_MM).is_err()
+            || rules::check_touch_length(&self.position, &ends, MIN_PROBING_MOVE_MM).is_err()
         {
             return Err(RefusalReason::UnexpectedFeedMove);
         }
@@ -84,10 +78,10 @@ impl ProgramCheck<'_> {
         if !self.is_probing_round(motion) {
             self.check_z_at_top(&motion.target)?;
         }
-        let slow = rules::check_max_feed("", motion, unconfirmed_search_feed_mm_min(self.request().plan)).is_ok();
+        let slow = rules::check_max_feed("", motion, unconfirmed_search_feed_mm_min(self.request.plan)).is_ok();
         Ok(match slow || self.confirmed.is_any() {
             true => self.guarded_move_rule(),
-            false => ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            false => ClearanceRule::Unguarded,
         })
     }
 }

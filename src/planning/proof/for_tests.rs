@@ -1,6 +1,6 @@
 //! Proven blocks for tests of drivers and controls, where no plan declares bodies.
 
-use super::proven::{ProvenBlock, StageProofError, prove_text_only};
+use super::proven::{ProvenBlock, StageProofError, read_back_block};
 use crate::gcode::{Dialect, DialectError, Transmission};
 use machine::record::motion::Block;
 use machine::{Axis, Position};
@@ -37,5 +37,6 @@ pub fn proven_block_from(
     dialect: &Dialect,
     transmission: &Transmission,
 ) -> Result<ProvenBlock, StageProofError> {
-    prove_text_only(block, begins, axes, dialect, transmission)
+    let sent = dialect.render_for_transmission(transmission, axes, std::slice::from_ref(block))?;
+    read_back_block(block, begins, dialect, transmission, sent)
 }

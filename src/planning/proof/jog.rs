@@ -8,12 +8,11 @@
 
 use super::proven::{ProvenBlock, StageProofError, read_back_block, read_programs};
 use super::refusal::{ProofRefusal, RefusalReason};
+use super::rules;
 use super::scene::{ClearanceRule, Scene};
 use super::sweep::JointPath;
-use super::{MIN_UNGUARDED_CLEARANCE_MM, rules};
 use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
 use crate::gcode::{Dialect, Transmission};
-use machine::kinematics::AxisCommands;
 use machine::record::motion::Block;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
@@ -83,7 +82,7 @@ fn prove_move(
 /// Checks a jog. Returns the smallest clearance, if there are bodies.
 pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> CheckResult {
     let motion = read_single_move(request, programs)?;
-    let refusal = |reason| ProofRefusal { step: None, line: motion.line, reason };
+    let refusal = |reason: RefusalReason| reason.at_line(motion.line);
     check_axis(request, &motion, MAX_JOG_LENGTH_MM_OR_DEG)
         .and_then(|()| check_guard_or_feed(request, &motion))
         .map_err(refusal)?;
@@ -93,7 +92,7 @@ pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> C
 /// Checks a retract, like [`check_jog`].
 pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) -> CheckResult {
     let motion = read_single_move(request, programs)?;
-    let refusal = |reason| ProofRefusal { step: None, line: motion.line, reason };
+    let refusal = |reason: RefusalReason| reason.at_line(motion.line);
     check_axis(request, &motion, MAX_RETRACT_MM).map_err(refusal)?;
     if motion.kind != MotionKind::Feed || !request.axis.is_linear() {
         return Err(refusal(RefusalReason::InvalidRetract));
@@ -105,11 +104,9 @@ pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) 
 
 fn read_single_move(request: &JogProofRequest<'_>, programs: &[String]) -> Result<ReadMotion, ProofRefusal> {
     let motions = read_programs(request.dialect, programs)?;
-    <[ReadMotion; 1]>::try_from(motions).map(|[motion]| motion).map_err(|motions| ProofRefusal {
-        step: None,
-        line: 1,
-        reason: RefusalReason::NotSingleMove(motions.len()),
-    })
+    <[ReadMotion; 1]>::try_from(motions)
+        .map(|[motion]| motion)
+        .map_err(|motions| RefusalReason::NotSingleMove(motions.len()).at_line(1))
 }
 
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
@@ -152,7 +149,7 @@ fn check_guard_or_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Re
 fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, RefusalReason> {
     let JogProofRequest { plan, position, axis, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
-    let from = axis_commands(plan, position)?;
+    let from = rules::axis_commands(&plan.machine, position)?;
     let by = axis.to_mm_or_deg((request.to - position.get_or_zero(axis)).abs());
     let mut nearest: Option<Clearance> = None;
     for moved in plan.machine.axes.keys().copied().filter(|moved| *moved != Axis::S) {
@@ -162,11 +159,7 @@ fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result
                 *command += sense * moved.to_mm_or_rad(by);
             }
             let most = nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
-            let nearest_pair = scene.nearest_pair(
-                &JointPath { from, to },
-                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
-                most,
-            )?;
+            let nearest_pair = scene.nearest_pair(&JointPath { from, to }, &ClearanceRule::Unguarded, most)?;
             if let Some((clearance_mm, between)) = nearest_pair {
                 nearest = Some(Clearance { step: 0, line: motion.line, clearance_mm, between });
             }
@@ -179,18 +172,11 @@ fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result
 fn check_no_approach(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, RefusalReason> {
     let JogProofRequest { plan, position, axis, to, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
-    let joint_path =
-        JointPath { from: axis_commands(plan, position)?, to: axis_commands(plan, &position.clone().with(axis, to))? };
+    let joint_path = JointPath {
+        from: rules::axis_commands(&plan.machine, position)?,
+        to: rules::axis_commands(&plan.machine, &position.clone().with(axis, to))?,
+    };
     let nearest_pair = scene.nearest_pair(&joint_path, &ClearanceRule::Retract, f64::INFINITY)?;
     let line = motion.line;
     Ok(nearest_pair.map(|(clearance_mm, between)| Clearance { step: 0, line, clearance_mm, between }))
-}
-
-/// Commands of all axes; the spindle, if not oriented, is at zero.
-fn axis_commands(plan: &Plan, position: &Position) -> Result<AxisCommands, RefusalReason> {
-    let mut axes = plan.machine.axes.keys();
-    match axes.find(|axis| **axis != Axis::S && position.get(**axis).is_none()) {
-        Some(axis) => Err(RefusalReason::UnknownPosition(*axis)),
-        None => Ok(Axis::ALL.map(|axis| position.get_or_zero(axis))),
-    }
 }

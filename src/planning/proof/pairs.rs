@@ -36,7 +36,7 @@ pub enum PairRole {
 impl BodyPair {
     /// Whether both are on the same side of the machine.
     pub fn is_on_one_side(&self) -> bool {
-        self.one.carrier_chain.side() == self.other.carrier_chain.side()
+        self.one.carrier_chain.side == self.other.carrier_chain.side
     }
 
     /// Whether the pair is a displacement sensor and the cylinder that it measures.
@@ -91,7 +91,7 @@ pub fn collision_pairs(bodies: &[CollisionBody], uncertainty: f64) -> (Vec<BodyP
 /// Each pair once: for bodies of two sides, the tool's body first, the bed's last.
 fn make_pair(bodies: &[CollisionBody], one: usize, other: usize, uncertainty: f64) -> Option<BodyPair> {
     let (a, b) = (bodies.get(one)?, bodies.get(other)?);
-    let comes_first = match (a.carrier_chain.side(), b.carrier_chain.side()) {
+    let comes_first = match (a.carrier_chain.side, b.carrier_chain.side) {
         (MachineSide::Tool, MachineSide::Workpiece | MachineSide::Bed) | (MachineSide::Workpiece, MachineSide::Bed) => {
             true
         }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use super::refusal::{ProofRefusal, RefusalReason};
 use super::scene::{ClearanceRule, Scene};
 use super::sweep::JointPath;
-use super::{MIN_UNGUARDED_CLEARANCE_MM, ProofRequest, rules, touch};
+use super::{ProofRequest, rules, touch};
 use crate::ConfirmedDirections;
 use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
 use machine::kinematics::{AxisCommands, KinematicChain};
@@ -35,7 +35,7 @@ fn is_prompt(step: &Step) -> bool {
 }
 
 pub struct ProgramCheck<'a> {
-    request: &'a ProofRequest<'a>,
+    pub(super) request: &'a ProofRequest<'a>,
     motions: Vec<ReadMotion>,
     /// Steps of all stages, each with the number of its stage.
     step_queue: Vec<(&'a Step, usize)>,
@@ -43,7 +43,7 @@ pub struct ProgramCheck<'a> {
     /// Index of the current turn.
     step_index: Option<usize>,
     pub(super) phase: StepPhase,
-    position: Position,
+    pub(super) position: Position,
     /// Current line, from 1.
     line: usize,
     proof: Proof,
@@ -60,19 +60,19 @@ pub(super) type CheckResult = Result<(), RefusalReason>;
 impl<'a> ProgramCheck<'a> {
     /// Begins the check. `motions`: the motions of the request's programs, as read back.
     pub fn begin(request: &'a ProofRequest<'a>, motions: Vec<ReadMotion>) -> Result<Self, ProofRefusal> {
-        let at = |line| move |reason| ProofRefusal { step: None, line, reason };
         let mut turns = Vec::new();
         let mut scenes = Vec::new();
         for (stage, staged) in request.stages.iter().enumerate() {
             let artefact = staged.found_artefact.unwrap_or(&request.plan.artefact);
-            scenes.push(Scene::new(request.plan, artefact).map_err(at(1))?);
+            scenes.push(Scene::new(request.plan, artefact).map_err(|reason| reason.at_line(1))?);
             for id in staged.steps {
                 let step = request.plan.steps.iter().find(|step| step.id == *id);
-                turns.push((step.ok_or(RefusalReason::UnknownStep(*id)).map_err(at(1))?, stage));
+                turns.push((step.ok_or(RefusalReason::UnknownStep(*id).at_line(1))?, stage));
             }
         }
         let position = request.position.cloned().unwrap_or_default();
-        let chain = KinematicChain::new(&request.plan.machine).map_err(|error| at(1)(error.into()))?;
+        let chain =
+            KinematicChain::new(&request.plan.machine).map_err(|error| RefusalReason::from(error).at_line(1))?;
         Ok(Self {
             request,
             motions,
@@ -110,17 +110,9 @@ impl<'a> ProgramCheck<'a> {
         self.step_queue.get(self.step_index?).map(|(step, _)| *step)
     }
 
-    pub(super) fn request(&self) -> &'a ProofRequest<'a> {
-        self.request
-    }
-
     /// Whether touches have confirmed the position of the machine.
     pub(super) fn is_confirmed(&self) -> bool {
         self.confirmed.is_all()
-    }
-
-    pub(super) fn position(&self) -> &Position {
-        &self.position
     }
 
     /// Scene of the current stage; before any step, of the first stage.
@@ -151,9 +143,7 @@ impl<'a> ProgramCheck<'a> {
             _ if self.phase == StepPhase::Touched => Err(RefusalReason::MissingBackOff),
             MotionKind::Orient { s } => self.check_orientation(s),
             MotionKind::Rapid if !self.is_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
-            MotionKind::Rapid => {
-                self.check_move(&motion.target, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))
-            }
+            MotionKind::Rapid => self.check_move(&motion.target, &ClearanceRule::Unguarded),
             MotionKind::Probe { must_touch } => self.check_probing_move(motion, must_touch),
             MotionKind::Stop => Err(RefusalReason::UnexpectedStop),
         }
@@ -195,9 +185,7 @@ impl<'a> ProgramCheck<'a> {
             (None, StepPhase::Touched) => {
                 return Err(RefusalReason::IncompleteStep("the back-off from contact"));
             }
-            (None, StepPhase::BackedOff) => {
-                self.check_move(&Position::new(), &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))?
-            }
+            (None, StepPhase::BackedOff) => self.check_move(&Position::new(), &ClearanceRule::Unguarded)?,
             (None, _) => return Err(RefusalReason::IncompleteStep("the touch")),
         }
         self.proof.steps.extend(self.nearest.take());
@@ -246,7 +234,7 @@ impl<'a> ProgramCheck<'a> {
         rules::braking_distance_mm(motion, &self.request.plan.machine, probe)?;
         let rule = match (turns, self.is_confirmed()) {
             (true, false) => return Err(RefusalReason::TurnBeforeConfirmation),
-            (true, true) => ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            (true, true) => ClearanceRule::Unguarded,
             (false, false) => self.unconfirmed_guarded_rule(motion)?,
             (false, true) => self.guarded_move_rule(),
         };
@@ -303,9 +291,7 @@ impl<'a> ProgramCheck<'a> {
         let turned = |by: f64| self.position.clone().with(Axis::S, s + by);
         let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
         match (from, to) {
-            (Ok(from), Ok(to)) => {
-                self.check_clearance(&JointPath { from, to }, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))?
-            }
+            (Ok(from), Ok(to)) => self.check_clearance(&JointPath { from, to }, &ClearanceRule::Unguarded)?,
             _ => self.unchecked_lines.push(self.line),
         }
         self.position.set(Axis::S, s);
@@ -323,14 +309,8 @@ impl<'a> ProgramCheck<'a> {
         Ok(())
     }
 
-    /// Commands of all axes; a spindle that is not oriented counts as zero.
     fn commands(&self, position: &Position) -> Result<AxisCommands, RefusalReason> {
-        let axes = self.request.plan.machine.axes.keys();
-        let mut unknown = axes.filter(|axis| **axis != Axis::S && position.get(**axis).is_none());
-        match unknown.next() {
-            Some(axis) => Err(RefusalReason::UnknownPosition(*axis)),
-            None => Ok(Axis::ALL.map(|axis| position.get_or_zero(axis))),
-        }
+        rules::axis_commands(&self.request.plan.machine, position)
     }
 
     /// Checks that the path is free, and keeps the smallest clearance.

@@ -129,21 +129,6 @@ pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(Proof, Vec<Prove
     Ok((proof, proven_units(dialect, blocks, transmission, sent, read, start_position)?))
 }
 
-/// Renders a block and reads it back; bodies are not checked.
-///
-/// # Errors
-/// As [`prove_blocks`], except the checks of bodies.
-pub(super) fn prove_text_only(
-    block: &Block,
-    start_position: Position,
-    axes: &[Axis],
-    dialect: &Dialect,
-    transmission: &Transmission,
-) -> Result<ProvenBlock, StageProofError> {
-    let sent = dialect.render_for_transmission(transmission, axes, std::slice::from_ref(block))?;
-    read_back_block(block, start_position, dialect, transmission, sent)
-}
-
 /// Reads one rendered block back.
 ///
 /// # Errors
@@ -158,7 +143,7 @@ pub(super) fn read_back_block(
     let blocks = std::slice::from_ref(block);
     let read = read_programs(dialect, &sent.programs)?;
     let mut proven = proven_units(dialect, blocks, transmission, sent, read, start_position)?;
-    proven.pop().ok_or(StageProofError::Refused(refusal_at(1, RefusalReason::MissingStep(block.step))))
+    proven.pop().ok_or(RefusalReason::MissingStep(block.step).at_line(1).into())
 }
 
 /// Assigns to each unit its motions of `read`, and compares them with the rendered motions.
@@ -188,7 +173,7 @@ fn proven_units(
     }
     match remaining.next() {
         None => Ok(proven),
-        Some(motion) => Err(refusal_at(motion.line, RefusalReason::MotionWithoutStep)),
+        Some(motion) => Err(RefusalReason::MotionWithoutStep.at_line(motion.line)),
     }
 }
 
@@ -199,7 +184,7 @@ pub(super) fn read_programs(dialect: &Dialect, programs: &[String]) -> Result<Ve
     for program in programs {
         let read = dialect
             .read_back(program)
-            .map_err(|error| refusal_at(before + error.line, RefusalReason::Unreadable(error.reason)))?;
+            .map_err(|error| RefusalReason::Unreadable(error.reason).at_line(before + error.line))?;
         all.extend(read.into_iter().map(|motion| ReadMotion { line: before + motion.line, ..motion }));
         before += program.lines().count();
     }
@@ -210,7 +195,7 @@ fn check_line_lengths(transmission: &Transmission, sent: &TransmissionText) -> R
     let Transmission::Lines { max_line_bytes } = *transmission else { return Ok(()) };
     let mut lines = sent.blocks.iter().flatten().flat_map(|unit| unit.text.lines());
     match lines.find(|line| line.len() >= max_line_bytes) {
-        Some(line) => Err(refusal_at(1, RefusalReason::LineTooLong(line.to_owned()))),
+        Some(line) => Err(RefusalReason::LineTooLong(line.to_owned()).at_line(1)),
         None => Ok(()),
     }
 }
@@ -228,15 +213,12 @@ fn mismatch_refusal(disagreement: ReadBackMismatch) -> ProofRefusal {
         ReadBackMismatch::Motion { line, .. } => *line,
         _ => 1,
     };
-    refusal_at(line, RefusalReason::TextMismatch(disagreement.to_string()))
-}
-
-fn refusal_at(line: usize, reason: RefusalReason) -> ProofRefusal {
-    ProofRefusal { step: None, line, reason }
+    RefusalReason::TextMismatch(disagreement.to_string()).at_line(line)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::for_tests::{proven_block, proven_block_from};
     use super::super::tests::{beside, plan};
     use super::*;
 
@@ -247,7 +229,7 @@ mod tests {
         let axes: Vec<Axis> = plan(|_| {}).machine.axes.keys().copied().collect();
         let dialect = Dialect::from_name("grbl").unwrap();
         let transmission = Transmission::Lines { max_line_bytes: 80 };
-        vec![prove_text_only(&block, beside(), &axes, &dialect, &transmission).unwrap()]
+        vec![proven_block_from(beside(), &block, &axes, &dialect, &transmission).unwrap()]
     }
 
     #[test]
@@ -291,7 +273,7 @@ mod tests {
         let motions = vec![Motion::Guarded { to, feed_mm_min: -300.0 }];
         let block = Block { step: 3, repeat: 0, motions };
         let (dialect, lines) = (Dialect::from_name("grbl").unwrap(), Transmission::Lines { max_line_bytes: 80 });
-        let refused = prove_text_only(&block, Position::new(), &[Axis::Z], &dialect, &lines);
+        let refused = proven_block(&block, &[Axis::Z], &dialect, &lines);
         assert!(matches!(refused, Err(StageProofError::Refused(_))), "{refused:?}");
     }
 }

@@ -86,6 +86,6 @@ pub fn prove_modes(
 fn check_no_motion(dialect: &Dialect, programs: &[String]) -> Result<(), ProofRefusal> {
     match read_programs(dialect, programs)?.first() {
         None => Ok(()),
-        Some(motion) => Err(ProofRefusal { step: None, line: motion.line, reason: RefusalReason::MotionWithoutStep }),
+        Some(motion) => Err(RefusalReason::MotionWithoutStep.at_line(motion.line)),
     }
 }

@@ -1,6 +1,7 @@
 //! Refusals of a proof, and what the operator should do. Nothing has moved.
 
 use super::MIN_UNGUARDED_CLEARANCE_MM;
+use crate::gcode::rs274::LineError;
 use machine::Axis;
 use machine::kinematics::KinematicsError;
 
@@ -31,8 +32,8 @@ fn step_prefix(step: &Option<(u32, String)>) -> String {
 /// Reason of a refusal. Lengths in mm, feeds in mm/min; `value`, `min`, `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefusalReason {
-    #[error("{0}")]
-    Unreadable(String),
+    #[error(transparent)]
+    Unreadable(LineError),
     #[error("the program differs from the plan: {0}")]
     TextMismatch(String),
     #[error("the line is longer than the control's line buffer: `{0}`")]
@@ -122,6 +123,13 @@ pub enum RefusalReason {
         "{} would come within {clearance:.3} mm of {}{}", .between[0], .between[1], clearance_note(*.min_clearance_mm)
     )]
     ClearanceTooSmall { between: [String; 2], clearance: f64, min_clearance_mm: f64 },
+}
+
+impl RefusalReason {
+    /// Refusal of a line outside any step.
+    pub(super) fn at_line(self, line: usize) -> ProofRefusal {
+        ProofRefusal { step: None, line, reason: self }
+    }
 }
 
 fn next_step_note(expected: &Option<u32>) -> String {

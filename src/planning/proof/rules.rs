@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use super::refusal::{PositionMismatch, RefusalReason};
 use crate::gcode::Dialect;
 use crate::gcode::rs274::{MotionKind, ReadMotion};
+use machine::kinematics::AxisCommands;
 use machine::record::machine::{Machine, Probe};
 use machine::{Axis, Position};
 
@@ -55,9 +56,8 @@ pub fn check_max_feed(motion_name: &'static str, motion: &ReadMotion, most: f64)
 /// Braking distance from the feed, mm, for every linear axis; it must be within the probe's overtravel.
 pub fn braking_distance_mm(motion: &ReadMotion, machine: &Machine, probe: &Probe) -> Result<f64, RefusalReason> {
     let feed = motion.feed_mm_min.unwrap_or(f64::NAN);
-    let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
-    let weakest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
-    let (distance_mm, overtravel) = ((feed / 60.0).powi(2) / (2.0 * weakest), probe.overtravel_mm);
+    let distance_mm = (feed / 60.0).powi(2) / (2.0 * machine.min_linear_acceleration_mm_s2());
+    let overtravel = probe.overtravel_mm;
     if distance_mm <= overtravel {
         Ok(distance_mm)
     } else {
@@ -72,6 +72,15 @@ pub fn check_touch_length(from: &Position, to: &Position, overtravel: f64) -> Ch
         return Ok(());
     }
     Err(RefusalReason::TouchTooLong { length, overtravel })
+}
+
+/// Commands of all axes; a spindle that is not oriented counts as zero.
+pub fn axis_commands(machine: &Machine, position: &Position) -> Result<AxisCommands, RefusalReason> {
+    let mut axes = machine.axes.keys();
+    match axes.find(|axis| **axis != Axis::S && position.get(**axis).is_none()) {
+        Some(axis) => Err(RefusalReason::UnknownPosition(*axis)),
+        None => Ok(Axis::ALL.map(|axis| position.get_or_zero(axis))),
+    }
 }
 
 /// An axis that is not at its intended position.

@@ -1,9 +1,8 @@
 //! Proof of a scan: the text reaches the points of its path one after the other, at its feed. It rests at each point
 //! where samples are taken at rest, and nowhere if they are taken during the motion. No part of it touches: all of it
-//! keeps [`MIN_UNGUARDED_CLEARANCE_MM`], except that the ball in a nest of sensors on the table may be as near as their
+//! keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`], except that the ball in a nest of sensors on the table may be as near as their
 //! range allows.
 
-use super::MIN_UNGUARDED_CLEARANCE_MM;
 use super::program_check::{CheckResult, ProgramCheck, StepPhase};
 use super::refusal::RefusalReason;
 use super::rules;
@@ -38,8 +37,8 @@ impl ProgramCheck<'_> {
                 self.check_scan_point(motion, scan, reached_count)
             }
             (MotionKind::Feed, _) => {
-                let ends = self.position().updated_by(&motion.target);
-                match rules::find_axis_mismatch(&ends, &first_point(scan)?, self.request().dialect) {
+                let ends = self.position.updated_by(&motion.target);
+                match rules::find_axis_mismatch(&ends, &first_point(scan)?, self.request.dialect) {
                     None => {
                         let most = self.max_approach_feed(motion, scan)?;
                         rules::check_max_feed("the approach to the scan", motion, most)?;
@@ -51,9 +50,7 @@ impl ProgramCheck<'_> {
             (MotionKind::Stop, _) => Err(RefusalReason::UnexpectedStop),
             (_, StepPhase::Scanning { .. }) => Err(RefusalReason::OffScanPath),
             (MotionKind::Rapid, _) if !self.is_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
-            (MotionKind::Rapid, _) => {
-                self.check_move(&motion.target, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))
-            }
+            (MotionKind::Rapid, _) => self.check_move(&motion.target, &ClearanceRule::Unguarded),
             (MotionKind::Orient { s }, _) => self.check_orientation(s),
             (MotionKind::Probe { .. }, _) => Err(RefusalReason::ProbeInScan),
         }
@@ -62,7 +59,7 @@ impl ProgramCheck<'_> {
     /// Maximum feed of the last move to the first point. Until the position is confirmed, a turn has the reduced
     /// feed of such turns; an axis that the scan itself does not turn may turn only with Z at its upper end.
     fn max_approach_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, RefusalReason> {
-        let plan = self.request().plan;
+        let plan = self.request.plan;
         let in_nest = self.is_in_nest();
         let near = if in_nest { nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, self.confirmed) };
         if self.is_confirmed() {
@@ -79,20 +76,20 @@ impl ProgramCheck<'_> {
     }
 
     /// Maximum feed of a motion that turns one axis, degrees/min; `None` for any other motion.
-    fn max_turn_feed(&self, motion: &ReadMotion) -> Option<f64> {
+    pub(super) fn max_turn_feed(&self, motion: &ReadMotion) -> Option<f64> {
         let mut moved = motion.target.iter().map(|(axis, _)| axis);
         let turned = moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())?;
-        let plan = self.request().plan;
-        Some(turn_feeds::max_turn_feed_deg_min(plan, &self.chain, turned, self.position()))
+        let plan = self.request.plan;
+        Some(turn_feeds::max_turn_feed_deg_min(plan, &self.chain, turned, &self.position))
     }
 
     /// Whether the sensors of the current step are on the table.
     fn is_in_nest(&self) -> bool {
-        self.step().is_some_and(|step| is_in_nest(self.request().plan, step))
+        self.step().is_some_and(|step| is_in_nest(self.request.plan, step))
     }
 
     fn nest_feed_mm_min(&self) -> f64 {
-        nest_feed_mm_min(self.request().plan)
+        nest_feed_mm_min(self.request.plan)
     }
 
     /// Required clearance of a feed move of a scan. A move that is too fast for a hold to stop it in time keeps the
@@ -100,8 +97,8 @@ impl ProgramCheck<'_> {
     fn scan_move_rule(&self, motion: &ReadMotion) -> ClearanceRule {
         let is_slow = || rules::check_max_feed("", motion, self.nest_feed_mm_min()).is_ok();
         match self.is_in_nest() && (has_rotary_motion(motion) || is_slow()) {
-            true => ClearanceRule::InNest(MIN_UNGUARDED_CLEARANCE_MM),
-            false => ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            true => ClearanceRule::InNest,
+            false => ClearanceRule::Unguarded,
         }
     }
 
@@ -111,7 +108,7 @@ impl ProgramCheck<'_> {
         if is_any || !scan.is_rotary_only() {
             return Ok(());
         }
-        if rules::find_axis_mismatch(self.position(), &first_point(scan)?, self.request().dialect).is_none() {
+        if rules::find_axis_mismatch(&self.position, &first_point(scan)?, self.request.dialect).is_none() {
             self.phase = StepPhase::Scanning { reached_count: 1, dwelled_s: 0.0 };
         }
         Ok(())
@@ -126,16 +123,16 @@ impl ProgramCheck<'_> {
             self.check_z_at_top(&motion.target)?;
         }
         let turn = self.max_turn_feed(motion).filter(|_| self.is_in_nest());
-        let most = turn.unwrap_or(self.request().plan.probe.guarded_feed_mm_min);
+        let most = turn.unwrap_or(self.request.plan.probe.guarded_feed_mm_min);
         rules::check_max_feed("the approach to the scan", motion, most)?;
         self.check_move(&motion.target, &self.scan_move_rule(motion))
     }
 
     /// Checks that the move reaches the point `number`, which is the next one.
     fn check_scan_point(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> CheckResult {
-        let ends = self.position().updated_by(&motion.target);
+        let ends = self.position.updated_by(&motion.target);
         let point = scan.path.get(number).ok_or(RefusalReason::OffScanPath)?;
-        if let Some(off) = rules::find_axis_mismatch(&ends, point, self.request().dialect) {
+        if let Some(off) = rules::find_axis_mismatch(&ends, point, self.request.dialect) {
             return Err(off.into_refusal_reason(RefusalReason::WrongScanPoint));
         }
         self.check_move(&motion.target, &self.scan_move_rule(motion))?;

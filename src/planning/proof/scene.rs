@@ -40,10 +40,10 @@ type NearestPair = (f64, [String; 2]);
 /// Clearance rule for a path.
 #[derive(Debug, Clone, Copy)]
 pub enum ClearanceRule {
-    /// All pairs stay farther apart than this, mm, wherever the artefact is within its uncertainty.
-    MinClearance(f64),
-    /// Like `MinClearance`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
-    InNest(f64),
+    /// All pairs stay [`MIN_UNGUARDED_CLEARANCE_MM`] apart, wherever the artefact is within its uncertainty.
+    Unguarded,
+    /// Like `Unguarded`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
+    InNest,
     /// A guarded move: no bodies collide, and pairs whose contact the probe does not detect stay
     /// [`UNDETECTED_CLEARANCE_MM`] apart.
     GuardedMove,
@@ -184,8 +184,8 @@ fn required_clearance(
     joint_path: &JointPath,
 ) -> Option<(f64, Option<LateralUncertainty>)> {
     Some(match (rule, pair.role) {
-        (ClearanceRule::MinClearance(min_clearance_mm), _) => (*min_clearance_mm, None),
-        (ClearanceRule::InNest(min_clearance_mm), _) => (pair.measured_gap.unwrap_or(*min_clearance_mm), None),
+        (ClearanceRule::Unguarded, _) => (MIN_UNGUARDED_CLEARANCE_MM, None),
+        (ClearanceRule::InNest, _) => (pair.measured_gap.unwrap_or(MIN_UNGUARDED_CLEARANCE_MM), None),
         (ClearanceRule::GuardedMove, _) => (pair.guarded_clearance_mm(), None),
         (ClearanceRule::LeavingStart, _) => {
             (start_clearance_mm(pair, joint_path).unwrap_or(0.0).min(pair.guarded_clearance_mm()), None)
@@ -336,7 +336,7 @@ impl SceneBuilder {
     /// Sides of the machine without a declared solid.
     fn sides_without_solid(&self, plan: &Plan) -> Vec<String> {
         let has_solid_on = |side: MachineSide| {
-            let carried = |on| self.chain.carrier_chain(on).map(|carried| carried.side());
+            let carried = |on| self.chain.carrier_chain(on).map(|carried| carried.side);
             plan.solids.iter().any(|solid| carried(solid.on) == Some(side))
         };
         let sides = [("spindle nose", MachineSide::Tool), ("table", MachineSide::Workpiece)];

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::LineError;
 use super::line::{GcodeLine, GcodeWords};
 use machine::Axis;
 
@@ -23,9 +24,9 @@ impl DeclaredCommands {
     ///
     /// # Errors
     /// The reason why `text` is refused; as a message that follows `text`.
-    pub fn add(&mut self, text: &str, switch: SwitchEffect) -> Result<(), String> {
+    pub fn add(&mut self, text: &str, switch: SwitchEffect) -> Result<(), LineError> {
         let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
-        let refused = || "the command must be one M word with its parameters".to_owned();
+        let refused = || LineError::from("the command must be one M word with its parameters");
         let Some(Ok(GcodeLine::GcodeWords(words))) = text.chars().all(harmless).then(|| GcodeLine::parse(text)) else {
             return Err(refused());
         };
@@ -33,17 +34,14 @@ impl DeclaredCommands {
         if !words.g_words_tenfold.is_empty() || words.letters().any(|letter| !"PQE".contains(letter)) {
             return Err(refused());
         }
-        match code {
-            62 | 63 => {
-                return Err(format!("M{code} takes effect only with the next move; use M64 or M65"));
-            }
-            _ => {}
+        if let 62 | 63 = code {
+            return Err(format!("M{code} takes effect only with the next move; use M64 or M65").into());
         }
         if let Some(meaning) = fixed_meaning(*code) {
-            return Err(format!("M{code} {meaning}"));
+            return Err(format!("M{code} {meaning}").into());
         }
         if self.effect_of(&words).is_some() {
-            return Err("the command is declared for another function as well".to_owned());
+            return Err("the command is declared for another function as well".into());
         }
         self.0.push((words, switch));
         Ok(())
@@ -101,22 +99,22 @@ impl SwitchState {
     }
 
     /// Checks that no clamp blocks these axes.
-    pub fn check_clamps_open(&self, mut axes: impl Iterator<Item = Axis>) -> Result<(), String> {
+    pub fn check_clamps_open(&self, mut axes: impl Iterator<Item = Axis>) -> Result<(), LineError> {
         let clamped = |axis: &Axis| self.has_clamp(*axis) && self.clamps.get(axis) != Some(&false);
         match axes.find(clamped) {
-            Some(axis) => Err(format!("{axis} moves while its clamp is not open")),
+            Some(axis) => Err(format!("{axis} moves while its clamp is not open").into()),
             None => Ok(()),
         }
     }
 
     /// Checks that the probe is on and all clamps are closed.
-    pub fn check_ready_to_probe(&self) -> Result<(), String> {
+    pub fn check_ready_to_probe(&self) -> Result<(), LineError> {
         if self.declared.declares(SwitchEffect::Probe(true)) && !self.is_probe_on {
-            return Err("the probe is not switched on".to_owned());
+            return Err("the probe is not switched on".into());
         }
         let open = |axis: &Axis| self.has_clamp(*axis) && self.clamps.get(axis) != Some(&true);
         match Axis::ALL.into_iter().find(open) {
-            Some(axis) => Err(format!("a probing move while the clamp of {axis} is not closed")),
+            Some(axis) => Err(format!("a probing move while the clamp of {axis} is not closed").into()),
             None => Ok(()),
         }
     }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::LineError;
+
 /// A line without blanks and comments.
 #[derive(Debug, PartialEq)]
 pub(super) enum GcodeLine {
@@ -61,13 +63,13 @@ impl GcodeWords {
         self.first_unread_code().or_else(value)
     }
 
-    fn add_word(&mut self, letter: char, value: f64) -> Result<(), String> {
+    fn add_word(&mut self, letter: char, value: f64) -> Result<(), LineError> {
         match letter {
             'G' => self.g_words_tenfold.push(parse_code(value * 10.0, letter)?),
             'M' => self.m_words.push(parse_code(value, letter)?),
             _ => {
                 if self.values.insert(letter, value).is_some() {
-                    return Err(format!("the line has two {letter} words"));
+                    return Err(format!("the line has two {letter} words").into());
                 }
             }
         }
@@ -76,16 +78,16 @@ impl GcodeWords {
 }
 
 /// Number of a word that counts or names: an integer, not negative, below ten million.
-pub(super) fn parse_code(value: f64, letter: char) -> Result<u32, String> {
+pub(super) fn parse_code(value: f64, letter: char) -> Result<u32, LineError> {
     let whole = value.round();
     if (value - whole).abs() < 1e-6 && (0.0..10_000_000.0).contains(&whole) {
         return Ok(whole as u32);
     }
-    Err(format!("the number of the {letter} word is invalid"))
+    Err(format!("the number of the {letter} word is invalid").into())
 }
 
 impl GcodeLine {
-    pub fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str) -> Result<Self, LineError> {
         let (plain, has_abort_comment) = strip_comments(text)?;
         if plain == "%" {
             return Ok(Self::Percent);
@@ -97,14 +99,14 @@ impl GcodeLine {
         let mut rest = plain.as_str();
         while let Some(letter) = rest.chars().next() {
             if !letter.is_ascii_uppercase() {
-                return Err(format!("`{rest}` is not supported"));
+                return Err(format!("`{rest}` is not supported").into());
             }
             let after = &rest[1..];
             let is_number = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+');
             let end = after.find(|c| !is_number(c)).unwrap_or(after.len());
             let (number, next) = after.split_at(end);
             let value = number.parse().ok().filter(|value: &f64| value.is_finite());
-            let value = value.ok_or_else(|| format!("`{rest}` is not a word"))?;
+            let value = value.ok_or_else(|| LineError::from(format!("`{rest}` is not a word")))?;
             words.add_word(letter, value)?;
             rest = next;
         }
@@ -113,7 +115,7 @@ impl GcodeLine {
 }
 
 /// Upper-case text without blanks and comments, and whether a comment aborts the program.
-fn strip_comments(text: &str) -> Result<(String, bool), String> {
+fn strip_comments(text: &str) -> Result<(String, bool), LineError> {
     let (mut plain, mut comment, mut depth, mut has_abort_comment) = (String::new(), String::new(), 0, false);
     for c in text.chars() {
         match c {
@@ -129,12 +131,13 @@ fn strip_comments(text: &str) -> Result<(String, bool), String> {
             c => plain.push(c.to_ascii_uppercase()),
         }
     }
-    if depth == 1 { Err("a comment is not closed".to_owned()) } else { Ok((plain, has_abort_comment)) }
+    if depth == 1 { Err("a comment is not closed".into()) } else { Ok((plain, has_abort_comment)) }
 }
 
 /// Parses the text after the O of a condition: `<NAME>IF[..]` or `<NAME>ENDIF`.
-fn parse_condition(rest: &str) -> Result<GcodeLine, String> {
-    let refused = || format!("`O{rest}` is not supported: only conditions that stop the program are supported");
+fn parse_condition(rest: &str) -> Result<GcodeLine, LineError> {
+    let refused =
+        || LineError::from(format!("`O{rest}` is not supported: only conditions that stop the program are supported"));
     let (name, what) = rest.strip_prefix('<').and_then(|r| r.split_once('>')).ok_or_else(refused)?;
     match what {
         "ENDIF" => Ok(GcodeLine::EndIf(name.to_owned())),

@@ -11,6 +11,7 @@ pub use self::declared_commands::{DeclaredCommands, SwitchEffect};
 use self::line::GcodeLine;
 use self::state::ReaderState;
 use machine::Position;
+use std::borrow::Cow;
 
 /// A motion as read from the text.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +62,18 @@ pub enum MotionFrame {
 #[error("line {line}: {reason}")]
 pub struct ReadError {
     pub line: usize,
-    pub reason: String,
+    pub reason: LineError,
+}
+
+/// Reason why a line is refused; the text may also follow the line itself.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct LineError(Cow<'static, str>);
+
+impl<T: Into<Cow<'static, str>>> From<T> for LineError {
+    fn from(text: T) -> Self {
+        Self(text.into())
+    }
 }
 
 /// Reads the motions of a program, in order.
@@ -70,16 +82,12 @@ pub struct ReadError {
 /// unknown at the start and must be set by the text before it is used: units, distance mode, exact path (G61 or
 /// G61.1) and feed per minute (G94) before any move, a feed before a feed move. M72 makes this state unknown again.
 ///
+/// `declared` are the machine's own commands. If a command switches the probe, the probe must be on before a probing
+/// move; an axis with a clamp moves only while the clamp is open, and a probing move needs the clamp closed.
+///
 /// # Errors
 /// The first line that is not understood, or that moves in a state not set.
-pub fn read_program(text: &str, zero_slot: Option<&str>) -> Result<Vec<ReadMotion>, ReadError> {
-    read_program_with(text, zero_slot, &DeclaredCommands::default())
-}
-
-/// Like [`read_program`], on a machine with commands of its own. If a command switches the probe, the probe must be on
-/// before a probing move; an axis with a clamp moves only while the clamp is open, and a probing move needs the
-/// clamp closed.
-pub fn read_program_with(
+pub fn read_program(
     text: &str,
     zero_slot: Option<&str>,
     declared: &DeclaredCommands,

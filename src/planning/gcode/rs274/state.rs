@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::declared_commands::{DeclaredCommands, SwitchState};
 use super::line::{GcodeLine, GcodeWords, parse_code};
-use super::{MotionFrame, MotionKind, ReadMotion};
+use super::{LineError, MotionFrame, MotionKind, ReadMotion};
 use machine::{Axis, Position};
 
 const MM_PER_INCH: f64 = 25.4;
@@ -75,14 +75,14 @@ impl ReaderState {
     }
 
     /// Checks that the program does not end inside a condition.
-    pub fn check_end(&self) -> Result<(), String> {
+    pub fn check_end(&self) -> Result<(), LineError> {
         match &self.condition {
-            Some((name, _)) => Err(format!("the condition {name} has no end")),
+            Some((name, _)) => Err(format!("the condition {name} has no end").into()),
             None => Ok(()),
         }
     }
 
-    pub fn apply(&mut self, line: GcodeLine) -> Result<Option<ReadMotion>, String> {
+    pub fn apply(&mut self, line: GcodeLine) -> Result<Option<ReadMotion>, LineError> {
         match line {
             GcodeLine::Percent => {
                 self.has_ended = self.has_started;
@@ -93,11 +93,13 @@ impl ReaderState {
                 self.condition = Some((name, false));
                 Ok(None)
             }
-            GcodeLine::If(_) => Err("a condition inside a condition is not supported".to_owned()),
+            GcodeLine::If(_) => Err("a condition inside a condition is not supported".into()),
             GcodeLine::EndIf(name) => match self.condition.take() {
                 Some((open, true)) if open == name => Ok(None),
-                Some((open, false)) if open == name => Err(format!("the condition {name} does not stop the program")),
-                _ => Err(format!("the condition {name} ends, but is not open")),
+                Some((open, false)) if open == name => {
+                    Err(format!("the condition {name} does not stop the program").into())
+                }
+                _ => Err(format!("the condition {name} ends, but is not open").into()),
             },
             GcodeLine::GcodeWords(words) if self.condition.is_some() => self.apply_in_condition(words).map(|()| None),
             GcodeLine::GcodeWords(words) => self.apply_words(words),
@@ -105,7 +107,7 @@ impl ReaderState {
     }
 
     /// Accepts only a stop, and before it a restore of the modal state.
-    fn apply_in_condition(&mut self, mut words: GcodeWords) -> Result<(), String> {
+    fn apply_in_condition(&mut self, mut words: GcodeWords) -> Result<(), LineError> {
         words.take_m(72);
         let stops = words.has_abort_comment || words.take_m(2) || words.take_m(30);
         if let Some((_, stopped)) = &mut self.condition {
@@ -114,12 +116,12 @@ impl ReaderState {
         refuse_unread_words(&words)
     }
 
-    fn apply_words(&mut self, mut words: GcodeWords) -> Result<Option<ReadMotion>, String> {
+    fn apply_words(&mut self, mut words: GcodeWords) -> Result<Option<ReadMotion>, LineError> {
         if words.g_words_tenfold.is_empty() && words.m_words.is_empty() && words.first_unread_word().is_none() {
             return Ok(None);
         }
         if self.has_ended {
-            return Err("a word after the end of the program".to_owned());
+            return Err("a word after the end of the program".into());
         }
         self.has_started = true;
         let n = words.take_value('N').map(|n| parse_code(n, 'N')).transpose()?;
@@ -138,10 +140,10 @@ impl ReaderState {
         Ok(motion.filter(|motion| !own(motion)).map(|motion| ReadMotion { step_number: n, ..motion }))
     }
 
-    fn set_modal(&mut self, words: &mut GcodeWords) -> Result<(), String> {
+    fn set_modal(&mut self, words: &mut GcodeWords) -> Result<(), LineError> {
         // M66 L0 reads an input immediately: it waits for the moves before it and does not move.
         if words.take_m(66) && (words.take_value('L'), words.take_value('P').is_some()) != (Some(0.0), true) {
-            return Err("M66 is supported only with P and L0".to_owned());
+            return Err("M66 is supported only with P and L0".into());
         }
         // M70 saves the modal state; after M72 the text does not determine it.
         words.take_m(70);
@@ -166,7 +168,7 @@ impl ReaderState {
         modal.is_tool_length_off |= words.take_g(490);
         modal.is_g92_off |= words.take_g(921) || words.take_g(922);
         if words.take_g(640) {
-            return Err("G64 rounds corners; only G61 and G61.1 are supported".to_owned());
+            return Err("G64 rounds corners; only G61 and G61.1 are supported".into());
         }
         modal.is_exact_path |= words.take_g(610) | words.take_g(611);
         modal.is_feed_per_minute |= words.take_g(940);
@@ -180,11 +182,11 @@ impl ReaderState {
     }
 
     /// Action of the line; a line has at most one.
-    fn take_action(&mut self, words: &mut GcodeWords) -> Result<Option<ReadMotion>, String> {
+    fn take_action(&mut self, words: &mut GcodeWords) -> Result<Option<ReadMotion>, LineError> {
         let (dwell, offset, machine) = (words.take_g(40), words.take_g(100), words.take_g(530));
         let (orient, stop) = (words.take_m(19), words.take_m(0));
         if let Some(code) = words.first_unread_code() {
-            return Err(format!("{code} is not supported"));
+            return Err(format!("{code} is not supported").into());
         }
         if dwell {
             let seconds = words.take_value('P').ok_or("G4 without P")?;
@@ -214,10 +216,10 @@ impl ReaderState {
     }
 
     /// G10 L2: a zero offset is recorded; any other offset is refused.
-    fn zero_work_offset(&mut self, words: &mut GcodeWords) -> Result<(), String> {
+    fn zero_work_offset(&mut self, words: &mut GcodeWords) -> Result<(), LineError> {
         let slot = words.take_value('P').map(|p| parse_code(p, 'P')).transpose()?;
         let (Some(2.0), Some(p @ 1..=9)) = (words.take_value('L'), slot) else {
-            return Err("G10 is supported only with L2 and P1 to P9".to_owned());
+            return Err("G10 is supported only with L2 and P1 to P9".into());
         };
         for axis in Axis::ALL {
             match words.take_value(axis.letter()) {
@@ -225,7 +227,7 @@ impl ReaderState {
                     self.zeroed_axes.entry(WORK_OFFSET_SLOTS[p as usize - 1].0).or_default().insert(axis);
                 }
                 Some(value) => {
-                    return Err(format!("a work offset of {value} in {axis}; only 0 is supported"));
+                    return Err(format!("a work offset of {value} in {axis}; only 0 is supported").into());
                 }
                 None => {}
             }
@@ -233,18 +235,18 @@ impl ReaderState {
         Ok(())
     }
 
-    fn straight_move(&mut self, machine: bool, named: &[(Axis, f64)]) -> Result<ReadMotion, String> {
+    fn straight_move(&mut self, machine: bool, named: &[(Axis, f64)]) -> Result<ReadMotion, LineError> {
         let kind = self.modal.motion.ok_or("the line has axis words, but no motion mode is set")?;
         let scale = self.modal.mm_per_unit.ok_or(UNITS_NOT_SET)?;
         let distance = self.modal.distance.ok_or("neither G90 nor G91 is set")?;
         if !self.modal.is_exact_path {
-            return Err("neither G61 nor G61.1 is set".to_owned());
+            return Err("neither G61 nor G61.1 is set".into());
         }
         if !self.modal.is_feed_per_minute {
-            return Err("G94 is not set".to_owned());
+            return Err("G94 is not set".into());
         }
         if machine && (matches!(kind, MotionKind::Probe { .. }) || distance == DistanceMode::Incremental) {
-            return Err("G53 is supported only with G90 and G0 or G1".to_owned());
+            return Err("G53 is supported only with G90 and G0 or G1".into());
         }
         self.switches.check_clamps_open(named.iter().map(|(axis, _)| *axis))?;
         if matches!(kind, MotionKind::Probe { .. }) {
@@ -296,20 +298,22 @@ fn motion_without_target(kind: MotionKind) -> ReadMotion {
 }
 
 /// Sets `to` from the word of a modal group in the line; a line has at most one word of a group.
-fn set_modal_group<T: Copy>(words: &mut GcodeWords, group: &[(u32, T)], to: &mut Option<T>) -> Result<(), String> {
+fn set_modal_group<T: Copy>(words: &mut GcodeWords, group: &[(u32, T)], to: &mut Option<T>) -> Result<(), LineError> {
     let mut found = group.iter().filter(|(g, _)| words.take_g(*g));
     if let Some((_, value)) = found.next() {
         *to = Some(*value);
     }
     match found.next() {
-        Some((g, _)) => Err(format!("G{} and another word of its modal group are in one line", f64::from(*g) / 10.0)),
+        Some((g, _)) => {
+            Err(format!("G{} and another word of its modal group are in one line", f64::from(*g) / 10.0).into())
+        }
         None => Ok(()),
     }
 }
 
-fn refuse_unread_words(words: &GcodeWords) -> Result<(), String> {
+fn refuse_unread_words(words: &GcodeWords) -> Result<(), LineError> {
     match words.first_unread_word() {
-        Some(word) => Err(format!("{word} is not supported")),
+        Some(word) => Err(format!("{word} is not supported").into()),
         None => Ok(()),
     }
 }
