@@ -13,7 +13,7 @@ pub struct Circle {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum CircleError {
     #[error("a circle needs three points, there are {0}; measure more positions")]
-    TooFew(usize),
+    TooFewPoints(usize),
     #[error("the points lie on a line or coincide; spread them along the arc")]
     Collinear,
     #[error("a point of the circle is not a finite number; check the input")]
@@ -28,7 +28,7 @@ pub enum CircleError {
 /// Fewer points, points on one line, or points that resemble no circle.
 pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
     let RadialFit { centre, radius, .. } = radial::fit_radial(points).map_err(|error| match error {
-        RadialError::TooFew(count) => CircleError::TooFew(count),
+        RadialError::TooFewPoints(count) => CircleError::TooFewPoints(count),
         RadialError::Flat => CircleError::Collinear,
         RadialError::NotFinite => CircleError::NotFinite,
         RadialError::NotConverged => CircleError::NotConverged,
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn regress_no_circle_is_refused() {
-        assert_eq!(fit_circle(&[[0.0, 0.0], [1.0, 0.0]]), Err(CircleError::TooFew(2)));
+        assert_eq!(fit_circle(&[[0.0, 0.0], [1.0, 0.0]]), Err(CircleError::TooFewPoints(2)));
         let line: Vec<[f64; 2]> = (0..7).map(|i| [1e3 + 0.1 * f64::from(i), 0.3 * f64::from(i)]).collect();
         assert_eq!(fit_circle(&line), Err(CircleError::Collinear));
         assert_eq!(fit_circle(&[[2.0, 2.0]; 5]), Err(CircleError::Collinear));

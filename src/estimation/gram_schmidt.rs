@@ -21,11 +21,11 @@ impl ColumnMatrix {
         Self { rows, count, values: vec![0.0; rows * count] }
     }
 
-    pub fn rows(&self) -> usize {
+    pub fn row_count(&self) -> usize {
         self.rows
     }
 
-    pub fn count(&self) -> usize {
+    pub fn column_count(&self) -> usize {
         self.count
     }
 

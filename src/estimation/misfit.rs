@@ -42,8 +42,8 @@ impl Misfit {
         let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
         let is_above_bound = declared && beyond(&|(_, upper)| ratio * effective > upper);
         let is_below_bound = declared && beyond(&|(lower, _)| ratio * effective < lower);
-        let judged = is_above_bound || (!declared && bounds.is_some());
-        let uncertainty_factor = if judged { ratio.sqrt() } else { 1.0 };
+        let has_factor = is_above_bound || (!declared && bounds.is_some());
+        let uncertainty_factor = if has_factor { ratio.sqrt() } else { 1.0 };
         Self { chi2, expected, dof: effective, uncertainty_factor, is_above_bound, is_below_bound }
     }
 }

@@ -52,7 +52,7 @@ mod tests {
     /// Corners of a box moved by a known motion, one of them 3 µm farther. The fit absorbs a part of the 3 µm, and
     /// the remaining deviations have zero mean and zero moment.
     #[test]
-    fn a_moved_box_is_carried_back() {
+    fn the_motion_of_a_box_is_recovered() {
         let corner =
             |i: usize| Vector3::new((i & 1) as f64 * 100.0, (i >> 1 & 1) as f64 * 60.0, (i >> 2) as f64 * 40.0);
         let from: Vec<Vector3<f64>> = (0..8).map(corner).collect();

@@ -36,7 +36,7 @@ impl BlockRows {
 
     /// Sets the right-hand side of a row: measured, or measured less model.
     pub fn set_value(&mut self, row: usize, value: f64) {
-        self.columns.set(row, self.columns.count() - 1, value);
+        self.columns.set(row, self.columns.column_count() - 1, value);
     }
 }
 
@@ -47,7 +47,7 @@ pub(super) fn add_damping_rows(mut blocks: Vec<BlockRows>, weights: &[f64]) -> V
     let (of_common, mut weights) = weights.split_at(common);
     for rows in &mut blocks {
         let (own_part, after) = weights.split_at(rows.own_count);
-        let first = rows.columns.rows();
+        let first = rows.columns.row_count();
         rows.columns.add_rows(rows.own_count);
         own_part.iter().enumerate().for_each(|(j, weight)| rows.set_own(first + j, j, *weight));
         weights = after;
@@ -66,12 +66,12 @@ pub struct BlockFactorisation {
     common: ColumnMatrix,
     /// R of the common unknowns: common × common, upper triangle.
     triangle: Mat<f64>,
-    is_deficient: bool,
+    is_rank_deficient: bool,
 }
 
 #[derive(Debug, Clone)]
 struct FactorBlock {
-    orthonormal: ColumnMatrix,
+    orthonormal_columns: ColumnMatrix,
     /// R of the own unknowns: own × own, upper triangle.
     triangle: Mat<f64>,
     /// Part of R that couples own and common unknowns: own × common.
@@ -81,38 +81,39 @@ struct FactorBlock {
 /// Factorises the rows of all blocks. Returns the factorisation and the coordinates of the right-hand side along
 /// the orthonormal columns. All blocks have the same common unknowns.
 pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
-    let common = blocks.first().map_or(0, |rows| rows.columns.count() - rows.own_count - 1);
-    let total = blocks.iter().map(|rows| rows.columns.rows()).sum();
+    let common = blocks.first().map_or(0, |rows| rows.columns.column_count() - rows.own_count - 1);
+    let total = blocks.iter().map(|rows| rows.columns.row_count()).sum();
     let mut rest = ColumnMatrix::zeros(total, common + 1);
     let (mut factored, mut coordinates) = (Vec::with_capacity(blocks.len()), Vec::new());
-    let (mut is_deficient, mut first) = (false, 0);
+    let (mut is_rank_deficient, mut first) = (false, 0);
     for BlockRows { own_count, mut columns } in blocks {
-        let (r, is_rank_deficient) = columns.orthonormalise(own_count);
-        is_deficient |= is_rank_deficient;
+        let (r, is_dependent) = columns.orthonormalise(own_count);
+        is_rank_deficient |= is_dependent;
         for j in 0..=common {
-            rest.column_mut(j)[first..][..columns.rows()].copy_from_slice(columns.column(own_count + j));
+            rest.column_mut(j)[first..][..columns.row_count()].copy_from_slice(columns.column(own_count + j));
         }
-        first += columns.rows();
+        first += columns.row_count();
         coordinates.extend((0..own_count).map(|i| r[(i, own_count + common)]));
         columns.truncate(own_count);
         factored.push(FactorBlock {
-            orthonormal: columns,
+            orthonormal_columns: columns,
             triangle: r.get(.., ..own_count).to_owned(),
             coupling: r.get(.., own_count..own_count + common).to_owned(),
         });
     }
-    let (r, is_rank_deficient) = rest.orthonormalise(common);
+    let (r, is_dependent) = rest.orthonormalise(common);
     let of_common: Vec<f64> = (0..common).map(|i| r[(i, common)]).collect();
     coordinates.splice(0..0, of_common);
     rest.truncate(common);
     let triangle = r.get(.., ..common).to_owned();
-    let is_deficient = is_deficient || is_rank_deficient;
-    (BlockFactorisation { blocks: factored, common: rest, triangle, is_deficient }, coordinates)
+    let is_rank_deficient = is_rank_deficient || is_dependent;
+    (BlockFactorisation { blocks: factored, common: rest, triangle, is_rank_deficient }, coordinates)
 }
 
 impl BlockFactorisation {
     pub fn unknowns(&self) -> usize {
-        self.common.count() + self.blocks.iter().map(|block| block.orthonormal.count()).sum::<usize>()
+        self.common.column_count()
+            + self.blocks.iter().map(|block| block.orthonormal_columns.column_count()).sum::<usize>()
     }
 
     /// Computes the least-squares solution for the values `y` of all rows.
@@ -125,13 +126,13 @@ impl BlockFactorisation {
     pub(super) fn solve_damped(&self, y: &[f64]) -> Vec<f64> {
         let (mut extended, mut rest) = (Vec::new(), y);
         for block in &self.blocks {
-            let more = block.orthonormal.count();
-            let (own_part, after) = rest.split_at(rest.len().min(block.orthonormal.rows() - more));
+            let more = block.orthonormal_columns.column_count();
+            let (own_part, after) = rest.split_at(rest.len().min(block.orthonormal_columns.row_count() - more));
             extended.extend_from_slice(own_part);
             extended.resize(extended.len() + more, 0.0);
             rest = after;
         }
-        extended.resize(self.common.rows(), 0.0);
+        extended.resize(self.common.row_count(), 0.0);
         self.solve(&extended)
     }
 
@@ -154,8 +155,8 @@ impl BlockFactorisation {
         let mut own = Vec::with_capacity(self.unknowns());
         let mut rest = &mut *y;
         for block in &self.blocks {
-            let (rows, after) = rest.split_at_mut(block.orthonormal.rows());
-            own.extend(block.orthonormal.subtract_projections(rows));
+            let (rows, after) = rest.split_at_mut(block.orthonormal_columns.row_count());
+            own.extend(block.orthonormal_columns.subtract_projections(rows));
             rest = after;
         }
         let mut all = self.common.subtract_projections(y);
@@ -165,7 +166,7 @@ impl BlockFactorisation {
 
     /// Computes R⁻¹·coordinates.
     pub(super) fn unknowns_at(&self, coordinates: &[f64]) -> Vec<f64> {
-        let (common, mut own) = coordinates.split_at(self.common.count());
+        let (common, mut own) = coordinates.split_at(self.common.column_count());
         let mut x = back_substitute(&self.triangle, common.to_vec());
         let count = x.len();
         for block in &self.blocks {
@@ -183,7 +184,7 @@ impl BlockFactorisation {
 
     /// R as a square matrix. It has the rank, the singular values and the null space of all rows.
     fn square_factor(&self) -> Mat<f64> {
-        let (common, all) = (self.common.count(), self.unknowns());
+        let (common, all) = (self.common.column_count(), self.unknowns());
         let mut square = Mat::zeros(all, all);
         square.get_mut(..common, ..common).copy_from(&self.triangle);
         let mut first = common;
@@ -227,7 +228,7 @@ impl BlockFactorisation {
     /// Leverage of each row: the diagonal of the hat matrix H.
     pub fn leverage(&self) -> Vec<f64> {
         let mut leverage = self.common.square_sums();
-        let own = self.blocks.iter().flat_map(|block| block.orthonormal.square_sums());
+        let own = self.blocks.iter().flat_map(|block| block.orthonormal_columns.square_sums());
         leverage.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
         leverage
     }
@@ -235,14 +236,14 @@ impl BlockFactorisation {
     /// # Errors
     /// The rows do not determine the unknowns.
     pub(super) fn require_full_rank(self) -> Result<Self, LinearError> {
-        if self.is_deficient {
+        if self.is_rank_deficient {
             return Err(LinearError::RankDeficient(Box::new(self.analyse_rank()?)));
         }
         Ok(self)
     }
 
     pub(super) fn is_full_rank(&self) -> bool {
-        !self.is_deficient
+        !self.is_rank_deficient
     }
 }
 

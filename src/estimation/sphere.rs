@@ -18,7 +18,7 @@ pub struct Sphere {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SphereError {
     #[error("a sphere needs four points, there are {0}; touch the ball at more places")]
-    TooFew(usize),
+    TooFewPoints(usize),
     #[error("the points lie in a plane or coincide; touch the ball at its pole as well")]
     Coplanar,
     #[error("a point or the radius of the sphere is not a finite number; check the input")]
@@ -34,7 +34,7 @@ pub enum SphereError {
 pub fn fit_sphere(points: &[[f64; 3]]) -> Result<Sphere, SphereError> {
     let RadialFit { centre, radius, residuals, covariance } =
         radial::fit_radial(points).map_err(|error| match error {
-            RadialError::TooFew(count) => SphereError::TooFew(count),
+            RadialError::TooFewPoints(count) => SphereError::TooFewPoints(count),
             RadialError::Flat => SphereError::Coplanar,
             RadialError::NotFinite => SphereError::NotFinite,
             RadialError::NotConverged => SphereError::NotConverged,
@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn regress_no_sphere_is_refused() {
         let points = five_touches([5.0, 6.0, 7.0], 10.0, 0.3);
-        assert_eq!(fit_sphere(&points[..3]), Err(SphereError::TooFew(3)));
+        assert_eq!(fit_sphere(&points[..3]), Err(SphereError::TooFewPoints(3)));
         assert_eq!(fit_sphere(&points[..4]), Err(SphereError::Coplanar));
         assert_eq!(fit_sphere(&[[1.0, 2.0, 3.0]; 5]), Err(SphereError::Coplanar));
         assert_eq!(fit_sphere(&[[f64::NAN; 3]; 5]), Err(SphereError::NotFinite));

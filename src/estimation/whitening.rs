@@ -14,7 +14,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_weighted_has_unit_covariance() {
+    fn whitened_coordinates_have_unit_covariance() {
         let rows = [[4.0, 1.2, -0.6], [1.2, 2.5, 0.3], [-0.6, 0.3, 9.0]];
         let covariance = Matrix3::from(rows);
         let w = whitening_matrix(covariance);

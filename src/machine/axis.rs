@@ -176,7 +176,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_position_travels_in_degrees() {
+    fn a_position_is_serialized_in_degrees() {
         let position = Position::new().with(Axis::X, 1.5).with(Axis::C, 2.0 * PI / 3.0);
         let json = serde_json::to_string(&position).unwrap();
         assert_eq!(json, r#"{"X":1.5,"C":120.0}"#);

@@ -1,13 +1,11 @@
 //! Evaluation of the touches of one ball: its centre, diameter and form.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{Matrix3, Vector3};
 
 use estimation::sphere::{Sphere, SphereError, fit_sphere};
 use machine::kinematics::{KinematicChain, KinematicsError};
 use machine::record::machine::{Machine, Probe};
-use machine::{Axis, Position, frame::Point};
+use machine::{Position, frame::Point};
 
 /// Measurement of one ball at one rotary position.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,26 +88,21 @@ impl MeasuredBall {
     /// The limit that is exceeded.
     pub fn check(&self, ball: &str, stated_mm: f64, limits: &BallLimits) -> Result<(), BallCheckError> {
         let (form, limit) = (self.form_mm, limits.form_mm);
-        let ball_and_position = || (ball.to_owned(), format_rotary_position(&self.position));
+        let (ball, at) = (ball.to_owned(), format_rotary_position(&self.position));
         if form.is_nan() || form > limit {
-            let (ball, at) = ball_and_position();
             return Err(BallCheckError::Form { ball, at, form, limit });
         }
         let (diameter, stated, limit) = (self.diameter_mm, stated_mm, limits.diameter_mm);
         if (diameter - stated).abs() <= limit {
             return Ok(());
         }
-        let (ball, at) = ball_and_position();
         Err(BallCheckError::Diameter { ball, at, diameter, stated, limit })
     }
 }
 
 /// `B −30°, C 90°`
 fn format_rotary_position(position: &Position) -> String {
-    let rotary: BTreeMap<Axis, f64> = position.iter().filter(|(axis, _)| !axis.is_linear()).collect();
-    let word = |(axis, value): (&Axis, &f64)| {
-        let degrees = format!("{axis} {}°", axis.to_mm_or_deg(*value));
-        degrees.replace('-', "−")
-    };
-    rotary.iter().map(word).collect::<Vec<_>>().join(", ")
+    let rotary = position.iter().filter(|(axis, _)| !axis.is_linear());
+    let words = rotary.map(|(axis, value)| format!("{axis} {}°", axis.to_mm_or_deg(value)).replace('-', "−"));
+    words.collect::<Vec<_>>().join(", ")
 }

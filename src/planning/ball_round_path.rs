@@ -39,7 +39,7 @@ struct ArtefactBall {
 /// Positions of the path from the position of the machine, beside a ball or above it, to the start of the next
 /// touch of the same ball: a corner if necessary, and the start. `None`: the machine is not near the ball, the path
 /// round it is too long or out of travel, or an obstacle blocks it.
-pub(super) fn plan_round_ball(
+pub(super) fn plan_path_round_ball(
     surroundings: &Surroundings,
     machine: &Machine,
     position: &Position,
@@ -69,7 +69,11 @@ pub(super) fn plan_round_ball(
 
 /// Position straight away from the ball that was touched from `start`, at a distance from which the next path may
 /// begin with a rapid. `None`: out of travel, or an obstacle is near.
-pub(super) fn end_beside_ball(surroundings: &Surroundings, machine: &Machine, start: &Position) -> Option<Position> {
+pub(super) fn block_end_beside_ball(
+    surroundings: &Surroundings,
+    machine: &Machine,
+    start: &Position,
+) -> Option<Position> {
     let ball = surroundings.nearest_ball(start)?;
     let there = surroundings.tip_offset(&ball, start);
     let far = (ball.contact_distance_mm + ball.uncertainty_mm + GUARDED_CLEARANCE_MM + POSITION_TOLERANCE_MM)

@@ -20,12 +20,20 @@ pub(super) struct MotionSequence {
 
 impl MotionSequence {
     pub fn add_rapid(&mut self, to: &Position) {
-        self.add_feed(to, |to| Motion::Rapid { to });
+        self.add_motion(to, |to| Motion::Rapid { to });
+    }
+
+    /// Turns the rotary axes, orients the spindle, moves X and Y as in `to`, and last Z to `z`.
+    pub fn add_rapids_above(&mut self, to: &Position, z: f64) {
+        self.add_rapid(&to.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
+        self.add_orientation(to.get(Axis::S));
+        self.add_rapid(&to.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
+        self.add_rapid(&z_position(z));
     }
 
     pub fn add_guarded(&mut self, to: &Position) {
         let feed_mm_min = self.near_part_feed_mm_min;
-        self.add_feed(to, |to| Motion::Guarded { to, feed_mm_min });
+        self.add_motion(to, |to| Motion::Guarded { to, feed_mm_min });
     }
 
     /// Empty path from `position`.
@@ -34,7 +42,7 @@ impl MotionSequence {
     }
 
     /// Adds a motion of the axes that are not at their target yet; none if all are.
-    pub fn add_feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
+    pub fn add_motion(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
         let moved: Position = to.iter().filter(|(axis, value)| !self.is_at(*axis, *value)).collect();
         if !moved.is_empty() {
             self.position = self.position.updated_by(&moved);

@@ -1,11 +1,11 @@
 //! Path to the next touch of a ball, no higher than necessary.
 //!
-//! - From touch to touch of one ball: guarded, round the ball ([`super::round`]), or if an obstacle blocks that
-//!   path, just above everything near.
+//! - From touch to touch of one ball: guarded, round the ball ([`super::ball_round_path`]), or if an obstacle blocks
+//!   that path, just above everything near.
 //! - To another ball at the same rotary position: rapid, 10 mm above everything below the path.
 //! - To another rotary position: rapid, 10 mm above everything that turns below *this* path.
 //! - From an unknown position: by way of the upper end of Z, one axis group after the other. Until touches have
-//!   confirmed the position of the machine, every path has this form, and is careful ([`super::careful`]).
+//!   confirmed the position of the machine, every path has this form, and is careful ([`super::unconfirmed_approach`]).
 
 use super::motion_sequence::{MotionSequence, z_position};
 use super::safe_heights::{GUARDED_CLEARANCE_MM, UNGUARDED_CLEARANCE_MM};
@@ -32,7 +32,7 @@ pub(super) fn plan_ball_approach(
     let machine = &plan.machine;
     let ball_path = BallPath {
         machine,
-        from: &step.from,
+        touch_start: &step.from,
         min_z: step.from.get_or_zero(Axis::Z).max(step.to.get_or_zero(Axis::Z)),
         clearance,
     };
@@ -53,14 +53,14 @@ pub(super) fn plan_ball_approach(
     } else {
         ball_path.move_straight(path, high);
     }
-    let aside = ball_round_path::end_beside_ball(&clearance.surroundings, machine, &step.from);
+    let aside = ball_round_path::block_end_beside_ball(&clearance.surroundings, machine, &step.from);
     Ok(aside.unwrap_or_else(above))
 }
 
 struct BallPath<'a> {
     machine: &'a Machine,
     /// Start of the touch.
-    from: &'a Position,
+    touch_start: &'a Position,
     /// Z of the path is never lower than the touch itself.
     min_z: f64,
     clearance: &'a SafeHeights,
@@ -72,38 +72,39 @@ impl BallPath<'_> {
     }
 
     fn needs_rotation(&self, path: &MotionSequence) -> bool {
-        let mut rotary = self.from.iter().filter(|(axis, _)| !axis.is_linear());
+        let mut rotary = self.touch_start.iter().filter(|(axis, _)| !axis.is_linear());
         rotary.any(|(axis, value)| !path.is_at(axis, value))
     }
 
     fn move_from_unknown_position(&self, path: &mut MotionSequence, high: f64) {
         path.add_rapid(&z_position(self.clearance.top_z));
-        path.add_rapid(&self.from.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
-        path.add_orientation(self.from.get(Axis::S));
-        path.add_rapid(&self.xy_target());
-        path.add_rapid(&z_position(high));
+        path.add_rapids_above(self.touch_start, high);
     }
 
     /// Moves the rotary axes and X, Y together: all obstacles are lower during the whole motion.
     fn move_with_rotation(&self, path: &mut MotionSequence, high: f64) -> Result<(), PlanningError> {
-        let needed = self.clearance.turning_clearance_z(&path.position, self.from)?.max(high);
+        let needed = self.clearance.turning_clearance_z(&path.position, self.touch_start)?.max(high);
         self.raise_z(path, needed);
-        let turned = self.from.filter_axes(|axis| !matches!(axis, Axis::Z | Axis::S));
+        let turned = self.touch_start.filter_axes(|axis| !matches!(axis, Axis::Z | Axis::S));
         path.add_rapid(&turned);
-        path.add_orientation(self.from.get(Axis::S));
+        path.add_orientation(self.touch_start.get(Axis::S));
         path.add_rapid(&z_position(high));
         Ok(())
     }
 
     /// Moves the linear axes; the rotary axes are already in position.
     fn move_straight(&self, path: &mut MotionSequence, high: f64) {
-        let apart = self.clearance.surroundings.horizontal_distance_mm(&path.position, self.from);
+        let apart = self.clearance.surroundings.horizontal_distance_mm(&path.position, self.touch_start);
         let between = |margin| {
-            let z = self.clearance.surroundings.path_clearance_z(&path.position, self.from, margin);
+            let z = self.clearance.surroundings.path_clearance_z(&path.position, self.touch_start, margin);
             z.max(self.min_z)
         };
-        let places =
-            ball_round_path::plan_round_ball(&self.clearance.surroundings, self.machine, &path.position, self.from);
+        let places = ball_round_path::plan_path_round_ball(
+            &self.clearance.surroundings,
+            self.machine,
+            &path.position,
+            self.touch_start,
+        );
         if let Some(places) = places {
             for place in places {
                 path.add_guarded(&place);
@@ -138,6 +139,6 @@ impl BallPath<'_> {
     }
 
     fn xy_target(&self) -> Position {
-        self.from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y))
+        self.touch_start.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y))
     }
 }

@@ -36,9 +36,9 @@ pub fn step_blocks(
 
 /// If the rotary axes or the spindle turn, the path leads up to the end of Z, turns and moves across; otherwise it
 /// is no higher than its two ends. Then it leads down, the last part slowly, and from point to point. Until a scan
-/// has confirmed the position of the machine, the path is careful ([`super::careful`]), and the descent to where
-/// the sensor may reach a body is separate blocks ([`out_of_range_block_count`]). The path of the ball into a nest of
-/// sensors on the table is always planned like this; between scans, the ball stays in the nest.
+/// has confirmed the position of the machine, the path is careful ([`super::unconfirmed_approach`]), and the descent to
+/// where the sensor may reach a body is separate blocks ([`out_of_range_block_count`]). The path of the ball into a
+/// nest of sensors on the table is always planned like this; between scans, the ball stays in the nest.
 fn scan_blocks(
     plan: &Plan,
     step: &Step,
@@ -71,7 +71,7 @@ fn scan_blocks(
     }
     for (number, point) in scan.path.iter().enumerate() {
         let feed_mm_min = if number == 0 { approach_feed } else { step.feed_mm_min };
-        path.add_feed(&point.filter_axes(|axis| axis != Axis::S), |to| Motion::Feed { to, feed_mm_min });
+        path.add_motion(&point.filter_axes(|axis| axis != Axis::S), |to| Motion::Feed { to, feed_mm_min });
         match scan.sampling {
             Sampling::Dwell { dwell_s, .. } => {
                 path.motions.push(Motion::Dwell { seconds: dwell_s });
@@ -113,7 +113,7 @@ fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, 
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
         let chain = &clearance.surroundings.chain;
         let feed_mm_min = turn_feeds::max_turn_feed_deg_min(plan, chain, axis, &path.position);
-        path.add_feed(&Position::new().with(axis, at), |to| Motion::Feed { to, feed_mm_min });
+        path.add_motion(&Position::new().with(axis, at), |to| Motion::Feed { to, feed_mm_min });
     }
 }
 
@@ -152,10 +152,7 @@ fn plan_scan_approach(path: &mut MotionSequence, from: &Position, top_z: f64) {
         _ => top_z,
     };
     path.add_rapid(&z_position(level.min(top_z)));
-    path.add_rapid(&from.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
-    path.add_orientation(from.get(Axis::S));
-    path.add_rapid(&from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
-    path.add_rapid(&z_position((z + SLOW_DESCENT_MM).min(top_z)));
+    path.add_rapids_above(from, (z + SLOW_DESCENT_MM).min(top_z));
 }
 
 fn check_scan(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {

@@ -106,7 +106,7 @@ fn regress_the_sequence_of_one_touch() {
 /// Until touches have confirmed the position of the machine, the path leads by way of the upper end of Z, one axis
 /// group after the other, and near the part at the search feed.
 #[test]
-fn the_way_to_an_unconfirmed_place_is_careful() {
+fn the_approach_to_an_unconfirmed_position_has_no_rapid() {
     let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let [z, x] = [Axis::Z, Axis::X].map(|axis| move |to: f64| at(&[(axis, to)]));
@@ -232,7 +232,7 @@ fn regress_the_safe_height_covers_the_way_between_tilts() {
 }
 
 #[test]
-fn z_must_have_room_above_the_part_and_go_up() {
+fn too_little_z_travel_and_inverted_z_are_refused() {
     let mut low = plan(Vec::new());
     low.machine.axes.get_mut(&Axis::Z).unwrap().max = 200.0;
     match SafeHeights::above_plan_artefact(&low) {
@@ -258,7 +258,7 @@ fn refusal(change: impl FnOnce(&mut Plan, &mut Step)) -> PlanningError {
 }
 
 #[test]
-fn what_must_not_move_is_refused_with_its_reason() {
+fn invalid_touches_are_refused_with_their_reason() {
     use PlanningError::*;
     let error = refusal(|_, step| step.from.set(Axis::X, 251.0));
     assert!(matches!(error, TouchTooLong { step: 7, .. }), "{error}");
@@ -406,7 +406,7 @@ fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_confirmed() {
 /// The part is 100 mm high. With Z at 283, the far end of the range, 180 mm below the spindle datum, is 3 mm above
 /// the part, whose position is uncertain by `uncertainty_mm`.
 #[test]
-fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
+fn until_a_scan_confirms_the_descent_ends_where_nothing_is_within_range() {
     let of = |range_mm: [f64; 2]| {
         let step: Step = serde_json::from_value(serde_json::json!({
             "id": 0, "stage": 0, "kind": "scan", "label": "s", "feed_mm_min": 60.0, "sensor": "laser",
@@ -483,7 +483,7 @@ fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
 }
 
 #[test]
-fn what_asks_a_person_stands_first_and_says_something() {
+fn prompts_come_first_and_have_a_text() {
     let prompt = |id: u32, text: Option<&str>| Step {
         kind: StepKind::Prompt,
         from: Position::new(),

@@ -92,13 +92,13 @@ pub(super) fn motion_time_s(from: &Position, to: &Position, feed_per_min: Option
         }
     }
     if let Some(feed) = feed_per_min {
-        speed = speed.min(feed / 60.0 / feed_length(&axis_distances));
+        speed = speed.min(feed / 60.0 / feed_path_length(&axis_distances));
     }
     trapezoid_time_s(speed, acceleration)
 }
 
 /// Length to which the feed applies: mm in X, Y, Z; degrees if only rotary axes move.
-fn feed_length(axis_distances: &[(Axis, f64)]) -> f64 {
+fn feed_path_length(axis_distances: &[(Axis, f64)]) -> f64 {
     let norm = |linear: bool| {
         axis_distances
             .iter()

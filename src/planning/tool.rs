@@ -30,18 +30,21 @@ pub(super) struct ToolPart {
     pub is_contact_detected: bool,
     radius: f64,
     /// Height of the lower end relative to the centre of the stylus ball, mm.
-    bottom: f64,
+    bottom_height_mm: f64,
 }
 
 impl ToolPart {
     /// Space of the part on a path of the stylus ball that is raised by `rise`.
     fn swept_space(&self, path_ends: [Vector3<f64>; 2], rise: f64) -> ToolSweep {
-        ToolSweep { path_ends: path_ends.map(|at| at + Vector3::z() * (self.bottom + rise)), radius: self.radius }
+        ToolSweep {
+            path_ends: path_ends.map(|at| at + Vector3::z() * (self.bottom_height_mm + rise)),
+            radius: self.radius,
+        }
     }
 
     /// Fast check: false if the part passes above the body or beside it.
     pub fn may_collide(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> bool {
-        let lowest = path_ends[0].z.min(path_ends[1].z) + self.bottom;
+        let lowest = path_ends[0].z.min(path_ends[1].z) + self.bottom_height_mm;
         lowest < body.top_z() + margin && horizontal_gap_mm(path_ends, body) < self.radius + margin
     }
 
@@ -54,7 +57,7 @@ impl ToolPart {
         if are_apart_by(&self.swept_space(*path_ends, 0.0), body, margin) {
             return f64::NEG_INFINITY;
         }
-        let over = body.top_z() + margin - self.bottom - path_ends[0].z.min(path_ends[1].z);
+        let over = body.top_z() + margin - self.bottom_height_mm - path_ends[0].z.min(path_ends[1].z);
         let (mut low, mut high) = (0.0, over.max(0.0));
         while high - low > HEIGHT_TOLERANCE_MM {
             let middle = (low + high) / 2.0;
@@ -79,7 +82,8 @@ fn horizontal_gap_mm(path_ends: &[Vector3<f64>; 2], body: &ObstacleBody) -> f64 
 /// above the centre of the stylus ball, mm. `None` if none is declared.
 pub(super) fn undetected_tool_envelope(plan: &Plan) -> Option<(f64, f64)> {
     let tool = tool_parts(plan);
-    let undetected = tool.iter().filter(|part| !part.is_contact_detected).map(|part| (part.radius, part.bottom));
+    let undetected =
+        tool.iter().filter(|part| !part.is_contact_detected).map(|part| (part.radius, part.bottom_height_mm));
     undetected.reduce(|(wide, low), (radius, bottom)| (wide.max(radius), low.min(bottom)))
 }
 
@@ -89,7 +93,7 @@ pub(super) fn tool_parts(plan: &Plan) -> Vec<ToolPart> {
     let probe = &plan.probe;
     let part = |name: &str, is_contact_detected, radius, bottom| {
         let name = name.to_owned();
-        ToolPart { name, is_contact_detected, radius, bottom }
+        ToolPart { name, is_contact_detected, radius, bottom_height_mm: bottom }
     };
     let mut tool = vec![part("stylus ball", true, probe.ball_radius_mm, -probe.ball_radius_mm)];
     if probe.stem_radius_mm > 0.0 {
@@ -119,5 +123,5 @@ pub(super) fn sensor_range_part(sensor: &Sensor, tip: &Vector3<f64>) -> ToolPart
     let ends = sensor.range_mm.map(|distance| zero + along * distance);
     let radius = ends.iter().map(|end| end.xy().norm()).fold(0.0, f64::max) + tip.xy().norm();
     let bottom = ends.iter().map(|end| end.z - tip.z).fold(f64::INFINITY, f64::min);
-    ToolPart { name: sensor.name.clone(), is_contact_detected: false, radius, bottom }
+    ToolPart { name: sensor.name.clone(), is_contact_detected: false, radius, bottom_height_mm: bottom }
 }

@@ -11,8 +11,8 @@ use machine::{Axis, Position};
 /// The motions of one touch: up to a safe height, turn the rotary axes and the spindle, move above the start,
 /// guarded down to `from`, dwell if the probe requires it, touch towards `to`, back off to `from`, guarded up
 /// again. A move to the present position is omitted. Near the artefact, all moves but the back-off are guarded.
-/// Until touches have confirmed the position of the machine, all moves are careful ([`super::careful`]), and near
-/// the artefact they use the search feed.
+/// Until touches have confirmed the position of the machine, all moves are careful ([`super::unconfirmed_approach`]),
+/// and near the artefact they use the search feed.
 ///
 /// Between two touches of a round part, the path leads over its top. Between two touches of a ball, it leads round
 /// the ball, or otherwise as high as necessary ([`super::over_balls`]); the block ends beside the ball, or above
@@ -38,15 +38,15 @@ pub fn touch_block(
     let (from, to) = (&step.from, &step.to);
     let mut path = MotionSequence::starting_at(start.position, near_part_feed_mm_min);
     let end = match clearance.part_clearance_z {
-        Some(safe_z) => over_the_part(&mut path, plan, step, start, clearance, safe_z),
+        Some(safe_z) => plan_part_approach(&mut path, plan, step, start, clearance, safe_z),
         None => over_balls::plan_ball_approach(&mut path, plan, step, start, clearance)?,
     };
     path.add_guarded(&z_position(from.get_or_zero(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
         path.motions.push(Motion::Dwell { seconds: plan.probe.settle_s });
     }
-    path.add_feed(&to.filter_axes(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
-    path.add_feed(&from.filter_axes(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
+    path.add_motion(&to.filter_axes(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
+    path.add_motion(&from.filter_axes(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
     path.add_guarded(&end);
 
     let block = Block { step: step.id, repeat, motions: path.motions };
@@ -55,7 +55,7 @@ pub fn touch_block(
 }
 
 /// Plans the path above the start of the touch. Returns the position at which the block ends.
-fn over_the_part(
+fn plan_part_approach(
     path: &mut MotionSequence,
     plan: &Plan,
     step: &Step,
@@ -74,10 +74,7 @@ fn over_the_part(
         Some(_) => path.add_guarded(&z_position(safe_z)),
         None => path.add_rapid(&z_position(clearance.top_z.max(safe_z))),
     }
-    path.add_rapid(&from.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
-    path.add_orientation(from.get(Axis::S));
-    path.add_rapid(&from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
-    path.add_rapid(&z_position(safe_z));
+    path.add_rapids_above(from, safe_z);
     z_position(safe_z)
 }
 

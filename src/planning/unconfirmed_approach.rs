@@ -141,7 +141,7 @@ impl<'a> UnconfirmedApproach<'a> {
         let way = |(axis, to): (Axis, f64)| path.position.get(axis).map(|at| (to - at).powi(2));
         let length = to.iter().map(way).sum::<Option<f64>>().map(f64::sqrt);
         let is_short = length.is_some_and(|length| length < MIN_PROBING_MOVE_MM);
-        path.add_feed(to, |to| match (self.is_guarded, is_short) {
+        path.add_motion(to, |to| match (self.is_guarded, is_short) {
             (true, true) => Motion::Feed { to, feed_mm_min: unconfirmed_search_feed_mm_min(self.plan) },
             (true, false) => Motion::Guarded { to, feed_mm_min },
             (false, _) => Motion::Feed { to, feed_mm_min },
@@ -154,7 +154,7 @@ impl<'a> UnconfirmedApproach<'a> {
             return;
         }
         let feed_mm_min = turn_feeds::max_turn_feed_deg_min(self.plan, &self.surroundings.chain, axis, &path.position);
-        path.add_feed(&Position::new().with(axis, value), |to| Motion::Feed { to, feed_mm_min });
+        path.add_motion(&Position::new().with(axis, value), |to| Motion::Feed { to, feed_mm_min });
     }
 }
 

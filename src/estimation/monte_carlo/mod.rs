@@ -2,16 +2,14 @@
 //! are columns over trials. The propagation is seeded: each chunk of trials draws from its own stream and the
 //! results are joined in order, so the result is identical to the bit for any number of threads.
 
-mod block;
-mod distribution;
 mod random;
+mod trial_batch;
 
 use faer::Mat;
 use rayon::prelude::*;
 
-use block::{JoinedBlocks, TrialBatchStatistics};
+use trial_batch::{MergedTrialBatches, TrialBatchStatistics};
 
-pub use distribution::DrawDistribution;
 pub use random::DrawStream;
 
 /// Trials of a block. Coverage intervals are computed in each block from its sorted values (JCGM 101, 7.9.4: at
@@ -23,6 +21,13 @@ const CHUNK_TRIALS: usize = 1_000;
 const TRIALS_PER_CALL: usize = 200;
 /// Number of blocks between two evaluations of the stopping rule.
 const BLOCKS_PER_STABILITY_CHECK: usize = 4;
+
+/// Distribution of one independent draw of unit variance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DrawDistribution {
+    Normal,
+    Rectangular,
+}
 
 /// Number of trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,7 +97,7 @@ pub fn propagate_distributions(
         return Err(TooFewTrials(total));
     }
     let sizes = block_sizes(total);
-    let mut joined = JoinedBlocks::new(outputs);
+    let mut joined = MergedTrialBatches::new(outputs);
     for (wave, sizes) in sizes.chunks(BLOCKS_PER_STABILITY_CHECK).enumerate() {
         let numbered = sizes.par_iter().enumerate();
         let blocks: Vec<TrialBatchStatistics> = numbered

@@ -60,12 +60,12 @@ impl DrawStream {
         let mut pairs = out.chunks_exact_mut(2 * PAIRS_PER_BATCH);
         for pair in &mut pairs {
             let (first, second) = pair.split_at_mut(PAIRS_PER_BATCH);
-            arch.dispatch(FillPairs { lanes, first, second });
+            arch.dispatch(FillNormalPairs { lanes, first, second });
         }
         let rest = pairs.into_remainder();
         if !rest.is_empty() {
             let (mut first, mut second) = ([0.0; PAIRS_PER_BATCH], [0.0; PAIRS_PER_BATCH]);
-            arch.dispatch(FillPairs { lanes, first: &mut first, second: &mut second });
+            arch.dispatch(FillNormalPairs { lanes, first: &mut first, second: &mut second });
             for (value, normal) in rest.iter_mut().zip(first.iter().chain(&second)) {
                 *value = *normal;
             }
@@ -96,13 +96,13 @@ impl WithSimd for FillRectangular<'_> {
 
 /// Fills [`PAIRS_PER_BATCH`] pairs of normal deviates. A struct instead of a closure: only this form is inlined with
 /// the wide registers enabled.
-struct FillPairs<'a> {
+struct FillNormalPairs<'a> {
     lanes: &'a mut Xoshiro,
     first: &'a mut [f64],
     second: &'a mut [f64],
 }
 
-impl WithSimd for FillPairs<'_> {
+impl WithSimd for FillNormalPairs<'_> {
     type Output = ();
 
     #[inline(always)]

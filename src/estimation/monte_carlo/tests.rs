@@ -56,7 +56,7 @@ fn paper_jcgm_101_additive_model_at_95_percent() {
         let mut sums: Vec<f64> = (0..TRIALS).map(sum).collect();
         sums.sort_unstable_by(f64::total_cmp);
         let variance = sums.iter().map(|s| s * s).sum::<f64>() / TRIALS as f64;
-        let [low, high] = block::shortest_interval(&sums, 0.95);
+        let [low, high] = trial_batch::shortest_interval(&sums, 0.95);
         let digit = if u < 10.0 { 0.01 } else { 0.1 };
         assert!((variance.sqrt() - u).abs() < digit, "{} for {u}", variance.sqrt());
         // The shortest of many intervals is slightly too short. Its position is not well defined and is not tested.

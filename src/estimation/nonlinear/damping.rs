@@ -22,13 +22,13 @@ const MAX_LAMBDA: f64 = 1e30;
 pub(super) struct Damping {
     lambda: f64,
     /// Factor by which λ grows at the next failure (Nielsen 1999). It increases with each failure.
-    growth: f64,
+    lambda_growth: f64,
     scale: Vec<f64>,
 }
 
 impl Damping {
     pub(super) fn new() -> Self {
-        Self { lambda: INITIAL_LAMBDA, growth: 2.0, scale: Vec::new() }
+        Self { lambda: INITIAL_LAMBDA, lambda_growth: 2.0, scale: Vec::new() }
     }
 
     /// The next iterate with a smaller χ², or `None` if no step decreases χ². `tangent` is the model linearised at
@@ -99,11 +99,11 @@ impl Damping {
 
     fn decrease_lambda(&mut self, gain: f64) {
         self.lambda *= (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0);
-        self.growth = 2.0;
+        self.lambda_growth = 2.0;
     }
 
     fn increase_lambda(&mut self) {
-        self.lambda *= self.growth;
-        self.growth *= 2.0;
+        self.lambda *= self.lambda_growth;
+        self.lambda_growth *= 2.0;
     }
 }

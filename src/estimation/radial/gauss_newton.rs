@@ -17,7 +17,7 @@ const FINAL_STEP_TOLERANCE: f64 = 1e-9;
 /// decrease.
 pub(super) fn fit_gauss_newton<const D: usize>(points: &[[f64; D]]) -> Result<RadialFit<D>, RadialError> {
     if points.len() <= D {
-        return Err(RadialError::TooFew(points.len()));
+        return Err(RadialError::TooFewPoints(points.len()));
     }
     if points.iter().flatten().any(|number| !number.is_finite()) {
         return Err(RadialError::NotFinite);

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_the_matter_is_left_to_the_careful_way() {
+    fn unsuitable_points_are_left_to_gauss_newton() {
         assert!(fit_many_points(&cap(1000, 0.5, 1e-3)).is_none());
         let mut points = cap(5000, 0.5, 1e-3);
         points[4321][1] = f64::NAN;

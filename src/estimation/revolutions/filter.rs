@@ -62,7 +62,7 @@ impl ResampleFilter {
     }
 
     /// Lowest order that is suppressed by 100 dB. Only orders from `steps` − k on alias into the harmonic k, so no
-    /// order aliases into a harmonic up to [`max_passed_harmonic`](Self::pass_order).
+    /// order aliases into a harmonic up to [`max_passed_harmonic`].
     pub fn min_suppressed_harmonic(&self) -> usize {
         ((0.5 + HALF_TRANSITION_RATIO) * self.steps as f64).ceil() as usize
     }

@@ -70,7 +70,7 @@ fn tip_velocity(
     let factor = parameter.factor(position.get_or_zero(joint.axis));
     let generator = parameter.component().direction();
     if parameter.shape() == ErrorShape::Gain {
-        return pose_with_location_errors.transform_vector(&generator) * joint.sign * factor;
+        return pose_with_location_errors.transform_vector(&generator) * joint.command_sign * factor;
     }
     let component_pose = ERROR_COMPONENT_ORDER
         .into_iter()

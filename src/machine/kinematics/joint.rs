@@ -17,7 +17,7 @@ pub(super) const ERROR_COMPONENT_ORDER: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, 
 pub(super) struct Joint {
     pub(super) axis: Axis,
     /// Sign of the branch times sense of the axis: the joint moves by `sign · command`.
-    pub(super) sign: f64,
+    pub(super) command_sign: f64,
     pub(super) direction: Vector3<f64>,
     /// A point on a rotary axis; zero for a linear axis. Angular errors rotate about it.
     pub(super) point: Vector3<f64>,
@@ -29,7 +29,7 @@ impl Joint {
         match machine.axes.get(&axis) {
             Some(spec) => Self::from_spec(axis, side, spec),
             None if axis == Axis::S => {
-                Ok(Self { axis, sign: side, direction: axis.direction(), point: Vector3::zeros() })
+                Ok(Self { axis, command_sign: side, direction: axis.direction(), point: Vector3::zeros() })
             }
             None => Err(KinematicsError::NotInAxes { axis, topology: machine.topology.clone() }),
         }
@@ -46,12 +46,12 @@ impl Joint {
         if direction == Vector3::zeros() || !is_finite(direction) || !is_finite(point) {
             return Err(KinematicsError::InvalidDirection { axis });
         }
-        Ok(Self { axis, sign: side * spec.positive.sign(), direction, point })
+        Ok(Self { axis, command_sign: side * spec.positive.sign(), direction, point })
     }
 
     /// The joint's motion without errors.
     pub(super) fn nominal_pose(&self, command: f64) -> Pose {
-        axis_motion(self.axis, self.direction, self.point, self.sign * command)
+        axis_motion(self.axis, self.direction, self.point, self.command_sign * command)
     }
 
     /// Distance of `point` from the axis of rotation; 0 for a linear joint.
@@ -76,18 +76,18 @@ impl Joint {
 
     /// Motion of the joint with its gains, without location errors and error motions.
     pub(super) fn pose_with_gains(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        let amount = self.sign * position.get_or_zero(self.axis);
+        let amount = self.command_sign * position.get_or_zero(self.axis);
         axis_motion(self.axis, self.direction_with_gains(errors), self.point, amount)
     }
 
     /// Location errors and error motions: one motion per component, in the order of [`ERROR_COMPONENT_ORDER`].
     pub(super) fn error_pose(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        if self.own_errors(errors).next().is_none() {
+        if self.errors_of_axis(errors).next().is_none() {
             return Pose::identity();
         }
         let command = position.get_or_zero(self.axis);
         ERROR_COMPONENT_ORDER.into_iter().fold(Pose::identity(), |outer, component| {
-            match self.component_error(component, command, errors) {
+            match self.component_error_amount(component, command, errors) {
                 0.0 => outer,
                 amount => outer * self.component_pose(component, amount),
             }
@@ -96,11 +96,11 @@ impl Joint {
 
     /// Sum of all errors of one component before the joint; they share one generator, so they add up.
     pub(super) fn component_error_pose(&self, component: Axis, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        self.component_pose(component, self.component_error(component, position.get_or_zero(self.axis), errors))
+        self.component_pose(component, self.component_error_amount(component, position.get_or_zero(self.axis), errors))
     }
 
-    fn component_error(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
-        self.own_errors(errors)
+    fn component_error_amount(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
+        self.errors_of_axis(errors)
             .filter(|e| e.parameter.shape() != ErrorShape::Gain && e.parameter.component() == component)
             .map(|e| e.value * e.parameter.factor(command))
             .sum()
@@ -112,17 +112,17 @@ impl Joint {
 
     /// ∂(motion)/∂(command) of a linear joint, in the frame after its location errors.
     pub(super) fn travel_per_command(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
-        self.sign * self.direction_with_gains(errors)
+        self.command_sign * self.direction_with_gains(errors)
     }
 
     /// Travel per unit of command: the direction and the gains.
     fn direction_with_gains(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
-        self.own_errors(errors)
+        self.errors_of_axis(errors)
             .filter(|e| e.parameter.shape() == ErrorShape::Gain)
             .fold(self.direction, |sum, e| sum + e.parameter.component().direction() * e.value)
     }
 
-    fn own_errors<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {
+    fn errors_of_axis<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {
         let axis = self.axis;
         errors.iter().filter(move |e| e.parameter.axis() == axis)
     }

@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_parameter_is_refused_with_its_name() {
+    fn invalid_parameter_names_are_refused() {
         for name in ["X0C", "EXC", "ES0C", "EX0U", "EXC1", "ECX1", "EXX_sin1", "EXC_sin0", "EXC_9/9", ""] {
             assert_eq!(name.parse::<ErrorParameter>().unwrap_err().0, name);
         }

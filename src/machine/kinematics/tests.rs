@@ -118,7 +118,7 @@ fn topology_and_axes_must_name_the_same_axes() {
 }
 
 #[test]
-fn what_cannot_be_built_is_refused() {
+fn invalid_directions_and_parameters_are_refused() {
     let mut flat = machine("wCFXYZt");
     flat.axes.get_mut(&Axis::Y).unwrap().direction = [1.0, 0.0, 0.0];
     assert_eq!(KinematicChain::new(&flat).unwrap_err(), KinematicsError::DependentLinearAxes);
@@ -134,7 +134,7 @@ fn what_cannot_be_built_is_refused() {
 
 /// The poses at the ends of both branches equal those of the chain; those in between are computed by hand.
 #[test]
-fn every_carrier_stands_where_its_axes_bring_it() {
+fn carrier_poses_follow_their_axes() {
     let chain = KinematicChain::new(&machine("wCBXFZYSt")).unwrap();
     let position = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
     let named: Position = Axis::ALL.into_iter().zip(position).collect();
@@ -159,7 +159,7 @@ fn every_carrier_stands_where_its_axes_bring_it() {
 /// However the axes move within ± half, no corner moves farther than the bound; for one axis alone, the bound is
 /// reached exactly.
 #[test]
-fn the_bound_on_straying_holds_and_is_reached() {
+fn the_displacement_bound_holds_and_is_reached() {
     let mut machine = machine("wCBXFZYSt");
     machine.axes.get_mut(&Axis::B).unwrap().point_mm = [5.0, 0.0, -20.0];
     let chain = KinematicChain::new(&machine).unwrap();

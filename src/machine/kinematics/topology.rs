@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_topology_says_what_to_write() {
+    fn each_topology_error_has_its_own_variant() {
         let problem = |text: &str| text.parse::<Topology>().unwrap_err().problem;
         assert_eq!(problem("C-B-X-F-Z-Y-t"), TopologyProblem::MissingEnds);
         assert_eq!(problem("w-C-B-X-F-Z-Y"), TopologyProblem::MissingEnds);

@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn names_come_back_from_their_json() {
+    fn sensor_names_survive_json() {
         let cases: [(&str, &[&str]); 3] = [
             (r#"{"sensor":""}"#, &[]),
             (r#"{"sensor":"laser"}"#, &["laser"]),

@@ -10,9 +10,9 @@ pub struct AxisTrack {
     /// Times on the devices' clock, s; increasing.
     times_s: Vec<f64>,
     /// The positions in sequence, each with one value per axis; mm or rad.
-    values: Vec<f64>,
+    axis_values: Vec<f64>,
     /// Indices of the positions before which some are missing; increasing.
-    gaps: Vec<usize>,
+    gap_indices: Vec<usize>,
 }
 
 impl AxisTrack {
@@ -27,12 +27,12 @@ impl AxisTrack {
         if self.times_s.last().is_some_and(|last| *last >= t_s) {
             return self.record_gap();
         }
-        let before = self.values.len();
-        self.values.extend(values.into_iter().take(self.axes.len()));
-        if self.values.len() == before + self.axes.len() {
+        let before = self.axis_values.len();
+        self.axis_values.extend(values.into_iter().take(self.axes.len()));
+        if self.axis_values.len() == before + self.axes.len() {
             self.times_s.push(t_s);
         } else {
-            self.values.truncate(before);
+            self.axis_values.truncate(before);
             self.record_gap();
         }
     }
@@ -40,8 +40,8 @@ impl AxisTrack {
     /// Records that positions are missing before the next one.
     pub fn record_gap(&mut self) {
         let next = self.times_s.len();
-        if next > 0 && self.gaps.last() != Some(&next) {
-            self.gaps.push(next);
+        if next > 0 && self.gap_indices.last() != Some(&next) {
+            self.gap_indices.push(next);
         }
     }
 
@@ -52,7 +52,7 @@ impl AxisTrack {
 
     /// Number of gaps between the first and the last position.
     pub fn gap_count(&self) -> usize {
-        self.gaps.iter().filter(|gap| **gap < self.position_count()).count()
+        self.gap_indices.iter().filter(|gap| **gap < self.position_count()).count()
     }
 
     /// Position of the axes at time `t_s`; `None` before the first position, after the last, and in a gap.
@@ -63,7 +63,7 @@ impl AxisTrack {
             return Some(self.position_from_values(late.iter().copied()));
         }
         let before = after.checked_sub(1)?;
-        if self.gaps.binary_search(&after).is_ok() {
+        if self.gap_indices.binary_search(&after).is_ok() {
             return None;
         }
         let (early_s, early) = (*self.times_s.get(before)?, self.values_at_index(before)?);
@@ -87,7 +87,7 @@ impl AxisTrack {
     /// Number of `points` that the track reaches in sequence, each within `tolerance` (mm or rad).
     pub fn reached_point_count(&self, points: &[Position], tolerance: f64) -> usize {
         let mut reached = 0;
-        for values in self.values.chunks_exact(self.axes.len().max(1)) {
+        for values in self.axis_values.chunks_exact(self.axes.len().max(1)) {
             let is_near = |point: &Position| {
                 let coordinates = self.axes.iter().zip(values);
                 let off = |(axis, at): (&Axis, &f64)| Some((point.get(*axis)? - at).abs());
@@ -99,7 +99,7 @@ impl AxisTrack {
     }
 
     fn values_at_index(&self, index: usize) -> Option<&[f64]> {
-        self.values.chunks_exact(self.axes.len().max(1)).nth(index)
+        self.axis_values.chunks_exact(self.axes.len().max(1)).nth(index)
     }
 
     fn position_from_values(&self, values: impl Iterator<Item = f64>) -> Position {
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn between_two_positions_lies_the_straight_line_and_in_a_gap_nothing() {
+    fn positions_are_interpolated_except_in_gaps() {
         let y = |t_s: f64| track().position_at(t_s).map(|at| at.get_or_zero(Axis::Y));
         assert_eq!(y(10.25), Some(0.25));
         assert_eq!((y(10.0), y(11.0), y(14.0), y(15.0)), (Some(0.0), Some(1.0), Some(4.0), Some(4.0)));
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_order_or_incomplete_is_a_gap() {
+    fn out_of_order_or_incomplete_positions_are_gaps() {
         let mut back = AxisTrack::new(vec![Axis::X, Axis::Y]);
         for (t_s, values) in [(1.0, &[1.0, 1.0][..]), (0.5, &[9.0, 9.0]), (2.0, &[2.0, 2.0])] {
             back.push(t_s, values.iter().copied());
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn it_knows_which_points_it_has_passed_in_their_order() {
+    fn reached_points_are_counted_in_order() {
         let at = |y: f64| Position::new().with(Axis::Y, y).with(Axis::X, 9.0);
         let reaches = |points: &[f64]| {
             let points: Vec<Position> = points.iter().map(|y| at(*y)).collect();
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn it_knows_when_the_axes_moved() {
+    fn the_motion_interval_is_between_start_and_arrival() {
         let mut track = AxisTrack::new(vec![Axis::X]);
         for (t_s, x) in [(0.0, 5.0), (1.0, 5.001), (2.0, 6.0), (3.0, 4.0), (4.0, 5.0), (5.0, 5.001)] {
             track.push(t_s, [x]);

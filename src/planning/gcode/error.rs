@@ -70,7 +70,7 @@ impl RenderError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReadBackMismatch {
     #[error("the program has {read} motions instead of {expected}")]
-    Count { expected: usize, read: usize },
+    MotionCount { expected: usize, read: usize },
     #[error("line {line} of the program differs from step {step}: {reason}")]
     Motion { step: u32, line: usize, reason: String },
 }

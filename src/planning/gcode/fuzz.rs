@@ -7,7 +7,7 @@ const GRBL: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
 const LINUXCNC: &[u8] = include_bytes!("../../../gcode-templates/linuxcnc/golden.ngc");
 
 #[test]
-fn the_reader_bears_anything() {
+fn the_reader_accepts_or_refuses_any_text() {
     let words = [
         "G0 ",
         "G1",

@@ -19,7 +19,7 @@ pub(super) struct DialectOptions {
     pub(super) clamps: BTreeMap<Axis, Clamp>,
     pub(super) error_input: Option<String>,
     pub(super) battery_input: Option<String>,
-    pub(super) declared: DeclaredCommands,
+    pub(super) declared_commands: DeclaredCommands,
 }
 
 /// Fault that a probe reports.
@@ -77,7 +77,7 @@ impl DialectOptions {
             clamps,
             error_input: probe.error_input.clone(),
             battery_input: probe.battery_input.clone(),
-            declared,
+            declared_commands: declared,
         })
     }
 

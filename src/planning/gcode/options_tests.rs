@@ -73,7 +73,7 @@ fn regress_the_text_with_options_is_its_golden_output() {
 }
 
 #[test]
-fn what_is_rendered_with_options_reads_back_as_what_was_meant() {
+fn text_rendered_with_options_reads_back_as_the_same_motions() {
     for name in ["grbl", "linuxcnc"] {
         let dialect = dialect(name);
         check_program(&dialect, &program(&dialect), &blocks()).unwrap();
@@ -105,7 +105,7 @@ fn a_switch_that_is_missing_or_in_the_wrong_place_is_refused() {
 }
 
 #[test]
-fn words_that_are_no_switches_are_refused_with_their_key() {
+fn invalid_switch_commands_are_refused_with_their_key() {
     for (word, reason) in [
         ("G0 X10", "one M word"),
         ("M64 P1 X10", "one M word"),

@@ -17,7 +17,7 @@ impl Dialect {
     /// # Errors
     /// The first line that is not understood.
     pub fn read_back(&self, text: &str) -> Result<Vec<ReadMotion>, ReadError> {
-        rs274::read_program(text, Some(&self.spec.work_offset), &self.options.declared)
+        rs274::read_program(text, Some(&self.spec.work_offset), &self.options.declared_commands)
     }
 
     /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and
@@ -38,7 +38,7 @@ impl Dialect {
     /// The first motion that has another meaning.
     pub fn check_motions(&self, step: u32, expected: &[Motion], read: &[ReadMotion]) -> Result<(), ReadBackMismatch> {
         if expected.len() != read.len() {
-            return Err(ReadBackMismatch::Count { expected: expected.len(), read: read.len() });
+            return Err(ReadBackMismatch::MotionCount { expected: expected.len(), read: read.len() });
         }
         expected.iter().zip(read).try_for_each(|(motion, read)| {
             let differs = |reason| ReadBackMismatch::Motion { step, line: read.line, reason };

@@ -69,7 +69,7 @@ fn regress_the_text_of_each_dialect_is_its_golden_output() {
 }
 
 #[test]
-fn what_is_rendered_reads_back_as_what_was_meant() {
+fn rendered_text_reads_back_as_the_same_motions() {
     for name in NAMES {
         let dialect = Dialect::from_name(name).unwrap();
         check_program(&dialect, &program(name), &blocks(name != "grbl")).unwrap();
@@ -99,13 +99,13 @@ fn a_changed_line_is_found() {
 }
 
 #[test]
-fn unknown_dialects_are_answered_with_the_known_ones() {
+fn the_error_of_an_unknown_dialect_lists_the_known_ones() {
     let error = Dialect::from_name("fanuc").unwrap_err().to_string();
     assert!(error.contains("grbl, grbl-m19, linuxcnc"), "{error}");
 }
 
 #[test]
-fn what_cannot_be_written_is_refused_by_type() {
+fn unsupported_motions_are_refused_with_a_typed_error() {
     let dialect = Dialect::from_name("grbl").unwrap();
     let render = |motion| dialect.render_block(&Block { step: 1, repeat: 0, motions: vec![motion] });
     let nan = Motion::Rapid { to: at(&[(Axis::X, f64::NAN)]) };
@@ -169,7 +169,7 @@ fn a_frame_is_the_machines_only_if_its_offsets_are_known() {
 }
 
 #[test]
-fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
+fn the_reader_refuses_unsupported_words_with_their_line() {
     for (text, reason) in [
         ("G2 X1 I1 F1", "G2 "),
         ("G0 X1 G1 F1", "G1 "),
@@ -214,13 +214,13 @@ fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
 }
 
 #[test]
-fn after_a_probe_move_an_incremental_move_starts_nobody_knows_where() {
+fn an_incremental_move_after_a_probing_move_is_refused() {
     let error = read_program(&format!("{SET}G0 X0\nG38.3 X9 F1\nG91 G0 X1"), None).unwrap_err();
     assert!(error.to_string().contains("is unknown"), "{error}");
 }
 
 #[test]
-fn a_person_is_asked_by_a_message_and_a_stop() {
+fn a_prompt_is_a_message_and_a_stop() {
     for name in NAMES {
         let dialect = Dialect::from_name(name).unwrap();
         let asked = dialect.render_prompt(7, "turn it by 45° (clamp it) %").unwrap();

@@ -88,7 +88,7 @@ fn a_touch_of_one_ball_among_others_is_proven() {
 }
 
 #[test]
-fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
+fn a_touch_meets_its_ball_at_every_position_and_on_the_stated_side() {
     let result = |(plan, lines): (Plan, String)| proven_from(&plan, &lines, Some(&beside()));
     // Limit of the end: contact at 13 mm minus the uncertainty of 0.5 mm.
     assert!(result(way(15.0, 12.49)).is_ok());
@@ -143,7 +143,7 @@ fn a_touch_stays_clear_of_other_balls_and_stems() {
 
 /// The stem of the touched ball moves with the ball: contact stops the stylus ball before the stem.
 #[test]
-fn the_own_stem_is_looked_at_as_far_as_contact_lets_the_ball_come() {
+fn the_stem_of_the_touched_ball_is_checked_up_to_contact() {
     let thick = |radius: f64| plan(|plan| plan["artefact"]["balls"][0]["stem_radius_mm"] = radius.into());
     // Limit of the stem's radius: 13 − 0.11 − 3 mm at contact, not 11 − 3 mm at the end of the touch.
     assert!(proven(&thick(9.8)).is_ok());
@@ -152,7 +152,7 @@ fn the_own_stem_is_looked_at_as_far_as_contact_lets_the_ball_come() {
 
 /// Parts that the probe does not detect stay half a millimetre away from balls as from everything else.
 #[test]
-fn the_body_of_the_probe_feels_no_ball() {
+fn the_probe_body_keeps_its_clearance_from_balls() {
     let high = |y: f64| with_third(|third| third["centre_mm"] = json!([15.0, y, 170.0]));
     // Limit: the radii (20 + 10 mm), the uncertainty (0.5 mm) and the clearance (0.5 mm).
     assert!(proven(&high(31.01)).is_ok());
@@ -160,7 +160,7 @@ fn the_body_of_the_probe_feels_no_ball() {
 }
 
 #[test]
-fn guarded_ways_round_a_ball_are_free_and_through_one_are_not() {
+fn guarded_paths_round_a_ball_are_free_and_through_one_are_not() {
     let go = |more: &str| {
         let lines = way(15.0, 11.0).1.replacen("N0 G38.3 Z300", &format!("{more}N0 G38.3 Z300"), 1);
         proven_from(&plan(|_| {}), &lines, Some(&beside()))

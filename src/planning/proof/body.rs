@@ -21,14 +21,14 @@ enum ShapeCore {
 
 /// A shape in its carrier's frame, mm.
 #[derive(Debug, Clone, Copy)]
-pub struct BodyShape {
+pub struct CollisionShape {
     core: ShapeCore,
     /// Rounding radius: all points within this distance of the core belong to the shape.
     rounding_radius: f64,
     carrier_from_core: Pose,
 }
 
-impl BodyShape {
+impl CollisionShape {
     pub fn ball(centre: Vector3<f64>, radius: f64) -> Self {
         let carrier_from_core = Pose::from(Translation3::from(centre));
         Self { core: ShapeCore::Point, rounding_radius: radius, carrier_from_core }
@@ -148,9 +148,9 @@ pub enum BodyRole {
     /// Stem that carries a touched body and moves with it.
     StemOf(usize),
     /// Part of the artefact that is neither touched nor the stem of a touched body.
-    MotionFrame,
+    ArtefactFrame,
     /// A datum cylinder, which displacement sensors measure.
-    Datum,
+    DatumCylinder,
     /// The body of a displacement sensor in the spindle or on the bed.
     Sensor,
     /// The body of a displacement sensor on the table, which measures the stylus ball.
@@ -169,8 +169,8 @@ pub enum BodyRole {
 pub struct CollisionBody {
     pub name: String,
     pub role: BodyRole,
-    pub shape: BodyShape,
+    pub shape: CollisionShape,
     pub carrier_chain: CarrierChain,
-    /// Corners of the shape, by [`BodyShape::corners`].
+    /// Corners of the shape, by [`CollisionShape::corners`].
     pub corners: (Vec<Vector3<f64>>, f64),
 }

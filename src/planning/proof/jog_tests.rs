@@ -57,7 +57,7 @@ fn a_jog_moves_its_axis_alone_slowly_and_guarded() {
 }
 
 #[test]
-fn nothing_may_be_near_whichever_axis_moves_in_truth() {
+fn a_jog_is_checked_for_every_axis_that_may_move() {
     let plan = plan(|_| {});
     // Ball of radius 3 beside a part of radius 45, with an uncertainty of 1 mm, at half its height.
     let at = |x: f64| beside().with(Axis::X, x).with(Axis::Z, 170.0);

@@ -17,7 +17,7 @@
 //! - There is no other feed move. Guarded moves (probing moves other than the touch) stay clear of everything, and
 //!   stop within the overtravel if they meet an obstacle nevertheless.
 //! - Until a scan, or touches along three independent normals, have confirmed the position of the machine, there is
-//!   no rapid, and the whole approach to a step is careful ([`careful`]).
+//!   no rapid, and the whole approach to a step is careful ([`unconfirmed_rules`]).
 //! - Pairs of bodies whose contact the probe cannot detect stay half a millimetre apart on guarded moves and
 //!   touches. The probe detects contact of the stylus ball and stylus stem with the artefact, including its stems.
 //! - Rapids and turns of a rotary axis or the spindle keep [`MIN_UNGUARDED_CLEARANCE_MM`] from everything, and every
@@ -36,12 +36,11 @@
 //! move relative to each other. Errors of the machine are far below the margin and are not considered. The
 //! spindle's axis is Z; a spindle that cannot be oriented has the orientation at which `tool_mm` was measured.
 //!
-//! The conditioning of the identification is checked by the method: `Method::next` refuses an unsolvable plan
+//! The conditioning of the identification is checked by the method: `Method::next_stage` refuses an unsolvable plan
 //! before the first stage, and nothing is rendered.
 
 mod body;
 mod body_gap;
-mod careful;
 #[doc(hidden)]
 pub mod for_tests;
 mod jog;
@@ -55,17 +54,18 @@ mod scan;
 mod scene;
 mod sweep;
 mod touch;
+mod unconfirmed_rules;
 
 #[cfg(test)]
 mod ball_tests;
-#[cfg(test)]
-mod careful_tests;
 #[cfg(test)]
 mod jog_tests;
 #[cfg(test)]
 mod scan_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod unconfirmed_rules_tests;
 
 pub use jog::{JogProofRequest, prove_jog, prove_retract};
 pub use proven::{AlteredBlock, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};

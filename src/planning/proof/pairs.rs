@@ -40,21 +40,21 @@ impl BodyPair {
     }
 
     /// Whether the pair is a displacement sensor and the cylinder that it measures.
-    fn is_measured(&self) -> bool {
+    fn is_sensor_with_its_cylinder(&self) -> bool {
         let roles = [self.one.role, self.other.role];
-        roles.contains(&BodyRole::Sensor) && roles.contains(&BodyRole::Datum)
+        roles.contains(&BodyRole::Sensor) && roles.contains(&BodyRole::DatumCylinder)
     }
 
     /// Whether the two are nearer than the margin with all axes at zero: joined, or built close.
     fn are_neighbours(&self) -> bool {
         let zero = [0.0; Axis::ALL.len()];
         let joint_path = JointPath { from: zero, to: zero };
-        let (min_clearance_mm, nearest) = (MIN_UNGUARDED_CLEARANCE_MM, f64::INFINITY);
+        let (min_clearance_mm, ignored_above_mm) = (MIN_UNGUARDED_CLEARANCE_MM, f64::INFINITY);
         let demand = ClearanceDemand {
             min_clearance_mm,
             position_uncertainty_mm: self.position_uncertainty_mm,
             lateral: None,
-            nearest,
+            ignored_above_mm,
         };
         min_distance_on_path(&joint_path, &self.one, &self.other, &demand).is_err()
     }
@@ -74,7 +74,7 @@ pub fn collision_pairs(bodies: &[CollisionBody], uncertainty: f64) -> (Vec<BodyP
     let all = (0..bodies.len()).flat_map(|one| (0..bodies.len()).map(move |other| (one, other)));
     for (one, other) in all {
         let Some(pair) = make_pair(bodies, one, other, uncertainty) else { continue };
-        if pair.is_measured() {
+        if pair.is_sensor_with_its_cylinder() {
             let (one, other) = (&pair.one.name, &pair.other.name);
             unchecked.push(format!("{one} against {other}: the gap that the sensor measures"));
         } else if !(pair.is_on_one_side() && pair.are_neighbours()) {
@@ -102,7 +102,10 @@ fn make_pair(bodies: &[CollisionBody], one: usize, other: usize, uncertainty: f6
     }
     let role = pair_role(a, b, bodies);
     let of_artefact = |body: &CollisionBody| {
-        matches!(body.role, BodyRole::Touched(_) | BodyRole::StemOf(_) | BodyRole::MotionFrame | BodyRole::Datum)
+        matches!(
+            body.role,
+            BodyRole::Touched(_) | BodyRole::StemOf(_) | BodyRole::ArtefactFrame | BodyRole::DatumCylinder
+        )
     };
     let measured_gap = match (a.role, b.role) {
         (BodyRole::StylusBall, BodyRole::TableSensor { min_gap_mm }) => Some(min_gap_mm),

@@ -42,7 +42,7 @@ pub struct ProgramCheck<'a> {
     scenes: Vec<Scene>,
     /// Index of the current turn.
     step_index: Option<usize>,
-    pub(super) phase: StepPhase,
+    pub(super) step_phase: StepPhase,
     pub(super) position: Position,
     /// Current line, from 1.
     line: usize,
@@ -79,7 +79,7 @@ impl<'a> ProgramCheck<'a> {
             step_queue: turns,
             scenes,
             step_index: None,
-            phase: StepPhase::BackedOff,
+            step_phase: StepPhase::BackedOff,
             position,
             line: 1,
             proof: Proof::default(),
@@ -136,11 +136,11 @@ impl<'a> ProgramCheck<'a> {
         }
         match motion.kind {
             MotionKind::Dwell { .. } => Ok(()),
-            MotionKind::Feed if self.phase == StepPhase::Approach && !self.is_confirmed() => {
+            MotionKind::Feed if self.step_phase == StepPhase::Approach && !self.is_confirmed() => {
                 self.check_unconfirmed_feed(motion)
             }
             MotionKind::Feed => self.check_back_off(motion),
-            _ if self.phase == StepPhase::Touched => Err(RefusalReason::MissingBackOff),
+            _ if self.step_phase == StepPhase::Touched => Err(RefusalReason::MissingBackOff),
             MotionKind::Orient { s } => self.check_orientation(s),
             MotionKind::Rapid if !self.is_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
             MotionKind::Rapid => self.check_move(&motion.target, &ClearanceRule::Unguarded),
@@ -151,9 +151,9 @@ impl<'a> ProgramCheck<'a> {
 
     /// Checks a prompt: it is one stop, and after it the position of the machine is unknown.
     fn check_prompt(&mut self, kind: MotionKind) -> CheckResult {
-        match (kind, self.phase) {
+        match (kind, self.step_phase) {
             (MotionKind::Stop, StepPhase::Approach) => {
-                (self.position, self.phase) = (Position::new(), StepPhase::PromptShown);
+                (self.position, self.step_phase) = (Position::new(), StepPhase::PromptShown);
                 self.confirmed = ConfirmedDirections::default();
                 Ok(())
             }
@@ -174,12 +174,12 @@ impl<'a> ProgramCheck<'a> {
             Some(_) => self.complete_step()?,
             None => {}
         }
-        (self.step_index, self.phase) = (Some(next), StepPhase::Approach);
+        (self.step_index, self.step_phase) = (Some(next), StepPhase::Approach);
         Ok(())
     }
 
     fn complete_step(&mut self) -> CheckResult {
-        match (self.step().and_then(|step| step.scan.as_ref()), self.phase) {
+        match (self.step().and_then(|step| step.scan.as_ref()), self.step_phase) {
             (_, StepPhase::PromptShown) => return Ok(()),
             (Some(scan), _) => self.check_scan_complete(scan)?,
             (None, StepPhase::Touched) => {
@@ -214,7 +214,7 @@ impl<'a> ProgramCheck<'a> {
         let begins = rules::find_axis_mismatch(&self.position, &step.from, dialect);
         let to = rules::find_axis_mismatch(&ends, &step.to.filter_axes(Axis::is_linear), dialect);
         if !turns && (begins.is_none() || to.is_none()) {
-            match (self.phase, begins, to) {
+            match (self.step_phase, begins, to) {
                 (StepPhase::Approach, None, None) => return self.check_touch(motion, step),
                 (StepPhase::Approach, None, Some(to)) => {
                     return Err(to.into_refusal_reason(RefusalReason::WrongTarget));
@@ -260,17 +260,17 @@ impl<'a> ProgramCheck<'a> {
         };
         // At its start, the ball is clear of the artefact, wherever the artefact is.
         self.check_clearance(&JointPath { from, to: from }, &ClearanceRule::GuardedMove)?;
-        self.check_clearance(&joint_path, &ClearanceRule::TouchOtherBodies(reach.body))?;
-        self.check_clearance(&reach.joint_path, &ClearanceRule::TouchMovingParts(reach.body, reach.lateral))?;
+        self.check_clearance(&joint_path, &ClearanceRule::TouchOtherBodies(reach.touched_body))?;
+        self.check_clearance(&reach.joint_path, &ClearanceRule::TouchMovingParts(reach.touched_body, reach.lateral))?;
         self.position = self.position.filter_axes(|axis| motion.target.get(axis).is_none());
-        self.phase = StepPhase::Touched;
+        self.step_phase = StepPhase::Touched;
         Ok(())
     }
 
     /// Checks a G1 move: from contact straight back to `from`, along the path that was proven for the touch.
     fn check_back_off(&mut self, motion: &ReadMotion) -> CheckResult {
         let step = self.step().ok_or(RefusalReason::MotionWithoutStep)?;
-        if self.phase != StepPhase::Touched {
+        if self.step_phase != StepPhase::Touched {
             return Err(RefusalReason::UnexpectedFeedMove);
         }
         let probe = &self.request.plan.probe;
@@ -279,7 +279,7 @@ impl<'a> ProgramCheck<'a> {
         if let Some(off) = rules::find_axis_mismatch(&ends, &step.from, self.request.dialect) {
             return Err(off.into_refusal_reason(RefusalReason::WrongBackOffTarget));
         }
-        (self.position, self.phase) = (ends, StepPhase::BackedOff);
+        (self.position, self.step_phase) = (ends, StepPhase::BackedOff);
         Ok(())
     }
 

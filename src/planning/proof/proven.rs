@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn motions_that_stand_in_another_unit_have_no_proof() {
+    fn motions_in_the_wrong_unit_have_no_proof() {
         let dialect = Dialect::from_name("grbl").unwrap();
         let to = |x: f64| Position::new().with(Axis::X, x);
         let motions = [90.0, 95.0].map(|x| Motion::Guarded { to: to(x), feed_mm_min: 100.0 });
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_block_whose_text_does_not_mean_it_has_no_proof() {
+    fn a_block_that_differs_from_its_text_has_no_proof() {
         // The block can be rendered, but a control reads no feed in it.
         let to = Position::new().with(Axis::Z, -20.0);
         let motions = vec![Motion::Guarded { to, feed_mm_min: -300.0 }];

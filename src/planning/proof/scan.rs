@@ -1,7 +1,7 @@
 //! Proof of a scan: the text reaches the points of its path one after the other, at its feed. It rests at each point
 //! where samples are taken at rest, and nowhere if they are taken during the motion. No part of it touches: all of it
-//! keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`], except that the ball in a nest of sensors on the table may be as near as their
-//! range allows.
+//! keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`], except that the ball in a nest of sensors on the table may be as near
+//! as their range allows.
 
 use super::program_check::{CheckResult, ProgramCheck, StepPhase};
 use super::refusal::RefusalReason;
@@ -19,12 +19,12 @@ const DWELL_TOLERANCE_S: f64 = 0.000_501;
 impl ProgramCheck<'_> {
     pub(super) fn check_scan_motion(&mut self, motion: &ReadMotion, step: &Step, scan: &Scan) -> CheckResult {
         self.begin_scan_in_place(scan)?;
-        match (motion.kind, self.phase) {
+        match (motion.kind, self.step_phase) {
             (MotionKind::Dwell { seconds }, StepPhase::Scanning { reached_count, dwelled_s }) => {
                 if matches!(scan.sampling, Sampling::Continuous { .. }) {
                     return Err(RefusalReason::DwellInContinuousScan);
                 }
-                self.phase = StepPhase::Scanning { reached_count, dwelled_s: dwelled_s + seconds };
+                self.step_phase = StepPhase::Scanning { reached_count, dwelled_s: dwelled_s + seconds };
                 Ok(())
             }
             (MotionKind::Dwell { .. }, _) => Ok(()),
@@ -104,12 +104,12 @@ impl ProgramCheck<'_> {
 
     /// Begins the scan immediately if a turn has its first point at the position of the machine.
     fn begin_scan_in_place(&mut self, scan: &Scan) -> CheckResult {
-        let is_any = matches!(self.phase, StepPhase::Scanning { .. });
+        let is_any = matches!(self.step_phase, StepPhase::Scanning { .. });
         if is_any || !scan.is_rotary_only() {
             return Ok(());
         }
         if rules::find_axis_mismatch(&self.position, &first_point(scan)?, self.request.dialect).is_none() {
-            self.phase = StepPhase::Scanning { reached_count: 1, dwelled_s: 0.0 };
+            self.step_phase = StepPhase::Scanning { reached_count: 1, dwelled_s: 0.0 };
         }
         Ok(())
     }
@@ -136,13 +136,13 @@ impl ProgramCheck<'_> {
             return Err(off.into_refusal_reason(RefusalReason::WrongScanPoint));
         }
         self.check_move(&motion.target, &self.scan_move_rule(motion))?;
-        self.phase = StepPhase::Scanning { reached_count: number + 1, dwelled_s: 0.0 };
+        self.step_phase = StepPhase::Scanning { reached_count: number + 1, dwelled_s: 0.0 };
         Ok(())
     }
 
     /// Checks that the scan has rested long enough at the present point.
     fn check_dwell(&self, scan: &Scan) -> CheckResult {
-        match (scan.sampling, self.phase) {
+        match (scan.sampling, self.step_phase) {
             (Sampling::Dwell { dwell_s, .. }, StepPhase::Scanning { dwelled_s, .. })
                 if dwelled_s < dwell_s - DWELL_TOLERANCE_S =>
             {
@@ -155,7 +155,7 @@ impl ProgramCheck<'_> {
     /// Checks that the scan has reached all of its points.
     pub(super) fn check_scan_complete(&self, scan: &Scan) -> CheckResult {
         self.check_dwell(scan)?;
-        match self.phase {
+        match self.step_phase {
             StepPhase::Scanning { reached_count, .. } if reached_count == scan.path.len() => Ok(()),
             _ => Err(RefusalReason::IncompleteStep("reaching all points of the scan")),
         }

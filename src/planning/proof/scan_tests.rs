@@ -46,7 +46,7 @@ fn a_whole_scan_is_proven_and_its_nearest_pair_is_known_by_hand() {
 }
 
 #[test]
-fn every_point_is_reached_in_its_turn_at_the_feed_and_rested_at() {
+fn a_scan_reaches_its_points_in_order_at_its_feed_and_dwells() {
     let plan = looking(|_| {});
     let place = |reason| matches!(reason, RefusalReason::WrongScanPoint(_));
     assert!(place(refused(&plan, "X0 F60", "X0.01 F60")));
@@ -69,7 +69,7 @@ fn every_point_is_reached_in_its_turn_at_the_feed_and_rested_at() {
 }
 
 #[test]
-fn the_body_of_the_sensor_keeps_the_margin_on_all_of_its_way() {
+fn the_sensor_body_keeps_the_margin_on_its_whole_path() {
     // A post beside the ball, 30 + 2 mm from the end of the sensor axis' path at X = 5.
     let with_post = |x: f64| {
         looking(|plan| {

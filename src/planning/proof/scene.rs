@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::MIN_UNGUARDED_CLEARANCE_MM;
-use super::body::{BodyRole, BodyShape, CollisionBody};
+use super::body::{BodyRole, CollisionBody, CollisionShape};
 use super::body_gap::LateralUncertainty;
 use super::pairs::{BodyPair, PairRole, collision_pairs};
 use super::refusal::RefusalReason;
@@ -73,10 +73,10 @@ impl Scene {
         unchecked_items.extend(builder.sides_without_solid(plan));
         for keepout in &plan.keepout {
             let [low, high] = [keepout.min_mm, keepout.max_mm].map(Vector3::from);
-            builder.add(&keepout.name, BodyRole::Other, Carrier::Bed, BodyShape::cuboid(low, high))?;
+            builder.add(&keepout.name, BodyRole::Other, Carrier::Bed, CollisionShape::cuboid(low, high))?;
         }
         for solid in &plan.solids {
-            builder.add(&solid.name, BodyRole::Other, solid.on, BodyShape::from_solid(solid))?;
+            builder.add(&solid.name, BodyRole::Other, solid.on, CollisionShape::from_solid(solid))?;
         }
         let (pairs, unchecked) = collision_pairs(&builder.bodies, uncertainty);
         unchecked_items.extend(unchecked);
@@ -120,7 +120,7 @@ impl Scene {
                 min_clearance_mm,
                 position_uncertainty_mm,
                 lateral,
-                nearest: if counts { nearest } else { min_clearance_mm },
+                ignored_above_mm: if counts { nearest } else { min_clearance_mm },
             };
             if centres.as_ref().is_some_and(|centres| are_far_apart(pair, centres, &demand)) {
                 continue;
@@ -173,7 +173,7 @@ fn are_far_apart(pair: &BodyPair, centres: &[[Vector3<f64>; 2]], demand: &Cleara
     let apart = nearest_point_to_origin(other[0] - one[0], other[1] - one[1]).norm();
     let reach = pair.one.shape.bounds().1 + pair.other.shape.bounds().1;
     let uncertainty_mm = demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
-    apart - reach - uncertainty_mm > demand.min_clearance_mm.max(demand.nearest - CLEARANCE_TOLERANCE_MM)
+    apart - reach - uncertainty_mm > demand.min_clearance_mm.max(demand.ignored_above_mm - CLEARANCE_TOLERANCE_MM)
 }
 
 /// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the
@@ -210,8 +210,12 @@ fn required_clearance(
 /// intersect at the assumed positions.
 fn start_clearance_mm(pair: &BodyPair, joint_path: &JointPath) -> Option<f64> {
     let start = JointPath { from: joint_path.from, to: joint_path.from };
-    let demand =
-        ClearanceDemand { min_clearance_mm: 0.0, position_uncertainty_mm: 0.0, lateral: None, nearest: f64::INFINITY };
+    let demand = ClearanceDemand {
+        min_clearance_mm: 0.0,
+        position_uncertainty_mm: 0.0,
+        lateral: None,
+        ignored_above_mm: f64::INFINITY,
+    };
     match min_distance_on_path(&start, &pair.one, &pair.other, &demand) {
         Ok(Some(apart)) => Some(apart - pair.position_uncertainty_mm - LEAVING_TOLERANCE_MM),
         _ => None,
@@ -238,7 +242,7 @@ struct SceneBuilder {
 }
 
 impl SceneBuilder {
-    fn add(&mut self, name: &str, role: BodyRole, on: Carrier, shape: BodyShape) -> Result<(), RefusalReason> {
+    fn add(&mut self, name: &str, role: BodyRole, on: Carrier, shape: CollisionShape) -> Result<(), RefusalReason> {
         let missing = || RefusalReason::UnknownCarrier { solid: name.to_owned() };
         let carried = self.chain.carrier_chain(on).ok_or_else(missing)?;
         let corners = shape.corners();
@@ -250,14 +254,14 @@ impl SceneBuilder {
     fn add_artefact(&mut self, artefact: &Artefact) -> Result<Vec<String>, RefusalReason> {
         let parts = artefact::artefact_bodies(artefact);
         let frame = match artefact {
-            Artefact::DatumCylinder(_) => BodyRole::Datum,
-            _ => BodyRole::MotionFrame,
+            Artefact::DatumCylinder(_) => BodyRole::DatumCylinder,
+            _ => BodyRole::ArtefactFrame,
         };
         let touched: Vec<&ArtefactBody> = parts.iter().filter(|part| part.is_touchable).collect();
         let mut balls_without_stem: Vec<usize> = (0..touched.len()).collect();
         for part in &parts {
             let carries = |touched: &&ArtefactBody| match part.shape {
-                artefact::BodyShape::Cylinder { from, .. } => BodyShape::from_part(touched).distance(from) <= 0.0,
+                artefact::BodyShape::Cylinder { from, .. } => CollisionShape::from_part(touched).distance(from) <= 0.0,
                 artefact::BodyShape::Ball { .. } => false,
             };
             let own = |other: &&ArtefactBody| std::ptr::eq(*other, part);
@@ -268,7 +272,7 @@ impl SceneBuilder {
                 number(&carries).map_or(frame, BodyRole::StemOf)
             };
             balls_without_stem.retain(|number| role != BodyRole::StemOf(*number));
-            self.add(&part.name, role, Carrier::Table, BodyShape::from_part(part))?;
+            self.add(&part.name, role, Carrier::Table, CollisionShape::from_part(part))?;
         }
         let stems = matches!(artefact, Artefact::Balls(_));
         let balls_without_stem = balls_without_stem.iter().filter(|_| stems).filter_map(|number| touched.get(*number));
@@ -295,7 +299,7 @@ impl SceneBuilder {
             let front = zero - along * sensor.stand_off_mm;
             let back = front - along * sensor.body_length_mm;
             if sensor.body_radius_mm > 0.0 && front != back {
-                let body = BodyShape::cylinder(front, back, sensor.body_radius_mm);
+                let body = CollisionShape::cylinder(front, back, sensor.body_radius_mm);
                 let role = match sensor.mount {
                     SensorMount::Table => {
                         let at_near_end = sensor.stand_off_mm + sensor.range_mm[0];
@@ -315,7 +319,7 @@ impl SceneBuilder {
     fn add_probe(&mut self, plan: &Plan, on: Carrier) -> Result<Vec<String>, RefusalReason> {
         let probe = &plan.probe;
         let ball = Vector3::from(plan.machine.tool_mm);
-        self.add("stylus ball", BodyRole::StylusBall, on, BodyShape::ball(ball, probe.ball_radius_mm))?;
+        self.add("stylus ball", BodyRole::StylusBall, on, CollisionShape::ball(ball, probe.ball_radius_mm))?;
         let end = ball + Vector3::z() * probe.stem_length_mm;
         let top = end + Vector3::z() * probe.body_length_mm;
         let parts = [
@@ -325,7 +329,7 @@ impl SceneBuilder {
         let mut missing = Vec::new();
         for (name, role, from, to, radius) in parts {
             if radius > 0.0 && from != to {
-                self.add(name, role, on, BodyShape::cylinder(from, to, radius))?;
+                self.add(name, role, on, CollisionShape::cylinder(from, to, radius))?;
             } else {
                 missing.push(name.to_owned());
             }

@@ -1,7 +1,7 @@
 //! Smallest distance of two bodies during a motion, found by repeated bisection of the path.
 //!
 //! During a part of the path, no point moves farther from its position in the middle than
-//! [`CarrierMotion::sweep`](machine::kinematics::Going::sweep) states. If the bodies are farther apart than that in the
+//! [`CarrierMotion::pose_and_displacement_bound`] states. If the bodies are farther apart than that in the
 //! middle, they do not meet during that part. Without rotation, a direction that separates two bodies separates
 //! them along the whole path, and one evaluation is often enough. Rotary axes move together with linear axes,
 //! straight in joint space, and the bound also covers the positions between the evaluated ones.
@@ -55,10 +55,10 @@ pub struct ClearanceDemand {
     /// Position uncertainty across one direction only.
     pub lateral: Option<LateralUncertainty>,
     /// Clearances above this value are ignored, mm.
-    pub nearest: f64,
+    pub ignored_above_mm: f64,
 }
 
-/// Returns the smallest clearance, mm, if it is below `demand.nearest`.
+/// Returns the smallest clearance, mm, if it is below `demand.ignored_above_mm`.
 ///
 /// # Errors
 /// The clearance, mm, if the bodies come within `demand.min_clearance_mm` or cannot be proven not to.
@@ -72,7 +72,7 @@ pub fn min_distance_on_path(
     let reaches = bounds.0.1 + bounds.1.1;
     let uncertainty_mm = demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
     let relative_translation = relative_translation(joint_path, one, other);
-    let mut nearest = demand.nearest;
+    let mut nearest = demand.ignored_above_mm;
     // Middle and half-length of the parts that are not evaluated yet.
     let mut parts = vec![(0.5, 0.5)];
     let mut direction_hint = relative_translation.map(|goes| {
@@ -119,7 +119,7 @@ pub fn min_distance_on_path(
             parts.extend([(at + share / 2.0, share / 2.0), (at - share / 2.0, share / 2.0)]);
         }
     }
-    Ok((nearest < demand.nearest).then_some(nearest))
+    Ok((nearest < demand.ignored_above_mm).then_some(nearest))
 }
 
 /// Displacement of the other body relative to the first, mm, machine frame; `None` if either rotates.

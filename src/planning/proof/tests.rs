@@ -126,7 +126,7 @@ fn rapids_keep_the_margin_from_a_box_and_guarded_moves_do_not_touch_it() {
 }
 
 #[test]
-fn what_turns_is_looked_at_on_the_way() {
+fn rotary_motions_are_checked_between_their_ends() {
     // A post on the table, 10 mm square at X = −100, as high as the ball: a half turn of C moves it to the ball, a
     // quarter turn to ±Y.
     let post = |top: f64| {
@@ -159,7 +159,7 @@ fn what_turns_is_looked_at_on_the_way() {
 }
 
 #[test]
-fn what_rides_above_the_ball_is_looked_at() {
+fn parts_above_the_stylus_ball_are_checked() {
     let nose = |lowest: f64| {
         plan(|plan| {
             plan["solids"] = json!([
@@ -175,7 +175,7 @@ fn what_rides_above_the_ball_is_looked_at() {
 }
 
 #[test]
-fn contact_must_be_expected_on_the_way_and_not_before() {
+fn contact_must_occur_during_the_touch_and_not_at_its_start() {
     let far = WHOLE.replace("X47", "X48.5").replace("X50", "X51");
     let reach = |from: f64, to: f64| {
         plan(|plan| {
@@ -195,7 +195,7 @@ fn contact_must_be_expected_on_the_way_and_not_before() {
 }
 
 #[test]
-fn before_it_is_known_where_the_machine_stands_nothing_is_claimed() {
+fn moves_from_an_unknown_position_are_listed_as_unchecked() {
     let blind = "N0 G53 G0 Z300\nN0 G53 G0 B0 C0\nN0 G53 G0 X50 Y0\n";
     let text = WHOLE.replacen("N0 G53 G0 X50\n", blind, 1);
     let proof = proven_from(&plan(|_| {}), &text, None).unwrap();
@@ -243,7 +243,7 @@ fn a_machine_stopped_beside_the_part_may_rise() {
 
 /// B carries an arm at +X; above it, C carries the table with a clamp at −X.
 #[test]
-fn what_turns_against_each_other_on_one_side_is_looked_at() {
+fn bodies_of_one_side_that_turn_relative_to_each_other_are_checked() {
     let carrying = |more: Value| {
         plan(|plan| {
             let mut solids = vec![
@@ -280,7 +280,7 @@ fn what_turns_against_each_other_on_one_side_is_looked_at() {
 
 /// The spindle moves down past a rack on the X slide.
 #[test]
-fn what_moves_against_each_other_on_the_tool_side_is_looked_at() {
+fn bodies_of_the_tool_side_that_move_relative_to_each_other_are_checked() {
     let racked = plan(|plan| {
         plan["solids"] = json!([
             {"name": "nose", "on": "spindle", "from_mm": [0.0, 0.0, 0.0], "to_mm": [0.0, 0.0, 100.0],
@@ -293,7 +293,7 @@ fn what_moves_against_each_other_on_the_tool_side_is_looked_at() {
 
 /// A ledge over the part: at the end of the touch, the stem would pass it at 46 mm minus its edge.
 #[test]
-fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
+fn a_touch_keeps_its_clearance_where_the_probe_detects_no_contact() {
     let ledge = |edge: f64| {
         plan(|plan| {
             plan["probe"]["stem_radius_mm"] = 1.0.into();
@@ -310,7 +310,7 @@ fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
 
 /// Step 1 is a prompt; the touch comes after it.
 #[test]
-fn a_person_is_asked_by_one_stop_and_nothing_else() {
+fn a_prompt_is_one_stop_and_nothing_else() {
     let plan = plan(|plan| {
         let prompt = json!({"id": 1, "stage": 0, "kind": "prompt", "label": "ask/1", "from": {}, "to": {},
             "feed_mm_min": 0.0, "sensor": "", "normal": [0.0, 0.0, 0.0], "text": "clean it"});

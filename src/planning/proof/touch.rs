@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::body::{BodyShape, CollisionBody};
+use super::body::{CollisionBody, CollisionShape};
 use super::body_gap::LateralUncertainty;
 use super::refusal::RefusalReason;
 use super::scene::Scene;
@@ -25,14 +25,14 @@ const MAX_PRE_TRAVEL_MM: f64 = 0.1;
 const LATERAL_SHIFT_COUNT: u32 = 8;
 const BISECTION_STEP_COUNT: u32 = 40;
 /// Maximum angle between the expected contact with a ball and the normal of the step, degrees.
-const MAX_AIM_ERROR_DEG: f64 = 25.0;
+const MAX_CONTACT_ANGLE_ERROR_DEG: f64 = 25.0;
 /// Rounding tolerance of the text, mm.
 const TEXT_ROUNDING_MM: f64 = 2e-3;
 
 /// Part of a touch that contact allows.
 pub struct TouchReach {
     /// Number of the touched body.
-    pub body: usize,
+    pub touched_body: usize,
     pub joint_path: JointPath,
     pub lateral: LateralUncertainty,
 }
@@ -66,14 +66,14 @@ pub fn touch_reach(
         .filter_map(|(number, body)| Some((number, body, line.contact_share(&body.shape, Vector3::zeros())?)));
     let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
     if let Some(ball) = body.shape.as_ball() {
-        line.check_never_misses(body, ball.0, ball.1, scene.uncertainty)?;
-        line.check_aim(body, ball.0, at, Vector3::from(normal))?;
+        line.check_touch_cannot_miss(body, ball.0, ball.1, scene.uncertainty)?;
+        line.check_contact_side(body, ball.0, at, Vector3::from(normal))?;
     }
     let farthest = line.latest_contact_share(&body.shape, at, scene.uncertainty);
     let end = (farthest + (MAX_PRE_TRAVEL_MM + braking) / line.from.metric_distance(&line.to)).min(1.0);
     let stop = std::array::from_fn(|i| joint_path.from[i] + end * (joint_path.to[i] - joint_path.from[i]));
     let lateral = LateralUncertainty { direction: line.table.rotation * line.along, amount_mm: scene.uncertainty };
-    Ok(TouchReach { body: number, joint_path: JointPath { from: joint_path.from, to: stop }, lateral })
+    Ok(TouchReach { touched_body: number, joint_path: JointPath { from: joint_path.from, to: stop }, lateral })
 }
 
 impl BallLine {
@@ -96,12 +96,12 @@ impl BallLine {
     }
 
     /// Position of the ball, as a share of the path, at which it meets a shape that is displaced by `shift`.
-    fn contact_share(&self, shape: &BodyShape, shift: Vector3<f64>) -> Option<f64> {
+    fn contact_share(&self, shape: &CollisionShape, shift: Vector3<f64>) -> Option<f64> {
         first_contact_share(|share| shape.distance(self.point_at(share) - shift) - self.radius)
     }
 
     /// Latest contact with a shape that is displaced across the path; `straight`: contact without displacement.
-    fn latest_contact_share(&self, shape: &BodyShape, straight: f64, uncertainty: f64) -> f64 {
+    fn latest_contact_share(&self, shape: &CollisionShape, straight: f64, uncertainty: f64) -> f64 {
         let [right, up] = perpendicular_directions(self.along);
         // Contact is a convex function of the displacement: the corners of a polygon around the circle bound it.
         let corner = uncertainty / (TAU / f64::from(2 * LATERAL_SHIFT_COUNT)).cos();
@@ -114,7 +114,7 @@ impl BallLine {
 
     /// Checks that the touch meets the ball at every possible position: all possible positions of its centre are
     /// within the round-ended rod that the touch sweeps.
-    fn check_never_misses(
+    fn check_touch_cannot_miss(
         &self,
         body: &CollisionBody,
         centre: Vector3<f64>,
@@ -129,7 +129,7 @@ impl BallLine {
         Err(RefusalReason::TouchCanMiss { body: body.name.clone(), uncertainty })
     }
 
-    fn check_aim(
+    fn check_contact_side(
         &self,
         body: &CollisionBody,
         centre: Vector3<f64>,
@@ -141,7 +141,7 @@ impl BallLine {
         // Without a normal, the value is NaN, and the touch is refused.
         let cos = out.dot(&expected) / (out.norm() * expected.norm());
         let off = cos.clamp(-1.0, 1.0).acos().to_degrees();
-        if off <= MAX_AIM_ERROR_DEG {
+        if off <= MAX_CONTACT_ANGLE_ERROR_DEG {
             return Ok(());
         }
         Err(RefusalReason::WrongContactSide { body: body.name.clone(), off })

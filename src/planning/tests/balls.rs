@@ -128,7 +128,7 @@ fn another_ball_below_the_probe_or_above_the_ball_is_in_the_way() {
 }
 
 #[test]
-fn what_the_machine_cannot_reach_is_refused_with_its_reason() {
+fn unreachable_balls_are_refused_with_their_reason() {
     let stem = [0.0, 0.0, -1.0];
     let far = plan(TABLE, &[ball("1", [300.0, 0.0, 50.0], stem)]);
     let error = touches(&far, &indexed(0.0, 0.0), 5).unwrap_err();
@@ -167,7 +167,7 @@ fn a_tilted_spindle_is_refused() {
 }
 
 #[test]
-fn fifteen_touches_are_spread_over_what_is_free() {
+fn fifteen_touches_are_spread_over_the_accessible_surface() {
     let plan = plan(TABLE, &[ball("1", [0.0, 0.0, 100.0], [1.0, 1.0, 0.0])]);
     let found = touches(&plan, &indexed(0.0, 0.0), 15).unwrap();
     assert_eq!(found.len(), 15);
@@ -216,7 +216,7 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
 }
 
 #[test]
-fn dirt_and_a_wrong_ball_are_said_in_words() {
+fn errors_of_form_and_diameter_name_their_causes() {
     let plan = plan(TABLE, &[ball("3", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
     let rotary = indexed(-30.0, 90.0);
     let dirty = evaluate_ball("3", &readings(&plan, &rotary, 0.1), &plan.machine, &plan.probe).unwrap();
@@ -301,7 +301,7 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
 }
 
 #[test]
-fn from_touch_to_touch_the_way_leads_round_the_ball_and_over_it_where_a_stem_is_in_the_way() {
+fn the_path_between_touches_leads_round_the_ball_or_over_a_blocking_stem() {
     let centre = [80.0, -50.0, 90.0];
     let free = plan(TABLE, &[ball("1", centre, [0.0, 0.0, -1.0])]);
     // The distance between the centres is 13 mm in contact, plus 0.5 mm standoff; the ball may be 0.25 mm off.

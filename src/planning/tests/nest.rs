@@ -110,7 +110,7 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
 
 /// A resumed run: the ball is in the nest, and the position of the machine is not confirmed.
 #[test]
-fn a_turn_begins_in_an_unconfirmed_nest_but_another_way_begins_above_it() {
+fn a_turn_begins_in_an_unconfirmed_nest_but_other_moves_begin_above_it() {
     let plan = nest_plan(vec![
         scan(0, vec![point(0.0, 0.0, 0.0), point(0.0, 0.0, 1.0)]),
         scan(1, vec![point(0.1, 0.0, 1.0), point(0.0, 0.0, 1.0)]),

@@ -27,7 +27,7 @@ impl DeclaredCommands {
     pub fn add(&mut self, text: &str, switch: SwitchEffect) -> Result<(), LineError> {
         let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
         let refused = || LineError::from("the command must be one M word with its parameters");
-        let Some(Ok(GcodeLine::GcodeWords(words))) = text.chars().all(harmless).then(|| GcodeLine::parse(text)) else {
+        let Some(Ok(GcodeLine::Words(words))) = text.chars().all(harmless).then(|| GcodeLine::parse(text)) else {
             return Err(refused());
         };
         let [code] = words.m_words.as_slice() else { return Err(refused()) };

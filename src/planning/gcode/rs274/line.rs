@@ -13,7 +13,7 @@ pub(super) enum GcodeLine {
     If(String),
     /// `o<..> endif`
     EndIf(String),
-    GcodeWords(GcodeWords),
+    Words(GcodeWords),
 }
 
 /// Words by letter; G and M words may occur several times.
@@ -110,7 +110,7 @@ impl GcodeLine {
             words.add_word(letter, value)?;
             rest = next;
         }
-        Ok(Self::GcodeWords(words))
+        Ok(Self::Words(words))
     }
 }
 

@@ -33,10 +33,10 @@ enum DistanceMode {
 #[derive(Debug, Default)]
 struct ModalState {
     mm_per_unit: Option<f64>,
-    distance: Option<DistanceMode>,
-    motion: Option<MotionKind>,
+    distance_mode: Option<DistanceMode>,
+    motion_kind: Option<MotionKind>,
     feed_mm_min: Option<f64>,
-    slot: Option<&'static str>,
+    work_offset_slot: Option<&'static str>,
     is_g92_off: bool,
     is_tool_length_off: bool,
     /// G61 or G61.1: each move reaches its target before the next begins. G64 cuts corners.
@@ -54,7 +54,7 @@ pub(super) struct ReaderState {
     zeroed_axes: BTreeMap<&'static str, BTreeSet<Axis>>,
     switches: SwitchState,
     /// Name of the open condition, and whether it stops the program.
-    condition: Option<(String, bool)>,
+    open_condition: Option<(String, bool)>,
     has_started: bool,
     has_ended: bool,
 }
@@ -68,7 +68,7 @@ impl ReaderState {
             position: Position::new(),
             zeroed_axes,
             switches: SwitchState::new(declared),
-            condition: None,
+            open_condition: None,
             has_started: false,
             has_ended: false,
         }
@@ -76,7 +76,7 @@ impl ReaderState {
 
     /// Checks that the program does not end inside a condition.
     pub fn check_end(&self) -> Result<(), LineError> {
-        match &self.condition {
+        match &self.open_condition {
             Some((name, _)) => Err(format!("the condition {name} has no end").into()),
             None => Ok(()),
         }
@@ -89,20 +89,20 @@ impl ReaderState {
                 self.has_started = true;
                 Ok(None)
             }
-            GcodeLine::If(name) if self.condition.is_none() => {
-                self.condition = Some((name, false));
+            GcodeLine::If(name) if self.open_condition.is_none() => {
+                self.open_condition = Some((name, false));
                 Ok(None)
             }
             GcodeLine::If(_) => Err("a condition inside a condition is not supported".into()),
-            GcodeLine::EndIf(name) => match self.condition.take() {
+            GcodeLine::EndIf(name) => match self.open_condition.take() {
                 Some((open, true)) if open == name => Ok(None),
                 Some((open, false)) if open == name => {
                     Err(format!("the condition {name} does not stop the program").into())
                 }
                 _ => Err(format!("the condition {name} ends, but is not open").into()),
             },
-            GcodeLine::GcodeWords(words) if self.condition.is_some() => self.apply_in_condition(words).map(|()| None),
-            GcodeLine::GcodeWords(words) => self.apply_words(words),
+            GcodeLine::Words(words) if self.open_condition.is_some() => self.apply_in_condition(words).map(|()| None),
+            GcodeLine::Words(words) => self.apply_words(words),
         }
     }
 
@@ -110,7 +110,7 @@ impl ReaderState {
     fn apply_in_condition(&mut self, mut words: GcodeWords) -> Result<(), LineError> {
         words.take_m(72);
         let stops = words.has_abort_comment || words.take_m(2) || words.take_m(30);
-        if let Some((_, stopped)) = &mut self.condition {
+        if let Some((_, stopped)) = &mut self.open_condition {
             *stopped |= stops;
         }
         refuse_unread_words(&words)
@@ -153,17 +153,17 @@ impl ReaderState {
         let modal = &mut self.modal;
         set_modal_group(words, &[(200, MM_PER_INCH), (210, 1.0)], &mut modal.mm_per_unit)?;
         let distances = [(900, DistanceMode::Absolute), (910, DistanceMode::Incremental)];
-        set_modal_group(words, &distances, &mut modal.distance)?;
-        set_modal_group(words, &WORK_OFFSET_SLOTS.map(|(name, g)| (g, name)), &mut modal.slot)?;
+        set_modal_group(words, &distances, &mut modal.distance_mode)?;
+        set_modal_group(words, &WORK_OFFSET_SLOTS.map(|(name, g)| (g, name)), &mut modal.work_offset_slot)?;
         let motions = [
             (0, MotionKind::Rapid),
             (10, MotionKind::Feed),
             (382, MotionKind::Probe { must_touch: true }),
             (383, MotionKind::Probe { must_touch: false }),
         ];
-        set_modal_group(words, &motions, &mut modal.motion)?;
+        set_modal_group(words, &motions, &mut modal.motion_kind)?;
         if words.take_g(800) {
-            modal.motion = None;
+            modal.motion_kind = None;
         }
         modal.is_tool_length_off |= words.take_g(490);
         modal.is_g92_off |= words.take_g(921) || words.take_g(922);
@@ -236,9 +236,9 @@ impl ReaderState {
     }
 
     fn straight_move(&mut self, machine: bool, named: &[(Axis, f64)]) -> Result<ReadMotion, LineError> {
-        let kind = self.modal.motion.ok_or("the line has axis words, but no motion mode is set")?;
+        let kind = self.modal.motion_kind.ok_or("the line has axis words, but no motion mode is set")?;
         let scale = self.modal.mm_per_unit.ok_or(UNITS_NOT_SET)?;
-        let distance = self.modal.distance.ok_or("neither G90 nor G91 is set")?;
+        let distance = self.modal.distance_mode.ok_or("neither G90 nor G91 is set")?;
         if !self.modal.is_exact_path {
             return Err("neither G61 nor G61.1 is set".into());
         }
@@ -277,7 +277,7 @@ impl ReaderState {
     }
 
     fn target_frame(&self, target: &Position) -> MotionFrame {
-        let Some(slot) = self.modal.slot else {
+        let Some(slot) = self.modal.work_offset_slot else {
             return MotionFrame::Work("an unknown work offset".to_owned());
         };
         let zero = self.zeroed_axes.get(slot);

@@ -11,8 +11,8 @@ pub(super) struct TrialBatchStatistics {
     mean: Vec<f64>,
     /// Scatter matrix Σ(x − mean)(x − mean)ᵀ.
     scatter: Mat<f64>,
-    interval: Vec<[f64; 2]>,
-    shortest: Vec<[f64; 2]>,
+    symmetric_intervals: Vec<[f64; 2]>,
+    shortest_intervals: Vec<[f64; 2]>,
 }
 
 impl TrialBatchStatistics {
@@ -21,8 +21,8 @@ impl TrialBatchStatistics {
         let (trials, outputs) = (values.nrows(), values.ncols());
         let mut deviations = values;
         let mut mean = Vec::with_capacity(outputs);
-        let mut interval = Vec::with_capacity(outputs);
-        let mut shortest = Vec::with_capacity(outputs);
+        let mut symmetric_intervals = Vec::with_capacity(outputs);
+        let mut shortest_intervals = Vec::with_capacity(outputs);
         let mut sorted = vec![0.0; trials];
         for j in 0..outputs {
             let column = deviations.col_mut(j);
@@ -33,11 +33,11 @@ impl TrialBatchStatistics {
             column.iter_mut().for_each(|value| *value -= average);
             mean.push(average);
             sorted.sort_unstable_by(f64::total_cmp);
-            interval.push(symmetric_interval(&sorted, COVERAGE_PROBABILITY));
-            shortest.push(shortest_interval(&sorted, COVERAGE_PROBABILITY));
+            symmetric_intervals.push(symmetric_interval(&sorted, COVERAGE_PROBABILITY));
+            shortest_intervals.push(shortest_interval(&sorted, COVERAGE_PROBABILITY));
         }
         let scatter = deviations.transpose() * &deviations;
-        Self { trials, mean, scatter, interval, shortest }
+        Self { trials, mean, scatter, symmetric_intervals, shortest_intervals }
     }
 
     fn deviation(&self, output: usize) -> f64 {
@@ -68,17 +68,17 @@ fn covered_count(count: usize, probability: f64) -> usize {
 }
 
 /// Blocks joined in the order in which they are pushed.
-pub(super) struct JoinedBlocks {
+pub(super) struct MergedTrialBatches {
     trials: usize,
     mean: Vec<f64>,
     scatter: Mat<f64>,
-    blocks: Vec<TrialBatchStatistics>,
+    batches: Vec<TrialBatchStatistics>,
 }
 
-impl JoinedBlocks {
+impl MergedTrialBatches {
     pub(super) fn new(outputs: usize) -> Self {
         let scatter = Mat::zeros(outputs, outputs);
-        Self { trials: 0, mean: vec![0.0; outputs], scatter, blocks: Vec::new() }
+        Self { trials: 0, mean: vec![0.0; outputs], scatter, batches: Vec::new() }
     }
 
     /// Adds a block. The moments are merged pairwise (Chan, Golub, LeVeque 1979).
@@ -92,22 +92,22 @@ impl JoinedBlocks {
             *mean += shift * added / total;
         }
         self.trials += block.trials;
-        self.blocks.push(block);
+        self.batches.push(block);
     }
 
     /// Stopping rule (JCGM 101, 7.9.4): for every output, twice the standard deviation of each block average (of
     /// mean, standard deviation and both interval ends) is within the numerical tolerance.
     pub(super) fn is_stable(&self, digits: u32) -> bool {
-        self.blocks.len() >= 2
+        self.batches.len() >= 2
             && (0..self.mean.len()).all(|j| {
                 let tolerance = numerical_tolerance(self.deviation(j), digits);
                 let steady = |of: &dyn Fn(&TrialBatchStatistics) -> f64| {
-                    2.0 * deviation_of_average(self.blocks.iter().map(of)) <= tolerance
+                    2.0 * deviation_of_average(self.batches.iter().map(of)) <= tolerance
                 };
                 steady(&|block| block.mean[j])
                     && steady(&|block| block.deviation(j))
-                    && steady(&|block| block.interval[j][0])
-                    && steady(&|block| block.interval[j][1])
+                    && steady(&|block| block.symmetric_intervals[j][0])
+                    && steady(&|block| block.symmetric_intervals[j][1])
             })
     }
 
@@ -115,7 +115,7 @@ impl JoinedBlocks {
         let outputs = self.mean.len();
         let freedom = (self.trials.max(2) - 1) as f64;
         let end = |of: &dyn Fn(&TrialBatchStatistics) -> f64| {
-            let weighted = self.blocks.iter().map(|block| of(block) * block.trials as f64);
+            let weighted = self.batches.iter().map(|block| of(block) * block.trials as f64);
             weighted.sum::<f64>() / self.trials as f64
         };
         let ends = |of: fn(&TrialBatchStatistics) -> &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
@@ -127,8 +127,8 @@ impl JoinedBlocks {
             is_stable,
             standard_deviation: (0..outputs).map(|j| self.deviation(j)).collect(),
             covariance: Mat::from_fn(outputs, outputs, |i, j| self.scatter[(i, j)] / freedom),
-            symmetric_interval: ends(|block| &block.interval),
-            shortest_interval: ends(|block| &block.shortest),
+            symmetric_interval: ends(|block| &block.symmetric_intervals),
+            shortest_interval: ends(|block| &block.shortest_intervals),
             mean: self.mean,
         }
     }
