@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::SimulatedWorldError;
 use super::nearest_surface::NearestSurface;
-use super::random_draws::{self, LengthDraw};
+use super::random_draws::{RandomSource, draw_ball_oval, draw_normal};
 use super::truth::MachineTruth;
 use machine::frame::unit_vector;
 use machine::record::artefact::{self, REFERENCE_TEMPERATURE_C};
@@ -44,7 +44,7 @@ impl TrueBalls {
             return Err(SimulatedWorldError::InvalidBalls);
         }
         let [expansion, u_expansion] = stated.relative_expansion();
-        let scale = 1.0 + expansion + u_expansion * random_draws::draw_artefact_temperature(truth.seed);
+        let scale = 1.0 + expansion + u_expansion * draw_normal(truth.seed, RandomSource::ArtefactTemperature, &[]);
         balls.iter_mut().for_each(|ball| ball.centre *= scale);
         apply_certified_lengths(&mut balls, stated, truth);
         Ok(Self { balls })
@@ -53,7 +53,7 @@ impl TrueBalls {
     /// Nearest surface to `point` in the table frame at the time `t_s`. Inside several bodies, the deepest one
     /// counts.
     pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> NearestSurface {
-        let far = NearestSurface { distance: f64::INFINITY, normal: Vector3::z() };
+        let far = NearestSurface::beyond(f64::INFINITY);
         let relative_point = |ball: &TrueBall| point - ball.displacement_at(t_s);
         let min_distance = |ball: &TrueBall| ball.min_distance(relative_point(ball));
         // The ball with the smallest lower bound comes first: most other balls then need no oval iteration.
@@ -74,16 +74,16 @@ impl TrueBall {
         let moves = truth.ball_moves.iter().filter(|moved| moved.ball == stated.id);
         let along = unit_vector(Vector3::from(stated.stem)).unwrap_or_default();
         let (length, radius) = (stated.stem_length_mm, stated.stem_radius_mm);
-        let drawn = random_draws::sample_ball_form(truth.seed, index);
-        let diameter_um = own.diameter_um + truth.ball_diameter_um * drawn.diameter;
+        let draw = |part| draw_normal(truth.seed, RandomSource::Ball, &[index as u64, part]);
+        let diameter_um = own.diameter_um + truth.ball_diameter_um * draw(3);
         let form_um = own.form_um.unwrap_or(truth.ball_form_um);
         Self {
             centre: Vector3::from(stated.centre_mm)
                 + truth.centre_offset()
                 + Vector3::from(own.offset_mm)
-                + drawn.centre * truth.ball_offset_mm,
+                + Vector3::new(draw(0), draw(1), draw(2)) * truth.ball_offset_mm,
             radius: stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3,
-            form: drawn.oval * (form_um * 1e-3),
+            form: draw_ball_oval(truth.seed, index) * (form_um * 1e-3),
             stem: (length > 0.0 && radius > 0.0 && along != Vector3::zeros()).then_some(BallStem {
                 along,
                 length,
@@ -110,18 +110,9 @@ impl TrueBall {
     /// The nearer of `best` and the surface of this ball with its stem.
     fn nearer_surface(&self, point: Vector3<f64>, best: NearestSurface) -> NearestSurface {
         let from_centre = point - self.centre;
-        let mut best = best;
-        if self.min_distance(point) < best.distance {
-            let ball = self.nearest(from_centre);
-            best = if ball.distance < best.distance { ball } else { best };
-        }
-        if let Some(stem) = &self.stem {
-            let nearest = stem.nearest(from_centre);
-            if nearest.distance < best.distance {
-                best = nearest;
-            }
-        }
-        best
+        let may_be_nearer = self.min_distance(point) < best.distance;
+        let best = if may_be_nearer { best.or_nearer(self.nearest(from_centre)) } else { best };
+        self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
     }
 
     /// Foot of the perpendicular: `point` = r(u)·u + distance·normal(u). On a round ball its direction u is that of
@@ -162,14 +153,7 @@ impl BallStem {
         let side = reach - self.radius;
         let end = (along - self.length / 2.0).abs() - self.length / 2.0;
         let cap = self.along * (along - self.length / 2.0).signum();
-        if side > 0.0 && end > 0.0 {
-            let distance = side.hypot(end);
-            NearestSurface { distance, normal: (outward * side + cap * end) / distance }
-        } else if side > end {
-            NearestSurface { distance: side, normal: outward }
-        } else {
-            NearestSurface { distance: end, normal: cap }
-        }
+        NearestSurface::of_prism(side, outward, end, cap)
     }
 }
 
@@ -200,10 +184,10 @@ fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, tru
 const MAX_LENGTH_ITERATIONS: usize = 1000;
 
 fn true_length(number: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
-    let LengthDraw { certificate, temperature } = random_draws::draw_length(truth.seed, number);
+    let draw = |part| draw_normal(truth.seed, RandomSource::CertifiedLength, &[number as u64, part]);
     let temperature_rise_k = length.temperature_c.unwrap_or(REFERENCE_TEMPERATURE_C) - REFERENCE_TEMPERATURE_C
-        + length.u_temperature_k * temperature;
-    let certified = length.mm + length.u_mm * certificate;
+        + length.u_temperature_k * draw(1);
+    let certified = length.mm + length.u_mm * draw(0);
     certified
         * (1.0 + length.expansion_um_per_m_k * 1e-6 * temperature_rise_k)
         * (1.0 + truth.length_error_um_per_m * 1e-6)

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use super::SimulatedWorldError;
-use super::random_draws;
+use super::random_draws::{self, RandomSource};
 use super::sensor_truth::{LinearityWave, SensorTruth};
 use super::sensor_view::{SensorView, SurfaceHit};
 use machine::frame::unit_vector;
@@ -140,8 +140,9 @@ fn with_drawn_incidence(truth: SensorTruth, nominal: &Sensor, seed: u64, number:
     if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
         return truth;
     }
-    let (incidence_um, lean_um) = random_draws::draw_incidence_errors(seed, number, nominal.incidence_um);
-    SensorTruth { incidence_um, lean_um, ..truth }
+    let key = |part| [number as u64, part];
+    let draw = |part| nominal.incidence_um * random_draws::draw_normal(seed, RandomSource::Incidence, &key(part));
+    SensorTruth { incidence_um: draw(0), lean_um: [draw(1), draw(2)], ..truth }
 }
 
 /// Unit vectors across `direction`, near the two axes that are not nearest to it.

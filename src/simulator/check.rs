@@ -1,6 +1,7 @@
 //! Rejects a machine, a probe or a truth with physically impossible numbers.
 
 use super::SimulatedWorldError;
+use super::sensor_truth::is_non_negative;
 use super::truth::MachineTruth;
 use machine::record::machine::{Machine, Probe};
 
@@ -10,7 +11,6 @@ pub(super) fn check_magnitudes(
     probe: &Probe,
     truth: &MachineTruth,
 ) -> Result<(), SimulatedWorldError> {
-    let is_non_negative = |value: f64| value.is_finite() && value >= 0.0;
     let mut magnitudes = vec![
         probe.ball_radius_mm,
         probe.repeatability_um.unwrap_or_default(),
@@ -52,8 +52,7 @@ pub(super) fn check_magnitudes(
     let sag = truth.sag.iter().flat_map(|term| term.um.into_iter().chain(term.urad));
     let mut stated = truth.errors.values().copied().chain(form).chain(offsets);
     let mut ball_values = balls.chain(moves).chain(sag).chain([truth.length_error_um_per_m]);
-    if !(stated.all(f64::is_finite) && ball_values.all(f64::is_finite)) {
-        return Err(SimulatedWorldError::InvalidMagnitude);
-    }
-    if magnitudes.into_iter().all(is_non_negative) { Ok(()) } else { Err(SimulatedWorldError::InvalidMagnitude) }
+    let is_valid =
+        stated.all(f64::is_finite) && ball_values.all(f64::is_finite) && magnitudes.into_iter().all(is_non_negative);
+    if is_valid { Ok(()) } else { Err(SimulatedWorldError::InvalidMagnitude) }
 }

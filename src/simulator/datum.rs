@@ -1,13 +1,15 @@
 //! The true datum cylinder on its indexing stage: one cylinder for each section, each with its own form, and a
 //! face that is not quite flat.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::{Rotation3, Vector3};
 
 use super::SimulatedWorldError;
 use super::datum_truth::StageTruth;
 use super::flank::{Flank, FormHarmonic, Profile};
 use super::nearest_surface::NearestSurface;
-use super::random_draws;
+use super::random_draws::{RandomSource, draw_form, draw_normal};
 use super::truth::MachineTruth;
 use machine::frame::unit_vector;
 use machine::record::artefact::DatumCylinder;
@@ -41,15 +43,17 @@ impl TrueDatumCylinder {
     pub fn new(stated: &DatumCylinder, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         let own = &truth.datum_cylinder;
         let sections_exist = own.section_form.iter().all(|form| (1..=stated.sections.len()).contains(&form.section));
+        let section_form =
+            |section| draw_form(truth.seed, RandomSource::SectionForm, &[section], SECTION_FORM_ORDERS, own.form_um);
         let profile = |(number, section): (usize, &machine::record::artefact::CylinderSection)| {
-            let drawn = random_draws::draw_section_form(truth.seed, number as u64, own.form_um);
+            let drawn = section_form(number as u64);
             let listed = own.section_form.iter().filter(|form| form.section == number + 1);
             let listed = listed.map(|f| FormHarmonic { n: f.n, cos_um: f.cos_um, sin_um: f.sin_um });
             let form = truth.form.iter().copied().chain(drawn).chain(listed);
             Profile::new(section.radius_mm + truth.radius_offset_mm, form)
         };
         let profiles: Vec<Profile> = stated.sections.iter().enumerate().map(profile).collect();
-        let mut face_form = random_draws::draw_section_form(truth.seed, FACE_DRAW_KEY, own.form_um);
+        let mut face_form = section_form(FACE_DRAW_KEY);
         face_form.extend(&own.face_form);
         let is_valid = unit_vector(Vector3::from(stated.axis)).is_some()
             && sections_exist
@@ -84,7 +88,7 @@ impl TrueDatumCylinder {
         }
         self.mounting_count += 1;
         self.turn_deg = turn_deg;
-        let draw = |part| random_draws::draw_mounting_error(self.seed, self.mounting_count, part);
+        let draw = |part| draw_normal(self.seed, RandomSource::MountingError, &[u64::from(self.mounting_count), part]);
         let StageTruth { index_error_urad, eccentricity_um, tilt_urad, faults } = &self.stage;
         let matching_faults = faults.iter().filter(|fault| fault.mounting == self.mounting_count);
         let off_deg = matching_faults.map(|fault| fault.off_deg).sum::<f64>();
@@ -120,14 +124,11 @@ impl TrueDatumCylinder {
 
     /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
-        let far = NearestSurface { distance: f64::INFINITY, normal: Vector3::z() };
+        let far = NearestSurface::beyond(f64::INFINITY);
         let MountedDatum { flanks, foot, frame } = &self.mounted_pose;
         let nearer = |best: NearestSurface, flank: &Flank| {
-            if flank.min_distance(point) > best.distance {
-                return best;
-            }
-            let own = flank.nearest(point, growth);
-            if own.distance < best.distance { own } else { best }
+            let is_farther = flank.min_distance(point) > best.distance;
+            if is_farther { best } else { best.or_nearer(flank.nearest(point, growth)) }
         };
         let mut nearest = flanks.iter().fold(far, nearer);
         let own = frame.inverse() * (point - foot);
@@ -140,6 +141,8 @@ impl TrueDatumCylinder {
     }
 }
 
+/// Orders of the drawn form of a section and of the face.
+const SECTION_FORM_ORDERS: RangeInclusive<u32> = 2..=20;
 /// Key of the face among the sections, for the random draws.
 const FACE_DRAW_KEY: u64 = u64::MAX;
 /// Height of the end above the last section of a cylinder without a face, mm.

@@ -60,15 +60,8 @@ impl Flank {
         let (across, outward) = self.profile.nearest(local_point.xy(), growth);
         let along = (local_point.z - self.height / 2.0).abs() - self.height / 2.0;
         let end = Vector3::z() * (local_point.z - self.height / 2.0).signum();
-        let (distance, normal) = if across > 0.0 && along > 0.0 {
-            let distance = across.hypot(along);
-            (distance, (outward.push(0.0) * across + end * along) / distance)
-        } else if across > along {
-            (across, outward.push(0.0))
-        } else {
-            (along, end)
-        };
-        NearestSurface { distance, normal: self.frame * normal }
+        let nearest = NearestSurface::of_prism(across, outward.push(0.0), along, end);
+        NearestSurface { normal: self.frame * nearest.normal, ..nearest }
     }
 }
 

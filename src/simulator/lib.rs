@@ -35,6 +35,7 @@ mod sensor_truth;
 mod sensor_view;
 pub mod sensors;
 mod surface;
+mod testing;
 mod thermometer_truth;
 mod truth;
 mod wiring;
@@ -48,8 +49,8 @@ pub use flank::FormHarmonic;
 pub use operator::SimulatedOperator;
 pub use ramp::Speed;
 pub use rotary_motion::RotaryMotion;
-pub use sensing::SampleInMotion;
 pub use sensor_truth::{LinearityWave, SensorTruth};
+pub use testing::SampleInMotion;
 pub use truth::{ErrorMotion, LatchDelay, MachineTruth};
 
 use machine::record::artefact::Artefact;
@@ -58,6 +59,7 @@ use machine::{Axis, Position};
 use motion_history::MotionHistory;
 use path::{LostMotion, MoveLimits, MovePath};
 use ramp::{MIN_SEARCH_STEP_MM, first_crossing};
+use random_draws::{RandomSource, draw_normal};
 use scene::Scene;
 use sensing::SimulatedSensor;
 use thermometer_truth::ThermometerTruth;
@@ -212,12 +214,6 @@ impl SimulatedWorld {
         self.scene.mount_artefact(turn_deg);
     }
 
-    /// For tests alone: error motion of the rotary axis along or about the axis `component` at the unwrapped
-    /// angle, rad; mm or rad.
-    pub fn true_rotary_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
-        self.scene.rotary_motion(axis, component, angle)
-    }
-
     /// Deflects the stylus by hand, or releases it.
     pub fn set_stylus_deflected(&mut self, is_stylus_deflected: bool) {
         self.is_stylus_deflected = is_stylus_deflected;
@@ -247,7 +243,8 @@ impl SimulatedWorld {
     /// touches does not matter. With the probe closed at the start, contact is reported there.
     pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
         let occurrence = self.probe_counts.entry(n).or_default();
-        self.scatter_mm = self.repeatability_mm * random_draws::draw_touch_scatter(self.seed, n, *occurrence);
+        let key = [u64::from(n), u64::from(*occurrence)];
+        self.scatter_mm = self.repeatability_mm * draw_normal(self.seed, RandomSource::TouchScatter, &key);
         let scan_phase = random_draws::draw_scan_phase(self.seed, n, *occurrence);
         *occurrence += 1;
         let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
@@ -276,23 +273,6 @@ impl SimulatedWorld {
 
     pub fn dwell(&mut self, seconds: f64) {
         self.t_s += seconds.max(0.0);
-    }
-
-    /// For tests alone: true position of the rotary axis in the two directions across it (C: X, Y; A: Y, Z; B:
-    /// Z, X), machine frame, at `height_mm` along it and at time `t_s`; includes location errors, gains and drift,
-    /// but not the error motions (of mean zero). NaN for an axis that does not carry the artefact.
-    pub fn true_axis_mm(&self, axis: Axis, height_mm: f64, t_s: f64) -> [f64; 2] {
-        self.scene.axis_position(axis, height_mm, t_s)
-    }
-
-    /// For tests alone: displacement of the table by drift at `t_s`, machine frame, mm.
-    pub fn true_drift_mm(&self, t_s: f64) -> [f64; 3] {
-        self.scene.table_drift(t_s).into()
-    }
-
-    /// For tests alone: stylus-ball centre relative to the spindle datum, mm.
-    pub fn true_stylus_mm(&self) -> [f64; 3] {
-        self.scene.stylus_centre().into()
     }
 
     fn stop_on_contact(&mut self, path: &MovePath, fraction: f64) -> ProbeResult {
@@ -375,12 +355,10 @@ impl SimulatedWorld {
 
 /// Lost motion of the linear axes: as stated, or drawn from the declared magnitude.
 fn true_backlash_um(machine: &Machine, truth: &MachineTruth) -> BTreeMap<Axis, f64> {
-    let drawn = machine
-        .axes
-        .iter()
-        .filter(|(_, spec)| spec.backlash_um > 0.0)
-        .map(|(axis, spec)| (*axis, spec.backlash_um * random_draws::sample_backlash(truth.seed, *axis as u64)));
-    let mut backlash_um: BTreeMap<Axis, f64> = drawn.collect();
+    let draw = |axis: Axis| draw_normal(truth.seed, RandomSource::Backlash, &[axis as u64]).abs();
+    let drawn = machine.axes.iter().filter(|(_, spec)| spec.backlash_um > 0.0);
+    let mut backlash_um: BTreeMap<Axis, f64> =
+        drawn.map(|(axis, spec)| (*axis, spec.backlash_um * draw(*axis))).collect();
     backlash_um.extend(&truth.backlash_um);
     backlash_um
 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use rand_distr::Distribution;
 
-use super::random_draws::{RandomSource, first_normal, standard_normals};
+use super::random_draws::{RandomSource, draw_normal, standard_normals};
 use estimation::random;
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm};
 use machine::{Axis, Position};
@@ -34,8 +34,8 @@ impl RandomFunction {
         if sigma == 0.0 {
             return Self::default();
         }
-        let frequencies = standard_normals(seed, RandomSource::ErrorMotion, key).take(Self::WAVE_COUNT);
-        let phase_key: Vec<u64> = [RandomSource::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
+        let frequencies = standard_normals(seed, RandomSource::LinearMotion, key).take(Self::WAVE_COUNT);
+        let phase_key: Vec<u64> = [RandomSource::LinearMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
         let phases = rand_distr::StandardUniform.sample_iter(random::seeded_stream(seed, &phase_key));
         let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
         let amplitude = sigma * (2.0 / Self::WAVE_COUNT as f64).sqrt();
@@ -101,7 +101,7 @@ impl LinearErrors {
 
     /// Adds squareness errors of standard deviation `sigma` for each pair of axes, rad.
     pub fn with_squareness_errors(self, seed: u64, sigma: f64) -> Self {
-        let draw = |pair| sigma * first_normal(seed, RandomSource::Squareness, &[pair]);
+        let draw = |pair| sigma * draw_normal(seed, RandomSource::Squareness, &[pair]);
         Self { squareness_rad: Vector3::new(draw(0), draw(1), draw(2)), ..self }
     }
 

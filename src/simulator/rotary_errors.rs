@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::random_draws;
+use super::random_draws::{RandomSource, draw_normal};
 use super::rotary_motion::RotaryMotion;
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, ParameterError};
 use machine::{Axis, Position};
@@ -21,65 +21,68 @@ pub(super) struct RotaryErrors {
 }
 
 /// Number of waves of an asynchronous motion.
-const ASYNCHRONOUS_TERM_COUNT: usize = 24;
+const ASYNCHRONOUS_TERM_COUNT: u64 = 24;
 /// Period of the slowest phase change, s; the phase of wave n changes n times as fast.
 const PHASE_PERIOD_S: f64 = 61.7;
 
 /// Order, cosine and sine, mm or rad.
 type HarmonicTerm = (f64, f64, f64);
 
+/// Terms of the orders, each with its key, that add up to the standard deviation `sigma`.
+struct HarmonicDraw<'a> {
+    seed: u64,
+    source: RandomSource,
+    axis: Axis,
+    sigma: f64,
+    orders: &'a [(u64, f64)],
+}
+
+impl HarmonicDraw<'_> {
+    fn draw_terms(&self, component: Axis) -> Result<(ErrorParameter, Vec<HarmonicTerm>), ParameterError> {
+        let Self { seed, source, axis, sigma, orders } = self;
+        let term_sigma = sigma / (orders.len() as f64).sqrt();
+        let term = |(key, order): &(u64, f64)| {
+            let draw = |part| term_sigma * draw_normal(*seed, *source, &[*axis as u64, component as u64, *key, part]);
+            (*order, draw(0), draw(1))
+        };
+        Ok((ErrorParameter::new(component, *axis, ErrorShape::Location)?, orders.iter().map(term).collect()))
+    }
+}
+
 impl RotaryErrors {
     /// Draws motions with standard deviation `sigma_mm` in each direction at every angle.
     pub fn draw(seed: u64, axis: Axis, sigma_mm: f64, declared: &[u32]) -> Result<Self, ParameterError> {
         let orders = if declared.is_empty() { &[2, 3, 4, 5] } else { declared };
-        let term_sigma = sigma_mm / (orders.len() as f64).sqrt();
-        let along = |component: Axis| {
-            let draw = |n: u32, part| {
-                let key = [axis as u64, component as u64, u64::from(n), part];
-                term_sigma * random_draws::draw_rotary_motion(seed, key)
-            };
-            let terms = orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect();
-            Ok((ErrorParameter::new(component, axis, ErrorShape::Location)?, terms))
-        };
-        let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();
-        Ok(Self { axis, motions: motions?, asynchronous: Vec::new() })
+        let orders: Vec<_> = orders.iter().map(|n| (u64::from(*n), f64::from(*n))).collect();
+        let draw = HarmonicDraw { seed, source: RandomSource::RotaryMotion, axis, sigma: sigma_mm, orders: &orders };
+        let motions = Axis::LINEAR.into_iter().map(|component| draw.draw_terms(component));
+        Ok(Self { axis, motions: motions.collect::<Result<_, _>>()?, asynchronous: Vec::new() })
     }
 
     /// Draws the motions of a declaration.
     pub fn from_declaration(seed: u64, motion: &RotaryMotion) -> Result<Self, ParameterError> {
         const COMPONENTS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B];
         let axis = motion.axis;
-        let along = |component: Axis| {
-            let key = |number: usize, part| [axis as u64, component as u64, number as u64, part];
-            let sigma = match component.is_linear() {
-                true => motion.linear_um * 1e-3,
-                false => motion.angular_urad * 1e-6,
-            };
-            let orders = motion.orders();
-            let term_sigma = sigma / (orders.len().max(1) as f64).sqrt();
-            let mut terms: Vec<HarmonicTerm> = Vec::new();
-            for (number, order) in orders.iter().enumerate() {
-                let draw = |part| term_sigma * random_draws::draw_declared_motion(seed, key(number, part));
-                terms.push((*order, draw(0), draw(1)));
-            }
-            Ok((ErrorParameter::new(component, axis, ErrorShape::Location)?, terms))
-        };
-        let asynchronous = |component: Axis| {
-            let term_sigma = motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERM_COUNT as f64).sqrt();
-            let term = |number: usize| {
-                let key = |part| [axis as u64, component as u64, number as u64, part];
-                let draw = |part| random_draws::draw_asynchronous_motion(seed, key(part));
-                // Orders without a common period.
-                let order = number as f64 + 1.5 + 0.3 * draw(2).tanh();
-                (order, term_sigma * draw(0), term_sigma * draw(1))
-            };
-            let terms = (0..ASYNCHRONOUS_TERM_COUNT).map(term).collect();
-            Ok((ErrorParameter::new(component, axis, ErrorShape::Location)?, terms))
-        };
-        let motions: Result<_, ParameterError> = COMPONENTS.into_iter().map(along).collect();
+        let orders: Vec<_> = (0..).zip(motion.orders()).collect();
+        let motions = COMPONENTS.into_iter().map(|component| {
+            let sigma = if component.is_linear() { motion.linear_um * 1e-3 } else { motion.angular_urad * 1e-6 };
+            HarmonicDraw { seed, source: RandomSource::DeclaredMotion, axis, sigma, orders: &orders }
+                .draw_terms(component)
+        });
         let linear = Axis::LINEAR.into_iter().filter(|_| motion.asynchronous_um > 0.0);
-        let asynchronous: Result<_, ParameterError> = linear.map(asynchronous).collect();
-        Ok(Self { axis, motions: motions?, asynchronous: asynchronous? })
+        let asynchronous = linear.map(|component| {
+            let source = RandomSource::AsynchronousMotion;
+            // Orders without a common period.
+            let order = |number| {
+                let deviate = draw_normal(seed, source, &[axis as u64, component as u64, number, 2]);
+                (number, number as f64 + 1.5 + 0.3 * deviate.tanh())
+            };
+            let orders: Vec<_> = (0..ASYNCHRONOUS_TERM_COUNT).map(order).collect();
+            HarmonicDraw { seed, source, axis, sigma: motion.asynchronous_um * 1e-3, orders: &orders }
+                .draw_terms(component)
+        });
+        let asynchronous = asynchronous.collect::<Result<_, _>>()?;
+        Ok(Self { axis, motions: motions.collect::<Result<_, _>>()?, asynchronous })
     }
 
     /// Synchronous error motion with all axes at `position`: the part that repeats in each revolution.

@@ -1,9 +1,11 @@
 //! The scene: the machine with its errors, probe and artefact, and the distance between ball and surface. It is
 //! exact: the pose with every error, and the nearest point of the true surface.
 
+mod testing;
+
 use std::borrow::Cow;
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::Vector3;
 
 use super::SimulatedWorldError;
 use super::linear_errors::{AngularErrors, LinearErrors};
@@ -14,10 +16,10 @@ use super::sag::Sag;
 use super::sensor_view::{MeasuredObject, SensorView};
 use super::surface::Surface;
 use super::truth::MachineTruth;
-use machine::kinematics::{ErrorShape, ErrorTerm, KinematicChain};
+use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::artefact::Artefact;
-use machine::record::machine::{Machine, Probe};
-use machine::{Axis, Position, frame::Point, frame::Pose};
+use machine::record::machine::{AxisSpec, Machine, Probe};
+use machine::{Axis, Position, frame::Pose};
 
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
@@ -49,42 +51,18 @@ impl Scene {
         let chain = KinematicChain::new(machine)?;
         let errors = truth.error_terms()?;
         errors.iter().try_for_each(|term| chain.check_parameter(term.parameter))?;
-        let motions = |axis| {
-            let spec = machine.axes.get(&axis);
-            spec.map_or([0.0, 1.0], |s| [s.error_motion_um * 1e-3, s.error_wavelength_mm])
-        };
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
-        let linear_errors = LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
+        let motions = linear_magnitudes(machine, |spec| spec.error_motion_um * 1e-3);
+        let linear_errors = LinearErrors::draw(seed, motions).tabulated(Axis::LINEAR.map(travel));
         let linear_errors = linear_errors.with_squareness_errors(seed, machine.squareness_urad * 1e-6);
-        let angular = |axis| {
-            let spec = machine.axes.get(&axis);
-            spec.map_or([0.0, 1.0], |s| [s.angular_motion_urad * 1e-6, s.error_wavelength_mm])
-        };
-        let rotary_axes = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
-        let rotary_errors: Result<_, SimulatedWorldError> = rotary_axes
-            .filter(|(_, spec)| spec.error_motion_um != 0.0)
-            .map(|(axis, spec)| {
-                let (size_mm, orders) = (spec.error_motion_um * 1e-3, &spec.error_motion_orders);
-                Ok(RotaryErrors::draw(seed, *axis, size_mm, orders)?)
-            })
-            .collect();
-        let declared = truth.rotary_motion.iter().map(|motion| {
-            let is_valid = motion.is_valid() && machine.axes.contains_key(&motion.axis);
-            if is_valid {
-                Ok(RotaryErrors::from_declaration(seed, motion)?)
-            } else {
-                Err(SimulatedWorldError::InvalidMagnitude)
-            }
-        });
-        let mut rotary_errors: Vec<RotaryErrors> = rotary_errors?;
-        rotary_errors.extend(declared.collect::<Result<Vec<_>, SimulatedWorldError>>()?);
+        let rotations = linear_magnitudes(machine, |spec| spec.angular_motion_urad * 1e-6);
         let tool = Vector3::from(machine.tool_mm);
         Ok(Self {
             chain,
             errors,
             linear_errors,
-            angular_errors: AngularErrors::draw(seed, Axis::LINEAR.map(angular)),
-            rotary_errors,
+            angular_errors: AngularErrors::draw(seed, rotations),
+            rotary_errors: draw_rotary_errors(machine, truth)?,
             drift: Drift::draw(seed, machine.drift_um_per_h),
             tool,
             tip: tool
@@ -103,30 +81,9 @@ impl Scene {
         self.chain.topology().axes()
     }
 
-    /// Displacement of the table, machine frame, mm.
-    pub fn table_drift(&self, t_s: f64) -> Vector3<f64> {
-        self.drift.table_displacement(t_s)
-    }
-
     /// Mounts the artefact again.
     pub fn mount_artefact(&mut self, turn_deg: f64) {
         self.surface.mount_artefact(turn_deg);
-    }
-
-    /// Error motion of a rotary axis along or about the axis `component`, mm or rad.
-    pub fn rotary_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
-        let at = Position::new().with(axis, angle);
-        let errors = self.errors_at(&at, None);
-        let axis_errors =
-            errors.iter().filter(|term| (term.parameter.axis(), term.parameter.component()) == (axis, component));
-        // A drawn motion is a location error at this angle; a stated location error is not a motion.
-        let stated = |term: &&ErrorTerm| term.parameter.shape() == ErrorShape::Location && self.errors.contains(term);
-        axis_errors.filter(|term| !stated(term)).map(|term| term.value * term.parameter.factor(angle)).sum()
-    }
-
-    /// The true stylus-ball centre, spindle frame, mm.
-    pub fn stylus_centre(&self) -> Vector3<f64> {
-        self.tip
     }
 
     /// Distance between ball and surface (negative: overlap), mm. `axes`: true axis positions, backlash
@@ -202,66 +159,28 @@ impl Scene {
         let angular = self.angular_errors.errors_at(axes);
         self.errors.iter().copied().chain(drawn).chain(asynchronous).chain(angular).collect()
     }
+}
 
-    /// Position of the rotary axis in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at `along` on
-    /// it: the commanded position of the stated stylus centre that does not move on the table in half a turn, with
-    /// location errors, gains, drift and the errors of X, Y and Z at the stated axis. NaN for an axis that does not
-    /// carry the part.
-    pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
-        let mut lasting_errors: Vec<ErrorTerm> = self
-            .errors
-            .iter()
-            .filter(|term| matches!(term.parameter.shape(), ErrorShape::Location | ErrorShape::Gain))
-            .copied()
-            .collect();
-        let [u, v, w] = match axis {
-            Axis::A => [Vector3::y(), Vector3::z(), Vector3::x()],
-            Axis::B => [Vector3::z(), Vector3::x(), Vector3::y()],
-            _ => [Vector3::x(), Vector3::y(), Vector3::z()],
-        };
-        let stated = self.chain.axis_line(axis, &Position::new());
-        let across = stated.map_or(Vector3::zeros(), |line| line.point - w * line.point.dot(&w));
-        let about = self.linear_axes_for_stylus(w * along + across);
-        lasting_errors.extend(self.angular_errors.errors_at(&Position::from_xyz(about)));
-        let shift = self.linear_errors.deviation_at(about.into()) - self.drift.table_displacement(t_s);
-        let moved = |at: Vector2<f64>| {
-            let stylus = w * along + u * at.x + v * at.y;
-            let turn = self.displacement_in_half_turn(axis, stylus, &lasting_errors, shift);
-            Vector2::new(turn.dot(&u), turn.dot(&v))
-        };
-        // The motion is affine in the position: three values give the root exactly.
-        let origin = moved(Vector2::zeros());
-        let slope = Matrix2::from_columns(&[Vector2::x(), Vector2::y()].map(|at| moved(at) - origin));
-        let inverse = slope.try_inverse().filter(|_| slope.determinant().abs() >= 1e-3);
-        inverse.map_or([f64::NAN; 2], |inverse| (-(inverse * origin)).into())
-    }
+/// Of each linear axis: standard deviation of an error, and its correlation length, mm.
+fn linear_magnitudes(machine: &Machine, sigma: impl Fn(&AxisSpec) -> f64) -> [[f64; 2]; 3] {
+    Axis::LINEAR.map(|axis| machine.axes.get(&axis).map_or([0.0, 1.0], |spec| [sigma(spec), spec.error_wavelength_mm]))
+}
 
-    /// X, Y and Z that bring the stated stylus centre to `stylus`, with the rotary axes at zero; NaN where they
-    /// do not span space.
-    fn linear_axes_for_stylus(&self, stylus: Vector3<f64>) -> Vector3<f64> {
-        let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
-        let position = self.chain.solve_linear_axes(target, tool, &Position::new(), &[]);
-        position.map_or(Vector3::repeat(f64::NAN), |position| position.xyz())
+fn draw_rotary_errors(machine: &Machine, truth: &MachineTruth) -> Result<Vec<RotaryErrors>, SimulatedWorldError> {
+    let mut rotary_errors = Vec::new();
+    for (axis, spec) in &machine.axes {
+        if !axis.is_linear() && spec.error_motion_um != 0.0 {
+            let (size_mm, orders) = (spec.error_motion_um * 1e-3, &spec.error_motion_orders);
+            rotary_errors.push(RotaryErrors::draw(truth.seed, *axis, size_mm, orders)?);
+        }
     }
-
-    /// Displacement on the table, in half a turn, of the stylus centre commanded to `stylus`; `shift` of the
-    /// tool against the table.
-    fn displacement_in_half_turn(
-        &self,
-        axis: Axis,
-        stylus: Vector3<f64>,
-        errors: &[ErrorTerm],
-        shift: Vector3<f64>,
-    ) -> Vector3<f64> {
-        let position = Position::from_xyz(self.linear_axes_for_stylus(stylus));
-        let stylus_on_table = |angle| {
-            let at = position.clone().with(axis, angle);
-            let table = self.chain.machine_from_table(&at, errors);
-            let spindle = self.chain.machine_from_spindle(&at, errors);
-            MachinePose { table, spindle, shift }.to_table_point(self.tool)
-        };
-        stylus_on_table(std::f64::consts::PI) - stylus_on_table(0.0)
+    for motion in &truth.rotary_motion {
+        if !(motion.is_valid() && machine.axes.contains_key(&motion.axis)) {
+            return Err(SimulatedWorldError::InvalidMagnitude);
+        }
+        rotary_errors.push(RotaryErrors::from_declaration(truth.seed, motion)?);
     }
+    Ok(rotary_errors)
 }
 
 fn rotary_axis_reach(machine: &Machine) -> f64 {

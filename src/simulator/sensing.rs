@@ -1,9 +1,9 @@
 //! Displacement sensors in the spindle, on the table or on the bed.
 
 use super::beam::{Beam, SensorOutput};
+use super::random_draws::{RandomSource, draw_normal};
 use super::sensor_truth::SensorTruth;
-use super::{SimulatedWorld, SimulatedWorldError, Speed, random_draws};
-use machine::Position;
+use super::{SimulatedWorld, SimulatedWorldError};
 use machine::record::sensor::{Sensor, SensorMount};
 
 /// One sensor, and the number of samples it has taken.
@@ -50,15 +50,6 @@ impl SimulatedSensor {
     }
 }
 
-/// A sample that a sensor takes during a move.
-#[derive(Debug, Clone)]
-pub struct SampleInMotion {
-    /// Displayed position, at the time of output.
-    pub position: Position,
-    pub t_s: f64,
-    pub output: SensorOutput,
-}
-
 /// Maximum sampling rate of a sensor.
 const MAX_SAMPLE_RATE_HZ: f64 = 1e6;
 
@@ -94,57 +85,25 @@ impl SimulatedWorld {
     /// Lets `after_s` pass by the clock of the sensor `name`, then returns its sample at the axis positions,
     /// which are earlier ones if the sensor has a latency. `None`: there is no such sensor.
     pub fn sample_after(&mut self, name: &str, after_s: f64) -> Option<SensorOutput> {
-        let number = self.sensors.iter().position(|sensor| sensor.name == name)?;
+        let number = self.sensor_number(name)?;
         let elapsed_s = self.time_to_next_sample_s(number, after_s)?;
         self.dwell(elapsed_s);
         self.sensor_output(number, self.t_s)
     }
 
-    /// Sample of the sensor `name` at `t_s`, which is not later than now, and the axis positions at that time.
-    /// `None`: there is no such sensor.
-    pub fn sample_at(&mut self, name: &str, t_s: f64) -> Option<SampleInMotion> {
-        let number = self.sensors.iter().position(|sensor| sensor.name == name)?;
-        let position = match self.motion_history.path_at(t_s) {
-            Some((path, along)) => self.displayed_position(&path.command(along)),
-            None => self.position(),
-        };
-        Some(SampleInMotion { position, t_s, output: self.sensor_output(number, t_s)? })
-    }
-
-    /// Makes a straight, unguarded move of the axes named in `to`, during which the sensor `name` samples every
-    /// `period_s` by its clock.
-    pub fn sample_during_move(
-        &mut self,
-        name: &str,
-        to: &Position,
-        speed: Speed,
-        period_s: f64,
-    ) -> Vec<SampleInMotion> {
-        let number = self.sensors.iter().position(|sensor| sensor.name == name);
-        let (Some(number), Some(path)) = (number, self.path(to, speed)) else { return Vec::new() };
-        let (start_s, lasts_s) = (self.t_s, path.ramp().duration_s());
-        self.motion_history.record_move(start_s, &path, 1.0);
-        let (mut samples, mut t_s) = (Vec::new(), start_s);
-        while let Some(elapsed_s) = self.time_to_next_sample_s(number, period_s) {
-            t_s += elapsed_s;
-            if t_s > start_s + lasts_s || elapsed_s <= 0.0 {
-                break;
-            }
-            let Some(sample) = self.sample_at(name, t_s) else { break };
-            samples.push(sample);
-        }
-        self.set_stop_position(&path, 1.0, lasts_s);
-        samples
+    /// Index of the sensor `name`.
+    pub(super) fn sensor_number(&self, name: &str) -> Option<usize> {
+        self.sensors.iter().position(|sensor| sensor.name == name)
     }
 
     /// True time until the next sample.
-    fn time_to_next_sample_s(&mut self, number: usize, after_s: f64) -> Option<f64> {
+    pub(super) fn time_to_next_sample_s(&mut self, number: usize, after_s: f64) -> Option<f64> {
         let sensor = self.sensors.get_mut(number)?;
-        let deviate = random_draws::draw_sample_delay(self.seed, number, sensor.sample_count);
+        let deviate = draw_normal(self.seed, RandomSource::SampleDelay, &[number as u64, sensor.sample_count]);
         Some(sensor.clock.time_until_sample_s(after_s, deviate))
     }
 
-    fn sensor_output(&mut self, number: usize, t_s: f64) -> Option<SensorOutput> {
+    pub(super) fn sensor_output(&mut self, number: usize, t_s: f64) -> Option<SensorOutput> {
         let measured_s = t_s - self.sensors.get(number)?.clock.latency_s;
         let (axes, command) = match self.motion_history.path_at(measured_s) {
             Some((path, along)) => self.true_positions_on_path(path, along),
@@ -156,7 +115,7 @@ impl SimulatedWorld {
             SensorMount::Spindle => self.scene.view_from_spindle(&axes, &command, measured_s),
         };
         let sensor = self.sensors.get_mut(number)?;
-        let deviate = random_draws::draw_sample_noise(self.seed, number, sensor.sample_count);
+        let deviate = draw_normal(self.seed, RandomSource::SampleNoise, &[number as u64, sensor.sample_count]);
         sensor.sample_count += 1;
         Some(sensor.beam.output(&view, deviate))
     }

@@ -115,6 +115,6 @@ const MAX_CLOCK_RATE_ERROR_PPM: f64 = 250_000.0;
 /// Maximum tilt: half a radian.
 const MAX_TILT_URAD: f64 = 500_000.0;
 
-fn is_non_negative(value: f64) -> bool {
+pub(super) fn is_non_negative(value: f64) -> bool {
     value.is_finite() && value >= 0.0
 }

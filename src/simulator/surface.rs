@@ -1,5 +1,7 @@
 //! The true surface that can be touched: nearest point for each kind of artefact.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::Vector3;
 
 use super::SimulatedWorldError;
@@ -7,10 +9,12 @@ use super::balls::TrueBalls;
 use super::datum::TrueDatumCylinder;
 use super::flank::{Flank, Profile};
 use super::nearest_surface::NearestSurface;
-use super::random_draws;
+use super::random_draws::{RandomSource, draw_form};
 use super::truth::MachineTruth;
 use machine::record::artefact::{Artefact, Cylinder};
 
+/// Orders of the drawn roughness.
+const ROUGHNESS_ORDERS: RangeInclusive<u32> = 16..=64;
 /// Distance from the surface if there is no artefact: beyond the reach of any machine, mm.
 const EMPTY_TABLE_DISTANCE_MM: f64 = 1e9;
 
@@ -62,13 +66,13 @@ impl Surface {
             Self::Flank(flank) => flank.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
             Self::Datum(datum) => datum.nearest(point, growth),
-            Self::Empty => NearestSurface { distance: EMPTY_TABLE_DISTANCE_MM, normal: Vector3::z() },
+            Self::Empty => NearestSurface::beyond(EMPTY_TABLE_DISTANCE_MM),
         }
     }
 }
 
 fn cylinder_flank(cylinder: &Cylinder, truth: &MachineTruth) -> Result<Flank, SimulatedWorldError> {
-    let rough = random_draws::draw_roughness(truth.seed, truth.roughness_um);
+    let rough = draw_form(truth.seed, RandomSource::Roughness, &[], ROUGHNESS_ORDERS, truth.roughness_um);
     let radius = cylinder.radius_mm + truth.radius_offset_mm;
     let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));
     let direction = Vector3::from(cylinder.axis);

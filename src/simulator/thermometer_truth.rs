@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{SimulatedWorld, SimulatedWorldError, random_draws};
+use super::random_draws::{RandomSource, draw_normal, equilibrium_share};
+use super::{SimulatedWorld, SimulatedWorldError};
 
 /// One `[[simulated.thermometer]]`: the temperature approaches thermal equilibrium with the time constant of the
 /// drift.
@@ -36,8 +37,9 @@ impl ThermometerTruth {
 
     fn reading_c(&self, t_s: f64, seed: u64, number: usize) -> f64 {
         // The noise changes once per second.
-        let noise = self.noise_k * random_draws::draw_thermometer_noise(seed, number, t_s.max(0.0) as u64);
-        let celsius = self.begins_c + self.warms_k * random_draws::equilibrium_share(t_s) + noise;
+        let noise =
+            self.noise_k * draw_normal(seed, RandomSource::ThermometerNoise, &[number as u64, t_s.max(0.0) as u64]);
+        let celsius = self.begins_c + self.warms_k * equilibrium_share(t_s) + noise;
         (celsius * COUNTS_PER_K).round() / COUNTS_PER_K
     }
 }

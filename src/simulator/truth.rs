@@ -103,7 +103,6 @@ pub struct BallTruth {
     #[serde(default)]
     pub diameter_um: f64,
     /// Replaces `ball_form_um` for this ball.
-    #[serde(default)]
     pub form_um: Option<f64>,
 }
 
@@ -159,24 +158,21 @@ impl MachineTruth {
 
     /// Rejects keys that apply to balls only.
     pub(super) fn reject_ball_keys(&self) -> Result<(), SimulatedWorldError> {
-        let drawn = [
-            ("ball_offset_mm", self.ball_offset_mm),
-            ("ball_diameter_um", self.ball_diameter_um),
-            ("ball_form_um", self.ball_form_um),
-            ("length_error_um_per_m", self.length_error_um_per_m),
+        let is_stated = [
+            ("ball_offset_mm", self.ball_offset_mm != 0.0),
+            ("ball_diameter_um", self.ball_diameter_um != 0.0),
+            ("ball_form_um", self.ball_form_um != 0.0),
+            ("length_error_um_per_m", self.length_error_um_per_m != 0.0),
+            ("ball", !self.ball.is_empty()),
+            ("ball_moves", !self.ball_moves.is_empty()),
         ];
-        let drawn = drawn.into_iter().filter(|(_, value)| *value != 0.0).map(|(key, _)| key);
-        let listed = [("ball", self.ball.is_empty()), ("ball_moves", self.ball_moves.is_empty())];
-        let listed = listed.into_iter().filter(|(_, empty)| !empty).map(|(key, _)| key);
-        reject_keys(drawn.chain(listed), "balls")
+        reject_stated_keys(&is_stated, "balls")
     }
 
     /// Rejects keys that apply to a round part only.
     pub(super) fn reject_form_keys(&self) -> Result<(), SimulatedWorldError> {
-        let form = ("form", !self.form.is_empty());
-        let rough = ("roughness_um", self.roughness_um != 0.0);
-        let stated = [form, rough].into_iter().filter(|(_, is_present)| *is_present).map(|(key, _)| key);
-        reject_keys(stated, "cylinder")
+        let is_stated = [("form", !self.form.is_empty()), ("roughness_um", self.roughness_um != 0.0)];
+        reject_stated_keys(&is_stated, "cylinder")
     }
 
     /// Rejects keys that apply to a round part only, and unknown balls.
@@ -192,10 +188,8 @@ impl MachineTruth {
 
     /// All errors of the machine, in mm, rad and mm/mm.
     pub(super) fn error_terms(&self) -> Result<Vec<ErrorTerm>, SimulatedWorldError> {
-        let mut terms = Vec::new();
-        for (key, value) in &self.errors {
-            terms.push(parse_error_term(key, *value)?);
-        }
+        let stated = self.errors.iter().map(|(key, value)| parse_error_term(key, *value));
+        let mut terms = stated.collect::<Result<Vec<_>, _>>()?;
         for motion in &self.error_motion {
             let values = [
                 ("cos", "um", motion.cos_um),
@@ -212,8 +206,12 @@ impl MachineTruth {
     }
 }
 
-fn reject_keys(mut keys: impl Iterator<Item = &'static str>, kind: &'static str) -> Result<(), SimulatedWorldError> {
-    keys.next().map_or(Ok(()), |key| Err(SimulatedWorldError::WrongArtefactKind { key, kind }))
+/// Rejects the first stated key; `kind`: artefacts to which the keys apply.
+fn reject_stated_keys(is_stated: &[(&'static str, bool)], kind: &'static str) -> Result<(), SimulatedWorldError> {
+    match is_stated.iter().find(|(_, is_stated)| *is_stated) {
+        Some((key, _)) => Err(SimulatedWorldError::WrongArtefactKind { key, kind }),
+        None => Ok(()),
+    }
 }
 
 /// Parses a key and value such as `EX0C_um = 50.0`.
@@ -221,7 +219,7 @@ fn parse_error_term(key: &str, value: f64) -> Result<ErrorTerm, SimulatedWorldEr
     let units = [("_um_per_m", 1e-6), ("_urad", 1e-6), ("_um", 1e-3)];
     let (symbol, unit, scale) = units
         .into_iter()
-        .find_map(|(unit, scale)| key.strip_suffix(unit).map(|symbol| (symbol, unit, scale)))
+        .find_map(|(unit, scale)| Some((key.strip_suffix(unit)?, unit, scale)))
         .ok_or_else(|| SimulatedWorldError::WrongUnit { key: key.to_owned(), unit: "_um, _urad or _um_per_m" })?;
     let parameter: ErrorParameter = symbol.parse()?;
     let required_unit = match parameter.shape() {

@@ -43,17 +43,6 @@ pub enum ProbeInputFault {
     Brushed(u8),
 }
 
-impl Job {
-    /// Whether the job is a rapid or a turn of a rotary axis: no contact is expected, and the control does not
-    /// monitor the probe.
-    pub fn is_free_move(&self) -> bool {
-        match self {
-            Self::Travel { to, feed_mm_min } => feed_mm_min.is_none() || to.iter().any(|(axis, _)| !axis.is_linear()),
-            _ => false,
-        }
-    }
-}
-
 impl ProbeInputFault {
     /// Whether the probe input reads closed.
     pub fn is_probe_closed(self, world: &SimulatedWorld) -> bool {
@@ -74,26 +63,19 @@ impl ProbeInputFault {
     }
 
     fn probe(self, world: &mut SimulatedWorld, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
-        let point_at_share = |share: f64| {
-            let from = world.position();
-            to.iter()
-                .map(|(axis, end)| (axis, from.get_or_zero(axis) + share * (end - from.get_or_zero(axis))))
-                .collect()
-        };
+        let from = world.position();
+        let at_obstacle = |(axis, end)| (axis, from.get_or_zero(axis) + 0.4 * (end - from.get_or_zero(axis)));
         let end_position: Position = match self {
-            ProbeInputFault::NoFault
-            | ProbeInputFault::StuckClosed
-            | ProbeInputFault::BrushPending
-            | ProbeInputFault::Brushed(_) => {
+            Self::NoFault | Self::StuckClosed | Self::BrushPending | Self::Brushed(_) => {
                 return world.probe(to, feed_mm_min, n);
             }
-            ProbeInputFault::StuckOpen => to.clone(),
-            ProbeInputFault::Obstacle => point_at_share(0.4),
+            Self::StuckOpen => to.clone(),
+            Self::Obstacle => to.iter().map(at_obstacle).collect(),
         };
         let moved = world.travel(&end_position, Speed::Feed { mm_min: feed_mm_min });
         let contact = Contact { position: world.position(), t_s: world.time_s() };
         ProbeResult {
-            contact: (self == ProbeInputFault::Obstacle).then_some(contact),
+            contact: (self == Self::Obstacle).then_some(contact),
             has_crashed: moved.has_crashed,
             duration_s: moved.duration_s,
         }
@@ -111,7 +93,7 @@ pub enum Pace {
 
 /// A running job. Times are host times since a zero that the owner defines.
 pub struct ActiveJob {
-    job: Job,
+    pub job: Job,
     from: Position,
     start_time: Duration,
     pub end_time: Duration,
@@ -150,11 +132,6 @@ impl ActiveJob {
         }
     }
 
-    /// Whether the job is acknowledged at its end; travel is acknowledged when it is planned.
-    pub fn is_acknowledged_at_end(&self) -> bool {
-        self.job.is_acknowledged_at_end()
-    }
-
     /// Share of the duration that has passed.
     fn fraction(&self, now: Duration) -> f64 {
         let whole = (self.end_time - self.start_time).as_secs_f64();
@@ -179,6 +156,15 @@ pub enum JobResult {
 }
 
 impl Job {
+    /// Whether the job is a rapid or a turn of a rotary axis: no contact is expected, and the control does not
+    /// monitor the probe.
+    pub fn is_free_move(&self) -> bool {
+        match self {
+            Self::Travel { to, feed_mm_min } => feed_mm_min.is_none() || to.iter().any(|(axis, _)| !axis.is_linear()),
+            _ => false,
+        }
+    }
+
     pub fn target(&self) -> Option<&Position> {
         match self {
             Job::Travel { to, .. } | Job::Probe { to, .. } => Some(to),

@@ -5,7 +5,7 @@ use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::SampleSource;
+use super::{STATUS_OUT_OF_RANGE, SampleSource, distance_and_status};
 use crate::SensorOutput;
 use link::Clock;
 use link::can::{CanError, CanFrame, CanId, CanSender};
@@ -27,19 +27,10 @@ length = 6
 const FRAME_ID: u32 = 0x181;
 const COUNTS_PER_MM: f64 = 100_000.0;
 const MAX_COUNTS: f64 = 8_388_607.0;
-const STATUS_NO_ECHO: u8 = 1;
-const STATUS_OUT_OF_RANGE: u8 = 2;
-const STATUS_SATURATED: u8 = 4;
 
-/// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first. Without a
-/// distance the sensor sends zero.
+/// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first.
 fn frame_bytes(count: u16, sensed: SensorOutput) -> [u8; 6] {
-    let (mm, status) = match sensed {
-        SensorOutput::Distance(mm) => (mm, 0),
-        SensorOutput::NoEcho => (0.0, STATUS_NO_ECHO),
-        SensorOutput::OutOfRange(mm) => (mm, STATUS_OUT_OF_RANGE),
-        SensorOutput::Saturated => (0.0, STATUS_SATURATED),
-    };
+    let (mm, status) = distance_and_status(sensed);
     let counts = (mm * COUNTS_PER_MM).round();
     let status = if counts.abs() > MAX_COUNTS { status | STATUS_OUT_OF_RANGE } else { status };
     let counts = counts.clamp(-MAX_COUNTS, MAX_COUNTS) as i32;

@@ -6,4 +6,19 @@ pub mod modbus;
 pub mod serial;
 mod serve;
 
-pub use serve::{SampleSource, ServedSensor};
+pub use serve::{SampleSource, ServedSensor, listen_locally};
+
+use crate::SensorOutput;
+
+/// Distance, mm, and status bits as transmitted: 1 no echo, 2 out of range, 4 saturated. Without a distance a sensor
+/// sends zero.
+fn distance_and_status(output: SensorOutput) -> (f64, u8) {
+    match output {
+        SensorOutput::Distance(mm) => (mm, 0),
+        SensorOutput::NoEcho => (0.0, 1),
+        SensorOutput::OutOfRange(mm) => (mm, STATUS_OUT_OF_RANGE),
+        SensorOutput::Saturated => (0.0, 4),
+    }
+}
+
+const STATUS_OUT_OF_RANGE: u8 = 2;

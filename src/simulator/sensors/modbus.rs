@@ -13,8 +13,8 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_modbus::server::{Service, rtu, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response, SlaveRequest};
 
+use super::distance_and_status;
 use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
-use crate::SensorOutput;
 use link::LinkError;
 
 const COUNTS_PER_MM: f64 = 1e5;
@@ -103,15 +103,10 @@ impl SimulatedSensor {
     /// Updates all four registers at once.
     fn measure(&self) {
         let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
-        let (mm, status) = match (inner.sense)() {
-            SensorOutput::Distance(mm) => (mm, 0),
-            SensorOutput::NoEcho => (0.0, 1),
-            SensorOutput::OutOfRange(mm) => (mm, 2),
-            SensorOutput::Saturated => (0.0, 4),
-        };
+        let (mm, status) = distance_and_status((inner.sense)());
         let number = (mm * COUNTS_PER_MM).round() as i32 as u32;
         let [_, count, ..] = inner.words;
-        inner.words = [status, count.wrapping_add(1), number as u16, (number >> 16) as u16];
+        inner.words = [status.into(), count.wrapping_add(1), number as u16, (number >> 16) as u16];
     }
 }
 

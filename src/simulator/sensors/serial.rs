@@ -11,6 +11,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::time::{MissedTickBehavior, interval};
 
+use super::distance_and_status;
 use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
 use crate::SensorOutput;
 use link::{ByteStreamHandle, LinkError};
@@ -154,12 +155,7 @@ fn text_line(sensed: SensorOutput, count: u16) -> Vec<u8> {
 }
 
 fn binary_frame(sensed: SensorOutput, count: u16) -> Vec<u8> {
-    let (mm, status) = match sensed {
-        SensorOutput::Distance(mm) => (mm, 0),
-        SensorOutput::NoEcho => (0.0, 1),
-        SensorOutput::OutOfRange(mm) => (mm, 2),
-        SensorOutput::Saturated => (0.0, 4),
-    };
+    let (mm, status) = distance_and_status(sensed);
     let mut body = ((mm * COUNTS_PER_MM).round() as i32).to_be_bytes().to_vec();
     body.extend(count.to_be_bytes());
     body.push(status);

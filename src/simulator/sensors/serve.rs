@@ -37,15 +37,20 @@ pub fn serve_pty<F: Future>(serve: impl FnOnce(SerialStream) -> F + Send + 'stat
 /// The port cannot be opened.
 pub fn serve_tcp<F: Future>(serve: impl FnOnce(TcpListener) -> F + Send + 'static) -> Result<ServedSensor, LinkError> {
     serve_on_thread(move || {
-        let listen = || {
-            let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
-            listener.set_nonblocking(true)?;
-            let port = listener.local_addr()?.port();
-            Ok((TcpListener::from_std(listener)?, port))
-        };
-        let (listener, port) = listen().map_err(wire_error)?;
-        Ok(((LinkConfig::Tcp(HostPort::local(port)), None), serve(listener)))
+        let (listener, at) = listen_locally().map_err(wire_error)?;
+        Ok(((at, None), serve(listener)))
     })
+}
+
+/// Listens on a free TCP port of this computer. Call inside a tokio runtime.
+///
+/// # Errors
+/// The port cannot be opened.
+pub fn listen_locally() -> io::Result<(TcpListener, LinkConfig)> {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
+    listener.set_nonblocking(true)?;
+    let port = listener.local_addr()?.port();
+    Ok((TcpListener::from_std(listener)?, LinkConfig::Tcp(HostPort::local(port))))
 }
 
 fn wire_error(source: io::Error) -> LinkError {

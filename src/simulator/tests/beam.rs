@@ -125,7 +125,7 @@ fn a_ray_agrees_with_a_pose_by_plain_products() {
         toml::from_str::<MachineTruth>("[[ball]]\nid = '1'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0")
             .unwrap()
             .ball;
-    let oval = random_draws::sample_ball_form(0, 0).oval * 0.040;
+    let oval = random_draws::draw_ball_oval(0, 0) * 0.040;
     let centre = Vector3::new(0.2, -0.1, 50.3);
     let gap = |point: Vector3<f64>| {
         let u = (point - centre).normalize();

@@ -12,7 +12,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use testing::population::population;
 
-use bench::{EndedRun, FaultSchedule, ScheduleBench};
+use bench::{EndedRun, FAULT_KINDS, FaultSchedule, ScheduleBench};
 use simulator::controls::grbl::FaultKind;
 
 const FULL_SCHEDULES: u64 = 500;
@@ -106,7 +106,7 @@ fn whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_inven
 /// Asserts that each wire fault, each control fault and each result occurred.
 fn assert_all_kinds_occurred(count: &ScheduleCounts) {
     assert_eq!(count.wire_faults.len(), 9);
-    assert_eq!(count.faults.len(), FaultKind::ALL.len());
+    assert_eq!(count.faults.len(), FAULT_KINDS.len());
     for ending in [
         "Finished",
         "NoAnswer",

@@ -24,7 +24,6 @@ pub struct Fault {
     #[serde(default)]
     pub after_touch: u64,
     /// Code of an alarm or an error.
-    #[serde(default)]
     pub code: Option<u8>,
 }
 
@@ -60,28 +59,6 @@ pub enum FaultKind {
     Hold,
     Door,
     EStop,
-}
-
-impl FaultKind {
-    pub const ALL: [FaultKind; 17] = [
-        Self::Silence,
-        Self::Reset,
-        Self::Banner,
-        Self::Unanswered,
-        Self::LostOk,
-        Self::DoubleOk,
-        Self::Garbage,
-        Self::Alarm,
-        Self::Error,
-        Self::ProbeStuck,
-        Self::ProbeDead,
-        Self::ForeignBody,
-        Self::RapidContact,
-        Self::SoftLimit,
-        Self::Hold,
-        Self::Door,
-        Self::EStop,
-    ];
 }
 
 /// How often the next answer is sent.
@@ -153,10 +130,10 @@ impl Firmware {
             FaultKind::LostOk => self.next_answer = AnswerCount::Never,
             FaultKind::DoubleOk => self.next_answer = AnswerCount::Twice,
             FaultKind::Garbage => self.send_buffer.extend_from_slice(b"\xf8\x80\x1f\x00x\r\n"),
-            FaultKind::ProbeStuck => self.probe_fault = ProbeInputFault::StuckClosed,
-            FaultKind::ProbeDead => self.probe_fault = ProbeInputFault::StuckOpen,
-            FaultKind::ForeignBody => self.probe_fault = ProbeInputFault::Obstacle,
-            FaultKind::RapidContact => self.probe_fault = ProbeInputFault::BrushPending,
+            FaultKind::ProbeStuck => self.executor.probe_fault = ProbeInputFault::StuckClosed,
+            FaultKind::ProbeDead => self.executor.probe_fault = ProbeInputFault::StuckOpen,
+            FaultKind::ForeignBody => self.executor.probe_fault = ProbeInputFault::Obstacle,
+            FaultKind::RapidContact => self.executor.probe_fault = ProbeInputFault::BrushPending,
             _ => {}
         }
     }

@@ -2,11 +2,8 @@
 
 use super::{ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, AlarmLock, FaultKind, Firmware};
 use crate::Contact;
-use crate::interpreter::{ActiveJob, Job, JobResult, ProbeInputFault};
+use crate::interpreter::{Job, JobResult};
 use machine::Position;
-
-/// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
-const BRUSH_REPORT_COUNT: u8 = 2;
 
 /// The result of a probing move.
 #[derive(Debug, Clone, Default)]
@@ -19,36 +16,29 @@ pub(super) struct LastProbe {
 impl Firmware {
     pub(super) fn start_next_job(&mut self) {
         let Some(job) = self.queue.pop_front() else { return };
-        if matches!(job, Job::Probe { .. }) && self.is_probe_closed() {
+        if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
             self.send_line(&format!("ALARM:{ALARM_PROBE_CLOSED}"));
             self.stop_at_current_position();
             self.alarm = Some(AlarmLock::Unlockable);
             return self.send_ok();
         }
-        if self.probe_fault == ProbeInputFault::BrushPending && job.is_free_move() {
-            self.probe_fault = ProbeInputFault::Brushed(BRUSH_REPORT_COUNT);
+        if self.executor.start_job(job, self.now) {
             self.record_fault(FaultKind::RapidContact);
         }
-        let (probe_fault, pace, now) = (self.probe_fault, self.options.pace, self.now);
-        let active = self.with_world(|world| ActiveJob::start(job, world, probe_fault, pace, now));
-        self.active = Some(active);
     }
 
     pub(super) fn finish_active_job(&mut self) {
-        let Some(active) = self.active.take() else { return };
-        let probe_fault = self.probe_fault;
-        let done = self.with_world(|world| active.finish(world, probe_fault));
-        let waited_for = active.is_acknowledged_at_end();
-        match done {
+        let Some((job, result)) = self.executor.finish_job() else { return };
+        match result {
             JobResult::Waited => {}
             JobResult::Moved { has_crashed } => self.alarm_if_crashed(has_crashed),
             JobResult::Probed { contact, has_crashed, alarms_on_miss } => {
                 self.report_probe_result(contact, alarms_on_miss);
-                self.planned_position = self.displayed_position();
+                self.planned_position = self.executor.displayed_position();
                 self.alarm_if_crashed(has_crashed);
             }
         }
-        if waited_for {
+        if job.is_acknowledged_at_end() {
             self.is_answer_pending = false;
             self.send_ok();
         }
@@ -62,12 +52,11 @@ impl Firmware {
         }
         let has_contact = contact.is_some();
         self.contact_count += u64::from(has_contact);
-        if self.probe_fault == ProbeInputFault::Obstacle {
-            self.probe_fault = ProbeInputFault::NoFault;
+        if self.executor.remove_obstacle() {
             self.record_fault(FaultKind::ForeignBody);
         }
         let t_s = contact.as_ref().map(|contact| contact.t_s);
-        let position = contact.map_or_else(|| self.displayed_position(), |contact| contact.position);
+        let position = contact.map_or_else(|| self.executor.displayed_position(), |contact| contact.position);
         self.last_probe = Some(LastProbe { position, has_contact, t_s });
         self.send_last_probe();
     }
@@ -79,16 +68,6 @@ impl Firmware {
         if let Some(t_s) = last.t_s.filter(|_| self.options.has_time_stamps) {
             self.send_line(&format!("[TIME:{t_s}]"));
         }
-    }
-
-    /// Whether the probe input reads closed.
-    pub(super) fn is_probe_closed(&self) -> bool {
-        self.with_world(|world| self.probe_fault.is_probe_closed(world))
-    }
-
-    /// Registers that a report has shown the probe state.
-    pub(super) fn on_probe_state_reported(&mut self) {
-        self.probe_fault = self.probe_fault.after_report();
     }
 
     /// A drive that is pressed against an obstacle stalls; the control reports a hard limit.
@@ -106,9 +85,8 @@ impl Firmware {
             return;
         }
         self.is_held = true;
-        let Some(active) = self.active.take() else { return };
-        let now = self.now;
-        let remaining_job = self.with_world(|world| active.hold(world, now));
-        self.queue.push_front(remaining_job);
+        if let Some(remaining_job) = self.executor.hold_job(self.now) {
+            self.queue.push_front(remaining_job);
+        }
     }
 }

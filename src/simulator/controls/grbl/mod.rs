@@ -14,7 +14,7 @@ pub mod testing;
 mod tests;
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tokio::time::Instant;
@@ -23,8 +23,9 @@ use fault::AnswerCount;
 pub use fault::{Fault, FaultKind};
 use job::LastProbe;
 
+use super::job_executor::JobExecutor;
 use crate::SimulatedWorld;
-use crate::interpreter::{ActiveJob, GrblErrorCode, Interpreter, Job, LineAction, Pace, ProbeInputFault, is_blank};
+use crate::interpreter::{GrblErrorCode, Interpreter, Job, LineAction, Pace, is_blank};
 use machine::Position;
 use machine::record::machine::Machine;
 
@@ -96,13 +97,12 @@ enum AlarmLock {
 /// The simulated control: bytes in ([`Firmware::serve`]), bytes out.
 pub struct Firmware {
     options: SimulatedGrblOptions,
-    world: Arc<Mutex<SimulatedWorld>>,
+    executor: JobExecutor,
     /// Position of the machine after all queued motion.
     planned_position: Position,
     receive_buffer: VecDeque<u8>,
     send_buffer: Vec<u8>,
     queue: VecDeque<Job>,
-    active: Option<ActiveJob>,
     /// Whether the answer to a line waits for the end of its job.
     is_answer_pending: bool,
     is_held: bool,
@@ -116,7 +116,6 @@ pub struct Firmware {
     /// Number of lines received so far.
     line_count: u64,
     contact_count: u64,
-    probe_fault: ProbeInputFault,
     occurred_faults: Arc<Mutex<Vec<FaultKind>>>,
     next_answer: AnswerCount,
     is_hung: bool,
@@ -130,13 +129,12 @@ impl Firmware {
     pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: SimulatedGrblOptions) -> Self {
         let mut firmware = Self {
             is_homed: options.is_homed,
+            executor: JobExecutor::new(world, options.pace),
             options,
-            world,
             planned_position: Position::new(),
             receive_buffer: VecDeque::new(),
             send_buffer: Vec::new(),
             queue: VecDeque::new(),
-            active: None,
             is_answer_pending: false,
             is_held: false,
             alarm: None,
@@ -146,7 +144,6 @@ impl Firmware {
             last_probe: None,
             line_count: 0,
             contact_count: 0,
-            probe_fault: ProbeInputFault::default(),
             occurred_faults: Arc::default(),
             next_answer: AnswerCount::default(),
             is_hung: false,
@@ -154,23 +151,13 @@ impl Firmware {
             start: Instant::now(),
             now: Duration::ZERO,
         };
-        firmware.planned_position = firmware.displayed_position();
+        firmware.planned_position = firmware.executor.displayed_position();
         firmware
     }
 
     /// Faults that have occurred, in their order; a fault that is only configured is not included.
     pub fn occurred_faults(&self) -> Arc<Mutex<Vec<FaultKind>>> {
         self.occurred_faults.clone()
-    }
-
-    fn with_world<T>(&self, act: impl FnOnce(&mut SimulatedWorld) -> T) -> T {
-        // The world is plain data: a panic elsewhere leaves it consistent.
-        act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    /// Displayed position of the machine.
-    fn displayed_position(&self) -> Position {
-        self.with_world(|world| world.position())
     }
 
     /// Processes received bytes: realtime bytes act at once, at any place in the stream.
@@ -194,7 +181,7 @@ impl Firmware {
     fn advance(&mut self, now: Duration) -> Option<Duration> {
         self.now = now;
         loop {
-            let ends = self.active.as_ref().map(|active| active.end_time);
+            let ends = self.executor.active.as_ref().map(|active| active.end_time);
             if ends.is_some_and(|ends| ends <= now) {
                 self.finish_active_job();
             } else if ends.is_none() && !self.is_held && !self.queue.is_empty() {
@@ -283,15 +270,15 @@ impl Firmware {
     }
 
     fn is_moving(&self) -> bool {
-        !self.is_held && (self.active.is_some() || !self.queue.is_empty())
+        !self.is_held && (self.executor.active.is_some() || !self.queue.is_empty())
     }
 
     /// Discards all motion; the machine stays at its position.
     fn stop_at_current_position(&mut self) {
-        self.active = None;
+        self.executor.active = None;
         self.queue.clear();
         self.is_answer_pending = false;
-        self.planned_position = self.displayed_position();
+        self.planned_position = self.executor.displayed_position();
     }
 
     /// Soft reset (0x18). A reset during motion makes the position uncertain and raises an alarm.

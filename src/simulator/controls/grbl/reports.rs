@@ -71,24 +71,21 @@ impl Firmware {
 
     /// Sends a status report. `full`: with all fields, as in the answer to 0x87.
     pub(super) fn send_status(&mut self, full: bool) {
-        let position = match &self.active {
-            Some(active) => active.position(self.now),
-            None => self.displayed_position(),
-        };
+        let position = self.executor.position_at(self.now);
         let free = RX_BUFFER_BYTES - 1 - self.receive_buffer.len().min(RX_BUFFER_BYTES - 1);
-        let planned = self.queue.len() + usize::from(self.active.is_some());
+        let planned = self.queue.len() + usize::from(self.executor.active.is_some());
         let mut report = format!(
             "<{}|MPos:{}|Bf:{},{free}|FS:0,0",
             self.state(),
             self.axis_values(&position),
             PLANNER_BLOCK_COUNT.saturating_sub(planned)
         );
-        let t_s = self.with_world(|world| world.time_s());
+        let t_s = self.executor.with_world(|world| world.time_s());
         let shows_pins = self.setting(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_PINS_BIT != 0;
-        if self.is_probe_closed() && shows_pins {
+        if self.executor.is_probe_closed() && shows_pins {
             report += "|Pn:P";
         }
-        self.on_probe_state_reported();
+        self.executor.on_probe_state_reported();
         let [feed, rapid] = self.options.overrides;
         let shows_overrides = self.setting(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_OVERRIDES_BIT != 0;
         if shows_overrides && (full || !self.has_reported) {

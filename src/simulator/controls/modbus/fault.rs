@@ -38,13 +38,10 @@ pub struct Fault {
     #[serde(default)]
     pub after_touch: u64,
     /// Code of an alarm or an exception.
-    #[serde(default)]
     pub code: Option<u8>,
     /// Delay of a reply, s.
-    #[serde(default)]
     pub late_s: Option<f64>,
     /// Period at which a PLC reads the probe input, s.
-    #[serde(default)]
     pub scan_s: Option<f64>,
 }
 
@@ -106,29 +103,6 @@ pub enum FaultKind {
 }
 
 impl FaultKind {
-    /// Faults that apply to every window; `LostHold` is not included, because it affects only holds.
-    pub const ALL: [FaultKind; 20] = [
-        Self::Late,
-        Self::Unanswered,
-        Self::Lost,
-        Self::Exception,
-        Self::Torn,
-        Self::Stale,
-        Self::Cut,
-        Self::Silence,
-        Self::Frozen,
-        Self::Reset,
-        Self::Alarm,
-        Self::EStop,
-        Self::Hold,
-        Self::ProbeStuck,
-        Self::ProbeDead,
-        Self::ForeignBody,
-        Self::RapidContact,
-        Self::SlowLatch,
-        Self::HalfWritten,
-        Self::LostStart,
-    ];
     /// Additional faults of a resident program.
     pub const PROGRAM_ONLY: [FaultKind; 4] =
         [Self::StaleResult, Self::RepeatedResult, Self::SkippedResult, Self::StartedTwice];
@@ -254,13 +228,13 @@ impl Firmware {
                 self.stop_at_current_position();
                 self.mode = Mode::Held(0);
             }
-            FaultKind::ProbeStuck => self.probe_fault = ProbeInputFault::StuckClosed,
-            FaultKind::ProbeDead => self.probe_fault = ProbeInputFault::StuckOpen,
-            FaultKind::ForeignBody => self.probe_fault = ProbeInputFault::Obstacle,
-            FaultKind::RapidContact => self.probe_fault = ProbeInputFault::BrushPending,
+            FaultKind::ProbeStuck => self.executor.probe_fault = ProbeInputFault::StuckClosed,
+            FaultKind::ProbeDead => self.executor.probe_fault = ProbeInputFault::StuckOpen,
+            FaultKind::ForeignBody => self.executor.probe_fault = ProbeInputFault::Obstacle,
+            FaultKind::RapidContact => self.executor.probe_fault = ProbeInputFault::BrushPending,
             FaultKind::SlowLatch => {
                 let scan_ms = fault.scan_s.unwrap_or(DEFAULT_SCAN_PERIOD_S) * 1e3;
-                self.with_world(|world| world.set_latch(LatchDelay { scan_ms, ..LatchDelay::default() }));
+                self.executor.with_world(|world| world.set_latch(LatchDelay { scan_ms, ..LatchDelay::default() }));
             }
             _ => {}
         }

@@ -9,16 +9,13 @@ use super::{
     HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, Mode,
 };
 use crate::Contact;
-use crate::interpreter::{ActiveJob, Job, JobResult, LineAction, ProbeInputFault};
-
-/// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
-const BRUSH_REPORT_COUNT: u8 = 2;
+use crate::interpreter::{Job, JobResult, LineAction};
 
 impl Firmware {
     /// Advances the control to the time `now`.
     pub(super) fn advance(&mut self, now: Duration) {
         loop {
-            if let Some(end_time) = self.active.as_ref().map(|active| active.end_time) {
+            if let Some(end_time) = self.executor.active.as_ref().map(|active| active.end_time) {
                 let heartbeat_deadline = self.last_heartbeat.unwrap_or_default() + HEARTBEAT_TIMEOUT;
                 if heartbeat_deadline < end_time && heartbeat_deadline <= now {
                     self.now = heartbeat_deadline;
@@ -45,7 +42,7 @@ impl Firmware {
     }
 
     fn execute_line(&mut self, line: &str) {
-        let here = self.displayed_position();
+        let here = self.executor.displayed_position();
         match self.options.interpreter.interpret_line(line, &here) {
             Ok(LineAction::NoMotion) => {}
             Ok(LineAction::OutOfTravel) => self.alarm(ALARM_SOFT_LIMIT),
@@ -58,22 +55,17 @@ impl Firmware {
     }
 
     pub(super) fn start_job(&mut self, job: Job) {
-        if matches!(job, Job::Probe { .. }) && self.is_probe_closed() {
+        if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
             return self.alarm(ALARM_PROBE_CLOSED);
         }
-        if self.probe_fault == ProbeInputFault::BrushPending && job.is_free_move() {
-            self.probe_fault = ProbeInputFault::Brushed(BRUSH_REPORT_COUNT);
+        if self.executor.start_job(job, self.now) {
             self.record(DiaryEntry::FaultOccurred(FaultKind::RapidContact));
         }
-        let (probe_fault, pace, now) = (self.probe_fault, self.options.pace, self.now);
-        let active = self.with_world(|world| ActiveJob::start(job, world, probe_fault, pace, now));
-        self.active = Some(active);
     }
 
     fn finish_active_job(&mut self) {
-        let Some(active) = self.active.take() else { return };
-        let probe_fault = self.probe_fault;
-        match self.with_world(|world| active.finish(world, probe_fault)) {
+        let Some((_, result)) = self.executor.finish_job() else { return };
+        match result {
             JobResult::Waited => self.finish_row(None),
             JobResult::Moved { has_crashed } => {
                 self.finish_row(None);
@@ -87,8 +79,7 @@ impl Firmware {
                 if let Some(contact) = contact {
                     self.latch_contact(contact);
                 }
-                if self.probe_fault == ProbeInputFault::Obstacle {
-                    self.probe_fault = ProbeInputFault::NoFault;
+                if self.executor.remove_obstacle() {
                     self.record(DiaryEntry::FaultOccurred(FaultKind::ForeignBody));
                 }
                 self.finish_row(Some(has_contact));
@@ -103,16 +94,6 @@ impl Firmware {
         self.latch = contact.position;
         self.latch_time_s = contact.t_s;
         self.record(DiaryEntry::Contact { latch: position_steps(&self.latch), t_s: contact.t_s });
-    }
-
-    /// Whether the probe input reads closed.
-    pub(super) fn is_probe_closed(&self) -> bool {
-        self.with_world(|world| self.probe_fault.is_probe_closed(world))
-    }
-
-    /// Registers that a status has shown the probe state.
-    pub(super) fn on_probe_state_reported(&mut self) {
-        self.probe_fault = self.probe_fault.after_report();
     }
 
     /// A drive that is pressed against an obstacle stalls.
@@ -140,9 +121,6 @@ impl Firmware {
         if let Some(resident) = &mut self.resident {
             resident.stop();
         }
-        let now = self.now;
-        if let Some(active) = self.active.take() {
-            self.with_world(|world| drop(active.hold(world, now)));
-        }
+        self.executor.hold_job(self.now);
     }
 }

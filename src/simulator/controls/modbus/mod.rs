@@ -23,8 +23,9 @@ pub use serve::{serve_rtu, serve_tcp};
 
 use resident::ResidentProgram;
 
+use super::job_executor::JobExecutor;
 use crate::SimulatedWorld;
-use crate::interpreter::{ActiveJob, Interpreter, Pace, ProbeInputFault};
+use crate::interpreter::{Interpreter, Pace};
 use machine::Position;
 use machine::record::machine::Machine;
 
@@ -93,14 +94,13 @@ enum Mode {
 /// The simulated control.
 pub struct Firmware {
     options: SimulatedModbusOptions,
-    world: Arc<Mutex<SimulatedWorld>>,
+    executor: JobExecutor,
     mode: Mode,
     /// The holding registers.
     holding_registers: Vec<u16>,
     /// Lines of the current chunk that have not been started.
     pending_lines: VecDeque<String>,
     resident: Option<ResidentProgram>,
-    active: Option<ActiveJob>,
     accepted_sequence: u16,
     executed_sequence: u16,
     error_code: u16,
@@ -109,7 +109,6 @@ pub struct Firmware {
     latch_time_s: f64,
     /// Number of status blocks written so far.
     status_count: u16,
-    probe_fault: ProbeInputFault,
     /// Time at which the client's heartbeat last changed.
     last_heartbeat: Option<Duration>,
     request_count: u64,
@@ -139,13 +138,12 @@ impl Firmware {
             false => (None, layout::LINE_BLOCK_REGISTERS),
         };
         Self {
+            executor: JobExecutor::new(world, options.pace),
             options,
-            world,
             mode: Mode::Ready,
             holding_registers: vec![0; size],
             pending_lines: VecDeque::new(),
             resident,
-            active: None,
             accepted_sequence: 0,
             executed_sequence: 0,
             error_code: 0,
@@ -153,7 +151,6 @@ impl Firmware {
             latch: Position::new(),
             latch_time_s: 0.0,
             status_count: 0,
-            probe_fault: ProbeInputFault::default(),
             last_heartbeat: None,
             request_count: 0,
             accepted_chunk_count: 0,
@@ -179,16 +176,6 @@ impl Firmware {
         self.diary.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
     }
 
-    fn with_world<T>(&self, act: impl FnOnce(&mut SimulatedWorld) -> T) -> T {
-        // The world is plain data: a panic elsewhere leaves it consistent.
-        act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    /// Displayed position of the machine.
-    fn displayed_position(&self) -> Position {
-        self.with_world(|world| world.position())
-    }
-
     /// Switches the control off and on; a person must make it ready again.
     fn reset(&mut self) {
         self.stop_at_current_position();
@@ -201,7 +188,7 @@ impl Firmware {
 
     fn is_moving(&self) -> bool {
         let begun = self.resident.as_ref().is_some_and(ResidentProgram::is_running);
-        self.mode == Mode::Ready && (begun || self.active.is_some() || !self.pending_lines.is_empty())
+        self.mode == Mode::Ready && (begun || self.executor.active.is_some() || !self.pending_lines.is_empty())
     }
 
     fn is_heartbeat_current(&self, at: Duration) -> bool {

@@ -34,13 +34,10 @@ impl Firmware {
             Mode::Held(reason) => (3, reason),
             Mode::Alarm(code) => (4, code),
         };
-        let position = match &self.active {
-            Some(active) => active.position(self.now),
-            None => self.displayed_position(),
-        };
+        let position = self.executor.position_at(self.now);
         self.status_count = self.status_count.wrapping_add(1);
-        let probe = u16::from(self.is_probe_closed());
-        self.on_probe_state_reported();
+        let probe = u16::from(self.executor.is_probe_closed());
+        self.executor.on_probe_state_reported();
         let beat = self.heartbeat();
         let slot = self.shown_slot();
         let version = if slot.is_some() { PROGRAM_WINDOW_VERSION } else { LINE_WINDOW_VERSION };
@@ -51,7 +48,7 @@ impl Firmware {
         let t_s = if self.has_wrong_stamp && t_s > 0.0 { WRONG_STAMP_S } else { t_s };
         let mut block = vec![self.status_count, version, state, alarm, self.accepted_sequence, self.executed_sequence];
         block.extend([self.error_code, probe, 0, 0, number, beat]);
-        block.extend(register_words(&self.with_world(|world| world.time_s()).to_be_bytes()));
+        block.extend(register_words(&self.executor.with_world(|world| world.time_s()).to_be_bytes()));
         block.extend(register_words(&t_s.to_be_bytes()));
         block.extend(position_words(latch));
         block.extend(position_words(&position));

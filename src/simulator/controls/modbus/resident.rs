@@ -154,7 +154,7 @@ impl Firmware {
             RowKind::Orient => Job::Orient { s: Axis::S.to_mm_or_rad(feed) },
         };
         self.start_job(job);
-        if let Some(active) = &mut self.active {
+        if let Some(active) = &mut self.executor.active {
             active.end_time = active.end_time.max(self.now + SCAN_PERIOD);
         }
         true
@@ -165,7 +165,7 @@ impl Firmware {
         let Some(resident) = &self.resident else { return };
         let Some(row) = resident.row() else { return };
         let ends = matches!((row.kind, contact), (RowKind::Guarded, Some(true)) | (RowKind::Touch, Some(false)));
-        if row.kind == RowKind::Feed && self.is_probe_closed() {
+        if row.kind == RowKind::Feed && self.executor.is_probe_closed() {
             return self.alarm(super::ALARM_STILL_CLOSED);
         }
         if resident.is_touch_row() || ends {

@@ -86,7 +86,7 @@ fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
         write(&mut control, 2, &words, 10);
         write(&mut control, 1, &[1], 11);
         assert_eq!(status(&mut control, 12)[2..7], [1, 0, 1, 0, error]);
-        assert_eq!(control.displayed_position().get_or_zero(machine::Axis::X), 0.0);
+        assert_eq!(control.executor.displayed_position().get_or_zero(machine::Axis::X), 0.0);
     }
     let mut control = firmware(Pace::Fast);
     write(&mut control, 2, &chunk(1, 0), 10);
@@ -110,7 +110,7 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
             write(&mut control, 0, &[1], ms);
         }
         assert_eq!(status(&mut control, 9000)[2..6], [3, reason, 1, 0]);
-        let x = control.displayed_position().get_or_zero(machine::Axis::X);
+        let x = control.executor.displayed_position().get_or_zero(machine::Axis::X);
         // The machine moves at 1 mm/s until then.
         let until_s = hold_ms.map_or(2.010, |ms| ms as f64 * 1e-3) - 0.011;
         assert!((x - until_s).abs() < 0.01, "{x}");
@@ -181,7 +181,7 @@ fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
         offer(&mut control, &table, crc, 10);
         let status = shown(&mut control, 20);
         assert_eq!(status[2..7], [1, 0, 1, 0, error], "{place}");
-        assert_eq!(control.displayed_position().get_or_zero(machine::Axis::X), 0.0);
+        assert_eq!(control.executor.displayed_position().get_or_zero(machine::Axis::X), 0.0);
     }
     // A target beyond the travel.
     let mut table = TABLE;

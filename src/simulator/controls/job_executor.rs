@@ -1,0 +1,82 @@
+//! Execution of the jobs of a simulated control by the simulated machine, one at a time.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use crate::SimulatedWorld;
+use crate::interpreter::{ActiveJob, Job, JobResult, Pace, ProbeInputFault};
+use machine::Position;
+
+/// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
+const BRUSH_REPORT_COUNT: u8 = 2;
+
+/// The machine of a simulated control, its current job and its probe input.
+pub(super) struct JobExecutor {
+    world: Arc<Mutex<SimulatedWorld>>,
+    pace: Pace,
+    pub active: Option<ActiveJob>,
+    pub probe_fault: ProbeInputFault,
+}
+
+impl JobExecutor {
+    pub fn new(world: Arc<Mutex<SimulatedWorld>>, pace: Pace) -> Self {
+        Self { world, pace, active: None, probe_fault: ProbeInputFault::default() }
+    }
+
+    pub fn with_world<T>(&self, act: impl FnOnce(&mut SimulatedWorld) -> T) -> T {
+        // The world is plain data: a panic elsewhere leaves it consistent.
+        act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Displayed position of the machine at rest.
+    pub fn displayed_position(&self) -> Position {
+        self.with_world(|world| world.position())
+    }
+
+    /// Displayed position at `now`.
+    pub fn position_at(&self, now: Duration) -> Position {
+        self.active.as_ref().map_or_else(|| self.displayed_position(), |active| active.position(now))
+    }
+
+    /// Whether the probe input reads closed.
+    pub fn is_probe_closed(&self) -> bool {
+        self.with_world(|world| self.probe_fault.is_probe_closed(world))
+    }
+
+    /// Registers that a report has shown the probe state.
+    pub fn on_probe_state_reported(&mut self) {
+        self.probe_fault = self.probe_fault.after_report();
+    }
+
+    /// Starts a job; returns whether it brushes the stylus.
+    pub fn start_job(&mut self, job: Job, now: Duration) -> bool {
+        let is_brushed = self.probe_fault == ProbeInputFault::BrushPending && job.is_free_move();
+        if is_brushed {
+            self.probe_fault = ProbeInputFault::Brushed(BRUSH_REPORT_COUNT);
+        }
+        self.active = Some(self.with_world(|world| ActiveJob::start(job, world, self.probe_fault, self.pace, now)));
+        is_brushed
+    }
+
+    /// Ends the active job.
+    pub fn finish_job(&mut self) -> Option<(Job, JobResult)> {
+        let active = self.active.take()?;
+        let result = self.with_world(|world| active.finish(world, self.probe_fault));
+        Some((active.job, result))
+    }
+
+    /// Stops the active job at its current position; returns the remaining job.
+    pub fn hold_job(&mut self, now: Duration) -> Option<Job> {
+        let active = self.active.take()?;
+        Some(self.with_world(|world| active.hold(world, now)))
+    }
+
+    /// Removes the obstacle after a probing move; returns whether there was one.
+    pub fn remove_obstacle(&mut self) -> bool {
+        let was_present = self.probe_fault == ProbeInputFault::Obstacle;
+        if was_present {
+            self.probe_fault = ProbeInputFault::NoFault;
+        }
+        was_present
+    }
+}
