@@ -36,14 +36,13 @@ fn compare_device_info(check: &mut Check<'_>, info: DeviceInfo, since: Instant) 
     check.polarity_setting.clone_from(&info.probe_polarity_hint);
     let differences = machine_file_differences(&check.file.machine, &info);
     if differences.is_empty() && !info.axes.is_empty() {
-        let told = info.axes.values().any(|axis| axis.rapid_per_min.is_some());
-        let suits = if told {
+        let reports_speeds = info.axes.values().any(|axis| axis.rapid_per_min.is_some());
+        let agreement = if reports_speeds {
             "travel, speeds and axes agree with the machine file"
         } else {
             "the axes agree with the machine file; the control does not report travel and speeds"
         };
-        let what = format!("{}: {suits}", info.identity);
-        check.report_ok(CheckPart::Control, since, what);
+        check.report_ok(CheckPart::Control, since, format!("{}: {agreement}", info.identity));
     }
     for Difference { beyond_limits, what, remedy } in differences {
         check.beyond_limits.extend(beyond_limits);
@@ -69,14 +68,8 @@ pub(super) async fn prepare_control(check: &mut Check<'_>) -> Result<(), CheckEn
 
 /// Probe and position, for the part `probe`. A control that does not report them is no fault of the probe.
 pub(super) async fn read_status(check: &mut Check<'_>, since: Instant) -> Result<MachineSnapshot, CheckEnd> {
-    match check.controller()?.read_snapshot().await {
-        Ok(look) => Ok(look),
-        Err(error) => {
-            check.check_stop()?;
-            check.report_failed(CheckPart::Probe, since, error.to_string(), error.remedy());
-            Err(CheckEnd::Unsafe)
-        }
-    }
+    let result = check.controller()?.read_snapshot().await;
+    result.or_else(|error| check.end_with_fault(CheckPart::Probe, since, error.to_string(), error.remedy()))
 }
 
 /// Prepares a retract while the probe input is closed; returns the position of all axes.
@@ -89,8 +82,7 @@ pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position
         }
         Err(error) => {
             check.check_stop()?;
-            links::report_link_fault(check, CheckPart::Control, since, &error).await?;
-            Err(CheckEnd::Unsafe)
+            links::end_with_link_fault(check, CheckPart::Control, since, &error).await
         }
     }
 }
@@ -100,8 +92,8 @@ async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
         Ok(prepared) => {
-            let stands = format_position(&prepared.position);
-            let what = format!("ready at {stands}; stopping method: {}", prepared.stop_description);
+            let position = format_position(&prepared.position);
+            let what = format!("ready at {position}; stopping method: {}", prepared.stop_description);
             check.summary.control = Some(prepared.identity);
             check.transmission = Some(prepared.transmission);
             check.report_ok(CheckPart::Control, since, what);
@@ -119,8 +111,7 @@ async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         }
         Err(error) => {
             check.check_stop()?;
-            links::report_link_fault(check, CheckPart::Control, since, &error).await?;
-            Err(CheckEnd::Unsafe)
+            links::end_with_link_fault(check, CheckPart::Control, since, &error).await
         }
     }
 }
@@ -129,18 +120,17 @@ async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 /// travel; an absolute move of one millimetre could then go anywhere.
 async fn compare_display(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
-    let stands = check.position.clone().unwrap_or_default();
-    let told = format_position(&stands);
-    match check.prompt_operator(Question::DisplayedPosition(stands)).await? {
+    let position = check.position.clone().unwrap_or_default();
+    let reported = format_position(&position);
+    match check.prompt_operator(Question::DisplayedPosition(position)).await? {
         Answer::Yes => check.report_ok(CheckPart::Control, since, "the display of the control shows the same position"),
         Answer::No => {
-            let what = format!("the display of the control does not show the reported position {told}");
+            let what = format!("the display of the control does not show the reported position {reported}");
             let remedy = "the check does not move the machine in this state. Modbus: compare `type`, \
                 `order` and `scale` of the position registers with the program of the control. Other \
                 controls: check that the units are millimetres and that the display shows machine \
                 coordinates";
-            check.report_failed(CheckPart::Control, since, what, remedy);
-            return Err(CheckEnd::Unsafe);
+            return check.end_with_fault(CheckPart::Control, since, what, remedy);
         }
         _ => {
             let what = "no operator is present to compare the position with the display of the control";

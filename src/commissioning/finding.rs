@@ -17,20 +17,6 @@ pub enum CheckPart {
     Latch,
 }
 
-impl CheckPart {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Links => "links",
-            Self::Sensors => "sensors",
-            Self::Control => "control",
-            Self::Probe => "probe",
-            Self::Axes => "axes",
-            Self::Hold => "hold",
-            Self::Latch => "latch",
-        }
-    }
-}
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -59,7 +45,7 @@ impl fmt::Display for Finding {
             Verdict::Failed => "FAILED",
             Verdict::NotLookedAt => "not checked",
         };
-        let (part, what) = (self.part.name(), &self.what);
+        let (part, what) = (format!("{:?}", self.part).to_lowercase(), &self.what);
         write!(f, "{part:<8}{verdict:<14} {what}")?;
         if self.took_s >= 0.1 {
             write!(f, " ({:.1} s)", self.took_s)?;

@@ -7,7 +7,7 @@ use machine::record::machine::AxisSpec;
 use machine::record::motion::{Block, Motion};
 use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
-use planning::gcode::{RenderError, Transmission};
+use planning::gcode::RenderError;
 use planning::proof::{JogProofRequest, ProofRefusal, ProvenBlock, StageProofError, prove_jog, prove_retract};
 
 /// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
@@ -88,29 +88,33 @@ pub(super) struct ProvenJog {
 /// The jog cannot be rendered, or it comes too close to a body.
 pub(super) fn prove_planned_jog(check: &Check<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
     let stands = check.position.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
-    prove_move(check, stands, jog, &JOG_MOVE)
+    prove_move(check, stands, jog, MoveKind::Jog)
 }
 
-/// Motion and proof of a kind of move.
-struct MoveKind {
-    motion: fn(&Jog, f64) -> Motion,
-    proof: fn(&JogProofRequest<'_>, &Transmission, &Block) -> Result<ProvenBlock, StageProofError>,
+#[derive(Clone, Copy, PartialEq)]
+enum MoveKind {
+    Jog,
+    Retract,
 }
 
-const JOG_MOVE: MoveKind = MoveKind { motion: jog_motion, proof: prove_jog };
-const RETRACT_MOVE: MoveKind = MoveKind { motion: retract_motion, proof: prove_retract };
-
-fn prove_move(check: &Check<'_>, stands: &Position, jog: &Jog, kind: &MoveKind) -> Result<ProvenJog, JogError> {
+fn prove_move(check: &Check<'_>, stands: &Position, jog: &Jog, kind: MoveKind) -> Result<ProvenJog, JogError> {
     let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
     let dialect = dialect.ok_or(ControllerError::DriverTaskEnded)?;
     let axis = jog.axis;
     let to = axis.to_mm_or_rad(axis.to_mm_or_deg(stands.get_or_zero(axis)) + jog.by);
-    let block = Block { step: STEP_NUMBER, repeat: 0, motions: vec![(kind.motion)(jog, to)] };
+    let (end, feed_mm_min) = (Position::new().with(axis, to), jog.feed_per_min);
+    // A jog of a linear axis is guarded; a rotary axis turns at feed. A probing move is impossible while the probe
+    // input is closed.
+    let motion = match kind {
+        MoveKind::Jog if axis.is_linear() => Motion::Guarded { to: end, feed_mm_min },
+        _ => Motion::BackOff { to: end, feed_mm_min },
+    };
+    let block = Block { step: STEP_NUMBER, repeat: 0, motions: vec![motion] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     let plan = setup::plan_without_steps(check.file, "check", serde_json::Value::Null);
-    let feed_at_most = FEED_PER_MIN;
-    let request = JogProofRequest { plan: &plan, position: stands, axis, to, max_feed: feed_at_most, dialect };
-    Ok(ProvenJog { block: (kind.proof)(&request, transmission, &block)?, to })
+    let request = JogProofRequest { plan: &plan, position: stands, axis, to, max_feed: FEED_PER_MIN, dialect };
+    let prove = if kind == MoveKind::Jog { prove_jog } else { prove_retract };
+    Ok(ProvenJog { block: prove(&request, transmission, &block)?, to })
 }
 
 /// Proves a jog and checks that the machine is still at the start position of the proof: from elsewhere the
@@ -150,7 +154,7 @@ pub(super) async fn run_retract_step(
     let by = if is_positive { RETRACT_MM } else { -RETRACT_MM };
     let rapid = check.file.machine.axes.get(&axis).map_or(FEED_PER_MIN, |spec| spec.rapid_per_min);
     let feed_per_min = FEED_PER_MIN.min(rapid).min(check.file.probe.search_feed_mm_min);
-    let ProvenJog { block, .. } = prove_move(check, stands, &Jog { axis, by, feed_per_min }, &RETRACT_MOVE)?;
+    let ProvenJog { block, .. } = prove_move(check, stands, &Jog { axis, by, feed_per_min }, MoveKind::Retract)?;
     execute_block(check, block).await
 }
 
@@ -172,19 +176,4 @@ async fn check_unmoved(check: &Check<'_>) -> Result<(), JogError> {
         }
     }
     Ok(())
-}
-
-/// A jog of a linear axis is guarded; a rotary axis turns at feed.
-fn jog_motion(jog: &Jog, to: f64) -> Motion {
-    let (axis, feed_mm_min) = (jog.axis, jog.feed_per_min);
-    let to = Position::new().with(axis, to);
-    match axis.is_linear() {
-        true => Motion::Guarded { to, feed_mm_min },
-        false => Motion::BackOff { to, feed_mm_min },
-    }
-}
-
-/// A probing move is impossible while the probe input is closed.
-fn retract_motion(jog: &Jog, to: f64) -> Motion {
-    Motion::BackOff { to: Position::new().with(jog.axis, to), feed_mm_min: jog.feed_per_min }
 }

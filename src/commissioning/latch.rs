@@ -32,31 +32,22 @@ pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     // The check itself asks the operator.
     let file = check.file.without_prompts();
-    let (method, plan) = match setup::plan_header(&file, latch_delay::METHOD_NAME, None) {
-        Ok((method, plan)) => (Arc::<dyn Method>::from(method), plan),
+    let header = setup::plan_header(&file, latch_delay::METHOD_NAME, None);
+    let described = header.and_then(|(method, plan)| Ok((describe_run(method.as_ref(), plan.clone())?, method, plan)));
+    let (action, method, plan) = match described {
+        Ok(described) => described,
         Err(error) => {
             check.report_failed(CheckPart::Latch, since, error.to_string(), error.remedy().unwrap_or_default());
             return Ok(());
         }
     };
-    let what = match describe_run(method.as_ref(), plan.clone()) {
-        Ok(what) => what,
-        Err(MethodRefusal { reason: why, remedy: instead }) => {
-            check.report_failed(CheckPart::Latch, since, why, instead);
-            return Ok(());
-        }
+    let why = match check.prompt_operator(Question::AllowAction { action }).await? {
+        Answer::Yes => return touch_part(check, method.into(), plan).await,
+        Answer::NoOperator => "no operator is present to permit touches of the part",
+        _ => "the operator did not permit touches of the part",
     };
-    match check.prompt_operator(Question::AllowAction { action: what }).await? {
-        Answer::Yes => touch_part(check, method, plan).await,
-        Answer::NoOperator => {
-            check.report_unchecked(CheckPart::Latch, "no operator is present to permit touches of the part");
-            Ok(())
-        }
-        _ => {
-            check.report_unchecked(CheckPart::Latch, "the operator did not permit touches of the part");
-            Ok(())
-        }
-    }
+    check.report_unchecked(CheckPart::Latch, why);
+    Ok(())
 }
 
 /// Description of the run, for the operator's permission.

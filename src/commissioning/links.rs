@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Check, CheckEnd, CheckPart, Verdict};
+use super::{Check, CheckEnd, CheckPart};
 use crate::setup::SetupError;
 use crate::setup::machine_file::Control;
 use devices::controllers::{ControllerError, DiagnosisMode, DiagnosisRequest};
@@ -26,31 +26,32 @@ pub(super) async fn check_links(check: &mut Check<'_>) -> Result<(), CheckEnd> {
             return Err(CheckEnd::Unsafe);
         }
     };
-    report_link_fault(check, CheckPart::Links, since, &error).await?;
-    Err(CheckEnd::Unsafe)
+    end_with_link_fault(check, CheckPart::Links, since, &error).await
 }
 
-/// Reports the failure and its possible causes; closes the link.
-pub(super) async fn report_link_fault(
+/// Reports the failure and its possible causes, and closes the link: an error in every case.
+pub(super) async fn end_with_link_fault<T>(
     check: &mut Check<'_>,
     part: CheckPart,
     since: Instant,
     error: &ControllerError,
-) -> Result<(), CheckEnd> {
+) -> Result<T, CheckEnd> {
     check.report_failed(part, since, error.to_string(), error.remedy());
     check.devices = None;
-    let Control::Real(control) = &check.file.controller.control else { return check.check_stop() };
-    let request = DiagnosisRequest { machine: &check.file.machine, failure: error, mode: DiagnosisMode::Passive };
-    let mut found = control.diagnose(request).await;
-    let more = found.is_empty() || found.iter().any(|suspicion| suspicion.needs_active_search);
-    if more && check.prompt_operator(diagnosis_question()).await? == Answer::Yes {
-        found = control.diagnose(DiagnosisRequest { mode: DiagnosisMode::Active, ..request }).await;
+    if let Control::Real(control) = &check.file.controller.control {
+        let machine = &check.file.machine;
+        let request = DiagnosisRequest { machine, failure: error, mode: DiagnosisMode::Passive };
+        let mut diagnoses = control.diagnose(request).await;
+        let is_unclear = diagnoses.is_empty() || diagnoses.iter().any(|diagnosis| diagnosis.needs_active_search);
+        if is_unclear && check.prompt_operator(diagnosis_question()).await? == Answer::Yes {
+            diagnoses = control.diagnose(DiagnosisRequest { mode: DiagnosisMode::Active, ..request }).await;
+        }
+        for diagnosis in diagnoses {
+            check.report_failed(part, since, diagnosis.to_string(), diagnosis.remedy);
+        }
     }
-    for suspicion in found {
-        let (what, remedy) = (suspicion.to_string(), suspicion.remedy);
-        check.add_finding(part, Verdict::Failed, since, what, Some(remedy));
-    }
-    check.check_stop()
+    check.check_stop()?;
+    Err(CheckEnd::Unsafe)
 }
 
 fn diagnosis_question() -> Question {

@@ -97,9 +97,6 @@ impl<'a> Check<'a> {
         stop: Stop,
         on_finding: &'a mut dyn FnMut(&Finding),
     ) -> Self {
-        let summary = Summary::for_machine(&file.machine.name);
-        let (devices, position, transmission, polarity_setting) = (None, None, None, None);
-        let (is_probe_working, has_axis_fault) = (false, false);
         Self {
             file,
             site,
@@ -108,14 +105,14 @@ impl<'a> Check<'a> {
             operator,
             on_finding,
             stop,
-            devices,
-            position,
-            transmission,
-            polarity_setting,
-            is_probe_working,
-            has_axis_fault,
+            devices: None,
+            position: None,
+            transmission: None,
+            polarity_setting: None,
+            is_probe_working: false,
+            has_axis_fault: false,
             beyond_limits: Vec::new(),
-            summary,
+            summary: Summary::for_machine(&file.machine.name),
         }
     }
 
@@ -182,6 +179,19 @@ impl<'a> Check<'a> {
 
     fn report_failed(&mut self, part: CheckPart, since: Instant, what: impl Into<String>, remedy: impl Into<String>) {
         self.add_finding(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
+    }
+
+    /// Reports a fault after which it would not be safe to continue: an error in every case.
+    fn end_with_fault<T>(
+        &mut self,
+        part: CheckPart,
+        since: Instant,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Result<T, CheckEnd> {
+        self.check_stop()?;
+        self.report_failed(part, since, what, remedy);
+        Err(CheckEnd::Unsafe)
     }
 
     /// Whether `what` was reported as a failure already.

@@ -43,26 +43,23 @@ pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 
 /// Watches the probe input; `None`, with a finding, if it cannot be checked.
 async fn test_probe_input(check: &mut Check<'_>, since: Instant) -> Result<Option<ProbeInputTest>, CheckEnd> {
-    if !is_probe_mounted(check).await? {
-        let is_closed_at_rest = control::read_status(check, since).await?.is_probe_closed;
-        report_untested_probe(check, since, is_closed_at_rest, "the touch probe is not in the spindle");
-        return Ok(None);
-    }
-    let asked = check.prompt_operator(Question::StylusState(StylusState::Free)).await?;
+    let is_mounted = is_probe_mounted(check).await?;
+    let is_free = is_mounted && is_stylus_confirmed(check, StylusState::Free).await?;
     let is_closed_at_rest = control::read_status(check, since).await?.is_probe_closed;
-    if asked != Answer::Yes {
-        report_untested_probe(check, since, is_closed_at_rest, NO_OPERATOR_REASON);
-        return Ok(None);
-    }
-    let pressed = check.prompt_operator(Question::StylusState(StylusState::Deflected)).await?;
-    if pressed != Answer::Yes {
-        report_untested_probe(check, since, is_closed_at_rest, NO_OPERATOR_REASON);
+    if !is_free || !is_stylus_confirmed(check, StylusState::Deflected).await? {
+        let why = if is_mounted { NO_OPERATOR_REASON } else { "the touch probe is not in the spindle" };
+        report_untested_probe(check, since, is_closed_at_rest, why);
         return Ok(None);
     }
     let follows_stylus = wait_for_input(check, since, !is_closed_at_rest).await?;
-    let let_go = check.prompt_operator(Question::StylusState(StylusState::Free)).await?;
-    let returns_to_rest = let_go == Answer::Yes && wait_for_input(check, since, is_closed_at_rest).await?;
+    let is_released = is_stylus_confirmed(check, StylusState::Free).await?;
+    let returns_to_rest = is_released && wait_for_input(check, since, is_closed_at_rest).await?;
     Ok(Some(ProbeInputTest { is_closed_at_rest, follows_stylus, returns_to_rest }))
+}
+
+/// Whether the operator confirms the state of the stylus.
+async fn is_stylus_confirmed(check: &mut Check<'_>, state: StylusState) -> Result<bool, CheckEnd> {
+    Ok(check.prompt_operator(Question::StylusState(state)).await? == Answer::Yes)
 }
 
 /// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.

@@ -74,10 +74,6 @@ async fn retract_step(check: &mut Check<'_>, direction: AxisDirection) -> Result
             Ok(format!("{direction}: moved by {RETRACT_MM} mm; the probe still reads closed"))
         }
         Err(error) if error.is_harmless() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
-        Err(error) => {
-            check.check_stop()?;
-            check.report_failed(CheckPart::Probe, since, format!("{direction}: {error}"), error.remedy());
-            Err(CheckEnd::Unsafe)
-        }
+        Err(error) => check.end_with_fault(CheckPart::Probe, since, format!("{direction}: {error}"), error.remedy()),
     }
 }
