@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::config::{HttpConfig, ServeConfig};
 use super::retention::Retention;
 use crate::setup::MachineFile;
-use crate::setup::machine_file::{Document, MachineFileError, value_problem};
+use crate::setup::machine_file::{Document, MachineFileError};
 
 const SECTION_NAMES: [&str; 3] = ["http", "machine", "retention"];
 
@@ -43,8 +43,7 @@ impl DaemonFile {
                  move [serve.http] of that file to this file as [http]",
                 http.listen
             );
-            let problem = value_problem(&["machine", "file"], why);
-            Err(document.error_at_entry(&["machine"], index, "file", problem))
+            Err(document.entry_value_error(&["machine"], index, "file", why))
         });
         Ok(Self { machines: machines.collect::<Result<_, _>>()?, http, retention })
     }

@@ -41,7 +41,7 @@ impl Devices {
 
     /// Devices with the clock that the control was opened with.
     pub(super) fn with_clock(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
-        let sensors = Sensors::without_sensors(clock.clone());
+        let sensors = Sensors::new(&[], None, clock.clone(), None);
         let thermometers = Thermometers::new(&[], None);
         Self { controller, sensors, thermometers, dialect, clock, world: None, _served: None }
     }
@@ -49,11 +49,7 @@ impl Devices {
     /// Adds the sensors and thermometers of the machine file; simulated ones measure in `world`.
     pub(super) fn with_sensors(self, file: &MachineFile, world: Option<Arc<Mutex<SimulatedWorld>>>) -> Self {
         let thermometers = Thermometers::new(&file.thermometers, world.clone());
-        let sensors = self.sensors.with_entries(&file.sensors, file.encoder);
-        let sensors = match world.clone() {
-            Some(world) => sensors.with_world(world),
-            None => sensors,
-        };
+        let sensors = Sensors::new(&file.sensors, file.encoder, self.clock.clone(), world.clone());
         Self { sensors, thermometers, world, ..self }
     }
 

@@ -4,7 +4,6 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::machine_file::{Encoder, SensorConnection, SensorEntry};
-use super::simulated::WorldView;
 use super::{MachineFile, SetupError, build_world};
 use devices::sensors::{Sensor, SensorError};
 use link::clock::HostClock;
@@ -17,14 +16,11 @@ use simulator::SimulatedWorld;
 /// # Errors
 /// There is no sensor of this name, the simulated world cannot be built, or the sensor cannot be opened.
 pub async fn open_sensor(file: &MachineFile, name: &str) -> Result<MountedSensor, SetupError> {
-    let sensors = Sensors::without_sensors(Arc::new(HostClock::start())).with_entries(&file.sensors, file.encoder);
-    let simulated = |entry: &&SensorEntry| matches!(entry.connection, SensorConnection::Simulated(_));
-    let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
-    let sensors = match named.filter(simulated) {
-        Some(_) => sensors.with_world(Arc::new(Mutex::new(build_world(file)?))),
-        None => sensors,
-    };
-    Ok(sensors.open(name).await?)
+    let mut named = file.sensors.iter().filter(|entry| entry.sensor.name == name);
+    let is_simulated = named.any(|entry| matches!(entry.connection, SensorConnection::Simulated(_)));
+    let world = if is_simulated { Some(Arc::new(Mutex::new(build_world(file)?))) } else { None };
+    let clock = Arc::new(HostClock::start());
+    Ok(Sensors::new(&file.sensors, file.encoder, clock, world).open(name).await?)
 }
 
 /// Sensors of the machine file, and the world that simulated sensors measure.
@@ -40,24 +36,20 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// No sensors.
-    pub(super) fn without_sensors(clock: Arc<dyn Clock>) -> Self {
-        let (entries, ports) = (Vec::new(), SharedPorts::default());
-        Self { entries, encoder: None, clock, world: None, wiring: LinkMode::current(), ports }
-    }
-
-    pub(super) fn with_entries(self, entries: &[SensorEntry], encoder: Option<Encoder>) -> Self {
-        Self { entries: entries.to_vec(), encoder, ..self }
-    }
-
-    /// Sets the simulated world that simulated sensors measure.
-    pub(super) fn with_world(self, world: Arc<Mutex<SimulatedWorld>>) -> Self {
-        Self { world: Some(world), ..self }
+    /// Sensors of these entries; simulated ones measure `world`.
+    pub(super) fn new(
+        entries: &[SensorEntry],
+        encoder: Option<Encoder>,
+        clock: Arc<dyn Clock>,
+        world: Option<Arc<Mutex<SimulatedWorld>>>,
+    ) -> Self {
+        let (wiring, ports) = (LinkMode::current(), SharedPorts::default());
+        Self { entries: entries.to_vec(), encoder, clock, world, wiring, ports }
     }
 
     /// Meaning of the counts in the samples of the sensor `name`; `None`: they contain no counts.
     pub fn encoder_scale(&self, name: &str) -> Option<EncoderScale> {
-        let entry = self.entries.iter().find(|entry| entry.sensor.name == name)?;
+        let entry = self.entry(name)?;
         Some(EncoderScale { encoder: self.encoder?, wrap_count: entry.connection.encoder_round()? })
     }
 
@@ -68,8 +60,7 @@ impl Sensors {
     /// There is no such sensor, or it cannot be opened.
     pub async fn open(&self, name: &str) -> Result<MountedSensor, SensorError> {
         let sensor = self.connect(name).await?;
-        let named = self.entries.iter().find(|entry| entry.sensor.name == name);
-        let in_spindle = named.is_some_and(|entry| entry.sensor.mount.is_spindle());
+        let in_spindle = self.entry(name).is_some_and(|entry| entry.sensor.mount.is_spindle());
         let world = self.world.clone().filter(|_| in_spindle);
         if let Some(world) = &world {
             set_probe_removed(world, true);
@@ -77,16 +68,19 @@ impl Sensors {
         Ok(MountedSensor { sensor, world })
     }
 
+    fn entry(&self, name: &str) -> Option<&SensorEntry> {
+        self.entries.iter().find(|entry| entry.sensor.name == name)
+    }
+
     async fn connect(&self, name: &str) -> Result<Sensor, SensorError> {
-        let named = self.entries.iter().find(|entry| entry.sensor.name == name);
         let SensorEntry { sensor, connection, .. } =
-            named.ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
+            self.entry(name).ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
         let talk = RequestCapture::from_mode(&self.wiring, &format!("sensor {name}"));
         if talk.is_replayed() {
             return Ok(Sensor::from_capture(name, talk));
         }
         let opened = match (connection, &self.world) {
-            (SensorConnection::Simulated(simulated), Some(world)) => simulated.open(sensor, world_view(world)).await,
+            (SensorConnection::Simulated(simulated), Some(world)) => simulated.open(sensor, world).await,
             (SensorConnection::Real(real), _) => real.open(sensor, self.clock.clone(), &self.ports).await,
             (SensorConnection::Simulated(_), None) => Err(SensorError::NoSimulatedMachine { name: name.to_owned() }),
         };
@@ -126,17 +120,4 @@ impl Drop for MountedSensor {
 
 fn set_probe_removed(world: &Mutex<SimulatedWorld>, away: bool) {
     world.lock().unwrap_or_else(PoisonError::into_inner).set_probe_removed(away);
-}
-
-fn world_view(world: &Arc<Mutex<SimulatedWorld>>) -> WorldView {
-    WorldView { world: world.clone(), clock: Arc::new(WorldClock(world.clone())) }
-}
-
-/// Clock of simulated time.
-struct WorldClock(Arc<Mutex<SimulatedWorld>>);
-
-impl Clock for WorldClock {
-    fn now_s(&self) -> f64 {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).time_s()
-    }
 }

@@ -32,7 +32,7 @@ fn column(name: &str, path: &str, column: usize) -> SensorEntry {
 }
 
 fn sensors(entries: &[SensorEntry]) -> Sensors {
-    Sensors::without_sensors(Arc::new(HostClock::start())).with_entries(entries, None)
+    Sensors::new(entries, None, Arc::new(HostClock::start()), None)
 }
 
 fn values(samples: &[Sample]) -> Vec<f64> {

@@ -5,8 +5,8 @@ mod topology;
 
 use std::sync::Arc;
 
-use minijinja::Environment;
 use minijinja::value::Value;
+use minijinja::{Environment, context};
 
 use super::{SetupError, controls, render_modes};
 use devices::controllers::{
@@ -14,7 +14,7 @@ use devices::controllers::{
 };
 use link::clock::HostClock;
 use machine::Axis;
-use machine::record::machine::{AxisSense, Machine};
+use machine::record::machine::Machine;
 use planning::gcode::Dialect;
 
 const DRAFT_TEMPLATE: &str = include_str!("machine.toml.j2");
@@ -67,10 +67,7 @@ impl MachineFileDraft {
     /// A topology with an axis that the control does not drive.
     pub fn render(&self, info: &DeviceInfo) -> Result<String, SetupError> {
         let driven: Vec<Axis> = info.axes.keys().copied().collect();
-        let topology = match &self.topology {
-            Some(topology) => topology.clone(),
-            None => topology::default_topology(&driven),
-        };
+        let topology = self.topology.clone().unwrap_or_else(|| topology::default_topology(&driven));
         let axes = topology::moving_axes(&topology);
         if let Some(missing) = axes.iter().find(|axis| !driven.contains(axis)) {
             let why = format!(
@@ -82,38 +79,27 @@ impl MachineFileDraft {
         let reported = |axis: &Axis| axis_values(*axis, info.axes.get(axis).copied().unwrap_or_default());
         let axes: Vec<Value> = axes.iter().map(reported).collect();
         let remarks = info.findings.iter().map(|remark| {
-            Value::from_pairs([
-                ("hinders", Value::from(remark.is_blocking)),
-                ("what", Value::from(one_line(&remark.description))),
-                ("remedy", Value::from(one_line(&remark.remedy))),
-            ])
+            context! {
+                hinders => remark.is_blocking,
+                what => one_line(&remark.description),
+                remedy => one_line(&remark.remedy),
+            }
         });
-        let name = self.name.clone().unwrap_or_else(|| "my five-axis machine".to_owned());
-        let names = Value::from_pairs([
-            ("version", Value::from(env!("CARGO_PKG_VERSION"))),
-            ("identity", Value::from(one_line(&info.identity))),
-            ("remarks", remarks.collect()),
-            ("name", Value::from(toml_string(&name))),
-            ("in_words", Value::from(topology::describe_topology(&topology))),
-            ("topology", Value::from(toml_string(&topology))),
-            ("axes", Value::from(axes)),
-            ("controller", self.controller.iter().map(key_and_value).collect()),
-        ]);
-        let mut text = render_template(names)?;
-        text.push('\n');
-        Ok(text)
+        let names = context! {
+            version => env!("CARGO_PKG_VERSION"),
+            identity => one_line(&info.identity),
+            remarks => remarks.collect::<Vec<_>>(),
+            name => toml_string(self.name.as_deref().unwrap_or("my five-axis machine")),
+            in_words => topology::describe_topology(&topology),
+            topology => toml_string(&topology),
+            axes,
+            controller => self.controller.iter().map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>(),
+        };
+        let mut environment = Environment::new();
+        environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
+        let rendered = environment.render_str(DRAFT_TEMPLATE, names);
+        rendered.map(|text| text + "\n").map_err(|error| SetupError::Draft { why: error.to_string() })
     }
-}
-
-fn render_template(names: Value) -> Result<String, SetupError> {
-    let mut environment = Environment::new();
-    environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
-    let rendered = environment.render_str(DRAFT_TEMPLATE, names);
-    rendered.map_err(|error| SetupError::Draft { why: error.to_string() })
-}
-
-fn key_and_value((key, value): (&String, &toml::Value)) -> Value {
-    Value::from(format!("{key} = {value}"))
 }
 
 fn toml_string(text: &str) -> String {
@@ -138,30 +124,23 @@ fn axis_values(axis: Axis, reported: ReportedAxis) -> Value {
     let (min, max) = ends.unwrap_or((-half, half));
     // Steps are decimal fractions of a millimetre.
     let resolution = reported.resolution.map(|step| (step * 1e6).round() / 1e3);
-    Value::from_pairs([
-        ("letter", Value::from(axis.letter())),
-        ("turns", Value::from(turns)),
-        ("positive_said", Value::from(reported.positive_sense.is_some())),
-        ("positive", Value::from(sense_key(reported.positive_sense.unwrap_or_default()))),
-        ("unit", Value::from(if turns { "degrees" } else { "mm" })),
-        ("unhomed", Value::from(turns && reported.has_homing == Some(false))),
-        ("homing_unknown", Value::from(turns && reported.has_homing.is_none())),
-        ("ends", Value::from(ends.is_some())),
-        ("travel", Value::from(reported.travel)),
-        ("min", Value::from(min)),
-        ("max", Value::from(max)),
-        ("rapid", Value::from(reported.rapid_per_min.unwrap_or(1_000.0))),
-        ("rapid_said", Value::from(reported.rapid_per_min.is_some())),
-        ("acceleration", Value::from(reported.acceleration_per_s2.unwrap_or(100.0))),
-        ("acceleration_said", Value::from(reported.acceleration_per_s2.is_some())),
-        ("resolution", Value::from(resolution)),
-    ])
-}
-
-fn sense_key(sense: AxisSense) -> &'static str {
-    match sense {
-        AxisSense::Iso => "iso",
-        AxisSense::Reversed => "reversed",
+    context! {
+        letter => axis.letter(),
+        turns,
+        positive_said => reported.positive_sense.is_some(),
+        positive => format!("{:?}", reported.positive_sense.unwrap_or_default()).to_lowercase(),
+        unit => if turns { "degrees" } else { "mm" },
+        unhomed => turns && reported.has_homing == Some(false),
+        homing_unknown => turns && reported.has_homing.is_none(),
+        ends => ends.is_some(),
+        travel => reported.travel,
+        min,
+        max,
+        rapid => reported.rapid_per_min.unwrap_or(1_000.0),
+        rapid_said => reported.rapid_per_min.is_some(),
+        acceleration => reported.acceleration_per_s2.unwrap_or(100.0),
+        acceleration_said => reported.acceleration_per_s2.is_some(),
+        resolution,
     }
 }
 

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::balls_csv::{self, Columns, CommonBallData, column_of_key};
-use super::document::{Document, value_problem};
+use super::document::Document;
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use machine::artefact::{self, ArtefactEntry, ArtefactFault};
 use machine::record::artefact::{Artefact, Balls};
@@ -51,29 +51,23 @@ pub fn read_artefact(document: &Document, source: ArtefactSource<'_>) -> Result<
         "datum_cylinder" => read_fields(document, &["kind"]).map(Artefact::DatumCylinder),
         "none" => read_fields(document, &["kind"]).map(|NoKeys {}| Artefact::None),
         _ => {
-            let key = ["artefact", "kind"];
             let why = format!("is `{kind}`; known: cylinder, balls, datum_cylinder, none");
-            Err(document.error_at(&key, value_problem(&key, why)))
+            Err(document.value_error(&["artefact", "kind"], why))
         }
     }
 }
 
 /// Reads the table without the keys in `less`, which were read before.
 fn read_fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, MachineFileError> {
-    let read = document.read_section(&["artefact"], |value| {
+    document.read_required_section(&["artefact"], |value| {
         T::deserialize(less.iter().fold(value, |value, key| value.without_key(key)))
-    })?;
-    let missing = || MachineFileProblem::MissingSection { section: "artefact".to_owned() };
-    read.ok_or_else(|| document.error_at(&["artefact"], missing()))
+    })
 }
 
 fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
     let mut balls: Balls =
         read_fields(document, &[&["kind", "file"], &PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat())?;
-    let wrong = |key: &str, why: &str| {
-        let path = ["artefact", key];
-        document.error_at(&path, value_problem(&path, why.to_owned()))
-    };
+    let wrong = |key: &str, why: &str| document.value_error(&["artefact", key], why);
     let file: Option<String> = read_key(document, "file")?;
     let table = match file {
         Some(_) if !balls.balls.is_empty() => {
@@ -101,9 +95,8 @@ fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, 
         balls.balls = table.balls.iter().map(|(ball, _)| ball.clone()).collect();
     }
     if balls.balls.is_empty() {
-        let why = "contains no ball: add [[artefact.balls]], or file = \"NAME.csv\"".to_owned();
-        let problem = MachineFileProblem::Section { section: "artefact".to_owned(), why };
-        return Err(document.error_at(&["artefact"], problem));
+        let why = "contains no ball: add [[artefact.balls]], or file = \"NAME.csv\"";
+        return Err(document.value_error(&["artefact"], why));
     }
     if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MAX_CERTIFIED_U_MM)) {
         return Err(wrong(
@@ -159,13 +152,10 @@ struct BallTable {
 impl BallTable {
     fn read_artefact(path: &Path, common: &CommonBallData) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
-        match std::fs::read_to_string(path) {
-            Ok(text) => {
-                let (columns, balls) = balls_csv::read_ball_table(&file, &text, common)?;
-                Ok(Self { file, columns, balls })
-            }
-            Err(source) => Err(MachineFileError::ReadBalls { file, source }),
-        }
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| MachineFileError::ReadBalls { file: file.clone(), source })?;
+        let (columns, balls) = balls_csv::read_ball_table(&file, &text, common)?;
+        Ok(Self { file, columns, balls })
     }
 }
 
@@ -175,7 +165,7 @@ fn artefact_error(document: &Document, table: Option<&BallTable>, flaw: Artefact
     let (name, index) = match (of, table) {
         // The machine file contains the properties that all balls share.
         (ArtefactEntry::Ball(_), Some(table)) if CommonBallData::KEYS.contains(&key) && !table.columns.has_key(key) => {
-            return document.error_at(&["artefact", key], value_problem(&["artefact", key], why));
+            return document.value_error(&["artefact", key], why);
         }
         (ArtefactEntry::Ball(index), Some(table)) => {
             let line = table.balls.get(index).map(|(_, line)| *line);
@@ -186,6 +176,5 @@ fn artefact_error(document: &Document, table: Option<&BallTable>, flaw: Artefact
         (ArtefactEntry::Ball(index), None) => ("balls", index),
         (ArtefactEntry::Length(index), _) => ("lengths", index),
     };
-    let problem = MachineFileProblem::Value { section: format!("artefact.{name}"), key: key.to_owned(), why };
-    document.error_at_entry(&["artefact", name], index, key, problem)
+    document.entry_value_error(&["artefact", name], index, key, why)
 }

@@ -1,8 +1,8 @@
 //! Semantic checks of a machine file. Finite numbers are checked by the reader ([`super::value`]), the topology
 //! by `kinematics`.
 
-use super::document::{Document, value_problem};
-use super::error::{MachineFileError, MachineFileProblem};
+use super::document::Document;
+use super::error::MachineFileError;
 use machine::Axis;
 use machine::record::artefact::{Artefact, Cylinder, DatumCylinder};
 use machine::record::machine::{AxisSpec, Carrier, Homing, Keepout, Machine, Probe, Solid};
@@ -10,40 +10,38 @@ use machine::record::machine::{AxisSpec, Carrier, Homing, Keepout, Machine, Prob
 type CheckResult = Result<(), MachineFileError>;
 
 pub fn check_machine(document: &Document, machine: &Machine) -> CheckResult {
-    let check = SectionCheck(document);
-    check.require(!machine.name.trim().is_empty(), &["machine", "name"], "must not be empty")?;
-    check.require_not_negative(&["machine", "drift_um_per_h"], machine.drift_um_per_h)?;
-    check.require_not_negative(&["machine", "squareness_urad"], machine.squareness_urad)?;
+    document.require(!machine.name.trim().is_empty(), &["machine", "name"], "must not be empty")?;
+    document.require_not_negative(&["machine", "drift_um_per_h"], machine.drift_um_per_h)?;
+    document.require_not_negative(&["machine", "squareness_urad"], machine.squareness_urad)?;
     for (axis, spec) in &machine.axes {
-        check.check_axis(*axis, spec)?;
+        document.check_axis(*axis, spec)?;
     }
-    check.check_axes_of_topology(machine)
+    document.check_axes_of_topology(machine)
 }
 
 pub fn check_probe(document: &Document, probe: &Probe) -> CheckResult {
-    let check = SectionCheck(document);
-    check.require_positive(&["probe", "ball_radius_mm"], probe.ball_radius_mm)?;
+    document.require_positive(&["probe", "ball_radius_mm"], probe.ball_radius_mm)?;
     // Zero would be an infinite weight; an unknown value is stated by leaving the key out.
-    check.require_positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
-    check.require_not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
-    check.require_harmonic_orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
-    check.require_not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
-    check.require_positive(&["probe", "qualified_within_days"], probe.qualified_within_days.unwrap_or(1.0))?;
-    check.require_positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
-    check.require_positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
-    check.require_positive(&["probe", "guarded_feed_mm_min"], probe.guarded_feed_mm_min)?;
-    check.require_positive(&["probe", "search_feed_mm_min"], probe.search_feed_mm_min)?;
-    check.require_wait_time(&["probe", "settle_s"], probe.settle_s)?;
-    check.require_not_negative(&["probe", "stem_radius_mm"], probe.stem_radius_mm)?;
-    check.require_not_negative(&["probe", "stem_length_mm"], probe.stem_length_mm)?;
-    check.require_not_negative(&["probe", "body_radius_mm"], probe.body_radius_mm)?;
-    check.require_not_negative(&["probe", "body_length_mm"], probe.body_length_mm)?;
-    check.require(
+    document.require_positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
+    document.require_not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
+    document.require_harmonic_orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
+    document.require_not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
+    document.require_positive(&["probe", "qualified_within_days"], probe.qualified_within_days.unwrap_or(1.0))?;
+    document.require_positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
+    document.require_positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
+    document.require_positive(&["probe", "guarded_feed_mm_min"], probe.guarded_feed_mm_min)?;
+    document.require_positive(&["probe", "search_feed_mm_min"], probe.search_feed_mm_min)?;
+    document.require_wait_time(&["probe", "settle_s"], probe.settle_s)?;
+    document.require_not_negative(&["probe", "stem_radius_mm"], probe.stem_radius_mm)?;
+    document.require_not_negative(&["probe", "stem_length_mm"], probe.stem_length_mm)?;
+    document.require_not_negative(&["probe", "body_radius_mm"], probe.body_radius_mm)?;
+    document.require_not_negative(&["probe", "body_length_mm"], probe.body_length_mm)?;
+    document.require(
         probe.stem_radius_mm < probe.ball_radius_mm,
         &["probe", "stem_radius_mm"],
         "must be less than ball_radius_mm, so that the ball touches before the stem",
     )?;
-    check.require(
+    document.require(
         probe.body_length_mm == 0.0 || probe.stem_length_mm > 0.0,
         &["probe", "body_length_mm"],
         "requires stem_length_mm, the distance from the ball to the body",
@@ -51,28 +49,28 @@ pub fn check_probe(document: &Document, probe: &Probe) -> CheckResult {
 }
 
 pub fn check_artefact(document: &Document, artefact: &Artefact) -> CheckResult {
-    let check = SectionCheck(document);
-    let has_direction =
-        |axis: &[f64; 3]| check.require(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]");
+    let has_direction = |axis: &[f64; 3]| {
+        document.require(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]")
+    };
     match artefact {
         Artefact::Cylinder(Cylinder { axis, radius_mm, height_mm, uncertainty_mm, .. }) => {
             has_direction(axis)?;
-            check.require_positive(&["artefact", "radius_mm"], *radius_mm)?;
-            check.require_positive(&["artefact", "height_mm"], *height_mm)?;
-            check.require_not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
+            document.require_positive(&["artefact", "radius_mm"], *radius_mm)?;
+            document.require_positive(&["artefact", "height_mm"], *height_mm)?;
+            document.require_not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
         }
         Artefact::DatumCylinder(DatumCylinder { axis, sections, face, uncertainty_mm, .. }) => {
             has_direction(axis)?;
-            check.require(!sections.is_empty(), &["artefact", "sections"], "must not be empty")?;
+            document.require(!sections.is_empty(), &["artefact", "sections"], "must not be empty")?;
             for section in sections.iter().chain(face) {
-                check.require_positive(&["artefact", "radius_mm"], section.radius_mm)?;
-                check.require_positive(&["artefact", "z_mm"], section.z_mm)?;
+                document.require_positive(&["artefact", "radius_mm"], section.radius_mm)?;
+                document.require_positive(&["artefact", "z_mm"], section.z_mm)?;
             }
             let heights = || sections.iter().chain(face).map(|section| section.z_mm);
             let rises = heights().zip(heights().skip(1)).all(|(low, high)| low < high);
             let why = "must be in rising order, with the face above all heights";
-            check.require(rises, &["artefact", "sections"], why)?;
-            check.require_not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
+            document.require(rises, &["artefact", "sections"], why)?;
+            document.require_not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
         }
         Artefact::Balls(_) | Artefact::None => Ok(()),
     }
@@ -82,8 +80,7 @@ pub fn check_keepouts(document: &Document, boxes: &[Keepout]) -> CheckResult {
     for keepout in boxes {
         if keepout.min_mm.iter().zip(&keepout.max_mm).any(|(min, max)| min >= max) {
             let why = format!("the box `{}` is not valid: each min_mm must be below its max_mm", keepout.name);
-            let problem = MachineFileProblem::Section { section: "keepout".to_owned(), why };
-            return Err(document.error_at(&["keepout"], problem));
+            return Err(document.value_error(&["keepout"], why));
         }
     }
     Ok(())
@@ -98,9 +95,7 @@ pub fn check_unique_names<'n>(
     for (index, name) in names.clone().enumerate() {
         if names.clone().take(index).any(|earlier| earlier == name) {
             let why = format!("the name `{name}` occurs twice: use different names");
-            let (of, key) = (section.to_owned(), "name".to_owned());
-            let problem = MachineFileProblem::Value { section: of, key, why };
-            return Err(document.error_at_entry(&[section], index, "name", problem));
+            return Err(document.entry_value_error(&[section], index, "name", why));
         }
     }
     Ok(())
@@ -111,8 +106,7 @@ pub fn check_solids(document: &Document, solids: &[Solid], machine: &Machine) ->
     for (index, solid) in solids.iter().enumerate() {
         let name = solid.name.as_str();
         let require = |holds: bool, key: &str, why: String| {
-            let problem = MachineFileProblem::Value { section: "solid".to_owned(), key: key.to_owned(), why };
-            if holds { Ok(()) } else { Err(document.error_at_entry(&["solid"], index, key, problem)) }
+            if holds { Ok(()) } else { Err(document.entry_value_error(&["solid"], index, key, why)) }
         };
         require(!name.trim().is_empty(), "name", "must not be empty".to_owned())?;
         let is_unique = solids.iter().filter(|other| other.name == name).count() == 1;
@@ -138,14 +132,9 @@ pub fn check_solids(document: &Document, solids: &[Solid], machine: &Machine) ->
     Ok(())
 }
 
-struct SectionCheck<'d>(&'d Document);
-
-impl SectionCheck<'_> {
+impl Document {
     fn require(&self, holds: bool, key: &[&str], why: &str) -> CheckResult {
-        if holds {
-            return Ok(());
-        }
-        Err(self.0.error_at(key, value_problem(key, why.to_owned())))
+        if holds { Ok(()) } else { Err(self.value_error(key, why)) }
     }
 
     fn require_positive(&self, key: &[&str], value: f64) -> CheckResult {

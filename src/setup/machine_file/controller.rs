@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::document::{Document, value_problem};
-use super::error::{MachineFileError, MachineFileProblem};
+use super::document::Document;
+use super::error::MachineFileError;
 use super::value::LocatedValue;
 use devices::controllers;
 
@@ -48,15 +48,12 @@ struct CommonKeys {
     compensations_active: Vec<String>,
 }
 
-const CONTROLLER_SECTION: [&str; 1] = ["controller"];
-
 pub fn read_controller(document: &Document) -> Result<ControllerConfig, MachineFileError> {
-    let CommonKeys { kind, compensations_active } = document.read_required(&CONTROLLER_SECTION)?;
+    let CommonKeys { kind, compensations_active } = document.read_required(&["controller"])?;
     let known = [vec![SIMULATED_KIND], controls::control_kinds()].concat();
     if !known.contains(&kind.as_str()) {
-        let key = ["controller", "kind"];
         let why = format!("is `{kind}`; known: {}", known.join(", "));
-        return Err(document.error_at(&key, value_problem(&key, why)));
+        return Err(document.value_error(&["controller", "kind"], why));
     }
     let own = |keys: LocatedValue<'_>| {
         let keys = keys.without_key("kind").without_key("compensations_active");
@@ -65,8 +62,6 @@ pub fn read_controller(document: &Document) -> Result<ControllerConfig, MachineF
             real => controls::configure_control(real, keys).map(Control::Real),
         }
     };
-    let missing = || MachineFileProblem::MissingSection { section: CONTROLLER_SECTION.join(".") };
-    let control = document.read_section(&CONTROLLER_SECTION, own)?;
-    let control = control.ok_or_else(|| document.error_at(&CONTROLLER_SECTION, missing()))?;
+    let control = document.read_required_section(&["controller"], own)?;
     Ok(ControllerConfig { control, compensations_active })
 }

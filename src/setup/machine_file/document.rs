@@ -99,8 +99,22 @@ impl Document {
 
     /// Reads a required section.
     pub fn read_required<'t, T: Deserialize<'t>>(&'t self, path: &[&str]) -> Result<T, MachineFileError> {
-        self.read_section(path, T::deserialize)?
+        self.read_required_section(path, T::deserialize)
+    }
+
+    /// As [`Self::read_section`], for a required section.
+    pub fn read_required_section<'t, R>(
+        &'t self,
+        path: &[&str],
+        read: impl FnOnce(LocatedValue<'t>) -> Result<R, ValueFault>,
+    ) -> Result<R, MachineFileError> {
+        self.read_section(path, read)?
             .ok_or_else(|| self.error(None, MachineFileProblem::MissingSection { section: path.join(".") }))
+    }
+
+    /// Reads an optional list `[[name]]`.
+    pub fn read_list<'t, T: Deserialize<'t>>(&'t self, name: &str) -> Result<Vec<T>, MachineFileError> {
+        Ok(self.read_section(&[name], Deserialize::deserialize)?.unwrap_or_default())
     }
 
     /// Error at the key `path`, or at its nearest parent in the file.
@@ -110,6 +124,28 @@ impl Document {
             find_value(root, &path[..depth]).map(|(offset, _)| offset)
         });
         self.error(offset, problem)
+    }
+
+    /// Error for the value at the key `path`.
+    pub fn value_error(&self, path: &[&str], why: impl Into<String>) -> MachineFileError {
+        self.error_at(path, value_problem(path, why.into()))
+    }
+
+    /// Error for the value at `key` of entry `index` of the list `[[path]]`.
+    pub fn entry_value_error(
+        &self,
+        path: &[&str],
+        index: usize,
+        key: &str,
+        why: impl Into<String>,
+    ) -> MachineFileError {
+        let problem = value_problem(&[path, &[key]].concat(), why.into());
+        self.error_at_entry(path, index, key, problem)
+    }
+
+    /// Error for entry `index` of the list `[[name]]`.
+    pub fn entry_error(&self, name: &str, index: usize, why: impl Into<String>) -> MachineFileError {
+        self.error_at_entry(&[name], index, "name", value_problem(&[name], why.into()))
     }
 
     /// Error at `key` of entry `index` of the list `[[path]]`, or at the head of the entry if the key is
@@ -166,7 +202,7 @@ impl Document {
 }
 
 /// The problem for the last key of `keys`, or for the whole section if there is only one key.
-pub fn value_problem(keys: &[&str], why: String) -> MachineFileProblem {
+fn value_problem(keys: &[&str], why: String) -> MachineFileProblem {
     match keys {
         [section @ .., key] if !section.is_empty() => {
             MachineFileProblem::Value { section: section.join("."), key: (*key).to_owned(), why }

@@ -2,8 +2,8 @@
 
 use serde::Deserialize;
 
-use super::document::{Document, value_problem};
-use super::error::{MachineFileError, MachineFileProblem};
+use super::document::Document;
+use super::error::MachineFileError;
 use super::sensor::SensorEntry;
 use machine::Axis;
 use machine::record::machine::Machine;
@@ -35,27 +35,23 @@ pub fn read_encoder(
             None => Ok(None),
             Some(index) => {
                 let why = "has `encoder_count`: add the section [encoder] with `axis` and `counts_per_turn`";
-                let problem = MachineFileProblem::Section { section: "sensor".to_owned(), why: why.to_owned() };
-                Err(document.error_at_entry(&["sensor"], index, "name", problem))
+                Err(document.entry_error("sensor", index, why))
             }
         };
     };
-    let refused = |key: &str, why: String| {
-        let path = ["encoder", key];
-        Err(document.error_at(&path, value_problem(&path, why)))
-    };
+    let refused = |key: &str, why: &str| Err(document.value_error(&["encoder", key], why));
     if axis.is_linear() || axis == Axis::S || !machine.axes.contains_key(&axis) {
-        return refused("axis", format!("is {axis}; it must be a rotary axis of this machine"));
+        return refused("axis", &format!("is {axis}; it must be a rotary axis of this machine"));
     }
     if counts_per_turn == 0 {
         let why = "is 0; write the counts per revolution, negative if the encoder counts down in the \
             positive direction of the axis";
-        return refused("counts_per_turn", why.to_owned());
+        return refused("counts_per_turn", why);
     }
     if counting.is_none() {
         let why = "is present, but no sensor has `encoder_count`: add `encoder_count`, the position of the \
             count in the samples";
-        return refused("axis", why.to_owned());
+        return refused("axis", why);
     }
     Ok(encoder)
 }

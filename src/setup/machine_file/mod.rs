@@ -41,7 +41,7 @@ use super::built_in::{BuiltInFile, built_in_file};
 use super::simulated::{SimulatedControl, SimulatedFaults};
 use artefact::ArtefactSource;
 pub use controller::{Control, ControllerConfig};
-pub use document::{Document, value_problem};
+pub use document::Document;
 pub use encoder::Encoder;
 pub use error::{MachineFileError, MachineFileProblem};
 use prompt::Prompt;
@@ -116,17 +116,15 @@ impl MachineFile {
         let mut probe = document.read_required(&["probe"])?;
         check::check_probe(&document, &probe)?;
         let mut assumed = assumed::fill_defaults(&document, &mut machine, &mut probe)?;
-        let sensors: Vec<SensorEntry> =
-            document.read_section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
+        let sensors: Vec<SensorEntry> = document.read_list("sensor")?;
         check::check_unique_names(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
         sensor::check_ports(&document, &sensors)?;
         let encoder = encoder::read_encoder(&document, &machine, &sensors)?;
-        let thermometers: Vec<thermometer::ThermometerConfig> =
-            document.read_section(&["thermometer"], Deserialize::deserialize)?.unwrap_or_default();
+        let thermometers: Vec<thermometer::ThermometerConfig> = document.read_list("thermometer")?;
         check::check_unique_names(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
-        let keepout: Vec<Keepout> = document.read_section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
+        let keepout: Vec<Keepout> = document.read_list("keepout")?;
         check::check_keepouts(&document, &keepout)?;
-        let solids: Vec<Solid> = document.read_section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
+        let solids: Vec<Solid> = document.read_list("solid")?;
         check::check_solids(&document, &solids, &machine)?;
         let mut artefact = artefact::read_artefact(&document, source)?;
         check::check_artefact(&document, &artefact)?;
@@ -177,7 +175,7 @@ impl MachineFile {
     /// `[[simulated.fault]]` in the keys of the simulated control; no faults if the file has none.
     pub fn simulated_faults(&self, control: &SimulatedControl) -> Result<SimulatedFaults, MachineFileError> {
         let faults = self.document.read_section(&["simulated", "fault"], |list| control.faults(list))?;
-        Ok(faults.unwrap_or_else(|| control.no_faults()))
+        Ok(faults.unwrap_or_default())
     }
 
     /// `[method.NAME]`, passed to the method's own reader as a serde deserializer; an empty table if the file

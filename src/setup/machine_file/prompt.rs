@@ -6,7 +6,7 @@ use machine::record::sensor::{Sensor, SensorMount};
 use serde::Deserialize;
 
 use super::document::Document;
-use super::error::{MachineFileError, MachineFileProblem};
+use super::error::MachineFileError;
 
 /// Maximum length of a prompt, characters: longer texts are not read at a machine.
 const MAX_PROMPT_CHARS: usize = 200;
@@ -16,7 +16,6 @@ const MAX_PROMPT_CHARS: usize = 200;
 pub struct Prompt {
     pub text: String,
     /// Names of methods; `None`: all methods.
-    #[serde(default)]
     pub methods: Option<Vec<String>>,
 }
 
@@ -28,7 +27,7 @@ impl Prompt {
 
 /// Prompts of the machine file, then one for the zero of each axis without a homing switch.
 pub fn read_prompts(document: &Document, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
-    let prompts: Vec<Prompt> = document.read_section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
+    let prompts: Vec<Prompt> = document.read_list("prompt")?;
     for (index, Prompt { text, .. }) in prompts.iter().enumerate() {
         let why = match text.chars().count() {
             _ if text.trim().is_empty() => "must not be empty: write the instruction for the operator".to_owned(),
@@ -38,7 +37,7 @@ pub fn read_prompts(document: &Document, machine: &Machine) -> Result<Vec<Prompt
             }
             _ => continue,
         };
-        return Err(prompt_error(document, index, "text", why));
+        return Err(document.entry_value_error(&["prompt"], index, "text", why));
     }
     let unhomed = machine.axes.iter().filter(|(_, spec)| spec.homing == Homing::None);
     Ok(prompts.into_iter().chain(unhomed.map(|(axis, _)| zero_mark_prompt(*axis))).collect())
@@ -82,13 +81,8 @@ pub fn check_methods(document: &Document, prompts: &[Prompt], known: &[&str]) ->
         let names = prompt.methods.iter().flatten();
         if let Some(name) = names.into_iter().find(|name| !known.contains(&name.as_str())) {
             let why = format!("contains the unknown method `{name}`; known are {}", known.join(", "));
-            return Err(prompt_error(document, index, "methods", why));
+            return Err(document.entry_value_error(&["prompt"], index, "methods", why));
         }
     }
     Ok(())
-}
-
-fn prompt_error(document: &Document, index: usize, key: &str, why: String) -> MachineFileError {
-    let problem = MachineFileProblem::Value { section: "prompt".to_owned(), key: key.to_owned(), why };
-    document.error_at_entry(&["prompt"], index, key, problem)
 }

@@ -8,7 +8,7 @@ use devices::sensors::{SensorConfig, SharedPort, can, modbus, serial};
 use machine::record::sensor::{self, SensorKind, SensorMount};
 
 use super::document::Document;
-use super::error::{MachineFileError, MachineFileProblem};
+use super::error::MachineFileError;
 use crate::setup::simulated::SimulatedSensor;
 
 /// A sensor as `[[sensor]]` states it.
@@ -62,8 +62,7 @@ pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), M
             earlier.filter_map(|(entry, port)| own.as_ref()?.conflict(&entry.sensor.name, port.as_ref()?));
         if let (Some(why), Some(entry)) = (conflicts.next(), sensors.get(index)) {
             let why = format!("`{}` {why}", entry.sensor.name);
-            let problem = MachineFileProblem::Section { section: "sensor".to_owned(), why };
-            return Err(document.error_at_entry(&["sensor"], index, "name", problem));
+            return Err(document.entry_error("sensor", index, why));
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::document::{Document, value_problem};
+use super::document::Document;
 use super::error::MachineFileError;
 use machine::record::estimate::{ParameterLimit, Unit};
 
@@ -16,12 +16,7 @@ pub fn read_tolerances(document: &Document) -> Result<Vec<ParameterLimit>, Machi
     }
     let raw: BTreeMap<String, f64> = document.read_required(&["tolerance"])?;
     raw.iter()
-        .map(|(key, &limit)| {
-            parse_limit(key, limit).map_err(|why| {
-                let path = ["tolerance", key.as_str()];
-                document.error_at(&path, value_problem(&path, why))
-            })
-        })
+        .map(|(key, &limit)| parse_limit(key, limit).map_err(|why| document.value_error(&["tolerance", key], why)))
         .collect()
 }
 

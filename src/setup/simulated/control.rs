@@ -9,18 +9,18 @@ use std::time::Duration;
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
-use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 
 use devices::controllers::{Controller, ControllerConfig as _, ControllerError, grbl, modbus};
 use link::clock::HostClock;
-use link::{HostPort, Link, LinkError};
+use link::{Link, LinkError};
 use machine::record::machine::Machine;
 use planning::proof::ProvenModes;
 use simulator::SimulatedWorld;
 use simulator::controls;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 use simulator::interpreter::Pace;
+use simulator::sensors::listen_locally;
 
 /// `[controller]` of kind `simulated`.
 #[derive(Debug, Clone, Deserialize)]
@@ -72,14 +72,11 @@ enum Wire {
     Tcp,
 }
 
-/// Faults of a simulated control, in its own terms.
-#[derive(Debug, Clone)]
-pub struct SimulatedFaults(FaultList);
-
-#[derive(Debug, Clone)]
-enum FaultList {
-    Grbl(Vec<controls::grbl::Fault>),
-    Modbus(Vec<controls::modbus::Fault>),
+/// Faults of a simulated control; only the list of its own protocol is filled.
+#[derive(Debug, Clone, Default)]
+pub struct SimulatedFaults {
+    grbl: Vec<controls::grbl::Fault>,
+    modbus: Vec<controls::modbus::Fault>,
 }
 
 /// The simulated machine of the control.
@@ -193,30 +190,16 @@ impl SimulatedControl {
     /// # Errors
     /// The entries cannot be deserialized.
     pub fn faults<'de, D: Deserializer<'de>>(&self, list: D) -> Result<SimulatedFaults, D::Error> {
-        Ok(SimulatedFaults(match self.protocol {
-            Protocol::Grbl => FaultList::Grbl(Deserialize::deserialize(list)?),
-            Protocol::Modbus | Protocol::ModbusProgram => {
-                let faults: Vec<controls::modbus::Fault> = Deserialize::deserialize(list)?;
-                let lines = self.protocol == Protocol::Modbus;
-                if let Some(fault) = faults.iter().find(|fault| lines && fault.kind.is_program_only()) {
-                    let kind = fault.kind;
-                    let why = format!(
-                        "the fault {kind:?} is available for a resident program \
-                        (`modbus-program`) only"
-                    );
-                    return Err(D::Error::custom(why));
-                }
-                FaultList::Modbus(faults)
-            }
-        }))
-    }
-
-    /// An empty list of faults.
-    pub fn no_faults(&self) -> SimulatedFaults {
-        SimulatedFaults(match self.protocol {
-            Protocol::Grbl => FaultList::Grbl(Vec::new()),
-            Protocol::Modbus | Protocol::ModbusProgram => FaultList::Modbus(Vec::new()),
-        })
+        if self.protocol == Protocol::Grbl {
+            return Ok(SimulatedFaults { grbl: Deserialize::deserialize(list)?, ..SimulatedFaults::default() });
+        }
+        let modbus: Vec<controls::modbus::Fault> = Deserialize::deserialize(list)?;
+        let executes_lines = self.protocol == Protocol::Modbus;
+        if let Some(fault) = modbus.iter().find(|fault| executes_lines && fault.kind.is_program_only()) {
+            let why = format!("the fault {:?} is available for a resident program (`modbus-program`) only", fault.kind);
+            return Err(D::Error::custom(why));
+        }
+        Ok(SimulatedFaults { modbus, ..SimulatedFaults::default() })
     }
 
     /// Starts the control and opens its driver. Call inside a tokio runtime. The served control outlives the
@@ -230,9 +213,9 @@ impl SimulatedControl {
         modes: ProvenModes,
     ) -> Result<(Controller, Option<SimulatedControlServer>), ControllerError> {
         let machine = setup.machine;
-        if let (Wire::Memory, FaultList::Grbl(faults)) = (self.wire, &setup.faults.0) {
+        if (self.wire, self.protocol) == (Wire::Memory, Protocol::Grbl) {
             let (near, far) = tokio::io::duplex(WIRE_BYTES);
-            let mut firmware = self.grbl_firmware(&setup, faults);
+            let mut firmware = self.grbl_firmware(setup);
             tokio::spawn(async move { drop(firmware.serve(far).await) });
             let link = Link::from_stream("the simulated machine", near);
             let (driver, halt) = grbl::Grbl::new(link, machine, modes);
@@ -260,31 +243,19 @@ impl SimulatedControl {
     /// # Errors
     /// The wire cannot be opened.
     pub fn serve(&self, setup: SimulationSetup<'_>) -> Result<SimulatedControlServer, ControllerError> {
-        let protocol = self.protocol;
-        match &setup.faults.0 {
-            FaultList::Grbl(faults) => {
-                let mut firmware = self.grbl_firmware(&setup, faults);
-                self.serve_on_pty(|pty| {
-                    tokio::spawn(async move {
-                        let _client_side = pty.client_side;
-                        drop(firmware.serve(pty.device).await);
-                    })
-                })
-            }
-            FaultList::Modbus(faults) => {
-                let resident = protocol == Protocol::ModbusProgram;
-                let firmware = modbus_firmware(&setup, faults, resident);
-                if self.wire != Wire::Pty {
-                    return serve_on_tcp(protocol, firmware);
-                }
-                self.serve_on_pty(|pty| {
-                    tokio::spawn(async move {
-                        let _client_side = pty.client_side;
-                        drop(controls::modbus::serve_rtu(firmware, pty.device).await);
-                    })
-                })
-            }
+        if self.protocol == Protocol::Grbl {
+            let mut firmware = self.grbl_firmware(setup);
+            return self.serve_on_pty(|pty| async move { drop(firmware.serve(pty.device).await) });
         }
+        let firmware = self.modbus_firmware(setup);
+        if self.wire == Wire::Pty {
+            return self
+                .serve_on_pty(|pty| async move { drop(controls::modbus::serve_rtu(firmware, pty.device).await) });
+        }
+        let fault = |source: io::Error| LinkError::OpenFailed { address: "a port of its own".to_owned(), source };
+        let (listener, address) = listen_locally().map_err(fault)?;
+        let serve = async move { drop(controls::modbus::serve_tcp(firmware, listener).await) };
+        Ok(SimulatedControlServer { address, protocol: self.protocol, task: tokio::spawn(serve) })
     }
 
     /// As [`Self::serve`], with a faulty wire; `on_fault` is called with each fault and its time. When the wire is
@@ -298,71 +269,54 @@ impl SimulatedControl {
         wire: FaultyWire,
         on_fault: fn(Duration, PlannedFault),
     ) -> Result<SimulatedControlServer, ControllerError> {
-        let FaultList::Grbl(faults) = &setup.faults.0 else {
+        if self.protocol != Protocol::Grbl {
             return Err(ControllerError::Unsupported {
                 reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines".to_owned(),
                 remedy: "use [[simulated.fault]] instead (late, lost, torn, cut ...)".to_owned(),
             });
-        };
-        let mut firmware = self.grbl_firmware(&setup, faults);
-        self.serve_on_pty(|pty| {
-            tokio::spawn(async move {
-                let _client_side = pty.client_side;
-                let (near, far) = tokio::io::duplex(WIRE_BYTES);
-                let control = async move { drop(firmware.serve(far).await) };
-                tokio::join!(control, async {
-                    drop(wire.connect(pty.device, near, &on_fault).await);
-                });
-            })
+        }
+        let mut firmware = self.grbl_firmware(setup);
+        self.serve_on_pty(|pty| async move {
+            let (near, far) = tokio::io::duplex(WIRE_BYTES);
+            let control = async move { drop(firmware.serve(far).await) };
+            tokio::join!(control, async {
+                drop(wire.connect(pty.device, near, &on_fault).await);
+            });
         })
     }
 
-    fn serve_on_pty(
+    /// Serves on a new pseudo-terminal, whose client side stays open meanwhile.
+    fn serve_on_pty<F: Future<Output = ()> + Send + 'static>(
         &self,
-        serve: impl FnOnce(link::Pty) -> JoinHandle<()>,
+        serve: impl FnOnce(link::Pty) -> F,
     ) -> Result<SimulatedControlServer, ControllerError> {
-        let pty = self.baud.map_or_else(link::create_pty, link::create_pty_at_baud)?;
-        let baud = self.baud.unwrap_or(DEFAULT_BAUD);
-        let at = link::LinkConfig::Serial { path: pty.path.clone().into(), baud };
-        Ok(SimulatedControlServer { address: at, protocol: self.protocol, task: serve(pty) })
+        let mut pty = self.baud.map_or_else(link::create_pty, link::create_pty_at_baud)?;
+        let address =
+            link::LinkConfig::Serial { path: pty.path.clone().into(), baud: self.baud.unwrap_or(DEFAULT_BAUD) };
+        let client_side = pty.client_side.take();
+        let serving = serve(pty);
+        let task = tokio::spawn(async move {
+            let _client_side = client_side;
+            serving.await;
+        });
+        Ok(SimulatedControlServer { address, protocol: self.protocol, task })
     }
 
-    fn grbl_firmware(&self, setup: &SimulationSetup<'_>, faults: &[controls::grbl::Fault]) -> controls::grbl::Firmware {
+    fn grbl_firmware(&self, setup: SimulationSetup<'_>) -> controls::grbl::Firmware {
         use controls::grbl::{Firmware, SimulatedGrblOptions};
         let mut options = SimulatedGrblOptions::of(setup.machine, setup.pace);
-        options.faults = faults.to_vec();
+        options.faults = setup.faults.grbl;
         options.settings.extend(&self.settings);
-        Firmware::new(setup.world.clone(), options)
+        Firmware::new(setup.world, options)
     }
-}
 
-fn serve_on_tcp(
-    protocol: Protocol,
-    firmware: controls::modbus::Firmware,
-) -> Result<SimulatedControlServer, ControllerError> {
-    let listen = || {
-        let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
-        listener.set_nonblocking(true)?;
-        let port = listener.local_addr()?.port();
-        Ok((TcpListener::from_std(listener)?, port))
-    };
-    let fault = |source: io::Error| LinkError::OpenFailed { address: "a port of its own".to_owned(), source };
-    let (listener, port) = listen().map_err(fault)?;
-    let at = link::LinkConfig::Tcp(HostPort::local(port));
-    let serve = async move { drop(controls::modbus::serve_tcp(firmware, listener).await) };
-    Ok(SimulatedControlServer { address: at, protocol, task: tokio::spawn(serve) })
-}
-
-fn modbus_firmware(
-    setup: &SimulationSetup<'_>,
-    faults: &[controls::modbus::Fault],
-    resident: bool,
-) -> controls::modbus::Firmware {
-    use controls::modbus::{Firmware, SimulatedModbusOptions};
-    let options = SimulatedModbusOptions {
-        faults: faults.to_vec(),
-        has_resident_program: resident,
-        ..SimulatedModbusOptions::of(setup.machine, setup.pace)
-    };
-    Firmware::new(setup.world.clone(), options)
+    fn modbus_firmware(&self, setup: SimulationSetup<'_>) -> controls::modbus::Firmware {
+        use controls::modbus::{Firmware, SimulatedModbusOptions};
+        let options = SimulatedModbusOptions {
+            faults: setup.faults.modbus,
+            has_resident_program: self.protocol == Protocol::ModbusProgram,
+            ..SimulatedModbusOptions::of(setup.machine, setup.pace)
+        };
+        Firmware::new(setup.world, options)
+    }
 }

@@ -7,4 +7,4 @@ mod sensor_wire;
 mod tests;
 
 pub use control::{SimulatedControl, SimulatedControlServer, SimulatedFaults, SimulationSetup};
-pub use sensor::{SimulatedSensor, WorldView};
+pub use sensor::SimulatedSensor;

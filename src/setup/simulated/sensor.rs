@@ -42,7 +42,8 @@ pub struct SimulatedSensor {
 enum SensorInterface {
     /// In memory, or on the CAN interface of this name.
     Can(String),
-    Serial(OutputFormat, Wire),
+    /// In memory, or on a wire.
+    Serial(OutputFormat, Option<Wire>),
     Modbus(Wire),
 }
 
@@ -58,7 +59,9 @@ impl TryFrom<SimulatedSensorKeys> for SimulatedSensor {
             Protocol::Can => SensorInterface::Can(wire),
             Protocol::Serial => SensorInterface::Serial(OutputFormat::Text, Wire::from_name(&wire)?),
             Protocol::SerialFrames => SensorInterface::Serial(OutputFormat::Frames, Wire::from_name(&wire)?),
-            Protocol::Modbus => SensorInterface::Modbus(Wire::from_name(&wire)?.require_external()?),
+            Protocol::Modbus => SensorInterface::Modbus(
+                Wire::from_name(&wire)?.ok_or("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`")?,
+            ),
         };
         Ok(Self { interface, rate_hz })
     }
@@ -98,10 +101,13 @@ fn default_rate_hz() -> f64 {
     1000.0
 }
 
-/// World and clock of a simulated sensor.
-pub struct WorldView {
-    pub world: Arc<Mutex<SimulatedWorld>>,
-    pub clock: Arc<dyn Clock>,
+/// Clock of simulated time.
+struct WorldClock(Arc<Mutex<SimulatedWorld>>);
+
+impl Clock for WorldClock {
+    fn now_s(&self) -> f64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).time_s()
+    }
 }
 
 impl SimulatedSensor {
@@ -109,11 +115,15 @@ impl SimulatedSensor {
     ///
     /// # Errors
     /// The wire or the driver cannot be opened.
-    pub async fn open(&self, sensor: &sensor::Sensor, view: WorldView) -> Result<Sensor, SensorError> {
+    pub async fn open(
+        &self,
+        sensor: &sensor::Sensor,
+        world: &Arc<Mutex<SimulatedWorld>>,
+    ) -> Result<Sensor, SensorError> {
         let name = sensor.name.as_str();
-        let (sense, clock) = (self.sample_source(sensor, &view), view.clock.clone());
+        let (sense, clock) = (self.sample_source(name, world.clone()), Arc::new(WorldClock(world.clone())));
         match &self.interface {
-            SensorInterface::Can(wire) => self.open_can(wire, sensor, view),
+            SensorInterface::Can(wire) => self.open_can(wire, sense, sensor, clock),
             SensorInterface::Serial(format, wire) => {
                 let driver = sensor_wire::open_serial(*format, *wire, sense, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
@@ -127,16 +137,21 @@ impl SimulatedSensor {
     }
 
     /// Source of samples; each sample advances the world by one period.
-    fn sample_source(&self, sensor: &sensor::Sensor, view: &WorldView) -> SampleSource {
-        let (name, world, period_s) = (sensor.name.clone(), view.world.clone(), 1.0 / self.rate_hz);
+    fn sample_source(&self, name: &str, world: Arc<Mutex<SimulatedWorld>>) -> SampleSource {
+        let (name, period_s) = (name.to_owned(), 1.0 / self.rate_hz);
         Box::new(move || {
             let mut world = world.lock().unwrap_or_else(PoisonError::into_inner);
             world.sample_after(&name, period_s).unwrap_or(SensorOutput::NoEcho)
         })
     }
 
-    fn open_can(&self, wire: &str, sensor: &sensor::Sensor, view: WorldView) -> Result<Sensor, SensorError> {
-        let (sense, clock) = (self.sample_source(sensor, &view), view.clock);
+    fn open_can(
+        &self,
+        wire: &str,
+        sense: SampleSource,
+        sensor: &sensor::Sensor,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Sensor, SensorError> {
         let sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET);
         let config: can::CanConfig = parse_data_sheet(&sheet)?;
         if wire == default_wire() {

@@ -12,37 +12,25 @@ use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_pty, serve_o
 use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, send_on_pty, send_on_tcp, serve_on_demand};
 use simulator::sensors::{SampleSource, serial as simulated_serial};
 
-/// Wire between the daemon and a simulated sensor.
+/// Wire between the daemon and a simulated sensor outside of this process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wire {
-    /// Inside this process: simulated time advances only with the samples that are requested.
-    Memory,
     Pty,
     Tcp,
 }
 
 impl Wire {
-    /// The wire named `name`.
+    /// The wire named `name`; `None`: in memory, where simulated time advances only with the samples that are
+    /// requested.
     ///
     /// # Errors
     /// An unknown name.
-    pub fn from_name(name: &str) -> Result<Self, String> {
+    pub fn from_name(name: &str) -> Result<Option<Self>, String> {
         match name {
-            "memory" => Ok(Self::Memory),
-            "pty" => Ok(Self::Pty),
-            "tcp" => Ok(Self::Tcp),
+            "memory" => Ok(None),
+            "pty" => Ok(Some(Self::Pty)),
+            "tcp" => Ok(Some(Self::Tcp)),
             _ => Err(format!("`wire` is `{name}`; it must be `memory`, `pty` or `tcp`")),
-        }
-    }
-
-    /// The same wire, if it is not in memory.
-    ///
-    /// # Errors
-    /// `Memory`: registers are served over TCP or a pseudo-terminal only.
-    pub fn require_external(self) -> Result<Self, String> {
-        match self {
-            Self::Memory => Err("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`".to_owned()),
-            other => Ok(other),
         }
     }
 }
@@ -65,23 +53,22 @@ pub(super) fn parse_data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, Sen
 /// The wire or the driver cannot be opened.
 pub async fn open_serial(
     format: OutputFormat,
-    wire: Wire,
+    wire: Option<Wire>,
     sense: SampleSource,
     rate_hz: f64,
     sensor: &sensor::Sensor,
     clock: Arc<dyn Clock>,
 ) -> Result<SerialDriver, SensorError> {
+    let sheet = simulated_serial::data_sheet(format);
     let (at, keep) = match wire {
-        Wire::Memory => {
-            let sheet = simulated_serial::data_sheet(format);
+        None => {
             let config: serial::SerialConfig = parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
             let flow = serve_on_demand(format, sense);
             return Ok(SerialDriver::from_stream(flow, config, sensor, clock, rate_hz));
         }
-        Wire::Pty => send_on_pty(format, sense, rate_hz)?,
-        Wire::Tcp => send_on_tcp(format, sense, rate_hz)?,
+        Some(Wire::Pty) => send_on_pty(format, sense, rate_hz)?,
+        Some(Wire::Tcp) => send_on_tcp(format, sense, rate_hz)?,
     };
-    let sheet = simulated_serial::data_sheet(format);
     let config: serial::SerialConfig = parse_data_sheet(&format!("{}{sheet}", at.to_toml()))?;
     let serial = SerialDriver::open(config, sensor, clock, SharedPorts::default()).await;
     // The driver holds the pseudo-terminal open now.
@@ -93,7 +80,7 @@ pub async fn open_serial(
 /// runtime.
 ///
 /// # Errors
-/// The wire or the driver cannot be opened; the wire is in memory (see [`Wire::require_external`]).
+/// The wire or the driver cannot be opened.
 pub async fn open_modbus(
     measures: SampleTiming,
     wire: Wire,
@@ -103,12 +90,6 @@ pub async fn open_modbus(
     clock: Arc<dyn Clock>,
 ) -> Result<ModbusSensorDriver, SensorError> {
     let (at, keep) = match wire {
-        Wire::Memory => {
-            return Err(SensorError::InvalidData {
-                text: "simulated Modbus registers are not available in memory".to_owned(),
-                remedy: "use `wire = \"tcp\"`".to_owned(),
-            });
-        }
         Wire::Pty => serve_on_pty(measures, sense, rate_hz)?,
         Wire::Tcp => serve_on_tcp(measures, sense, rate_hz)?,
     };

@@ -64,8 +64,7 @@ fn expected(place: u32) -> (i64, &'static str) {
 #[tokio::test]
 async fn a_serial_sensor_in_memory_measures_on_request() {
     for format in [OutputFormat::Text, OutputFormat::Frames] {
-        let mut serial =
-            sensor_wire::open_serial(format, Wire::Memory, sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        let mut serial = sensor_wire::open_serial(format, None, sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert_eq!(serial.prepare().await.unwrap().rate_hz, 1000.0);
         assert!(serial.is_on_demand());
         // The first sample was taken by `prepare`.
@@ -79,7 +78,8 @@ async fn a_serial_sensor_in_memory_measures_on_request() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_serial_sensor_on_a_wire_sends_by_itself() {
     for (format, wire) in [(OutputFormat::Text, Wire::Tcp), (OutputFormat::Frames, Wire::Pty)] {
-        let mut serial = sensor_wire::open_serial(format, wire, sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        let mut serial =
+            sensor_wire::open_serial(format, Some(wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert!(serial.prepare().await.unwrap().rate_hz > 10.0);
         assert!(!serial.is_on_demand());
         serial.discard_old_samples().await.unwrap();
