@@ -18,16 +18,16 @@ pub(super) struct Difference {
 }
 
 pub(super) fn machine_file_differences(machine: &Machine, info: &DeviceInfo) -> Vec<Difference> {
-    let mut found = Vec::new();
+    let mut differences = Vec::new();
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     for (axis, spec) in axes {
         match info.axes.get(axis) {
-            Some(info) => found.extend(axis_differences(*axis, spec, info)),
+            Some(info) => differences.extend(axis_differences(*axis, spec, info)),
             None if info.axes.is_empty() => {}
-            None => found.push(missing_axis(*axis, info)),
+            None => differences.push(missing_axis(*axis, info)),
         }
     }
-    found
+    differences
 }
 
 fn missing_axis(axis: Axis, info: &DeviceInfo) -> Difference {
@@ -44,14 +44,14 @@ fn missing_axis(axis: Axis, info: &DeviceInfo) -> Difference {
 }
 
 fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Difference> {
-    let mut found = Vec::new();
+    let mut differences = Vec::new();
     let span = spec.max - spec.min;
     let slack = ROUNDING_TOLERANCE * span;
     let below = info.min.filter(|min| spec.min < min - slack);
     let above = info.max.filter(|max| spec.max > max + slack);
     let ends = [below.map(|min| ("min", spec.min, min)), above.map(|max| ("max", spec.max, max))];
     for (key, stated, ends) in ends.into_iter().flatten() {
-        found.push(Difference {
+        differences.push(Difference {
             beyond_limits: Some(axis),
             what: format!(
                 "the travel of {axis} exceeds the limits of the control: {key} = {stated} in the machine \
@@ -61,7 +61,7 @@ fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Dif
         });
     }
     if let Some(travel) = info.travel.filter(|travel| span > travel + slack) {
-        found.push(Difference {
+        differences.push(Difference {
             beyond_limits: Some(axis),
             what: format!("{axis} has a travel of {span} in the machine file, but only {travel} at the control"),
             remedy: format!("reduce the range from min to max in [axes.{axis}], or correct the travel at the control"),
@@ -75,7 +75,7 @@ fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Dif
         let Some(has) = has.filter(|has| stated > has * (1.0 + ROUNDING_TOLERANCE)) else {
             continue;
         };
-        found.push(Difference {
+        differences.push(Difference {
             beyond_limits: None,
             what: format!(
                 "the {name} of {axis} exceeds the value of the control: {key} = {stated} in the machine \
@@ -87,7 +87,7 @@ fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Dif
             ),
         });
     }
-    found
+    differences
 }
 
 #[cfg(test)]
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
     use crate::setup::MachineFile;
 
-    fn introduction() -> (Machine, DeviceInfo) {
+    fn machine_with_matching_info() -> (Machine, DeviceInfo) {
         let text = include_str!("../../config/simulated.toml").to_owned();
         let machine = MachineFile::parse("machine.toml", text).unwrap().machine;
         let info = |spec: &AxisSpec| ReportedAxis {
@@ -112,31 +112,31 @@ mod tests {
 
     #[test]
     fn only_what_the_machine_file_claims_beyond_the_control_is_told() {
-        let (machine, info) = introduction();
+        let (machine, info) = machine_with_matching_info();
         assert_eq!(machine_file_differences(&machine, &info), []);
         assert_eq!(machine_file_differences(&machine, &DeviceInfo::default()), [], "it tells nothing");
 
-        let told = |change: fn(&mut ReportedAxis)| {
+        let descriptions_after = |change: fn(&mut ReportedAxis)| {
             let mut info = info.clone();
             change(info.axes.get_mut(&Axis::X).unwrap());
-            let found = machine_file_differences(&machine, &info);
-            found.into_iter().map(|difference| difference.what).collect::<Vec<_>>()
+            let differences = machine_file_differences(&machine, &info);
+            differences.into_iter().map(|difference| difference.what).collect::<Vec<_>>()
         };
         let beyond = "the travel of X exceeds the limits of the control: max = 250 in the machine file, 200 \
             at the control";
-        assert_eq!(told(|x| x.max = Some(200.0)), [beyond]);
-        assert!(told(|x| x.max = Some(300.0)).is_empty(), "it may have more");
+        assert_eq!(descriptions_after(|x| x.max = Some(200.0)), [beyond]);
+        assert!(descriptions_after(|x| x.max = Some(300.0)).is_empty(), "it may have more");
         let short = "X has a travel of 500 in the machine file, but only 400 at the control";
-        assert_eq!(told(|x| (x.min, x.max, x.travel) = (None, None, Some(400.0))), [short]);
+        assert_eq!(descriptions_after(|x| (x.min, x.max, x.travel) = (None, None, Some(400.0))), [short]);
         let dynamics = "the rapid speed of X exceeds the value of the control: rapid_per_min = 20000 in the machine \
             file, 5000 at the control";
-        assert_eq!(told(|x| x.rapid_per_min = Some(5000.0)), [dynamics]);
-        assert_eq!(told(|x| x.acceleration_per_s2 = Some(500.0)).len(), 1);
+        assert_eq!(descriptions_after(|x| x.rapid_per_min = Some(5000.0)), [dynamics]);
+        assert_eq!(descriptions_after(|x| x.acceleration_per_s2 = Some(500.0)).len(), 1);
 
         let mut less = info.clone();
         less.axes.remove(&Axis::B);
-        let found = machine_file_differences(&machine, &less);
+        let differences = machine_file_differences(&machine, &less);
         let what = "the machine file has an axis B, but the control has only the axes X, Y, Z, C";
-        assert_eq!(found.iter().map(|difference| difference.what.as_str()).collect::<Vec<_>>(), [what]);
+        assert_eq!(differences.iter().map(|difference| difference.what.as_str()).collect::<Vec<_>>(), [what]);
     }
 }

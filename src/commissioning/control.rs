@@ -67,7 +67,7 @@ pub(super) async fn prepare_control(check: &mut Check<'_>) -> Result<(), CheckEn
 }
 
 /// Probe and position, for the part `probe`. A control that does not report them is no fault of the probe.
-pub(super) async fn read_status(check: &mut Check<'_>, since: Instant) -> Result<MachineSnapshot, CheckEnd> {
+pub(super) async fn read_probe_status(check: &mut Check<'_>, since: Instant) -> Result<MachineSnapshot, CheckEnd> {
     let result = check.controller()?.read_snapshot().await;
     result.or_else(|error| check.end_with_fault(CheckPart::Probe, since, error.to_string(), error.remedy()))
 }

@@ -7,47 +7,41 @@ use machine::record::machine::AxisSpec;
 use machine::record::motion::{Block, Motion};
 use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
-use planning::gcode::RenderError;
-use planning::proof::{JogProofRequest, ProofRefusal, ProvenBlock, StageProofError, prove_jog, prove_retract};
+use planning::proof::{JogProofRequest, ProvenBlock, StageProofError, prove_jog, prove_retract};
 
 /// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
-const FEED_PER_MIN: f64 = 60.0;
+const MAX_JOG_FEED_PER_MIN: f64 = 60.0;
 /// Length of one retract step, mm.
-pub(super) const RETRACT_MM: f64 = 1.0;
+pub(super) const RETRACT_STEP_MM: f64 = 1.0;
 /// Maximum distance of a homed axis beyond its limit, mm or degrees.
 const LIMIT_TOLERANCE_MM_OR_DEG: f64 = 0.01;
 /// Maximum difference between two reported positions at rest, mm or degrees.
 const REST_TOLERANCE_MM_OR_DEG: f64 = 0.02;
 /// Step number in the N words.
-const STEP_NUMBER: u32 = 1;
+const JOG_STEP_NUMBER: u32 = 1;
 
 /// Reason why a jog did not reach its end.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum JogError {
-    #[error("the jog cannot be written for this control: {0}")]
-    Unwritable(RenderError),
-    #[error("the collision check refuses the jog: {0}")]
-    StageProofError(ProofRefusal),
+    #[error("{prefix}{0}", prefix = proof_error_prefix(.0))]
+    NotProven(#[from] StageProofError),
     #[error(transparent)]
     Control(#[from] ControllerError),
     #[error("the machine was moved by hand: {axis} is at {now:.3}, not at {was:.3}")]
     PositionChanged { axis: Axis, was: f64, now: f64 },
 }
 
-impl From<StageProofError> for JogError {
-    fn from(unproven: StageProofError) -> Self {
-        match unproven {
-            StageProofError::Render(error) => Self::Unwritable(error),
-            StageProofError::Refused(refusal) => Self::StageProofError(refusal),
-        }
+fn proof_error_prefix(error: &StageProofError) -> &'static str {
+    match error {
+        StageProofError::Render(_) => "the jog cannot be written for this control: ",
+        StageProofError::Refused(_) => "the collision check refuses the jog: ",
     }
 }
 
 impl JogError {
     pub fn remedy(&self) -> String {
         match self {
-            Self::Unwritable(error) => error.remedy().to_owned(),
-            Self::StageProofError(refusal) => refusal.remedy().to_owned(),
+            Self::NotProven(error) => error.remedy(),
             Self::Control(error) => error.remedy(),
             Self::PositionChanged { .. } => {
                 "do not move the machine by hand during the check; repeat the check".to_owned()
@@ -62,11 +56,11 @@ impl JogError {
 }
 
 /// A jog by `by` away from the nearer limit. `None`: the axis lacks the travel.
-pub(super) fn jog_inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -> Option<Jog> {
-    let here = axis.to_mm_or_deg(stands.get(axis)?);
+pub(super) fn jog_inwards(axis: Axis, by: f64, spec: &AxisSpec, position: &Position) -> Option<Jog> {
+    let here = axis.to_mm_or_deg(position.get(axis)?);
     let (up, down) = (spec.max - here, here - spec.min);
     let by = if up >= down { by } else { -by };
-    let feed_per_min = FEED_PER_MIN.min(spec.rapid_per_min);
+    let feed_per_min = MAX_JOG_FEED_PER_MIN.min(spec.rapid_per_min);
     (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE_MM_OR_DEG).then_some(Jog { axis, by, feed_per_min })
 }
 
@@ -87,8 +81,8 @@ pub(super) struct ProvenJog {
 /// # Errors
 /// The jog cannot be rendered, or it comes too close to a body.
 pub(super) fn prove_planned_jog(check: &Check<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
-    let stands = check.position.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
-    prove_move(check, stands, jog, MoveKind::Jog)
+    let position = check.position.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
+    prove_move(check, position, jog, MoveKind::Jog)
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -97,11 +91,11 @@ enum MoveKind {
     Retract,
 }
 
-fn prove_move(check: &Check<'_>, stands: &Position, jog: &Jog, kind: MoveKind) -> Result<ProvenJog, JogError> {
+fn prove_move(check: &Check<'_>, position: &Position, jog: &Jog, kind: MoveKind) -> Result<ProvenJog, JogError> {
     let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
     let dialect = dialect.ok_or(ControllerError::DriverTaskEnded)?;
     let axis = jog.axis;
-    let to = axis.to_mm_or_rad(axis.to_mm_or_deg(stands.get_or_zero(axis)) + jog.by);
+    let to = axis.to_mm_or_rad(axis.to_mm_or_deg(position.get_or_zero(axis)) + jog.by);
     let (end, feed_mm_min) = (Position::new().with(axis, to), jog.feed_per_min);
     // A jog of a linear axis is guarded; a rotary axis turns at feed. A probing move is impossible while the probe
     // input is closed.
@@ -109,10 +103,10 @@ fn prove_move(check: &Check<'_>, stands: &Position, jog: &Jog, kind: MoveKind) -
         MoveKind::Jog if axis.is_linear() => Motion::Guarded { to: end, feed_mm_min },
         _ => Motion::BackOff { to: end, feed_mm_min },
     };
-    let block = Block { step: STEP_NUMBER, repeat: 0, motions: vec![motion] };
+    let block = Block { step: JOG_STEP_NUMBER, repeat: 0, motions: vec![motion] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     let plan = setup::plan_without_steps(check.file, "check", serde_json::Value::Null);
-    let request = JogProofRequest { plan: &plan, position: stands, axis, to, max_feed: FEED_PER_MIN, dialect };
+    let request = JogProofRequest { plan: &plan, position, axis, to, max_feed: MAX_JOG_FEED_PER_MIN, dialect };
     let prove = if kind == MoveKind::Jog { prove_jog } else { prove_retract };
     Ok(ProvenJog { block: prove(&request, transmission, &block)?, to })
 }
@@ -135,26 +129,26 @@ pub(super) async fn prove_unmoved_jog(check: &Check<'_>, jog: &Jog) -> Result<Pr
 pub(super) async fn run_jog(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
     let ProvenJog { block, to } = prove_unmoved_jog(check, jog).await?;
     execute_block(check, block).await?;
-    if let Some(stands) = &mut check.position {
-        stands.set(jog.axis, to);
+    if let Some(position) = &mut check.position {
+        position.set(jog.axis, to);
     }
     Ok(())
 }
 
-/// Makes one step out of contact from `stands`, which the driver compares with the control's report.
+/// Makes one step out of contact from `position`, which the driver compares with the control's report.
 ///
 /// # Errors
 /// As `run_jog`; `ProbeStillClosed`: the step is complete, and the probe input is still closed.
 pub(super) async fn run_retract_step(
     check: &Check<'_>,
-    stands: &Position,
+    position: &Position,
     direction: AxisDirection,
 ) -> Result<(), JogError> {
     let AxisDirection { axis, is_positive } = direction;
-    let by = if is_positive { RETRACT_MM } else { -RETRACT_MM };
-    let rapid = check.file.machine.axes.get(&axis).map_or(FEED_PER_MIN, |spec| spec.rapid_per_min);
-    let feed_per_min = FEED_PER_MIN.min(rapid).min(check.file.probe.search_feed_mm_min);
-    let ProvenJog { block, .. } = prove_move(check, stands, &Jog { axis, by, feed_per_min }, MoveKind::Retract)?;
+    let by = if is_positive { RETRACT_STEP_MM } else { -RETRACT_STEP_MM };
+    let rapid = check.file.machine.axes.get(&axis).map_or(MAX_JOG_FEED_PER_MIN, |spec| spec.rapid_per_min);
+    let feed_per_min = MAX_JOG_FEED_PER_MIN.min(rapid).min(check.file.probe.search_feed_mm_min);
+    let ProvenJog { block, .. } = prove_move(check, position, &Jog { axis, by, feed_per_min }, MoveKind::Retract)?;
     execute_block(check, block).await
 }
 

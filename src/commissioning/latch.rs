@@ -74,7 +74,7 @@ async fn touch_part(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) 
     let measured = run_latch_delay(check, method, plan).await?;
     check.check_stop()?;
     match measured {
-        Ok(found) => judge_latch(check, &found, &probe, since),
+        Ok(result) => report_latch(check, &result, &probe, since),
         Err(CycleError::Run { error, .. }) if is_no_contact(&error) => check.report_failed(
             CheckPart::Latch,
             since,
@@ -104,65 +104,70 @@ async fn run_latch_delay(
         Ok(id) => id,
         Err(error) => return Ok(Err(error.into())),
     };
-    let mut tell = |_: &Event| {};
+    let mut on_event = |_: &Event| {};
     let motion = check.stop.begin_motion().ok_or(CheckEnd::Stopped)?;
-    let mut run = Run::new(id, method.as_ref(), devices, check.journal, plan, &mut tell);
+    let mut run = Run::new(id, method.as_ref(), devices, check.journal, plan, &mut on_event);
     let ended = run.execute().await;
     drop(motion);
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
     let concluded = conclude_run(run, ended, &method, &check.file.tolerance).await;
-    let found = concluded.and_then(|_| {
+    let result = concluded.and_then(|_| {
         let refused = |why: IdentifyError| CycleError::Identification { run: id, why: why.into() };
         LatchDelayResult::from_readings(&plan, &readings).map_err(refused)
     });
-    Ok(found)
+    Ok(result)
 }
 
-fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, since: Instant) {
-    match found.latch {
-        LatchDiagnosis::NoScan { .. } => check.report_ok(CheckPart::Latch, since, &found.latch_text),
+fn report_latch(check: &mut Check<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
+    match result.latch {
+        LatchDiagnosis::NoScan { .. } => check.report_ok(CheckPart::Latch, since, &result.latch_text),
         LatchDiagnosis::Scan(time) => {
-            check.report_failed(CheckPart::Latch, since, &found.latch_text, latch_remedy(probe, time.duration_s));
+            check.report_failed(CheckPart::Latch, since, &result.latch_text, latch_remedy(probe, time.duration_s));
         }
         LatchDiagnosis::ExcessScatter(_) => check.report_failed(
             CheckPart::Latch,
             since,
-            &found.latch_text,
+            &result.latch_text,
             "check that probe, stylus, part and table are tight; a lower search_feed_mm_min causes less \
             vibration",
         ),
     }
-    if let Some(words) = &found.delay_text {
-        if found.delay_s > 0.0 {
-            check.report_ok(CheckPart::Latch, since, words);
+    if let Some(text) = &result.delay_text {
+        if result.delay_s > 0.0 {
+            check.report_ok(CheckPart::Latch, since, text);
         } else {
             check.report_failed(
                 CheckPart::Latch,
                 since,
-                words,
+                text,
                 "set the feed override to 100 %, and switch off the compensation of the probe delay at the \
                 control",
             );
         }
     }
-    match (&found.scatter_text, probe.repeatability_um) {
-        (Some(words), _) => check.report_failed(
+    report_scatter(check, result, probe, since);
+}
+
+/// Compares the scatter of the touches with the declared repeatability.
+fn report_scatter(check: &mut Check<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
+    match (&result.scatter_text, probe.repeatability_um) {
+        (Some(text), _) => check.report_failed(
             CheckPart::Latch,
             since,
-            words,
+            text,
             format!(
                 "clean the stylus and the part and check that both are tight; if the scatter stays the \
                 same, write [probe] repeatability_um = {:.2}",
-                found.scatter_mm * 1e3
+                result.scatter_mm * 1e3
             ),
         ),
-        (None, Some(um)) if !matches!(found.latch, LatchDiagnosis::Scan(_)) => {
-            let seen = found.scatter_mm * 1e3;
+        (None, Some(um)) if !matches!(result.latch, LatchDiagnosis::Scan(_)) => {
+            let scatter_um = result.scatter_mm * 1e3;
             let mut what = format!(
-                "the touches have a standard deviation of {seen:.2} µm; declared are \
+                "the touches have a standard deviation of {scatter_um:.2} µm; declared are \
                 {um} µm"
             );
-            if let Some(bound_mm) = found.max_explained_scatter_mm {
+            if let Some(bound_mm) = result.max_explained_scatter_mm {
                 let bound = bound_mm * 1e3;
                 what += &format!(
                     " (with so few touches, a contradiction is detectable only above \

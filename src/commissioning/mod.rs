@@ -119,9 +119,9 @@ impl<'a> Check<'a> {
     /// Runs all parts. Call inside a tokio runtime.
     pub async fn run_all_parts(mut self) -> Summary {
         let mut ended = None;
-        for (part, look) in CHECK_PARTS {
+        for (part, check_part) in CHECK_PARTS {
             match ended {
-                None => ended = look(&mut self).await.err(),
+                None => ended = check_part(&mut self).await.err(),
                 Some(CheckEnd::Unsafe) => {
                     self.report_unchecked(part, "a previous part failed; correct that fault first".to_owned())
                 }

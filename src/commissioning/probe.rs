@@ -45,7 +45,7 @@ pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 async fn test_probe_input(check: &mut Check<'_>, since: Instant) -> Result<Option<ProbeInputTest>, CheckEnd> {
     let is_mounted = is_probe_mounted(check).await?;
     let is_free = is_mounted && is_stylus_confirmed(check, StylusState::Free).await?;
-    let is_closed_at_rest = control::read_status(check, since).await?.is_probe_closed;
+    let is_closed_at_rest = control::read_probe_status(check, since).await?.is_probe_closed;
     if !is_free || !is_stylus_confirmed(check, StylusState::Deflected).await? {
         let why = if is_mounted { NO_OPERATOR_REASON } else { "the touch probe is not in the spindle" };
         report_untested_probe(check, since, is_closed_at_rest, why);
@@ -82,7 +82,7 @@ fn report_untested_probe(check: &mut Check<'_>, since: Instant, is_closed_at_res
 
 /// Updates the position: the operator may have moved the machine to reach the stylus.
 async fn update_position(check: &mut Check<'_>, since: Instant) -> Result<(), CheckEnd> {
-    check.position = Some(control::read_status(check, since).await?.position);
+    check.position = Some(control::read_probe_status(check, since).await?.position);
     Ok(())
 }
 
@@ -91,7 +91,7 @@ async fn wait_for_input(check: &mut Check<'_>, since: Instant, closed: bool) -> 
     let deadline = Instant::now() + check.operator.max_action_time();
     loop {
         check.check_stop()?;
-        if control::read_status(check, since).await?.is_probe_closed == closed {
+        if control::read_probe_status(check, since).await?.is_probe_closed == closed {
             return Ok(true);
         }
         if Instant::now() > deadline {

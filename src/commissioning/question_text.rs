@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::jog::RETRACT_MM;
+use super::jog::RETRACT_STEP_MM;
 use machine::kinematics::{KinematicChain, MachineSide};
 use machine::record::machine::{Carrier, Machine};
 use machine::record::question::{Jog, Question, StylusState};
@@ -12,19 +12,19 @@ use machine::{Axis, Position};
 /// Text of a question, with the possible answers on a terminal.
 pub fn describe_question(question: &Question) -> String {
     match question {
-        Question::DisplayedPosition(stands) => format!(
+        Question::DisplayedPosition(position) => format!(
             "The control reports the position {}. Does the display of the control show the same machine \
             coordinates? yes / no",
-            format_position(stands)
+            format_position(position)
         ),
-        Question::AllowJog { jog, visible_motion: look_for } => format!(
-            "{} will move by {}: {look_for}. The axis moves back after your next answer.\nIs the path free, \
+        Question::AllowJog { jog, visible_motion } => format!(
+            "{} will move by {}: {visible_motion}. The axis moves back after your next answer.\nIs the path free, \
             and is the emergency stop within reach? yes / no",
             jog.axis,
             format_jog(jog)
         ),
-        Question::ObservedJog { jog, visible_motion: look_for } => format!(
-            "Expected motion: {look_for}. Did the axis move like this? Keep clear: the axis moves back \
+        Question::ObservedJog { jog, visible_motion } => format!(
+            "Expected motion: {visible_motion}. Did the axis move like this? Keep clear: the axis moves back \
             after your answer.\ny  yes      r  same distance, opposite direction      n  no motion      ?  \
             repeat the jog\nX, Y, .. C  this axis moved instead      25  {} moved by {} (-25: opposite \
             direction)",
@@ -58,30 +58,30 @@ pub fn describe_question(question: &Question) -> String {
                 the reset has cleared the homing. Is the control ready? yes / no"
             )
         }
-        Question::RetractDirection { position, visible_motions: look_for, last_result } => {
-            retract_question(position, look_for, last_result.as_deref())
+        Question::RetractDirection { position, visible_motions, last_result } => {
+            retract_question(position, visible_motions, last_result.as_deref())
         }
         Question::AllowAction { action: what } => format!("{what}\nyes / no"),
     }
 }
 
-fn retract_question(stands: &Position, look_for: &[String], last_result: Option<&str>) -> String {
+fn retract_question(position: &Position, visible_motions: &[String], last_result: Option<&str>) -> String {
     let last_result = last_result.map_or(String::new(), |result| format!("{result}.\n"));
     format!(
         "{last_result}The probe reads closed: the stylus is probably in contact. The control reports the \
-        position {}.\nOne axis can move out of contact by {RETRACT_MM} mm, slowly. A further contact does \
+        position {}.\nOne axis can move out of contact by {RETRACT_STEP_MM} mm, slowly. A further contact does \
         not stop this move: watch the stylus, and keep the emergency stop within reach.\n{}\nWhich axis and \
         direction lead straight out of the contact?\nZ+, Z-, X+ ..  make this step      n  no motion (also \
         if the display of the control shows another position)",
-        format_position(stands),
-        look_for.join("\n"),
+        format_position(position),
+        visible_motions.join("\n"),
     )
 }
 
 /// Positions in mm and degrees.
-pub(super) fn format_position(stands: &Position) -> String {
-    let stands = stands.iter().map(|(axis, at)| format!("{axis} {:.3}", axis.to_mm_or_deg(at)));
-    stands.collect::<Vec<_>>().join(" ")
+pub(super) fn format_position(position: &Position) -> String {
+    let position = position.iter().map(|(axis, at)| format!("{axis} {:.3}", axis.to_mm_or_deg(at)));
+    position.collect::<Vec<_>>().join(" ")
 }
 
 pub(super) fn axis_unit(axis: Axis) -> &'static str {
@@ -98,11 +98,11 @@ pub(super) fn format_jog(jog: &Jog) -> String {
     format_amount(jog.axis, format_args!("{:+}", jog.by))
 }
 
-/// What moves, and in which direction, if the machine file is correct and the machine is at `stands`; `None`
+/// What moves, and in which direction, if the machine file is correct and the machine is at `position`; `None`
 /// for a chain that cannot be built.
-pub(super) fn visible_motion(machine: &Machine, stands: &Position, jog: &Jog) -> Option<String> {
+pub(super) fn visible_motion(machine: &Machine, position: &Position, jog: &Jog) -> Option<String> {
     let carried = KinematicChain::new(machine).ok()?.carrier_chain(Carrier::Axis(jog.axis))?;
-    let mut commands = Axis::ALL.map(|axis| stands.get_or_zero(axis));
+    let mut commands = Axis::ALL.map(|axis| position.get_or_zero(axis));
     let still = carried.pose(&commands);
     *commands.get_mut(jog.axis as usize)? += jog.axis.to_mm_or_rad(jog.by);
     let moved = carried.pose(&commands) * still.inverse();
@@ -130,31 +130,31 @@ mod tests {
     use super::*;
     use crate::setup::MachineFile;
 
-    fn seen(change: (&str, &str), axis: Axis, by: f64) -> String {
-        seen_at(&Position::new(), change, axis, by)
+    fn motion_text(change: (&str, &str), axis: Axis, by: f64) -> String {
+        motion_text_at(&Position::new(), change, axis, by)
     }
 
-    fn seen_at(stands: &Position, change: (&str, &str), axis: Axis, by: f64) -> String {
+    fn motion_text_at(position: &Position, change: (&str, &str), axis: Axis, by: f64) -> String {
         let text = include_str!("../../config/simulated.toml").replacen(change.0, change.1, 1);
         let file = MachineFile::parse("machine.toml", text).unwrap();
-        visible_motion(&file.machine, stands, &Jog { axis, by, feed_per_min: 60.0 }).unwrap()
+        visible_motion(&file.machine, position, &Jog { axis, by, feed_per_min: 60.0 }).unwrap()
     }
 
     #[test]
     fn what_will_be_seen_is_told_in_the_machines_directions() {
         let plain = ("", "");
-        assert_eq!(seen(plain, Axis::X, 1.0), "the spindle moves 1 mm towards +X");
-        assert_eq!(seen(plain, Axis::Z, -1.0), "the spindle moves 1 mm towards −Z");
+        assert_eq!(motion_text(plain, Axis::X, 1.0), "the spindle moves 1 mm towards +X");
+        assert_eq!(motion_text(plain, Axis::Z, -1.0), "the spindle moves 1 mm towards −Z");
         // As in config/simulated.toml: seen from above, C+ turns an ISO table clockwise.
-        assert_eq!(seen(plain, Axis::C, 1.0), "the table turns 1° clockwise, seen from +Z");
+        assert_eq!(motion_text(plain, Axis::C, 1.0), "the table turns 1° clockwise, seen from +Z");
         let reversed = ("[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
-        assert_eq!(seen(reversed, Axis::C, 1.0), "the table turns 1° anticlockwise, seen from +Z");
+        assert_eq!(motion_text(reversed, Axis::C, 1.0), "the table turns 1° anticlockwise, seen from +Z");
         // After a quarter turn of the cradle the table faces sideways.
         let swung = Position::new().with(Axis::B, Axis::B.to_mm_or_rad(90.0));
-        let turned = seen_at(&swung, plain, Axis::C, 1.0);
+        let turned = motion_text_at(&swung, plain, Axis::C, 1.0);
         assert_eq!(turned, "the table turns 1° anticlockwise, seen from +X");
         // An axis that carries the workpiece moves against the sign of its command.
         let carried = ("V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-Y-F-X-Z-S-t");
-        assert_eq!(seen(carried, Axis::Y, 1.0), "the table moves 1 mm towards −Y");
+        assert_eq!(motion_text(carried, Axis::Y, 1.0), "the table moves 1 mm towards −Y");
     }
 }

@@ -4,7 +4,7 @@
 
 use std::time::Instant;
 
-use super::jog::{self, JogError, RETRACT_MM};
+use super::jog::{self, JogError, RETRACT_STEP_MM};
 use super::question_text::visible_motion;
 use super::{Check, CheckEnd, CheckPart, control};
 use devices::controllers::ControllerError;
@@ -22,15 +22,15 @@ pub(super) async fn retract_from_contact(check: &mut Check<'_>) -> Result<(), Ch
     let since = Instant::now();
     let mut last_result = None;
     for answers in 0..=MAX_RETRACT_ANSWERS {
-        let look = control::read_status(check, since).await?;
-        if !look.is_probe_closed {
+        let snapshot = control::read_probe_status(check, since).await?;
+        if !snapshot.is_probe_closed {
             return if answers > 0 { Err(report_released_stylus(check, since)) } else { Ok(()) };
         }
         if answers == MAX_RETRACT_ANSWERS {
             break;
         }
-        let look_for = visible_motions(check, &look.position);
-        let question = Question::RetractDirection { position: look.position, visible_motions: look_for, last_result };
+        let visible_motions = visible_motions(check, &snapshot.position);
+        let question = Question::RetractDirection { position: snapshot.position, visible_motions, last_result };
         let Answer::Retract(direction) = check.prompt_operator(question).await? else {
             return Ok(());
         };
@@ -57,7 +57,7 @@ fn report_released_stylus(check: &mut Check<'_>, since: Instant) -> CheckEnd {
 fn visible_motions(check: &Check<'_>, position: &Position) -> Vec<String> {
     let machine = &check.file.machine;
     let motions = Axis::LINEAR.into_iter().filter_map(|axis| {
-        let jog = Jog { axis, by: RETRACT_MM, feed_per_min: 0.0 };
+        let jog = Jog { axis, by: RETRACT_STEP_MM, feed_per_min: 0.0 };
         Some(format!("{axis}+: {}", visible_motion(machine, position, &jog)?))
     });
     motions.collect()
@@ -68,10 +68,10 @@ async fn retract_step(check: &mut Check<'_>, direction: AxisDirection) -> Result
     let since = Instant::now();
     let position = control::prepare_in_contact(check).await?;
     match jog::run_retract_step(check, &position, direction).await {
-        Ok(()) => Ok(format!("{direction}: moved by {RETRACT_MM} mm")),
+        Ok(()) => Ok(format!("{direction}: moved by {RETRACT_STEP_MM} mm")),
         // The usual outcome of every step but the last.
         Err(JogError::Control(ControllerError::ProbeStillClosed { .. })) => {
-            Ok(format!("{direction}: moved by {RETRACT_MM} mm; the probe still reads closed"))
+            Ok(format!("{direction}: moved by {RETRACT_STEP_MM} mm; the probe still reads closed"))
         }
         Err(error) if error.is_harmless() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
         Err(error) => check.end_with_fault(CheckPart::Probe, since, format!("{direction}: {error}"), error.remedy()),

@@ -29,7 +29,7 @@ pub struct Devices {
     /// The simulated world, if the machine is simulated.
     world: Option<Arc<Mutex<SimulatedWorld>>>,
     /// The simulated end of the wire, if this program serves it; dropped after the controller.
-    _served: Option<SimulatedControlServer>,
+    _control_server: Option<SimulatedControlServer>,
 }
 
 impl Devices {
@@ -43,7 +43,7 @@ impl Devices {
     pub(super) fn with_clock(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = Sensors::new(&[], None, clock.clone(), None);
         let thermometers = Thermometers::new(&[], None);
-        Self { controller, sensors, thermometers, dialect, clock, world: None, _served: None }
+        Self { controller, sensors, thermometers, dialect, clock, world: None, _control_server: None }
     }
 
     /// Adds the sensors and thermometers of the machine file; simulated ones measure in `world`.
@@ -61,8 +61,8 @@ impl Devices {
     }
 
     /// Adds the simulated end of the wire.
-    pub(super) fn with_served_control(self, served: Option<SimulatedControlServer>) -> Self {
-        Self { _served: served, ..self }
+    pub(super) fn with_control_server(self, served: Option<SimulatedControlServer>) -> Self {
+        Self { _control_server: served, ..self }
     }
 }
 

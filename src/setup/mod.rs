@@ -59,7 +59,7 @@ pub fn plan_header(file: &MachineFile, name: &str, repeat: Option<u32>) -> Resul
     }
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let required = method.required_sensors(&sensors)?;
-    let prompts = file.prompts_before(name, &required);
+    let prompts = file.prompts_for_method(name, &required);
     let plan =
         Plan { sensors: required.into_iter().cloned().collect(), ..plan_without_steps(file, name, method.settings()) };
     Ok((methods::with_prompts(method, prompts), plan))

@@ -21,7 +21,7 @@ enum MachineKind<'a> {
 }
 
 impl<'a> ReopenableMachine<'a> {
-    /// A site with nothing open.
+    /// A machine whose devices are not open.
     ///
     /// # Errors
     /// The simulated world cannot be built.
@@ -35,8 +35,8 @@ impl<'a> ReopenableMachine<'a> {
 
     /// Advances a simulated machine to the time after `history`.
     pub(super) fn advance_to(self, history: RunHistory<'_>) -> Self {
-        if let MachineKind::Simulated(rehearsal) = &self.machine {
-            rehearsal.advance_to(history);
+        if let MachineKind::Simulated(simulated) = &self.machine {
+            simulated.advance_to(history);
         }
         self
     }
@@ -49,7 +49,7 @@ impl<'a> ReopenableMachine<'a> {
     pub async fn open(&self, pace: Pace) -> Result<Devices, SetupError> {
         let dialect = machine_dialect(self.file)?;
         match &self.machine {
-            MachineKind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
+            MachineKind::Simulated(simulated) => simulated.open(dialect, pace).await,
             MachineKind::Real(control) => {
                 let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
                 let machine = &self.file.machine;
@@ -64,7 +64,7 @@ impl<'a> ReopenableMachine<'a> {
     /// The simulated operator of a simulated machine; `None` for a real one.
     pub fn simulated_operator(&self) -> Option<SimulatedOperator> {
         match &self.machine {
-            MachineKind::Simulated(rehearsal) => Some(rehearsal.simulated_operator()),
+            MachineKind::Simulated(simulated) => Some(simulated.simulated_operator()),
             MachineKind::Real(_) => None,
         }
     }

@@ -50,7 +50,7 @@ impl Sensors {
     /// Meaning of the counts in the samples of the sensor `name`; `None`: they contain no counts.
     pub fn encoder_scale(&self, name: &str) -> Option<EncoderScale> {
         let entry = self.entry(name)?;
-        Some(EncoderScale { encoder: self.encoder?, wrap_count: entry.connection.encoder_round()? })
+        Some(EncoderScale { encoder: self.encoder?, wrap_count: entry.connection.encoder_wrap_count()? })
     }
 
     /// Opens the sensor of this name. A sensor in the spindle replaces the probe until dropped. Call inside a
@@ -75,16 +75,16 @@ impl Sensors {
     async fn connect(&self, name: &str) -> Result<Sensor, SensorError> {
         let SensorEntry { sensor, connection, .. } =
             self.entry(name).ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
-        let talk = RequestCapture::from_mode(&self.wiring, &format!("sensor {name}"));
-        if talk.is_replayed() {
-            return Ok(Sensor::from_capture(name, talk));
+        let capture = RequestCapture::from_mode(&self.wiring, &format!("sensor {name}"));
+        if capture.is_replayed() {
+            return Ok(Sensor::from_capture(name, capture));
         }
         let opened = match (connection, &self.world) {
             (SensorConnection::Simulated(simulated), Some(world)) => simulated.open(sensor, world).await,
             (SensorConnection::Real(real), _) => real.open(sensor, self.clock.clone(), &self.ports).await,
             (SensorConnection::Simulated(_), None) => Err(SensorError::NoSimulatedMachine { name: name.to_owned() }),
         };
-        opened?.with_capture(talk).await
+        opened?.with_capture(capture).await
     }
 }
 

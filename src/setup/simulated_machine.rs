@@ -44,7 +44,7 @@ impl<'a> SimulatedMachine<'a> {
         let modes = render_modes(&dialect, &self.file.machine, None)?;
         let (controller, served) = self.control.open(self.simulation_setup(pace)?, modes).await?;
         let world = Some(self.world.clone());
-        Ok(Devices::new(controller, dialect).with_sensors(self.file, world).with_served_control(served))
+        Ok(Devices::new(controller, dialect).with_sensors(self.file, world).with_control_server(served))
     }
 
     /// Serves the simulated control on its wire until dropped. Call inside a tokio runtime.

@@ -6,8 +6,8 @@ use std::ops::RangeInclusive;
 use nalgebra::{Rotation3, Vector3};
 
 use super::SimulatedWorldError;
+use super::cylinder::{FormHarmonic, RadiusProfile, TrueCylinder};
 use super::datum_truth::StageTruth;
-use super::flank::{Flank, FormHarmonic, Profile};
 use super::nearest_surface::NearestSurface;
 use super::random_draws::{RandomSource, draw_form, draw_normal};
 use super::truth::MachineTruth;
@@ -19,7 +19,7 @@ use machine::record::artefact::DatumCylinder;
 pub(super) struct TrueDatumCylinder {
     stated: DatumCylinder,
     /// Profiles of the stated sections, in their order.
-    profiles: Vec<Profile>,
+    profiles: Vec<RadiusProfile>,
     face_form: Vec<FormHarmonic>,
     foot: Vector3<f64>,
     tilt: [f64; 2],
@@ -33,7 +33,7 @@ pub(super) struct TrueDatumCylinder {
 
 #[derive(Debug, Clone)]
 struct MountedDatum {
-    flanks: Vec<Flank>,
+    sections: Vec<TrueCylinder>,
     foot: Vector3<f64>,
     /// Columns: the x, y and axis directions of the artefact.
     frame: Rotation3<f64>,
@@ -50,9 +50,9 @@ impl TrueDatumCylinder {
             let listed = own.section_form.iter().filter(|form| form.section == number + 1);
             let listed = listed.map(|f| FormHarmonic { n: f.n, cos_um: f.cos_um, sin_um: f.sin_um });
             let form = truth.form.iter().copied().chain(drawn).chain(listed);
-            Profile::new(section.radius_mm + truth.radius_offset_mm, form)
+            RadiusProfile::new(section.radius_mm + truth.radius_offset_mm, form)
         };
-        let profiles: Vec<Profile> = stated.sections.iter().enumerate().map(profile).collect();
+        let profiles: Vec<RadiusProfile> = stated.sections.iter().enumerate().map(profile).collect();
         let mut face_form = section_form(FACE_DRAW_KEY);
         face_form.extend(&own.face_form);
         let is_valid = unit_vector(Vector3::from(stated.axis)).is_some()
@@ -74,7 +74,7 @@ impl TrueDatumCylinder {
             seed: truth.seed,
             mounting_count: 0,
             turn_deg: 0.0,
-            mounted_pose: MountedDatum { flanks: Vec::new(), foot, frame: Rotation3::identity() },
+            mounted_pose: MountedDatum { sections: Vec::new(), foot, frame: Rotation3::identity() },
         };
         datum.mounted_pose = datum.compute_mounted_pose(0.0, [0.0; 2], datum.tilt);
         Ok(datum)
@@ -103,13 +103,13 @@ impl TrueDatumCylinder {
         let axis = (axis + Vector3::new(tilt[0], tilt[1], 0.0)).normalize();
         let foot = self.foot + Vector3::new(shift[0], shift[1], 0.0);
         let bounds = self.section_boundaries();
-        let flank = |(number, profile): (usize, &Profile)| {
+        let section = |(number, profile): (usize, &RadiusProfile)| {
             let (from, to) = (bounds[number], bounds[number + 1]);
-            Flank::new(foot + axis * from, axis, to - from, profile.clone()).rotated(turn)
+            TrueCylinder::new(foot + axis * from, axis, to - from, profile.clone()).rotated(turn)
         };
-        let flanks: Vec<Flank> = self.profiles.iter().enumerate().map(flank).collect();
-        let frame = flanks.first().map_or(Rotation3::identity(), |flank| *flank.frame());
-        MountedDatum { flanks, foot, frame }
+        let sections: Vec<TrueCylinder> = self.profiles.iter().enumerate().map(section).collect();
+        let frame = sections.first().map_or(Rotation3::identity(), |section| *section.frame());
+        MountedDatum { sections, foot, frame }
     }
 
     /// Heights of the boundaries between sections, from the foot to the end; sections are stated in rising
@@ -125,12 +125,12 @@ impl TrueDatumCylinder {
     /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
         let far = NearestSurface::beyond(f64::INFINITY);
-        let MountedDatum { flanks, foot, frame } = &self.mounted_pose;
-        let nearer = |best: NearestSurface, flank: &Flank| {
-            let is_farther = flank.min_distance(point) > best.distance;
-            if is_farther { best } else { best.or_nearer(flank.nearest(point, growth)) }
+        let MountedDatum { sections, foot, frame } = &self.mounted_pose;
+        let nearer = |best: NearestSurface, section: &TrueCylinder| {
+            let is_farther = section.min_distance(point) > best.distance;
+            if is_farther { best } else { best.or_nearer(section.nearest(point, growth)) }
         };
-        let mut nearest = flanks.iter().fold(far, nearer);
+        let mut nearest = sections.iter().fold(far, nearer);
         let own = frame.inverse() * (point - foot);
         // The form of the face is micrometres over millimetres, so that its slope does not change the distance.
         if nearest.normal.dot(&(*frame * Vector3::z())) > 0.5 {

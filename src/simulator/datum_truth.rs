@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::flank::FormHarmonic;
+use super::cylinder::FormHarmonic;
 
 /// `[simulated.datum_cylinder]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -12,11 +12,12 @@ mod balls;
 mod beam;
 mod check;
 pub mod controls;
+mod crc16;
+mod cylinder;
 mod datum;
 mod datum_truth;
 mod error;
 pub mod faulty_wire;
-mod flank;
 pub mod interpreter;
 mod linear_errors;
 mod machine_pose;
@@ -43,9 +44,9 @@ mod wiring;
 use std::collections::BTreeMap;
 
 pub use beam::SensorOutput;
+pub use cylinder::FormHarmonic;
 pub use datum_truth::{DatumTruth, IndexFault, SectionForm, StageTruth};
 pub use error::SimulatedWorldError;
-pub use flank::FormHarmonic;
 pub use operator::SimulatedOperator;
 pub use ramp::Speed;
 pub use rotary_motion::RotaryMotion;
@@ -57,7 +58,7 @@ use machine::record::artefact::Artefact;
 use machine::record::machine::{AxisSpec, Machine, Probe};
 use machine::{Axis, Position};
 use motion_history::MotionHistory;
-use path::{LostMotion, MoveLimits, MovePath};
+use path::{LostMotion, MoveBounds, MovePath};
 use ramp::{MIN_SEARCH_STEP_MM, first_crossing};
 use random_draws::{RandomSource, draw_normal};
 use scene::Scene;
@@ -301,7 +302,7 @@ impl SimulatedWorld {
     fn path(&self, to: &Position, speed: Speed) -> Option<MovePath> {
         let max_travel_ratio = self.true_wiring.max_travel_ratio();
         let lever_arm = |axis, at: &Position| self.scene.lever_arm(axis, at);
-        let limits = MoveLimits { axes: &self.axes, lever_arm: &lever_arm, max_travel_ratio };
+        let limits = MoveBounds { axes: &self.axes, lever_arm: &lever_arm, max_travel_ratio };
         MovePath::new(&self.command, to, speed, &self.lost_motion, &limits)
     }
 
@@ -339,7 +340,7 @@ impl SimulatedWorld {
 
     fn set_stop_position(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
         self.command = path.command(fraction);
-        self.lost_motion.update_actual(&self.command);
+        self.lost_motion.update_actual_position(&self.command);
         self.t_s += duration_s;
     }
 

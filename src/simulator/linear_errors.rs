@@ -18,8 +18,8 @@ struct RandomFunction {
     /// (angular frequency per mm, phase in rad).
     waves: Vec<(f64, f64)>,
     value_at_zero: f64,
-    pitch: f64,
-    /// Value, and derivative times pitch, at multiples of the pitch, where the function has been tabulated.
+    knot_pitch: f64,
+    /// Value, and derivative times knot pitch, at multiples of the knot pitch, where the function has been tabulated.
     /// Cubic Hermite interpolation between them is within 1e-6 σ of the sum of cosines.
     knots: Vec<[f64; 2]>,
 }
@@ -39,8 +39,8 @@ impl RandomFunction {
         let phases = rand_distr::StandardUniform.sample_iter(random::seeded_stream(seed, &phase_key));
         let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
         let amplitude = sigma * (2.0 / Self::WAVE_COUNT as f64).sqrt();
-        let pitch = length / 10.0;
-        let mut function = Self { amplitude, waves, pitch, ..Self::default() };
+        let knot_pitch = length / 10.0;
+        let mut function = Self { amplitude, waves, knot_pitch, ..Self::default() };
         function.value_at_zero = function.value_at(0.0);
         function
     }
@@ -48,11 +48,11 @@ impl RandomFunction {
     /// The same function, tabulated within `reach` of zero, mm.
     fn tabulated(mut self, reach: f64) -> Self {
         if !self.waves.is_empty() {
-            let half = (reach / self.pitch).ceil().min(Self::MAX_KNOTS_PER_SIDE) as i64;
+            let half = (reach / self.knot_pitch).ceil().min(Self::MAX_KNOTS_PER_SIDE) as i64;
             let knot = |i: i64| {
-                let x = i as f64 * self.pitch;
+                let x = i as f64 * self.knot_pitch;
                 let slope: f64 = self.waves.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
-                [self.sum_of_cosines(x), self.amplitude * slope * self.pitch]
+                [self.sum_of_cosines(x), self.amplitude * slope * self.knot_pitch]
             };
             self.knots = (-half..=half).map(knot).collect();
         }
@@ -63,7 +63,7 @@ impl RandomFunction {
         if self.waves.is_empty() {
             return 0.0;
         }
-        let knot_coordinate = x / self.pitch + (self.knots.len() / 2) as f64;
+        let knot_coordinate = x / self.knot_pitch + (self.knots.len() / 2) as f64;
         let i = knot_coordinate.floor();
         let piece = (i >= 0.0).then(|| self.knots.get(i as usize..)?.get(..2)).flatten();
         let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.sum_of_cosines(x) };

@@ -14,34 +14,34 @@ const SPINDLE_ACCELERATION_DEG_S2: f64 = 1_000.0;
 /// its lag behind the last direction of motion is half the gap.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LostMotion {
-    half_gap: BTreeMap<Axis, f64>,
-    actual: Position,
+    half_backlash_mm: BTreeMap<Axis, f64>,
+    actual_position: Position,
 }
 
 impl LostMotion {
     pub fn new(backlash_um: &BTreeMap<Axis, f64>, command: &Position) -> Self {
-        let half_gap =
+        let half_backlash_mm =
             backlash_um.iter().filter(|(axis, _)| axis.is_linear()).map(|(axis, gap)| (*axis, gap * 0.5e-3)).collect();
-        Self { half_gap, actual: command.clone() }
+        Self { half_backlash_mm, actual_position: command.clone() }
     }
 
     /// True axis positions after a move to `command` without a reversal.
     pub fn position_after_move_to(&self, command: &Position) -> Position {
         let mut axes = command.clone();
-        for (axis, half) in &self.half_gap {
+        for (axis, half) in &self.half_backlash_mm {
             let command = command.get_or_zero(*axis);
-            axes.set(*axis, self.actual.get_or_zero(*axis).clamp(command - half, command + half));
+            axes.set(*axis, self.actual_position.get_or_zero(*axis).clamp(command - half, command + half));
         }
         axes
     }
 
-    pub fn update_actual(&mut self, command: &Position) {
-        self.actual = self.position_after_move_to(command);
+    pub fn update_actual_position(&mut self, command: &Position) {
+        self.actual_position = self.position_after_move_to(command);
     }
 }
 
 /// Bounds of a move: the speeds of the axes, and the largest distance of the ball from a rotary axis.
-pub(super) struct MoveLimits<'a> {
+pub(super) struct MoveBounds<'a> {
     pub axes: &'a BTreeMap<Axis, AxisSpec>,
     pub lever_arm: &'a dyn Fn(Axis, &Position) -> f64,
     /// Largest ratio of true to commanded travel.
@@ -67,7 +67,7 @@ impl MovePath {
         to: &Position,
         speed: Speed,
         lost_motion: &LostMotion,
-        limits: &MoveLimits,
+        limits: &MoveBounds,
     ) -> Option<Self> {
         let span: Position = to
             .iter()

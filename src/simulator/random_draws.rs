@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::flank::FormHarmonic;
+use super::cylinder::FormHarmonic;
 use super::sensor_truth::LinearityWave;
 use estimation::random;
 
@@ -123,12 +123,12 @@ fn symmetric_off_diagonal([xy, xz, yz]: [f64; 3]) -> Matrix3<f64> {
 
 /// Pre-travel of the probe as a function of the direction of the contact normal, spindle frame.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Lobing {
+pub(super) struct ProbeLobing {
     /// (harmonic, cosine, sine), mm.
     terms: Vec<(f64, f64, f64)>,
 }
 
-impl Lobing {
+impl ProbeLobing {
     /// Draws the declared harmonics, or 2 to 6: the first is a stylus offset, the zeroth is part of the ball's
     /// radius.
     pub fn draw(seed: u64, sigma_mm: f64, declared: &[u32]) -> Self {
@@ -149,7 +149,7 @@ impl Lobing {
 
 /// Slow thermal motion of the table against the spindle, and thermal growth of the artefact.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Drift {
+pub(super) struct ThermalDrift {
     table_mm_per_s: Vector3<f64>,
     radius_mm_per_s: f64,
 }
@@ -162,7 +162,7 @@ pub(super) fn equilibrium_share(t_s: f64) -> f64 {
     1.0 - (-t_s / WARM_UP_TIME_CONSTANT_S).exp()
 }
 
-impl Drift {
+impl ThermalDrift {
     pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
         let sigma = sigma_um_per_h * 1e-3 / 3600.0;
         let draw = |part| sigma * draw_normal(seed, RandomSource::Drift, &[part]);

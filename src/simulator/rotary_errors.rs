@@ -23,7 +23,7 @@ pub(super) struct RotaryErrors {
 /// Number of waves of an asynchronous motion.
 const ASYNCHRONOUS_TERM_COUNT: u64 = 24;
 /// Period of the slowest phase change, s; the phase of wave n changes n times as fast.
-const PHASE_PERIOD_S: f64 = 61.7;
+const SLOWEST_PHASE_PERIOD_S: f64 = 61.7;
 
 /// Order, cosine and sine, mm or rad.
 type HarmonicTerm = (f64, f64, f64);
@@ -99,7 +99,7 @@ impl RotaryErrors {
         let angle = position.get_or_zero(self.axis);
         self.asynchronous.iter().map(move |(parameter, terms)| {
             let value = (1..).zip(terms).map(|(number, (n, c, s))| {
-                let (sin, cos) = (n * angle + TAU * f64::from(number) * t_s / PHASE_PERIOD_S).sin_cos();
+                let (sin, cos) = (n * angle + TAU * f64::from(number) * t_s / SLOWEST_PHASE_PERIOD_S).sin_cos();
                 c * cos + s * sin
             });
             ErrorTerm { parameter: *parameter, value: value.sum() }

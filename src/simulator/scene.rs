@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use super::SimulatedWorldError;
 use super::linear_errors::{AngularErrors, LinearErrors};
 use super::machine_pose::MachinePose;
-use super::random_draws::{self, Drift, Lobing};
+use super::random_draws::{self, ProbeLobing, ThermalDrift};
 use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
 use super::sensor_view::{MeasuredObject, SensorView};
@@ -28,12 +28,12 @@ pub(super) struct Scene {
     linear_errors: LinearErrors,
     angular_errors: AngularErrors,
     rotary_errors: Vec<RotaryErrors>,
-    drift: Drift,
+    drift: ThermalDrift,
     /// Stated and true stylus-ball centre, spindle frame.
-    tool: Vector3<f64>,
-    tip: Vector3<f64>,
+    stated_stylus: Vector3<f64>,
+    true_stylus: Vector3<f64>,
     ball_radius: f64,
-    lobing: Lobing,
+    lobing: ProbeLobing,
     surface: Surface,
     sag: Sag,
     /// Upper bound of the distance of a rotary axis from the machine's origin.
@@ -56,20 +56,20 @@ impl Scene {
         let linear_errors = LinearErrors::draw(seed, motions).tabulated(Axis::LINEAR.map(travel));
         let linear_errors = linear_errors.with_squareness_errors(seed, machine.squareness_urad * 1e-6);
         let rotations = linear_magnitudes(machine, |spec| spec.angular_motion_urad * 1e-6);
-        let tool = Vector3::from(machine.tool_mm);
+        let stated_stylus = Vector3::from(machine.tool_mm);
         Ok(Self {
             chain,
             errors,
             linear_errors,
             angular_errors: AngularErrors::draw(seed, rotations),
             rotary_errors: draw_rotary_errors(machine, truth)?,
-            drift: Drift::draw(seed, machine.drift_um_per_h),
-            tool,
-            tip: tool
+            drift: ThermalDrift::draw(seed, machine.drift_um_per_h),
+            stated_stylus,
+            true_stylus: stated_stylus
                 + Vector3::from(truth.tool_offset_um) * 1e-3
                 + random_draws::draw_stylus_offset(seed, probe.stylus_offset_um * 1e-3),
             ball_radius: probe.ball_radius_mm,
-            lobing: Lobing::draw(seed, probe.lobing_um * 1e-3, &probe.lobing_orders),
+            lobing: ProbeLobing::draw(seed, probe.lobing_um * 1e-3, &probe.lobing_orders),
             surface: Surface::new(artefact, truth)?,
             sag: Sag::new(&truth.sag),
             max_axis_distance: rotary_axis_reach(machine),
@@ -102,15 +102,15 @@ impl Scene {
     /// radian.
     pub fn lever_arm(&self, axis: Axis, position: &Position) -> f64 {
         if axis == Axis::S {
-            return self.tip.x.hypot(self.tip.y);
+            return self.true_stylus.x.hypot(self.true_stylus.y);
         }
-        position.xyz().norm() + self.tip.norm() + self.max_axis_distance
+        position.xyz().norm() + self.true_stylus.norm() + self.max_axis_distance
     }
 
     /// Distance and outward normal of the surface, the normal in the spindle frame.
     fn distance_and_normal(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
         let SensorView { pose, growth, .. } = self.view_from_spindle(axes, command, t_s);
-        let nearest = self.surface.nearest(pose.to_table_point(self.tip), growth, t_s);
+        let nearest = self.surface.nearest(pose.to_table_point(self.true_stylus), growth, t_s);
         (nearest.distance - self.ball_radius, pose.to_spindle_direction(nearest.normal))
     }
 
@@ -130,7 +130,8 @@ impl Scene {
     /// The sphere in the spindle, as seen from a sensor on the table.
     pub fn view_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let view = self.view_from_spindle(axes, command, t_s);
-        let target = MeasuredObject::Sphere { centre: view.pose.to_table_point(self.tip), radius: self.ball_radius };
+        let target =
+            MeasuredObject::Sphere { centre: view.pose.to_table_point(self.true_stylus), radius: self.ball_radius };
         let table = view.pose.table;
         let pose = MachinePose { table, spindle: table, shift: Vector3::zeros() };
         SensorView { pose, target, ..view }

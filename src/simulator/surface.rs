@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use super::SimulatedWorldError;
 use super::balls::TrueBalls;
+use super::cylinder::{RadiusProfile, TrueCylinder};
 use super::datum::TrueDatumCylinder;
-use super::flank::{Flank, Profile};
 use super::nearest_surface::NearestSurface;
 use super::random_draws::{RandomSource, draw_form};
 use super::truth::MachineTruth;
@@ -21,7 +21,7 @@ const EMPTY_TABLE_DISTANCE_MM: f64 = 1e9;
 /// The true artefact, in the table frame.
 #[derive(Debug, Clone)]
 pub(super) enum Surface {
-    Flank(Flank),
+    Cylinder(TrueCylinder),
     Balls(TrueBalls),
     Datum(Box<TrueDatumCylinder>),
     /// There is no artefact.
@@ -33,7 +33,7 @@ impl Surface {
         match artefact {
             Artefact::Cylinder(cylinder) => {
                 truth.reject_ball_keys()?;
-                cylinder_flank(cylinder, truth).map(Self::Flank)
+                true_cylinder(cylinder, truth).map(Self::Cylinder)
             }
             Artefact::Balls(balls) => {
                 truth.check_ball_keys(balls)?;
@@ -63,7 +63,7 @@ impl Surface {
     /// part; the growth of a small ball is far below a micrometre.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> NearestSurface {
         match self {
-            Self::Flank(flank) => flank.nearest(point, growth),
+            Self::Cylinder(cylinder) => cylinder.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
             Self::Datum(datum) => datum.nearest(point, growth),
             Self::Empty => NearestSurface::beyond(EMPTY_TABLE_DISTANCE_MM),
@@ -71,10 +71,10 @@ impl Surface {
     }
 }
 
-fn cylinder_flank(cylinder: &Cylinder, truth: &MachineTruth) -> Result<Flank, SimulatedWorldError> {
+fn true_cylinder(cylinder: &Cylinder, truth: &MachineTruth) -> Result<TrueCylinder, SimulatedWorldError> {
     let rough = draw_form(truth.seed, RandomSource::Roughness, &[], ROUGHNESS_ORDERS, truth.roughness_um);
     let radius = cylinder.radius_mm + truth.radius_offset_mm;
-    let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));
+    let profile = RadiusProfile::new(radius, truth.form.iter().copied().chain(rough));
     let direction = Vector3::from(cylinder.axis);
     let is_finite = direction.iter().all(|part| part.is_finite());
     let is_valid = is_finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
@@ -83,5 +83,5 @@ fn cylinder_flank(cylinder: &Cylinder, truth: &MachineTruth) -> Result<Flank, Si
         return Err(SimulatedWorldError::InvalidArtefact);
     }
     let foot = Vector3::from(cylinder.centre_mm) + truth.centre_offset();
-    Ok(Flank::new(foot, direction, cylinder.height_mm, profile))
+    Ok(TrueCylinder::new(foot, direction, cylinder.height_mm, profile))
 }

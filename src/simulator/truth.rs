@@ -7,8 +7,8 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::SimulatedWorldError;
+use super::cylinder::FormHarmonic;
 use super::datum_truth::{DatumTruth, StageTruth};
-use super::flank::FormHarmonic;
 use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::SensorTruth;
 use super::thermometer_truth::ThermometerTruth;

@@ -118,35 +118,35 @@ impl Wiring {
 mod tests {
     use super::*;
 
-    fn wired(wiring: Wiring) -> TrueWiring {
+    fn true_wiring(wiring: Wiring) -> TrueWiring {
         TrueWiring::new(&wiring, &Position::new().with(Axis::X, 0.0).with(Axis::Y, 0.0).with(Axis::Z, 450.0))
     }
 
     #[test]
     fn from_where_it_stood_the_machine_moves_otherwise_than_the_control_believes() {
         let displayed = Position::new().with(Axis::X, 2.0).with(Axis::Y, -3.0).with(Axis::Z, 440.0);
-        let truly = |wiring| wired(wiring).true_position(displayed.clone());
-        assert_eq!(truly(Wiring::default()), displayed);
+        let true_position = |wiring| true_wiring(wiring).true_position(displayed.clone());
+        assert_eq!(true_position(Wiring::default()), displayed);
         let swapped = Wiring { swapped: vec![[Axis::X, Axis::Y]], ..Wiring::default() };
-        assert_eq!(truly(swapped), displayed.clone().with(Axis::X, -3.0).with(Axis::Y, 2.0));
+        assert_eq!(true_position(swapped), displayed.clone().with(Axis::X, -3.0).with(Axis::Y, 2.0));
         let reversed = Wiring { reversed: vec![Axis::Z], ..Wiring::default() };
-        assert_eq!(truly(reversed), displayed.clone().with(Axis::Z, 460.0));
+        assert_eq!(true_position(reversed), displayed.clone().with(Axis::Z, 460.0));
         let gain = Wiring { gain: [(Axis::X, 25.4)].into(), ..Wiring::default() };
-        assert_eq!(truly(gain), displayed.clone().with(Axis::X, 50.8));
+        assert_eq!(true_position(gain), displayed.clone().with(Axis::X, 50.8));
         // Both at once: the motor of X is connected to the drive of Y, and turns in the opposite direction.
         let both = Wiring { swapped: vec![[Axis::X, Axis::Y]], reversed: vec![Axis::X], ..Wiring::default() };
-        assert_eq!(truly(both), displayed.with(Axis::X, 3.0).with(Axis::Y, 2.0));
+        assert_eq!(true_position(both), displayed.with(Axis::X, 3.0).with(Axis::Y, 2.0));
     }
 
     #[test]
     fn the_probe_shows_what_its_wires_let_through() {
-        let shown = |probe| {
-            let wired = wired(Wiring { probe, ..Wiring::default() });
-            ([wired.input_state(false), wired.input_state(true)], wired.reacts_to_contact())
+        let input_states = |probe| {
+            let true_wiring = true_wiring(Wiring { probe, ..Wiring::default() });
+            ([true_wiring.input_state(false), true_wiring.input_state(true)], true_wiring.reacts_to_contact())
         };
-        assert_eq!(shown(ProbeWiring::Right), ([false, true], true));
-        assert_eq!(shown(ProbeWiring::Inverted), ([true, false], true));
-        assert_eq!(shown(ProbeWiring::Dead), ([false, false], false));
-        assert_eq!(shown(ProbeWiring::Stuck), ([true, true], false));
+        assert_eq!(input_states(ProbeWiring::Right), ([false, true], true));
+        assert_eq!(input_states(ProbeWiring::Inverted), ([true, false], true));
+        assert_eq!(input_states(ProbeWiring::Dead), ([false, false], false));
+        assert_eq!(input_states(ProbeWiring::Stuck), ([true, true], false));
     }
 }

@@ -37,13 +37,13 @@ fn chain_letters(topology: &str) -> impl Iterator<Item = &str> {
 
 /// The topology in words, for readers who do not know the notation.
 pub(super) fn describe_topology(topology: &str) -> String {
-    let told = |letter: &str| match letter {
+    let component_name = |letter: &str| match letter {
         "w" => "workpiece".to_owned(),
         "b" | "F" => "bed".to_owned(),
         "t" => "tool".to_owned(),
         "(C)" | "S" => "spindle".to_owned(),
         axis => axis.to_owned(),
     };
-    let words: Vec<String> = chain_letters(topology).map(told).collect();
+    let words: Vec<String> = chain_letters(topology).map(component_name).collect();
     words.join(", ")
 }

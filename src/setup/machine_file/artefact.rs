@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::balls_csv::{self, Columns, CommonBallData, column_of_key};
+use super::balls_csv::{self, CommonBallData, TableColumns, column_of_key};
 use super::document::Document;
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use machine::artefact::{self, ArtefactEntry, ArtefactFault};
@@ -31,7 +31,7 @@ pub enum ArtefactSource<'a> {
 }
 
 #[derive(Deserialize)]
-struct KindKey {
+struct ArtefactKind {
     kind: String,
 }
 
@@ -44,12 +44,12 @@ pub fn read_artefact(document: &Document, source: ArtefactSource<'_>) -> Result<
     if let ArtefactSource::Artefact(artefact) = source {
         return Ok(artefact.clone());
     }
-    let KindKey { kind } = document.read_required(&["artefact"])?;
+    let ArtefactKind { kind } = document.read_required(&["artefact"])?;
     match kind.as_str() {
-        "cylinder" => read_fields(document, &["kind"]).map(Artefact::Cylinder),
+        "cylinder" => read_artefact_fields(document, &["kind"]).map(Artefact::Cylinder),
         "balls" => read_balls(document, source).map(Artefact::Balls),
-        "datum_cylinder" => read_fields(document, &["kind"]).map(Artefact::DatumCylinder),
-        "none" => read_fields(document, &["kind"]).map(|NoKeys {}| Artefact::None),
+        "datum_cylinder" => read_artefact_fields(document, &["kind"]).map(Artefact::DatumCylinder),
+        "none" => read_artefact_fields(document, &["kind"]).map(|NoKeys {}| Artefact::None),
         _ => {
             let why = format!("is `{kind}`; known: cylinder, balls, datum_cylinder, none");
             Err(document.value_error(&["artefact", "kind"], why))
@@ -57,18 +57,18 @@ pub fn read_artefact(document: &Document, source: ArtefactSource<'_>) -> Result<
     }
 }
 
-/// Reads the table without the keys in `less`, which were read before.
-fn read_fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, MachineFileError> {
+/// Reads the table without the keys in `other_keys`, which were read before.
+fn read_artefact_fields<T: DeserializeOwned>(document: &Document, other_keys: &[&str]) -> Result<T, MachineFileError> {
     document.read_required_section(&["artefact"], |value| {
-        T::deserialize(less.iter().fold(value, |value, key| value.without_key(key)))
+        T::deserialize(other_keys.iter().fold(value, |value, key| value.without_key(key)))
     })
 }
 
 fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
     let mut balls: Balls =
-        read_fields(document, &[&["kind", "file"], &PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat())?;
+        read_artefact_fields(document, &[&["kind", "file"], &PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat())?;
     let wrong = |key: &str, why: &str| document.value_error(&["artefact", key], why);
-    let file: Option<String> = read_key(document, "file")?;
+    let file: Option<String> = read_artefact_key(document, "file")?;
     let table = match file {
         Some(_) if !balls.balls.is_empty() => {
             return Err(wrong("file", "and [[artefact.balls]] are both present: keep only one of them"));
@@ -88,7 +88,7 @@ fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, 
                     [[artefact.balls]] instead";
                 return Err(wrong("file", why));
             };
-            Some(BallTable::read_artefact(&folder.join(name), &read_common(document)?)?)
+            Some(BallTable::read(&folder.join(name), &read_common_ball_data(document)?)?)
         }
     };
     if let Some(table) = &table {
@@ -110,9 +110,9 @@ fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, 
     if balls.uncertainty_mm < 0.0 {
         return Err(wrong("uncertainty_mm", "must not be negative"));
     }
-    let origin_mm = read_key(document, PLACEMENT_KEYS[0])?.unwrap_or_default();
-    place_balls(&mut balls, origin_mm, read_key(document, PLACEMENT_KEYS[1])?.unwrap_or_default());
-    artefact::check_balls(&balls).map_err(|flaw| artefact_error(document, table.as_ref(), flaw))?;
+    let origin_mm = read_artefact_key(document, PLACEMENT_KEYS[0])?.unwrap_or_default();
+    place_balls(&mut balls, origin_mm, read_artefact_key(document, PLACEMENT_KEYS[1])?.unwrap_or_default());
+    artefact::check_balls(&balls).map_err(|fault| artefact_fault_error(document, table.as_ref(), fault))?;
     Ok(balls)
 }
 
@@ -130,27 +130,27 @@ fn place_balls(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
     }
 }
 
-fn read_key<T: DeserializeOwned>(document: &Document, name: &str) -> Result<Option<T>, MachineFileError> {
+fn read_artefact_key<T: DeserializeOwned>(document: &Document, name: &str) -> Result<Option<T>, MachineFileError> {
     document.read_section(&["artefact", name], T::deserialize)
 }
 
-fn read_common(document: &Document) -> Result<CommonBallData, MachineFileError> {
+fn read_common_ball_data(document: &Document) -> Result<CommonBallData, MachineFileError> {
     Ok(CommonBallData {
-        radius_mm: read_key(document, "radius_mm")?,
-        stem: read_key(document, "stem")?,
-        stem_radius_mm: read_key(document, "stem_radius_mm")?,
-        stem_length_mm: read_key(document, "stem_length_mm")?,
+        radius_mm: read_artefact_key(document, "radius_mm")?,
+        stem: read_artefact_key(document, "stem")?,
+        stem_radius_mm: read_artefact_key(document, "stem_radius_mm")?,
+        stem_length_mm: read_artefact_key(document, "stem_length_mm")?,
     })
 }
 
 struct BallTable {
     file: String,
-    columns: Columns,
+    columns: TableColumns,
     balls: Vec<balls_csv::NumberedBall>,
 }
 
 impl BallTable {
-    fn read_artefact(path: &Path, common: &CommonBallData) -> Result<Self, MachineFileError> {
+    fn read(path: &Path, common: &CommonBallData) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
             .map_err(|source| MachineFileError::ReadBalls { file: file.clone(), source })?;
@@ -159,12 +159,14 @@ impl BallTable {
     }
 }
 
-/// Error at the location of a flaw: in the table file, or at the key of the machine file.
-fn artefact_error(document: &Document, table: Option<&BallTable>, flaw: ArtefactFault) -> MachineFileError {
-    let ArtefactFault { entry: of, key, message: why } = flaw;
+/// Error at the location of a fault: in the table file, or at the key of the machine file.
+fn artefact_fault_error(document: &Document, table: Option<&BallTable>, fault: ArtefactFault) -> MachineFileError {
+    let ArtefactFault { entry: of, key, message: why } = fault;
     let (name, index) = match (of, table) {
         // The machine file contains the properties that all balls share.
-        (ArtefactEntry::Ball(_), Some(table)) if CommonBallData::KEYS.contains(&key) && !table.columns.has_key(key) => {
+        (ArtefactEntry::Ball(_), Some(table))
+            if CommonBallData::KEYS.contains(&key) && !table.columns.has_column_of_key(key) =>
+        {
             return document.value_error(&["artefact", key], why);
         }
         (ArtefactEntry::Ball(index), Some(table)) => {

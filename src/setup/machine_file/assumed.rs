@@ -7,25 +7,25 @@ use machine::Axis;
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
-const LINEAR_MOTION_UM: f64 = 1.0;
-const ANGULAR_MOTION_URAD: f64 = 5.0;
-const ROTARY_MOTION_UM: f64 = 0.5;
-const BACKLASH_UM: f64 = 1.0;
-const RESOLUTION_UM: f64 = 1.0;
-const LOBING_UM: f64 = 0.5;
-const STYLUS_OFFSET_UM: f64 = 0.8;
-const DRIFT_UM_PER_H: f64 = 5.0;
-const SQUARENESS_URAD: f64 = 10.0;
+const ASSUMED_LINEAR_MOTION_UM: f64 = 1.0;
+const ASSUMED_ANGULAR_MOTION_URAD: f64 = 5.0;
+const ASSUMED_ROTARY_MOTION_UM: f64 = 0.5;
+const ASSUMED_BACKLASH_UM: f64 = 1.0;
+const ASSUMED_RESOLUTION_UM: f64 = 1.0;
+const ASSUMED_LOBING_UM: f64 = 0.5;
+const ASSUMED_STYLUS_OFFSET_UM: f64 = 0.8;
+const ASSUMED_DRIFT_UM_PER_H: f64 = 5.0;
+const ASSUMED_SQUARENESS_URAD: f64 = 10.0;
 /// Standard uncertainty of the temperature (about 20 °C) of a certified length without a stated temperature,
 /// and expansion of steel where the file states no material.
-const TEMPERATURE_K: f64 = 2.0;
-const EXPANSION_UM_PER_M_K: f64 = 11.5;
+const ASSUMED_U_TEMPERATURE_K: f64 = 2.0;
+const ASSUMED_EXPANSION_UM_PER_M_K: f64 = 11.5;
 
 /// Fills in what `[machine]`, `[axes]` and `[probe]` do not state. Returns the keys, e.g. `axes.X.backlash_um`.
 ///
 /// # Errors
 /// The text cannot be read.
-pub fn fill_defaults(
+pub fn fill_assumed_values(
     document: &Document,
     machine: &mut Machine,
     probe: &mut Probe,
@@ -39,28 +39,28 @@ pub fn fill_defaults(
         }
         Ok(())
     };
-    fill(&["machine", "drift_um_per_h"], &mut machine.drift_um_per_h, DRIFT_UM_PER_H)?;
-    fill(&["machine", "squareness_urad"], &mut machine.squareness_urad, SQUARENESS_URAD)?;
+    fill(&["machine", "drift_um_per_h"], &mut machine.drift_um_per_h, ASSUMED_DRIFT_UM_PER_H)?;
+    fill(&["machine", "squareness_urad"], &mut machine.squareness_urad, ASSUMED_SQUARENESS_URAD)?;
     for (axis, spec) in &mut machine.axes {
         let name = axis.to_string();
         let key = |key| ["axes", name.as_str(), key];
         if axis.is_linear() {
-            fill(&key("resolution_um"), &mut spec.resolution_um, RESOLUTION_UM)?;
-            fill(&key("error_motion_um"), &mut spec.error_motion_um, LINEAR_MOTION_UM)?;
-            fill(&key("angular_motion_urad"), &mut spec.angular_motion_urad, ANGULAR_MOTION_URAD)?;
-            fill(&key("backlash_um"), &mut spec.backlash_um, BACKLASH_UM)?;
+            fill(&key("resolution_um"), &mut spec.resolution_um, ASSUMED_RESOLUTION_UM)?;
+            fill(&key("error_motion_um"), &mut spec.error_motion_um, ASSUMED_LINEAR_MOTION_UM)?;
+            fill(&key("angular_motion_urad"), &mut spec.angular_motion_urad, ASSUMED_ANGULAR_MOTION_URAD)?;
+            fill(&key("backlash_um"), &mut spec.backlash_um, ASSUMED_BACKLASH_UM)?;
         } else if *axis != Axis::S {
-            fill(&key("error_motion_um"), &mut spec.error_motion_um, ROTARY_MOTION_UM)?;
+            fill(&key("error_motion_um"), &mut spec.error_motion_um, ASSUMED_ROTARY_MOTION_UM)?;
         }
     }
-    fill(&["probe", "lobing_um"], &mut probe.lobing_um, LOBING_UM)?;
-    fill(&["probe", "stylus_offset_um"], &mut probe.stylus_offset_um, STYLUS_OFFSET_UM)?;
+    fill(&["probe", "lobing_um"], &mut probe.lobing_um, ASSUMED_LOBING_UM)?;
+    fill(&["probe", "stylus_offset_um"], &mut probe.stylus_offset_um, ASSUMED_STYLUS_OFFSET_UM)?;
     Ok(assumed)
 }
 
 /// Fills in the temperature uncertainty of certified lengths and centres of `artefact` without a stated
 /// temperature; appends the keys to `assumed`.
-pub fn fill_temperature_defaults(artefact: &mut Artefact, assumed: &mut Vec<String>) {
+pub fn fill_assumed_temperatures(artefact: &mut Artefact, assumed: &mut Vec<String>) {
     let Artefact::Balls(balls) = artefact else { return };
     if balls.certificate_u_mm.is_some() && balls.temperature_c.is_none() {
         let mut fill = |key: &str, value: &mut Option<f64>, size: f64| {
@@ -69,8 +69,8 @@ pub fn fill_temperature_defaults(artefact: &mut Artefact, assumed: &mut Vec<Stri
                 assumed.push(format!("artefact.{key}"));
             }
         };
-        fill("u_temperature_k", &mut balls.u_temperature_k, TEMPERATURE_K);
-        fill("expansion_um_per_m_k", &mut balls.expansion_um_per_m_k, EXPANSION_UM_PER_M_K);
+        fill("u_temperature_k", &mut balls.u_temperature_k, ASSUMED_U_TEMPERATURE_K);
+        fill("expansion_um_per_m_k", &mut balls.expansion_um_per_m_k, ASSUMED_EXPANSION_UM_PER_M_K);
     }
     for length in balls.lengths.iter_mut().filter(|length| length.temperature_c.is_none()) {
         let mut fill = |key: &str, value: &mut f64, size: f64| {
@@ -79,8 +79,8 @@ pub fn fill_temperature_defaults(artefact: &mut Artefact, assumed: &mut Vec<Stri
                 assumed.push(format!("artefact.lengths.{key}"));
             }
         };
-        fill("u_temperature_k", &mut length.u_temperature_k, TEMPERATURE_K);
-        fill("expansion_um_per_m_k", &mut length.expansion_um_per_m_k, EXPANSION_UM_PER_M_K);
+        fill("u_temperature_k", &mut length.u_temperature_k, ASSUMED_U_TEMPERATURE_K);
+        fill("expansion_um_per_m_k", &mut length.expansion_um_per_m_k, ASSUMED_EXPANSION_UM_PER_M_K);
     }
     assumed.dedup();
 }
@@ -143,7 +143,7 @@ mod tests {
         // The stated value.
         assert_eq!(length.expansion_um_per_m_k, 1.2);
         let expansion = documented("[[artefact.lengths]] expansion_um_per_m_k");
-        assert_eq!(expansion, super::EXPANSION_UM_PER_M_K);
+        assert_eq!(expansion, super::ASSUMED_EXPANSION_UM_PER_M_K);
     }
 
     #[test]

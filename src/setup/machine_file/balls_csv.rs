@@ -32,7 +32,7 @@ pub fn read_ball_table(
     file: &str,
     text: &str,
     common: &CommonBallData,
-) -> Result<(Columns, Vec<NumberedBall>), MachineFileError> {
+) -> Result<(TableColumns, Vec<NumberedBall>), MachineFileError> {
     let error = |line: usize, problem| {
         let place = FileLocation { file: file.to_owned(), line: Some(line) };
         MachineFileError::Content { place, problem }
@@ -44,14 +44,14 @@ pub fn read_ball_table(
         .trim(csv::Trim::All)
         .has_headers(false)
         .from_reader(text.as_bytes());
-    let mut columns: Option<Columns> = None;
+    let mut columns: Option<TableColumns> = None;
     let mut balls = Vec::new();
     let mut record = csv::StringRecord::new();
     loop {
         let more = rows.read_record(&mut record);
         // The position of a record is the position of the comments before it.
-        let behind = rows.position().line() as usize;
-        let line = behind.saturating_sub(1).max(1);
+        let lines_read = rows.position().line() as usize;
+        let line = lines_read.saturating_sub(1).max(1);
         match more {
             Ok(true) => {}
             Ok(false) => break,
@@ -59,8 +59,8 @@ pub fn read_ball_table(
         }
         match &columns {
             None => {
-                let head = Columns::new(&record, common);
-                columns = Some(head.map_err(|problem| error(line, problem))?);
+                let header = TableColumns::new(&record, common);
+                columns = Some(header.map_err(|problem| error(line, problem))?);
             }
             Some(columns) => {
                 let ball = columns.parse_ball(&record, common).map_err(|problem| error(line, problem))?;
@@ -83,34 +83,34 @@ pub fn column_of_key(key: &str) -> &str {
 
 /// Column names of a table.
 #[derive(Debug, Clone, Default)]
-pub struct Columns {
+pub struct TableColumns {
     names: Vec<String>,
 }
 
-impl Columns {
+impl TableColumns {
     /// Whether the table has a column for a ball's key.
-    pub fn has_key(&self, key: &str) -> bool {
+    pub fn has_column_of_key(&self, key: &str) -> bool {
         self.names.iter().any(|name| name == column_of_key(key))
     }
 
-    fn new(head: &csv::StringRecord, common: &CommonBallData) -> Result<Self, MachineFileProblem> {
-        let names: Vec<&str> = head.iter().collect();
+    fn new(header: &csv::StringRecord, common: &CommonBallData) -> Result<Self, MachineFileProblem> {
+        let names: Vec<&str> = header.iter().collect();
         let known = [REQUIRED_COLUMNS, STEM_COLUMNS].concat();
         if let Some(name) = names.iter().find(|name| !known.contains(name)) {
             let why = format!("is unknown; {}", hint::unknown_key_hint(name, &known));
             return Err(MachineFileProblem::Column { column: (*name).to_owned(), why });
         }
         let stated = |name: &str| name == "radius_mm" && common.radius_mm.is_some();
-        let lacks = |name: &&&str| !names.contains(name) && !stated(name);
-        if let Some(lacking) = REQUIRED_COLUMNS.iter().find(lacks) {
-            let why = match *lacking {
+        let is_missing = |name: &&&str| !names.contains(name) && !stated(name);
+        if let Some(missing) = REQUIRED_COLUMNS.iter().find(is_missing) {
+            let why = match *missing {
                 "radius_mm" => "is missing; state radius_mm in [artefact] if all balls have the same",
                 _ => "is missing; the first line names the columns",
             };
-            return Err(MachineFileProblem::Column { column: (*lacking).to_owned(), why: why.to_owned() });
+            return Err(MachineFileProblem::Column { column: (*missing).to_owned(), why: why.to_owned() });
         }
-        let twice = |name: &&&str| names.iter().filter(|other| other == name).count() > 1;
-        if let Some(name) = names.iter().find(twice) {
+        let is_duplicate = |name: &&&str| names.iter().filter(|other| other == name).count() > 1;
+        if let Some(name) = names.iter().find(is_duplicate) {
             let why = "occurs twice".to_owned();
             return Err(MachineFileProblem::Column { column: (*name).to_owned(), why });
         }
@@ -122,9 +122,9 @@ impl Columns {
             let index = self.names.iter().position(|column| column == name)?;
             record.get(index).filter(|text| !text.is_empty())
         };
-        let number = |name: &'static str, otherwise: Option<f64>| {
+        let number = |name: &'static str, common_value: Option<f64>| {
             let wrong = |why: String| MachineFileProblem::Column { column: name.to_owned(), why };
-            match (text(name), otherwise) {
+            match (text(name), common_value) {
                 (None, Some(value)) => Ok(value),
                 (None, None) => Err(wrong("is empty".to_owned())),
                 (Some(text), _) => match text.parse::<f64>() {

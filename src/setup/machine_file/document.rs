@@ -67,7 +67,7 @@ impl Document {
                     section: prefix(&name),
                     known: known.iter().map(|name| prefix(name)).collect(),
                 };
-                return Err(self.error_at(&full, problem));
+                return Err(self.error_at_key(&full, problem));
             }
         }
         Ok(())
@@ -88,7 +88,7 @@ impl Document {
     }
 
     /// Passes an empty table to `read`, for a section that the file does not contain.
-    pub fn read_empty<R>(
+    pub fn read_empty_table<R>(
         &self,
         path: &[&str],
         read: impl FnOnce(LocatedValue<'_>) -> Result<R, ValueFault>,
@@ -118,7 +118,7 @@ impl Document {
     }
 
     /// Error at the key `path`, or at its nearest parent in the file.
-    pub fn error_at(&self, path: &[&str], problem: MachineFileProblem) -> MachineFileError {
+    pub fn error_at_key(&self, path: &[&str], problem: MachineFileProblem) -> MachineFileError {
         let offset = (1..=path.len()).rev().find_map(|depth| {
             let root = DeTable::parse(&self.text).ok()?.into_inner();
             find_value(root, &path[..depth]).map(|(offset, _)| offset)
@@ -128,7 +128,7 @@ impl Document {
 
     /// Error for the value at the key `path`.
     pub fn value_error(&self, path: &[&str], why: impl Into<String>) -> MachineFileError {
-        self.error_at(path, value_problem(path, why.into()))
+        self.error_at_key(path, value_problem(path, why.into()))
     }
 
     /// Error for the value at `key` of entry `index` of the list `[[path]]`.

@@ -27,7 +27,7 @@ pub fn read_encoder(
     machine: &Machine,
     sensors: &[SensorEntry],
 ) -> Result<Option<Encoder>, MachineFileError> {
-    let counts = |entry: &SensorEntry| entry.connection.encoder_round().is_some();
+    let counts = |entry: &SensorEntry| entry.connection.encoder_wrap_count().is_some();
     let counting = sensors.iter().position(counts);
     let encoder: Option<Encoder> = document.read_section(&["encoder"], Deserialize::deserialize)?;
     let Some(Encoder { axis, counts_per_turn }) = encoder else {

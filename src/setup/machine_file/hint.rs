@@ -31,9 +31,9 @@ fn split_unit(key: &str) -> (&str, Option<&'static str>) {
 pub fn nearest_key<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
     let (stem, _) = split_unit(key);
     known.iter().copied().find(|candidate| split_unit(candidate).0 == stem).or_else(|| {
-        let slips = |candidate: &str| strsim::damerau_levenshtein(key, candidate);
-        let best = known.iter().copied().min_by_key(|candidate| slips(candidate))?;
-        (slips(best) <= best.chars().count() / 3).then_some(best)
+        let edit_distance = |candidate: &str| strsim::damerau_levenshtein(key, candidate);
+        let best = known.iter().copied().min_by_key(|candidate| edit_distance(candidate))?;
+        (edit_distance(best) <= best.chars().count() / 3).then_some(best)
     })
 }
 

@@ -115,10 +115,10 @@ impl MachineFile {
         let mut machine = read_machine(&document)?;
         let mut probe = document.read_required(&["probe"])?;
         check::check_probe(&document, &probe)?;
-        let mut assumed = assumed::fill_defaults(&document, &mut machine, &mut probe)?;
+        let mut assumed = assumed::fill_assumed_values(&document, &mut machine, &mut probe)?;
         let sensors: Vec<SensorEntry> = document.read_list("sensor")?;
         check::check_unique_names(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
-        sensor::check_ports(&document, &sensors)?;
+        sensor::check_port_settings(&document, &sensors)?;
         let encoder = encoder::read_encoder(&document, &machine, &sensors)?;
         let thermometers: Vec<thermometer::ThermometerConfig> = document.read_list("thermometer")?;
         check::check_unique_names(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
@@ -128,7 +128,7 @@ impl MachineFile {
         check::check_solids(&document, &solids, &machine)?;
         let mut artefact = artefact::read_artefact(&document, source)?;
         check::check_artefact(&document, &artefact)?;
-        assumed::fill_temperature_defaults(&mut artefact, &mut assumed);
+        assumed::fill_assumed_temperatures(&mut artefact, &mut assumed);
         let prompts = prompt::read_prompts(&document, &machine)?;
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;
@@ -174,7 +174,7 @@ impl MachineFile {
 
     /// `[[simulated.fault]]` in the keys of the simulated control; no faults if the file has none.
     pub fn simulated_faults(&self, control: &SimulatedControl) -> Result<SimulatedFaults, MachineFileError> {
-        let faults = self.document.read_section(&["simulated", "fault"], |list| control.faults(list))?;
+        let faults = self.document.read_section(&["simulated", "fault"], |list| control.read_faults(list))?;
         Ok(faults.unwrap_or_default())
     }
 
@@ -187,13 +187,13 @@ impl MachineFile {
     ) -> Result<R, MachineFileError> {
         match self.document.read_section(&["method", name], &read)? {
             Some(settings) => Ok(settings),
-            None => self.document.read_empty(&["method", name], &read),
+            None => self.document.read_empty_table(&["method", name], &read),
         }
     }
 
     /// Prompts to the operator before `method` measures with `sensors`.
-    pub fn prompts_before(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
-        let asked = self.prompts.iter().filter(|prompt| prompt.is_for(method));
+    pub fn prompts_for_method(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
+        let asked = self.prompts.iter().filter(|prompt| prompt.applies_to(method));
         let sensor_prompt = match self.controller.control {
             Control::Real(_) => prompt::sensor_prompt(sensors),
             // A simulated machine has no operator.
@@ -210,7 +210,7 @@ impl MachineFile {
     /// Refuses a `[method.NAME]` or a prompt for an unknown method.
     pub fn check_method_names(&self, known: &[&str]) -> Result<(), MachineFileError> {
         self.document.check_known_keys(&["method"], known)?;
-        prompt::check_methods(&self.document, &self.prompts, known)
+        prompt::check_prompt_methods(&self.document, &self.prompts, known)
     }
 }
 
@@ -218,7 +218,7 @@ fn read_machine(document: &Document) -> Result<Machine, MachineFileError> {
     if document.key_names(&["machine"])?.iter().any(|key| key == "axes") {
         let problem =
             MachineFileProblem::UnknownSection { section: "machine.axes".to_owned(), known: vec!["axes".to_owned()] };
-        return Err(document.error_at(&["machine", "axes"], problem));
+        return Err(document.error_at_key(&["machine", "axes"], problem));
     }
     let axes: BTreeMap<Axis, AxisSpec> = document.read_required(&["axes"])?;
     let machine = Machine { axes, ..document.read_required(&["machine"])? };

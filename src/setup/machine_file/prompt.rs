@@ -20,7 +20,7 @@ pub struct Prompt {
 }
 
 impl Prompt {
-    pub fn is_for(&self, method: &str) -> bool {
+    pub fn applies_to(&self, method: &str) -> bool {
         self.methods.as_ref().is_none_or(|methods| methods.iter().any(|name| name == method))
     }
 }
@@ -76,7 +76,7 @@ pub fn sensor_prompt(sensors: &[&Sensor]) -> Option<String> {
 }
 
 /// Checks that prompts name known methods only.
-pub fn check_methods(document: &Document, prompts: &[Prompt], known: &[&str]) -> Result<(), MachineFileError> {
+pub fn check_prompt_methods(document: &Document, prompts: &[Prompt], known: &[&str]) -> Result<(), MachineFileError> {
     for (index, prompt) in prompts.iter().enumerate() {
         let names = prompt.methods.iter().flatten();
         if let Some(name) = names.into_iter().find(|name| !known.contains(&name.as_str())) {

@@ -37,7 +37,7 @@ impl SensorConnection {
     }
 
     /// Number of counts after which the encoder count in the samples wraps; `None`: the samples have no count.
-    pub fn encoder_round(&self) -> Option<u64> {
+    pub fn encoder_wrap_count(&self) -> Option<u64> {
         match self {
             Self::Simulated(_) => None,
             Self::Real(real) => real.encoder_modulus(),
@@ -54,7 +54,7 @@ impl SensorConnection {
 }
 
 /// Checks that sensors on one port agree on its settings.
-pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
+pub fn check_port_settings(document: &Document, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
     let ports: Vec<_> = sensors.iter().map(|entry| entry.connection.port()).collect();
     for (index, own) in ports.iter().enumerate() {
         let earlier = sensors.iter().zip(&ports).take(index);
@@ -110,13 +110,13 @@ impl SensorKeys {
     /// # Errors
     /// The entry has none of the tables, or several.
     fn take_connection(&mut self) -> Result<SensorConnection, String> {
-        let mut ways = Vec::new();
-        ways.extend(self.can.take().map(|can| SensorConnection::Real(Arc::new(can))));
-        ways.extend(self.serial.take().map(|serial| SensorConnection::Real(Arc::new(serial))));
-        ways.extend(self.modbus.take().map(|modbus| SensorConnection::Real(Arc::new(modbus))));
-        ways.extend(self.simulated.take().map(SensorConnection::Simulated));
-        match ways.pop() {
-            Some(way) if ways.is_empty() => Ok(way),
+        let mut connections = Vec::new();
+        connections.extend(self.can.take().map(|can| SensorConnection::Real(Arc::new(can))));
+        connections.extend(self.serial.take().map(|serial| SensorConnection::Real(Arc::new(serial))));
+        connections.extend(self.modbus.take().map(|modbus| SensorConnection::Real(Arc::new(modbus))));
+        connections.extend(self.simulated.take().map(SensorConnection::Simulated));
+        match connections.pop() {
+            Some(connection) if connections.is_empty() => Ok(connection),
             _ => Err(format!(
                 "`{}` requires exactly one of the sections [sensor.can], [sensor.serial], [sensor.modbus] \
                 and [sensor.simulated] for its connection",

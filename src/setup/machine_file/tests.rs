@@ -341,7 +341,7 @@ fn a_person_confirms_the_zero_of_an_axis_without_a_homing_switch() {
         EMBEDDED.replace(&header, &(header.clone() + "homing = \"none\"\n"))
     };
     let file = MachineFile::parse("shop.toml", stated("C")).unwrap();
-    let [prompt] = &file.prompts_before("samba", &[])[..] else { panic!("one prompt") };
+    let [prompt] = &file.prompts_for_method("samba", &[])[..] else { panic!("one prompt") };
     assert!(prompt.contains("C has no homing switch"), "{prompt}");
     let refused = MachineFile::parse("shop.toml", stated("X")).unwrap_err().to_string();
     assert!(refused.contains("the axes A, B and C only"), "{refused}");
@@ -352,9 +352,9 @@ fn who_is_asked_what_before_which_method() {
     let with = |more: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n{more}"));
     let two = "[[prompt]]\ntext = \"clean\"\n[[prompt]]\ntext = \"cap off\"\nmethods = [\"laser-r-test\"]\n";
     let file = with(two).unwrap();
-    assert_eq!(file.prompts_before("samba", &[]), ["clean"]);
-    assert_eq!(file.prompts_before("laser-r-test", &[]), ["clean", "cap off"]);
-    assert!(file.without_prompts().prompts_before("laser-r-test", &[]).is_empty());
+    assert_eq!(file.prompts_for_method("samba", &[]), ["clean"]);
+    assert_eq!(file.prompts_for_method("laser-r-test", &[]), ["clean", "cap off"]);
+    assert!(file.without_prompts().prompts_for_method("laser-r-test", &[]).is_empty());
     let refused = file.check_method_names(&["samba"]).unwrap_err().to_string();
     assert!(refused.contains("`methods` in [prompt] contains the unknown method `laser-r-test`"), "{refused}");
     let long = "x".repeat(201);

@@ -26,8 +26,8 @@ use simulator::sensors::listen_locally;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "ControlKeys")]
 pub struct SimulatedControl {
-    protocol: Protocol,
-    wire: Wire,
+    protocol: ControlProtocol,
+    wire: ControlWire,
     /// Baud rate of the control. On a pseudo-terminal, a client with another baud rate is not understood.
     baud: Option<u32>,
     /// `$` settings that differ from those of the machine.
@@ -36,7 +36,7 @@ pub struct SimulatedControl {
 
 impl Default for SimulatedControl {
     fn default() -> Self {
-        let (protocol, wire) = (Protocol::Grbl, Wire::Memory);
+        let (protocol, wire) = (ControlProtocol::Grbl, ControlWire::Memory);
         Self { protocol, wire, baud: None, settings: BTreeMap::new() }
     }
 }
@@ -45,8 +45,8 @@ impl Default for SimulatedControl {
 #[serde(deny_unknown_fields)]
 struct ControlKeys {
     #[serde(default, rename = "speaks")]
-    protocol: Protocol,
-    wire: Option<Wire>,
+    protocol: ControlProtocol,
+    wire: Option<ControlWire>,
     baud: Option<u32>,
     #[serde(default)]
     settings: BTreeMap<String, f64>,
@@ -55,7 +55,7 @@ struct ControlKeys {
 /// Registry: a new simulated control is a line here and in the matches below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Protocol {
+enum ControlProtocol {
     #[default]
     Grbl,
     Modbus,
@@ -63,10 +63,10 @@ enum Protocol {
     ModbusProgram,
 }
 
-/// Wire between the daemon and the simulated firmware.
+/// ControlWire between the daemon and the simulated firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Wire {
+enum ControlWire {
     Memory,
     Pty,
     Tcp,
@@ -90,7 +90,7 @@ pub struct SimulationSetup<'a> {
 /// A simulated control that is served on its wire until dropped.
 pub struct SimulatedControlServer {
     address: link::LinkConfig,
-    protocol: Protocol,
+    protocol: ControlProtocol,
     task: JoinHandle<()>,
 }
 
@@ -110,13 +110,13 @@ impl fmt::Display for SimulatedControlServer {
 impl SimulatedControlServer {
     /// `[controller]` for a real control with the same connection.
     pub fn controller_toml(&self) -> String {
-        format!("kind = \"{}\"\n{}", self.kind(), self.driver_keys())
+        format!("kind = \"{}\"\n{}", self.control_kind(), self.driver_keys())
     }
 
-    fn kind(&self) -> &'static str {
+    fn control_kind(&self) -> &'static str {
         match self.protocol {
-            Protocol::Grbl => grbl::CONTROL_KIND,
-            Protocol::Modbus | Protocol::ModbusProgram => modbus::CONTROL_KIND,
+            ControlProtocol::Grbl => grbl::CONTROL_KIND,
+            ControlProtocol::Modbus | ControlProtocol::ModbusProgram => modbus::CONTROL_KIND,
         }
     }
 
@@ -124,10 +124,10 @@ impl SimulatedControlServer {
     fn driver_keys(&self) -> String {
         let mut keys = self.address.to_toml();
         let on_tcp = matches!(self.address, link::LinkConfig::Tcp(_));
-        if self.kind() == modbus::CONTROL_KIND && !on_tcp {
+        if self.control_kind() == modbus::CONTROL_KIND && !on_tcp {
             keys += "parity = \"none\"\n";
         }
-        if self.protocol == Protocol::ModbusProgram {
+        if self.protocol == ControlProtocol::ModbusProgram {
             keys += "program = { number = 1 }\n";
         }
         keys
@@ -136,9 +136,9 @@ impl SimulatedControlServer {
     /// Description of the served control.
     pub fn description(&self) -> &'static str {
         match self.protocol {
-            Protocol::Grbl => "grblHAL machine",
-            Protocol::Modbus => "machine with a Modbus register window",
-            Protocol::ModbusProgram => "machine with a resident program and Modbus registers",
+            ControlProtocol::Grbl => "grblHAL machine",
+            ControlProtocol::Modbus => "machine with a Modbus register window",
+            ControlProtocol::ModbusProgram => "machine with a resident program and Modbus registers",
         }
     }
 }
@@ -147,27 +147,29 @@ impl SimulatedControlServer {
 /// computed from one.
 const DEFAULT_BAUD: u32 = 115_200;
 /// Unit that the driver addresses, on TCP as well.
-const UNIT_KEY: &str = "unit = 1\n";
+const UNIT_ADDRESS_KEY: &str = "unit = 1\n";
 /// Size of the in-process wire, bytes.
-const WIRE_BYTES: usize = 4096;
+const WIRE_BUFFER_BYTES: usize = 4096;
 
 impl TryFrom<ControlKeys> for SimulatedControl {
     type Error = String;
 
     fn try_from(ControlKeys { protocol, wire, baud, settings }: ControlKeys) -> Result<Self, String> {
         let (usual, known) = match protocol {
-            Protocol::Grbl => (Wire::Memory, [Wire::Memory, Wire::Pty]),
-            Protocol::Modbus | Protocol::ModbusProgram => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
+            ControlProtocol::Grbl => (ControlWire::Memory, [ControlWire::Memory, ControlWire::Pty]),
+            ControlProtocol::Modbus | ControlProtocol::ModbusProgram => {
+                (ControlWire::Tcp, [ControlWire::Tcp, ControlWire::Pty])
+            }
         };
         let wire = wire.unwrap_or(usual);
         if !known.contains(&wire) {
             let names = known.map(|wire| format!("`{wire:?}`").to_lowercase());
             return Err(format!("this simulated control supports only the wires {}", names.join(" and ")));
         }
-        if baud.is_some() && wire != Wire::Pty {
+        if baud.is_some() && wire != ControlWire::Pty {
             return Err("`baud` is allowed with `wire = \"pty\"` only: the other wires have no baud rate".to_owned());
         }
-        if !settings.is_empty() && protocol != Protocol::Grbl {
+        if !settings.is_empty() && protocol != ControlProtocol::Grbl {
             return Err("`settings` is allowed for a simulated grblHAL only".to_owned());
         }
         let number = |(key, value): (String, f64)| match key.trim_start_matches('$').parse() {
@@ -189,12 +191,12 @@ impl SimulatedControl {
     ///
     /// # Errors
     /// The entries cannot be deserialized.
-    pub fn faults<'de, D: Deserializer<'de>>(&self, list: D) -> Result<SimulatedFaults, D::Error> {
-        if self.protocol == Protocol::Grbl {
+    pub fn read_faults<'de, D: Deserializer<'de>>(&self, list: D) -> Result<SimulatedFaults, D::Error> {
+        if self.protocol == ControlProtocol::Grbl {
             return Ok(SimulatedFaults { grbl: Deserialize::deserialize(list)?, ..SimulatedFaults::default() });
         }
         let modbus: Vec<controls::modbus::Fault> = Deserialize::deserialize(list)?;
-        let executes_lines = self.protocol == Protocol::Modbus;
+        let executes_lines = self.protocol == ControlProtocol::Modbus;
         if let Some(fault) = modbus.iter().find(|fault| executes_lines && fault.kind.is_program_only()) {
             let why = format!("the fault {:?} is available for a resident program (`modbus-program`) only", fault.kind);
             return Err(D::Error::custom(why));
@@ -213,8 +215,8 @@ impl SimulatedControl {
         modes: ProvenModes,
     ) -> Result<(Controller, Option<SimulatedControlServer>), ControllerError> {
         let machine = setup.machine;
-        if (self.wire, self.protocol) == (Wire::Memory, Protocol::Grbl) {
-            let (near, far) = tokio::io::duplex(WIRE_BYTES);
+        if (self.wire, self.protocol) == (ControlWire::Memory, ControlProtocol::Grbl) {
+            let (near, far) = tokio::io::duplex(WIRE_BUFFER_BYTES);
             let mut firmware = self.grbl_firmware(setup);
             tokio::spawn(async move { drop(firmware.serve(far).await) });
             let link = Link::from_stream("the simulated machine", near);
@@ -223,13 +225,13 @@ impl SimulatedControl {
         }
         let served = self.serve(setup)?;
         let controller = match self.protocol {
-            Protocol::Grbl => {
+            ControlProtocol::Grbl => {
                 let link = link::open_line_link(&served.address.address()?).await?;
                 let (driver, halt) = grbl::Grbl::new(link, machine, modes);
                 Controller::spawn(driver, halt)
             }
-            Protocol::Modbus | Protocol::ModbusProgram => {
-                let keys = format!("{UNIT_KEY}{}", served.driver_keys());
+            ControlProtocol::Modbus | ControlProtocol::ModbusProgram => {
+                let keys = format!("{UNIT_ADDRESS_KEY}{}", served.driver_keys());
                 let config: modbus::ModbusConfig = toml::from_str(&keys)
                     .map_err(|error| ControllerError::UnreadableReply { text: error.to_string() })?;
                 config.open(machine, modes, Arc::new(HostClock::start())).await?
@@ -243,12 +245,12 @@ impl SimulatedControl {
     /// # Errors
     /// The wire cannot be opened.
     pub fn serve(&self, setup: SimulationSetup<'_>) -> Result<SimulatedControlServer, ControllerError> {
-        if self.protocol == Protocol::Grbl {
+        if self.protocol == ControlProtocol::Grbl {
             let mut firmware = self.grbl_firmware(setup);
             return self.serve_on_pty(|pty| async move { drop(firmware.serve(pty.device).await) });
         }
         let firmware = self.modbus_firmware(setup);
-        if self.wire == Wire::Pty {
+        if self.wire == ControlWire::Pty {
             return self
                 .serve_on_pty(|pty| async move { drop(controls::modbus::serve_rtu(firmware, pty.device).await) });
         }
@@ -269,7 +271,7 @@ impl SimulatedControl {
         wire: FaultyWire,
         on_fault: fn(Duration, PlannedFault),
     ) -> Result<SimulatedControlServer, ControllerError> {
-        if self.protocol != Protocol::Grbl {
+        if self.protocol != ControlProtocol::Grbl {
             return Err(ControllerError::Unsupported {
                 reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines".to_owned(),
                 remedy: "use [[simulated.fault]] instead (late, lost, torn, cut ...)".to_owned(),
@@ -277,7 +279,7 @@ impl SimulatedControl {
         }
         let mut firmware = self.grbl_firmware(setup);
         self.serve_on_pty(|pty| async move {
-            let (near, far) = tokio::io::duplex(WIRE_BYTES);
+            let (near, far) = tokio::io::duplex(WIRE_BUFFER_BYTES);
             let control = async move { drop(firmware.serve(far).await) };
             tokio::join!(control, async {
                 drop(wire.connect(pty.device, near, &on_fault).await);
@@ -314,7 +316,7 @@ impl SimulatedControl {
         use controls::modbus::{Firmware, SimulatedModbusOptions};
         let options = SimulatedModbusOptions {
             faults: setup.faults.modbus,
-            has_resident_program: self.protocol == Protocol::ModbusProgram,
+            has_resident_program: self.protocol == ControlProtocol::ModbusProgram,
             ..SimulatedModbusOptions::of(setup.machine, setup.pace)
         };
         Firmware::new(setup.world, options)

@@ -13,14 +13,14 @@ use simulator::sensors::serial::OutputFormat;
 use simulator::sensors::{SampleSource, can as simulated_can};
 use simulator::{SensorOutput, SimulatedWorld};
 
-use super::sensor_wire::{self, Wire, parse_data_sheet};
+use super::sensor_wire::{self, SensorWire, parse_data_sheet};
 
 /// `[sensor.simulated]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SimulatedSensorKeys {
     #[serde(default, rename = "speaks")]
-    protocol: Protocol,
+    protocol: SensorProtocol,
     #[serde(default = "default_wire")]
     wire: String,
     /// Sample rate, samples per second.
@@ -43,8 +43,8 @@ enum SensorInterface {
     /// In memory, or on the CAN interface of this name.
     Can(String),
     /// In memory, or on a wire.
-    Serial(OutputFormat, Option<Wire>),
-    Modbus(Wire),
+    Serial(OutputFormat, Option<SensorWire>),
+    Modbus(SensorWire),
 }
 
 impl TryFrom<SimulatedSensorKeys> for SimulatedSensor {
@@ -56,11 +56,14 @@ impl TryFrom<SimulatedSensorKeys> for SimulatedSensor {
     /// The sensor does not support the wire.
     fn try_from(SimulatedSensorKeys { protocol, wire, rate_hz }: SimulatedSensorKeys) -> Result<Self, String> {
         let interface = match protocol {
-            Protocol::Can => SensorInterface::Can(wire),
-            Protocol::Serial => SensorInterface::Serial(OutputFormat::Text, Wire::from_name(&wire)?),
-            Protocol::SerialFrames => SensorInterface::Serial(OutputFormat::Frames, Wire::from_name(&wire)?),
-            Protocol::Modbus => SensorInterface::Modbus(
-                Wire::from_name(&wire)?.ok_or("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`")?,
+            SensorProtocol::Can => SensorInterface::Can(wire),
+            SensorProtocol::Serial => SensorInterface::Serial(OutputFormat::Text, SensorWire::from_name(&wire)?),
+            SensorProtocol::SerialFrames => {
+                SensorInterface::Serial(OutputFormat::Frames, SensorWire::from_name(&wire)?)
+            }
+            SensorProtocol::Modbus => SensorInterface::Modbus(
+                SensorWire::from_name(&wire)?
+                    .ok_or("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`")?,
             ),
         };
         Ok(Self { interface, rate_hz })
@@ -78,7 +81,7 @@ fn parse_rate_hz<'de, D: Deserializer<'de>>(keys: D) -> Result<f64, D::Error> {
 /// Registry: a new simulated sensor is a line here and in the match below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Protocol {
+enum SensorProtocol {
     #[default]
     Can,
     /// Lines of text.
@@ -121,16 +124,17 @@ impl SimulatedSensor {
         world: &Arc<Mutex<SimulatedWorld>>,
     ) -> Result<Sensor, SensorError> {
         let name = sensor.name.as_str();
-        let (sense, clock) = (self.sample_source(name, world.clone()), Arc::new(WorldClock(world.clone())));
+        let (next_sample, clock) = (self.sample_source(name, world.clone()), Arc::new(WorldClock(world.clone())));
         match &self.interface {
-            SensorInterface::Can(wire) => self.open_can(wire, sense, sensor, clock),
+            SensorInterface::Can(wire) => self.open_can(wire, next_sample, sensor, clock),
             SensorInterface::Serial(format, wire) => {
-                let driver = sensor_wire::open_serial(*format, *wire, sense, self.rate_hz, sensor, clock).await?;
+                let driver = sensor_wire::open_serial(*format, *wire, next_sample, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
             }
             SensorInterface::Modbus(wire) => {
                 let driver =
-                    sensor_wire::open_modbus(SampleTiming::WhenRead, *wire, sense, self.rate_hz, sensor, clock).await?;
+                    sensor_wire::open_modbus(SampleTiming::WhenRead, *wire, next_sample, self.rate_hz, sensor, clock)
+                        .await?;
                 Ok(Sensor::spawn(name, driver))
             }
         }
@@ -148,19 +152,19 @@ impl SimulatedSensor {
     fn open_can(
         &self,
         wire: &str,
-        sense: SampleSource,
+        next_sample: SampleSource,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
     ) -> Result<Sensor, SensorError> {
-        let sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET);
-        let config: can::CanConfig = parse_data_sheet(&sheet)?;
+        let data_sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET);
+        let config: can::CanConfig = parse_data_sheet(&data_sheet)?;
         if wire == default_wire() {
-            let frames = simulated_can::frame_source(sense, clock.clone());
+            let frames = simulated_can::frame_source(next_sample, clock.clone());
             let bus = CanReceiver::on_demand("the simulated sensor", frames);
             return Ok(config.spawn_sensor(bus, sensor, clock, None));
         }
         let bus = config.open_bus(clock.clone())?;
-        let served = simulated_can::send_periodically(wire, sense, self.rate_hz, clock.clone())?;
+        let served = simulated_can::send_periodically(wire, next_sample, self.rate_hz, clock.clone())?;
         Ok(config.spawn_sensor(bus, sensor, clock, Some(served)))
     }
 }

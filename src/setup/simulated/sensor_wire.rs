@@ -12,14 +12,14 @@ use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_pty, serve_o
 use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, send_on_pty, send_on_tcp, serve_on_demand};
 use simulator::sensors::{SampleSource, serial as simulated_serial};
 
-/// Wire between the daemon and a simulated sensor outside of this process.
+/// SensorWire between the daemon and a simulated sensor outside of this process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wire {
+pub enum SensorWire {
     Pty,
     Tcp,
 }
 
-impl Wire {
+impl SensorWire {
     /// The wire named `name`; `None`: in memory, where simulated time advances only with the samples that are
     /// requested.
     ///
@@ -53,26 +53,26 @@ pub(super) fn parse_data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, Sen
 /// The wire or the driver cannot be opened.
 pub async fn open_serial(
     format: OutputFormat,
-    wire: Option<Wire>,
-    sense: SampleSource,
+    wire: Option<SensorWire>,
+    next_sample: SampleSource,
     rate_hz: f64,
     sensor: &sensor::Sensor,
     clock: Arc<dyn Clock>,
 ) -> Result<SerialDriver, SensorError> {
     let sheet = simulated_serial::data_sheet(format);
-    let (at, keep) = match wire {
+    let (at, client_side) = match wire {
         None => {
             let config: serial::SerialConfig = parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
-            let flow = serve_on_demand(format, sense);
-            return Ok(SerialDriver::from_stream(flow, config, sensor, clock, rate_hz));
+            let stream = serve_on_demand(format, next_sample);
+            return Ok(SerialDriver::from_stream(stream, config, sensor, clock, rate_hz));
         }
-        Some(Wire::Pty) => send_on_pty(format, sense, rate_hz)?,
-        Some(Wire::Tcp) => send_on_tcp(format, sense, rate_hz)?,
+        Some(SensorWire::Pty) => send_on_pty(format, next_sample, rate_hz)?,
+        Some(SensorWire::Tcp) => send_on_tcp(format, next_sample, rate_hz)?,
     };
     let config: serial::SerialConfig = parse_data_sheet(&format!("{}{sheet}", at.to_toml()))?;
     let serial = SerialDriver::open(config, sensor, clock, SharedPorts::default()).await;
     // The driver holds the pseudo-terminal open now.
-    drop(keep);
+    drop(client_side);
     serial
 }
 
@@ -82,22 +82,22 @@ pub async fn open_serial(
 /// # Errors
 /// The wire or the driver cannot be opened.
 pub async fn open_modbus(
-    measures: SampleTiming,
-    wire: Wire,
-    sense: SampleSource,
+    timing: SampleTiming,
+    wire: SensorWire,
+    next_sample: SampleSource,
     rate_hz: f64,
     sensor: &sensor::Sensor,
     clock: Arc<dyn Clock>,
 ) -> Result<ModbusSensorDriver, SensorError> {
-    let (at, keep) = match wire {
-        Wire::Pty => serve_on_pty(measures, sense, rate_hz)?,
-        Wire::Tcp => serve_on_tcp(measures, sense, rate_hz)?,
+    let (at, client_side) = match wire {
+        SensorWire::Pty => serve_on_pty(timing, next_sample, rate_hz)?,
+        SensorWire::Tcp => serve_on_tcp(timing, next_sample, rate_hz)?,
     };
     let parity = if matches!(at, link::LinkConfig::Tcp(_)) { "" } else { "parity = \"none\"\n" };
     let keys = format!("{}{parity}rate_hz = {rate_hz}\n{DATA_SHEET}", at.to_toml());
     let config: modbus::ModbusSensorConfig = parse_data_sheet(&keys)?;
-    let simulated_hz = (measures == SampleTiming::WhenRead).then_some(rate_hz);
+    let simulated_hz = (timing == SampleTiming::WhenRead).then_some(rate_hz);
     let registers = ModbusSensorDriver::open(config, sensor, clock, simulated_hz).await;
-    drop(keep);
+    drop(client_side);
     registers
 }

@@ -13,7 +13,7 @@ use simulator::sensors::modbus::SampleTiming;
 use simulator::sensors::serial::OutputFormat;
 
 use super::SimulatedSensor;
-use super::sensor_wire::{self, Wire};
+use super::sensor_wire::{self, SensorWire};
 
 fn sensor() -> Sensor {
     serde_json::from_value(json!({
@@ -77,7 +77,7 @@ async fn a_serial_sensor_in_memory_measures_on_request() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_serial_sensor_on_a_wire_sends_by_itself() {
-    for (format, wire) in [(OutputFormat::Text, Wire::Tcp), (OutputFormat::Frames, Wire::Pty)] {
+    for (format, wire) in [(OutputFormat::Text, SensorWire::Tcp), (OutputFormat::Frames, SensorWire::Pty)] {
         let mut serial =
             sensor_wire::open_serial(format, Some(wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert!(serial.prepare().await.unwrap().rate_hz > 10.0);
@@ -95,7 +95,7 @@ async fn a_serial_sensor_on_a_wire_sends_by_itself() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_modbus_sensor_measures_when_it_is_read() {
-    for wire in [Wire::Tcp, Wire::Pty] {
+    for wire in [SensorWire::Tcp, SensorWire::Pty] {
         let mut place = 0;
         let sense = move || {
             place += 1;
@@ -131,7 +131,7 @@ async fn each_measurement_of_a_modbus_sensor_is_taken_once() {
     };
     let clock = Arc::new(HostClock::start());
     let mut registers =
-        sensor_wire::open_modbus(SampleTiming::AtFixedRate, Wire::Tcp, Box::new(sense), 50.0, &sensor(), clock)
+        sensor_wire::open_modbus(SampleTiming::AtFixedRate, SensorWire::Tcp, Box::new(sense), 50.0, &sensor(), clock)
             .await
             .unwrap();
     let prepared = registers.prepare().await.unwrap();

@@ -11,7 +11,7 @@ impl ModalState {
         match word.letter {
             'G' => return self.apply_g_word((word.value * 10.0).round() as u32, line),
             'M' => return Self::apply_m_word(word.value, line),
-            letter => line.claim_letter(letter)?,
+            letter => line.add_letter(letter)?,
         }
         if let Some(axis) = axes.iter().find(|axis| axis.letter() == word.letter) {
             line.axes.push((*axis, word.value));
@@ -48,7 +48,7 @@ impl ModalState {
             40 | 100 | 530 | 920 | 921 => 0,
             _ => return Err(20),
         };
-        line.claim_group(group)?;
+        line.add_modal_group(group)?;
         match tenths {
             0 => line.motion = Some(MotionMode::Rapid),
             10 => line.motion = Some(MotionMode::Feed),
@@ -80,6 +80,6 @@ impl ModalState {
         line.has_orient |= value == 19.0;
         line.has_output |= matches!(value, 62.0..=65.0);
         line.ends_program |= matches!(value, 2.0 | 30.0);
-        line.claim_group(group)
+        line.add_modal_group(group)
     }
 }

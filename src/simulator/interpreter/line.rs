@@ -45,7 +45,7 @@ impl LineWords {
     }
 
     /// Rejects a second word with the same letter in a line, except G and M.
-    pub(super) fn claim_letter(&mut self, letter: char) -> Result<(), GrblErrorCode> {
+    pub(super) fn add_letter(&mut self, letter: char) -> Result<(), GrblErrorCode> {
         if self.letters.contains(&letter) {
             return Err(25);
         }
@@ -54,7 +54,7 @@ impl LineWords {
     }
 
     /// Rejects a second word of the same modal group in a line.
-    pub(super) fn claim_group(&mut self, group: u8) -> Result<(), GrblErrorCode> {
+    pub(super) fn add_modal_group(&mut self, group: u8) -> Result<(), GrblErrorCode> {
         if self.groups.contains(&group) {
             return Err(21);
         }

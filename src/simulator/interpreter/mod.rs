@@ -66,7 +66,7 @@ impl Interpreter {
 
     /// The active modes, as in Grbl's answer to `$G`, without the brackets.
     pub fn modes(&self) -> String {
-        self.modal.report()
+        self.modal.modes_report()
     }
 
     /// Names and offsets, as in Grbl's answer to `$#`.

@@ -39,7 +39,7 @@ impl Default for ModalState {
 
 impl ModalState {
     /// The answer to `$G`, without the brackets.
-    pub(super) fn report(&self) -> String {
+    pub(super) fn modes_report(&self) -> String {
         let motion = match self.motion {
             MotionMode::Rapid => "G0",
             MotionMode::Feed => "G1",
@@ -137,23 +137,23 @@ impl ModalState {
             let probing = matches!(line.motion, Some(MotionMode::Probe { .. }));
             return if probing { Err(26) } else { Ok(None) };
         }
-        let to = self.target(line, here, machine);
+        let to = self.target_position(line, here, machine);
         match self.motion {
             MotionMode::Off => Err(31),
             MotionMode::Rapid => Ok(Some(Job::Travel { to, feed_mm_min: None })),
-            MotionMode::Feed => Ok(Some(Job::Travel { to, feed_mm_min: Some(self.feed()?) })),
+            MotionMode::Feed => Ok(Some(Job::Travel { to, feed_mm_min: Some(self.positive_feed()?) })),
             MotionMode::Probe { .. } if here.updated_by(&to) == *here => Err(33),
             MotionMode::Probe { alarms_on_miss } => {
-                Ok(Some(Job::Probe { to, feed_mm_min: self.feed()?, alarms_on_miss, n }))
+                Ok(Some(Job::Probe { to, feed_mm_min: self.positive_feed()?, alarms_on_miss, n }))
             }
         }
     }
 
-    fn feed(&self) -> Result<f64, GrblErrorCode> {
+    fn positive_feed(&self) -> Result<f64, GrblErrorCode> {
         self.feed_mm_min.filter(|feed| *feed > 0.0).ok_or(22)
     }
 
-    fn target(&self, line: &LineWords, here: &Position, machine: bool) -> Position {
+    fn target_position(&self, line: &LineWords, here: &Position, machine: bool) -> Position {
         let target_on_axis = |(axis, value): &(Axis, f64)| {
             let length = self.internal_value(*axis, *value);
             let origin = if machine {

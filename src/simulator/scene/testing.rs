@@ -21,7 +21,7 @@ impl Scene {
 
     /// The true stylus-ball centre, spindle frame, mm.
     pub fn stylus_centre(&self) -> Vector3<f64> {
-        self.tip
+        self.true_stylus
     }
 
     /// Displacement of the table, machine frame, mm.
@@ -65,7 +65,7 @@ impl Scene {
     /// X, Y and Z that bring the stated stylus centre to `stylus`, with the rotary axes at zero; NaN where they
     /// do not span space.
     fn linear_axes_for_stylus(&self, stylus: Vector3<f64>) -> Vector3<f64> {
-        let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
+        let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.stated_stylus));
         let position = self.chain.solve_linear_axes(target, tool, &Position::new(), &[]);
         position.map_or(Vector3::repeat(f64::NAN), |position| position.xyz())
     }
@@ -84,7 +84,7 @@ impl Scene {
             let at = position.clone().with(axis, angle);
             let table = self.chain.machine_from_table(&at, errors);
             let spindle = self.chain.machine_from_spindle(&at, errors);
-            MachinePose { table, spindle, shift }.to_table_point(self.tool)
+            MachinePose { table, spindle, shift }.to_table_point(self.stated_stylus)
         };
         stylus_on_table(std::f64::consts::PI) - stylus_on_table(0.0)
     }

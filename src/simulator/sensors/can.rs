@@ -29,8 +29,8 @@ const COUNTS_PER_MM: f64 = 100_000.0;
 const MAX_COUNTS: f64 = 8_388_607.0;
 
 /// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first.
-fn frame_bytes(count: u16, sensed: SensorOutput) -> [u8; 6] {
-    let (mm, status) = distance_and_status(sensed);
+fn frame_bytes(count: u16, output: SensorOutput) -> [u8; 6] {
+    let (mm, status) = distance_and_status(output);
     let counts = (mm * COUNTS_PER_MM).round();
     let status = if counts.abs() > MAX_COUNTS { status | STATUS_OUT_OF_RANGE } else { status };
     let counts = counts.clamp(-MAX_COUNTS, MAX_COUNTS) as i32;
@@ -40,13 +40,13 @@ fn frame_bytes(count: u16, sensed: SensorOutput) -> [u8; 6] {
 }
 
 /// Frames one after the other, one for each call.
-pub fn frame_source(mut sense: SampleSource, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<CanFrame> + Send {
+pub fn frame_source(mut next_sample: SampleSource, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<CanFrame> + Send {
     let mut count = 0_u16;
     move || {
-        let sensed = sense();
+        let output = next_sample();
         count = count.wrapping_add(1);
         let id = CanId::new(FRAME_ID, false).ok()?;
-        Some(CanFrame::new(clock.now_s(), id, &frame_bytes(count, sensed)))
+        Some(CanFrame::new(clock.now_s(), id, &frame_bytes(count, output)))
     }
 }
 
@@ -57,14 +57,14 @@ pub fn frame_source(mut sense: SampleSource, clock: Arc<dyn Clock>) -> impl FnMu
 /// The interface cannot be opened.
 pub fn send_periodically(
     interface: &str,
-    sense: SampleSource,
+    next_sample: SampleSource,
     rate_hz: f64,
     clock: Arc<dyn Clock>,
 ) -> Result<Arc<()>, CanError> {
     let sender = CanSender::open(interface)?;
     let keep_alive = Arc::new(());
     let listener = Arc::downgrade(&keep_alive);
-    let next = frame_source(sense, clock);
+    let next = frame_source(next_sample, clock);
     let period = Duration::from_secs_f64(1.0 / rate_hz);
     thread::Builder::new()
         .name("simulated sensor".to_owned())

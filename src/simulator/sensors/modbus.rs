@@ -43,8 +43,8 @@ pub enum SampleTiming {
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
-pub fn serve_on_pty(timing: SampleTiming, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let sensor = SimulatedSensor::new(timing, sense);
+pub fn serve_on_pty(timing: SampleTiming, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
+    let sensor = SimulatedSensor::new(timing, next_sample);
     let measuring = sensor.clone().measure_at_rate(rate_hz);
     serve_pty(move |device| async move {
         let serve = rtu::Server::new(device).serve_forever(sensor);
@@ -56,8 +56,8 @@ pub fn serve_on_pty(timing: SampleTiming, sense: SampleSource, rate_hz: f64) -> 
 ///
 /// # Errors
 /// The port cannot be opened.
-pub fn serve_on_tcp(timing: SampleTiming, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let sensor = SimulatedSensor::new(timing, sense);
+pub fn serve_on_tcp(timing: SampleTiming, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
+    let sensor = SimulatedSensor::new(timing, next_sample);
     let measuring = sensor.clone().measure_at_rate(rate_hz);
     serve_tcp(move |listener| async move {
         let connected = move |stream: TcpStream, _| {
@@ -69,21 +69,21 @@ pub fn serve_on_tcp(timing: SampleTiming, sense: SampleSource, rate_hz: f64) -> 
     })
 }
 
-struct Registers {
+struct SampleRegisters {
     words: [u16; 4],
-    sense: SampleSource,
+    next_sample: SampleSource,
 }
 
 #[derive(Clone)]
 struct SimulatedSensor {
-    inner: Arc<Mutex<Registers>>,
+    registers: Arc<Mutex<SampleRegisters>>,
     timing: SampleTiming,
 }
 
 impl SimulatedSensor {
     /// A sensor that has taken its first sample.
-    fn new(timing: SampleTiming, sense: SampleSource) -> Self {
-        let sensor = Self { inner: Arc::new(Mutex::new(Registers { words: [0; 4], sense })), timing };
+    fn new(timing: SampleTiming, next_sample: SampleSource) -> Self {
+        let sensor = Self { registers: Arc::new(Mutex::new(SampleRegisters { words: [0; 4], next_sample })), timing };
         sensor.measure();
         sensor
     }
@@ -102,11 +102,11 @@ impl SimulatedSensor {
 
     /// Updates all four registers at once.
     fn measure(&self) {
-        let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
-        let (mm, status) = distance_and_status((inner.sense)());
+        let mut registers = self.registers.lock().unwrap_or_else(PoisonError::into_inner);
+        let (mm, status) = distance_and_status((registers.next_sample)());
         let number = (mm * COUNTS_PER_MM).round() as i32 as u32;
-        let [_, count, ..] = inner.words;
-        inner.words = [status.into(), count.wrapping_add(1), number as u16, (number >> 16) as u16];
+        let [_, count, ..] = registers.words;
+        registers.words = [status.into(), count.wrapping_add(1), number as u16, (number >> 16) as u16];
     }
 }
 
@@ -127,8 +127,8 @@ impl Service for SimulatedSensor {
         if self.timing == SampleTiming::WhenRead {
             self.measure();
         }
-        let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
-        let words = inner.words.get(first..first + count).unwrap_or_default();
+        let registers = self.registers.lock().unwrap_or_else(PoisonError::into_inner);
+        let words = registers.words.get(first..first + count).unwrap_or_default();
         ready(Ok(Response::ReadInputRegisters(words.to_vec())))
     }
 }

@@ -14,10 +14,11 @@ use tokio::time::{MissedTickBehavior, interval};
 use super::distance_and_status;
 use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
 use crate::SensorOutput;
+use crate::crc16::crc16_modbus;
 use link::{ByteStreamHandle, LinkError};
 
 /// Buffer of the in-process wire.
-const WIRE_BYTES: usize = 4096;
+const WIRE_BUFFER_BYTES: usize = 4096;
 const COUNTS_PER_MM: f64 = 1e5;
 
 const TEXT_DATA_SHEET: &str = r#"
@@ -73,9 +74,9 @@ pub const REQUEST_KEY: &str = "request = \"M\\n\"\n";
 
 /// A sensor inside this process that sends one sample for each line end it receives. Call inside a tokio
 /// runtime.
-pub fn serve_on_demand(format: OutputFormat, sense: SampleSource) -> ByteStreamHandle {
-    let (near, far) = tokio::io::duplex(WIRE_BYTES);
-    tokio::spawn(SimulatedSensor { format, count: 0, sense }.serve_requests(far));
+pub fn serve_on_demand(format: OutputFormat, next_sample: SampleSource) -> ByteStreamHandle {
+    let (near, far) = tokio::io::duplex(WIRE_BUFFER_BYTES);
+    tokio::spawn(SimulatedSensor { format, count: 0, next_sample }.serve_requests(far));
     ByteStreamHandle::from_stream("the simulated sensor", near)
 }
 
@@ -83,8 +84,8 @@ pub fn serve_on_demand(format: OutputFormat, sense: SampleSource) -> ByteStreamH
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
-pub fn send_on_pty(format: OutputFormat, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let mut sensor = SimulatedSensor { format, count: 0, sense };
+pub fn send_on_pty(format: OutputFormat, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
+    let mut sensor = SimulatedSensor { format, count: 0, next_sample };
     serve_pty(move |device| async move { drop(sensor.send(device, rate_hz).await) })
 }
 
@@ -92,8 +93,8 @@ pub fn send_on_pty(format: OutputFormat, sense: SampleSource, rate_hz: f64) -> R
 ///
 /// # Errors
 /// The port cannot be opened.
-pub fn send_on_tcp(format: OutputFormat, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let mut sensor = SimulatedSensor { format, count: 0, sense };
+pub fn send_on_tcp(format: OutputFormat, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
+    let mut sensor = SimulatedSensor { format, count: 0, next_sample };
     serve_tcp(move |listener| async move {
         while let Ok((stream, _)) = listener.accept().await {
             drop(sensor.send(stream, rate_hz).await);
@@ -104,17 +105,17 @@ pub fn send_on_tcp(format: OutputFormat, sense: SampleSource, rate_hz: f64) -> R
 struct SimulatedSensor {
     format: OutputFormat,
     count: u16,
-    sense: SampleSource,
+    next_sample: SampleSource,
 }
 
 impl SimulatedSensor {
     /// One sample in the output format.
     fn sample_bytes(&mut self) -> Vec<u8> {
-        let sensed = (self.sense)();
+        let output = (self.next_sample)();
         self.count = self.count.wrapping_add(1);
         match self.format {
-            OutputFormat::Text => text_line(sensed, self.count),
-            OutputFormat::Frames => binary_frame(sensed, self.count),
+            OutputFormat::Text => text_line(output, self.count),
+            OutputFormat::Frames => binary_frame(output, self.count),
         }
     }
 
@@ -144,8 +145,8 @@ impl SimulatedSensor {
     }
 }
 
-fn text_line(sensed: SensorOutput, count: u16) -> Vec<u8> {
-    let value = match sensed {
+fn text_line(output: SensorOutput, count: u16) -> Vec<u8> {
+    let value = match output {
         SensorOutput::Distance(mm) => format!("{mm:+.5}"),
         SensorOutput::NoEcho => "NOECHO".to_owned(),
         SensorOutput::OutOfRange(_) => "RANGE".to_owned(),
@@ -154,17 +155,10 @@ fn text_line(sensed: SensorOutput, count: u16) -> Vec<u8> {
     format!("D{value},{count};\r\n").into_bytes()
 }
 
-fn binary_frame(sensed: SensorOutput, count: u16) -> Vec<u8> {
-    let (mm, status) = distance_and_status(sensed);
+fn binary_frame(output: SensorOutput, count: u16) -> Vec<u8> {
+    let (mm, status) = distance_and_status(output);
     let mut body = ((mm * COUNTS_PER_MM).round() as i32).to_be_bytes().to_vec();
     body.extend(count.to_be_bytes());
     body.push(status);
-    let mut sum = u16::MAX;
-    for byte in &body {
-        sum ^= u16::from(*byte);
-        for _ in 0..8 {
-            sum = if sum & 1 == 1 { sum >> 1 ^ 0xA001 } else { sum >> 1 };
-        }
-    }
-    [&[0xAA, 0x55], body.as_slice(), &sum.to_le_bytes()].concat()
+    [&[0xAA, 0x55], body.as_slice(), &crc16_modbus(&body).to_le_bytes()].concat()
 }

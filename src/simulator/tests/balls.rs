@@ -310,7 +310,7 @@ fn drift_moves_the_table_along_the_spindle_too() {
     world.travel(&ball_at(HIGH.x, HIGH.y, HIGH.z + 15.0), Speed::Rapid);
     world.dwell(7200.0);
     let contact = world.probe(&ball_at(HIGH.x, HIGH.y, HIGH.z), 60.0, 1).contact.unwrap();
-    let moved = super::super::random_draws::Drift::draw(11, 40.0).table_displacement(contact.t_s);
+    let moved = super::super::random_draws::ThermalDrift::draw(11, 40.0).table_displacement(contact.t_s);
     let perpendicular_directions = 121.0 - moved.xy().norm_squared();
     let z = contact.position.get_or_zero(Axis::Z) - 100.0 - HIGH.z;
     assert!((z - moved.z - perpendicular_directions.sqrt()).abs() < 1e-9);

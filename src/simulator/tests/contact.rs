@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
-use super::super::flank::{Flank, Profile};
+use super::super::cylinder::{RadiusProfile, TrueCylinder};
 use super::*;
 use machine::record::artefact::{Artefact, Cylinder};
 
@@ -158,7 +158,7 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
         })
     };
     let towards = |angle: f64| Vector2::new(angle.cos(), angle.sin());
-    let flank = Flank::new(Vector3::zeros(), Vector3::z(), 100.0, Profile::new(RADIUS, form));
+    let cylinder = TrueCylinder::new(Vector3::zeros(), Vector3::z(), 100.0, RadiusProfile::new(RADIUS, form));
     for step in 0..20 {
         let angle = 0.314 * f64::from(step);
         let rho = [48.2, 45.9, 60.0, 44.0][step as usize % 4];
@@ -168,7 +168,7 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
             .map(|i| TAU * f64::from(i) / f64::from(SAMPLES))
             .map(|psi| point.metric_distance(&(towards(psi) * radius(psi))))
             .fold(f64::INFINITY, f64::min);
-        let nearest = flank.nearest(point.push(50.0), 0.2);
+        let nearest = cylinder.nearest(point.push(50.0), 0.2);
         let sign = if rho < radius(angle) { -1.0 } else { 1.0 };
         // A sample is within half a spacing (0.7 µm) of the foot. The error is 1e-7 mm at a distance of 3 mm, and
         // the spacing itself where the point is on the profile.
@@ -185,8 +185,8 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
 
 #[test]
 fn regress_the_part_ends_at_its_height() {
-    let flank = Flank::new(Vector3::zeros(), Vector3::z(), 100.0, Profile::new(RADIUS, []));
-    let at = |x: f64, z: f64| flank.nearest(Vector3::new(x, 0.0, z), 0.0);
+    let cylinder = TrueCylinder::new(Vector3::zeros(), Vector3::z(), 100.0, RadiusProfile::new(RADIUS, []));
+    let at = |x: f64, z: f64| cylinder.nearest(Vector3::new(x, 0.0, z), 0.0);
     assert_eq!(at(0.0, 104.0).distance, 4.0);
     assert_eq!(at(10.0, 104.0).normal, Vector3::z());
     assert!((at(RADIUS + 3.0, 104.0).distance - 5.0).abs() < 1e-12);

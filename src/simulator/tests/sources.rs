@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::super::linear_errors::LinearErrors;
-use super::super::random_draws::{Drift, Lobing, RandomSource, draw_normal, draw_stylus_offset};
+use super::super::random_draws::{ProbeLobing, RandomSource, ThermalDrift, draw_normal, draw_stylus_offset};
 use super::*;
 use nalgebra::Vector3;
 
@@ -39,7 +39,7 @@ fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
 
 #[test]
 fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
-    let at = |seed, phi: f64| Lobing::draw(seed, 2.0, &[]).pre_travel_mm(Vector3::new(phi.cos(), phi.sin(), 0.0));
+    let at = |seed, phi: f64| ProbeLobing::draw(seed, 2.0, &[]).pre_travel_mm(Vector3::new(phi.cos(), phi.sin(), 0.0));
     for phi in [0.0, 1.0, 4.0] {
         assert_moment(mean(|seed| at(seed, phi).powi(2)), 4.0, 4.0);
         assert_moment(mean(|seed| at(seed, phi)), 0.0, 2.0);
@@ -123,7 +123,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     // The same point of the ball has the same pre-travel. Positive pre-travel triggers late.
     assert!((touch(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
     assert!((touch(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
-    let lobing = Lobing::draw(3, 0.005, &[]).pre_travel_mm(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
+    let lobing = ProbeLobing::draw(3, 0.005, &[]).pre_travel_mm(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
     assert!((CIRCLE - plain - lobing).abs() < 1e-9);
 }
 
@@ -133,7 +133,7 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
     bench.truth.seed = 11;
     bench.machine.drift_um_per_h = 40.0;
     let mut world = bench.world();
-    let drift = Drift::draw(11, 40.0);
+    let drift = ThermalDrift::draw(11, 40.0);
     for hours in [0.0, 1.0, 3.0] {
         world.dwell(hours * 3600.0);
         for (number, phi) in [0.0, FRAC_PI_2, PI, -FRAC_PI_2].into_iter().enumerate() {
@@ -148,8 +148,8 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
     let at = |hours: f64| world.true_axis_mm(Axis::C, 50.0, hours * 3600.0)[0];
     assert!((at(2.0) / at(4.0) - 1.0 / (1.0 + (-1.0_f64).exp())).abs() < 1e-9);
     assert!((at(1e-3) - drift.table_displacement(3.6).x).abs() < 1e-12);
-    assert_moment(mean(|s| (Drift::draw(s, 40.0).table_displacement(3.6).x / 40e-6).powi(2)), 1.0, 1.0);
-    assert_moment(mean(|s| (Drift::draw(s, 40.0).radius_growth(3.6) / 40e-6).powi(2)), 1.0, 1.0);
+    assert_moment(mean(|s| (ThermalDrift::draw(s, 40.0).table_displacement(3.6).x / 40e-6).powi(2)), 1.0, 1.0);
+    assert_moment(mean(|s| (ThermalDrift::draw(s, 40.0).radius_growth(3.6) / 40e-6).powi(2)), 1.0, 1.0);
 }
 
 #[test]

@@ -97,8 +97,8 @@ impl Firmware {
             FaultKind::Silence => self.is_hung = true,
             FaultKind::Reset => self.reset(),
             FaultKind::Unanswered => {}
-            FaultKind::Alarm => self.raise_alarm(fault.code.unwrap_or(DEFAULT_ALARM)),
-            FaultKind::EStop => self.raise_alarm(ALARM_E_STOP),
+            FaultKind::Alarm => self.raise_spontaneous_alarm(fault.code.unwrap_or(DEFAULT_ALARM)),
+            FaultKind::EStop => self.raise_spontaneous_alarm(ALARM_E_STOP),
             FaultKind::Error => {
                 let code = fault.code.unwrap_or(ERROR_SETTINGS_LOST);
                 self.latched_error = self.options.is_native_level.then_some(code);
@@ -144,7 +144,7 @@ impl Firmware {
     }
 
     /// Raises a spontaneous alarm; the line is not executed.
-    fn raise_alarm(&mut self, code: u8) {
+    fn raise_spontaneous_alarm(&mut self, code: u8) {
         self.send_line(&format!("ALARM:{code}"));
         self.stop_at_current_position();
         let needs_reset = matches!(code, ALARM_HARD_LIMIT | ALARM_SOFT_LIMIT | ALARM_E_STOP);

@@ -64,7 +64,7 @@ impl Firmware {
     /// Reports the last probing move; zeros before the first one.
     pub(super) fn send_last_probe(&mut self) {
         let last = self.last_probe.clone().unwrap_or_default();
-        self.send_line(&format!("[PRB:{}:{}]", self.axis_values(&last.position), u8::from(last.has_contact)));
+        self.send_line(&format!("[PRB:{}:{}]", self.format_axis_values(&last.position), u8::from(last.has_contact)));
         if let Some(t_s) = last.t_s.filter(|_| self.options.has_time_stamps) {
             self.send_line(&format!("[TIME:{t_s}]"));
         }

@@ -40,17 +40,17 @@ impl Firmware {
         });
     }
 
-    fn setting(&self, number: u16) -> f64 {
+    fn setting_value(&self, number: u16) -> f64 {
         self.options.settings.get(&number).copied().unwrap_or_default()
     }
 
     /// Unit of lengths in reports, mm.
     fn length_unit_mm(&self) -> f64 {
-        if self.setting(settings::INCHES_SETTING) == 0.0 { 1.0 } else { 25.4 }
+        if self.setting_value(settings::INCHES_SETTING) == 0.0 { 1.0 } else { 25.4 }
     }
 
     /// Axis values as reports print them: lengths in the report's unit, angles in degrees, three decimals.
-    pub(super) fn axis_values(&self, position: &Position) -> String {
+    pub(super) fn format_axis_values(&self, position: &Position) -> String {
         let values = self.options.interpreter.axes().iter().map(|axis| {
             let scale = if axis.is_linear() { self.length_unit_mm() } else { 1.0 };
             let text = format!("{:.3}", axis.to_mm_or_deg(position.get_or_zero(*axis)) / scale);
@@ -59,7 +59,7 @@ impl Firmware {
         values.collect::<Vec<_>>().join(",")
     }
 
-    fn state(&self) -> &'static str {
+    fn state_name(&self) -> &'static str {
         match () {
             () if self.alarm.is_some() => "Alarm",
             () if self.is_door_open => "Door:1",
@@ -76,24 +76,25 @@ impl Firmware {
         let planned = self.queue.len() + usize::from(self.executor.active.is_some());
         let mut report = format!(
             "<{}|MPos:{}|Bf:{},{free}|FS:0,0",
-            self.state(),
-            self.axis_values(&position),
+            self.state_name(),
+            self.format_axis_values(&position),
             PLANNER_BLOCK_COUNT.saturating_sub(planned)
         );
         let t_s = self.executor.with_world(|world| world.time_s());
-        let shows_pins = self.setting(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_PINS_BIT != 0;
+        let shows_pins = self.setting_value(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_PINS_BIT != 0;
         if self.executor.is_probe_closed() && shows_pins {
             report += "|Pn:P";
         }
         self.executor.on_probe_state_reported();
         let [feed, rapid] = self.options.overrides;
-        let shows_overrides = self.setting(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_OVERRIDES_BIT != 0;
+        let shows_overrides =
+            self.setting_value(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_OVERRIDES_BIT != 0;
         if shows_overrides && (full || !self.has_reported) {
             report += &format!("|Ov:{feed},{rapid},100");
         }
         if full {
             let (pendant, homed) = (u8::from(self.options.has_pendant), u8::from(self.is_homed));
-            let axes = self.homed_axes();
+            let axes = self.homed_axes_mask();
             report += &format!("|MPG:{pendant}|H:{homed},{axes}|T:0|TLR:0|FW:grblHAL");
         } else if !self.has_reported {
             report += "|A:|TLR:0";
@@ -139,7 +140,7 @@ impl Firmware {
     }
 
     /// Bit mask of the homed axes.
-    fn homed_axes(&self) -> u32 {
+    fn homed_axes_mask(&self) -> u32 {
         if self.is_homed { (1 << self.options.interpreter.axes().len()) - 1 } else { 0 }
     }
 
@@ -153,10 +154,10 @@ impl Firmware {
 
     fn send_offsets(&mut self) {
         for (name, offset) in self.options.interpreter.offsets() {
-            self.send_line(&format!("[{name}:{}]", self.axis_values(&offset)));
+            self.send_line(&format!("[{name}:{}]", self.format_axis_values(&offset)));
         }
-        let home = self.axis_values(&Position::new());
-        self.send_line(&format!("[HOME:{home}:{}]", self.homed_axes()));
+        let home = self.format_axis_values(&Position::new());
+        self.send_line(&format!("[HOME:{home}:{}]", self.homed_axes_mask()));
         self.send_line(&format!("[TLO:0.000,0.000,{:.3}]", self.options.tool_length_mm));
         self.send_last_probe();
     }

@@ -3,14 +3,14 @@
 
 use super::*;
 
-fn real(change: impl FnOnce(&mut SimulatedGrblOptions)) -> Firmware {
+fn grblhal_firmware(change: impl FnOnce(&mut SimulatedGrblOptions)) -> Firmware {
     let mut options = SimulatedGrblOptions::of(&testing::machine(), Pace::Fast);
     options.has_time_stamps = false;
     change(&mut options);
     Firmware::new(testing::world(), options)
 }
 
-fn at(firmware: &mut Firmware, seconds: f64, bytes: &str) -> Vec<String> {
+fn send_at(firmware: &mut Firmware, seconds: f64, bytes: &str) -> Vec<String> {
     let now = Duration::from_secs_f64(seconds);
     firmware.advance(now);
     firmware.receive_bytes(bytes.as_bytes(), now);
@@ -20,14 +20,14 @@ fn at(firmware: &mut Firmware, seconds: f64, bytes: &str) -> Vec<String> {
 }
 
 fn send(firmware: &mut Firmware, bytes: &str) -> Vec<String> {
-    at(firmware, 0.0, bytes)
+    send_at(firmware, 0.0, bytes)
 }
 
-const BESIDE: &str = "G53 G0 X40 Y0\nG53 G0 Z-150\n";
+const MOVE_BESIDE_PART: &str = "G53 G0 X40 Y0\nG53 G0 Z-150\n";
 
 #[test]
 fn it_introduces_itself() {
-    let mut firmware = real(|_| {});
+    let mut firmware = grblhal_firmware(|_| {});
     assert_eq!(
         send(&mut firmware, "$I\n"),
         ["[VER:1.1f.20260817:]", "[OPT:VNML+,100,1024,5,0]", "[AXS:5:XYZBC]", "ok"]
@@ -40,16 +40,16 @@ fn it_introduces_itself() {
 
 #[test]
 fn banners_differ_by_level() {
-    let mut native = real(|_| {});
+    let mut native = grblhal_firmware(|_| {});
     assert_eq!(send(&mut native, "\x18"), ["", "GrblHAL 1.1f ['$' or '$HELP' for help]"]);
-    let mut classic = real(|options| options.is_native_level = false);
+    let mut classic = grblhal_firmware(|options| options.is_native_level = false);
     assert_eq!(send(&mut classic, "\x18"), ["", "Grbl 1.1f ['$' for help]"]);
 }
 
 #[test]
 fn a_touch_a_miss_and_a_closed_probe() {
-    let mut firmware = real(|_| {});
-    send(&mut firmware, BESIDE);
+    let mut firmware = grblhal_firmware(|_| {});
+    send(&mut firmware, MOVE_BESIDE_PART);
     let touch = send(&mut firmware, "N7 G38.2 X0 F30\n");
     assert_eq!(touch, ["[PRB:28.000,0.000,-150.000,0.000,0.000:1]", "ok"]);
     // The probe still reads closed after the overshoot.
@@ -69,15 +69,15 @@ fn a_touch_a_miss_and_a_closed_probe() {
 
 #[test]
 fn level_0_latches_errors_and_level_10_does_not() {
-    let mut native = real(|_| {});
+    let mut native = grblhal_firmware(|_| {});
     assert_eq!(send(&mut native, "G5\nG21\n\nG21\n"), ["error:20", "error:20", "ok", "ok"]);
-    let mut classic = real(|options| options.is_native_level = false);
+    let mut classic = grblhal_firmware(|options| options.is_native_level = false);
     assert_eq!(send(&mut classic, "G5\nG21\n"), ["error:20", "ok"]);
 }
 
 #[test]
 fn a_soft_limit_while_idle_asks_for_a_reset() {
-    let mut firmware = real(|_| {});
+    let mut firmware = grblhal_firmware(|_| {});
     let answer = send(&mut firmware, "G0 X500\n");
     assert_eq!(answer[..2], ["ALARM:2", "[MSG:Reset to continue]"]);
     assert_eq!(send(&mut firmware, "G0 X0\n"), ["error:9"]);
@@ -89,37 +89,37 @@ fn a_soft_limit_while_idle_asks_for_a_reset() {
 
 #[test]
 fn a_soft_limit_while_moving_is_silence_until_a_reset() {
-    let mut firmware = real(|options| options.pace = Pace::Real);
+    let mut firmware = grblhal_firmware(|options| options.pace = Pace::Real);
     let answer = send(&mut firmware, "G0 X100\nG0 X500\nG0 X0\n");
     assert_eq!(answer, ["ok", "ALARM:2"]);
-    assert_eq!(at(&mut firmware, 9.0, "G0 X0\n$X\n"), [""; 0]);
+    assert_eq!(send_at(&mut firmware, 9.0, "G0 X0\n$X\n"), [""; 0]);
     send(&mut firmware, "\x18");
-    assert!(at(&mut firmware, 10.0, "?").join("").contains("<Idle"));
+    assert!(send_at(&mut firmware, 10.0, "?").join("").contains("<Idle"));
 }
 
 #[test]
 fn a_hold_keeps_a_move_where_it_is() {
-    let mut firmware = real(|options| options.pace = Pace::Real);
+    let mut firmware = grblhal_firmware(|options| options.pace = Pace::Real);
     assert_eq!(send(&mut firmware, "G1 X60 F60\n"), ["ok"]);
-    assert!(at(&mut firmware, 20.0, "?").join("").starts_with("<Run|"));
-    let held = at(&mut firmware, 30.0, "!?").join("");
+    assert!(send_at(&mut firmware, 20.0, "?").join("").starts_with("<Run|"));
+    let held = send_at(&mut firmware, 30.0, "!?").join("");
     assert!(held.starts_with("<Hold:0|MPos:2") || held.starts_with("<Hold:0|MPos:3"), "{held}");
-    let stays = at(&mut firmware, 500.0, "?").join("");
+    let stays = send_at(&mut firmware, 500.0, "?").join("");
     assert_eq!(held.split('|').nth(1), stays.split('|').nth(1));
-    at(&mut firmware, 500.0, "~");
-    let done = at(&mut firmware, 600.0, "?").join("");
+    send_at(&mut firmware, 500.0, "~");
+    let done = send_at(&mut firmware, 600.0, "?").join("");
     assert!(done.starts_with("<Idle|MPos:60.000,"), "{done}");
 }
 
 #[test]
 fn a_reset_in_motion_loses_the_lines_and_locks() {
-    let mut firmware = real(|options| options.pace = Pace::Real);
+    let mut firmware = grblhal_firmware(|options| options.pace = Pace::Real);
     send(&mut firmware, "G1 X60 F60\nG4 P1\nG0 X0\n");
     assert_eq!(
-        at(&mut firmware, 10.0, "\x18"),
+        send_at(&mut firmware, 10.0, "\x18"),
         ["ALARM:3", "", "GrblHAL 1.1f ['$' or '$HELP' for help]", "[MSG:'$H'|'$X' to unlock]"]
     );
-    assert_eq!(at(&mut firmware, 11.0, "G0 X0\n"), ["error:9"]);
+    assert_eq!(send_at(&mut firmware, 11.0, "G0 X0\n"), ["error:9"]);
 }
 
 #[test]
@@ -142,13 +142,13 @@ fn lines_are_read_as_rs274_means_them() {
         ("M19 R90", "ok"),
         (&"X".repeat(300), "error:11"),
     ] {
-        assert_eq!(send(&mut real(|_| {}), &format!("{line}\n")), [answer], "{line}");
+        assert_eq!(send(&mut grblhal_firmware(|_| {}), &format!("{line}\n")), [answer], "{line}");
     }
 }
 
 #[test]
 fn offsets_inches_and_relative_moves_end_where_they_should() {
-    let mut firmware = real(|_| {});
+    let mut firmware = grblhal_firmware(|_| {});
     send(&mut firmware, "G10 L2 P6 X10\nG59\nG0 X5 Z-30\nG20 G91\nG0 Y1\nG53 G0 B-90\n");
     let status = send(&mut firmware, "?").join("");
     assert!(status.contains("MPos:15.000,25.400,-30.000,-90.000,0.000|"), "{status}");

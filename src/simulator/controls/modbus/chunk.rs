@@ -1,7 +1,10 @@
 //! Acceptance of a chunk: each chunk is executed at most once.
 
-use super::layout::{ACKNOWLEDGE_REGISTER, CHUNK_REGISTER, CRC_REGISTER, LENGTH_REGISTER, SEQUENCE_REGISTER};
-use super::{DiaryEntry, Firmware, Mode};
+use super::layout::{
+    ACKNOWLEDGE_REGISTER, CHUNK_REGISTER, CRC_REGISTER, LENGTH_REGISTER, SEQUENCE_REGISTER, register_words,
+};
+use super::{DiaryEntry, Firmware, OperatingState};
+use crate::crc16::crc16_modbus;
 
 pub(super) const ERROR_BAD_LENGTH: u16 = 1;
 const ERROR_BAD_CRC: u16 = 2;
@@ -34,9 +37,7 @@ impl Firmware {
     /// Accepts lines to execute, or a table; returns the text for the diary.
     fn accept_chunk(&mut self, sequence: u16, bytes: Vec<u8>) -> Result<String, u16> {
         if self.resident.is_some() {
-            let word = |pair: &[u8]| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte));
-            let words: Vec<u16> = bytes.chunks(2).map(word).collect();
-            return self.begin_program(sequence, &words);
+            return self.start_program(sequence, &register_words(&bytes));
         }
         let text = String::from_utf8(bytes).map_err(|_| ERROR_BAD_TEXT)?;
         self.pending_lines = text.lines().map(str::to_owned).collect();
@@ -45,7 +46,7 @@ impl Firmware {
 
     /// Bytes of the chunk, if it may be accepted.
     fn chunk_bytes(&self, accepted_before: u16) -> Result<Vec<u8>, u16> {
-        if self.mode != Mode::Ready || self.is_moving() {
+        if self.mode != OperatingState::Ready || self.is_moving() {
             return Err(ERROR_BUSY);
         }
         if !self.is_heartbeat_current(self.now) {
@@ -69,20 +70,4 @@ impl Firmware {
         }
         Ok(bytes)
     }
-}
-
-/// CRC-16/MODBUS, computed as a bitwise division of the text with the bits of each byte reversed.
-fn crc16_modbus(bytes: &[u8]) -> u16 {
-    let mut remainder = u16::MAX;
-    for byte in bytes {
-        remainder ^= u16::from(byte.reverse_bits()) << 8;
-        for _ in 0..8 {
-            let carry = remainder & 0x8000 != 0;
-            remainder <<= 1;
-            if carry {
-                remainder ^= 0x8005;
-            }
-        }
-    }
-    remainder.reverse_bits()
 }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::layout::{HOLD_REGISTER, SEQUENCE_REGISTER};
-use super::{DiaryEntry, Firmware, Mode};
+use super::{DiaryEntry, Firmware, OperatingState};
 use crate::LatchDelay;
 use crate::interpreter::ProbeInputFault;
 
@@ -136,17 +136,17 @@ impl FaultKind {
 }
 
 /// Reply to a request, and its delay.
-pub(super) struct Reply {
+pub(super) struct DelayedReply {
     pub answer: Option<Result<Response, ExceptionCode>>,
     pub delay: Duration,
 }
 
 impl Firmware {
     /// Handles a request that arrives at `now`.
-    pub(super) fn handle_request(&mut self, request: &Request<'_>, now: Duration) -> Reply {
+    pub(super) fn handle_request(&mut self, request: &Request<'_>, now: Duration) -> DelayedReply {
         self.advance(now);
         self.request_count += 1;
-        let without_delay = |answer| Reply { answer, delay: Duration::ZERO };
+        let without_delay = |answer| DelayedReply { answer, delay: Duration::ZERO };
         if self.is_hung {
             return without_delay(None);
         }
@@ -174,7 +174,7 @@ impl Firmware {
         answer
     }
 
-    fn apply_fault(&mut self, fault: &Fault, request: &Request<'_>) -> Reply {
+    fn apply_fault(&mut self, fault: &Fault, request: &Request<'_>) -> DelayedReply {
         use FaultKind as K;
         if !fault.kind.is_recorded_later() {
             self.record(DiaryEntry::FaultOccurred(fault.kind));
@@ -212,21 +212,21 @@ impl Firmware {
                 Some(self.execute_and_advance(request))
             }
         };
-        Reply { answer, delay }
+        DelayedReply { answer, delay }
     }
 
     /// Applies a fault of the control itself.
     fn apply_control_fault(&mut self, kind: FaultKind, fault: &Fault) {
         match kind {
-            FaultKind::Frozen => self.frozen_status = Some(self.status()),
-            FaultKind::HeartbeatStands => self.stopped_heartbeat = Some(self.heartbeat()),
+            FaultKind::Frozen => self.frozen_status = Some(self.status_block()),
+            FaultKind::HeartbeatStands => self.stopped_heartbeat = Some(self.heartbeat_count()),
             FaultKind::WrongStamp => self.has_wrong_stamp = true,
             FaultKind::Reset => self.reset(),
             FaultKind::Alarm => self.alarm(fault.code.map_or(DEFAULT_ALARM, u16::from)),
             FaultKind::EStop => self.alarm(ALARM_E_STOP),
             FaultKind::Hold => {
                 self.stop_at_current_position();
-                self.mode = Mode::Held(0);
+                self.mode = OperatingState::Held(0);
             }
             FaultKind::ProbeStuck => self.executor.probe_fault = ProbeInputFault::StuckClosed,
             FaultKind::ProbeDead => self.executor.probe_fault = ProbeInputFault::StuckOpen,
@@ -261,7 +261,7 @@ impl Firmware {
         };
         let half = words.get(..words.len() / 2).unwrap_or_default();
         if !half.is_empty() {
-            self.write(*at, half)?;
+            self.write_registers(*at, half)?;
         }
         let count = u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
         Ok(Response::WriteMultipleRegisters(*at, count))

@@ -6,7 +6,7 @@ use super::chunk::ERROR_BAD_TEXT;
 use super::layout::position_steps;
 use super::{
     ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, ALARM_SOFT_LIMIT, DiaryEntry, FaultKind, Firmware,
-    HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, Mode,
+    HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, OperatingState,
 };
 use crate::Contact;
 use crate::interpreter::{Job, JobResult, LineAction};
@@ -26,16 +26,16 @@ impl Firmware {
                 } else {
                     break;
                 }
-            } else if self.mode != Mode::Ready || self.frozen_status.is_some() {
+            } else if self.mode != OperatingState::Ready || self.frozen_status.is_some() {
                 break;
             } else if let Some(line) = self.pending_lines.pop_front() {
                 self.execute_line(&line);
-            } else if !self.next_row() {
+            } else if !self.start_current_row() {
                 break;
             }
         }
         self.now = now;
-        let done = self.mode == Mode::Ready && !self.is_moving() && self.error_code == 0;
+        let done = self.mode == OperatingState::Ready && !self.is_moving() && self.error_code == 0;
         if done && self.frozen_status.is_none() {
             self.executed_sequence = self.accepted_sequence;
         }
@@ -105,14 +105,14 @@ impl Firmware {
 
     pub(super) fn alarm(&mut self, code: u16) {
         self.stop_at_current_position();
-        self.mode = Mode::Alarm(code);
+        self.mode = OperatingState::Alarm(code);
     }
 
     /// Stops the machine where it is and discards the remaining motion.
     pub(super) fn hold(&mut self, reason: u16) {
-        if self.mode == Mode::Ready {
+        if self.mode == OperatingState::Ready {
             self.stop_at_current_position();
-            self.mode = Mode::Held(reason);
+            self.mode = OperatingState::Held(reason);
         }
     }
 

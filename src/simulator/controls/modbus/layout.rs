@@ -20,3 +20,8 @@ pub(super) fn position_steps(position: &Position) -> Vec<i32> {
     let step = |axis: Axis| format!("{:.3}", axis.to_mm_or_deg(position.get_or_zero(axis))).replace('.', "");
     REGISTER_AXES.map(|axis| step(axis).parse().unwrap_or(i32::MAX)).to_vec()
 }
+
+/// Registers of `bytes`, most significant byte first.
+pub(super) fn register_words(bytes: &[u8]) -> Vec<u16> {
+    bytes.chunks(2).map(|pair| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte))).collect()
+}

@@ -82,7 +82,7 @@ pub type Diary = Arc<Mutex<Vec<DiaryEntry>>>;
 
 /// Operating state of the control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Mode {
+enum OperatingState {
     /// State after power-up, until a person makes the control ready.
     NotReady,
     Ready,
@@ -95,7 +95,7 @@ enum Mode {
 pub struct Firmware {
     options: SimulatedModbusOptions,
     executor: JobExecutor,
-    mode: Mode,
+    mode: OperatingState,
     /// The holding registers.
     holding_registers: Vec<u16>,
     /// Lines of the current chunk that have not been started.
@@ -140,7 +140,7 @@ impl Firmware {
         Self {
             executor: JobExecutor::new(world, options.pace),
             options,
-            mode: Mode::Ready,
+            mode: OperatingState::Ready,
             holding_registers: vec![0; size],
             pending_lines: VecDeque::new(),
             resident,
@@ -183,12 +183,13 @@ impl Firmware {
         (self.accepted_sequence, self.executed_sequence, self.error_code, self.latch_count) = (0, 0, 0, 0);
         self.last_heartbeat = None;
         self.resident = self.resident.take().map(|_| ResidentProgram::default());
-        self.mode = Mode::NotReady;
+        self.mode = OperatingState::NotReady;
     }
 
     fn is_moving(&self) -> bool {
         let begun = self.resident.as_ref().is_some_and(ResidentProgram::is_running);
-        self.mode == Mode::Ready && (begun || self.executor.active.is_some() || !self.pending_lines.is_empty())
+        self.mode == OperatingState::Ready
+            && (begun || self.executor.active.is_some() || !self.pending_lines.is_empty())
     }
 
     fn is_heartbeat_current(&self, at: Duration) -> bool {

@@ -3,9 +3,11 @@
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::fault::WRONG_STAMP_S;
-use super::layout::{ACKNOWLEDGE_REGISTER, HEARTBEAT_REGISTER, HOLD_REGISTER, SEQUENCE_REGISTER, position_steps};
+use super::layout::{
+    ACKNOWLEDGE_REGISTER, HEARTBEAT_REGISTER, HOLD_REGISTER, SEQUENCE_REGISTER, position_steps, register_words,
+};
 use super::resident::ResultSlot;
-use super::{DiaryEntry, Firmware, Mode};
+use super::{DiaryEntry, Firmware, OperatingState};
 use machine::Position;
 
 const LINE_WINDOW_VERSION: u16 = 1;
@@ -17,29 +19,25 @@ fn position_words(position: &Position) -> Vec<u16> {
     position_steps(position).iter().flat_map(|steps| register_words(&steps.to_be_bytes())).collect()
 }
 
-fn register_words(bytes: &[u8]) -> Vec<u16> {
-    bytes.chunks(2).map(|pair| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte))).collect()
-}
-
 impl Firmware {
     /// Input registers 0 to 44; 0 to 49 with a resident program.
-    pub(super) fn status(&mut self) -> Vec<u16> {
+    pub(super) fn status_block(&mut self) -> Vec<u16> {
         if let Some(frozen) = &self.frozen_status {
             return frozen.clone();
         }
         let (state, alarm) = match self.mode {
-            Mode::NotReady => (0, 0),
-            Mode::Ready if self.is_moving() => (2, 0),
-            Mode::Ready => (1, 0),
-            Mode::Held(reason) => (3, reason),
-            Mode::Alarm(code) => (4, code),
+            OperatingState::NotReady => (0, 0),
+            OperatingState::Ready if self.is_moving() => (2, 0),
+            OperatingState::Ready => (1, 0),
+            OperatingState::Held(reason) => (3, reason),
+            OperatingState::Alarm(code) => (4, code),
         };
         let position = self.executor.position_at(self.now);
         self.status_count = self.status_count.wrapping_add(1);
         let probe = u16::from(self.executor.is_probe_closed());
         self.executor.on_probe_state_reported();
-        let beat = self.heartbeat();
-        let slot = self.shown_slot();
+        let beat = self.heartbeat_count();
+        let slot = self.reported_slot();
         let version = if slot.is_some() { PROGRAM_WINDOW_VERSION } else { LINE_WINDOW_VERSION };
         let (number, t_s, latch) = match &slot {
             Some(slot) => (slot.number, slot.t_s, &slot.latch),
@@ -62,13 +60,13 @@ impl Firmware {
         block
     }
 
-    pub(super) fn heartbeat(&self) -> u16 {
+    pub(super) fn heartbeat_count(&self) -> u16 {
         let beat = (self.now.as_secs_f64() * HEARTBEATS_PER_S) as u64 as u16;
         self.stopped_heartbeat.unwrap_or(beat)
     }
 
     /// Result shown by the resident program; the previous one for [`FaultKind::StaleResult`].
-    fn shown_slot(&mut self) -> Option<ResultSlot> {
+    fn reported_slot(&mut self) -> Option<ResultSlot> {
         let resident = self.resident.as_ref()?;
         match self.shows_previous_result.then(|| resident.previous_slot.clone()).flatten() {
             Some(before) => Some(ResultSlot { valid: true, ..before }),
@@ -85,17 +83,17 @@ impl Firmware {
         };
         match request {
             Request::ReadInputRegisters(first, count) => {
-                read_block(&self.status(), *first, *count).map(Response::ReadInputRegisters)
+                read_block(&self.status_block(), *first, *count).map(Response::ReadInputRegisters)
             }
             Request::ReadHoldingRegisters(first, count) => {
                 read_block(&self.holding_registers, *first, *count).map(Response::ReadHoldingRegisters)
             }
             Request::WriteSingleRegister(at, word) => {
-                self.write(*at, &[*word])?;
+                self.write_registers(*at, &[*word])?;
                 Ok(Response::WriteSingleRegister(*at, *word))
             }
             Request::WriteMultipleRegisters(at, words) => {
-                self.write(*at, words)?;
+                self.write_registers(*at, words)?;
                 let count = u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
                 Ok(Response::WriteMultipleRegisters(*at, count))
             }
@@ -103,7 +101,7 @@ impl Firmware {
         }
     }
 
-    pub(super) fn write(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
+    pub(super) fn write_registers(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
         let first = usize::from(at);
         let range = first..first + words.len();
         let before = [HOLD_REGISTER, HEARTBEAT_REGISTER].map(|registers| self.holding_registers[registers]);
@@ -113,7 +111,7 @@ impl Firmware {
             self.last_heartbeat = Some(self.now);
         }
         if let Some(resident) = self.resident.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER)) {
-            resident.on_acknowledged(self.holding_registers[ACKNOWLEDGE_REGISTER]);
+            resident.on_acknowledge_written(self.holding_registers[ACKNOWLEDGE_REGISTER]);
         }
         if range.contains(&SEQUENCE_REGISTER) {
             self.on_sequence_written();

@@ -80,7 +80,7 @@ impl ResidentProgram {
     }
 
     /// Handles a write of the acknowledge register.
-    pub(super) fn on_acknowledged(&mut self, number: u16) {
+    pub(super) fn on_acknowledge_written(&mut self, number: u16) {
         if number == self.slot.number && !std::mem::take(&mut self.ignores_acknowledgement) {
             self.slot.valid = false;
         }
@@ -104,7 +104,7 @@ impl ResidentProgram {
 
 impl Firmware {
     /// Starts the program with a complete table.
-    pub(super) fn begin_program(&mut self, sequence: u16, words: &[u16]) -> Result<String, u16> {
+    pub(super) fn start_program(&mut self, sequence: u16, words: &[u16]) -> Result<String, u16> {
         let [bound, number, tool, high, low, touches, count, _, table @ ..] = words else {
             return Err(ERROR_BAD_LENGTH);
         };
@@ -138,7 +138,7 @@ impl Firmware {
     }
 
     /// Starts the current row; `false` where no row can start now.
-    pub(super) fn next_row(&mut self) -> bool {
+    pub(super) fn start_current_row(&mut self) -> bool {
         let Some(resident) = &self.resident else { return false };
         let (Some(row), step) = (resident.row().cloned(), resident.step) else { return false };
         if row.kind == RowKind::Touch && resident.slot.valid {

@@ -17,17 +17,17 @@ use super::Firmware;
 
 /// Modbus unit address on a serial line, which several devices may share.
 const RTU_UNIT_ADDRESS: u8 = 1;
-const WIRE_BYTES: usize = 4096;
+const WIRE_BUFFER_BYTES: usize = 4096;
 
 #[derive(Clone)]
-struct Server {
+struct FirmwareServer {
     firmware: Arc<Mutex<Firmware>>,
     start: Instant,
     /// Unit address that is answered; requests to others are ignored.
     unit: Option<u8>,
 }
 
-impl Service for Server {
+impl Service for FirmwareServer {
     type Request = SlaveRequest<'static>;
     type Response = Option<Response>;
     type Exception = ExceptionCode;
@@ -50,9 +50,9 @@ impl Service for Server {
     }
 }
 
-fn server(firmware: Firmware, unit: Option<u8>) -> (Server, Arc<Notify>) {
+fn firmware_server(firmware: Firmware, unit: Option<u8>) -> (FirmwareServer, Arc<Notify>) {
     let cut = firmware.cut_signal.clone();
-    (Server { firmware: Arc::new(Mutex::new(firmware)), start: Instant::now(), unit }, cut)
+    (FirmwareServer { firmware: Arc::new(Mutex::new(firmware)), start: Instant::now(), unit }, cut)
 }
 
 /// Serves every client that connects, until dropped.
@@ -60,7 +60,7 @@ fn server(firmware: Firmware, unit: Option<u8>) -> (Server, Arc<Notify>) {
 /// # Errors
 /// The listener fails.
 pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<()> {
-    let (server, cut) = server(firmware, None);
+    let (server, cut) = firmware_server(firmware, None);
     let connected = |stream: TcpStream, _| {
         let (server, cut) = (server.clone(), cut.clone());
         async move {
@@ -73,7 +73,7 @@ pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<
 
 /// The stream, with a switch that cuts it.
 fn cuttable_stream(mut stream: TcpStream, cut_signal: Arc<Notify>) -> DuplexStream {
-    let (mut near, far) = duplex(WIRE_BYTES);
+    let (mut near, far) = duplex(WIRE_BUFFER_BYTES);
     tokio::spawn(async move {
         let cut = cut_signal.notified();
         // After a cut or at its end, both streams are closed.
@@ -90,6 +90,6 @@ fn cuttable_stream(mut stream: TcpStream, cut_signal: Arc<Notify>) -> DuplexStre
 /// # Errors
 /// The serial line fails.
 pub async fn serve_rtu(firmware: Firmware, line: SerialStream) -> io::Result<()> {
-    let (server, _) = server(firmware, Some(RTU_UNIT_ADDRESS));
+    let (server, _) = firmware_server(firmware, Some(RTU_UNIT_ADDRESS));
     rtu::Server::new(line).serve_forever(server).await
 }

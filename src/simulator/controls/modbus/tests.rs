@@ -7,13 +7,13 @@ use std::time::Duration;
 use serde_json::json;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-use super::{DiaryEntry, Firmware, Mode, SimulatedModbusOptions};
+use super::{DiaryEntry, Firmware, OperatingState, SimulatedModbusOptions};
 use crate::interpreter::Pace;
 use crate::{MachineTruth, SimulatedWorld};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
-fn built(pace: Pace, resident: bool) -> Firmware {
+fn firmware_with(pace: Pace, resident: bool) -> Firmware {
     let limits = json!({"min": -400, "max": 400});
     let machine: Machine = serde_json::from_value(json!({
         "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
@@ -32,33 +32,33 @@ fn built(pace: Pace, resident: bool) -> Firmware {
 }
 
 fn firmware(pace: Pace) -> Firmware {
-    built(pace, false)
+    firmware_with(pace, false)
 }
 
-fn ask(firmware: &mut Firmware, request: &Request<'_>, ms: u64) -> Result<Response, ExceptionCode> {
+fn send_request(firmware: &mut Firmware, request: &Request<'_>, ms: u64) -> Result<Response, ExceptionCode> {
     firmware.handle_request(request, Duration::from_millis(ms)).answer.unwrap()
 }
 
 fn write(firmware: &mut Firmware, at: u16, words: &[u16], ms: u64) {
-    ask(firmware, &Request::WriteMultipleRegisters(at, Cow::Borrowed(words)), ms).unwrap();
+    send_request(firmware, &Request::WriteMultipleRegisters(at, Cow::Borrowed(words)), ms).unwrap();
 }
 
 fn status(firmware: &mut Firmware, ms: u64) -> Vec<u16> {
-    match ask(firmware, &Request::ReadInputRegisters(0, 45), ms).unwrap() {
+    match send_request(firmware, &Request::ReadInputRegisters(0, 45), ms).unwrap() {
         Response::ReadInputRegisters(words) => words,
         other => panic!("{other:?}"),
     }
 }
 
 /// `G53 G0 X5`.
-const TEXT: [u16; 5] = [0x4735, 0x3320, 0x4730, 0x2058, 0x3500];
+const RAPID_TEXT: [u16; 5] = [0x4735, 0x3320, 0x4730, 0x2058, 0x3500];
 
-/// Checksums of `TEXT` and of `G53 G1 X50 F60`, as computed by another program.
-const TEXT_CRC: u16 = 0x599B;
-const CRC_OF_SLOW: u16 = 0x75C7;
+/// Checksums of `RAPID_TEXT` and of `G53 G1 X50 F60`, as computed by another program.
+const RAPID_TEXT_CRC: u16 = 0x599B;
+const SLOW_MOVE_CRC: u16 = 0x75C7;
 
 fn chunk(beat: u16, acknowledge: u16) -> Vec<u16> {
-    [&[beat, acknowledge, TEXT_CRC, 9], &TEXT[..]].concat()
+    [&[beat, acknowledge, RAPID_TEXT_CRC, 9], &RAPID_TEXT[..]].concat()
 }
 
 #[test]
@@ -101,7 +101,7 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
         let mut words = chunk(1, 0);
         // 5 mm at rapid speed end soon; `G53 G1 X50 F60` takes 50 s.
         let text = b"G53 G1 X50 F60";
-        words.splice(2.., [CRC_OF_SLOW, 14]);
+        words.splice(2.., [SLOW_MOVE_CRC, 14]);
         words.extend(text.chunks(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])));
         write(&mut control, 2, &words, 10);
         write(&mut control, 1, &[1], 11);
@@ -114,33 +114,33 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
         // The machine moves at 1 mm/s until then.
         let until_s = hold_ms.map_or(2.010, |ms| ms as f64 * 1e-3) - 0.011;
         assert!((x - until_s).abs() < 0.01, "{x}");
-        assert!(matches!(control.mode, Mode::Held(_)));
+        assert!(matches!(control.mode, OperatingState::Held(_)));
     }
 }
 
 #[test]
 fn what_lies_elsewhere_is_refused_by_an_exception() {
     let mut control = firmware(Pace::Fast);
-    let ask = |control: &mut Firmware, request| ask(control, &request, 1).unwrap_err();
+    let send_request = |control: &mut Firmware, request| send_request(control, &request, 1).unwrap_err();
     let address = ExceptionCode::IllegalDataAddress;
-    assert_eq!(ask(&mut control, Request::ReadInputRegisters(40, 6)), address);
-    assert_eq!(ask(&mut control, Request::WriteSingleRegister(106, 1)), address);
-    assert_eq!(ask(&mut control, Request::ReadCoils(0, 1)), ExceptionCode::IllegalFunction);
+    assert_eq!(send_request(&mut control, Request::ReadInputRegisters(40, 6)), address);
+    assert_eq!(send_request(&mut control, Request::WriteSingleRegister(106, 1)), address);
+    assert_eq!(send_request(&mut control, Request::ReadCoils(0, 1)), ExceptionCode::IllegalFunction);
 }
 
 /// One rapid of X to 5 mm, as step 7 of program 1, bound to sequence 1; written by hand.
 const TABLE: [u16; 24] = [1, 1, 0, 0, 7, 0, 1, 0, 1, 1, 0, 0, 0, 50_000, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
 /// Checksums of the changed tables, as computed by another program.
-const CRC_OF_TABLE: u16 = 0x9A0A;
+const TABLE_CRC: u16 = 0x9A0A;
 
-fn offer(control: &mut Firmware, table: &[u16], crc: u16, ms: u64) {
+fn offer_table(control: &mut Firmware, table: &[u16], crc: u16, ms: u64) {
     let words = [&[1, 0, crc, 2 * table.len() as u16], table].concat();
     write(control, 2, &words, ms);
     write(control, 1, &[1], ms + 1);
 }
 
-fn shown(control: &mut Firmware, ms: u64) -> Vec<u16> {
-    match ask(control, &Request::ReadInputRegisters(0, 50), ms).unwrap() {
+fn program_status(control: &mut Firmware, ms: u64) -> Vec<u16> {
+    match send_request(control, &Request::ReadInputRegisters(0, 50), ms).unwrap() {
         Response::ReadInputRegisters(words) => words,
         other => panic!("{other:?}"),
     }
@@ -148,12 +148,12 @@ fn shown(control: &mut Firmware, ms: u64) -> Vec<u16> {
 
 #[test]
 fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
-    let mut control = built(Pace::Fast, true);
-    offer(&mut control, &TABLE, CRC_OF_TABLE, 10);
-    let status = shown(&mut control, 11);
+    let mut control = firmware_with(Pace::Fast, true);
+    offer_table(&mut control, &TABLE, TABLE_CRC, 10);
+    let status = program_status(&mut control, 11);
     assert_eq!((&status[1..7], status[44]), (&[101, 2, 0, 1, 0, 0][..], 1));
     write(&mut control, 1, &[1], 12);
-    let status = shown(&mut control, 20);
+    let status = program_status(&mut control, 20);
     assert_eq!((&status[2..7], &status[44..49]), (&[1, 0, 1, 1, 0][..], &[0; 5][..]));
     assert_eq!(status[32..34], [0, 5000]);
     let diary = control.diary();
@@ -164,8 +164,8 @@ fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
 #[test]
 fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
     for (place, value, crc, error) in [
-        (13, 50_001, CRC_OF_TABLE, 2),
-        (0, 2, CRC_OF_TABLE, 2),
+        (13, 50_001, TABLE_CRC, 2),
+        (0, 2, TABLE_CRC, 2),
         (0, 2, 0x2EBE, 3),
         (1, 2, 0x6BB9, 7),
         (2, 2, 0x198E, 8),
@@ -175,24 +175,24 @@ fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
         (8, 2, 0x9BBA, 3),
         (9, 64, 0xEBCA, 3),
     ] {
-        let mut control = built(Pace::Fast, true);
+        let mut control = firmware_with(Pace::Fast, true);
         let mut table = TABLE;
         table[place] = value;
-        offer(&mut control, &table, crc, 10);
-        let status = shown(&mut control, 20);
+        offer_table(&mut control, &table, crc, 10);
+        let status = program_status(&mut control, 20);
         assert_eq!(status[2..7], [1, 0, 1, 0, error], "{place}");
         assert_eq!(control.executor.displayed_position().get_or_zero(machine::Axis::X), 0.0);
     }
     // A target beyond the travel.
     let mut table = TABLE;
     table[12..14].copy_from_slice(&[0x7A, 0x1200]);
-    let mut control = built(Pace::Fast, true);
-    offer(&mut control, &table, 0xABC6, 10);
-    assert_eq!(shown(&mut control, 20)[2..7], [1, 0, 1, 0, 3]);
+    let mut control = firmware_with(Pace::Fast, true);
+    offer_table(&mut control, &table, 0xABC6, 10);
+    assert_eq!(program_status(&mut control, 20)[2..7], [1, 0, 1, 0, 3]);
     // The right tool.
     table = TABLE;
     table[2] = 1;
-    let mut control = built(Pace::Fast, true);
-    offer(&mut control, &table, 0xDBC8, 10);
-    assert_eq!(shown(&mut control, 20)[2..7], [1, 0, 1, 1, 0]);
+    let mut control = firmware_with(Pace::Fast, true);
+    offer_table(&mut control, &table, 0xDBC8, 10);
+    assert_eq!(program_status(&mut control, 20)[2..7], [1, 0, 1, 1, 0]);
 }

@@ -20,18 +20,18 @@ pub struct FormHarmonic {
 
 /// The solid, in the table frame.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Flank {
+pub(super) struct TrueCylinder {
     foot: Vector3<f64>,
     /// Columns: the x, y and axis directions of the artefact.
     frame: Rotation3<f64>,
     height: f64,
-    profile: Profile,
+    profile: RadiusProfile,
 }
 
-impl Flank {
+impl TrueCylinder {
     /// `axis` must not be zero. The x direction of the artefact is the table's X, rotated by the shortest
     /// rotation that takes Z to `axis`.
-    pub fn new(foot: Vector3<f64>, axis: Vector3<f64>, height: f64, profile: Profile) -> Self {
+    pub fn new(foot: Vector3<f64>, axis: Vector3<f64>, height: f64, profile: RadiusProfile) -> Self {
         let upside_down = || Rotation3::from_axis_angle(&Vector3::y_axis(), PI);
         let frame = Rotation3::rotation_between(&Vector3::z(), &axis).unwrap_or_else(upside_down);
         Self { foot, frame, height, profile }
@@ -67,7 +67,7 @@ impl Flank {
 
 /// Radius over the angle ψ: `radius + Σ cos·cos nψ + sin·sin nψ`, mm.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Profile {
+pub(super) struct RadiusProfile {
     radius: f64,
     /// (order, cosine, sine), mm.
     terms: Vec<(f64, f64, f64)>,
@@ -75,7 +75,7 @@ pub(super) struct Profile {
     amplitude: f64,
 }
 
-impl Profile {
+impl RadiusProfile {
     pub fn new(radius: f64, form: impl IntoIterator<Item = FormHarmonic>) -> Self {
         let terms: Vec<_> = form.into_iter().map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3)).collect();
         let amplitude = terms.iter().map(|(_, c, s)| c.hypot(*s)).sum();
