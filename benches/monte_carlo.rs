@@ -64,7 +64,7 @@ fn measured() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
     let file = MachineFile::parse("simulated.toml", text)?;
     let (method, plan) = setup::plan_header(&file, "self-calibration", None)?;
     let own = SelfCalibration::new(serde_json::from_value(method.settings())?);
-    let (plan, readings) = plan_player::measure(&mut setup::build_world(&file)?, method.as_ref(), plan);
+    let (plan, readings) = plan_player::measure_all_stages(&mut setup::build_world(&file)?, method.as_ref(), plan);
     Ok((own, plan, readings))
 }
 

@@ -17,7 +17,8 @@ impl MachineWorker {
                 self.gate.update(|machine_state| machine_state.failure = None);
                 self.gate.finish_command(ServiceState::Waiting);
                 self.log.info("the held or failed state of the machine is acknowledged; a new cycle may start");
-                return drop(acknowledgement.result_sender.send(Ok(())));
+                let _ = acknowledgement.result_sender.send(Ok(()));
+                return;
             }
             Ok(Some(why)) => (why, String::new()),
             Err(ServeError::Lock(error)) => (Refusal::Elsewhere, format!(" ({error})")),
