@@ -12,7 +12,7 @@ use faer::Mat;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
-use methods::identification::{DrawDistribution, Effect, UncertaintySource};
+use methods::identification::{DrawDistribution, ObservationEffect, UncertaintySource};
 use methods::self_calibration::{FittedCycle, LinearisedFit, SecondOrderCorrection, SelfCalibration};
 use methods::{Method, RegisteredMethod};
 use serde_json::{Value, json};
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     for (parameter, theirs_mm) in estimate.parameters.iter().zip(&theirs) {
         let by_trials = parameter.u_monte_carlo.ok_or("no trials")?;
-        let theirs = parameter.unit.from_internal(*theirs_mm);
+        let theirs = parameter.unit.to_display_value(*theirs_mm);
         println!("{}: u {:.5}, {by_trials:.5}, numpy {theirs:.5}", parameter.symbol, parameter.u);
         // Two standard deviations from a million trials each differ by 0.1 %.
         if (by_trials / theirs - 1.0).abs() > 6e-3 {
@@ -62,7 +62,7 @@ fn measured() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
     let settings = format!("\n[method.self-calibration]\nmonte_carlo_trials = {TRIALS}\n");
     let text = include_str!("../config/simulated.toml").to_owned() + &settings;
     let file = MachineFile::parse("simulated.toml", text)?;
-    let (method, plan) = setup::plan_header(&file, "self-calibration", None)?;
+    let (method, plan) = setup::configure_method_and_plan(&file, "self-calibration", None)?;
     let own = SelfCalibration::new(serde_json::from_value(method.settings())?);
     let (plan, readings) = plan_player::measure_all_stages(&mut setup::build_world(&file)?, method.as_ref(), plan);
     Ok((own, plan, readings))
@@ -96,11 +96,11 @@ fn problem(fitted: &FittedCycle) -> Value {
 }
 
 fn source(source: &UncertaintySource) -> Value {
-    let is_normal = source.shape == DrawDistribution::Normal;
+    let is_normal = source.draw_distribution == DrawDistribution::Normal;
     match &source.effect {
-        Effect::Independent(sizes) => json!({"normal": is_normal, "each": sizes}),
-        Effect::Joint(columns) => json!({"normal": is_normal, "joint": columns}),
-        Effect::Spans(_) => panic!("self-calibration has no source of runs"),
+        ObservationEffect::Independent(sizes) => json!({"normal": is_normal, "each": sizes}),
+        ObservationEffect::Joint(columns) => json!({"normal": is_normal, "joint": columns}),
+        ObservationEffect::Spans(_) => panic!("self-calibration has no source of runs"),
     }
 }
 

@@ -47,7 +47,7 @@ struct Turn<'a> {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let file = machine_file()?;
-    let (method, header) = setup::plan_header(&file, "multiprobe", None)?;
+    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None)?;
     let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
     let turns = turns(&plan);
     let samples: usize = turns.iter().map(|turn| turn.samples.len()).sum();

@@ -65,7 +65,7 @@ struct Data {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let data = data()?;
-    let (ours_s, NonlinearSolution { x: ours, jacobian_count: factors, .. }) = ours(&data)?;
+    let (ours_s, NonlinearSolution { x: ours, jacobian_evaluation_count: factors, .. }) = ours(&data)?;
     println!("trued: {:.3} ms for one solve of {} unknowns with {factors} Jacobians", ours_s * 1e3, ours.len());
     let trials_s = trials(&data)?;
     println!("trued: {trials_s:.2} s for {TRIALS} re-solves on {} threads", rayon::current_num_threads());

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use devices::controllers::Controller;
-use devices::controllers::grbl::Grbl;
-use devices::controllers::modbus::{ModbusConfig, ModbusControl};
-use link::{Address, Capture, Link, LinkMode};
+use devices::controllers::grbl::GrblDriver;
+use devices::controllers::modbus::{ModbusConfig, ModbusDriver};
+use link::{Capture, LineLink, LinkAddress, LinkMode};
 use machine::record::event::Event;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use trued::run::Run;
-use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
+use trued::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun};
 
 use super::{controls, tape};
@@ -85,7 +85,7 @@ impl Prepared {
         on_a_runtime(async {
             let capture = Capture::create(&path).unwrap();
             let wiring = LinkMode::Captured(capture.clone());
-            let opening = setup::open_devices(&file, Pace::Fast, RunHistory::default());
+            let opening = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default());
             let devices = wiring.apply_to(opening).await.unwrap();
             run(&file, &devices, &in_memory()).await;
             drop(devices);
@@ -112,7 +112,7 @@ impl Prepared {
             Wire::GrblMemory => {
                 let (near, far) = tokio::io::duplex(4096);
                 controls::grbl(tape::grbl(&self.capture), move || far);
-                Link::from_stream("the control", near)
+                LineLink::from_stream("the control", near)
             }
             Wire::GrblPty => {
                 let (tell, told) = std::sync::mpsc::channel();
@@ -124,17 +124,17 @@ impl Prepared {
                 let (path, client_side) = told.recv().unwrap();
                 // Held open until the process ends.
                 std::mem::forget(client_side);
-                link::open_line_link(&Address::Serial { path, baud: 115_200 }).await.unwrap()
+                link::open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await.unwrap()
             }
             Wire::ModbusTcp => {
                 let port = controls::modbus(tape::modbus(&self.capture));
                 let config: ModbusConfig = toml::from_str(&format!("tcp = \"127.0.0.1:{port}\"")).unwrap();
-                let opened = ModbusControl::open(&config, machine, modes).await;
+                let opened = ModbusDriver::open(&config, machine, modes).await;
                 let (driver, halt) = opened.unwrap();
                 return Devices::new(Controller::spawn(driver, halt), dialect);
             }
         };
-        let (driver, halt) = Grbl::new(link, machine, modes);
+        let (driver, halt) = GrblDriver::new(link, machine, modes);
         Devices::new(Controller::spawn(driver, halt), dialect)
     }
 }
@@ -146,7 +146,7 @@ fn on_a_runtime<T>(work: impl Future<Output = T>) -> T {
 async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
     let folder = tempfile::tempdir_in(folder).unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::plan_header(file, METHOD, None).unwrap();
+    let (method, plan) = setup::configure_method_and_plan(file, METHOD, None).unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let (mut touches, mut stages) = (Vec::new(), Vec::new());

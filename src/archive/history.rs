@@ -27,7 +27,7 @@ pub struct Value {
 
 /// One parameter of one method over the finished runs that identified it, oldest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Series {
+pub struct ParameterSeries {
     pub method: String,
     pub symbol: String,
     pub unit: Unit,
@@ -45,7 +45,11 @@ const MAX_RUNS: u32 = 200;
 ///
 /// # Errors
 /// The journal cannot be read.
-pub fn history(journal: &Journal, machine: &str, tolerance: &[ParameterLimit]) -> Result<Vec<Series>, StoreError> {
+pub fn machine_history(
+    journal: &Journal,
+    machine: &str,
+    tolerance: &[ParameterLimit],
+) -> Result<Vec<ParameterSeries>, StoreError> {
     let mut all: Vec<ParameterValues> = Vec::new();
     journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_run_values(&mut all, measured))?;
     all.sort_by(|one, other| one.method.cmp(&other.method));
@@ -74,19 +78,20 @@ fn add_run_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
 }
 
 impl ParameterValues {
-    fn into_series(self, tolerance: &[ParameterLimit]) -> Series {
+    fn into_series(self, tolerance: &[ParameterLimit]) -> ParameterSeries {
         let Self { method, symbol, unit, values } = self;
         let point = |value: &Value| TrendPoint { t_s: value.started.as_duration().as_secs_f64(), value: value.value };
         let trend = Trend::from_points(values.iter().map(point).collect());
         let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
-        Series { method, symbol, unit, tolerance: limit.map(|limit| limit.limit), values, trend }
+        ParameterSeries { method, symbol, unit, tolerance: limit.map(|limit| limit.limit), values, trend }
     }
 }
 
 /// The changes of the last `days` in one sentence; days in this computer's time zone.
-pub fn describe_changes(all: &[Series], days: u32) -> String {
+pub fn describe_changes(all: &[ParameterSeries], days: u32) -> String {
     let trends = all.iter();
-    let trends = trends.map(|Series { symbol, unit, trend, .. }| NamedTrend { symbol, unit: unit.symbol(), trend });
+    let trends =
+        trends.map(|ParameterSeries { symbol, unit, trend, .. }| NamedTrend { symbol, unit: unit.symbol(), trend });
     let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(days));
     trend::describe_changes(&trends.collect::<Vec<_>>(), since.as_secs_f64(), format_date)
 }
@@ -99,7 +104,7 @@ fn format_date(t_s: f64) -> String {
 }
 
 /// Chart of a series as of `now`; `None` if there is nothing to draw.
-pub fn draw_series_chart(series: &Series, now: Timestamp) -> Option<String> {
+pub fn draw_series_chart(series: &ParameterSeries, now: Timestamp) -> Option<String> {
     let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
     let values = &values_with_monotonic_times(series);
     let at = |index: usize| values.get(index).map(|value| before_s(value.started));
@@ -133,7 +138,7 @@ fn thermometer_series(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> 
 }
 
 /// Values at the times at which they can have been measured, see [`Trend::of`].
-fn values_with_monotonic_times(series: &Series) -> Vec<Value> {
+fn values_with_monotonic_times(series: &ParameterSeries) -> Vec<Value> {
     let at =
         |point: &TrendPoint| Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default();
     let both = series.values.iter().zip(&series.trend.points);

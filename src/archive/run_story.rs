@@ -45,7 +45,7 @@ fn describe_signer(Signature { who, remark, .. }: &Signature) -> String {
 }
 
 /// The reason why an incomplete run ended.
-pub fn describe_end(stored: &StoredRun) -> String {
+pub fn describe_run_end(stored: &StoredRun) -> String {
     let (id, state) = (stored.summary.id, stored.summary.state);
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
         Event::Held { reason } => Some(reason.clone()),
@@ -76,7 +76,7 @@ pub fn identification_fault(stored: &StoredRun) -> Option<String> {
 
 /// Whether the control may have lost the position of an axis since the run was last resumed. An axis without a
 /// homing switch may have lost its zero in any interruption, and no control reports that.
-pub fn position_lost(stored: &StoredRun) -> bool {
+pub fn may_have_lost_position(stored: &StoredRun) -> bool {
     if stored.plan.machine.axes.values().any(|axis| axis.homing == Homing::None) {
         return true;
     }
@@ -119,7 +119,7 @@ pub fn resume_hint(run: RunId, can_resume: bool, position_lost: bool) -> String 
 pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
-        RunState::Held | RunState::Interrupted => Some(resume_hint(*id, can_resume, position_lost(stored))),
+        RunState::Held | RunState::Interrupted => Some(resume_hint(*id, can_resume, may_have_lost_position(stored))),
         RunState::Closed => Some(format!(
             "`trued identify {method} --run {id}` computes an estimate from the stored \
                 readings"

@@ -1,7 +1,7 @@
 use super::compare::{CompareError, compare_runs};
-use super::history::{draw_series_chart, history};
+use super::history::{draw_series_chart, machine_history};
 use super::report::render_report;
-use super::run_story::{describe_signatures, position_lost, run_story};
+use super::run_story::{describe_signatures, may_have_lost_position, run_story};
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
 use machine::record::estimate::{Estimate, Parameter, ParameterLimit, Unit};
 use machine::record::plan::Plan;
@@ -64,10 +64,10 @@ fn a_history_is_what_finished_runs_last_said() {
     let last = run("samba", "mill", finished, &[one(6.0)]);
     let limit = |unit, limit| ParameterLimit { symbol: "EX0C".to_owned(), unit, limit };
     let tolerance = [limit(Unit::Mm, 0.1), limit(Unit::Um, 7.5)];
-    let all = history(&journal, "mill", &tolerance).unwrap();
+    let all = machine_history(&journal, "mill", &tolerance).unwrap();
     assert!(all.iter().all(|series| series.tolerance == Some(7.5)));
     let other = ParameterLimit { symbol: "EY0C".to_owned(), ..limit(Unit::Um, 7.5) };
-    assert!(history(&journal, "mill", &[other]).unwrap().iter().all(|s| s.tolerance.is_none()));
+    assert!(machine_history(&journal, "mill", &[other]).unwrap().iter().all(|s| s.tolerance.is_none()));
     let told: Vec<String> = all
         .iter()
         .map(|series| {
@@ -99,7 +99,7 @@ fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
     }
     let raw = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();
     raw.execute("UPDATE runs SET started = '1970-01-01T00:01:00Z' WHERE id = 13", []).unwrap();
-    let series = history(&journal, "mill", &[]).unwrap().remove(0);
+    let series = machine_history(&journal, "mill", &[]).unwrap().remove(0);
     assert_eq!(series.trend.is_outside_limits(), Some(true));
     assert!(series.trend.individuals.unwrap().limits()[1] < 10.0, "{:?}", series.trend.individuals);
     let svg = draw_series_chart(&series, jiff::Timestamp::now()).unwrap();
@@ -194,7 +194,7 @@ fn an_axis_without_a_homing_switch_may_have_lost_its_zero_in_any_stop() {
         let mut plan = plan("samba", "mill");
         plan.machine.axes.insert(machine::Axis::C, serde_json::from_value(axis).unwrap());
         let id = journal.begin_run(&NewRun { config: String::new(), plan }).wait().unwrap();
-        position_lost(&journal.load_run(id).unwrap())
+        may_have_lost_position(&journal.load_run(id).unwrap())
     };
     assert_eq!([lost("none"), lost("switch")], [true, false]);
 }

@@ -4,20 +4,20 @@ use crate::report::ErrorMap;
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
-use methods::prediction::{ErrorSlice, Predictor, WorkZero};
+use methods::prediction::{ErrorPredictor, ErrorSlice, WorkZero};
 
 /// Sentences, and maps before and after a correction; `None` for an estimate without axis errors.
 pub fn volumetric_error_maps(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
-    let predictor = Predictor::new(machine, estimate, WorkZero::TableOrigin).ok()?;
+    let predictor = ErrorPredictor::new(machine, estimate, WorkZero::TableOrigin).ok()?;
     let poses = predictor.grid_poses().ok()?;
     let errors = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
-    let slices = predictor.slices(poses.get(errors[0].worst_pose)?).ok()?;
+    let slices = predictor.error_slices(poses.get(errors[0].worst_pose)?).ok()?;
     let mut lines = vec![format!(
         "{}; over the measured ranges of the axes, with tool-centre control (TCP), and with the work zero \
         set with the tip at the origin of the table and the rotary axes at 0",
         predictor.describe_model()
     )];
-    lines.extend(Predictor::describe_volume_errors(errors, &poses));
+    lines.extend(ErrorPredictor::describe_volume_errors(errors, &poses));
     let symbols = predictor.symbols().to_vec();
     lines.push(predictor.describe_corrected_error(&symbols, &poses).ok()?);
     Some((lines, slices.into_iter().map(error_map).collect()))

@@ -10,7 +10,9 @@ use super::run::build_runtime;
 use super::signals::stop_on_signals;
 use super::terminal::TerminalOperator;
 use super::{ExitStatus, show};
-use crate::commissioning::{Check, Finding, NoOperator, OperatorInterface, Stop, Summary, Verdict};
+use crate::commissioning::{
+    CheckFinding, CheckStop, CheckSummary, MachineCheck, NoOperator, OperatorInterface, Verdict,
+};
 use crate::setup::{self, ReopenableMachine};
 use crate::store::{Journal, MachineLock};
 
@@ -24,21 +26,21 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     let journal = Journal::open(&folder)?;
     journal.mark_interrupted(&lock).wait()?;
     let site = ReopenableMachine::new(&machine)?;
-    let stop = Stop::default();
+    let stop = CheckStop::default();
     stop_on_signals(stop.halt())?;
     let mut person = select_operator(&site, &stop);
-    let mut tell = |finding: &Finding| {
+    let mut tell = |finding: &CheckFinding| {
         if args.json { errln!("{finding}") } else { outln!("{finding}") }
     };
     let pace = args.speed.into();
-    let check = Check::new(&machine, &site, pace, &journal, person.as_mut(), stop, &mut tell);
+    let check = MachineCheck::new(&machine, &site, pace, &journal, person.as_mut(), stop, &mut tell);
     let summary = build_runtime()?.block_on(check.run_all_parts());
     print_summary(&summary, args.json)?;
     Ok(exit_code(&summary))
 }
 
 /// The simulated operator of a simulated machine, the operator at the terminal, or no operator.
-fn select_operator(site: &ReopenableMachine<'_>, stop: &Stop) -> Box<dyn OperatorInterface> {
+fn select_operator(site: &ReopenableMachine<'_>, stop: &CheckStop) -> Box<dyn OperatorInterface> {
     match site.simulated_operator() {
         Some(simulated_operator) => Box::new(simulated_operator),
         None if std::io::stdin().is_terminal() => Box::new(TerminalOperator::new(stop.clone())),
@@ -49,7 +51,7 @@ fn select_operator(site: &ReopenableMachine<'_>, stop: &Stop) -> Box<dyn Operato
     }
 }
 
-fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
+fn print_summary(summary: &CheckSummary, json: bool) -> Result<(), Failure> {
     if json {
         return show::print_json(summary);
     }
@@ -57,10 +59,10 @@ fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-fn exit_code(summary: &Summary) -> ExitStatus {
+fn exit_code(summary: &CheckSummary) -> ExitStatus {
     match summary {
         _ if summary.stopped => ExitStatus::Stopped,
-        _ if summary.count(Verdict::Failed) > 0 => ExitStatus::Error,
+        _ if summary.finding_count(Verdict::Failed) > 0 => ExitStatus::Error,
         _ => ExitStatus::Pass,
     }
 }

@@ -47,7 +47,7 @@ fn print_comparison(comparison: &Comparison) {
         "{agreeing} of {} parameters agree; {} of {} functions agree at all points (agreement: E_n = \
         |difference|/U is at most 1)",
         differences.len(),
-        functions.iter().filter(|f| f.agreeing_count() == f.x.len()).count(),
+        functions.iter().filter(|f| f.agreeing_point_count() == f.x.len()).count(),
         functions.len()
     );
 }
@@ -72,7 +72,7 @@ fn print_functions(functions: &[FunctionDifference]) {
     outln!("{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit", "function", "points", "worst at", "difference", "U", "E_n");
     for function in functions {
         let Some(worst) = function.worst_index() else { continue };
-        let (agreeing, count) = (function.agreeing_count(), function.x.len());
+        let (agreeing, count) = (function.agreeing_point_count(), function.x.len());
         outln!(
             "{:<16} {:>12} {:>12} {:>11.3} {:>9.3} {:>6.2}  {}{}",
             function.symbol,

@@ -17,7 +17,7 @@ use crate::run::{OpenPrompt, PromptAnswers};
 use crate::service::{PageAddressFile, machine_page_path};
 use crate::setup::MachineFile;
 use crate::store::{Journal, LockError, LockHolder, RunId, sha256_text};
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 
@@ -67,7 +67,7 @@ impl DaemonClient {
         let cycle = cycle.ok_or_else(|| unknown_cycle(&args.method, cycles))?;
         let who = operator_name(args)?;
         let daemon = self.clone();
-        stop_on_signals(Halt::new(move || drop(daemon.post("hold", &json!({})))))?;
+        stop_on_signals(HaltHandle::new(move || drop(daemon.post("hold", &json!({})))))?;
         let request = json!({
             "cycle": cycle["number"], "who": who, "enable": true, "auto": true, "door": true,
         });

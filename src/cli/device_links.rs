@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::failure::Failure;
 use super::files::state_folder;
 use crate::setup::Devices;
-use link::{Capture, LinkMode, Replay};
+use link::{Capture, CaptureReplay, LinkMode};
 
 pub struct DeviceLinks<'a> {
     wiring: LinkMode,
@@ -19,7 +19,7 @@ impl<'a> DeviceLinks<'a> {
         let (wiring, replay_folder) = match (capture_file, replayed) {
             (Some(file), _) => (LinkMode::Captured(create_capture(file)?), None),
             (None, Some(file)) => {
-                let replay = Replay::read(file)
+                let replay = CaptureReplay::read(file)
                     .map_err(|error| Failure::new(error, "use a file that `trued run --capture FILE` has written"))?;
                 (LinkMode::Replayed(replay), Some(TemporaryFolder::new()?))
             }

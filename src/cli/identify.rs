@@ -35,7 +35,7 @@ fn identify_files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> 
     let (method, mut plan) = match &args.plan {
         Some(file) => read_plan(file, &args.method)?,
         None => {
-            let (method, header) = setup::plan_header(&machine, &args.method, None)?;
+            let (method, header) = setup::configure_method_and_plan(&machine, &args.method, None)?;
             let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
             (method, plan)
         }
@@ -44,7 +44,7 @@ fn identify_files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> 
     let readings = readings_csv::read_readings(&bytes)
         .map_err(|error| Failure::without_remedy(format!("{}: {error}", csv.display())))?;
     replace_priors(args, &mut plan)?;
-    Ok(judge_estimate(identify_readings(method.as_ref(), &plan, &readings)?, &machine.tolerance))
+    Ok(judge_estimate(identify_readings(method.as_ref(), &plan, &readings)?, &machine.parameter_limits))
 }
 
 /// Identifies a stored run; the tolerances are those of `--machine`, or of the machine file of the run.
@@ -69,7 +69,7 @@ fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) ->
     let (mut plan, skipped_steps) = keep_measured_steps(stored.plan, stored.summary.state, &stored.readings);
     replace_priors(args, &mut plan)?;
     let estimate = identify_readings(method.as_ref(), &plan, &stored.readings)?;
-    let mut estimate = judge_estimate(estimate, &machine.tolerance);
+    let mut estimate = judge_estimate(estimate, &machine.parameter_limits);
     estimate.warnings.extend(skipped_steps);
     journal.add_estimate(run, &estimate).wait()?;
     Ok(estimate)

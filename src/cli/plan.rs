@@ -15,7 +15,7 @@ use planning::{ConfirmedDirections, MachineTime};
 
 pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
-    let (method, header) = setup::plan_header(&machine, &args.method, None)?;
+    let (method, header) = setup::configure_method_and_plan(&machine, &args.method, None)?;
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header)?;
     let once: Vec<Stage> = stages.iter().filter(|stage| stage.repeat == 0).cloned().collect();
     if args.json {
@@ -68,11 +68,13 @@ fn render_checked_program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(
     };
     let program = ProgramHeader { title: &title, axes: &axes, log: None };
     let text = render_program_text(&dialect, &program, plan, stages, &blocks)?;
-    let staged: Vec<StageSteps> =
-        stages.iter().map(|stage| StageSteps { steps: &stage.steps, found_artefact: stage.found.as_ref() }).collect();
+    let staged: Vec<StageSteps> = stages
+        .iter()
+        .map(|stage| StageSteps { step_ids: &stage.steps, found_artefact: stage.found.as_ref() })
+        .collect();
     let (stages, stands, confirmed) = (&staged, None, ConfirmedDirections::default());
     let programs = std::slice::from_ref(&text);
-    let request = ProofRequest { plan, stages, position: stands, confirmed, dialect: &dialect, programs };
+    let request = ProofRequest { plan, stages, start_position: stands, confirmed, dialect: &dialect, programs };
     let proof = prove_programs(&request).map_err(|refusal| {
         Failure::new(format!("the collision check refuses the program: {refusal}"), refusal.remedy())
     })?;

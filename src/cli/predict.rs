@@ -9,7 +9,7 @@ use super::result_args::PredictArgs;
 use crate::setup;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
-use methods::prediction::{PoseError, Predictor, WorkZero};
+use methods::prediction::{ErrorPredictor, PoseError, WorkZero};
 
 const POSE_COLUMNS: [(&str, Axis); 7] = [
     ("x_mm", Axis::X),
@@ -30,7 +30,7 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
         Some(at) => WorkZero::Pose(at.clone()),
         None => WorkZero::TableOrigin,
     };
-    let predictor = Predictor::new(&machine, &estimate, zero)?;
+    let predictor = ErrorPredictor::new(&machine, &estimate, zero)?;
     if let Some(zero) = zero_at.as_ref().filter(|_| !args.extrapolate) {
         let refused = |why: methods::MethodRefusal| Failure::new(format!("--zero: {}", why.reason), why.remedy);
         predictor.check_measured_range(zero).map_err(refused)?;
@@ -50,7 +50,7 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
         print_pose_errors(&axes, &poses, &predictor.pose_errors(&poses, &tips));
     }
     errln!("{}", predictor.describe_model());
-    for line in Predictor::describe_volume_errors(predictor.volume_errors(&poses, &tips), &poses) {
+    for line in ErrorPredictor::describe_volume_errors(predictor.volume_errors(&poses, &tips), &poses) {
         errln!("{line}");
     }
     if let Some(corrected) = &args.corrected {
@@ -64,7 +64,11 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Checks that no pose is outside the measured ranges.
-fn check_measured_ranges(predictor: &Predictor<'_>, file: &Path, poses: &[(Position, u64)]) -> Result<(), Failure> {
+fn check_measured_ranges(
+    predictor: &ErrorPredictor<'_>,
+    file: &Path,
+    poses: &[(Position, u64)],
+) -> Result<(), Failure> {
     for (at, line) in poses {
         let refused = |why: methods::MethodRefusal| {
             Failure::new(format!("{}, line {line}: {}", file.display(), why.reason), why.remedy)

@@ -13,7 +13,7 @@ use super::signals::stop_on_signals;
 use super::terminal::{confirm_with_enter, login_name};
 use super::{ExitStatus, add_state_option, show};
 use crate::run::{Cycle, PromptAnswers, check_probe};
-use crate::setup::{self, Devices, MachineFile, Pace, RunHistory};
+use crate::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::{Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -21,7 +21,7 @@ use methods::Method;
 
 pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
-    let (method, mut plan) = setup::plan_header(&machine, &args.method, args.repeat)?;
+    let (method, mut plan) = setup::configure_method_and_plan(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
     plan.priors = read_estimates(&args.with)?;
     method.check_priors(&plan)?;
@@ -46,7 +46,7 @@ pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, F
     let mut tell = |event: &Event| progress.show_event(event);
     let result = build_runtime()?.block_on(async {
         // The run begins after its machine is open.
-        let opening = open_devices(&machine, args.output.speed, RunHistory::default());
+        let opening = open_devices(&machine, args.output.speed, EarlierSessions::default());
         let devices = links.connect(opening).await?;
         stop_on_signals(devices.controller.halt_handle())?;
         let cycle = Cycle { machine: &machine, method, plan, answers };
@@ -119,12 +119,12 @@ pub fn check_parent_folder(file: &Path, what: &str, option: &str) -> Result<(), 
 pub async fn open_devices(
     machine: &MachineFile,
     speed: Option<Speed>,
-    past: RunHistory<'_>,
+    past: EarlierSessions<'_>,
 ) -> Result<Devices, Failure> {
     Ok(setup::open_devices(machine, speed.unwrap_or_default().into(), past).await?)
 }
 
-impl From<Speed> for Pace {
+impl From<Speed> for SimulationPace {
     fn from(speed: Speed) -> Self {
         match speed {
             Speed::Real => Self::Real,

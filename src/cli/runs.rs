@@ -6,7 +6,7 @@ use super::failure::Failure;
 use super::files::{read_estimate, state_folder};
 use super::result_args::{ExportArgs, Frame, RunsArgs, ShowArgs};
 use super::{ExitStatus, add_state_option, show};
-use crate::archive::run_story::{self, describe_end, run_story};
+use crate::archive::run_story::{self, describe_run_end, run_story};
 use crate::report::{readings_csv, temperature};
 use crate::run::can_resume;
 use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
@@ -109,7 +109,7 @@ fn print_interruptions(stored: &StoredRun, state: Option<&Path>) {
     }
     let summary = &stored.summary;
     if summary.state != RunState::Finished {
-        outln!("{}", describe_end(stored));
+        outln!("{}", describe_run_end(stored));
     }
     if let Some(next_action) = next_action(stored) {
         outln!("  → {}", add_state_option(&next_action, state));

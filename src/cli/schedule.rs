@@ -11,8 +11,8 @@ use super::files::state_folder;
 use super::{ExitStatus, show};
 use crate::service::DaemonFile;
 use crate::service::machine_state::PlannedSchedule;
-use crate::service::schedule::planned;
-use crate::service::schedule_state::arming;
+use crate::service::schedule::planned_schedules;
+use crate::service::schedule_state::new_arming;
 use crate::setup::SetupError;
 use crate::store::{Arming, Journal, ScheduleSlot};
 
@@ -55,7 +55,9 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exi
 fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<PlannedSchedule>)> {
     let now = Timestamp::now();
     let machines = file.machines.into_iter();
-    machines.map(|(machine, config)| (machine.machine.name.clone(), planned(&config.schedules, now))).collect()
+    machines
+        .map(|(machine, config)| (machine.machine.name.clone(), planned_schedules(&config.schedules, now)))
+        .collect()
 }
 
 fn print_schedule(reports: &ScheduleReport) {
@@ -84,7 +86,7 @@ pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, F
     let journal = Journal::open(&state_folder(state)?)?;
     let ArmArgs { machine, cycle, who, until, why } = args;
     check_machine_known(&journal, machine)?;
-    let arming = arming(machine, *cycle, require_name(who)?, why, until, Timestamp::now());
+    let arming = new_arming(machine, *cycle, require_name(who)?, why, until, Timestamp::now());
     let arming = arming.map_err(|why| {
         Failure::new(why, "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00")
     })?;

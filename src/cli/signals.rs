@@ -6,11 +6,11 @@ use std::sync::mpsc::{Sender, channel};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::failure::Failure;
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 
 /// Holds the machine at a signal, from the return of this call on. A thread of its own receives the signals, so
 /// that a stop does not wait for a computation of the run.
-pub fn stop_on_signals(halt: Halt) -> Result<(), Failure> {
+pub fn stop_on_signals(halt: HaltHandle) -> Result<(), Failure> {
     let (ready, is_ready) = channel();
     std::thread::Builder::new()
         .name("signals".to_owned())
@@ -20,14 +20,14 @@ pub fn stop_on_signals(halt: Halt) -> Result<(), Failure> {
     listening.map_err(|error| Failure::without_remedy(format!("the signal handler could not be started: {error}")))
 }
 
-fn run_signal_thread(halt: &Halt, ready: &Sender<io::Result<()>>) {
+fn run_signal_thread(halt: &HaltHandle, ready: &Sender<io::Result<()>>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let ended = runtime.and_then(|runtime| runtime.block_on(halt_on_signals(halt, ready)));
     // The error was reported already, or no receiver is left.
     let _ = ended.map_err(|error| ready.send(Err(error)));
 }
 
-async fn halt_on_signals(halt: &Halt, ready: &Sender<io::Result<()>>) -> io::Result<()> {
+async fn halt_on_signals(halt: &HaltHandle, ready: &Sender<io::Result<()>>) -> io::Result<()> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
     // Sent when the terminal is closed.

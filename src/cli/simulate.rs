@@ -15,7 +15,7 @@ use simulator::faulty_wire::{FaultyWire, PlannedFault};
 
 pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, Failure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
-    let (_, plan) = setup::plan_header(&machine, &args.method, None)?;
+    let (_, plan) = setup::configure_method_and_plan(&machine, &args.method, None)?;
     let pace = args.speed.into();
     build_runtime()?.block_on(async {
         let rehearsal = SimulatedMachine::new(&machine)?;

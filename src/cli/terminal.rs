@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::time::sleep;
 
-use crate::commissioning::{AnswerFuture, OperatorInterface, Stop, describe_question};
+use crate::commissioning::{AnswerFuture, CheckStop, OperatorInterface, describe_question};
 use crate::run::{OpenPrompt, PromptAnswers};
 use machine::Axis;
 use machine::record::question::{Answer, AxisDirection, ObservedMotion, Question};
@@ -77,12 +77,12 @@ fn enter_confirmations(
 }
 
 pub struct TerminalOperator {
-    stop: Stop,
+    stop: CheckStop,
     typed: Receiver<String>,
 }
 
 impl TerminalOperator {
-    pub fn new(stop: Stop) -> Self {
+    pub fn new(stop: CheckStop) -> Self {
         Self { stop, typed: spawn_line_reader() }
     }
 
@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn input_before_the_question_is_ignored() {
         let (line, typed) = channel();
-        let person = TerminalOperator { stop: Stop::default(), typed };
+        let person = TerminalOperator { stop: CheckStop::default(), typed };
         (0..3).for_each(|_| line.send("y".to_owned()).unwrap());
         let later = std::thread::spawn(move || {
             std::thread::sleep(4 * STOP_POLL_PERIOD);

@@ -9,10 +9,10 @@ use super::args::{TokenArgs, TokenCommand};
 use super::failure::Failure;
 use super::files::state_folder;
 use super::show::print_json;
-use crate::service::Tokens;
+use crate::service::TokenStore;
 
 pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
-    let tokens = Tokens::in_folder(&state_folder(state)?);
+    let tokens = TokenStore::in_folder(&state_folder(state)?);
     match &args.command {
         TokenCommand::Add { name, role } => {
             outln!("{}", tokens.add(name, *role)?);
@@ -30,7 +30,7 @@ pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<ExitStatu
     Ok(ExitStatus::Pass)
 }
 
-fn list_tokens(tokens: &Tokens, json: bool) -> Result<(), Failure> {
+fn list_tokens(tokens: &TokenStore, json: bool) -> Result<(), Failure> {
     let all = tokens.read_all()?;
     if json {
         let public = |token: &crate::service::Token| serde_json::json!({"name": token.name, "role": token.role, "made": token.made});

@@ -6,7 +6,7 @@ use super::args::TrendArgs;
 use super::failure::Failure;
 use super::files::state_folder;
 use super::{ExitStatus, show};
-use crate::archive::history::{Series, describe_changes, history};
+use crate::archive::history::{ParameterSeries, describe_changes, machine_history};
 use crate::setup::MachineFile;
 use crate::store::Journal;
 use machine::record::estimate::ParameterLimit;
@@ -18,7 +18,7 @@ pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatu
         outln!("no runs yet: start one with `trued run self-calibration`");
         return Ok(ExitStatus::Pass);
     };
-    let all = history(&journal, &machine, &newest_tolerance(&journal, &machine)?)?;
+    let all = machine_history(&journal, &machine, &newest_tolerance(&journal, &machine)?)?;
     if args.json {
         show::print_json(&all)?;
         return Ok(ExitStatus::Pass);
@@ -41,10 +41,10 @@ fn newest_tolerance(journal: &Journal, machine: &str) -> Result<Vec<ParameterLim
     };
     let stored = journal.load_run(newest.id)?;
     let file = MachineFile::from_stored("machine file", stored.config, &stored.plan.artefact);
-    Ok(file.map(|file| file.tolerance).unwrap_or_default())
+    Ok(file.map(|file| file.parameter_limits).unwrap_or_default())
 }
 
-fn print_trend(machine: &str, all: &[Series], days: u32) {
+fn print_trend(machine: &str, all: &[ParameterSeries], days: u32) {
     outln!("{} on {machine}", all.first().map_or("", |series| series.method.as_str()));
     outln!(
         "{:<12} {:>5} {:>12} {:>9}  {:<5} {:>9}  {:<22} °C",

@@ -58,7 +58,7 @@ struct SamplePrinter {
 impl SamplePrinter {
     /// Shows the sample; returns whether it is the last.
     fn print_is_last(&mut self, sample: &Sample) -> bool {
-        let Sample { t_s, value_mm, flag, missing, encoder_count } = *sample;
+        let Sample { t_s, value_mm, flag, missing_count: missing, encoder_count } = *sample;
         let is_signal_missing = flag == ReadingFlag::Stale;
         if !(is_signal_missing && self.is_signal_missing) {
             let flag = flag.as_str();

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::jog::{self, JogError};
 use super::question_text::{axis_unit, format_amount, format_jog, visible_motion};
-use super::{Check, CheckEnd, CheckPart};
+use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::control_hints;
 use machine::Axis;
 use machine::record::machine::AxisSense;
@@ -26,7 +26,7 @@ enum AxisOutcome {
     Nobody,
 }
 
-pub(super) async fn check_axes(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_axes(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if !check.is_probe_working {
         check.report_unchecked(CheckPart::Axes, NO_PROBE_REASON);
         return Ok(());
@@ -45,8 +45,8 @@ pub(super) async fn check_axes(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     Ok(())
 }
 
-async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, CheckEnd> {
-    if check.beyond_limits.contains(&axis) {
+async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutcome, CheckEnd> {
+    if check.axes_beyond_limits.contains(&axis) {
         let why = format!("{axis}: the limits differ from the limits of the control; correct them first");
         check.report_unchecked(CheckPart::Axes, why);
         return Ok(AxisOutcome::Reported);
@@ -80,7 +80,7 @@ async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, Ch
             report_axis_not_returned(check, &jog, since);
             return Err(CheckEnd::Unsafe);
         };
-        if let Err(error) = jog::run_jog(check, &jog::return_jog(&jog)).await {
+        if let Err(error) = jog::run_jog(check, &jog::reversed_jog(&jog)).await {
             report_failed_jog(check, &jog, since, &error).await?;
             return Ok(AxisOutcome::Reported);
         }
@@ -92,7 +92,7 @@ async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, Ch
 }
 
 /// Reports that the operator has left: the axis stays where it is.
-fn report_axis_not_returned(check: &mut Check<'_>, jog: &Jog, since: Instant) {
+fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, since: Instant) {
     let axis = jog.axis;
     let what = format!(
         "{axis} {}: the operator did not report the observed motion, so the axis was not \
@@ -108,11 +108,11 @@ fn report_axis_not_returned(check: &mut Check<'_>, jog: &Jog, since: Instant) {
 }
 
 /// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
-fn plan_jog(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
+fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
     let (since, machine) = (Instant::now(), &check.file.machine);
     let spec = machine.axes.get(&axis)?;
     let stands = check.position.as_ref()?;
-    let jog = jog::jog_inwards(axis, JOG_LENGTH_MM_OR_DEG, spec, stands);
+    let jog = jog::jog_away_from_limit(axis, JOG_LENGTH_MM_OR_DEG, spec, stands);
     if jog.is_none() {
         let here = axis.to_mm_or_deg(stands.get_or_zero(axis));
         let what = format!("{axis} is at {here:.3}, outside its travel from {} to {}", spec.min, spec.max);
@@ -130,17 +130,22 @@ fn plan_jog(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
 ///
 /// # Errors
 /// The control cannot continue.
-async fn report_failed_jog(check: &mut Check<'_>, jog: &Jog, since: Instant, error: &JogError) -> Result<(), CheckEnd> {
+async fn report_failed_jog(
+    check: &mut MachineCheck<'_>,
+    jog: &Jog,
+    since: Instant,
+    error: &JogError,
+) -> Result<(), CheckEnd> {
     check.check_stop()?;
     check.has_axis_fault = true;
-    let reported = if error.is_harmless() { None } else { describe_reported_motion(check, jog).await };
+    let reported = if error.has_changed_nothing() { None } else { describe_reported_motion(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, format_jog(jog), reported.unwrap_or_default());
     check.report_failed(CheckPart::Axes, since, what, error.remedy());
-    if error.is_harmless() { Ok(()) } else { Err(CheckEnd::Unsafe) }
+    if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) }
 }
 
 /// Reported motion since the jog, in words: the axis with the largest change. `None` if no position is known.
-async fn describe_reported_motion(check: &Check<'_>, jog: &Jog) -> Option<String> {
+async fn describe_reported_motion(check: &MachineCheck<'_>, jog: &Jog) -> Option<String> {
     let (before, now) = (check.position.as_ref()?, check.controller().ok()?.read_snapshot().await.ok()?);
     let gone = |axis: Axis| -> Option<f64> { Some(axis.to_mm_or_deg(now.position.get(axis)? - before.get(axis)?)) };
     let moved = check.file.machine.axes.keys().copied();
@@ -153,7 +158,7 @@ async fn describe_reported_motion(check: &Check<'_>, jog: &Jog) -> Option<String
     Some(format!("; the control reports a motion of {axis} by {}{of}", format_amount(axis, format_args!("{by:+.3}"))))
 }
 
-fn judge_axis(check: &mut Check<'_>, jog: &Jog, seen: ObservedMotion, since: Instant, expected: &str) {
+fn judge_axis(check: &mut MachineCheck<'_>, jog: &Jog, seen: ObservedMotion, since: Instant, expected: &str) {
     let (axis, by) = (jog.axis, format_jog(jog));
     let seen = match seen {
         ObservedMotion::Distance(seen) if (seen - jog.by).abs() <= OBSERVATION_TOLERANCE => ObservedMotion::AsAnnounced,

@@ -47,8 +47,8 @@ fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Dif
     let mut differences = Vec::new();
     let span = spec.max - spec.min;
     let slack = ROUNDING_TOLERANCE * span;
-    let below = info.min.filter(|min| spec.min < min - slack);
-    let above = info.max.filter(|max| spec.max > max + slack);
+    let below = info.travel_min.filter(|min| spec.min < min - slack);
+    let above = info.travel_max.filter(|max| spec.max > max + slack);
     let ends = [below.map(|min| ("min", spec.min, min)), above.map(|max| ("max", spec.max, max))];
     for (key, stated, ends) in ends.into_iter().flatten() {
         differences.push(Difference {
@@ -60,7 +60,7 @@ fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Dif
             remedy: format!("write {key} = {ends} in [axes.{axis}], or correct the limit at the control"),
         });
     }
-    if let Some(travel) = info.travel.filter(|travel| span > travel + slack) {
+    if let Some(travel) = info.travel_length.filter(|travel| span > travel + slack) {
         differences.push(Difference {
             beyond_limits: Some(axis),
             what: format!("{axis} has a travel of {span} in the machine file, but only {travel} at the control"),
@@ -99,8 +99,8 @@ mod tests {
         let text = include_str!("../../config/simulated.toml").to_owned();
         let machine = MachineFile::parse("machine.toml", text).unwrap().machine;
         let info = |spec: &AxisSpec| ReportedAxis {
-            min: Some(spec.min),
-            max: Some(spec.max),
+            travel_min: Some(spec.min),
+            travel_max: Some(spec.max),
             rapid_per_min: Some(spec.rapid_per_min),
             acceleration_per_s2: Some(spec.acceleration_per_s2),
             ..ReportedAxis::default()
@@ -124,10 +124,13 @@ mod tests {
         };
         let beyond = "the travel of X exceeds the limits of the control: max = 250 in the machine file, 200 \
             at the control";
-        assert_eq!(descriptions_after(|x| x.max = Some(200.0)), [beyond]);
-        assert!(descriptions_after(|x| x.max = Some(300.0)).is_empty(), "it may have more");
+        assert_eq!(descriptions_after(|x| x.travel_max = Some(200.0)), [beyond]);
+        assert!(descriptions_after(|x| x.travel_max = Some(300.0)).is_empty(), "it may have more");
         let short = "X has a travel of 500 in the machine file, but only 400 at the control";
-        assert_eq!(descriptions_after(|x| (x.min, x.max, x.travel) = (None, None, Some(400.0))), [short]);
+        assert_eq!(
+            descriptions_after(|x| (x.travel_min, x.travel_max, x.travel_length) = (None, None, Some(400.0))),
+            [short]
+        );
         let dynamics = "the rapid speed of X exceeds the value of the control: rapid_per_min = 20000 in the machine \
             file, 5000 at the control";
         assert_eq!(descriptions_after(|x| x.rapid_per_min = Some(5000.0)), [dynamics]);

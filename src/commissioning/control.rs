@@ -3,12 +3,12 @@
 use std::time::Instant;
 
 use super::question_text::format_position;
-use super::{Check, CheckEnd, CheckPart, compare::Difference, compare::machine_file_differences, links};
+use super::{CheckEnd, CheckPart, MachineCheck, compare::Difference, compare::machine_file_differences, links};
 use devices::controllers::{ControllerError, DeviceInfo, MachineSnapshot, describe_unreadable_items};
 use machine::Position;
 use machine::record::question::{Answer, Question};
 
-pub(super) async fn check_control(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_control(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let result = check.controller()?.identify_device().await;
     check.check_stop()?;
@@ -31,7 +31,7 @@ pub(super) async fn check_control(check: &mut Check<'_>) -> Result<(), CheckEnd>
 }
 
 /// Compares its device information with the machine file; returns whether it may move.
-fn compare_device_info(check: &mut Check<'_>, info: DeviceInfo, since: Instant) -> bool {
+fn compare_device_info(check: &mut MachineCheck<'_>, info: DeviceInfo, since: Instant) -> bool {
     check.summary.control = Some(info.identity.clone());
     check.polarity_setting.clone_from(&info.probe_polarity_hint);
     let differences = machine_file_differences(&check.file.machine, &info);
@@ -45,7 +45,7 @@ fn compare_device_info(check: &mut Check<'_>, info: DeviceInfo, since: Instant) 
         check.report_ok(CheckPart::Control, since, format!("{}: {agreement}", info.identity));
     }
     for Difference { beyond_limits, what, remedy } in differences {
-        check.beyond_limits.extend(beyond_limits);
+        check.axes_beyond_limits.extend(beyond_limits);
         check.report_failed(CheckPart::Control, since, what, remedy);
     }
     let may_move = !info.findings.iter().any(|remark| remark.is_blocking);
@@ -60,20 +60,23 @@ fn compare_device_info(check: &mut Check<'_>, info: DeviceInfo, since: Instant) 
 }
 
 /// Prepares the control; the first time, the operator compares its display with the reported position.
-pub(super) async fn prepare_control(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn prepare_control(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let first = check.position.is_none();
     prepare_and_report(check).await?;
     if first && check.position.is_some() { compare_display(check).await } else { Ok(()) }
 }
 
 /// Probe and position, for the part `probe`. A control that does not report them is no fault of the probe.
-pub(super) async fn read_probe_status(check: &mut Check<'_>, since: Instant) -> Result<MachineSnapshot, CheckEnd> {
+pub(super) async fn read_probe_status(
+    check: &mut MachineCheck<'_>,
+    since: Instant,
+) -> Result<MachineSnapshot, CheckEnd> {
     let result = check.controller()?.read_snapshot().await;
     result.or_else(|error| check.end_with_fault(CheckPart::Probe, since, error.to_string(), error.remedy()))
 }
 
 /// Prepares a retract while the probe input is closed; returns the position of all axes.
-pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position, CheckEnd> {
+pub(super) async fn prepare_in_contact(check: &mut MachineCheck<'_>) -> Result<Position, CheckEnd> {
     let since = Instant::now();
     match check.controller()?.prepare_in_contact().await {
         Ok(prepared) => {
@@ -88,7 +91,7 @@ pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position
 }
 
 /// Prepares the control. A closed probe input is left to the next part.
-async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+async fn prepare_and_report(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
         Ok(prepared) => {
@@ -118,7 +121,7 @@ async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 
 /// Only an operator can detect a wrong scale or a wrong order of registers that leaves all axes within their
 /// travel; an absolute move of one millimetre could then go anywhere.
-async fn compare_display(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+async fn compare_display(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let position = check.position.clone().unwrap_or_default();
     let reported = format_position(&position);

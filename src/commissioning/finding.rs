@@ -28,7 +28,7 @@ pub enum Verdict {
 
 /// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Finding {
+pub struct CheckFinding {
     pub part: CheckPart,
     pub verdict: Verdict,
     pub what: String,
@@ -38,7 +38,7 @@ pub struct Finding {
     pub remedy: Option<String>,
 }
 
-impl fmt::Display for Finding {
+impl fmt::Display for CheckFinding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let verdict = match self.verdict {
             Verdict::Ok => "ok",
@@ -61,19 +61,19 @@ impl fmt::Display for Finding {
 
 /// All findings. The summary contains the machine's name and no other private data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Summary {
+pub struct CheckSummary {
     pub program_version: String,
     pub machine: String,
     /// Identity of the control, if it reported one.
     pub control: Option<String>,
-    pub findings: Vec<Finding>,
+    pub findings: Vec<CheckFinding>,
     /// Whether a person has stopped the check.
     pub stopped: bool,
     /// Whether the control was held at the end. It stays held until an operator resets it.
     pub held: bool,
 }
 
-impl Summary {
+impl CheckSummary {
     pub(super) fn for_machine(machine: &str) -> Self {
         Self {
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -85,7 +85,7 @@ impl Summary {
         }
     }
 
-    pub fn count(&self, verdict: Verdict) -> usize {
+    pub fn finding_count(&self, verdict: Verdict) -> usize {
         self.findings.iter().filter(|finding| finding.verdict == verdict).count()
     }
 }
@@ -93,7 +93,7 @@ impl Summary {
 const HELD_CONTROL_REMEDY: &str = "the control is held: reset the control (a resume would complete the held move), check \
     the machine, and home it if the control requires homing";
 
-impl fmt::Display for Summary {
+impl fmt::Display for CheckSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "trued {} check of `{}`", self.program_version, self.machine)?;
         writeln!(f, "control: {}", self.control.as_deref().unwrap_or("unknown"))?;
@@ -101,7 +101,7 @@ impl fmt::Display for Summary {
             writeln!(f, "{finding}")?;
         }
         let [ok, failed, open] =
-            [Verdict::Ok, Verdict::Failed, Verdict::NotLookedAt].map(|verdict| self.count(verdict));
+            [Verdict::Ok, Verdict::Failed, Verdict::NotLookedAt].map(|verdict| self.finding_count(verdict));
         let stopped = if self.stopped { "; stopped by the operator" } else { "" };
         write!(f, "{ok} ok, {failed} failed, {open} not checked{stopped}")?;
         if self.held {

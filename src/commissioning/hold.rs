@@ -7,8 +7,8 @@ use tokio::time::timeout;
 
 use super::axes::NO_PROBE_REASON;
 use super::jog::{self, ProvenJog};
-use super::{Check, CheckEnd, CheckPart};
-use crate::setup::{Pace, SetupError, control_hints};
+use super::{CheckEnd, CheckPart, MachineCheck};
+use crate::setup::{SetupError, SimulationPace, control_hints};
 use devices::controllers::ControllerError;
 use machine::Axis;
 use machine::record::motion::BlockOutcome;
@@ -33,7 +33,7 @@ struct HeldJog {
     ended: Result<BlockOutcome, ControllerError>,
 }
 
-pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault {
         check.report_unchecked(CheckPart::Hold, "an axis did not follow its command; correct this first");
         return Ok(());
@@ -57,9 +57,9 @@ pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         return Ok(());
     }
     let since = Instant::now();
-    if check.site.simulated_operator().is_some() {
+    if check.reopenable_machine.simulated_operator().is_some() {
         // At real pace, otherwise the motion ends before the halt.
-        if let Err(error) = reopen_control(check, Pace::Real).await {
+        if let Err(error) = reopen_control(check, SimulationPace::Real).await {
             check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
@@ -69,7 +69,7 @@ pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         Err(error) => {
             check.check_stop()?;
             check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy());
-            return if error.is_harmless() { Ok(()) } else { Err(CheckEnd::Unsafe) };
+            return if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) };
         }
     };
     let held = run_held_jog(check, proven).await?;
@@ -79,14 +79,14 @@ pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 }
 
 /// A jog of the linear axis with the most travel.
-fn longest_jog(check: &Check<'_>) -> Option<Jog> {
+fn longest_jog(check: &MachineCheck<'_>) -> Option<Jog> {
     let stands = check.position.as_ref()?;
     let room = |axis: Axis| {
-        if check.beyond_limits.contains(&axis) {
+        if check.axes_beyond_limits.contains(&axis) {
             return None;
         }
         let spec = check.file.machine.axes.get(&axis)?;
-        let jog = jog::jog_inwards(axis, HELD_JOG_MM, spec, stands)?;
+        let jog = jog::jog_away_from_limit(axis, HELD_JOG_MM, spec, stands)?;
         let here = axis.to_mm_or_deg(stands.get_or_zero(axis));
         jog::prove_planned_jog(check, &jog).ok()?;
         Some((jog, if jog.by > 0.0 { spec.max - here } else { here - spec.min }))
@@ -95,7 +95,7 @@ fn longest_jog(check: &Check<'_>) -> Option<Jog> {
     all.max_by(|one, other| one.1.total_cmp(&other.1)).map(|(jog, _)| jog)
 }
 
-async fn run_held_jog(check: &Check<'_>, proven: ProvenJog) -> Result<HeldJog, CheckEnd> {
+async fn run_held_jog(check: &MachineCheck<'_>, proven: ProvenJog) -> Result<HeldJog, CheckEnd> {
     let controller = check.controller()?;
     let _motion = check.stop.begin_motion().ok_or(CheckEnd::Stopped)?;
     let mut executing = pin!(controller.execute(proven.block));
@@ -117,7 +117,7 @@ fn hold_remedy() -> String {
     format!("check how the control receives a hold. {}", control_hints(|control| Some(control.hold_hint)))
 }
 
-async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Instant) -> Result<bool, CheckEnd> {
+async fn judge_hold(check: &mut MachineCheck<'_>, jog: &Jog, held: HeldJog, since: Instant) -> Result<bool, CheckEnd> {
     let axis = jog.axis;
     let time_to_halt_s = match (&held.ended, held.time_to_halt_s) {
         (Err(ControllerError::Halted), Some(time_to_halt_s)) => time_to_halt_s,
@@ -170,7 +170,7 @@ async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Inst
 
 /// Waits until the operator has released the control, as a held link accepts no line. The operator may answer
 /// too early.
-async fn wait_for_release(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+async fn wait_for_release(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let mut not_yet = None;
     for _ in 0..MAX_RELEASE_QUESTIONS {
         check.devices = None;
@@ -192,7 +192,7 @@ async fn wait_for_release(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 }
 
 /// Opens the control again and prepares it.
-async fn reopen_control(check: &mut Check<'_>, pace: Pace) -> Result<(), SetupError> {
+async fn reopen_control(check: &mut MachineCheck<'_>, pace: SimulationPace) -> Result<(), SetupError> {
     check.open_devices(pace).await?;
     let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
     let prepared = controller.prepare().await?;

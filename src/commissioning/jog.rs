@@ -1,6 +1,6 @@
 //! One small motion: planned, rendered, read back and proven before it is sent.
 
-use super::Check;
+use super::MachineCheck;
 use crate::setup;
 use devices::controllers::ControllerError;
 use machine::record::machine::AxisSpec;
@@ -50,13 +50,13 @@ impl JogError {
     }
 
     /// Whether nothing has moved and the control is unchanged.
-    pub fn is_harmless(&self) -> bool {
+    pub fn has_changed_nothing(&self) -> bool {
         !matches!(self, Self::Control(_) | Self::PositionChanged { .. })
     }
 }
 
 /// A jog by `by` away from the nearer limit. `None`: the axis lacks the travel.
-pub(super) fn jog_inwards(axis: Axis, by: f64, spec: &AxisSpec, position: &Position) -> Option<Jog> {
+pub(super) fn jog_away_from_limit(axis: Axis, by: f64, spec: &AxisSpec, position: &Position) -> Option<Jog> {
     let here = axis.to_mm_or_deg(position.get(axis)?);
     let (up, down) = (spec.max - here, here - spec.min);
     let by = if up >= down { by } else { -by };
@@ -65,7 +65,7 @@ pub(super) fn jog_inwards(axis: Axis, by: f64, spec: &AxisSpec, position: &Posit
 }
 
 /// The jog back.
-pub(super) fn return_jog(jog: &Jog) -> Jog {
+pub(super) fn reversed_jog(jog: &Jog) -> Jog {
     Jog { by: -jog.by, ..*jog }
 }
 
@@ -80,7 +80,7 @@ pub(super) struct ProvenJog {
 ///
 /// # Errors
 /// The jog cannot be rendered, or it comes too close to a body.
-pub(super) fn prove_planned_jog(check: &Check<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
+pub(super) fn prove_planned_jog(check: &MachineCheck<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
     let position = check.position.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     prove_move(check, position, jog, MoveKind::Jog)
 }
@@ -91,7 +91,7 @@ enum MoveKind {
     Retract,
 }
 
-fn prove_move(check: &Check<'_>, position: &Position, jog: &Jog, kind: MoveKind) -> Result<ProvenJog, JogError> {
+fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: MoveKind) -> Result<ProvenJog, JogError> {
     let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
     let dialect = dialect.ok_or(ControllerError::DriverTaskEnded)?;
     let axis = jog.axis;
@@ -106,7 +106,7 @@ fn prove_move(check: &Check<'_>, position: &Position, jog: &Jog, kind: MoveKind)
     let block = Block { step: JOG_STEP_NUMBER, repeat: 0, motions: vec![motion] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     let plan = setup::plan_without_steps(check.file, "check", serde_json::Value::Null);
-    let request = JogProofRequest { plan: &plan, position, axis, to, max_feed: MAX_JOG_FEED_PER_MIN, dialect };
+    let request = JogProofRequest { plan: &plan, position, axis, target: to, max_feed: MAX_JOG_FEED_PER_MIN, dialect };
     let prove = if kind == MoveKind::Jog { prove_jog } else { prove_retract };
     Ok(ProvenJog { block: prove(&request, transmission, &block)?, to })
 }
@@ -116,7 +116,7 @@ fn prove_move(check: &Check<'_>, position: &Position, jog: &Jog, kind: MoveKind)
 ///
 /// # Errors
 /// See [`prove_planned_jog`]; or the machine was moved, or the control does not report its position.
-pub(super) async fn prove_unmoved_jog(check: &Check<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
+pub(super) async fn prove_unmoved_jog(check: &MachineCheck<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
     let proven = prove_planned_jog(check, jog)?;
     check_unmoved(check).await?;
     Ok(proven)
@@ -126,7 +126,7 @@ pub(super) async fn prove_unmoved_jog(check: &Check<'_>, jog: &Jog) -> Result<Pr
 ///
 /// # Errors
 /// See [`prove_unmoved_jog`]; or the error of the control that stopped the jog.
-pub(super) async fn run_jog(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
+pub(super) async fn run_jog(check: &mut MachineCheck<'_>, jog: &Jog) -> Result<(), JogError> {
     let ProvenJog { block, to } = prove_unmoved_jog(check, jog).await?;
     execute_block(check, block).await?;
     if let Some(position) = &mut check.position {
@@ -140,7 +140,7 @@ pub(super) async fn run_jog(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogE
 /// # Errors
 /// As `run_jog`; `ProbeStillClosed`: the step is complete, and the probe input is still closed.
 pub(super) async fn run_retract_step(
-    check: &Check<'_>,
+    check: &MachineCheck<'_>,
     position: &Position,
     direction: AxisDirection,
 ) -> Result<(), JogError> {
@@ -153,14 +153,14 @@ pub(super) async fn run_retract_step(
 }
 
 /// Executes a block; a stop holds the machine during the motion.
-async fn execute_block(check: &Check<'_>, block: ProvenBlock) -> Result<(), JogError> {
+async fn execute_block(check: &MachineCheck<'_>, block: ProvenBlock) -> Result<(), JogError> {
     let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
     let _motion = check.stop.begin_motion().ok_or(ControllerError::Halted)?;
     controller.execute(block).await?;
     Ok(())
 }
 
-async fn check_unmoved(check: &Check<'_>) -> Result<(), JogError> {
+async fn check_unmoved(check: &MachineCheck<'_>) -> Result<(), JogError> {
     let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
     let now = controller.read_snapshot().await?.position;
     for (axis, at) in check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S) {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::axes::NO_PROBE_REASON;
-use super::{Check, CheckEnd, CheckPart};
+use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::run::{CycleError, IdentificationError, Run, RunError, conclude_run};
 use crate::setup;
 use crate::store::NewRun;
@@ -20,7 +20,7 @@ use methods::{IdentifyError, Method, MethodRefusal};
 /// Maximum share of the declared repeatability that the scan period may add to a touch.
 const MAX_SCAN_ERROR_SHARE: f64 = 0.1;
 
-pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault || check.position.is_none() {
         check.report_unchecked(CheckPart::Latch, "the machine is not ready for touches; see the findings above");
         return Ok(());
@@ -32,7 +32,7 @@ pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     // The check itself asks the operator.
     let file = check.file.without_prompts();
-    let header = setup::plan_header(&file, latch_delay::METHOD_NAME, None);
+    let header = setup::configure_method_and_plan(&file, latch_delay::METHOD_NAME, None);
     let described = header.and_then(|(method, plan)| Ok((describe_run(method.as_ref(), plan.clone())?, method, plan)));
     let (action, method, plan) = match described {
         Ok(described) => described,
@@ -68,7 +68,7 @@ fn describe_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal
     ))
 }
 
-async fn touch_part(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) -> Result<(), CheckEnd> {
+async fn touch_part(check: &mut MachineCheck<'_>, method: Arc<dyn Method>, plan: Plan) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let probe = plan.probe.clone();
     let measured = run_latch_delay(check, method, plan).await?;
@@ -92,7 +92,7 @@ async fn touch_part(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) 
 
 /// Makes the run as any other run.
 async fn run_latch_delay(
-    check: &Check<'_>,
+    check: &MachineCheck<'_>,
     method: Arc<dyn Method>,
     mut plan: Plan,
 ) -> Result<Result<LatchDelayResult, CycleError>, CheckEnd> {
@@ -110,7 +110,7 @@ async fn run_latch_delay(
     let ended = run.execute().await;
     drop(motion);
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
-    let concluded = conclude_run(run, ended, &method, &check.file.tolerance).await;
+    let concluded = conclude_run(run, ended, &method, &check.file.parameter_limits).await;
     let result = concluded.and_then(|_| {
         let refused = |why: IdentifyError| CycleError::Identification { run: id, why: why.into() };
         LatchDelayResult::from_readings(&plan, &readings).map_err(refused)
@@ -118,7 +118,7 @@ async fn run_latch_delay(
     Ok(result)
 }
 
-fn report_latch(check: &mut Check<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
+fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
     match result.latch {
         LatchDiagnosis::NoScan { .. } => check.report_ok(CheckPart::Latch, since, &result.latch_text),
         LatchDiagnosis::Scan(time) => {
@@ -149,7 +149,7 @@ fn report_latch(check: &mut Check<'_>, result: &LatchDelayResult, probe: &Probe,
 }
 
 /// Compares the scatter of the touches with the declared repeatability.
-fn report_scatter(check: &mut Check<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
+fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
     match (&result.scatter_text, probe.repeatability_um) {
         (Some(text), _) => check.report_failed(
             CheckPart::Latch,

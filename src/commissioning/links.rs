@@ -2,13 +2,13 @@
 
 use std::time::Instant;
 
-use super::{Check, CheckEnd, CheckPart};
+use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::SetupError;
 use crate::setup::machine_file::Control;
 use devices::controllers::{ControllerError, DiagnosisMode, DiagnosisRequest};
 use machine::record::question::{Answer, Question};
 
-pub(super) async fn check_links(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let error = match check.open_devices(check.pace).await {
         Ok(()) => {
@@ -31,7 +31,7 @@ pub(super) async fn check_links(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 
 /// Reports the failure and its possible causes, and closes the link: an error in every case.
 pub(super) async fn end_with_link_fault<T>(
-    check: &mut Check<'_>,
+    check: &mut MachineCheck<'_>,
     part: CheckPart,
     since: Instant,
     error: &ControllerError,

@@ -23,12 +23,12 @@ mod thermometers;
 use std::pin::Pin;
 use std::time::Instant;
 
-pub use finding::{CheckPart, Finding, Summary, Verdict};
+pub use finding::{CheckFinding, CheckPart, CheckSummary, Verdict};
 pub use operator_interface::{AnswerFuture, NoOperator, OperatorInterface};
 pub use question_text::describe_question;
-pub use stop::Stop;
+pub use stop::CheckStop;
 
-use crate::setup::{Devices, MachineFile, Pace, ReopenableMachine, SetupError};
+use crate::setup::{Devices, MachineFile, ReopenableMachine, SetupError, SimulationPace};
 use crate::store::Journal;
 use devices::controllers::Controller;
 use machine::record::question::{Answer, Question};
@@ -45,7 +45,7 @@ enum CheckEnd {
 }
 
 type PartFuture<'c> = Pin<Box<dyn Future<Output = Result<(), CheckEnd>> + 'c>>;
-type PartCheck = for<'c, 'a> fn(&'c mut Check<'a>) -> PartFuture<'c>;
+type PartCheck = for<'c, 'a> fn(&'c mut MachineCheck<'a>) -> PartFuture<'c>;
 
 /// The parts in their order. A new part is a line here.
 const CHECK_PARTS: [(CheckPart, PartCheck); 7] = [
@@ -59,16 +59,16 @@ const CHECK_PARTS: [(CheckPart, PartCheck); 7] = [
 ];
 
 /// State of a check, with its machine and its operator.
-pub struct Check<'a> {
+pub struct MachineCheck<'a> {
     file: &'a MachineFile,
-    site: &'a ReopenableMachine<'a>,
-    pace: Pace,
+    reopenable_machine: &'a ReopenableMachine<'a>,
+    pace: SimulationPace,
     /// Stores the run that the last part makes.
     journal: &'a Journal,
     operator: &'a mut dyn OperatorInterface,
     /// Called with each finding.
-    on_finding: &'a mut dyn FnMut(&Finding),
-    stop: Stop,
+    on_finding: &'a mut dyn FnMut(&CheckFinding),
+    stop: CheckStop,
     /// The open devices, once the links are checked.
     devices: Option<Devices>,
     /// Position of the machine, once the control is checked.
@@ -82,24 +82,24 @@ pub struct Check<'a> {
     /// Whether an axis did not follow its command.
     has_axis_fault: bool,
     /// Axes whose travel in the machine file exceeds the control's limits: a jog may end in an alarm.
-    beyond_limits: Vec<Axis>,
-    summary: Summary,
+    axes_beyond_limits: Vec<Axis>,
+    summary: CheckSummary,
 }
 
-impl<'a> Check<'a> {
+impl<'a> MachineCheck<'a> {
     /// A new check; `stop` holds the open control.
     pub fn new(
         file: &'a MachineFile,
         site: &'a ReopenableMachine<'a>,
-        pace: Pace,
+        pace: SimulationPace,
         journal: &'a Journal,
         operator: &'a mut dyn OperatorInterface,
-        stop: Stop,
-        on_finding: &'a mut dyn FnMut(&Finding),
+        stop: CheckStop,
+        on_finding: &'a mut dyn FnMut(&CheckFinding),
     ) -> Self {
         Self {
             file,
-            site,
+            reopenable_machine: site,
             pace,
             journal,
             operator,
@@ -111,13 +111,13 @@ impl<'a> Check<'a> {
             polarity_setting: None,
             is_probe_working: false,
             has_axis_fault: false,
-            beyond_limits: Vec::new(),
-            summary: Summary::for_machine(&file.machine.name),
+            axes_beyond_limits: Vec::new(),
+            summary: CheckSummary::for_machine(&file.machine.name),
         }
     }
 
     /// Runs all parts. Call inside a tokio runtime.
-    pub async fn run_all_parts(mut self) -> Summary {
+    pub async fn run_all_parts(mut self) -> CheckSummary {
         let mut ended = None;
         for (part, check_part) in CHECK_PARTS {
             match ended {
@@ -136,7 +136,7 @@ impl<'a> Check<'a> {
 
     /// Restores the control's modes. After a fault or a stop nothing more is sent.
     async fn restore_modes(&self) {
-        let sound = self.summary.count(Verdict::Failed) == 0 && !self.summary.stopped;
+        let sound = self.summary.finding_count(Verdict::Failed) == 0 && !self.summary.stopped;
         if let (Ok(controller), Some(_), true) = (self.controller(), &self.position, sound) {
             // An error is ignored: the check is over, and the next one sets the modes again.
             drop(controller.finish().await);
@@ -164,10 +164,10 @@ impl<'a> Check<'a> {
     }
 
     /// Opens the control, also again after a hold.
-    async fn open_devices(&mut self, pace: Pace) -> Result<(), SetupError> {
+    async fn open_devices(&mut self, pace: SimulationPace) -> Result<(), SetupError> {
         // A port can be open only once.
         self.devices = None;
-        let devices = self.site.open(pace).await?;
+        let devices = self.reopenable_machine.open(pace).await?;
         self.stop.set_control(devices.controller.halt_handle());
         self.devices = Some(devices);
         Ok(())
@@ -206,7 +206,7 @@ impl<'a> Check<'a> {
 
     fn add_finding(&mut self, part: CheckPart, verdict: Verdict, since: Instant, what: String, remedy: Option<String>) {
         let took_s = since.elapsed().as_secs_f64();
-        let finding = Finding { part, what, took_s, verdict, remedy };
+        let finding = CheckFinding { part, what, took_s, verdict, remedy };
         (self.on_finding)(&finding);
         self.summary.findings.push(finding);
     }

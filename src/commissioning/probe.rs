@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tokio::time::sleep;
 
-use super::{Check, CheckEnd, CheckPart, control, retract};
+use super::{CheckEnd, CheckPart, MachineCheck, control, retract};
 use machine::record::question::{Answer, Question, StylusState};
 
 const NO_OPERATOR_REASON: &str = "no operator is present to deflect the stylus";
@@ -21,7 +21,7 @@ struct ProbeInputTest {
     returns_to_rest: bool,
 }
 
-pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     retract::retract_from_contact(check).await?;
     let since = Instant::now();
     let Some(test) = test_probe_input(check, since).await? else {
@@ -42,7 +42,7 @@ pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 }
 
 /// Watches the probe input; `None`, with a finding, if it cannot be checked.
-async fn test_probe_input(check: &mut Check<'_>, since: Instant) -> Result<Option<ProbeInputTest>, CheckEnd> {
+async fn test_probe_input(check: &mut MachineCheck<'_>, since: Instant) -> Result<Option<ProbeInputTest>, CheckEnd> {
     let is_mounted = is_probe_mounted(check).await?;
     let is_free = is_mounted && is_stylus_confirmed(check, StylusState::Free).await?;
     let is_closed_at_rest = control::read_probe_status(check, since).await?.is_probe_closed;
@@ -58,17 +58,17 @@ async fn test_probe_input(check: &mut Check<'_>, since: Instant) -> Result<Optio
 }
 
 /// Whether the operator confirms the state of the stylus.
-async fn is_stylus_confirmed(check: &mut Check<'_>, state: StylusState) -> Result<bool, CheckEnd> {
+async fn is_stylus_confirmed(check: &mut MachineCheck<'_>, state: StylusState) -> Result<bool, CheckEnd> {
     Ok(check.prompt_operator(Question::StylusState(state)).await? == Answer::Yes)
 }
 
 /// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.
-async fn is_probe_mounted(check: &mut Check<'_>) -> Result<bool, CheckEnd> {
+async fn is_probe_mounted(check: &mut MachineCheck<'_>) -> Result<bool, CheckEnd> {
     let swapped = check.file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
     Ok(!swapped || check.prompt_operator(Question::StylusState(StylusState::Mounted)).await? != Answer::No)
 }
 
-fn report_untested_probe(check: &mut Check<'_>, since: Instant, is_closed_at_rest: bool, why: &str) {
+fn report_untested_probe(check: &mut MachineCheck<'_>, since: Instant, is_closed_at_rest: bool, why: &str) {
     if is_closed_at_rest {
         let remedy = "run `trued check` on a terminal: it retracts a stylus from a contact step by step and \
             finds out whether the input is inverted or stuck; or release the stylus by hand (the input must \
@@ -81,13 +81,13 @@ fn report_untested_probe(check: &mut Check<'_>, since: Instant, is_closed_at_res
 }
 
 /// Updates the position: the operator may have moved the machine to reach the stylus.
-async fn update_position(check: &mut Check<'_>, since: Instant) -> Result<(), CheckEnd> {
+async fn update_position(check: &mut MachineCheck<'_>, since: Instant) -> Result<(), CheckEnd> {
     check.position = Some(control::read_probe_status(check, since).await?.position);
     Ok(())
 }
 
 /// Waits for the state `closed` of the probe input; returns whether it came in time.
-async fn wait_for_input(check: &mut Check<'_>, since: Instant, closed: bool) -> Result<bool, CheckEnd> {
+async fn wait_for_input(check: &mut MachineCheck<'_>, since: Instant, closed: bool) -> Result<bool, CheckEnd> {
     let deadline = Instant::now() + check.operator.max_action_time();
     loop {
         check.check_stop()?;

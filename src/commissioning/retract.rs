@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::jog::{self, JogError, RETRACT_STEP_MM};
 use super::question_text::visible_motion;
-use super::{Check, CheckEnd, CheckPart, control};
+use super::{CheckEnd, CheckPart, MachineCheck, control};
 use devices::controllers::ControllerError;
 use machine::record::question::{Answer, AxisDirection, Jog, Question};
 use machine::{Axis, Position};
@@ -18,7 +18,7 @@ const MAX_RETRACT_ANSWERS: usize = 20;
 ///
 /// # Errors
 /// The stylus was retracted out of contact, a stop was requested, or the control cannot continue.
-pub(super) async fn retract_from_contact(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let mut last_result = None;
     for answers in 0..=MAX_RETRACT_ANSWERS {
@@ -44,7 +44,7 @@ pub(super) async fn retract_from_contact(check: &mut Check<'_>) -> Result<(), Ch
 
 /// Ends the check: jogs are proven from the position that the control reports, but the stylus met something at
 /// an unexpected place.
-fn report_released_stylus(check: &mut Check<'_>, since: Instant) -> CheckEnd {
+fn report_released_stylus(check: &mut MachineCheck<'_>, since: Instant) -> CheckEnd {
     let what = "the stylus is out of contact and the probe reads open; the position of the machine may differ from \
         the display of the control";
     let remedy = "jog the machine clear at the control, find the body that the stylus touched, and home the \
@@ -54,7 +54,7 @@ fn report_released_stylus(check: &mut Check<'_>, since: Instant) -> CheckEnd {
 }
 
 /// Visible motion of each linear axis at a positive command.
-fn visible_motions(check: &Check<'_>, position: &Position) -> Vec<String> {
+fn visible_motions(check: &MachineCheck<'_>, position: &Position) -> Vec<String> {
     let machine = &check.file.machine;
     let motions = Axis::LINEAR.into_iter().filter_map(|axis| {
         let jog = Jog { axis, by: RETRACT_STEP_MM, feed_per_min: 0.0 };
@@ -64,7 +64,7 @@ fn visible_motions(check: &Check<'_>, position: &Position) -> Vec<String> {
 }
 
 /// Makes one step and describes its result. A step without a proof is not made.
-async fn retract_step(check: &mut Check<'_>, direction: AxisDirection) -> Result<String, CheckEnd> {
+async fn retract_step(check: &mut MachineCheck<'_>, direction: AxisDirection) -> Result<String, CheckEnd> {
     let since = Instant::now();
     let position = control::prepare_in_contact(check).await?;
     match jog::run_retract_step(check, &position, direction).await {
@@ -73,7 +73,7 @@ async fn retract_step(check: &mut Check<'_>, direction: AxisDirection) -> Result
         Err(JogError::Control(ControllerError::ProbeStillClosed { .. })) => {
             Ok(format!("{direction}: moved by {RETRACT_STEP_MM} mm; the probe still reads closed"))
         }
-        Err(error) if error.is_harmless() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
+        Err(error) if error.has_changed_nothing() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
         Err(error) => check.end_with_fault(CheckPart::Probe, since, format!("{direction}: {error}"), error.remedy()),
     }
 }

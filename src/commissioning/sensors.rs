@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Check, CheckEnd, CheckPart, thermometers};
+use super::{CheckEnd, CheckPart, MachineCheck, thermometers};
 use crate::setup::machine_file::SensorEntry;
 use devices::sensors::{Sample, SensorError, SensorInfo};
 use machine::record::reading::ReadingFlag;
@@ -20,7 +20,7 @@ const MAX_RATE_DEVIATION: f64 = 0.2;
 /// A fault and its remedy.
 type SensorFault = (String, &'static str);
 
-pub(super) async fn check_sensors(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_sensors(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     for entry in &check.file.sensors {
         check.check_stop()?;
         let since = Instant::now();
@@ -41,7 +41,7 @@ pub(super) async fn check_sensors(check: &mut Check<'_>) -> Result<(), CheckEnd>
     thermometers::check_thermometers(check).await
 }
 
-async fn record_samples(check: &Check<'_>, name: &str) -> Result<(SensorInfo, Vec<Sample>), SensorError> {
+async fn record_samples(check: &MachineCheck<'_>, name: &str) -> Result<(SensorInfo, Vec<Sample>), SensorError> {
     let devices = check.devices.as_ref().ok_or(SensorError::TaskEnded)?;
     let sensor = devices.sensors.open(name).await?;
     let prepared = sensor.prepare().await?;
@@ -60,7 +60,7 @@ fn sensor_fault(SensorEntry { sensor, rate_hz, .. }: &SensorEntry, samples: &[Sa
 /// Fault of missing samples.
 fn missing_samples_fault(samples: &[Sample]) -> Option<SensorFault> {
     let missing = missing_count(samples);
-    let jumps = samples.iter().filter(|sample| sample.missing > 0).count();
+    let jumps = samples.iter().filter(|sample| sample.missing_count > 0).count();
     if 2 * jumps > samples.len() {
         let what = format!(
             "increments its sample counter by more than one between most samples: {missing} samples would \
@@ -115,7 +115,7 @@ fn rate_fault(declared_hz: f64, samples: &[Sample]) -> Option<SensorFault> {
 
 /// Number of missing samples by the sensor's counter.
 fn missing_count(samples: &[Sample]) -> u64 {
-    samples.iter().map(|sample| u64::from(sample.missing)).sum()
+    samples.iter().map(|sample| u64::from(sample.missing_count)).sum()
 }
 
 fn describe_samples(name: &str, prepared: &SensorInfo, samples: &[Sample]) -> String {

@@ -3,18 +3,18 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 
 #[derive(Clone)]
-pub struct Stop {
-    halt: Halt,
+pub struct CheckStop {
+    halt: HaltHandle,
     state: Arc<Mutex<StopState>>,
 }
 
 #[derive(Default)]
 struct StopState {
     /// Halt handle of the open control.
-    control: Option<Halt>,
+    control: Option<HaltHandle>,
     /// Whether a motion may be in progress.
     is_moving: bool,
     /// Whether the hold was sent.
@@ -30,11 +30,11 @@ impl StopState {
     }
 }
 
-impl Default for Stop {
+impl Default for CheckStop {
     fn default() -> Self {
         let state: Arc<Mutex<StopState>> = Arc::default();
         let of_now = state.clone();
-        let halt = Halt::new(move || lock_state(&of_now).hold());
+        let halt = HaltHandle::new(move || lock_state(&of_now).hold());
         Self { halt, state }
     }
 }
@@ -44,9 +44,9 @@ fn lock_state(state: &Mutex<StopState>) -> MutexGuard<'_, StopState> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Stop {
+impl CheckStop {
     /// Halt handle for signals.
-    pub fn halt(&self) -> Halt {
+    pub fn halt(&self) -> HaltHandle {
         self.halt.clone()
     }
 
@@ -60,7 +60,7 @@ impl Stop {
     }
 
     /// Sets the control that the stop holds.
-    pub(super) fn set_control(&self, control: Halt) {
+    pub(super) fn set_control(&self, control: HaltHandle) {
         lock_state(&self.state).control = Some(control);
     }
 

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use super::{Check, CheckEnd, CheckPart};
+use super::{CheckEnd, CheckPart, MachineCheck};
 use devices::sensors::thermometer::ThermometerError;
 
-pub(super) async fn check_thermometers(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn check_thermometers(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let devices = check.devices.as_ref().ok_or(CheckEnd::Unsafe)?;
     let since = Instant::now();
     let each = devices.thermometers.read_once().await.into_iter();

@@ -15,7 +15,7 @@ pub struct Misfit {
     /// many measurements together.
     pub expected: f64,
     /// Effective degrees of freedom of χ².
-    pub dof: f64,
+    pub effective_dof: f64,
     /// Factor on the standard uncertainties of the sources that contribute to the residuals.
     pub uncertainty_factor: f64,
     /// Whether χ² is above its upper bound, and whether it is below its lower bound.
@@ -44,7 +44,7 @@ impl Misfit {
         let is_below_bound = declared && beyond(&|(lower, _)| ratio * effective < lower);
         let has_factor = is_above_bound || (!declared && bounds.is_some());
         let uncertainty_factor = if has_factor { ratio.sqrt() } else { 1.0 };
-        Self { chi2, expected, dof: effective, uncertainty_factor, is_above_bound, is_below_bound }
+        Self { chi2, expected, effective_dof: effective, uncertainty_factor, is_above_bound, is_below_bound }
     }
 }
 
@@ -64,7 +64,7 @@ mod tests {
     fn regress_readings_and_their_mean() {
         let residuals = [-5.0, -3.0, -1.0, 1.0, 3.0, 5.0];
         let misfit = Misfit::from_residuals(&residuals, &left_beside_the_mean(), 5, false);
-        assert!((misfit.expected - 5.0).abs() < 1e-12 && (misfit.dof - 5.0).abs() < 1e-12);
+        assert!((misfit.expected - 5.0).abs() < 1e-12 && (misfit.effective_dof - 5.0).abs() < 1e-12);
         assert!(
             (misfit.uncertainty_factor - 14f64.sqrt()).abs() < 1e-12
                 && !misfit.is_above_bound

@@ -8,7 +8,7 @@ pub struct RigidFit {
     /// Rotation from the points `from` to the points `to`.
     pub rotation: Rotation3<f64>,
     /// Rotated positions of the points `from` relative to their centroid.
-    pub arms: Vec<Vector3<f64>>,
+    pub rotated_points: Vec<Vector3<f64>>,
     /// Points `to` less the transformed points `from`.
     pub deviations: Vec<Vector3<f64>>,
     inverse_inertia: Matrix3<f64>,
@@ -31,15 +31,16 @@ impl RigidFit {
         let inertia = |arm: &Vector3<f64>| Matrix3::from_diagonal_element(arm.norm_squared()) - arm * arm.transpose();
         let inertia: Matrix3<f64> = arms.iter().map(inertia).sum();
         let inverse_inertia = inertia.try_inverse().unwrap_or_default();
-        Self { rotation, arms, deviations, inverse_inertia }
+        Self { rotation, rotated_points: arms, deviations, inverse_inertia }
     }
 
     /// Subtracts the part that a small rigid motion explains from small changes of the deviations.
     pub fn subtract_rigid_motion(&self, changes: &mut [Vector3<f64>]) {
         let mean = changes.iter().sum::<Vector3<f64>>() / changes.len().max(1) as f64;
-        let moment: Vector3<f64> = self.arms.iter().zip(changes.iter()).map(|(arm, change)| arm.cross(change)).sum();
+        let moment: Vector3<f64> =
+            self.rotated_points.iter().zip(changes.iter()).map(|(arm, change)| arm.cross(change)).sum();
         let turn = self.inverse_inertia * moment;
-        for (change, arm) in changes.iter_mut().zip(&self.arms) {
+        for (change, arm) in changes.iter_mut().zip(&self.rotated_points) {
             *change -= mean + turn.cross(arm);
         }
     }
@@ -64,7 +65,7 @@ mod tests {
         to[3].z += 0.003;
         let fit = RigidFit::new(&from, &to);
         let mean: Vector3<f64> = fit.deviations.iter().sum();
-        let moment: Vector3<f64> = fit.arms.iter().zip(&fit.deviations).map(|(arm, d)| arm.cross(d)).sum();
+        let moment: Vector3<f64> = fit.rotated_points.iter().zip(&fit.deviations).map(|(arm, d)| arm.cross(d)).sum();
         assert!(mean.norm() < 1e-12 && moment.norm() < 1e-9, "{mean} {moment}");
         let mut change = vec![Vector3::zeros(); 8];
         change[3].z = 0.003;

@@ -35,7 +35,7 @@ impl BlockRows {
     }
 
     /// Sets the right-hand side of a row: measured, or measured less model.
-    pub fn set_value(&mut self, row: usize, value: f64) {
+    pub fn set_right_side(&mut self, row: usize, value: f64) {
         self.columns.set(row, self.columns.column_count() - 1, value);
     }
 }
@@ -111,7 +111,7 @@ pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
 }
 
 impl BlockFactorisation {
-    pub fn unknowns(&self) -> usize {
+    pub fn unknown_count(&self) -> usize {
         self.common.column_count()
             + self.blocks.iter().map(|block| block.orthonormal_columns.column_count()).sum::<usize>()
     }
@@ -137,7 +137,7 @@ impl BlockFactorisation {
     }
 
     /// Part of `y` that the unknowns do not explain: (I − H)·y.
-    pub fn remainder(&self, y: &[f64]) -> Vec<f64> {
+    pub fn residuals(&self, y: &[f64]) -> Vec<f64> {
         let mut rest = y.to_vec();
         self.coordinates(&mut rest);
         rest
@@ -152,7 +152,7 @@ impl BlockFactorisation {
 
     /// Computes Qᵀ·y and replaces `y` by its remainder.
     pub(super) fn coordinates(&self, y: &mut [f64]) -> Vec<f64> {
-        let mut own = Vec::with_capacity(self.unknowns());
+        let mut own = Vec::with_capacity(self.unknown_count());
         let mut rest = &mut *y;
         for block in &self.blocks {
             let (rows, after) = rest.split_at_mut(block.orthonormal_columns.row_count());
@@ -184,7 +184,7 @@ impl BlockFactorisation {
 
     /// R as a square matrix. It has the rank, the singular values and the null space of all rows.
     fn square_factor(&self) -> Mat<f64> {
-        let (common, all) = (self.common.column_count(), self.unknowns());
+        let (common, all) = (self.common.column_count(), self.unknown_count());
         let mut square = Mat::zeros(all, all);
         square.get_mut(..common, ..common).copy_from(&self.triangle);
         let mut first = common;
@@ -207,7 +207,7 @@ impl BlockFactorisation {
 
     /// Covariance of the unknowns (unknowns × unknowns), for rows of unit variance.
     pub fn covariance(&self) -> Mat<f64> {
-        let all = self.unknowns();
+        let all = self.unknown_count();
         let mut root = Mat::zeros(all, all);
         for j in 0..all {
             let mut unit = vec![0.0; all];

@@ -10,7 +10,7 @@ use tokio::time::{Instant, sleep, timeout};
 use tokio_serial::{ErrorKind, Parity, SerialPortBuilderExt, SerialStream};
 
 use super::boxed_stream::BoxedStream;
-use super::{ByteStreamHandle, Link, LinkError};
+use super::{ByteStreamHandle, LineLink, LinkError};
 
 /// Maximum time until a host accepts a TCP connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -22,7 +22,7 @@ const BUSY_PORT_RETRY_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Address of a byte stream.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Address {
+pub enum LinkAddress {
     /// A serial device or a pty.
     Serial {
         path: String,
@@ -34,36 +34,36 @@ pub enum Address {
     },
 }
 
-impl fmt::Display for Address {
+impl fmt::Display for LinkAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Address::Serial { path, .. } => write!(f, "{path}"),
-            Address::Tcp { host, port } => write!(f, "{host}:{port}"),
+            LinkAddress::Serial { path, .. } => write!(f, "{path}"),
+            LinkAddress::Tcp { host, port } => write!(f, "{host}:{port}"),
         }
     }
 }
 
 /// Opens `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread that will own
 /// the stream. Waits some seconds for another holder to close the port.
-pub async fn open_line_link(address: &Address) -> Result<Link, LinkError> {
-    Link::open(address.to_string(), open_stream(address.clone(), Parity::None)).await
+pub async fn open_line_link(address: &LinkAddress) -> Result<LineLink, LinkError> {
+    LineLink::open(address.to_string(), open_stream(address.clone(), Parity::None)).await
 }
 
 /// Like [`open_line_link`], for a device that sends data without a request.
-pub async fn open_byte_stream(address: &Address) -> Result<ByteStreamHandle, LinkError> {
+pub async fn open_byte_stream(address: &LinkAddress) -> Result<ByteStreamHandle, LinkError> {
     ByteStreamHandle::open(address.to_string(), open_stream(address.clone(), Parity::None)).await
 }
 
 /// Opens the stream at `address`, on the caller's runtime.
-pub(super) async fn open_stream(address: Address, parity: Parity) -> Result<BoxedStream, LinkError> {
+pub(super) async fn open_stream(address: LinkAddress, parity: Parity) -> Result<BoxedStream, LinkError> {
     Ok(match address {
-        Address::Serial { path, baud } => Box::pin(open_serial(path, baud, parity).await?),
-        Address::Tcp { host, port } => Box::pin(connect_tcp(host, port).await?),
+        LinkAddress::Serial { path, baud } => Box::pin(open_serial(path, baud, parity).await?),
+        LinkAddress::Tcp { host, port } => Box::pin(connect_tcp(host, port).await?),
     })
 }
 
 /// Folder where udev lists serial ports by persistent names, which do not depend on the port number.
-pub const PORTS_BY_ID_DIR: &str = "/dev/serial/by-id";
+pub const SERIAL_PORTS_BY_ID_DIR: &str = "/dev/serial/by-id";
 
 /// Path of the port in `directory` whose name is `id`, or of the only port whose name contains `id`. It leads to
 /// the same device after the port number has changed.

@@ -103,7 +103,7 @@ async fn forward_bytes(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Address, LineEvent, open_line_link};
+    use crate::{LineEvent, LinkAddress, open_line_link};
     use tokio::time::{Duration, Instant};
 
     #[test]
@@ -125,7 +125,7 @@ mod tests {
         let mut buffer = [0; 64];
         for (baud, clear) in [(38_400, true), (115_200, false), (38_400, true)] {
             // The previous link closes its port on a thread of its own.
-            let mut link = open_line_link(&Address::Serial { path: pty.path.clone(), baud }).await.unwrap();
+            let mut link = open_line_link(&LinkAddress::Serial { path: pty.path.clone(), baud }).await.unwrap();
             link.send(b"?\n").unwrap();
             let count = pty.device.read(&mut buffer).await.unwrap();
             assert_eq!(&buffer[..count] == b"?\n", clear, "{baud}");

@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::mode::LinkMode;
-use super::{Address, LinkError, PORTS_BY_ID_DIR, find_port_by_id};
+use super::{LinkAddress, LinkError, SERIAL_PORTS_BY_ID_DIR, find_port_by_id};
 
 /// Default of the key `timeout_s` of a link, s.
 const DEFAULT_TIMEOUT_S: f64 = 0.5;
@@ -51,9 +51,9 @@ impl TryFrom<String> for HostPort {
     }
 }
 
-impl From<&HostPort> for Address {
+impl From<&HostPort> for LinkAddress {
     fn from(HostPort { host, port }: &HostPort) -> Self {
-        Address::Tcp { host: host.clone(), port: *port }
+        LinkAddress::Tcp { host: host.clone(), port: *port }
     }
 }
 
@@ -85,7 +85,7 @@ impl fmt::Display for LinkConfig {
         match self {
             Self::Serial { path, .. } => write!(f, "{}", path.display()),
             Self::SerialId { id, .. } => write!(f, "{id}"),
-            Self::Tcp(tcp) => write!(f, "{}", Address::from(tcp)),
+            Self::Tcp(tcp) => write!(f, "{}", LinkAddress::from(tcp)),
         }
     }
 }
@@ -142,13 +142,13 @@ impl LinkConfig {
     ///
     /// # Errors
     /// No port, or more than one port, matches the name.
-    pub fn address(&self) -> Result<Address, LinkError> {
-        let serial = |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
+    pub fn resolve_address(&self) -> Result<LinkAddress, LinkError> {
+        let serial = |path: &Path, baud: u32| LinkAddress::Serial { path: path.display().to_string(), baud };
         Ok(match self {
             Self::Serial { path, baud } => serial(path, *baud),
             // A replayed capture answers, so the port need not exist.
             Self::SerialId { id, baud } if LinkMode::current().is_replayed() => serial(Path::new(id), *baud),
-            Self::SerialId { id, baud } => serial(&find_port_by_id(Path::new(PORTS_BY_ID_DIR), id)?, *baud),
+            Self::SerialId { id, baud } => serial(&find_port_by_id(Path::new(SERIAL_PORTS_BY_ID_DIR), id)?, *baud),
             Self::Tcp(tcp) => tcp.into(),
         })
     }

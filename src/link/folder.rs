@@ -33,7 +33,7 @@ impl SharedFolder {
     }
 
     /// Path of the file `name`.
-    pub fn path_of(&self, name: &str) -> PathBuf {
+    pub fn file_path(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
@@ -47,9 +47,9 @@ impl SharedFolder {
             return replay.exchange(entry.as_bytes()).map(drop);
         }
         self.backend.record('>', entry.as_bytes());
-        let temporary = self.path_of(&format!("{name}.new"));
+        let temporary = self.file_path(&format!("{name}.new"));
         fs::write(&temporary, text)?;
-        fs::rename(&temporary, self.path_of(name))
+        fs::rename(&temporary, self.file_path(name))
     }
 
     /// Removes the file `name`, if it exists.
@@ -60,7 +60,7 @@ impl SharedFolder {
         if self.backend.is_replayed() {
             return Ok(());
         }
-        match fs::remove_file(self.path_of(name)) {
+        match fs::remove_file(self.file_path(name)) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
             _ => Ok(()),
         }
@@ -75,7 +75,7 @@ impl SharedFolder {
             let reply = String::from_utf8(replay.exchange(name.as_bytes())?).map_err(io::Error::other)?;
             return Ok(reply.split_once('\n').map(|(_, text)| text.to_owned()));
         }
-        let text = match fs::read_to_string(self.path_of(name)) {
+        let text = match fs::read_to_string(self.file_path(name)) {
             Ok(text) => Some(text),
             Err(error) if error.kind() == ErrorKind::NotFound => None,
             Err(error) => return Err(error),

@@ -1,16 +1,16 @@
 //! Fuzz tests: arbitrary bytes, split at arbitrary positions.
 
-use super::Replay;
+use super::CaptureReplay;
 use super::capture::LinkProtocol;
 use super::lines::{LineAssembler, LineEvent};
-use testing::fuzz::fuzz;
+use testing::fuzz::fuzz_parser;
 
 const CAPTURED_LINES: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n<Idle|MPos:0.000,1.000>\r\nok\n";
 
 #[test]
 fn the_line_assembler_bears_anything() {
     let words = ["ok", "\r\n", "\n", "µ", "<Idle|", "\u{7f}"];
-    fuzz("link-lines", &[CAPTURED_LINES, &[b'a'; 9_000]], &words, |input| {
+    fuzz_parser("link-lines", &[CAPTURED_LINES, &[b'a'; 9_000]], &words, |input| {
         let mut assembler = LineAssembler::default();
         let (size, rest) = input.split_first().map_or((1, input), |(size, rest)| (*size, rest));
         let pieces = rest.chunks(usize::from(size) + 1);
@@ -40,9 +40,9 @@ fn the_capture_reader_bears_anything() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
     let words = [" 1 < ", " 1 > ", " 2 = modbus-tcp ", "\\x", "# trued-capture 1\n"];
-    fuzz("capture", &[CAPTURE], &words, |input| {
+    fuzz_parser("capture", &[CAPTURE], &words, |input| {
         std::fs::write(&file, input).unwrap();
-        match Replay::read(&file) {
+        match CaptureReplay::read(&file) {
             Ok(replay) => {
                 for protocol in LinkProtocol::ALL {
                     replay.link_replay("a", protocol).process_sent(&[b"$I\n?", input].concat());

@@ -27,7 +27,9 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
-pub use address::{Address, PORTS_BY_ID_DIR, Pty, create_pty, find_port_by_id, open_byte_stream, open_line_link};
+pub use address::{
+    LinkAddress, Pty, SERIAL_PORTS_BY_ID_DIR, create_pty, find_port_by_id, open_byte_stream, open_line_link,
+};
 pub use baud::{create_pty_at_baud, decode_at_baud};
 pub use byte_stream::{ByteStreamHandle, RequestTurn, StreamRead};
 pub use capture::Capture;
@@ -36,10 +38,10 @@ pub use config::{HostPort, LinkConfig, LinkKeys, parse_timeout_s};
 pub use folder::SharedFolder;
 pub use lines::LineEvent;
 pub use mode::LinkMode;
-pub use replay::{CaptureError, Replay};
+pub use replay::{CaptureError, CaptureReplay};
 pub use request_capture::RequestCapture;
 pub use shared_ports::SharedPorts;
-pub use stream::{Link, UrgentSender};
+pub use stream::{LineLink, UrgentSender};
 
 /// Errors of a link.
 #[derive(Debug, thiserror::Error)]

@@ -4,7 +4,7 @@
 use super::LinkError;
 use super::boxed_stream::BoxedStream;
 use super::capture::{Capture, LinkProtocol, LinkRecorder};
-use super::replay::{LinkReplay, Replay};
+use super::replay::{CaptureReplay, LinkReplay};
 
 #[derive(Clone, Default)]
 pub enum LinkMode {
@@ -12,7 +12,7 @@ pub enum LinkMode {
     Direct,
     Captured(Capture),
     /// No device is opened: a capture answers.
-    Replayed(Replay),
+    Replayed(CaptureReplay),
 }
 
 tokio::task_local! {

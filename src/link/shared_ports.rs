@@ -9,7 +9,7 @@ use tokio::sync::Mutex;
 
 use super::byte_stream::SharedStream;
 use super::modbus::{DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, OpenLine};
-use super::{Address, ByteStreamHandle, LinkError, open_byte_stream};
+use super::{ByteStreamHandle, LinkAddress, LinkError, open_byte_stream};
 
 /// The open ports. A port is closed when its last handle is dropped; the next device that uses a lost port reopens
 /// it.
@@ -27,7 +27,7 @@ impl SharedPorts {
     ///
     /// # Errors
     /// The stream cannot be opened.
-    pub async fn open_byte_stream(&self, address: &Address) -> Result<ByteStreamHandle, LinkError> {
+    pub async fn open_byte_stream(&self, address: &LinkAddress) -> Result<ByteStreamHandle, LinkError> {
         let mut open = self.0.lock().await;
         let key = port_key(address);
         let stream = open.streams.get(&key).and_then(Weak::upgrade);
@@ -53,7 +53,7 @@ impl SharedPorts {
             return ModbusClient::open(line, settings).await;
         }
         let mut open = self.0.lock().await;
-        let port = line.link.address().map_or_else(|_| line.to_string(), |at| port_key(&at));
+        let port = line.link.resolve_address().map_or_else(|_| line.to_string(), |at| port_key(&at));
         let key = format!("{port} {:?}", line.parity);
         if let Some(line) = open.modbus_lines.get(&key).and_then(Weak::upgrade) {
             return Ok(ModbusClient::on_open_line(line, settings));
@@ -65,12 +65,12 @@ impl SharedPorts {
 }
 
 /// Key of a port, the same for all names of one port.
-fn port_key(address: &Address) -> String {
+fn port_key(address: &LinkAddress) -> String {
     match address {
-        Address::Serial { path, baud } => {
+        LinkAddress::Serial { path, baud } => {
             let real = std::fs::canonicalize(Path::new(path)).unwrap_or_else(|_| path.into());
             format!("{} {baud}", real.display())
         }
-        Address::Tcp { .. } => address.to_string(),
+        LinkAddress::Tcp { .. } => address.to_string(),
     }
 }

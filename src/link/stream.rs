@@ -17,7 +17,7 @@ use super::owner::{ByteSink, OwnerChannels, UrgentMessage, start_owner_thread};
 const MAX_QUEUED_LINES: usize = 4096;
 
 /// Handle of a link: receives lines, sends bytes.
-pub struct Link {
+pub struct LineLink {
     name: String,
     incoming: mpsc::Receiver<Result<LineEvent, String>>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
@@ -35,16 +35,16 @@ impl UrgentSender {
         let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), drops_ordinary: false });
     }
 
-    /// Like `send`; in addition, everything that [`Link::send`] has queued or will queue is dropped: after a hold,
+    /// Like `send`; in addition, everything that [`LineLink::send`] has queued or will queue is dropped: after a hold,
     /// only urgent bytes follow.
     pub fn send_and_drop_ordinary(&self, bytes: &[u8]) {
         let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), drops_ordinary: true });
     }
 }
 
-impl Link {
+impl LineLink {
     /// Starts the owning thread for `stream`; `name` is the name in error messages. A stream that belongs to a
-    /// runtime's reactor must be opened by [`Link::open`].
+    /// runtime's reactor must be opened by [`LineLink::open`].
     pub fn from_stream(name: impl Into<String>, stream: impl AsyncRead + AsyncWrite + Send + 'static) -> Self {
         let (link, channels) = Self::create_channels(name.into());
         let stream: BoxedStream = Box::pin(stream);
@@ -84,7 +84,7 @@ impl Link {
         self.send(format!("{line}\n").as_bytes())
     }
 
-    pub fn urgent(&self) -> UrgentSender {
+    pub fn urgent_sender(&self) -> UrgentSender {
         self.urgent.clone()
     }
 

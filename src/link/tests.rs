@@ -16,7 +16,7 @@ fn line(text: &str) -> Option<LineEvent> {
 #[tokio::test]
 async fn lines_travel_both_ways_and_the_end_is_told_for_ever() {
     let (ours, mut theirs) = tokio::io::duplex(64);
-    let mut link = Link::from_stream("peer", ours);
+    let mut link = LineLink::from_stream("peer", ours);
     link.send_line("?").unwrap();
     let mut bytes = [0; 2];
     theirs.read_exact(&mut bytes).await.unwrap();
@@ -35,14 +35,14 @@ async fn lines_travel_both_ways_and_the_end_is_told_for_ever() {
 #[tokio::test]
 async fn urgent_bytes_overtake_what_is_queued_but_split_no_message() {
     let (ours, mut theirs) = tokio::io::duplex(4);
-    let link = Link::from_stream("peer", ours);
+    let link = LineLink::from_stream("peer", ours);
     link.send(b"first line\n").unwrap();
     let mut start = [0; 1];
     theirs.read_exact(&mut start).await.unwrap();
     for _ in 0..100 {
         link.send(b"later\n").unwrap();
     }
-    link.urgent().send(b"!");
+    link.urgent_sender().send(b"!");
     let mut rest = [0; 16];
     theirs.read_exact(&mut rest).await.unwrap();
     assert_eq!(&rest, b"irst line\n!later");
@@ -51,14 +51,14 @@ async fn urgent_bytes_overtake_what_is_queued_but_split_no_message() {
 #[tokio::test]
 async fn after_a_hold_only_urgent_bytes_follow() {
     let (ours, mut theirs) = tokio::io::duplex(4);
-    let link = Link::from_stream("peer", ours);
+    let link = LineLink::from_stream("peer", ours);
     link.send(b"first line\n").unwrap();
     let mut start = [0; 1];
     theirs.read_exact(&mut start).await.unwrap();
     link.send(b"queued\n").unwrap();
-    link.urgent().send_and_drop_ordinary(b"!");
+    link.urgent_sender().send_and_drop_ordinary(b"!");
     link.send(b"too late\n").unwrap();
-    link.urgent().send(b"?");
+    link.urgent_sender().send(b"?");
     drop(link);
     let mut rest = Vec::new();
     theirs.read_to_end(&mut rest).await.unwrap();
@@ -71,8 +71,8 @@ async fn after_a_hold_only_urgent_bytes_follow() {
 #[tokio::test]
 async fn a_hold_goes_out_although_the_handle_is_dropped() {
     let (ours, mut theirs) = tokio::io::duplex(64);
-    let link = Link::from_stream("peer", ours);
-    link.urgent().send(b"!");
+    let link = LineLink::from_stream("peer", ours);
+    link.urgent_sender().send(b"!");
     drop(link);
     let mut bytes = Vec::new();
     theirs.read_to_end(&mut bytes).await.unwrap();
@@ -82,7 +82,7 @@ async fn a_hold_goes_out_although_the_handle_is_dropped() {
 #[tokio::test]
 async fn a_pty_is_opened_by_one_client_at_a_time() {
     let mut pty = create_pty().unwrap();
-    let address = Address::Serial { path: pty.path.clone(), baud: 115_200 };
+    let address = LinkAddress::Serial { path: pty.path.clone(), baud: 115_200 };
     let mut link = open_line_link(&address).await.unwrap();
     assert!(matches!(open_line_link(&address).await, Err(LinkError::Busy { .. })));
     link.send_line("$I").unwrap();
@@ -97,12 +97,12 @@ async fn a_pty_is_opened_by_one_client_at_a_time() {
 #[tokio::test]
 async fn a_port_that_is_not_there_is_missing() {
     let path = "/dev/no-such-port".to_owned();
-    let serial = open_line_link(&Address::Serial { path, baud: 115_200 }).await;
+    let serial = open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await;
     assert!(matches!(serial, Err(LinkError::Missing { .. })));
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     drop(listener);
-    let tcp = open_line_link(&Address::Tcp { host: "127.0.0.1".to_owned(), port }).await;
+    let tcp = open_line_link(&LinkAddress::Tcp { host: "127.0.0.1".to_owned(), port }).await;
     let error = tcp.err().unwrap();
     assert_eq!(error.to_string(), format!("no server listens at 127.0.0.1:{port}"));
 }
@@ -130,7 +130,7 @@ async fn a_port_is_found_by_its_name_whatever_its_number() {
     assert!(found("board-1").is_err());
     std::os::unix::fs::symlink(&after.path, &link).unwrap();
     let path = found("board-1").unwrap().display().to_string();
-    let link = open_line_link(&Address::Serial { path, baud: 115_200 }).await.unwrap();
+    let link = open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await.unwrap();
     link.send(b"?").unwrap();
     assert_eq!(after.device.read_u8().await.unwrap(), b'?');
 }

@@ -145,7 +145,7 @@ impl From<KinematicsError> for MethodRefusal {
 ///
 /// # Errors
 /// The step has no reading.
-pub fn latest_readings<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
+pub fn readings_of_last_repeat<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
     let of_step = || readings.iter().filter(|reading| reading.step == step.id);
     let last = of_step().map(|reading| reading.repeat).max();
     let last = last.ok_or_else(|| IdentifyError::missing_reading(step))?;
@@ -194,7 +194,7 @@ impl IdentifyError {
 
     /// # Errors
     /// A reading belongs to no step of the plan.
-    pub fn check_steps(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
+    pub fn check_known_steps(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
         let is_known = |reading: &&Reading| plan.steps.iter().any(|step| step.id == reading.step);
         let stray = readings.iter().find(|reading| !is_known(reading));
         stray.map_or(Ok(()), |stray| Err(Self::UnknownStep { step: stray.step }))
@@ -205,7 +205,7 @@ impl IdentifyError {
     pub fn check_readings(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
         let mut known_readings = BTreeSet::new();
         for reading in readings {
-            Self::check_steps(plan, std::slice::from_ref(reading))?;
+            Self::check_known_steps(plan, std::slice::from_ref(reading))?;
             let Reading { step, repeat, .. } = *reading;
             if !known_readings.insert((step, repeat)) {
                 return Err(Self::DuplicateReading { step, repeat });

@@ -11,7 +11,7 @@ use crate::MethodRefusal;
 #[derive(Debug, Clone, Copy)]
 pub struct RevolutionSteps {
     /// Steps in one revolution.
-    pub positions: usize,
+    pub positions_per_revolution: usize,
     pub revolutions: usize,
     /// Steps before the first revolution and after the last.
     pub lead_steps: usize,
@@ -25,9 +25,9 @@ impl RevolutionSteps {
     /// The limits of the axis do not allow so many revolutions.
     pub fn range_within_limits(self, plan: &Plan, axis: Axis) -> Result<RangeInclusive<i64>, MethodRefusal> {
         let spec = plan.machine.axes.get(&axis).ok_or_else(MethodRefusal::missing_rotary_table)?;
-        let step_deg = 360.0 / self.positions as f64;
+        let step_deg = 360.0 / self.positions_per_revolution as f64;
         let [low, high] = spec.multiples_within(step_deg);
-        let (lead, positions) = (self.lead_steps as i64, self.positions as i64);
+        let (lead, positions) = (self.lead_steps as i64, self.positions_per_revolution as i64);
         let whole = positions * self.revolutions as i64;
         let starts = [-lead, -whole - lead, low];
         let fits = |first: &i64| *first >= low && first + whole + 2 * lead <= high;

@@ -29,7 +29,7 @@ pub struct BallTask<'a> {
     pub rotary: &'a Position,
     pub approach: BallApproach,
     /// Number of touches: 5, or more for a check of form; fewer if some are not free, but at least 4.
-    pub touches: usize,
+    pub touch_count: usize,
 }
 
 impl BallApproach {
@@ -60,7 +60,7 @@ impl TouchAccess {
     /// # Errors
     /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
     pub fn accessible_touches(&self, task: &BallTask<'_>) -> Result<Vec<TouchDirection>, BallAccessError> {
-        self.select_touches(task.ball, task.rotary, task.approach.touch_extent(), task.touches)
+        self.select_touches(task.ball, task.rotary, task.approach.touch_extent(), task.touch_count)
     }
 
     /// Steps of one measurement, numbered from `first`, machine frame. `label` makes the label of a step from the
@@ -68,7 +68,7 @@ impl TouchAccess {
     ///
     /// # Errors
     /// As [`TouchAccess::accessible_touches`]; a touch is longer than the probe's overtravel.
-    pub fn steps(
+    pub fn touch_steps(
         &self,
         task: &BallTask<'_>,
         probe: &Probe,
@@ -80,12 +80,12 @@ impl TouchAccess {
         self.build_steps(task, contacts, probe, kind, (first, stage), label)
     }
 
-    /// Like [`TouchAccess::steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame
+    /// Like [`TouchAccess::touch_steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame
     /// without the rotation of S. Numbers and stage are 0.
     ///
     /// # Errors
     /// The first direction that is not free; a touch is longer than the probe's overtravel.
-    pub fn steps_along(
+    pub fn touch_steps_along(
         &self,
         task: &BallTask<'_>,
         directions: &[[f64; 2]],
@@ -139,7 +139,7 @@ impl TouchAccess {
     ///
     /// # Errors
     /// The linear axes of the machine do not span space.
-    pub fn centre(&self, ball: &Ball, rotary: &Position) -> Result<Position, BallAccessError> {
+    pub fn centre_position(&self, ball: &Ball, rotary: &Position) -> Result<Position, BallAccessError> {
         let centre = self.position_beside_ball(ball, rotary, nalgebra::Vector3::z(), 0.0)?;
         Ok(centre.filter_axes(Axis::is_linear))
     }

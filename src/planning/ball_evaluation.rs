@@ -86,7 +86,12 @@ impl MeasuredBall {
     ///
     /// # Errors
     /// The limit that is exceeded.
-    pub fn check(&self, ball: &str, stated_mm: f64, limits: &BallLimits) -> Result<(), BallCheckError> {
+    pub fn check_form_and_diameter(
+        &self,
+        ball: &str,
+        stated_mm: f64,
+        limits: &BallLimits,
+    ) -> Result<(), BallCheckError> {
         let (form, limit) = (self.form_mm, limits.form_mm);
         let (ball, at) = (ball.to_owned(), format_rotary_position(&self.position));
         if form.is_nan() || form > limit {

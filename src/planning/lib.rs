@@ -89,7 +89,7 @@ impl BlockSequence {
         for block in blocks {
             let begins = self.position.take().unwrap_or_default();
             self.duration_s += machine_time_s(&block, &begins, &plan.machine);
-            self.position = Some(end_position(&block.motions, &begins));
+            self.position = Some(position_after_motions(&block.motions, &begins));
             self.blocks.push(block);
         }
         self.confirmed = self.confirmed.after_step(step);
@@ -98,7 +98,7 @@ impl BlockSequence {
 }
 
 /// Positions of the axes after `motions`: the last target of each axis.
-pub fn end_position<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Position) -> Position {
+pub fn position_after_motions<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Position) -> Position {
     motions.into_iter().fold(begins.clone(), |position, motion| match motion_target(motion) {
         Some(to) => position.updated_by(&to),
         None => position,

@@ -90,7 +90,7 @@ fn regress_the_sequence_of_one_touch() {
     ];
     assert_eq!(block.motions, expected);
     // A second touch of the same point needs neither a rise nor a turn.
-    let position = end_position(&block.motions, &Position::new());
+    let position = position_after_motions(&block.motions, &Position::new());
     assert!(is_near(&position, &plan.steps[0].from.updated_by(&z(safe))));
     let again = touch_block(
         &plan,
@@ -135,7 +135,7 @@ fn the_approach_to_an_unconfirmed_position_has_no_rapid() {
     assert_eq!(rest[1], guarded(z(SAFE_Z), 1500.0));
     assert_eq!(rest[2..], touched(300.0));
     // From the end of that block, no sideways move is needed, and the probe is known to work.
-    let position = end_position(&block.motions, &position);
+    let position = position_after_motions(&block.motions, &position);
     let begun = ConfirmedDirections::default().after_step(&plan.steps[0]);
     assert_eq!(of(Some(&position), begun).motions, touched(1500.0));
     // Every axis whose position is unknown must move.
@@ -213,7 +213,7 @@ fn regress_every_touch_of_a_cycle_is_safe() {
             .unwrap();
             let from = position.unwrap_or_default();
             assert_safe(&plan, &block, &from, clearance.part_clearance_z.unwrap());
-            position = Some(end_position(&block.motions, &from));
+            position = Some(position_after_motions(&block.motions, &from));
         }
     }
     let (blocks, seconds) = plan_blocks(&plan, &clearance).unwrap();

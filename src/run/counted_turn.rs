@@ -131,7 +131,8 @@ impl CountedTurn<'_> {
 
     /// Checks for jumps. A wrong scale makes all steps longer and is not a jump.
     fn check_steps(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
-        let of_a_sample = |step: i64, sample: &Sample| step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing));
+        let of_a_sample =
+            |step: i64, sample: &Sample| step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing_count));
         let steps = || counted.windows(2).filter_map(|pair| Some((pair.first()?, pair.last()?)));
         let mut lengths: Vec<f64> =
             steps().map(|(from, to)| of_a_sample(to.1 - from.1, &to.0)).filter(|length| *length > 0.0).collect();
@@ -192,7 +193,7 @@ mod tests {
             t_s: f64::from(number) / 200.0,
             value_mm: Some(angle_deg(number)),
             flag: ReadingFlag::None,
-            missing: 0,
+            missing_count: 0,
             encoder_count: Some(count(angle_deg(number))),
         };
         (0..2400).map(sample).collect()
@@ -232,7 +233,7 @@ mod tests {
     fn missing_samples_shift_no_other_sample() {
         let mut samples = samples_of_turn(|deg| counter_value(deg, 90_000, 1 << 16));
         samples.drain(900..960);
-        samples[900].missing = 60;
+        samples[900].missing_count = 60;
         let placed = assign_turn_positions(&samples, 90_000, 1 << 16).unwrap();
         let (sample, position) = placed.samples.last().unwrap();
         let off_deg = position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();

@@ -84,7 +84,7 @@ impl Cycle<'_> {
         let run = Run::new(id, method.as_ref(), devices, journal, plan, on_event);
         let mut run = run.with_answers(answers);
         let ended = run.execute().await;
-        let estimate = conclude_run(run, ended, &method, &machine.tolerance).await?;
+        let estimate = conclude_run(run, ended, &method, &machine.parameter_limits).await?;
         Ok((id, estimate))
     }
 }

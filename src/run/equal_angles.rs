@@ -50,7 +50,7 @@ pub(super) fn resample_turn(placed: &[(Sample, Position)], axis: Axis, per_revol
     let sample = |(angle, value_mm): (f64, Option<f64>)| {
         let flag = if value_mm.is_some() { ReadingFlag::None } else { ReadingFlag::Gap };
         let t_s = *times.get(&number(angle))?;
-        let sample = Sample { t_s, value_mm, flag, missing: 0, encoder_count: None };
+        let sample = Sample { t_s, value_mm, flag, missing_count: 0, encoder_count: None };
         Some((sample, first.clone().with(axis, angle)))
     };
     ResampledTurn { samples: values.points().filter_map(sample).collect(), gaps: values.gaps }
@@ -86,7 +86,7 @@ mod tests {
             let t_s = f64::from(number) / 2000.0;
             let angle = angle_deg(t_s);
             let value_mm = value(angle, t_s);
-            let sample = Sample { t_s, value_mm, flag: ReadingFlag::None, missing: 0, encoder_count: None };
+            let sample = Sample { t_s, value_mm, flag: ReadingFlag::None, missing_count: 0, encoder_count: None };
             let at = Position::new().with(Axis::X, 3.0).with(Axis::C, angle.to_radians());
             (sample, at)
         };

@@ -163,7 +163,7 @@ impl RunError {
     /// which feature was touched, and from which side.
     pub(super) fn with_step_label(self, step: &Step) -> Self {
         match &self {
-            Self::Controller(error) if error.step() == Some(step.id) => {
+            Self::Controller(error) if error.failed_step() == Some(step.id) => {
                 Self::AtStep { label: step.label.clone(), source: Box::new(self) }
             }
             Self::NoContactPosition { step: id }

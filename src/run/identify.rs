@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 use super::priority::{COMPUTATION_NICE, lower_priority};
 use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 use machine::Axis;
 use machine::record::estimate::{Estimate, ParameterLimit, Provenance};
 use machine::record::event::Event;
@@ -75,7 +75,7 @@ pub(super) async fn identify(
     method: &Arc<dyn Method>,
     plan: Plan,
     readings: Vec<Reading>,
-    halt: &Halt,
+    halt: &HaltHandle,
 ) -> Result<Estimate, IdentificationError> {
     let method = method.clone();
     let mut result = spawn_computation(move || identify_readings(method.as_ref(), &plan, &readings));
@@ -108,7 +108,7 @@ pub fn identify_stored(stored: StoredRun) -> Result<Estimate, IdentificationErro
     let unreadable = |error| IdentificationError::Setup(Box::new(error));
     let (machine, method) = stored_setup(&stored).map_err(unreadable)?;
     let estimate = identify_readings(method.as_ref(), &stored.plan, &stored.readings)?;
-    Ok(judge_estimate(estimate, &machine.tolerance))
+    Ok(judge_estimate(estimate, &machine.parameter_limits))
 }
 
 /// Runs [`identify_stored`] on a thread of its own. A channel error means that the thread panicked.
@@ -210,7 +210,7 @@ pub fn judge_estimate(mut estimate: Estimate, tolerance: &[ParameterLimit]) -> E
 mod tests {
     use super::*;
     use crate::archive::plan_for_tests;
-    use crate::archive::run_story::{describe_end, next_action};
+    use crate::archive::run_story::{describe_run_end, next_action};
     use crate::store::{NewRun, RunState};
 
     #[tokio::test]
@@ -220,7 +220,7 @@ mod tests {
         let new = NewRun { config: String::new(), plan: plan_for_tests("samba", "mill") };
         let run = journal.begin_run(&new).await.unwrap();
         journal.set_state(run, RunState::NotIdentified).await.unwrap();
-        let ended = || describe_end(&journal.load_run(run).unwrap());
+        let ended = || describe_run_end(&journal.load_run(run).unwrap());
         let stopped = store_identification(&journal, run, Err(IdentificationError::Stopped)).await;
         assert!(matches!(stopped, Err(IdentificationError::Stopped)));
         assert!(ended().ends_with("not identified after 0 readings: no estimate is stored yet"));

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use super::live_values::add_artefact_position;
 use super::*;
-use crate::setup::{self, MachineFile, Pace, RunHistory};
+use crate::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::NewRun;
 use machine::record::watch::{LiveSensor, LiveValues, SectionSensor, WatchedSensor};
 
@@ -75,10 +75,10 @@ async fn failing_sensor_is_shown_during_a_prompt_and_ends_nothing() {
     let file = machine_with_sensor(start_sensor(signal.clone()));
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::plan_header(&file, "multiprobe", None).unwrap();
+    let (method, plan) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await.unwrap();
-    let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
 
     let (mut told, mut kept, mut seen) = (Vec::<LiveValues>::new(), Vec::new(), Vec::new());
     let (is_done, is_answered) = (Arc::new(AtomicBool::new(false)), AtomicBool::new(false));

@@ -46,7 +46,7 @@ use self::prompts::first_prompt_text;
 use self::remaining_stages::RemainingStages;
 use self::temperature::TemperatureLog;
 use self::timeline::Timeline;
-use crate::setup::{Devices, MountedSensor};
+use crate::setup::{Devices, OpenSensor};
 use crate::store::{Journal, RunId, RunState};
 use devices::controllers::describe_unreadable_items;
 use machine::Position;
@@ -76,7 +76,7 @@ pub struct Run<'a> {
     transmission: Transmission,
     timeline: Timeline,
     /// Open sensors of the plan.
-    open_sensors: Vec<MountedSensor>,
+    open_sensors: Vec<OpenSensor>,
     /// Source of the answers to prompts, and the answered prompts as (step, repeat).
     answers: PromptAnswers,
     answered_prompts: Vec<(u32, u32)>,

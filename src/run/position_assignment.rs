@@ -49,7 +49,7 @@ pub(super) fn limit_rate(samples: &[(Sample, Option<Position>)], rate_hz: f64) -
     let mut due = 1.0;
     for (sample, position) in samples {
         // Chosen by number and not by time, as sample times have jitter.
-        due += keep * (1.0 + f64::from(sample.missing));
+        due += keep * (1.0 + f64::from(sample.missing_count));
         if due < 1.0 {
             placed.dropped_by_rate += 1;
             continue;
@@ -68,7 +68,7 @@ pub(super) fn limit_rate(samples: &[(Sample, Option<Position>)], rate_hz: f64) -
 fn kept_share(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> f64 {
     let own_hz = |window: &[(Sample, Option<Position>)]| {
         let ((first, _), rest) = window.split_first()?;
-        let came: f64 = rest.iter().map(|(sample, _)| 1.0 + f64::from(sample.missing)).sum();
+        let came: f64 = rest.iter().map(|(sample, _)| 1.0 + f64::from(sample.missing_count)).sum();
         Some(came / (rest.last()?.0.t_s - first.t_s))
     };
     let mut rates: Vec<f64> = samples.chunks(RATE_WINDOW_SAMPLES).filter_map(own_hz).collect();
@@ -106,7 +106,7 @@ mod tests {
     fn evenly_timed_samples() -> Vec<Sample> {
         let sample = |number: i32| {
             let t_s = f64::from(number) * 0.004 + 0.001;
-            Sample { t_s, value_mm: Some(t_s), flag: ReadingFlag::None, missing: 0, encoder_count: None }
+            Sample { t_s, value_mm: Some(t_s), flag: ReadingFlag::None, missing_count: 0, encoder_count: None }
         };
         (-1000..4000).map(sample).collect()
     }
@@ -150,9 +150,9 @@ mod tests {
     #[test]
     fn restarted_counter_causes_no_thinning() {
         let mut samples = evenly_timed_samples();
-        samples[1500].missing = 60_000;
-        samples[2000].missing = u32::MAX;
-        samples[2100].missing = u32::MAX;
+        samples[1500].missing_count = 60_000;
+        samples[2000].missing_count = u32::MAX;
+        samples[2100].missing_count = u32::MAX;
         assert_eq!(assign_positions(&samples, &straight_track(), 1000.0).dropped_by_rate, 0);
         let dropped_by_rate = assign_positions(&samples, &straight_track(), 100.0);
         assert!((880 - dropped_by_rate.samples.len() as i32).abs() <= 4, "{}", dropped_by_rate.samples.len());

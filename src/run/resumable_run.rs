@@ -8,7 +8,7 @@ use super::identify::stored_setup;
 use super::prompts::answered_prompts;
 use super::{CycleError, InterruptedRun, PromptAnswers, Run, can_resume, conclude_run};
 use crate::archive::run_story;
-use crate::setup::{Devices, MachineFile, RunHistory, SetupError};
+use crate::setup::{Devices, EarlierSessions, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -74,9 +74,9 @@ impl ResumableRun {
     }
 
     /// State from which a simulated machine continues.
-    pub fn history(&self) -> RunHistory<'_> {
+    pub fn history(&self) -> EarlierSessions<'_> {
         let Self { stored, mountings, elapsed_s, .. } = self;
-        RunHistory { readings: &stored.readings, mountings, elapsed_s: *elapsed_s }
+        EarlierSessions { readings: &stored.readings, mountings, elapsed_s: *elapsed_s }
     }
 
     /// The operator's acknowledgement that the machine may move. It is journaled before any motion.
@@ -113,14 +113,14 @@ impl ResumableRun {
         let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, on_event);
         let mut run = run.with_answers(answers);
         let ended = run.resume(InterruptedRun { stages, readings, answered_prompts, elapsed_s }).await;
-        let estimate = conclude_run(run, ended, &method, &machine.tolerance).await?;
+        let estimate = conclude_run(run, ended, &method, &machine.parameter_limits).await?;
         Ok((summary.id, estimate))
     }
 }
 
 /// Question for an interrupted run.
 pub fn resume_question(stored: &StoredRun) -> ResumeQuestion {
-    let position_lost = run_story::position_lost(stored);
+    let position_lost = run_story::may_have_lost_position(stored);
     let confirmation = match position_lost {
         true => {
             "Are all axes homed (the control may have lost its position)? Is each axis without a homing \
@@ -129,7 +129,12 @@ pub fn resume_question(stored: &StoredRun) -> ResumeQuestion {
         }
         false => "Is the path free, and is the probe or sensor in the spindle undamaged?",
     };
-    ResumeQuestion { run: stored.summary.id, end_reason: run_story::describe_end(stored), confirmation, position_lost }
+    ResumeQuestion {
+        run: stored.summary.id,
+        end_reason: run_story::describe_run_end(stored),
+        confirmation,
+        position_lost,
+    }
 }
 
 fn check_state(stored: &StoredRun) -> Result<(), ResumeRefusal> {

@@ -90,7 +90,7 @@ impl Run<'_> {
     async fn measure_references(&mut self, stages: &[Stage], stands: Position) -> Result<Option<Position>, RunError> {
         let count = self.readings.len();
         let (mut stages, mut stands) = (stages.to_vec(), Some(stands));
-        for _ in 0..References::from_readings(&self.plan, &self.readings).round_count() {
+        for _ in 0..References::from_readings(&self.plan, &self.readings).reference_round_count() {
             let stage = References::from_readings(&self.plan, &self.readings[..count]).repeat_stage(&stages);
             self.journal.add_stage(self.id, &stage, &[]).await?;
             self.record_event(Event::StageStarted { stage: stage.clone() }).await?;

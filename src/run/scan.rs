@@ -10,7 +10,7 @@ use machine::record::plan::{Sampling, Scan, Step};
 use machine::record::reading::Reading;
 use machine::record::sensor::SensorMount;
 use planning::proof::ProvenBlock;
-use planning::{end_position, out_of_range_block_count};
+use planning::{out_of_range_block_count, position_after_motions};
 
 /// A sample of a sensor with the position of the axes.
 pub(super) struct PositionedSample<'a> {
@@ -88,7 +88,7 @@ impl Run<'_> {
                 0 => self.entry_conditions(step, in_nest),
                 _ => step.sensors.iter().map(|_| Box::new(is_distance) as AcceptSample).collect(),
             };
-            commanded = end_position(block.motions(), &commanded);
+            commanded = position_after_motions(block.motions(), &commanded);
             let outcome = self.execute_watched(step, block, accepts).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.read_snapshot().await?.position;

@@ -17,7 +17,7 @@ use methods::{Method, NextStage, PositionSource};
 use planning::gcode::{Dialect, Transmission};
 use planning::proof::{ProvenBlock, StageProofError, StageProofRequest, StageSteps, prove_blocks};
 use planning::{
-    BlockStart, ConfirmedDirections, SafeHeights, end_position, machine_time_s, split_prompts, step_blocks,
+    BlockStart, ConfirmedDirections, SafeHeights, machine_time_s, position_after_motions, split_prompts, step_blocks,
 };
 
 /// The blocks of a step with their data: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
@@ -204,10 +204,10 @@ fn prove_stage_blocks(
     let tasks = plan_tasks(plan, stage, found, begin)?;
     let blocks: Vec<Block> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
     let (_, moves) = split_prompts(plan, &stage.steps)?;
-    let stages = [StageSteps { steps: moves, found_artefact: found }];
+    let stages = [StageSteps { step_ids: moves, found_artefact: found }];
     let (stages, stands, confirmed) = (&stages, begin.position.as_ref(), begin.confirmed);
     let request =
-        StageProofRequest { plan, stages, position: stands, confirmed, dialect, transmission, blocks: &blocks };
+        StageProofRequest { plan, stages, start_position: stands, confirmed, dialect, transmission, blocks: &blocks };
     let (proof, proven) = prove_blocks(&request).map_err(|unproven| {
         let stage = stage.name.clone();
         match unproven {
@@ -254,7 +254,7 @@ fn plan_tasks(
         let (mut end, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
         for block in &blocks {
             seconds += machine_time_s(block, &end, &plan.machine);
-            end = end_position(&block.motions, &end);
+            end = position_after_motions(&block.motions, &end);
         }
         stands = Some(end.clone());
         confirmed = confirmed.after_step(step);

@@ -20,7 +20,7 @@ pub(super) struct TemperatureLog {
 impl TemperatureLog {
     /// Starts the reading of the thermometers; waits for the first value of each that answers.
     pub async fn begin(&mut self, thermometers: &Thermometers) {
-        let watch = thermometers.watch();
+        let watch = thermometers.start_polling();
         watch.wait_for_first_values().await;
         self.watch = Some(watch);
     }

@@ -6,7 +6,7 @@ use std::cell::Cell;
 use futures_util::future::try_join_all;
 
 use super::{Run, RunError};
-use crate::setup::MountedSensor;
+use crate::setup::OpenSensor;
 use devices::controllers::ControllerError;
 use devices::sensors::{Sample, SensorError};
 use machine::record::event::Event;
@@ -85,12 +85,12 @@ impl Run<'_> {
         step.sensors.iter().map(accepts).collect()
     }
 
-    pub(super) fn sensor(&self, name: &str) -> Result<&MountedSensor, RunError> {
+    pub(super) fn sensor(&self, name: &str) -> Result<&OpenSensor, RunError> {
         let named = self.open_sensors.iter().find(|sensor| sensor.name() == name);
         named.ok_or_else(|| sensor_error(name)(SensorError::UnknownSensor { name: name.to_owned() }))
     }
 
-    fn step_sensors(&self, step: &Step) -> Result<Vec<&MountedSensor>, RunError> {
+    fn step_sensors(&self, step: &Step) -> Result<Vec<&OpenSensor>, RunError> {
         step.sensors.iter().map(|name| self.sensor(name)).collect()
     }
 
@@ -159,14 +159,14 @@ impl Run<'_> {
     }
 }
 
-async fn end_sensor_watch(step: &Step, sensor: &MountedSensor) -> Result<(), RunError> {
+async fn end_sensor_watch(step: &Step, sensor: &OpenSensor) -> Result<(), RunError> {
     match sensor.end_watch().await.map_err(sensor_error(sensor.name()))? {
         Some(sample) => Err(sample_error(step, sensor.name(), Some(&sample))),
         None => Ok(()),
     }
 }
 
-async fn take_samples(step: &Step, sensor: &MountedSensor, count: u32) -> Result<Vec<Sample>, RunError> {
+async fn take_samples(step: &Step, sensor: &OpenSensor, count: u32) -> Result<Vec<Sample>, RunError> {
     let name = sensor.name();
     let samples = sensor.read_samples(count).await.map_err(sensor_error(name))?;
     match samples.iter().find(|sample| sample.value_mm.is_some()) {
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     fn sample(value_mm: Option<f64>, flag: ReadingFlag) -> Sample {
-        Sample { t_s: 0.0, value_mm, flag, missing: 0, encoder_count: None }
+        Sample { t_s: 0.0, value_mm, flag, missing_count: 0, encoder_count: None }
     }
 
     fn distance(mm: f64) -> Sample {

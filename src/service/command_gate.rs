@@ -19,12 +19,12 @@ use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, Wor
 use super::{Log, lock};
 use crate::run::{OpenPrompt, PromptAnswers, RehearsalResult};
 use crate::store::{Journal, NewestRuns, RunId, StoreError};
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 
 pub(super) struct GateState {
     machine_state: MachineState,
     /// Halt handle of the run in progress.
-    halt: Option<Halt>,
+    halt: Option<HaltHandle>,
     is_stop_requested: bool,
     /// Whether an accepted command is not finished yet.
     is_command_in_progress: bool,
@@ -320,7 +320,7 @@ impl CommandGate {
     }
 
     /// Registers the halt handle of the run, whose devices are open now. A stop that came earlier takes effect here.
-    pub(super) fn register_halt(&self, halt: &Halt) {
+    pub(super) fn register_halt(&self, halt: &HaltHandle) {
         let mut inner = self.inner();
         inner.halt = Some(halt.clone());
         let stop = inner.is_stop_requested;

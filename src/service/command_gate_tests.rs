@@ -7,7 +7,7 @@ use super::machine_state::{CycleEnd, Interlocks, Refusal, ServiceState};
 use super::worker_command::{HoldEffect, Inspection, WorkerCommand};
 use crate::run::RehearsalResult;
 use crate::store::RunId;
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 
 const ALL_INTERLOCKS_SET: Interlocks =
     Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
@@ -104,8 +104,8 @@ fn the_time_left_is_never_made_up() {
 }
 
 /// A halt handle, and a function that returns whether it was triggered.
-fn halt_with_observer() -> (Halt, impl Fn() -> bool) {
-    let halt = Halt::new(|| ());
+fn halt_with_observer() -> (HaltHandle, impl Fn() -> bool) {
+    let halt = HaltHandle::new(|| ());
     let observer = halt.clone();
     (halt, move || observer.is_halted())
 }

@@ -14,9 +14,9 @@ use super::metrics::Metrics;
 use super::retention::{self, Retention};
 use super::worker::MachineWorker;
 use super::{ExitState, Log, ServeError, http, notify};
-use crate::setup::Pace;
+use crate::setup::SimulationPace;
 use crate::store::Journal;
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 
 /// The machines that the daemon serves, before it starts.
 pub struct Service {
@@ -35,7 +35,7 @@ impl Service {
     /// # Errors
     /// A cycle has an unknown method or invalid settings, two machines have the same name, or no trigger could start
     /// a machine.
-    pub fn new(file: DaemonFile, folder: PathBuf, pace: Pace, log: Log) -> Result<Self, ServeError> {
+    pub fn new(file: DaemonFile, folder: PathBuf, pace: SimulationPace, log: Log) -> Result<Self, ServeError> {
         let DaemonFile { machines, http, retention } = file;
         let has_several_machines = machines.len() > 1;
         let mut workers: Vec<MachineWorker> = Vec::new();
@@ -73,9 +73,9 @@ impl Service {
     }
 
     /// Handle that ends the service: it holds each machine on which a run is in progress.
-    pub fn halt_handle(&self) -> Halt {
+    pub fn halt_handle(&self) -> HaltHandle {
         let (gates, log) = (self.gates(), self.log.clone());
-        Halt::new(move || {
+        HaltHandle::new(move || {
             gates.iter().for_each(CommandGate::end);
             notify::notify_stopping(&log);
         })

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::config::{HttpConfig, ServeConfig};
 use super::retention::Retention;
 use crate::setup::MachineFile;
-use crate::setup::machine_file::{Document, MachineFileError};
+use crate::setup::machine_file::{MachineFileError, TomlDocument};
 
 const SECTION_NAMES: [&str; 3] = ["http", "machine", "retention"];
 
@@ -29,7 +29,7 @@ impl DaemonFile {
     /// # Errors
     /// This file or a machine file is invalid; the error gives file, line, key and remedy.
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
-        let document = Document::read(path)?;
+        let document = TomlDocument::read(path)?;
         document.check_known_keys(&[], &SECTION_NAMES)?;
         let http = document.read_section(&["http"], HttpConfig::deserialize)?;
         let retention = document.read_section(&["retention"], Retention::deserialize)?;

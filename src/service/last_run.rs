@@ -1,7 +1,7 @@
 //! State of the machine's last run in the journal: whether it waits for a person.
 
 use super::machine_state::Failure;
-use crate::archive::run_story::{describe_end, is_abandoned, position_lost};
+use crate::archive::run_story::{describe_run_end, is_abandoned, may_have_lost_position};
 use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError};
 
 /// An unfinished run that waits for a person.
@@ -27,7 +27,7 @@ pub fn unfinished_run(journal: &Journal, machine: &str) -> Result<Option<Unfinis
     if is_abandoned(&stored) {
         return Ok(None);
     }
-    let (position_lost, what) = (position_lost(&stored), describe_end(&stored));
+    let (position_lost, what) = (may_have_lost_position(&stored), describe_run_end(&stored));
     let failure = Failure { what, remedy: Some("inspect the machine".to_owned()) };
     Ok(Some(UnfinishedRun { run: last.id, position_lost, failure }))
 }

@@ -38,7 +38,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 pub use self::config::{HttpConfig, ServeConfig};
 pub use self::daemon::Service;
 pub use self::daemon_file::DaemonFile;
-pub use self::http::{PageAddressFile, Role, Token, TokenError, Tokens, machine_page_path};
+pub use self::http::{PageAddressFile, Role, Token, TokenError, TokenStore, machine_page_path};
 pub use self::log::Log;
 use crate::run::RunError;
 use crate::setup::SetupError;

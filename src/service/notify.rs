@@ -109,7 +109,7 @@ impl WorkerWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use devices::controllers::Halt;
+    use devices::controllers::HaltHandle;
 
     const LONG_TIMEOUT: Duration = Duration::from_secs(3600);
 
@@ -119,7 +119,7 @@ mod tests {
         let machines: WatchedMachines =
             ["mill", "lathe"].map(|name| (name.to_owned(), CommandGate::for_tests().0)).into();
         let mut watch = WorkerWatch::new(machines.clone());
-        let halt = Halt::new(|| {});
+        let halt = HaltHandle::new(|| {});
         let (_, mill) = &machines[0];
         mill.update(|machine_state| machine_state.state = ServiceState::Running);
         mill.register_halt(&halt);

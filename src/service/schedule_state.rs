@@ -69,7 +69,14 @@ const MAX_ARMING_DURATION: SignedDuration = SignedDuration::from_hours(24 * 366)
 ///
 /// # Errors
 /// `until` is neither an instant nor a duration, is in the past, or is more than a year away.
-pub fn arming(machine: &str, cycle: u16, who: &str, why: &str, until: &str, now: Timestamp) -> Result<Arming, String> {
+pub fn new_arming(
+    machine: &str,
+    cycle: u16,
+    who: &str,
+    why: &str,
+    until: &str,
+    now: Timestamp,
+) -> Result<Arming, String> {
     // Whole seconds are enough for a reader.
     let now = Timestamp::from_second(now.as_second()).unwrap_or(now);
     let for_so_long = |span: Span| Some(now.to_zoned(TimeZone::UTC).checked_add(span).ok()?.timestamp());
@@ -105,7 +112,8 @@ mod tests {
     #[test]
     fn an_arming_ends_within_a_year() {
         let now: Timestamp = "2026-11-22T12:00:00Z".parse().unwrap();
-        let until = |words: &str| arming("the mill", 1, "Ada", "", words, now).map(|arming| arming.until.to_string());
+        let until =
+            |words: &str| new_arming("the mill", 1, "Ada", "", words, now).map(|arming| arming.until.to_string());
         assert_eq!(until("14d").unwrap(), "2026-12-06T12:00:00Z");
         assert_eq!(until("8h").unwrap(), "2026-11-22T20:00:00Z");
         assert_eq!(until("2026-12-24T06:00:00+01:00").unwrap(), "2026-12-24T05:00:00Z");

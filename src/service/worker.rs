@@ -22,7 +22,7 @@ use super::run_events::RunEventPublisher;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{ExitState, Log, ServeError, schedule, triggers};
 use crate::run::{self, CycleError, IdentificationError};
-use crate::setup::{self, Devices, MachineFile, Pace, RunHistory, SetupError};
+use crate::setup::{self, Devices, EarlierSessions, MachineFile, SetupError, SimulationPace};
 use crate::store::{Journal, MachineLock, RunId, StoreError, sha256_text};
 use link::LinkMode;
 use machine::record::estimate::Estimate;
@@ -38,7 +38,7 @@ pub(super) struct MachineWorker {
     machine: MachineFile,
     config: ServeConfig,
     pub(super) folder: PathBuf,
-    pub(super) pace: Pace,
+    pub(super) pace: SimulationPace,
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
@@ -58,11 +58,11 @@ impl MachineWorker {
         machine: MachineFile,
         config: ServeConfig,
         folder: PathBuf,
-        pace: Pace,
+        pace: SimulationPace,
         log: Log,
     ) -> Result<Self, ServeError> {
         for cycle in &config.cycles {
-            setup::plan_header(&machine, &cycle.method, cycle.repeat)?;
+            setup::configure_method_and_plan(&machine, &cycle.method, cycle.repeat)?;
         }
         let (gate, commands) = CommandGate::new(&config, log.clone());
         let identifications = Identifications::default();
@@ -155,7 +155,7 @@ impl MachineWorker {
         let dialect = setup::machine_dialect(&self.machine)?;
         let mut all = BTreeMap::new();
         for CycleConfig { number, method, repeat } in &self.config.cycles {
-            let (method, plan) = setup::plan_header(&self.machine, method, *repeat)?;
+            let (method, plan) = setup::configure_method_and_plan(&self.machine, method, *repeat)?;
             let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
             let rehearsed =
                 rehearsed.map_err(|error| ServeError::InvalidCycle { number: *number, error: Box::new(error) })?;
@@ -175,7 +175,7 @@ impl MachineWorker {
             gate: self.gate.clone(),
             cycles: self.config.cycles.clone(),
             required_interlocks: self.config.required_interlocks.clone(),
-            tolerance: self.machine.tolerance.clone(),
+            tolerance: self.machine.parameter_limits.clone(),
             verdict_validity: self.config.verdict_validity,
             live_part: Arc::default(),
         }
@@ -263,8 +263,8 @@ impl MachineWorker {
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
         };
-        let (method, plan) = setup::plan_header(&self.machine, method, *repeat)?;
-        let opening = setup::open_devices(&self.machine, self.pace, RunHistory::default());
+        let (method, plan) = setup::configure_method_and_plan(&self.machine, method, *repeat)?;
+        let opening = setup::open_devices(&self.machine, self.pace, EarlierSessions::default());
         let (devices, capture) = self.open_devices_with_capture(opening).await?;
         let mut events = RunEventPublisher::new(&self.gate, &self.log, self.event_timeout());
         let mut publish = |event: &Event| events.publish_event(event);

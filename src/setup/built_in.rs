@@ -28,7 +28,7 @@ mod tests {
     fn each_method_has_a_plan_on_its_built_in_machine() {
         for method in methods::METHOD_DESCRIPTIONS {
             let file = setup::load_machine_file(None, method.name).unwrap();
-            let (_, plan) = setup::plan_header(&file, method.name, None).unwrap();
+            let (_, plan) = setup::configure_method_and_plan(&file, method.name, None).unwrap();
             assert_eq!(plan.method, method.name);
         }
     }

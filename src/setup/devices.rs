@@ -68,7 +68,7 @@ impl Devices {
 
 /// Readings and mountings of earlier sessions of a run; a simulated machine continues from them.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct RunHistory<'a> {
+pub struct EarlierSessions<'a> {
     pub readings: &'a [Reading],
     /// Mountings of the artefact in their order.
     pub mountings: &'a [ArtefactMount],

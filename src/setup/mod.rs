@@ -17,14 +17,14 @@ mod world;
 
 use std::path::Path;
 
-pub use self::devices::{Devices, RunHistory, machine_dialect, render_modes};
+pub use self::devices::{Devices, EarlierSessions, machine_dialect, render_modes};
 pub use built_in::{BuiltInFile, built_in_file};
 pub use controls::{configure_control, control_hints, control_kinds};
 pub use draft::MachineFileDraft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use reopenable_machine::{ReopenableMachine, open_devices};
-pub use sensors::{EncoderScale, MountedSensor, Sensors, open_sensor};
+pub use sensors::{EncoderScale, OpenSensor, Sensors, open_sensor};
 pub use simulated::SimulatedControlServer;
 pub use simulated_machine::SimulatedMachine;
 pub use thermometers::Thermometers;
@@ -32,7 +32,7 @@ pub use world::build_world;
 
 use machine::record::plan::{PLAN_VERSION, Plan};
 use methods::Method;
-pub use simulator::interpreter::Pace;
+pub use simulator::interpreter::SimulationPace;
 
 /// The machine file at `path`; without a path, the built-in simulated machine for the method.
 pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {
@@ -47,7 +47,11 @@ pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFil
 
 /// The method with its settings and prompts, and the plan without steps. `repeat` overrides the number of
 /// repeats.
-pub fn plan_header(file: &MachineFile, name: &str, repeat: Option<u32>) -> Result<(Box<dyn Method>, Plan), SetupError> {
+pub fn configure_method_and_plan(
+    file: &MachineFile,
+    name: &str,
+    repeat: Option<u32>,
+) -> Result<(Box<dyn Method>, Plan), SetupError> {
     check_method_name(name)?;
     let mut method = file.read_method(name, |settings| methods::configure_method(name, settings))?;
     if let Some(repeat) = repeat {
@@ -74,12 +78,12 @@ pub fn plan_without_steps(file: &MachineFile, purpose: &str, settings: serde_jso
         machine: file.machine.clone(),
         probe: file.probe.clone(),
         sensors: Vec::new(),
-        keepout: file.keepout.clone(),
+        keepout: file.keepout_boxes.clone(),
         solids: file.solids.clone(),
         artefact: file.artefact.clone(),
         priors: Vec::new(),
         gaps_s: Vec::new(),
-        assumed: file.assumed.clone(),
+        assumed: file.assumed_keys.clone(),
         compensations_active: file.controller.compensations_active.clone(),
         steps: Vec::new(),
     }

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
-use super::{Devices, Pace, RunHistory, SetupError, SimulatedMachine, machine_dialect, render_modes};
+use super::{Devices, EarlierSessions, SetupError, SimulatedMachine, SimulationPace, machine_dialect, render_modes};
 use devices::controllers::ControllerConfig;
 use link::Clock;
 use link::clock::HostClock;
@@ -34,7 +34,7 @@ impl<'a> ReopenableMachine<'a> {
     }
 
     /// Advances a simulated machine to the time after `history`.
-    pub(super) fn advance_to(self, history: RunHistory<'_>) -> Self {
+    pub(super) fn advance_to(self, history: EarlierSessions<'_>) -> Self {
         if let MachineKind::Simulated(simulated) = &self.machine {
             simulated.advance_to(history);
         }
@@ -46,7 +46,7 @@ impl<'a> ReopenableMachine<'a> {
     ///
     /// # Errors
     /// The dialect is invalid, or the control cannot be opened.
-    pub async fn open(&self, pace: Pace) -> Result<Devices, SetupError> {
+    pub async fn open(&self, pace: SimulationPace) -> Result<Devices, SetupError> {
         let dialect = machine_dialect(self.file)?;
         match &self.machine {
             MachineKind::Simulated(simulated) => simulated.open(dialect, pace).await,
@@ -71,6 +71,10 @@ impl<'a> ReopenableMachine<'a> {
 }
 
 /// Opens the devices of `file`. Call inside a tokio runtime.
-pub async fn open_devices(file: &MachineFile, pace: Pace, history: RunHistory<'_>) -> Result<Devices, SetupError> {
+pub async fn open_devices(
+    file: &MachineFile,
+    pace: SimulationPace,
+    history: EarlierSessions<'_>,
+) -> Result<Devices, SetupError> {
     ReopenableMachine::new(file)?.advance_to(history).open(pace).await
 }

@@ -15,7 +15,7 @@ use simulator::SimulatedWorld;
 ///
 /// # Errors
 /// There is no sensor of this name, the simulated world cannot be built, or the sensor cannot be opened.
-pub async fn open_sensor(file: &MachineFile, name: &str) -> Result<MountedSensor, SetupError> {
+pub async fn open_sensor(file: &MachineFile, name: &str) -> Result<OpenSensor, SetupError> {
     let mut named = file.sensors.iter().filter(|entry| entry.sensor.name == name);
     let is_simulated = named.any(|entry| matches!(entry.connection, SensorConnection::Simulated(_)));
     let world = if is_simulated { Some(Arc::new(Mutex::new(build_world(file)?))) } else { None };
@@ -58,14 +58,14 @@ impl Sensors {
     ///
     /// # Errors
     /// There is no such sensor, or it cannot be opened.
-    pub async fn open(&self, name: &str) -> Result<MountedSensor, SensorError> {
+    pub async fn open(&self, name: &str) -> Result<OpenSensor, SensorError> {
         let sensor = self.connect(name).await?;
         let in_spindle = self.entry(name).is_some_and(|entry| entry.sensor.mount.is_spindle());
         let world = self.world.clone().filter(|_| in_spindle);
         if let Some(world) = &world {
             set_probe_removed(world, true);
         }
-        Ok(MountedSensor { sensor, world })
+        Ok(OpenSensor { sensor, world })
     }
 
     fn entry(&self, name: &str) -> Option<&SensorEntry> {
@@ -81,7 +81,7 @@ impl Sensors {
         }
         let opened = match (connection, &self.world) {
             (SensorConnection::Simulated(simulated), Some(world)) => simulated.open(sensor, world).await,
-            (SensorConnection::Real(real), _) => real.open(sensor, self.clock.clone(), &self.ports).await,
+            (SensorConnection::Real(real), _) => real.open_sensor(sensor, self.clock.clone(), &self.ports).await,
             (SensorConnection::Simulated(_), None) => Err(SensorError::NoSimulatedMachine { name: name.to_owned() }),
         };
         opened?.with_capture(capture).await
@@ -97,12 +97,12 @@ pub struct EncoderScale {
 }
 
 /// An open sensor of a run.
-pub struct MountedSensor {
+pub struct OpenSensor {
     sensor: Sensor,
     world: Option<Arc<Mutex<SimulatedWorld>>>,
 }
 
-impl Deref for MountedSensor {
+impl Deref for OpenSensor {
     type Target = Sensor;
 
     fn deref(&self) -> &Sensor {
@@ -110,7 +110,7 @@ impl Deref for MountedSensor {
     }
 }
 
-impl Drop for MountedSensor {
+impl Drop for OpenSensor {
     fn drop(&mut self) {
         if let Some(world) = &self.world {
             set_probe_removed(world, false);

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::machine_file::{Control, MachineFile};
 use super::simulated::{SimulatedControl, SimulatedControlServer, SimulationSetup};
-use super::{Devices, Pace, RunHistory, SetupError, build_world, render_modes};
+use super::{Devices, EarlierSessions, SetupError, SimulationPace, build_world, render_modes};
 
 use planning::gcode::Dialect;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
@@ -31,7 +31,7 @@ impl<'a> SimulatedMachine<'a> {
     }
 
     /// Advances the world to the time after `history`, with its mountings.
-    pub(super) fn advance_to(&self, history: RunHistory<'_>) {
+    pub(super) fn advance_to(&self, history: EarlierSessions<'_>) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         history.mountings.iter().for_each(|mount| world.mount_artefact(mount.turn_deg));
         if let Some(last) = history.readings.last() {
@@ -40,7 +40,7 @@ impl<'a> SimulatedMachine<'a> {
         }
     }
 
-    pub(super) async fn open(&self, dialect: Dialect, pace: Pace) -> Result<Devices, SetupError> {
+    pub(super) async fn open(&self, dialect: Dialect, pace: SimulationPace) -> Result<Devices, SetupError> {
         let modes = render_modes(&dialect, &self.file.machine, None)?;
         let (controller, served) = self.control.open(self.simulation_setup(pace)?, modes).await?;
         let world = Some(self.world.clone());
@@ -51,7 +51,7 @@ impl<'a> SimulatedMachine<'a> {
     ///
     /// # Errors
     /// The wire cannot be opened.
-    pub fn serve(&self, pace: Pace) -> Result<SimulatedControlServer, SetupError> {
+    pub fn serve(&self, pace: SimulationPace) -> Result<SimulatedControlServer, SetupError> {
         Ok(self.control.serve(self.simulation_setup(pace)?)?)
     }
 
@@ -61,7 +61,7 @@ impl<'a> SimulatedMachine<'a> {
     /// The wire cannot be opened.
     pub fn serve_with_faults(
         &self,
-        pace: Pace,
+        pace: SimulationPace,
         wire: FaultyWire,
         on_fault: fn(Duration, PlannedFault),
     ) -> Result<SimulatedControlServer, SetupError> {
@@ -79,7 +79,7 @@ impl<'a> SimulatedMachine<'a> {
         SimulatedOperator::new(self.world.clone())
     }
 
-    fn simulation_setup(&self, pace: Pace) -> Result<SimulationSetup<'a>, SetupError> {
+    fn simulation_setup(&self, pace: SimulationPace) -> Result<SimulationSetup<'a>, SetupError> {
         let faults = self.file.simulated_faults(&self.control)?;
         Ok(SimulationSetup { machine: &self.file.machine, world: self.world.clone(), pace, faults })
     }

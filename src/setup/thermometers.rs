@@ -22,13 +22,13 @@ impl Thermometers {
     }
 
     /// Reads all thermometers until the returned value is dropped. Call inside a tokio runtime.
-    pub fn watch(&self) -> ThermometerPoller {
+    pub fn start_polling(&self) -> ThermometerPoller {
         ThermometerPoller::start(&self.entries, |name| self.simulated_reading(name))
     }
 
     /// Reads each thermometer once.
     pub async fn read_once(&self) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {
-        thermometer::read_once(&self.entries, |name| self.simulated_reading(name)).await
+        thermometer::read_thermometers_once(&self.entries, |name| self.simulated_reading(name)).await
     }
 
     fn simulated_reading(&self, name: &str) -> Option<SimulatedTemperature> {

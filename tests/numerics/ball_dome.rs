@@ -32,7 +32,7 @@ fn measure_and_identify(method: &str, file: &MachineFile, priors: Vec<Estimate>)
 
 /// `files`: the machine file of the program, and that of the world.
 fn measure_in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate>) -> Estimate {
-    let (method, mut header) = setup::plan_header(files[0], method, None).unwrap();
+    let (method, mut header) = setup::configure_method_and_plan(files[0], method, None).unwrap();
     header.priors = priors;
     let mut world = setup::build_world(files[1]).unwrap();
     let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
@@ -180,7 +180,7 @@ fn a_dome_that_gives_way_is_noticed() {
 
 /// Machine time of the plan, minutes.
 fn planned_time_min(file: &MachineFile) -> f64 {
-    let (method, header) = setup::plan_header(file, "ball-dome", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     planning::plan_blocks_by_stage(&plan, &stages).unwrap().1 / 60.0
 }
@@ -215,7 +215,8 @@ fn readings_with_temperature_watch(drift_um_per_h: f64, watch_min: f64) -> Resul
     ];
     let mut world = setup::build_world(&changed_machine(DOME, 1, &changes)).unwrap();
     let declared: Changes = changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
-    let (method, header) = setup::plan_header(&changed_machine(DOME, 1, &declared), "ball-dome", None).unwrap();
+    let (method, header) =
+        setup::configure_method_and_plan(&changed_machine(DOME, 1, &declared), "ball-dome", None).unwrap();
     plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone).map(|(_, readings)| readings)
 }
 

@@ -9,8 +9,8 @@ use methods::{NextStage, PositionSource};
 use planning::gcode::{Dialect, ProgramHeader};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{
-    BallApproach, BallTask, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes, end_position,
-    machine_time_s, plan_blocks, touch_block,
+    BallApproach, BallTask, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes, machine_time_s,
+    plan_blocks, position_after_motions, touch_block,
 };
 
 /// The built-in machine with the axis order of the paper, space for its balls and a longer stylus.
@@ -41,7 +41,7 @@ fn rumba_plan() -> Plan {
     );
     text.push_str("[simulated]\nseed = 1\n");
     let file = trued::setup::MachineFile::parse("rumba.toml", text).unwrap();
-    trued::setup::plan_header(&file, "samba", None).unwrap().1
+    trued::setup::configure_method_and_plan(&file, "samba", None).unwrap().1
 }
 
 /// Paper 4, table 1.
@@ -94,7 +94,7 @@ const SEARCH_APPROACH: BallApproach = BallApproach::Search { uncertainty_mm: 1.0
 const MEASURE_APPROACH: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
 
 fn ball_task<'a>(plan: &'a Plan, ball: usize, rotary: &'a Position, approach: BallApproach) -> BallTask<'a> {
-    BallTask { ball: &balls(plan).balls[ball], rotary, approach, touches: 5 }
+    BallTask { ball: &balls(plan).balls[ball], rotary, approach, touch_count: 5 }
 }
 
 /// Steps of the visits in this order.
@@ -111,7 +111,7 @@ fn ball_steps(
                 let numbers = (steps.len() as u32, 0);
                 let label = |touch: &str| format!("slow/{:03}/{}/{touch}", number + 1, ball + 1);
                 let task = ball_task(plan, *ball, rotary, *approach);
-                let new = access.steps(&task, &plan.probe, StepKind::Touch, numbers, label);
+                let new = access.touch_steps(&task, &plan.probe, StepKind::Touch, numbers, label);
                 steps.extend(new.unwrap());
             }
         }
@@ -135,7 +135,7 @@ fn visits_in_naive_order(
     tilts.skip(1).step_by(2).for_each(<[_]>::reverse);
     let mut stands: Option<Position> = None;
     for (rotary, list) in &mut visits {
-        let place = |ball: &usize| access.centre(&balls(plan).balls[*ball], rotary).unwrap();
+        let place = |ball: &usize| access.centre_position(&balls(plan).balls[*ball], rotary).unwrap();
         let places: Vec<Position> = list.iter().map(place).collect();
         let order = TravelTimes::from_xy_positions(&places, stands.as_ref(), &plan.machine).visiting_order(1);
         stands = order.last().map(|last| places[*last].clone());
@@ -154,7 +154,7 @@ fn naive_time_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a 
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         assert!(matches!(&block.motions[0], Motion::Rapid { to } if to.get(Axis::Z).is_some()));
         seconds += machine_time_s(&block, &stands, &plan.machine);
-        stands = end_position(&block.motions, &stands);
+        stands = position_after_motions(&block.motions, &stands);
     }
     seconds
 }
@@ -176,7 +176,7 @@ struct PlannedStage {
 fn plan_built_in(settings: &str) -> (Plan, Vec<PlannedStage>) {
     let text = format!("{}\n[method.samba]\n{settings}\n", include_str!("../../config/samba.toml"));
     let file = trued::setup::MachineFile::parse("samba.toml", text).unwrap();
-    let (method, mut plan) = trued::setup::plan_header(&file, "samba", None).unwrap();
+    let (method, mut plan) = trued::setup::configure_method_and_plan(&file, "samba", None).unwrap();
     let (mut stages, mut done, mut found) = (Vec::new(), Vec::new(), None);
     while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal).unwrap()
     {
@@ -207,7 +207,7 @@ fn run_steps<'a>(
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         let here = stands.take().unwrap_or_default();
         seconds += machine_time_s(&block, &here, &plan.machine);
-        *stands = Some(end_position(&block.motions, &here));
+        *stands = Some(position_after_motions(&block.motions, &here));
         confirmed = confirmed.after_step(step);
         blocks.push(block);
     }
@@ -253,7 +253,7 @@ fn every_named_design_of_the_built_in_machine_is_proven() {
             let known = confirmed_directions(stands.as_ref());
             let (blocks, _) = run_steps(&plan, planned.ball_steps(&plan), &mut stands, known);
             let PlannedStage { stage, found, .. } = planned;
-            let staged = StageSteps { steps: &stage.steps, found_artefact: found.as_ref() };
+            let staged = StageSteps { step_ids: &stage.steps, found_artefact: found.as_ref() };
             prove(&plan, &[staged], begins.as_ref(), &blocks)
                 .unwrap_or_else(|why| panic!("{settings}, {}: {why}", stage.name));
         }
@@ -272,7 +272,7 @@ fn print_time_per_motion(plan: &Plan, blocks: &[Block]) {
         let way_s = machine_time_s(block, &stands, &plan.machine) - touch_s;
         touching += touch_s / 60.0;
         *(if step.label.ends_with("+45") { &mut balls } else { &mut round }) += way_s / 60.0;
-        stands = end_position(&block.motions, &stands);
+        stands = position_after_motions(&block.motions, &stands);
     }
     println!("touching {touching:.1} min, ball to ball {balls:.1} min, touch to touch {round:.1} min");
 }
@@ -309,7 +309,7 @@ fn regress_the_motions_are_proven() {
     plan.steps = ball_steps(&plan, &access, &ordered, &[SEARCH_APPROACH]);
     let (blocks, _) = plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
     let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
-    prove(&plan, &[StageSteps { steps: &ids, found_artefact: None }], None, &blocks).unwrap();
+    prove(&plan, &[StageSteps { step_ids: &ids, found_artefact: None }], None, &blocks).unwrap();
 }
 
 /// `Err`: the refusal, and the lines around it.
@@ -319,7 +319,7 @@ fn prove(plan: &Plan, stages: &[StageSteps<'_>], stands: Option<&Position>, bloc
     let text = dialect.render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, blocks).unwrap();
     let (confirmed, dialect) = (confirmed_directions(stands), &dialect);
     let programs = std::slice::from_ref(&text);
-    let proof = prove_programs(&ProofRequest { plan, stages, position: stands, confirmed, dialect, programs });
+    let proof = prove_programs(&ProofRequest { plan, stages, start_position: stands, confirmed, dialect, programs });
     let refused = |refusal: planning::proof::ProofRefusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))

@@ -19,7 +19,7 @@ use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 use estimation::random::seeded_stream;
-use testing::population::{coverage_population, is_full};
+use testing::population::{coverage_size_and_limits, is_full};
 
 /// Time at which a ball comes loose: the middle of the played plan, which takes 3430 s.
 const LOOSE_BALL_FROM_S: f64 = 1700.0;
@@ -96,7 +96,7 @@ struct BallPlateRun {
 impl BallPlateRun {
     fn new(changes: Changes) -> Self {
         let file = machine_of_seed(1, &changes);
-        let (method, header) = setup::plan_header(&file, "ball-plate", None).unwrap();
+        let (method, header) = setup::configure_method_and_plan(&file, "ball-plate", None).unwrap();
         let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
         let (_, machine_s) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
         let table: Table = file.text().parse().unwrap();
@@ -173,7 +173,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 
 /// Checks the coverage over the points of the curve of each error motion, over all seeds.
 fn check_coverage(name: &str, changes: Changes, missing: f64) {
-    let (seeds, shares) = coverage_population();
+    let (seeds, shares) = coverage_size_and_limits();
     let rig = BallPlateRun::new(if is_full() { changes } else { [small_layout(), changes].concat() });
     let one = |seed: u64| {
         let estimate = rig.estimate(seed, missing);
@@ -305,7 +305,7 @@ fn a_ball_that_comes_loose_is_named() {
 
 fn refusal_text(changes: &[(&'static str, Value)]) -> String {
     let file = machine_of_seed(1, changes);
-    let (method, header) = setup::plan_header(&file, "ball-plate", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, "ball-plate", None).unwrap();
     let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
     format!("{}; {}", refused.reason, refused.remedy)
 }

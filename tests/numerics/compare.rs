@@ -5,7 +5,7 @@ use methods::decision::function_difference::function_differences;
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
-use testing::population::{is_full, population};
+use testing::population::{is_full, population_size};
 
 /// Without drift, so that the compared values do not change between the runs. Lobing is the largest source.
 fn machine(seed: u64) -> MachineFile {
@@ -24,13 +24,13 @@ fn machine(seed: u64) -> MachineFile {
 
 #[test]
 fn u_of_a_difference_is_true_where_sources_are_common() {
-    let worlds = population(200);
+    let worlds = population_size(200);
     // 4 parameters for each world; 95.45 % expected, ± 3 standard deviations of the binomial distribution.
     let shares = if is_full() { 0.93..=0.977 } else { 0.88..=1.0 };
     let (mut held, mut count, mut points_held, mut points) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..worlds {
         let file = machine(seed);
-        let (method, header) = setup::plan_header(&file, "self-calibration", None).expect("settings");
+        let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).expect("settings");
         let mut world = setup::build_world(&file).expect("a world");
         let [first, second] = [(); 2].map(|()| {
             let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header.clone());
@@ -46,7 +46,7 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
             count += 1.0;
         }
         for function in function_differences(&first, &second, 2.0) {
-            points_held += function.agreeing_count() as f64;
+            points_held += function.agreeing_point_count() as f64;
             points += function.x.len() as f64;
         }
     }

@@ -194,7 +194,7 @@ fn parse_moves(text: &str) -> Vec<SweptMove<'_>> {
 }
 
 fn plan_program(file: &Table) -> String {
-    let (method, header) = setup::plan_header(&parse_machine_file(file), "ball-dome", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&parse_machine_file(file), "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let (blocks, _) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
     let axes: Vec<_> = plan.machine.axes.keys().copied().collect();

@@ -4,7 +4,7 @@
 use machine::Position;
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Stage, Step};
-use planning::{BlockStart, ConfirmedDirections, MachineTime, SafeHeights, end_position, step_blocks};
+use planning::{BlockStart, ConfirmedDirections, MachineTime, SafeHeights, position_after_motions, step_blocks};
 use rand::{Rng, RngExt};
 use rayon::prelude::*;
 use trued::setup::{self, MachineFile};
@@ -23,7 +23,7 @@ type VisitOrder = Vec<Vec<usize>>;
 fn travel_time(plan: &Plan, from: &Position, step: &Step, clearance: &SafeHeights) -> (f64, Position) {
     let start = BlockStart { position: Some(from), confirmed: ConfirmedDirections::all() };
     let blocks = step_blocks(plan, step, 0, start, clearance).unwrap();
-    let ends = end_position(blocks.iter().flat_map(|block| &block.motions), from);
+    let ends = position_after_motions(blocks.iter().flat_map(|block| &block.motions), from);
     // The move to the start position takes no time.
     let here = Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: from.clone() }] };
     let all: Vec<Block> = std::iter::once(here).chain(blocks).collect();
@@ -95,7 +95,7 @@ fn annealed_time_s((ways, planned): &(TravelTimes, VisitOrder), random: &mut imp
 #[test]
 fn annealing_finds_no_order_shorter_by_5_percent() {
     let file = MachineFile::embedded_for("ball-dome").unwrap();
-    let (method, header) = setup::plan_header(&file, "ball-dome", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let slow = stages.iter().filter(|stage| stage.name.starts_with("measure"));
     assert_eq!(slow.clone().count(), 24);

@@ -7,7 +7,7 @@ use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position, frame::Point};
 use nalgebra::Vector3;
 use simulator::{SimulatedWorld, Speed};
-use trued::setup::{self, MachineFile, Pace, RunHistory};
+use trued::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 
 use crate::support::proven_block::proven_block;
 
@@ -73,7 +73,7 @@ fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
     let mut world = setup::build_world(&file).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+        let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
         devices.controller.prepare().await.unwrap();
         for (step, (pose, ball)) in TOUCH_POSES.into_iter().enumerate() {
             let block = touch_block(&file, step as u32, pose, ball);
@@ -99,7 +99,7 @@ fn the_spindle_turns_the_stylus() {
     let file = MachineFile::parse("off.toml", text).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+        let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
         devices.controller.prepare().await.unwrap();
         let mut heights = Vec::new();
         for (step, s) in [0.0, 180.0].into_iter().enumerate() {

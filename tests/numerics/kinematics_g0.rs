@@ -115,7 +115,7 @@ fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParam
             let at = |k: f64| chain.tip_in_table(&pose, tip, &with_changed_error(&errors, index, k * h)).mm;
             let difference = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h);
             // Table entries are exactly zero at all other angles.
-            if parameter.factor(pose.get_or_zero(parameter.axis())) == 0.0 {
+            if parameter.shape_factor(pose.get_or_zero(parameter.axis())) == 0.0 {
                 assert_eq!(column.norm(), 0.0);
             } else {
                 worst = worst.max((*column - difference).norm() / difference.norm());

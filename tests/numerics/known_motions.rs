@@ -15,7 +15,7 @@ use trued::setup::{self, MachineFile};
 use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
 use estimation::monte_carlo::{DrawDistribution, DrawStream};
-use testing::population::{population, ratio_bounds};
+use testing::population::{population_size, ratio_bounds};
 
 const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const MAX_ORDER: usize = 20;
@@ -130,7 +130,7 @@ impl KnownMotions {
 
 /// Estimates in one world: without priors and with each of the priors; and the true axis, um.
 fn estimates_with_priors(file: &MachineFile, priors: &[KnownMotions]) -> (Vec<Estimate>, [f64; 2]) {
-    let (method, header) = setup::plan_header(file, "self-calibration", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(file, "self-calibration", None).unwrap();
     let mut world = setup::build_world(file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let with = priors.iter().map(|prior| vec![prior.estimate(&world)]);
@@ -199,7 +199,7 @@ fn regress_known_motions_of_a_reversed_axis_are_taken_out() {
 #[test]
 fn regress_known_motions_make_u_smaller_and_keep_it_true() {
     const FULL_POPULATION: u64 = 1000;
-    let worlds = population(FULL_POPULATION);
+    let worlds = population_size(FULL_POPULATION);
     let right = KnownMotions { components: &[Axis::X, Axis::Y], u_um: 0.3, ..EXACT_MOTIONS };
     let of_world = |world: u64| {
         let seed = 3000 + world;
@@ -248,7 +248,7 @@ fn regress_known_motions_make_u_smaller_and_keep_it_true() {
 #[test]
 fn regress_u_of_known_motions_keeps_their_correlation() {
     let file = quiet_machine(&[]);
-    let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let prior = EXACT_MOTIONS.estimate(&world);

@@ -5,7 +5,7 @@ use machine::record::estimate::Estimate;
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
-use testing::population::{population, ratio_bounds};
+use testing::population::{population_size, ratio_bounds};
 
 const METHOD: &str = "laser-r-test";
 /// Paper 2, Table 5, as in [simulated.errors] of the built-in machine: symbol, value.
@@ -22,7 +22,7 @@ fn changed_machine(seed: u64, change: impl Fn(String) -> String, settings: &str)
 }
 
 fn measure_and_identify(file: &MachineFile) -> Estimate {
-    let (method, header) = setup::plan_header(file, METHOD, None).expect("settings");
+    let (method, header) = setup::configure_method_and_plan(file, METHOD, None).expect("settings");
     let mut world = setup::build_world(file).expect("a world");
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     method.identify(&plan, &readings).expect("an estimate")
@@ -66,7 +66,7 @@ fn estimates_in_parallel(worlds: u64, one: impl Fn(u64) -> Estimate + Sync) -> V
 #[test]
 fn uncertainty_covers_the_truth_of_many_machines() {
     const FULL_POPULATION: u64 = 100;
-    let worlds = population(FULL_POPULATION);
+    let worlds = population_size(FULL_POPULATION);
     // With 100 values the standard deviation is known to 7 %.
     let (low_ratio, high_ratio) = ratio_bounds(worlds, FULL_POPULATION, (1.0 / 1.15, 1.0 / 0.85));
     let all = estimates_in_parallel(worlds, |seed| measure_and_identify(&changed_machine(100 + seed, |text| text, "")));
@@ -95,7 +95,7 @@ fn with_late_time_stamps(text: String) -> String {
 
 #[test]
 fn u_is_true_of_continuous_scans_and_of_their_latency() {
-    let worlds = population(40);
+    let worlds = population_size(40);
     let settings = "sampling = \"continuous\"\nrate_hz = 250.0\n";
     let all = estimates_in_parallel(worlds, |seed| {
         measure_and_identify(&changed_machine(100 + seed, with_late_time_stamps, settings))
@@ -155,7 +155,7 @@ fn machine_with_effect((from, to, _): (&str, &str, &str), seed: u64) -> MachineF
 #[test]
 fn unmodelled_effects_scatter_as_their_budget_lines() {
     const FULL_POPULATION: u64 = 40;
-    let worlds = population(FULL_POPULATION);
+    let worlds = population_size(FULL_POPULATION);
     let (low, high) = ratio_bounds(worlds, FULL_POPULATION, (0.8, 1.2));
     let without =
         estimates_in_parallel(worlds, |seed| measure_and_identify(&changed_machine(300 + seed, |text| text, "")));
@@ -187,7 +187,7 @@ fn unmodelled_effects_scatter_as_their_budget_lines() {
 #[test]
 fn linearity_error_scatters_as_its_budget_line() {
     const FULL_POPULATION: u64 = 40;
-    let worlds = population(FULL_POPULATION);
+    let worlds = population_size(FULL_POPULATION);
     let (low, high) = ratio_bounds(worlds, FULL_POPULATION, (0.75, 1.25));
     let file = |is_straight: bool, seed: u64| {
         let change = |text: String| {

@@ -19,7 +19,7 @@ use crate::machine_text::set_key;
 use crate::support::plan_player;
 use estimation::monte_carlo::{DrawDistribution, DrawStream};
 use estimation::random::seeded_stream;
-use testing::population::{coverage_population, is_full, population, ratio_bounds};
+use testing::population::{coverage_size_and_limits, is_full, population_size, ratio_bounds};
 
 /// Key of the random stream that selects the missing samples.
 const MISSING_SAMPLES_SEED: u64 = 0x6d70;
@@ -88,7 +88,7 @@ struct PlayedRun {
 }
 
 fn play_run(file: MachineFile, seed: u64) -> PlayedRun {
-    let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
     let mut world = setup::build_world(&true_machine(&file, seed)).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     PlayedRun { file, plan, method, readings }
@@ -262,13 +262,13 @@ fn gains_and_angles_are_found_from_the_turns() {
 
 #[test]
 fn u_is_true_on_the_built_in_machine() {
-    check_coverage("dwell points", &[], 0.0, coverage_population());
+    check_coverage("dwell points", &[], 0.0, coverage_size_and_limits());
 }
 
 #[test]
 fn u_is_true_where_samples_are_missing() {
     let changes = [("method.multiprobe.revolutions", Value::Integer(2))];
-    let population = if is_full() { coverage_population() } else { (60, 0.87..=1.0) };
+    let population = if is_full() { coverage_size_and_limits() } else { (60, 0.87..=1.0) };
     check_coverage("5 % missing", &changes, 0.05, population);
 }
 
@@ -396,7 +396,7 @@ fn a_saturated_channel_is_named_where_it_is() {
     set_key(&mut truth, "simulated.sensor", Value::Array(vec![clipped]));
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
-    let (_, header) = setup::plan_header(&played.file, "multiprobe", None).unwrap();
+    let (_, header) = setup::configure_method_and_plan(&played.file, "multiprobe", None).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, played.method.as_ref(), header);
     (played.plan, played.readings) = (plan, readings);
     let flat = |reading: &&Reading| reading.sensor == "x1" && reading.value_mm == Some(-0.0085);
@@ -442,7 +442,7 @@ fn a_fast_clock_is_named() {
 #[test]
 fn what_a_layout_loses_is_refused_with_a_better_one() {
     let refusal = |changes: &[(&str, Value)]| {
-        let (method, header) = setup::plan_header(&machine(1, changes), "multiprobe", None).unwrap();
+        let (method, header) = setup::configure_method_and_plan(&machine(1, changes), "multiprobe", None).unwrap();
         let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
         format!("{} -> {}", refused.reason, refused.remedy)
     };
@@ -466,7 +466,7 @@ fn what_a_layout_loses_is_refused_with_a_better_one() {
     second.insert("zero_mm".to_owned(), vec![-30.0, 0.0, 60.0].into());
     second.insert("direction".to_owned(), vec![1.0, 0.0, 0.0].into());
     let file = MachineFile::parse("opposed.toml", toml::to_string(&file).unwrap()).unwrap();
-    let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
     let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
     assert!(refused.reason.contains("opposed") && refused.remedy.contains("move y1"), "{refused:?}");
 }
@@ -478,7 +478,7 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
         sensor.as_table_mut().unwrap().insert("linearity_um".to_owned(), 0.3.into());
     }
     let file = MachineFile::parse("curved.toml", toml::to_string(&table).unwrap()).unwrap();
-    let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
     let mut truth: Table = true_machine(&file, seed).text().parse().unwrap();
     if !is_curved {
         for sensor in truth["simulated"]["sensor"].as_array_mut().unwrap() {
@@ -494,7 +494,7 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
 
 #[test]
 fn linearity_error_scatters_as_its_budget_line() {
-    let seeds = population(40);
+    let seeds = population_size(40);
     let (low, high) = ratio_bounds(seeds, 40, (0.6, 1.2));
     let squares = |seed: u64| {
         let [curved, straight] = [true, false].map(|is| with_curved_sensors(seed, is));

@@ -13,7 +13,7 @@ use machine::record::reading::Reading;
 use methods::{Method, NextStage, PositionSource};
 use rand::RngExt;
 use simulator::SimulatedWorld;
-use testing::population::{count_bound, is_full, population};
+use testing::population::{count_bound, is_full, population_size};
 
 use crate::ball_plate;
 use crate::machine_text::changed_machine_file;
@@ -62,7 +62,7 @@ pub fn measured(method: &str, seed: u64) -> MeasuredRun {
 impl OutlierCase {
     fn measured(&self, seed: u64) -> MeasuredRun {
         let file = (self.file)(seed);
-        let (method, header) = setup::plan_header(&file, self.method, None).unwrap();
+        let (method, header) = setup::configure_method_and_plan(&file, self.method, None).unwrap();
         let mut world = setup::build_world(&file).unwrap();
         let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
         let (plan, readings) = played.unwrap();
@@ -109,7 +109,7 @@ fn regress_an_early_interruption_does_not_refuse_the_repeated_touches() {
     let text = include_str!("../../config/simulated.toml");
     let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
     let file = built_in_machine("self-calibration", &format!("{text}{settings}"), 1);
-    let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
     let (mut plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     for gap_s in [5.0, 20.0, 25.0] {
         plan.gaps_s = vec![gap_s];
@@ -152,7 +152,7 @@ fn a_touch_that_no_other_checks_is_made_once_more() {
 /// on it.
 #[test]
 fn a_measurement_that_is_off_is_named() {
-    let worlds = population(100);
+    let worlds = population_size(100);
     for case in &CASES {
         let is_named = |seed: u64| {
             let mut measured = case.measured(seed);
@@ -218,7 +218,7 @@ fn played(
     file: &MachineFile,
     play: fn(&mut SimulatedWorld, &Step, u32) -> Reading,
 ) -> (Estimate, Vec<Reading>, SimulatedWorld) {
-    let (method, header) = setup::plan_header(file, method, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(file, method, None).unwrap();
     let mut world = setup::build_world(file).unwrap();
     let (plan, readings) = plan_player::try_measure(&mut world, method.as_ref(), header, play).unwrap();
     (method.identify(&plan, &readings).unwrap(), readings, world)
@@ -257,7 +257,7 @@ fn what_is_off_is_measured_again_and_listed() {
 
 #[test]
 fn coverage_after_measuring_again() {
-    let worlds = population(200);
+    let worlds = population_size(200);
     let misses = |seed: u64| {
         let file = built_in_machine("self-calibration", include_str!("../../config/simulated.toml"), seed);
         let (estimate, _, world) = played("self-calibration", &file, touch_with_chip_in_first_pass);

@@ -12,7 +12,7 @@ use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 use rand::RngExt;
-use testing::population::{count_bound, is_full, population};
+use testing::population::{count_bound, is_full, population_size};
 
 use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
@@ -53,7 +53,7 @@ impl UndeclaredCase<'_> {
     fn measured(&self, seed: u64) -> (MachineFile, Plan, Vec<Reading>, [f64; 2]) {
         let world = machine(seed, &[self.common, self.world]);
         let file = machine(seed, &[self.common, self.declared]);
-        let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
+        let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
         let mut world = setup::build_world(&world).unwrap();
         let (plan, mut readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
         for reading in &mut readings {
@@ -72,7 +72,7 @@ impl UndeclaredCase<'_> {
 
     fn estimate(&self, seed: u64) -> (Estimate, [f64; 2]) {
         let (file, plan, readings, location_um) = self.measured(seed);
-        let (method, _) = setup::plan_header(&file, "self-calibration", None).unwrap();
+        let (method, _) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
         (method.identify(&plan, &readings).unwrap(), location_um)
     }
 
@@ -83,7 +83,7 @@ impl UndeclaredCase<'_> {
     /// Checks that each parameter is within U of its true value in at least 93 of 100 worlds; all true values
     /// except the location are 0.
     fn is_covered(&self, first: u64, symbols: &[&str]) {
-        let worlds = population(200);
+        let worlds = population_size(200);
         let estimates = self.estimates(first, worlds);
         for symbol in symbols {
             let misses = |(estimate, [x, y]): &&(Estimate, [f64; 2])| {
@@ -238,7 +238,7 @@ fn assert_flagged(case: &UndeclaredCase<'_>, lobing_um: f64, first: u64) {
     let good = GOOD_MACHINE_KEYS.map(|(path, value)| (path, Value::from(value)));
     let declared = [("probe.lobing_um", lobing_um.into())];
     let case = UndeclaredCase { common: &good, declared: &declared, ..*case };
-    let worlds = population(100);
+    let worlds = population_size(100);
     let estimates = case.estimates(first, worlds);
     let flagged = estimates.iter().filter(|(estimate, _)| is_flagged(estimate)).count() as u64;
     println!("flagged: {flagged} of {worlds}");
@@ -273,13 +273,13 @@ fn largest_detectable_outlier_mm(estimate: &Estimate) -> f64 {
 /// alone or with those that have the same effect, and no verdict is based on it.
 #[test]
 fn a_touch_that_is_off_is_named() {
-    let worlds = population(100);
+    let worlds = population_size(100);
     let case = UndeclaredCase { common: &[], declared: &[], world: &[], deviation: no_deviation };
     let stated_mm = largest_detectable_outlier_mm(&case.estimate(1).0);
     for size_mm in [stated_mm, 0.02] {
         let is_named = |seed: u64| {
             let (file, plan, mut readings, _) = case.measured(seed);
-            let (method, _) = setup::plan_header(&file, "self-calibration", None).unwrap();
+            let (method, _) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
             // The first five touches locate the part; those on its top are not used in the identification.
             let step_of = |reading: &Reading| plan.steps.iter().find(|s| s.id == reading.step).unwrap();
             let is_radial = |reading: &&mut Reading| step_of(reading).normal[2] == 0.0;

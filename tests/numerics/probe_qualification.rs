@@ -13,7 +13,7 @@ use machine::Axis;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
-use testing::population::{is_full, population};
+use testing::population::{is_full, population_size};
 
 use crate::machine_text::{parse_machine_file, set_key};
 use crate::support::plan_player;
@@ -54,7 +54,7 @@ fn measured(
     world: &MachineFile,
     deviation: ContactDeviation<'_>,
 ) -> (Plan, Vec<Reading>) {
-    let (method, header) = setup::plan_header(file, method, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(file, method, None).unwrap();
     let mut world = setup::build_world(world).unwrap();
     let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
     let (plan, mut readings) = played.unwrap();
@@ -73,7 +73,7 @@ fn measured(
 }
 
 fn identified(file: &MachineFile, plan: &Plan, readings: &[Reading]) -> Estimate {
-    let (method, _) = setup::plan_header(file, &plan.method, None).unwrap();
+    let (method, _) = setup::configure_method_and_plan(file, &plan.method, None).unwrap();
     method.check_priors(plan).unwrap();
     method.identify(plan, readings).unwrap()
 }
@@ -135,7 +135,7 @@ fn qualification_and_truth(seed: u64, turns: bool) -> (Estimate, Vec<(String, f6
 fn the_map_is_within_its_uncertainty() {
     const FULL_POPULATION: u64 = 1000;
     for turns in [true, false] {
-        let worlds = population(FULL_POPULATION).max(50);
+        let worlds = population_size(FULL_POPULATION).max(50);
         let all: Vec<_> = (0..worlds).into_par_iter().map(|seed| qualification_and_truth(8000 + seed, turns)).collect();
         let is_flagged = |e: &Estimate| e.verdict != Verdict::None || !e.warnings.is_empty();
         let flagged = all.iter().filter(|(e, _)| is_flagged(e)).count();
@@ -171,7 +171,7 @@ fn three_lobe_deviation(phase: f64) -> impl Fn(Vector3<f64>, Vector3<f64>) -> Ve
 /// A probe with three lobes of 2 um in a spindle that cannot be turned, on a ball certified to 0.1 um.
 #[test]
 fn map_removes_the_bias_by_three_lobes() {
-    let worlds = population(100).max(10);
+    let worlds = population_size(100).max(10);
     let pair = |seed: u64| {
         let fixed = [
             ("simulated.seed", Value::Integer(seed as i64)),
@@ -235,7 +235,7 @@ fn undeclared_lobes_contradict_the_map() {
     assert_eq!(estimate.verdict, Verdict::None);
     assert!((found.value - 1.0).abs() < 3.0 * found.u, "{found:?}");
     // A later run rejects an estimate with a misfit.
-    let (method, mut plan) = setup::plan_header(&file, "samba", None).unwrap();
+    let (method, mut plan) = setup::configure_method_and_plan(&file, "samba", None).unwrap();
     let contradicted = Estimate { verdict: Verdict::UndecidedModel, ..estimate.clone() };
     plan.priors = vec![contradicted];
     assert!(method.check_priors(&plan).unwrap_err().reason.contains("contradict its model"));
@@ -254,7 +254,7 @@ fn without_a_certificate_the_form_of_the_ball_is_not_taken_for_the_probe() {
     assert!(estimate.parameters.iter().all(|own| !own.symbol.starts_with("E_probe")));
     let says = |text: &str| estimate.not_identifiable.iter().any(|line| line.contains(text));
     assert!(says("map at order 3, 4, 5, 6: inseparable from the form of the ball, because no"));
-    let (method, mut plan) = setup::plan_header(&file, "samba", None).unwrap();
+    let (method, mut plan) = setup::configure_method_and_plan(&file, "samba", None).unwrap();
     plan.priors = vec![estimate];
     assert!(method.check_priors(&plan).unwrap_err().remedy.contains("form_um"));
 }

@@ -15,7 +15,7 @@ use trued::setup;
 
 use crate::machine_text::{parse_machine_file, set_key};
 use crate::support::plan_player;
-use testing::population::{is_full, population};
+use testing::population::{is_full, population_size};
 
 const R_TEST_MACHINE: &str = include_str!("../../config/r-test.toml");
 const SELF_CALIBRATION_MACHINE: &str = include_str!("../../config/simulated.toml");
@@ -44,7 +44,7 @@ struct PlayedRun {
 
 fn play_run(table: &Table, method: &str) -> PlayedRun {
     let file = parse_machine_file(table);
-    let (method, header) = setup::plan_header(&file, method, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, method, None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     PlayedRun { method, plan, readings, world }
@@ -86,7 +86,7 @@ fn total_motion(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f
 
 #[test]
 fn u_is_true_on_the_built_in_machine() {
-    let worlds = population(200);
+    let worlds = population_size(200);
     let shares = if is_full() { 0.93..=0.98 } else { 0.88..=1.0 };
     let (mut held, mut count) = ([0.0; 3], [0.0; 3]);
     for seed in 0..worlds {
@@ -154,7 +154,7 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
     };
     declare(&mut sensors[0], zero_b, b);
     declare(&mut sensors[1], zero_a, a);
-    let (method, header) = setup::plan_header(&parse_machine_file(&table), "r-test", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&parse_machine_file(&table), "r-test", None).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
     let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play_step).unwrap_err();
     assert!(refused.reason.contains("along the direction of b"), "{refused:?}");

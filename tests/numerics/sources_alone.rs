@@ -127,7 +127,7 @@ impl MethodCase {
     /// For each parameter with these lines: observed over stated scatter. The sources are declared in either world.
     fn scatter_ratios(&self, sources: &[SourceCase], worlds: u64) -> Vec<(String, f64)> {
         let declared = self.file(0, sources, true);
-        let (method, header) = setup::plan_header(&declared, self.method, None).unwrap();
+        let (method, header) = setup::configure_method_and_plan(&declared, self.method, None).unwrap();
         let estimate = |seed: u64, is_on: bool| {
             let mut world = setup::build_world(&self.file(seed, sources, is_on)).unwrap();
             let header = header.clone();

@@ -9,7 +9,7 @@ use estimation::random::seeded_stream;
 use machine::Axis;
 use machine::record::estimate::Verdict;
 use machine::record::reading::Reading;
-use testing::population::{count_bound, population};
+use testing::population::{count_bound, population_size};
 
 use crate::outliers::{MeasuredRun, measured};
 
@@ -44,7 +44,7 @@ fn warm_up_drift(measured: &MeasuredRun, reading: &Reading, _: u64) -> Vector3<f
 /// Checks that at least 95 of 100 worlds are `undecided (model)`, and that as many name one of the `likely` sources
 /// first.
 fn is_flagged(method: &str, deviation: ContactDeviation, likely: &[&str]) {
-    let worlds = population(100);
+    let worlds = population_size(100);
     let of_world = |seed: u64| {
         let mut measured = measured(method, seed);
         let moved: Vec<Vector3<f64>> = measured

@@ -9,7 +9,7 @@ use methods::{NextStage, PositionSource};
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
-use testing::population::{population, ratio_bounds};
+use testing::population::{population_size, ratio_bounds};
 
 const FULL_WORLDS: u64 = 200;
 
@@ -33,7 +33,7 @@ fn machine(changes: &[(&str, &str)]) -> MachineFile {
 
 /// Estimate and truth (um, um, um/m, urad) of one world.
 fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
-    let (method, header) = setup::plan_header(file, "self-calibration", None).expect("settings");
+    let (method, header) = setup::configure_method_and_plan(file, "self-calibration", None).expect("settings");
     let mut world = setup::build_world(file).expect("a world");
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let estimate = method.identify(&plan, &readings).expect("an estimate");
@@ -56,7 +56,7 @@ fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
 
 /// Asserts that the mean over the worlds of χ²/4 is within the 99 % bounds of χ² with 4·worlds degrees of freedom.
 fn assert_chi2(changes: &[(&str, &str)]) {
-    let worlds = population(FULL_WORLDS);
+    let worlds = population_size(FULL_WORLDS);
     let mut sum = 0.0;
     for seed in 0..worlds {
         let seed = (1000 + seed).to_string();
@@ -107,7 +107,7 @@ const SOURCE_KEYS: [(&str, &str, &str, &str); 6] = [
 #[test]
 fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
     const FULL_POPULATION: u64 = 100;
-    let worlds = population(FULL_POPULATION);
+    let worlds = population_size(FULL_POPULATION);
     let (low, high) = ratio_bounds(worlds, FULL_POPULATION, (0.8, 1.2));
     for (name, key, on, _) in SOURCE_KEYS {
         let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
@@ -175,7 +175,7 @@ fn estimate_of_interrupted_run(seed: u64, kept: usize, share: f64) -> (Estimate,
         moved.extend([("EX0C_um", table.as_str()), ("centre_offset_mm", part.as_str())]);
         machine(&moved)
     });
-    let (method, mut plan) = setup::plan_header(&before, "self-calibration", None).expect("settings");
+    let (method, mut plan) = setup::configure_method_and_plan(&before, "self-calibration", None).expect("settings");
     let mut world = setup::build_world(&before).expect("a world");
     let mut readings = Vec::new();
     let mut done = Vec::new();
@@ -218,7 +218,7 @@ fn estimate_of_interrupted_run(seed: u64, kept: usize, share: f64) -> (Estimate,
 /// interrupted. Without the gap in the plan this fails by far.
 #[test]
 fn regress_u_is_true_across_an_interruption() {
-    let (worlds, mut sum) = (population(120), 0.0);
+    let (worlds, mut sum) = (population_size(120), 0.0);
     for world in 0..worlds {
         let kept = 8 + (world as usize * 7) % 52;
         let share = ((world + 1) as f64 * 0.618034).fract();

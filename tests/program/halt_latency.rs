@@ -8,9 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use devices::controllers::grbl::{Grbl, GrblTimeouts};
-use devices::controllers::{Controller, ControllerError, Halt};
-use link::Address;
+use devices::controllers::grbl::{GrblDriver, GrblTimeouts};
+use devices::controllers::{Controller, ControllerError, HaltHandle};
+use link::LinkAddress;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 use planning::gcode::{Dialect, ProgramHeader, Transmission};
@@ -91,18 +91,23 @@ fn render(dialect: &Dialect) {
 
 fn long_timeouts() -> GrblTimeouts {
     let ms = Duration::from_millis;
-    GrblTimeouts { reply: ms(10_000), poll_interval: ms(5), after_alarm: ms(50), stall: ms(60_000) }
+    GrblTimeouts {
+        reply_timeout: ms(10_000),
+        poll_interval: ms(5),
+        alarm_detail_timeout: ms(50),
+        stall_timeout: ms(60_000),
+    }
 }
 
 /// The runtime of the run: the driver works on it, and in between it renders continuously.
-fn run_driver(path: String, give: Sender<Halt>) {
+fn run_driver(path: String, give: Sender<HaltHandle>) {
     let file = setup::load_machine_file(None, "self-calibration").unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let link = link::open_line_link(&Address::Serial { path, baud: 115_200 }).await.unwrap();
+        let link = link::open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await.unwrap();
         let dialect = Dialect::from_name("grbl").unwrap();
         let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
-        let (driver, halt) = Grbl::new(link, &file.machine, modes);
+        let (driver, halt) = GrblDriver::new(link, &file.machine, modes);
         let controller = Controller::spawn(driver.with_timeouts(long_timeouts()), halt.clone());
         controller.prepare().await.unwrap();
         let ended = Arc::new(AtomicBool::new(false));

@@ -10,14 +10,14 @@ use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
-use trued::setup::Pace;
+use trued::setup::SimulationPace;
 use trued::setup::{self, MachineFile};
 
 pub struct GrblControl {
     pub address: SocketAddr,
     /// The true machine, shared with other readers.
     pub world: Arc<Mutex<SimulatedWorld>>,
-    pace: Pace,
+    pace: SimulationPace,
     session: Arc<Mutex<Session>>,
     changes: UnboundedSender<(SessionChange, std::sync::mpsc::Sender<()>)>,
 }
@@ -59,16 +59,16 @@ fn world(file: &MachineFile) -> SimulatedWorld {
 impl GrblControl {
     /// The machine with the truth of `file`, without waiting times.
     pub fn start(file: &str) -> Self {
-        Self::start_at_pace(file, Pace::Fast)
+        Self::start_at_pace(file, SimulationPace::Fast)
     }
 
-    pub fn start_at_pace(file: &str, pace: Pace) -> Self {
+    pub fn start_at_pace(file: &str, pace: SimulationPace) -> Self {
         let file = parse_machine_file(file);
         let world = Arc::new(Mutex::new(world(&file)));
         let session = Arc::new(Mutex::new(Session::default()));
         let (wishes, wished) = unbounded_channel();
         let (listening, address) = std::sync::mpsc::channel();
-        let machine = Firmware::new(world.clone(), SimulatedGrblOptions::of(&file.machine, pace));
+        let machine = Firmware::new(world.clone(), SimulatedGrblOptions::for_machine(&file.machine, pace));
         let shared = session.clone();
         std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -109,7 +109,7 @@ impl GrblControl {
     pub fn replace_firmware(&self, file: &str) {
         let file = parse_machine_file(file);
         *self.world.lock().unwrap() = world(&file);
-        let firmware = Firmware::new(self.world.clone(), SimulatedGrblOptions::of(&file.machine, self.pace));
+        let firmware = Firmware::new(self.world.clone(), SimulatedGrblOptions::for_machine(&file.machine, self.pace));
         self.request_change(SessionChange::Become(Box::new(firmware)));
     }
 

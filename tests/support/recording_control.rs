@@ -10,7 +10,7 @@ use simulator::SimulatedWorld;
 use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use trued::setup::Pace;
+use trued::setup::SimulationPace;
 use trued::setup::{self, MachineFile};
 
 /// The built-in machine behind `address`, with few Monte Carlo trials.
@@ -146,7 +146,7 @@ impl RecordingControl {
 
 async fn serve_client(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &SharedRecord) {
     let file = MachineFile::parse("machine.toml", machine_with_control("127.0.0.1:1")).unwrap();
-    let mut firmware = Firmware::new(world, SimulatedGrblOptions::of(&file.machine, Pace::Fast));
+    let mut firmware = Firmware::new(world, SimulatedGrblOptions::for_machine(&file.machine, SimulationPace::Fast));
     client.set_nodelay(true).unwrap();
     let (near, far) = tokio::io::duplex(4096);
     let (from_client, to_client) = client.into_split();

@@ -13,10 +13,10 @@ use proptest::prelude::*;
 use proptest::sample::{Index, select};
 use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner};
 
-const CASES: u32 = 300;
+const CASES_PER_ROUND: u32 = 300;
 /// Tokens that often break parsers: numbers at and beyond the limits, other alphabets, unclosed brackets and
 /// quotes, ends of lines and files.
-const TOKENS: [&str; 46] = [
+const GCODE_AND_JSON_TOKENS: [&str; 46] = [
     "NaN",
     "nan",
     "inf",
@@ -67,66 +67,66 @@ const TOKENS: [&str; 46] = [
 
 /// One mutation of a file.
 #[derive(Debug, Clone)]
-enum Spoil {
-    Flip(Index, u8),
+enum Mutation {
+    FlipBits(Index, u8),
     Insert(Index, Vec<u8>),
-    Repeat(Index, u8, u16),
-    Cut(Index),
+    RepeatRange(Index, u8, u16),
+    Truncate(Index),
     DropLine(Index),
     DoubleLine(Index),
     SwapLines(Index, Index),
     /// Replaces a number.
-    Number(Index, Vec<u8>),
+    ReplaceNumber(Index, Vec<u8>),
 }
 
 /// Calls `read` with all stored inputs of `target`, then with mutated `samples`, with `soup` made of `words`, and
 /// with random bytes. It must not panic, and its return value, the size of its output in bytes, must not exceed 64
 /// times the input plus 64 KiB.
-pub fn fuzz(target: &str, samples: &[&[u8]], words: &[&str], read: impl Fn(&[u8]) -> usize) {
+pub fn fuzz_parser(target: &str, samples: &[&[u8]], words: &[&str], read: impl Fn(&[u8]) -> usize) {
     let check = |input: &[u8]| {
         let made = read(input);
         let limit = 64 * input.len() + 65_536;
         assert!(made <= limit, "{made} bytes out of {}", input.len());
     };
-    for file in kept(target) {
+    for file in stored_failures(target) {
         println!("{}", file.display());
         check(&std::fs::read(file).unwrap());
     }
     for sample in samples {
         check(sample);
     }
-    let inputs = inputs(samples, words);
+    let inputs = input_strategy(samples, words);
     match std::env::var("TRUED_FUZZ_SECONDS") {
-        Err(_) => round(target, 0, &inputs, check),
+        Err(_) => fuzz_round(target, 0, &inputs, check),
         Ok(seconds) => {
             let until = Instant::now() + Duration::from_secs(seconds.parse().unwrap());
             let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
             let (first, mut seed) = (epoch.as_secs(), epoch.as_secs());
             while Instant::now() < until {
-                round(target, seed, &inputs, check);
+                fuzz_round(target, seed, &inputs, check);
                 seed += 1;
             }
-            println!("{target}: {} inputs, seeds from {first}", (seed - first) * u64::from(CASES));
+            println!("{target}: {} inputs, seeds from {first}", (seed - first) * u64::from(CASES_PER_ROUND));
         }
     }
 }
 
-fn folder(target: &str) -> PathBuf {
+fn failure_folder(target: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../data/fuzz").join(target)
 }
 
-fn kept(target: &str) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder(target)).into_iter().flatten();
+fn stored_failures(target: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(failure_folder(target)).into_iter().flatten();
     let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
     files.sort();
     files
 }
 
-fn round(target: &str, seed: u64, inputs: &BoxedStrategy<Vec<u8>>, check: impl Fn(&[u8])) {
+fn fuzz_round(target: &str, seed: u64, inputs: &BoxedStrategy<Vec<u8>>, check: impl Fn(&[u8])) {
     let mut key = [0; 32];
     key[..8].copy_from_slice(&seed.to_le_bytes());
     let random = TestRng::from_seed(RngAlgorithm::ChaCha, &key);
-    let config = Config { cases: CASES, failure_persistence: None, ..Config::default() };
+    let config = Config { cases: CASES_PER_ROUND, failure_persistence: None, ..Config::default() };
     let longest = Cell::new(0);
     let ended = TestRunner::new_with_rng(config, random).run(inputs, |input| {
         longest.set(longest.get().max(input.len()));
@@ -136,8 +136,8 @@ fn round(target: &str, seed: u64, inputs: &BoxedStrategy<Vec<u8>>, check: impl F
     match ended {
         Ok(()) => assert!(longest.get() > 100, "only short inputs"),
         Err(TestError::Fail(why, input)) => {
-            std::fs::create_dir_all(folder(target)).unwrap();
-            let file = folder(target).join(format!("found-{seed}"));
+            std::fs::create_dir_all(failure_folder(target)).unwrap();
+            let file = failure_folder(target).join(format!("found-{seed}"));
             std::fs::write(&file, &input).unwrap();
             let text = String::from_utf8_lossy(&input);
             panic!("{}: {why}\n{text:?}", file.display());
@@ -146,81 +146,81 @@ fn round(target: &str, seed: u64, inputs: &BoxedStrategy<Vec<u8>>, check: impl F
     }
 }
 
-fn inputs(samples: &[&[u8]], words: &[&str]) -> BoxedStrategy<Vec<u8>> {
+fn input_strategy(samples: &[&[u8]], words: &[&str]) -> BoxedStrategy<Vec<u8>> {
     let samples: Vec<Vec<u8>> = samples.iter().map(|sample| sample.to_vec()).collect();
-    let spoilt = (select(samples), vec(spoil(), 1..12)).prop_map(|(mut text, spoils)| {
+    let spoilt = (select(samples), vec(mutation_strategy(), 1..12)).prop_map(|(mut text, spoils)| {
         for spoil in spoils {
-            apply(spoil, &mut text);
+            apply_mutation(spoil, &mut text);
         }
         text
     });
     let words: Vec<Vec<u8>> = words.iter().map(|word| word.as_bytes().to_vec()).collect();
-    let word = prop_oneof![3 => select(words), 1 => token()];
+    let word = prop_oneof![3 => select(words), 1 => token_strategy()];
     let soup = vec(word, 0..60).prop_map(|words| words.concat());
     let noise = vec(any::<u8>(), 0..400);
     prop_oneof![6 => spoilt, 3 => soup, 1 => noise].boxed()
 }
 
-fn token() -> impl Strategy<Value = Vec<u8>> {
+fn token_strategy() -> impl Strategy<Value = Vec<u8>> {
     let digits = (1..500_usize).prop_map(|count| vec![b'9'; count]);
-    let known = select(TOKENS.to_vec()).prop_map(|token| token.as_bytes().to_vec());
+    let known = select(GCODE_AND_JSON_TOKENS.to_vec()).prop_map(|token| token.as_bytes().to_vec());
     let number = any::<f64>().prop_map(|value| value.to_string().into_bytes());
     prop_oneof![6 => known, 1 => digits, 2 => number]
 }
 
-fn spoil() -> impl Strategy<Value = Spoil> {
+fn mutation_strategy() -> impl Strategy<Value = Mutation> {
     let at = any::<Index>;
     prop_oneof![
-        (at(), any::<u8>()).prop_map(|(at, bits)| Spoil::Flip(at, bits)),
-        (at(), token()).prop_map(|(at, token)| Spoil::Insert(at, token)),
-        (at(), any::<u8>(), 1..3_000_u16).prop_map(|(at, b, n)| Spoil::Repeat(at, b, n)),
-        at().prop_map(Spoil::Cut),
-        at().prop_map(Spoil::DropLine),
-        at().prop_map(Spoil::DoubleLine),
-        (at(), at()).prop_map(|(a, b)| Spoil::SwapLines(a, b)),
-        (at(), token()).prop_map(|(at, token)| Spoil::Number(at, token)),
-        (at(), token()).prop_map(|(at, token)| Spoil::Number(at, token)),
+        (at(), any::<u8>()).prop_map(|(at, bits)| Mutation::FlipBits(at, bits)),
+        (at(), token_strategy()).prop_map(|(at, token)| Mutation::Insert(at, token)),
+        (at(), any::<u8>(), 1..3_000_u16).prop_map(|(at, b, n)| Mutation::RepeatRange(at, b, n)),
+        at().prop_map(Mutation::Truncate),
+        at().prop_map(Mutation::DropLine),
+        at().prop_map(Mutation::DoubleLine),
+        (at(), at()).prop_map(|(a, b)| Mutation::SwapLines(a, b)),
+        (at(), token_strategy()).prop_map(|(at, token)| Mutation::ReplaceNumber(at, token)),
+        (at(), token_strategy()).prop_map(|(at, token)| Mutation::ReplaceNumber(at, token)),
     ]
 }
 
-fn apply(spoil: Spoil, text: &mut Vec<u8>) {
+fn apply_mutation(spoil: Mutation, text: &mut Vec<u8>) {
     if text.is_empty() {
         return;
     }
     match spoil {
-        Spoil::Flip(at, bits) => *at.get_mut(text) ^= bits,
-        Spoil::Insert(at, token) => {
+        Mutation::FlipBits(at, bits) => *at.get_mut(text) ^= bits,
+        Mutation::Insert(at, token) => {
             let at = at.index(text.len());
             text.splice(at..at, token);
         }
-        Spoil::Repeat(at, byte, count) => {
+        Mutation::RepeatRange(at, byte, count) => {
             let at = at.index(text.len());
             // Deeply nested brackets as well as very long lines.
             let byte = if byte % 2 == 0 { b"[({<"[usize::from(byte) / 2 % 4] } else { byte };
             text.splice(at..at, std::iter::repeat_n(byte, usize::from(count)));
         }
-        Spoil::Cut(at) => text.truncate(at.index(text.len())),
-        Spoil::Number(at, token) => {
+        Mutation::Truncate(at) => text.truncate(at.index(text.len())),
+        Mutation::ReplaceNumber(at, token) => {
             let is_number = |byte: &u8| byte.is_ascii_digit() || b".+-".contains(byte);
             let (at, end) = (at.index(text.len()), text.len());
             let from = (at..end).find(|i| is_number(&text[*i])).unwrap_or(at);
             let to = (from..end).find(|i| !is_number(&text[*i])).unwrap_or(end);
             text.splice(from..to, token);
         }
-        Spoil::DropLine(_) | Spoil::DoubleLine(_) | Spoil::SwapLines(..) => {
+        Mutation::DropLine(_) | Mutation::DoubleLine(_) | Mutation::SwapLines(..) => {
             let mut lines: Vec<Vec<u8>> = text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
-            shuffle(spoil, &mut lines);
+            shuffle_lines(spoil, &mut lines);
             *text = lines.concat();
         }
     }
 }
 
-fn shuffle(spoil: Spoil, lines: &mut Vec<Vec<u8>>) {
+fn shuffle_lines(spoil: Mutation, lines: &mut Vec<Vec<u8>>) {
     let count = lines.len();
     match spoil {
-        Spoil::DropLine(at) => drop(lines.remove(at.index(count))),
-        Spoil::DoubleLine(at) => lines.insert(at.index(count), lines[at.index(count)].clone()),
-        Spoil::SwapLines(a, b) => lines.swap(a.index(count), b.index(count)),
+        Mutation::DropLine(at) => drop(lines.remove(at.index(count))),
+        Mutation::DoubleLine(at) => lines.insert(at.index(count), lines[at.index(count)].clone()),
+        Mutation::SwapLines(a, b) => lines.swap(a.index(count), b.index(count)),
         _ => {}
     }
 }

@@ -8,7 +8,7 @@ use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF};
 const MIN_POPULATION: u64 = 5;
 
 /// `full` where `TRUED_FULL=1` is set (`.ci/long`), otherwise a tenth of it. The size is printed.
-pub fn population(full: u64) -> u64 {
+pub fn population_size(full: u64) -> u64 {
     let tenth = full.div_ceil(10).max(MIN_POPULATION.min(full));
     let size = if is_full() { full } else { tenth };
     println!("population: {size} of {full}");
@@ -17,7 +17,7 @@ pub fn population(full: u64) -> u64 {
 
 /// Seeds for a test of coverage, and the shares of intervals that may hold the truth where 95.45 % is stated
 /// (METHODS section 6, coverage standard).
-pub fn coverage_population() -> (u64, RangeInclusive<f64>) {
+pub fn coverage_size_and_limits() -> (u64, RangeInclusive<f64>) {
     let (seeds, shares) = if is_full() { (1000, 0.93..=0.975) } else { (200, 0.91..=0.985) };
     println!("coverage: {seeds} seeds");
     (seeds, shares)

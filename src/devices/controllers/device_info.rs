@@ -25,10 +25,10 @@ pub struct DeviceInfo {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ReportedAxis {
     /// Lower end of the travel in machine coordinates; `max` is the upper end.
-    pub min: Option<f64>,
-    pub max: Option<f64>,
+    pub travel_min: Option<f64>,
+    pub travel_max: Option<f64>,
     /// Length of the travel, if the control reports it without the ends.
-    pub travel: Option<f64>,
+    pub travel_length: Option<f64>,
     /// Whether the control homes the axis.
     pub has_homing: Option<bool>,
     pub rapid_per_min: Option<f64>,

@@ -16,7 +16,7 @@ pub enum ControllerError {
     #[error("no reply to `{line}` within {seconds} s")]
     NoAnswer { line: String, seconds: f64 },
     #[error("the control replied `{reply}` to `{line}`: {meaning}")]
-    Refused { line: String, reply: String, meaning: String },
+    LineRefused { line: String, reply: String, meaning: String },
     #[error("alarm {code}: {meaning}")]
     Alarm { code: u32, meaning: String },
     #[error("the emergency stop was pressed")]
@@ -24,9 +24,9 @@ pub enum ControllerError {
     #[error("the machine has switched off{}{message}", if message.is_empty() { "" } else { ": " })]
     SwitchedOff { message: String },
     #[error("the program is paused at the control: {reason}")]
-    Paused { reason: String },
+    ProgramPaused { reason: String },
     #[error("the control has stopped working: the control accepts no command, and its status is out of date")]
-    Frozen,
+    ControlFrozen,
     #[error("step {step}: the target is outside the travel limits of the control: {message}")]
     OutOfTravel { step: u32, message: String },
     #[error("step {step}: the motion task of the control was late, and the control stopped the program: {message}")]
@@ -40,7 +40,7 @@ pub enum ControllerError {
     #[error("the control is not ready: the probe reads closed")]
     ProbeClosed,
     #[error("not possible on this control: {reason}")]
-    Unsupported { reason: String, remedy: String },
+    UnsupportedByControl { reason: String, remedy: String },
     #[error("step {step}: no contact before the end of the probing move")]
     NoContact { step: u32 },
     #[error("step {step}: unexpected contact during a positioning move")]
@@ -48,7 +48,7 @@ pub enum ControllerError {
     #[error("step {step}: the probe reads closed where the stylus must be free")]
     ProbeStillClosed { step: u32 },
     #[error("the control was reset during the run: {banner}")]
-    Reset { banner: String },
+    ControlReset { banner: String },
     #[error("unexpected reply `{reply}` from the control: the replies may belong to other lines")]
     UnexpectedReply { reply: String },
     #[error("the machine is at {actual}, not at {expected}")]
@@ -94,7 +94,7 @@ impl ControllerError {
     /// that did not execute a hold was stopped hard.
     pub fn is_position_lost(&self) -> bool {
         match self {
-            Self::Reset { .. } | Self::HoldFailed { .. } => true,
+            ControllerError::ControlReset { .. } | Self::HoldFailed { .. } => true,
             Self::Alarm { code, .. } => matches!(code, 1 | 3 | 6..=10 | 17),
             _ => false,
         }
@@ -121,7 +121,7 @@ impl ControllerError {
     }
 
     /// The step that the message names.
-    pub fn step(&self) -> Option<u32> {
+    pub fn failed_step(&self) -> Option<u32> {
         match self {
             Self::OutOfTravel { step, .. }
             | Self::MotionLate { step, .. }
@@ -144,7 +144,7 @@ impl ControllerError {
             Self::Modbus(error) => return error.remedy(),
             Self::NotReady { remedy, .. }
             | Self::UnexpectedDevice { remedy, .. }
-            | Self::Unsupported { remedy, .. }
+            | ControllerError::UnsupportedByControl { remedy, .. }
             | Self::MissingTrack { remedy, .. } => {
                 return remedy.clone();
             }
@@ -154,12 +154,12 @@ impl ControllerError {
             | Self::WrongPosition { .. } => self.communication_remedy(),
             Self::EmergencyStop
             | Self::SwitchedOff { .. }
-            | Self::Paused { .. }
+            | ControllerError::ProgramPaused { .. }
             | Self::HeldAtControl { .. }
             | Self::Alarm { .. }
-            | Self::Reset { .. } => self.stop_remedy(),
-            Self::Refused { .. }
-            | Self::Frozen
+            | ControllerError::ControlReset { .. } => self.stop_remedy(),
+            ControllerError::LineRefused { .. }
+            | ControllerError::ControlFrozen
             | Self::HoldFailed { .. }
             | Self::OutOfTravel { .. }
             | Self::MotionLate { .. } => self.rejection_remedy(),
@@ -212,7 +212,7 @@ impl ControllerError {
                 "inspect the machine; release the emergency stop, switch the machine on, home it if the control requires it"
             }
             Self::SwitchedOff { .. } => "inspect the machine; switch it on, home it if the control requires it",
-            Self::Paused { .. } => {
+            ControllerError::ProgramPaused { .. } => {
                 "the program was aborted: release the pause at the control, then start again; nothing continues by itself"
             }
             Self::HeldAtControl { .. } => {
@@ -228,7 +228,9 @@ impl ControllerError {
             Self::Alarm { .. } => {
                 "inspect the machine, clear the alarm at the control, home the machine if the control requires it, start again"
             }
-            Self::Reset { .. } => "the position of the machine may be lost: home the machine, then start again",
+            ControllerError::ControlReset { .. } => {
+                "the position of the machine may be lost: home the machine, then start again"
+            }
             _ => BUG_REPORT_REMEDY,
         }
     }
@@ -236,13 +238,13 @@ impl ControllerError {
     /// Remedy for a command that the control itself has not executed.
     fn rejection_remedy(&self) -> &'static str {
         match self {
-            Self::Refused { reply, .. } if reply == "error:8" => {
+            ControllerError::LineRefused { reply, .. } if reply == "error:8" => {
                 "wait until the machine is at rest and the control reports Idle, then start again"
             }
-            Self::Refused { .. } => {
+            ControllerError::LineRefused { .. } => {
                 "check `dialect` in [controller] and the settings of the control that the message names"
             }
-            Self::Frozen => {
+            ControllerError::ControlFrozen => {
                 "the machine may still finish its queued moves, and no halt reaches the control: press the \
                  emergency stop, restart the control, home the machine"
             }

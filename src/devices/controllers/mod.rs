@@ -92,7 +92,7 @@ pub struct MachineSnapshot {
 }
 
 /// Interface that each control implements. One call at a time; each call runs to its end.
-pub trait Driver: Send + 'static {
+pub trait ControllerDriver: Send + 'static {
     /// Performs the handshake, refuses a control that cannot measure, sets all modal state. Called again
     /// after an operator was at the machine.
     fn prepare(&mut self) -> impl Future<Output = Result<PreparedControl, ControllerError>> + Send;
@@ -130,12 +130,12 @@ fn require_prepared(is_prepared: bool, is_halted: bool) -> Result<(), Controller
 
 /// Holds the machine at its position, whatever else is pending. Cloneable; works from any thread.
 #[derive(Clone)]
-pub struct Halt {
+pub struct HaltHandle {
     is_halted: Arc<AtomicBool>,
     send_hold: Arc<dyn Fn() + Send + Sync>,
 }
 
-impl Halt {
+impl HaltHandle {
     /// `send_hold` sends the hold at once and must not block.
     pub fn new(send_hold: impl Fn() + Send + Sync + 'static) -> Self {
         Self { is_halted: Arc::new(AtomicBool::new(false)), send_hold: Arc::new(send_hold) }
@@ -164,13 +164,13 @@ enum DriverRequest {
 /// Handle that the run holds: sends messages to the driver's task.
 pub struct Controller {
     requests: mpsc::Sender<DriverRequest>,
-    halt: Halt,
+    halt: HaltHandle,
     can_record_track: bool,
 }
 
 impl Controller {
     /// Starts the task that owns `driver`. Call inside a tokio runtime.
-    pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
+    pub fn spawn(driver: impl ControllerDriver, halt: HaltHandle) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         let can_record_track = driver.can_record_track();
         tokio::spawn(run_driver(driver, inbox, halt.clone()));
@@ -182,7 +182,7 @@ impl Controller {
         self.can_record_track
     }
 
-    pub fn halt_handle(&self) -> Halt {
+    pub fn halt_handle(&self) -> HaltHandle {
         self.halt.clone()
     }
 
@@ -190,7 +190,7 @@ impl Controller {
         self.send_request(DriverRequest::Prepare).await
     }
 
-    /// Prepares for a retract: see [`Driver::prepare_in_contact`].
+    /// Prepares for a retract: see [`ControllerDriver::prepare_in_contact`].
     pub async fn prepare_in_contact(&self) -> Result<PreparedControl, ControllerError> {
         self.send_request(DriverRequest::PrepareInContact).await
     }
@@ -223,7 +223,7 @@ impl Controller {
 
 /// Task of the driver: handles requests one after the other until the handle is dropped. If the caller no
 /// longer waits for an answer, the answer is dropped; the request was still executed to its end.
-async fn run_driver(mut driver: impl Driver, mut inbox: mpsc::Receiver<DriverRequest>, halt: Halt) {
+async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver<DriverRequest>, halt: HaltHandle) {
     // A control that was held meanwhile is not ready: that is not its own fault. A lost position is
     // reported all the same.
     let held = |error: ControllerError| match halt.is_halted() && !error.is_position_lost() {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::{ControllerError, Diagnosis};
 use link::modbus::ModbusError;
-use link::{LinkConfig, LinkError, PORTS_BY_ID_DIR};
+use link::{LinkConfig, LinkError, SERIAL_PORTS_BY_ID_DIR};
 
 /// Serial ports that the operator may have meant, by their names in Linux. A computer has dozens of ttyS
 /// ports without a device.
@@ -67,7 +67,7 @@ fn port_missing_diagnosis(address: &str, devices: &Path) -> Diagnosis {
         [] => "plug the device in and switch it on; `dmesg` shows whether the system detects it".to_owned(),
         [only] => format!("if that port is the control, set [controller] serial = \"{only}\""),
         _ => format!(
-            "set [controller] serial, or better serial_id with a name from {PORTS_BY_ID_DIR}: these names do not change"
+            "set [controller] serial, or better serial_id with a name from {SERIAL_PORTS_BY_ID_DIR}: these names do not change"
         ),
     };
     Diagnosis::confirmed(format!("wrong port: this computer has no {address}"), others, remedy)
@@ -86,7 +86,7 @@ fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> Diagnosis {
     let names = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
     Diagnosis::confirmed(
         format!("wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"),
-        format!("{PORTS_BY_ID_DIR} contains {names}"),
+        format!("{SERIAL_PORTS_BY_ID_DIR} contains {names}"),
         "set [controller] serial_id to a name from that directory, or to a part that occurs in one name only",
     )
 }
@@ -184,6 +184,6 @@ mod tests {
         assert!(told(std::io::ErrorKind::Other).contains("host name in"));
         let refused = LinkError::NotListening { address: "192.0.2.1:23".to_owned() }.into();
         assert!(diagnose_open_failure(&at, &refused)[0].cause.contains("no server answers"));
-        assert!(diagnose_open_failure(&at, &ControllerError::Frozen).is_empty());
+        assert!(diagnose_open_failure(&at, &ControllerError::ControlFrozen).is_empty());
     }
 }

@@ -13,7 +13,7 @@ use super::{Diagnosis, grbl, linuxcnc, modbus};
 use link::modbus::{
     AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
 };
-use link::{Address, LineEvent, LinkConfig};
+use link::{LineEvent, LinkAddress, LinkConfig};
 
 /// Usual baud rates, the most usual first.
 pub(in crate::controllers) const BAUD_RATES: [u32; 9] =
@@ -43,7 +43,7 @@ pub(in crate::controllers) async fn scan_serial(path: &str, baud: u32, configure
 
 /// Searches for a control of another kind than `configured_kind` behind a TCP port.
 pub(in crate::controllers) async fn scan_tcp(at: &LinkConfig, configured_kind: &str) -> Option<Diagnosis> {
-    let keys = format!("tcp = \"{}\"", at.address().ok()?);
+    let keys = format!("tcp = \"{}\"", at.resolve_address().ok()?);
     let kinds = [modbus::CONTROL_KIND, linuxcnc::CONTROL_KIND, grbl::CONTROL_KIND];
     for kind in kinds.into_iter().filter(|kind| *kind != configured_kind) {
         if let Some(reply) = query_control(kind, at).await {
@@ -67,7 +67,7 @@ async fn query_control(kind: &str, at: &LinkConfig) -> Option<String> {
         }
         return None;
     }
-    let address = at.address().ok()?;
+    let address = at.resolve_address().ok()?;
     let reply = match kind {
         linuxcnc::CONTROL_KIND => query_linuxcncrsh(&address).await,
         _ => query_grbl(&address).await,
@@ -94,18 +94,18 @@ pub(in crate::controllers) fn no_known_control_diagnosis(at: &str, evidence: &st
 }
 
 /// Returns the answer of a Grbl to `?`.
-pub(in crate::controllers) async fn query_grbl(address: &Address) -> Option<String> {
+pub(in crate::controllers) async fn query_grbl(address: &LinkAddress) -> Option<String> {
     let is_status = |line: &str| line.starts_with('<') && line.ends_with('>') && line.contains('|');
     query_line(address, b"?", is_status).await
 }
 
 /// Returns the answer of linuxcncrsh to a greeting.
-pub(in crate::controllers) async fn query_linuxcncrsh(address: &Address) -> Option<String> {
+pub(in crate::controllers) async fn query_linuxcncrsh(address: &LinkAddress) -> Option<String> {
     query_line(address, b"hello EMC trued 1.0\n", |line| line.starts_with("HELLO ")).await
 }
 
 /// Returns the first line for which `is_match` is true; repeats the request while nothing comes.
-async fn query_line(address: &Address, request: &[u8], is_match: impl Fn(&str) -> bool) -> Option<String> {
+async fn query_line(address: &LinkAddress, request: &[u8], is_match: impl Fn(&str) -> bool) -> Option<String> {
     let mut link = link::open_line_link(address).await.ok()?;
     let deadline = Instant::now() + GREETING_TIMEOUT;
     while Instant::now() < deadline {
@@ -125,8 +125,11 @@ async fn query_line(address: &Address, request: &[u8], is_match: impl Fn(&str) -
 /// Whether a Modbus device answers as `unit`, even if with a refusal.
 pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLine, unit: u8) -> bool {
     let read = vec![RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 }];
-    let settings =
-        DeviceSettings { unit, timeout: MODBUS_REPLY_TIMEOUT, allowed: AccessList { read, write: Vec::new() } };
+    let settings = DeviceSettings {
+        unit,
+        timeout: MODBUS_REPLY_TIMEOUT,
+        allowed: AccessList { readable: read, writable: Vec::new() },
+    };
     let Ok(modbus) = ModbusClient::open(line.clone(), settings).await else { return false };
     let reply = modbus.read(RegisterSpace::Input, 0, 1).await;
     matches!(reply, Ok(_) | Err(ModbusError::ExceptionReply { .. }))

@@ -29,7 +29,7 @@ pub fn info_line(SensorInfo { identity, rate_hz }: &SensorInfo) -> String {
 }
 
 /// Numbers are written with full precision: reading them gives the same bits.
-pub fn sample_line(Sample { t_s, value_mm, flag, missing, encoder_count }: &Sample) -> String {
+pub fn sample_line(Sample { t_s, value_mm, flag, missing_count: missing, encoder_count }: &Sample) -> String {
     let value = value_mm.map_or(NO_VALUE.to_owned(), |mm| mm.to_string());
     let flag = Some(flag.as_str()).filter(|flag| !flag.is_empty()).unwrap_or(NO_VALUE);
     let count = encoder_count.map(|count| format!(" {count}")).unwrap_or_default();
@@ -54,7 +54,7 @@ fn parse_sample(line: &str) -> Option<Sample> {
         t_s: t_s.parse().ok()?,
         value_mm,
         flag: ReadingFlag::ALL.into_iter().find(|known| known.as_str() == flag)?,
-        missing: missing.parse().ok()?,
+        missing_count: missing.parse().ok()?,
         encoder_count: parts.next().map(str::parse).transpose().ok()?,
     })
 }
@@ -126,8 +126,13 @@ mod tests {
     fn a_sample_comes_back_to_the_last_bit() {
         for flag in ReadingFlag::ALL {
             for value_mm in [None, Some(-0.1 - 0.2), Some(1e-9), Some(-0.0)] {
-                let one =
-                    Sample { t_s: 1.0 / 3.0, value_mm, flag, missing: 7, encoder_count: value_mm.map(|_| u32::MAX) };
+                let one = Sample {
+                    t_s: 1.0 / 3.0,
+                    value_mm,
+                    flag,
+                    missing_count: 7,
+                    encoder_count: value_mm.map(|_| u32::MAX),
+                };
                 assert_eq!(parse_sample(&sample_line(&one)), Some(one));
             }
         }

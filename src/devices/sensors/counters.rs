@@ -25,7 +25,7 @@ impl SampleCounters {
         } else {
             self.received_count += 1;
         }
-        self.missing_count += u64::from(sample.missing);
+        self.missing_count += u64::from(sample.missing_count);
     }
 }
 

@@ -63,7 +63,7 @@ means = "stale"
 "#;
 
 fn sample(value_mm: Option<f64>, flag: ReadingFlag, missing: u32) -> Sample {
-    Sample { t_s: 1.0, value_mm, flag, missing, encoder_count: None }
+    Sample { t_s: 1.0, value_mm, flag, missing_count: missing, encoder_count: None }
 }
 
 #[test]

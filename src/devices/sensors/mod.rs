@@ -45,7 +45,7 @@ pub trait SensorConfig: fmt::Debug + Send + Sync {
     /// Address of the sensor, in words.
     fn describe_address(&self) -> String;
     /// Port that the sensor may share with other sensors.
-    fn port(&self) -> Option<SharedPort> {
+    fn shared_port(&self) -> Option<SharedPort> {
         None
     }
     /// Number of counts after which the rotary encoder's count restarts; `None` if the samples have no such
@@ -55,7 +55,12 @@ pub trait SensorConfig: fmt::Debug + Send + Sync {
     }
     /// Opens the sensor's link, or shares one of `ports`, and starts its task. Its samples have the time of
     /// `clock`. Call inside a tokio runtime.
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, ports: &'a SharedPorts) -> OpenFuture<'a>;
+    fn open_sensor<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        ports: &'a SharedPorts,
+    ) -> OpenFuture<'a>;
 }
 
 pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;
@@ -71,7 +76,7 @@ pub struct Sample {
     /// but samples before it are missing.
     pub flag: ReadingFlag,
     /// Number of samples missing before this one, by the sensor's counter.
-    pub missing: u32,
+    pub missing_count: u32,
     /// Count of the rotary encoder at this sample, if the sensor sends it; less than
     /// [`SensorConfig::encoder_modulus`].
     pub encoder_count: Option<u32>,
@@ -80,7 +85,7 @@ pub struct Sample {
 impl Sample {
     /// A sample without a new value.
     pub(crate) fn stale(t_s: f64) -> Self {
-        Self { t_s, value_mm: None, flag: ReadingFlag::Stale, missing: 0, encoder_count: None }
+        Self { t_s, value_mm: None, flag: ReadingFlag::Stale, missing_count: 0, encoder_count: None }
     }
 }
 

@@ -28,7 +28,7 @@ impl SensorDriver for Script {
         self.discard_old_samples().await?;
         let flag = self.flags.pop_front().unwrap_or(ReadingFlag::Stale);
         let value_mm = (flag == ReadingFlag::None).then_some(1.0);
-        Ok(Sample { t_s: 0.0, value_mm, flag, missing: 0, encoder_count: None })
+        Ok(Sample { t_s: 0.0, value_mm, flag, missing_count: 0, encoder_count: None })
     }
 
     fn is_on_demand(&self) -> bool {

@@ -36,7 +36,7 @@ pub struct NonlinearSolution {
     /// Weighted residuals: measured less model.
     pub residuals: Vec<f64>,
     /// Number of Jacobian evaluations.
-    pub jacobian_count: usize,
+    pub jacobian_evaluation_count: usize,
 }
 
 #[derive(Debug, Clone, thiserror::Error)]
@@ -122,7 +122,12 @@ impl ModelPoint {
         jacobian_count: usize,
     ) -> Result<NonlinearSolution, NonlinearError> {
         let factored = factored.require_full_rank()?;
-        Ok(NonlinearSolution { x: self.x, factored, residuals: self.residuals, jacobian_count })
+        Ok(NonlinearSolution {
+            x: self.x,
+            factored,
+            residuals: self.residuals,
+            jacobian_evaluation_count: jacobian_count,
+        })
     }
 }
 

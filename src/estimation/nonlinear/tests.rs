@@ -28,7 +28,7 @@ fn residuals(b: &[f64]) -> Vec<f64> {
 fn misra(b: &[f64]) -> Vec<BlockRows> {
     let mut rows = BlockRows::zeros(14, 0, 2);
     for (i, (residual, (_, x))) in residuals(b).into_iter().zip(MISRA1A).enumerate() {
-        rows.set_value(i, residual);
+        rows.set_right_side(i, residual);
         rows.set_common(i, 0, 1.0 - (-b[1] * x).exp());
         rows.set_common(i, 1, b[0] * x * (-b[1] * x).exp());
     }
@@ -55,7 +55,7 @@ fn regress_failures_are_typed() {
     // A derivative of the wrong sign: no step decreases the sum of squares.
     let wrong = |x: &[f64]| {
         let mut rows = BlockRows::zeros(1, 0, 1);
-        rows.set_value(0, 1.0 - x[0]);
+        rows.set_right_side(0, 1.0 - x[0]);
         rows.set_common(0, 0, -1.0);
         vec![rows]
     };
@@ -66,7 +66,7 @@ fn regress_failures_are_typed() {
     let twice = |x: &[f64]| {
         let mut rows = BlockRows::zeros(2, 0, 2);
         for (i, value) in seen(x).into_iter().enumerate() {
-            rows.set_value(i, value);
+            rows.set_right_side(i, value);
             (0..2).for_each(|j| rows.set_common(i, j, 2.0 * (x[0] + x[1])));
         }
         vec![rows]
@@ -102,7 +102,7 @@ fn regress_a_curved_model_is_followed_to_its_minimum() {
         for (row, y) in y.iter().enumerate() {
             let (block, i) = (row / 8, row % 8);
             let (rows, row) = if own == 1 { (&mut blocks[block], i) } else { (&mut blocks[0], row) };
-            rows.set_value(row, *y);
+            rows.set_right_side(row, *y);
             let Some(t) = times.get(i) else {
                 rows.set_common(row, 1, 1.0);
                 continue;

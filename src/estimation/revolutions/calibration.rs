@@ -140,7 +140,7 @@ impl CalibrationEquations<'_> {
                 a[(2 * number, unknown)] = derivative.re;
                 a[(2 * number + 1, unknown)] = derivative.im;
             }
-            let residual = self.data.means[0][*row] - (p + e) * gain;
+            let residual = self.data.harmonic_means[0][*row] - (p + e) * gain;
             y.extend([residual.re, residual.im]);
         }
         (a, y)

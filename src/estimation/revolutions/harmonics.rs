@@ -24,9 +24,9 @@ pub struct HarmonicScatter {
 pub struct HarmonicData {
     pub rows: Vec<RowKey>,
     /// Number of revolutions in the mean of each row.
-    pub revolutions: Vec<usize>,
+    pub revolution_counts: Vec<usize>,
     /// Mean of M_k over the revolutions, mm: harmonics (from order 1) × rows.
-    pub means: Vec<Vec<c64>>,
+    pub harmonic_means: Vec<Vec<c64>>,
     /// Scatter of each harmonic.
     pub scatters: Vec<HarmonicScatter>,
 }
@@ -73,8 +73,8 @@ impl HarmonicData {
         let own: Vec<HarmonicScatter> = (0..orders).map(|k| harmonic_scatter(&rows, &all, &means[k], k)).collect();
         Ok(Self {
             scatters: (0..orders).map(|k| pooled_scatter(&own, k)).collect(),
-            revolutions: measured.iter().map(|row| row.revolutions.len()).collect(),
-            means,
+            revolution_counts: measured.iter().map(|row| row.revolutions.len()).collect(),
+            harmonic_means: means,
             rows,
         })
     }
@@ -87,7 +87,7 @@ impl HarmonicData {
         let covariance = Mat::from_fn(channels, channels, |i, j| if i == j { variance } else { 0.0 });
         let scatter = HarmonicScatter { covariance, dof: f64::INFINITY };
         let scatters = vec![scatter; means.len()];
-        Self { revolutions: vec![1; rows.len()], rows, means, scatters }
+        Self { revolution_counts: vec![1; rows.len()], rows, harmonic_means: means, scatters }
     }
 
     /// The data of the rows for which `is_selected` is true.
@@ -95,32 +95,32 @@ impl HarmonicData {
         let kept: Vec<usize> = (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
         Self {
             rows: kept.iter().map(|i| self.rows[*i]).collect(),
-            revolutions: kept.iter().map(|i| self.revolutions[*i]).collect(),
-            means: self.means.iter().map(|m| kept.iter().map(|i| m[*i]).collect()).collect(),
+            revolution_counts: kept.iter().map(|i| self.revolution_counts[*i]).collect(),
+            harmonic_means: self.harmonic_means.iter().map(|m| kept.iter().map(|i| m[*i]).collect()).collect(),
             scatters: self.scatters.clone(),
         }
     }
 
     /// Order of the highest harmonic.
-    pub fn orders(&self) -> usize {
-        self.means.len()
+    pub fn max_order(&self) -> usize {
+        self.harmonic_means.len()
     }
 
     /// Observations of one harmonic: cosine parts of all rows, then sine parts of all rows.
     pub fn observations(&self, order: usize) -> Vec<f64> {
-        let means = &self.means[order - 1];
+        let means = &self.harmonic_means[order - 1];
         means.iter().map(|m| m.re).chain(means.iter().map(|m| -m.im)).collect()
     }
 
     /// Observations of all harmonics of one revolution per row (`revolutions`: rows × angles).
     pub fn revolution_observations(&self, revolutions: &[Vec<f64>]) -> Vec<f64> {
-        let basis = HarmonicBasis::new(revolutions.first().map_or(0, Vec::len), self.orders());
+        let basis = HarmonicBasis::new(revolutions.first().map_or(0, Vec::len), self.max_order());
         let all: Vec<Vec<c64>> = revolutions.iter().map(|of| basis.harmonics(of)).collect();
         let parts = |k: usize| {
             let of = |part: fn(&c64) -> f64| all.iter().map(move |row| part(&row[k]));
             of(|m| m.re).chain(of(|m| -m.im)).collect::<Vec<f64>>()
         };
-        (0..self.orders()).flat_map(parts).collect()
+        (0..self.max_order()).flat_map(parts).collect()
     }
 
     /// Standard uncertainty of each observation of the harmonic, mm.
@@ -130,7 +130,7 @@ impl HarmonicData {
             let variance = covariance[(row.channel, row.channel)] / *revolutions as f64;
             variance.sqrt().max(MIN_SIGMA_MM)
         };
-        let half: Vec<f64> = self.rows.iter().zip(&self.revolutions).map(sigma).collect();
+        let half: Vec<f64> = self.rows.iter().zip(&self.revolution_counts).map(sigma).collect();
         half.repeat(2)
     }
 
@@ -140,7 +140,7 @@ impl HarmonicData {
         let (rows, scatter) = (self.rows.len(), &self.scatters[order - 1].covariance);
         Mat::from_fn(2 * rows, 2 * rows, |i, j| {
             let [a, b] = [self.rows[i % rows], self.rows[j % rows]];
-            let revolutions = self.revolutions[i % rows] * self.revolutions[j % rows];
+            let revolutions = self.revolution_counts[i % rows] * self.revolution_counts[j % rows];
             let is_together = a.index == b.index && i / rows == j / rows;
             let factor = if is_together { 1.0 / (revolutions as f64).sqrt() } else { 0.0 };
             factor * scatter[(a.channel, b.channel)]

@@ -16,7 +16,7 @@ mod stops;
 mod tests;
 
 pub use calibration::{DeclaredSensor, SensorCalibration, calibrate_sensors};
-pub use clock::clock_error;
+pub use clock::estimate_clock_error;
 pub use filter::{KERNEL_HALF_STEPS, ResampleFilter};
 pub use harmonics::{HarmonicBasis, HarmonicData, RevolutionsError};
 pub use resample::{AngleRange, AngleSample, Resampled, Resampler};

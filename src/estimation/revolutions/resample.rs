@@ -19,7 +19,7 @@ pub struct AngleRange {
 
 impl AngleRange {
     /// The range from `deg` − `half_deg` to `deg` + `half_deg`.
-    pub fn centred_at(deg: f64, half_deg: f64) -> Self {
+    pub fn centred_range(deg: f64, half_deg: f64) -> Self {
         Self { from_deg: deg - half_deg, to_deg: deg + half_deg }
     }
 

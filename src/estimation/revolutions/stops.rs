@@ -16,7 +16,7 @@ const MAX_STOP_DISTANCE: f64 = 1e-6;
 #[derive(Debug, Clone, Copy)]
 pub struct StopScan {
     /// Number of stops in one revolution.
-    pub steps: usize,
+    pub angle_count: usize,
     /// Unwrapped angles of the ends, in either order, rad.
     pub ends_rad: [f64; 2],
     /// Number of harmonics used to fill single missing stops. `None`: missing stops are not filled.
@@ -26,12 +26,12 @@ pub struct StopScan {
 impl StopScan {
     /// Index of the stop at an unwrapped angle.
     pub fn stop_index(self, angle_rad: f64) -> i64 {
-        (angle_rad.to_degrees() / 360.0 * self.steps as f64).round() as i64
+        (angle_rad.to_degrees() / 360.0 * self.angle_count as f64).round() as i64
     }
 
     /// Whether all samples are at stops and none is between two stops.
     pub fn contains_all_samples(self, samples: &[AngleSample]) -> bool {
-        let step = TAU / self.steps as f64;
+        let step = TAU / self.angle_count as f64;
         let is_at_stop = |angle: f64| (angle / step - (angle / step).round()).abs() < MAX_STOP_DISTANCE;
         samples.iter().all(|sample| is_at_stop(sample.angle_rad))
     }
@@ -50,10 +50,10 @@ impl StopScan {
         let mean = |(sum, count): (f64, f64)| (count > 0.0).then_some(sum / count);
         let mut values: Vec<Option<f64>> = sums.into_iter().map(mean).collect();
         if let Some(harmonics) = self.fill_harmonics {
-            let revolutions = values.chunks_mut(self.steps);
-            revolutions.for_each(|revolution| fill_missing_stops(revolution, harmonics, self.steps));
+            let revolutions = values.chunks_mut(self.angle_count);
+            revolutions.for_each(|revolution| fill_missing_stops(revolution, harmonics, self.angle_count));
         }
-        Resampled::at_stops(self.steps, first, values)
+        Resampled::at_stops(self.angle_count, first, values)
     }
 }
 

@@ -233,7 +233,7 @@ fn regress_a_constant_drift_is_no_scatter() {
     let rows: Vec<RowRevolutions> = (0..40).map(&mut row).collect();
     let corrected: Vec<RowRevolutions> = rows.iter().map(|row| row.without_drift(2)).collect();
     let [before, after] = [&rows, &corrected].map(|rows| HarmonicData::from_revolutions(rows, 5).unwrap());
-    let difference = before.means.iter().flatten().zip(after.means.iter().flatten());
+    let difference = before.harmonic_means.iter().flatten().zip(after.harmonic_means.iter().flatten());
     assert!(difference.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) < 1e-12);
     // Variance in one revolution: 2σ²/T.
     let [with, without] = [&before, &after].map(|data| data.scatters[0].covariance[(0, 0)] * COUNT as f64 / 2.0);

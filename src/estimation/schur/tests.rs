@@ -30,7 +30,7 @@ fn random_problem(seed: u64) -> (Vec<BlockRows>, Mat<f64>, Vec<f64>) {
                 rows.set_common(i, j, dense[(row, j)]);
             }
             values.push(next());
-            rows.set_value(i, values[row]);
+            rows.set_right_side(i, values[row]);
             row += 1;
         }
         first += own;
@@ -65,10 +65,10 @@ fn regress_as_a_dense_solve() {
             assert!(near(covariance[(i, j)], expected.covariance[(i, j)], size), "{i} {j}");
         }
     }
-    for (found, expected) in factored.remainder(&values).iter().zip(&expected.residuals) {
+    for (found, expected) in factored.residuals(&values).iter().zip(&expected.residuals) {
         assert!((found - expected).abs() < 1e-12);
     }
-    assert_eq!(factored.solution_and_remainder(values.clone()), (factored.solve(&values), factored.remainder(&values)));
+    assert_eq!(factored.solution_and_remainder(values.clone()), (factored.solve(&values), factored.residuals(&values)));
     let hat = &dense * &expected.gain;
     for (i, found) in factored.leverage().into_iter().enumerate() {
         assert!((found - hat[(i, i)]).abs() < 1e-12);

@@ -76,7 +76,7 @@ impl CanReceiver {
     }
 
     /// Source whose frames are generated when the caller reads; `None` means that no frame is available.
-    pub fn on_demand(name: impl Into<String>, source: impl FnMut() -> Option<CanFrame> + Send + 'static) -> Self {
+    pub fn from_generator(name: impl Into<String>, source: impl FnMut() -> Option<CanFrame> + Send + 'static) -> Self {
         Self { name: name.into(), source: FrameSource::Generator(Box::new(source)) }
     }
 

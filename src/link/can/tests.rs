@@ -40,7 +40,7 @@ fn an_interface_that_is_not_there_is_refused_with_a_remedy() {
 async fn on_demand_frames_come_when_asked_for_and_none_waits() {
     let id = CanId::new(1, false).unwrap();
     let mut left = 2_u8;
-    let mut can = CanReceiver::on_demand("memory", move || {
+    let mut can = CanReceiver::from_generator("memory", move || {
         left = left.checked_sub(1)?;
         Some(CanFrame::new(f64::from(left), id, &[left]))
     });

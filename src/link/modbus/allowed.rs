@@ -14,9 +14,9 @@ pub struct RegisterRange {
 /// Access list. A writable register is also readable, because each write is read back.
 #[derive(Debug, Clone, Default)]
 pub struct AccessList {
-    pub read: Vec<RegisterRange>,
+    pub readable: Vec<RegisterRange>,
     /// Ranges of holding registers; other spaces are never written.
-    pub write: Vec<RegisterRange>,
+    pub writable: Vec<RegisterRange>,
 }
 
 impl RegisterRange {
@@ -41,7 +41,7 @@ impl AccessList {
             return refused(format!("the request has {count} registers or bits; permitted: 1 to {max_count}"));
         }
         let covers = |range: &RegisterRange| range.contains(access);
-        if self.write.iter().any(covers) || !access.is_write() && self.read.iter().any(covers) {
+        if self.writable.iter().any(covers) || !access.is_write() && self.readable.iter().any(covers) {
             return Ok(());
         }
         refused("the registers are not within one permitted range".to_owned())
@@ -49,7 +49,7 @@ impl AccessList {
 
     /// Read requests for the readable registers, each of a few registers.
     pub(super) fn small_reads(&self) -> impl Iterator<Item = RegisterAccess> + '_ {
-        let readable = self.read.iter().chain(&self.write);
+        let readable = self.readable.iter().chain(&self.writable);
         readable.flat_map(|range| {
             let RegisterRange { space, first, last } = *range;
             // Bits are transferred in whole bytes, so only one count per byte gives a distinct reply length.

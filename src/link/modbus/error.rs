@@ -51,7 +51,7 @@ fn exception_name(code: u8) -> &'static str {
 impl ModbusError {
     /// Whether a write may have reached the device in spite of the error. The caller must not repeat it before
     /// reading the device's counter.
-    pub fn may_have_arrived(&self) -> bool {
+    pub fn write_may_have_arrived(&self) -> bool {
         match self {
             Self::Timeout { .. }
             | Self::UnexpectedReply { .. }

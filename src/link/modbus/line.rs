@@ -77,7 +77,7 @@ impl ModbusLine {
             Parity::Odd => tokio_serial::Parity::Odd,
         };
         // A replay opens no port, so the address need not exist.
-        let opening = async { open_stream(self.link.address()?, parity).await };
+        let opening = async { open_stream(self.link.resolve_address()?, parity).await };
         Ok(DrainableStream::new(backend.open(opening).await?))
     }
 }

@@ -178,7 +178,7 @@ impl ModbusClient {
     ///
     /// # Errors
     /// See [`ModbusError`].
-    pub async fn write_without_echo(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
+    pub async fn write_without_read_back(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
         self.perform(RegisterAccess::write(address, words), false).await.map(drop)
     }
 
@@ -186,7 +186,7 @@ impl ModbusClient {
     ///
     /// # Errors
     /// The write is not allowed.
-    pub fn urgent(&self, address: u16, words: &[u16]) -> Result<UrgentWriteSender, ModbusError> {
+    pub fn prepare_urgent_write(&self, address: u16, words: &[u16]) -> Result<UrgentWriteSender, ModbusError> {
         let access = RegisterAccess::write(address, words);
         self.settings.allowed.check(&access)?;
         let (settings, queue) = (self.settings.clone(), self.line.urgent_queue.clone());

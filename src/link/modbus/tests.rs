@@ -8,7 +8,7 @@ use tokio_modbus::server::{Service, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::*;
-use crate::{Capture, HostPort, LinkConfig, LinkMode, Replay};
+use crate::{Capture, CaptureReplay, HostPort, LinkConfig, LinkMode};
 
 /// Holding registers 0 to 99; input registers 0 to 9 hold 1000 and more.
 #[derive(Clone, Default)]
@@ -67,11 +67,11 @@ async fn start_device() -> (Device, ModbusLine, DeviceSettings) {
         let _ = server.serve(&connected, |_| ()).await;
     });
     let allowed = AccessList {
-        read: vec![
+        readable: vec![
             RegisterRange { space: RegisterSpace::Input, first: 0, last: 9 },
             RegisterRange { space: RegisterSpace::Holding, first: 0, last: 199 },
         ],
-        write: vec![RegisterRange { space: RegisterSpace::Holding, first: 10, last: 60 }],
+        writable: vec![RegisterRange { space: RegisterSpace::Holding, first: 10, last: 60 }],
     };
     let settings = DeviceSettings { unit: 1, timeout: Duration::from_secs(1), allowed };
     (device, ModbusLine::with_defaults(LinkConfig::Tcp(HostPort::local(port))), settings)
@@ -85,8 +85,8 @@ async fn registers_are_read_and_written_and_read_back() {
     assert_eq!(device.0.lock().unwrap()[19..24], [0, 7, 8, 9, 0]);
     let cleared = link.write(50, &[1]).await.unwrap_err();
     assert!(matches!(cleared, ModbusError::ReadBackDiffers { .. }), "{cleared}");
-    assert!(cleared.may_have_arrived());
-    link.write_without_echo(50, &[1]).await.unwrap();
+    assert!(cleared.write_may_have_arrived());
+    link.write_without_read_back(50, &[1]).await.unwrap();
 }
 
 #[tokio::test]
@@ -111,7 +111,7 @@ async fn what_is_not_on_the_list_is_not_sent() {
     refused(link.write(60, &[1, 1]).await);
     refused(link.write(20, &[]).await);
     refused(link.write(10, &[0; 124]).await);
-    refused(link.urgent(61, &[1]).map(drop));
+    refused(link.prepare_urgent_write(61, &[1]).map(drop));
     refused(link.read(RegisterSpace::Input, 9, 2).await.map(drop));
     refused(link.read(RegisterSpace::Coil, 0, 1).await.map(drop));
     refused(link.read(RegisterSpace::Holding, 0, 126).await.map(drop));
@@ -121,7 +121,7 @@ async fn what_is_not_on_the_list_is_not_sent() {
 #[tokio::test]
 async fn after_a_hold_no_other_write_goes_out() {
     let (device, link) = client_of_device().await;
-    let hold = link.urgent(30, &[1]).unwrap();
+    let hold = link.prepare_urgent_write(30, &[1]).unwrap();
     hold.send_and_drop_ordinary();
     let refused = link.write(31, &[1]).await.unwrap_err();
     assert!(matches!(refused, ModbusError::HoldActive { .. }), "{refused}");
@@ -134,7 +134,7 @@ async fn after_a_hold_no_other_write_goes_out() {
 #[tokio::test]
 async fn a_hold_goes_out_although_the_handle_is_dropped() {
     let (device, link) = client_of_device().await;
-    link.urgent(30, &[1]).unwrap().send_and_drop_ordinary();
+    link.prepare_urgent_write(30, &[1]).unwrap().send_and_drop_ordinary();
     drop(link);
     for _ in 0..500 {
         if device.0.lock().unwrap().get(30) == Some(&1) {
@@ -155,7 +155,7 @@ async fn read_repeatedly(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u1
         }
         // A heartbeat.
         for beat in 0..times as u16 {
-            link.write_without_echo(40, &[beat]).await?;
+            link.write_without_read_back(40, &[beat]).await?;
         }
     }
     read.dedup();
@@ -174,7 +174,7 @@ async fn a_captured_talk_is_replayed_without_the_device() {
     assert_eq!(had, [[0, 7, 7, 0], [0, 8, 8, 0], [0, 9, 9, 0]]);
     drop((link, device));
     for times in 1..4 {
-        let replay = LinkMode::Replayed(Replay::read(&file).unwrap());
+        let replay = LinkMode::Replayed(CaptureReplay::read(&file).unwrap());
         let nowhere = ModbusLine { link: LinkConfig::Tcp(HostPort::local(1)), ..line.clone() };
         let opening = ModbusClient::open(nowhere, settings.clone());
         let link = replay.apply_to(opening).await.unwrap();

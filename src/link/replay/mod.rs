@@ -68,12 +68,12 @@ trait LinkScript: Send {
 
 /// All links of a capture.
 #[derive(Clone)]
-pub struct Replay {
+pub struct CaptureReplay {
     remaining_links: Arc<Mutex<Vec<CapturedLink>>>,
     now_s: Arc<Mutex<f64>>,
 }
 
-impl Replay {
+impl CaptureReplay {
     /// # Errors
     /// See [`CaptureError`]; it contains the line number.
     pub fn read(path: &Path) -> Result<Self, CaptureError> {
@@ -105,7 +105,7 @@ impl Replay {
     }
 }
 
-impl Clock for Replay {
+impl Clock for CaptureReplay {
     fn now_s(&self) -> f64 {
         *lock(&self.now_s)
     }
@@ -213,7 +213,7 @@ impl AsyncWrite for ReplayStream {
     }
 }
 
-impl fmt::Debug for Replay {
+impl fmt::Debug for CaptureReplay {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Replay")
     }

@@ -4,19 +4,19 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 use super::*;
-use crate::{Capture, LineEvent, Link, LinkMode};
+use crate::{Capture, LineEvent, LineLink, LinkMode};
 
-fn replay(text: &str) -> Result<Replay, String> {
+fn replay(text: &str) -> Result<CaptureReplay, String> {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
     std::fs::write(&file, text).unwrap();
-    Replay::read(&file).map_err(|error| {
+    CaptureReplay::read(&file).map_err(|error| {
         let message = error.to_string();
         message.rsplit_once('/').map_or(message.clone(), |(_, message)| message.to_owned())
     })
 }
 
-async fn line(link: &mut Link) -> String {
+async fn line(link: &mut LineLink) -> String {
     match link.recv_deadline(Instant::now() + Duration::from_secs(5)).await {
         Ok(Some(LineEvent::Line(line))) => line,
         other => format!("{other:?}"),
@@ -44,7 +44,7 @@ async fn replies_come_by_command_and_reports_when_asked() {
     let replay = replay(CAPTURED_LINES).unwrap();
     let clock = replay.clock();
     let (near, _far) = tokio::io::duplex(64);
-    let mut link = LinkMode::Replayed(replay).apply_to(async { Link::from_stream("port", near) }).await;
+    let mut link = LinkMode::Replayed(replay).apply_to(async { LineLink::from_stream("port", near) }).await;
     assert_eq!(line(&mut link).await, "Grbl 1.1");
     link.send_line("$I").unwrap();
     assert_eq!(line(&mut link).await, "[VER:1.1]");
@@ -55,7 +55,7 @@ async fn replies_come_by_command_and_reports_when_asked() {
     assert_eq!(line(&mut link).await, "ok");
     // More polls than in the capture.
     for report in ["<Run>", "<Idle>", "<Idle>", "<Idle>"] {
-        link.urgent().send(b"?");
+        link.urgent_sender().send(b"?");
         assert_eq!(line(&mut link).await, report);
     }
     link.send_line("M3").unwrap();
@@ -71,7 +71,7 @@ async fn a_captured_talk_is_the_one_that_was_had() {
     assert!(Capture::create(&file).is_err(), "a capture is never overwritten");
     let (near, mut far) = tokio::io::duplex(64);
     let wiring = LinkMode::Captured(capture.clone());
-    let mut link = wiring.apply_to(async { Link::from_stream("the \"port\"", near) }).await;
+    let mut link = wiring.apply_to(async { LineLink::from_stream("the \"port\"", near) }).await;
     link.send_line("G1 X-2.5").unwrap();
     let mut sent = [0; 9];
     far.read_exact(&mut sent).await.unwrap();

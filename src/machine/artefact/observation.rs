@@ -70,7 +70,7 @@ pub struct ObservedCylinder<'a> {
 
 impl ObservedCylinder<'_> {
     /// Foot of the cylinder, machine frame, mm.
-    pub fn foot(&self) -> Vector3<f64> {
+    pub fn foot_position(&self) -> Vector3<f64> {
         let foot = Vector3::from(self.cylinder.centre_mm);
         self.chain.machine_from_table(self.position, &[]).transform_point(&foot.into()).coords
     }
@@ -100,7 +100,7 @@ impl ObservedCylinder<'_> {
         if offset_mm > MAX_OFF_AXIS_MM || from_axis.dot(&across) > 0.0 {
             return Err(ObservationError::MissesAxis { offset_mm });
         }
-        let section = Some(self.section_at(zero.z - self.foot().z)?);
+        let section = Some(self.section_at(zero.z - self.foot_position().z)?);
         let angle_rad = (-across.y).atan2(-across.x);
         Ok(ObservedSurface { section, angle_rad, radius_mm: 0.0 })
     }

@@ -67,7 +67,7 @@ fn tip_velocity(
     errors: &[ErrorTerm],
     tip: Vector3<f64>,
 ) -> Vector3<f64> {
-    let factor = parameter.factor(position.get_or_zero(joint.axis));
+    let factor = parameter.shape_factor(position.get_or_zero(joint.axis));
     let generator = parameter.component().direction();
     if parameter.shape() == ErrorShape::Gain {
         return pose_with_location_errors.transform_vector(&generator) * joint.command_sign * factor;

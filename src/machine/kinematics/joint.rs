@@ -46,7 +46,7 @@ impl Joint {
         if direction == Vector3::zeros() || !is_finite(direction) || !is_finite(point) {
             return Err(KinematicsError::InvalidDirection { axis });
         }
-        Ok(Self { axis, command_sign: side * spec.positive.sign(), direction, point })
+        Ok(Self { axis, command_sign: side * spec.positive.direction_sign(), direction, point })
     }
 
     /// The joint's motion without errors.
@@ -102,7 +102,7 @@ impl Joint {
     fn component_error_amount(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
         self.errors_of_axis(errors)
             .filter(|e| e.parameter.shape() != ErrorShape::Gain && e.parameter.component() == component)
-            .map(|e| e.value * e.parameter.factor(command))
+            .map(|e| e.value * e.parameter.shape_factor(command))
             .sum()
     }
 

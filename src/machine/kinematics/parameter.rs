@@ -65,7 +65,7 @@ impl ErrorParameter {
     }
 
     /// φ(q) at the axis command `q`.
-    pub fn factor(self, q: f64) -> f64 {
+    pub fn shape_factor(self, q: f64) -> f64 {
         match self.shape {
             ErrorShape::Location => 1.0,
             ErrorShape::Gain => q,
@@ -162,7 +162,7 @@ mod tests {
     #[test]
     fn a_table_is_periodic_and_linear_between_its_entries() {
         let parameter: ErrorParameter = "EXC_0/8".parse().unwrap();
-        let at = |degrees: f64| parameter.factor(degrees.to_radians());
+        let at = |degrees: f64| parameter.shape_factor(degrees.to_radians());
         for (degrees, expected) in [(0.0, 1.0), (22.5, 0.5), (-22.5, 0.5), (45.0, 0.0), (180.0, 0.0)] {
             assert!((at(degrees) - expected).abs() < 1e-12);
             assert!((at(degrees + 720.0) - expected).abs() < 1e-12);

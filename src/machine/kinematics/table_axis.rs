@@ -18,14 +18,14 @@ pub struct TableAxis {
 
 impl TableAxis {
     /// Returns the innermost rotary axis on the workpiece side that is parallel to Z with all other axes at zero.
-    pub fn find(machine: &Machine, chain: &KinematicChain) -> Option<Self> {
+    pub fn of_machine(machine: &Machine, chain: &KinematicChain) -> Option<Self> {
         let rotary = machine.axes.keys().filter(|axis| !axis.is_linear());
         let zero_position: Position = rotary.map(|axis| (*axis, 0.0)).collect();
         let direction_z = |axis: Axis| Some(chain.axis_line(axis, &zero_position)?.direction.z);
         let is_upright = |axis: &&Axis| direction_z(**axis).is_some_and(|z| z.abs() >= MIN_COSINE_TO_Z);
         let axis = *chain.topology().workpiece().iter().rev().find(is_upright)?;
         // A joint that carries the workpiece turns against the sign of the command (ISO 841).
-        let turn_sign = -machine.axes.get(&axis)?.positive.sign() * direction_z(axis)?.signum();
+        let turn_sign = -machine.axes.get(&axis)?.positive.direction_sign() * direction_z(axis)?.signum();
         Some(Self { axis, zero_position, turn_sign })
     }
 }

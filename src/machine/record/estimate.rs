@@ -25,7 +25,7 @@ pub enum Unit {
 
 impl Unit {
     /// Converts an internal value (mm, rad, mm/mm, s) into the unit.
-    pub fn from_internal(self, value: f64) -> f64 {
+    pub fn to_display_value(self, value: f64) -> f64 {
         match self {
             Unit::Um | Unit::Ms => value * 1e3,
             Unit::Urad | Unit::UmPerM => value * 1e6,

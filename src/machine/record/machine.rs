@@ -20,7 +20,7 @@ pub enum AxisSense {
 }
 
 impl AxisSense {
-    pub fn sign(self) -> f64 {
+    pub fn direction_sign(self) -> f64 {
         match self {
             AxisSense::Iso => 1.0,
             AxisSense::Reversed => -1.0,

@@ -63,7 +63,7 @@ fn gauss_newton_step(points: &MeasuredPoints, errors: &[ErrorTerm], stylus: Vect
     let mut y = Vec::with_capacity(3 * points.point_count());
     for i in 0..points.point_count() {
         y.extend((-fit.deviations[i]).iter());
-        let turned = fit.arms[i].cross_matrix();
+        let turned = fit.rotated_points[i].cross_matrix();
         for k in 0..3 {
             error_derivatives[i].iter().enumerate().for_each(|(j, column)| a[(3 * i + k, j)] = column[k]);
             for j in 0..3 {

@@ -16,7 +16,9 @@ use super::stylus_fit::{compute_variants, prior_error_derivatives};
 use super::variant::DomeVariant;
 use super::{design, outputs, sources};
 use crate::ball_measurement::{ObservedBalls, ball_index, observe_balls, outlier_measurements, whitening_matrices};
-use crate::identification::{FitQuality, Solution, TrialPlan, UncertaintySource, identify, mean_coordinate_u_mm, rms};
+use crate::identification::{
+    FitQuality, SolvedModel, TrialPlan, UncertaintySource, identify, mean_coordinate_u_mm, rms,
+};
 use crate::{IdentifyError, MethodRefusal};
 use machine::kinematics::KinematicChain;
 use machine::record::estimate::{Estimate, Parameter};
@@ -66,11 +68,11 @@ pub fn build_estimate(
     sources.extend(known.as_ref().and_then(|known| sources::prior_source(&model, known)));
     let best = &variants[judged.or_else(|| variant_index("N3")).unwrap_or(0)];
     let measurement = |i: usize| (best.fit.deviations[i], 3 * i, mean_coordinate_u_mm(&weights[i]));
-    let solution = Solution {
+    let solution = SolvedModel {
         model: &model,
-        residuals: &judged.map_or(Vec::new(), |_| model.weighted_residuals(&best.fit.deviations)),
+        weighted_residuals: &judged.map_or(Vec::new(), |_| model.weighted_residuals(&best.fit.deviations)),
         has_declared_sizes: plan.probe.repeatability_um.is_some(),
-        figures: fit_quality(&points, best, judged.is_some())?,
+        fit_quality: fit_quality(&points, best, judged.is_some())?,
         measurements: &judged.map_or(Vec::new(), |_| outlier_measurements(&observed, measurement)),
     };
     let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
@@ -126,7 +128,7 @@ fn fit_quality(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> 
         match column / 3 {
             0 => stylus_derivatives[i][(k, j)],
             1 => f64::from(u8::from(k == j)),
-            _ => best.fit.arms[i].cross_matrix()[(k, j)],
+            _ => best.fit.rotated_points[i].cross_matrix()[(k, j)],
         }
     };
     let design = Mat::from_fn(3 * points.point_count(), STYLUS_AND_POSE_UNKNOWNS, entry);

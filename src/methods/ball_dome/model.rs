@@ -100,18 +100,18 @@ fn mean_value(values: &[f64]) -> f64 {
 }
 
 impl ObservationModel for DomeModel<'_> {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         self.certified_index(self.ball_count)
     }
 
-    fn unknowns(&self) -> usize {
+    fn unknown_count(&self) -> usize {
         self.group_index(self.variants.len(), 0)
     }
 
     /// The norm of a vector changes by the component of its change along the vector.
     fn linear_response(&self, change: &[f64]) -> Response {
         let changes = self.variant_changes(change);
-        let mut unknowns = Vec::with_capacity(self.unknowns());
+        let mut unknowns = Vec::with_capacity(self.unknown_count());
         let mut means = Vec::new();
         for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
             let deviations = &variant.fit.deviations;
@@ -131,6 +131,6 @@ impl ObservationModel for DomeModel<'_> {
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        solve_each_trial(changes, self.unknowns(), |change| self.values(change))
+        solve_each_trial(changes, self.unknown_count(), |change| self.values(change))
     }
 }

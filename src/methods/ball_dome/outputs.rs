@@ -9,7 +9,7 @@ use super::points::MeasuredPoints;
 use super::variant::DomeVariant;
 use crate::ball_measurement::{BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_position};
 use crate::identification::{
-    Curve, Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, Output, Outputs,
+    Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, OutputCurve, OutputParameter, Outputs,
     function_over_numbers, unit_slope,
 };
 use machine::Position;
@@ -24,17 +24,18 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 /// The styluses that are results, then largest and mean deviations. The deviations are nonlinear functions,
 /// and their uncertainty comes from the trials.
 pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outputs {
-    let values = model.values(&vec![0.0; model.observations()]);
+    let values = model.values(&vec![0.0; model.observation_count()]);
     let names = model.variants.iter().flat_map(|v| ["max", "mean"].map(|of| format!("{}_{of}", v.kind.name)));
-    let deviation = |(symbol, value): (String, &f64)| Output { symbol, unit: Unit::Um, value: *value, slope: None };
-    let deviations: Vec<Output> = names.zip(&values).map(deviation).collect();
+    let deviation =
+        |(symbol, value): (String, &f64)| OutputParameter { symbol, unit: Unit::Um, value: *value, slope: None };
+    let deviations: Vec<OutputParameter> = names.zip(&values).map(deviation).collect();
     let count = deviations.len();
     let with_stylus = model.variants.iter().filter(|variant| variant.has_fitted_stylus());
     let styluses = with_stylus.flat_map(|v| ["x", "y", "z"].map(|k| format!("{}_tool_{k}", v.kind.name)));
-    let stylus = |(i, symbol): (usize, String)| Output::from_unknown(&symbol, Unit::Mm, count + i, &values);
+    let stylus = |(i, symbol): (usize, String)| OutputParameter::from_unknown(&symbol, Unit::Mm, count + i, &values);
     let nonlinear = NonlinearOutputs {
         outputs: deviations,
-        values: Box::new(move |trials| Mat::from_fn(trials.nrows(), count, |i, j| trials[(i, j)])),
+        trial_values: Box::new(move |trials| Mat::from_fn(trials.nrows(), count, |i, j| trials[(i, j)])),
     };
     Outputs {
         parameters: styluses.enumerate().map(stylus).collect(),
@@ -66,13 +67,13 @@ impl MeasurementGroups {
 }
 
 /// Mean deviation of each ball and of each indexation.
-fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64]) -> Vec<Curve> {
+fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64]) -> Vec<OutputCurve> {
     let kinds = [("ball", 0..groups.ball_count), ("indexation", groups.ball_count..groups.point_indices.len())];
     let curve = |(variant, (argument, range)): (usize, (&'static str, Range<usize>))| {
         let first = range.start;
         let seen: Vec<usize> = range.filter(|group| !groups.point_indices[*group].is_empty()).collect();
         let at = |group: &usize| model.group_index(variant, *group);
-        Curve {
+        OutputCurve {
             symbol: format!("{}_{argument}", model.variants[variant].kind.name),
             argument,
             argument_unit: "",

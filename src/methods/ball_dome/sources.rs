@@ -3,7 +3,7 @@
 use super::model::DomeModel;
 use crate::ball_measurement::{ObservedBalls, certified_source, kinematic_sources, nonzero_spans, touch_sources};
 use crate::identification::{
-    Effect, KnownErrors, ObservationModel as _, ObservationSpan, UncertaintySource, unit_slope,
+    KnownErrors, ObservationEffect, ObservationModel as _, ObservationSpan, UncertaintySource, unit_slope,
 };
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::Balls;
@@ -26,16 +26,16 @@ pub fn certificate_source(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource
 
 /// Temperature of the artefact: if it is higher than stated, all distances between the balls are larger.
 pub fn temperature_source(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySource {
-    let mut column = vec![0.0; model.observations()];
+    let mut column = vec![0.0; model.observation_count()];
     let coordinates = balls.balls.iter().flat_map(|ball| ball.centre_mm);
     let certified = column.iter_mut().skip(model.certified_index(0));
     certified.zip(coordinates).for_each(|(change, mm)| *change = balls.relative_expansion()[1] * mm);
-    certified_source("temperature of the artefact", Effect::Joint(vec![column]))
+    certified_source("temperature of the artefact", ObservationEffect::Joint(vec![column]))
 }
 
 /// Source of the machine errors of the prior, with their covariance.
 pub fn prior_source(model: &DomeModel<'_>, known: &KnownErrors<'_>) -> Option<UncertaintySource> {
-    let column = |error: usize| unit_slope(model.error_index(error), model.observations());
+    let column = |error: usize| unit_slope(model.error_index(error), model.observation_count());
     let columns: Vec<Vec<f64>> = (0..known.errors.len()).map(column).collect();
     UncertaintySource::from_prior(known.estimate, &known.symbols, &columns)
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::identification::{Effect, ObservationSpan};
+use crate::identification::{ObservationEffect, ObservationSpan};
 
 /// A column of a [`Effect::Joint`]: the shift of each measurement, machine frame, mm.
 pub fn shift_column(shifts: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
@@ -10,13 +10,13 @@ pub fn shift_column(shifts: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
 }
 
 /// An effect of joint draws, without columns that are zero.
-pub fn nonzero_columns(columns: impl IntoIterator<Item = Vec<f64>>) -> Effect {
-    Effect::Joint(columns.into_iter().filter(|column| !is_zero(column)).collect())
+pub fn nonzero_columns(columns: impl IntoIterator<Item = Vec<f64>>) -> ObservationEffect {
+    ObservationEffect::Joint(columns.into_iter().filter(|column| !is_zero(column)).collect())
 }
 
 /// An effect with one draw per run, without runs that are zero.
-pub fn nonzero_spans(runs: impl Iterator<Item = ObservationSpan>) -> Effect {
-    Effect::Spans(runs.filter(|run| !is_zero(&run.changes_mm)).collect())
+pub fn nonzero_spans(runs: impl Iterator<Item = ObservationSpan>) -> ObservationEffect {
+    ObservationEffect::Spans(runs.filter(|run| !is_zero(&run.changes_mm)).collect())
 }
 
 fn is_zero(changes: &[f64]) -> bool {

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::effects::{nonzero_columns, shift_column};
 use super::observe::BallCentre;
 use crate::decision::references::{ReferencePair, ReferenceShift, ShiftLimits, TouchScatter, reference_point_count};
-use crate::identification::Effect;
+use crate::identification::ObservationEffect;
 use crate::identification::declared::{display_step_mm, drift_mm_per_s, repeatability_mm};
 use machine::Axis;
 use machine::record::plan::Plan;
@@ -13,7 +13,7 @@ use machine::record::plan::Plan;
 /// Measurements after an interruption may be shifted against those before it in X, Y and Z, by at most the
 /// limit of the reference check. The whole limit counts as standard uncertainty: the distribution of the
 /// steps is unknown, and a step near the limit in all three axes is still covered.
-pub fn interruption_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
+pub fn interruption_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     nonzero_columns(plan.gaps_s.iter().flat_map(|gap_s| step_columns(plan, centres, *gap_s)))
 }
 

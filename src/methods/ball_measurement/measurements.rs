@@ -4,23 +4,23 @@ use nalgebra::Vector3;
 
 use super::observe::ObservedBalls;
 use super::setup::describe_position;
-use crate::identification::Measurement;
+use crate::identification::CheckedMeasurement;
 
 /// `of_centre`: the residual of a measured centre, mm, the index of its first of three rows, and the standard
 /// uncertainty of a coordinate, mm.
 pub fn outlier_measurements(
     observed: &ObservedBalls,
     of_centre: impl Fn(usize) -> (Vector3<f64>, usize, f64),
-) -> Vec<Measurement> {
+) -> Vec<CheckedMeasurement> {
     let measurement = |centre: usize| {
         let (residual, first, u_mm) = of_centre(centre);
         let measured = &observed.centres[centre];
         let (label, at) = (&measured.label, &observed.commanded_positions[measured.commanded_position_index]);
         let (ball, number) = (&label.ball, label.indexation_number());
-        Measurement {
+        CheckedMeasurement {
             label: label.measurement_label(),
             description: format!("ball {ball} at indexation {number} ({})", describe_position(at)),
-            rows: first..first + 3,
+            residual_rows: first..first + 3,
             residual_mm: residual.norm(),
             u_mm,
         }

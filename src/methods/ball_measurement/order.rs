@@ -22,7 +22,8 @@ pub fn order_balls_in_xy(
     let mut machine_position: Option<Position> = None;
     for visit in &mut visits {
         let balls = visit.balls.iter().filter_map(|index| setup.balls.balls.get(*index));
-        let places = balls.map(|ball| access.centre(ball, &visit.rotary_position)).collect::<Result<Vec<_>, _>>();
+        let places =
+            balls.map(|ball| access.centre_position(ball, &visit.rotary_position)).collect::<Result<Vec<_>, _>>();
         let places =
             places.map_err(|error| MethodRefusal::new(error.to_string(), "correct [axes] in the machine file"))?;
         let order =

@@ -8,7 +8,7 @@ use machine::record::artefact::{Artefact, Balls};
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Step, StepKind};
 use planning::{BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes};
-use planning::{end_position, machine_time_s, step_blocks};
+use planning::{machine_time_s, position_after_motions, step_blocks};
 use rayon::prelude::*;
 
 /// Number of nearest neighbours of a ball for which paths are planned.
@@ -82,7 +82,7 @@ impl PathPlanner<'_> {
     /// Position of the machine after a touch.
     fn end_position(&self, step: &Step) -> Result<Position, MethodRefusal> {
         let blocks = self.blocks(&step.from, step)?;
-        Ok(end_position(blocks.iter().flat_map(|block| &block.motions), &step.from))
+        Ok(position_after_motions(blocks.iter().flat_map(|block| &block.motions), &step.from))
     }
 
     /// Indices of the balls in an order of short duration, each with its touches in the default order.
@@ -146,7 +146,7 @@ impl PathPlanner<'_> {
         let (mut seconds, mut machine_position) = (0.0, from.clone());
         for block in self.blocks(from, step)? {
             seconds += machine_time_s(&block, &machine_position, &self.plan.machine);
-            machine_position = end_position(&block.motions, &machine_position);
+            machine_position = position_after_motions(&block.motions, &machine_position);
         }
         Ok(seconds)
     }

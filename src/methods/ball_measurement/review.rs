@@ -56,7 +56,7 @@ fn find_measurement_fault(setup: &MeasurementSetup<'_>, measurement: &BallReadin
     let limits =
         BallLimits { form_mm: setup.touch_settings.form_limit_mm, diameter_mm: setup.touch_settings.diameter_limit_mm };
     let slow = measurement.label.pass != MeasurementPass::Find;
-    slow.then(|| measured.check(&measurement.label.ball, stated_mm, &limits).err()).flatten()
+    slow.then(|| measured.check_form_and_diameter(&measurement.label.ball, stated_mm, &limits).err()).flatten()
 }
 
 fn repeated_fault_refusal(setup: &MeasurementSetup<'_>, fault: &BallCheckError) -> MethodRefusal {

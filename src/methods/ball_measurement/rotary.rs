@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::effects::{nonzero_columns, shift_column};
 use super::observe::{BallCentre, ObservedBalls};
 use crate::identification::declared::{ROTARY_MOTION_ORDERS, angular_motion_patterns, rotary_error_motions};
-use crate::identification::{Effect, UncertaintySource};
+use crate::identification::{ObservationEffect, UncertaintySource};
 use machine::Position;
 use machine::frame::Point;
 use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
@@ -33,7 +33,7 @@ fn motion_effect(
     chain: &KinematicChain,
     observed: &ObservedBalls,
     motions: &[(ErrorParameter, Vec<f64>)],
-) -> Effect {
+) -> ObservationEffect {
     let errors: Vec<ErrorParameter> = motions.iter().map(|(error, _)| *error).collect();
     let stylus = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     // Matrix from the table frame to axis positions.

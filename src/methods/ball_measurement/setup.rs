@@ -114,7 +114,7 @@ impl MeasurementSetup<'_> {
 
     /// Task of one measurement of a ball.
     pub fn ball_task<'t>(&self, ball: &'t Ball, rotary: &'t Position, approach: BallApproach) -> BallTask<'t> {
-        BallTask { ball, rotary, approach, touches: self.touch_settings.touch_count }
+        BallTask { ball, rotary, approach, touch_count: self.touch_settings.touch_count }
     }
 
     /// Steps of one measurement of a ball.
@@ -128,7 +128,7 @@ impl MeasurementSetup<'_> {
         kind: StepKind,
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, MethodRefusal> {
-        access.steps(task, &self.plan.probe, kind, (0, 0), label).map_err(|reason| {
+        access.touch_steps(task, &self.plan.probe, kind, (0, 0), label).map_err(|reason| {
             let remedy = match reason {
                 BallAccessError::SearchTooLong { .. } => format!(
                     "lower uncertainty_mm of [artefact] ({} mm): place the artefact closer to centre_mm, or \

@@ -11,7 +11,8 @@ use crate::identification::declared::{
     drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_u_mm,
 };
 use crate::identification::{
-    DrawDistribution, Effect, EvaluationType, ObservationSpan, ResidualTreatment, UncertaintySource, block_covariances,
+    DrawDistribution, EvaluationType, ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource,
+    block_covariances,
 };
 use machine::Axis;
 use machine::record::plan::Plan;
@@ -27,9 +28,9 @@ pub fn whitening_matrices(sources: &[UncertaintySource], centres: usize) -> impl
 }
 
 /// A source of certified size. Its error changes many observations together, so few residuals contain it.
-pub fn certified_source(name: &str, effect: Effect) -> UncertaintySource {
+pub fn certified_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
     UncertaintySource {
-        in_residuals: ResidualTreatment::Expected,
+        residual_treatment: ResidualTreatment::Expected,
         is_in_weights: false,
         ..UncertaintySource::new(name, effect)
     }
@@ -46,7 +47,7 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
             ..named("repeatability of a touch", per_touch_effect(centres, |_| repeatability_mm(plan)))
         },
         UncertaintySource {
-            shape: DrawDistribution::Rectangular,
+            draw_distribution: DrawDistribution::Rectangular,
             ..named("resolution", per_touch_effect(centres, |normal| resolution_u_mm(plan, normal)))
         },
         // Equal in all measurements: it does not change their relative weights.
@@ -64,7 +65,7 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
 }
 
 /// One draw per touch, of standard uncertainty `u` along its normal.
-fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> Effect {
+fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> ObservationEffect {
     let of_centre = |(i, centre): (usize, &BallCentre)| -> Vec<ObservationSpan> {
         let values = |touch: &TouchEffect| (touch.gain * u(touch.normal)).as_slice().to_vec();
         let touches = centre.touches.iter();
@@ -74,8 +75,8 @@ fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> 
 }
 
 /// Azimuths are computed in the spindle frame, because the probe turns with the spindle.
-fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> Effect {
-    let sense = plan.machine.axes.get(&Axis::S).map_or(1.0, |spec| spec.positive.sign());
+fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> ObservationEffect {
+    let sense = plan.machine.axes.get(&Axis::S).map_or(1.0, |spec| spec.positive.direction_sign());
     let normals = observed.centres.iter().flat_map(|centre| {
         let spindle = sense * observed.rotary_positions[centre.rotary_position_index].get_or_zero(Axis::S);
         let into_spindle = Rotation3::from_axis_angle(&Vector3::z_axis(), -spindle);
@@ -87,7 +88,7 @@ fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> Effect {
 }
 
 /// Each axis lags behind the direction of the touch.
-fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
+fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let half = half_backlash_mm(plan);
     let column = |k: usize| {
         let of_touch = |touch: &TouchEffect| touch.gain * half[k] * touch.normal[k].abs();
@@ -97,7 +98,7 @@ fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
 }
 
 /// Evaluated at the touches, not at the centre, because the slope of a motion distorts the sphere.
-fn linear_axis_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
+fn linear_axis_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let touches = || centres.iter().flat_map(|centre| &centre.touches);
     let points: Vec<Vector3<f64>> = touches().map(|touch| touch.axes_mm).collect();
     let patterns = linear_motion_patterns(plan, &points);
@@ -111,7 +112,7 @@ fn linear_axis_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
 
 /// Drift of the table relative to the spindle at the declared rate, zero at the mean time of the
 /// measurements: the estimate describes the machine at that time.
-fn drift_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
+fn drift_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let mean_s = centres.iter().map(|centre| centre.t_s).sum::<f64>() / centres.len().max(1) as f64;
     let rate = drift_mm_per_s(plan);
     let shift = |axis: Axis| centres.iter().map(move |centre| axis.direction() * (rate * (centre.t_s - mean_s)));

@@ -122,8 +122,8 @@ pub fn rigid_motion_columns(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
 /// Positions of the stops in steps from zero: rising, then falling.
 fn list_stop_numbers(plan: &Plan, settings: &BallPlateSettings, plate: &Plate<'_>) -> Result<Vec<i64>, MethodRefusal> {
     let BallPlateSettings { positions, revolutions, .. } = *settings;
-    let steps =
-        RevolutionSteps { positions, revolutions, lead_steps: 0 }.range_within_limits(plan, plate.rotary_axis)?;
+    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions, lead_steps: 0 }
+        .range_within_limits(plan, plate.rotary_axis)?;
     let (first, last) = (*steps.start(), *steps.end());
     let rising = first..last;
     // The return begins one step beyond the last stop and ends one step after the first.

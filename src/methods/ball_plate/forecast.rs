@@ -8,7 +8,7 @@ use super::solved::SolvedRun;
 use super::warnings::describe_not_identifiable;
 use crate::IdentifyError;
 use crate::ball_measurement::nominal_readings;
-use crate::identification::{Curve, Identification, describe_assumed_repeatability, with_assumed_repeatability};
+use crate::identification::{Identification, OutputCurve, describe_assumed_repeatability, with_assumed_repeatability};
 use machine::record::plan::Plan;
 
 /// Expected U of the error motions, and what is not identifiable, one line each. All steps of `plan` have
@@ -32,10 +32,10 @@ pub fn forecast(plan: &Plan, settings: &BallPlateSettings, machine_s: f64) -> Re
 }
 
 /// The largest U of the points of the curve, as text.
-fn largest_expanded_uncertainty(identified: &Identification, curve: &Curve) -> String {
+fn largest_expanded_uncertainty(identified: &Identification, curve: &OutputCurve) -> String {
     let expanded = |slope: &Vec<f64>| identified.propagation.uncertainty(slope).expanded();
     let largest = curve.slopes.iter().map(expanded).fold(0.0, f64::max);
-    let largest = curve.unit.from_internal(largest);
+    let largest = curve.unit.to_display_value(largest);
     let decimals = if largest < 1.0 { 2 } else { 1 };
     format!("{} {largest:.decimals$} {}", curve.symbol, curve.unit.symbol())
 }

@@ -8,7 +8,7 @@ use super::solved::SolvedRun;
 use super::{cycles, outputs, warnings};
 use crate::IdentifyError;
 use crate::identification::{
-    self, FitQuality, Identification, LinearFit, Solution, TrialPlan, function_over_numbers, rms,
+    self, FitQuality, Identification, LinearFit, SolvedModel, TrialPlan, function_over_numbers, rms,
 };
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -41,11 +41,11 @@ pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialPlan>) -> Res
     let weighted: Vec<f64> = solution.residuals.iter().zip(sigma).map(|(r, s)| r / s).collect();
     let gauge = design.layout.gauge_rows(&design.stops).nrows();
     let unknowns = design.layout.unknown_count() - gauge;
-    let core = Solution {
+    let core = SolvedModel {
         model: &model,
-        residuals: &weighted,
+        weighted_residuals: &weighted,
         has_declared_sizes: solved.has_declared_sizes,
-        figures: FitQuality { unknowns, ..FitQuality::from_linear(solution) },
+        fit_quality: FitQuality { unknowns, ..FitQuality::from_linear(solution) },
         measurements: &solved.measurements(),
     };
     identification::identify(&core, sources, outputs::build_outputs(solved), trials)

@@ -8,7 +8,7 @@ use super::basis::equal_angles;
 use super::layout::{DirectionAtBall, MOTION_COMPONENTS};
 use super::solved::SolvedRun;
 use crate::identification::{
-    Curve, Harmonic, HarmonicFunction, Output, Outputs, RangeOutput, range_outputs, unit_slope,
+    Harmonic, HarmonicFunction, OutputCurve, OutputParameter, Outputs, RangeOutput, range_outputs, unit_slope,
 };
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
@@ -18,8 +18,8 @@ const CURVE_POINTS: usize = 72;
 
 pub fn build_outputs(solved: &SolvedRun<'_>) -> Outputs {
     let motions = MOTION_COMPONENTS.iter().enumerate().map(|(k, component)| motion_curve(solved, k, *component));
-    let motions: Vec<Curve> = motions.collect();
-    let range = |motion: &Curve| RangeOutput {
+    let motions: Vec<OutputCurve> = motions.collect();
+    let range = |motion: &OutputCurve| RangeOutput {
         symbol: format!("{}_range", motion.symbol),
         unit: motion.unit,
         slopes: motion.slopes.clone(),
@@ -39,7 +39,7 @@ pub fn harmonic_functions(solved: &SolvedRun<'_>) -> Vec<HarmonicFunction> {
     let unknowns = layout.unknown_count();
     let harmonic = |k: usize, (pair, order): (usize, f64)| {
         let part = |function| unit_slope(layout.motion_index(k, 2 * pair + function), unknowns);
-        Harmonic { order, parts: [part(0), part(1)] }
+        Harmonic { order, cosine_and_sine_slopes: [part(0), part(1)] }
     };
     let function = |(k, component): (usize, Axis)| HarmonicFunction {
         symbol: format!("E{component}{axis}"),
@@ -55,7 +55,7 @@ pub fn component_unit(component: Axis) -> Unit {
 }
 
 /// Harmonics and reversal of each component, then eccentricity and tilt of the plate.
-fn build_parameters(solved: &SolvedRun<'_>) -> Vec<Output> {
+fn build_parameters(solved: &SolvedRun<'_>) -> Vec<OutputParameter> {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.rotary_axis, &solved.solution.x);
     // Values at the stops are the points of the curves.
     let function_suffixes = if solved.settings.values { Vec::new() } else { layout.basis.function_suffixes() };
@@ -64,11 +64,16 @@ fn build_parameters(solved: &SolvedRun<'_>) -> Vec<Output> {
         for (function, suffix) in function_suffixes.iter().enumerate() {
             let symbol = format!("E{component}{axis}_{suffix}");
             let index = layout.motion_index(k, function);
-            parameters.push(Output::from_unknown(&symbol, component_unit(component), index, x));
+            parameters.push(OutputParameter::from_unknown(&symbol, component_unit(component), index, x));
         }
         if layout.has_reversal {
             let symbol = format!("E{component}{axis}_reversal");
-            parameters.push(Output::from_unknown(&symbol, component_unit(component), layout.reversal_index(k), x));
+            parameters.push(OutputParameter::from_unknown(
+                &symbol,
+                component_unit(component),
+                layout.reversal_index(k),
+                x,
+            ));
         }
     }
     parameters.extend(plate_alignment_outputs(solved));
@@ -76,7 +81,7 @@ fn build_parameters(solved: &SolvedRun<'_>) -> Vec<Output> {
 }
 
 /// Offset of the circle of the balls from the axis, and slope of its plane, table frame.
-fn plate_alignment_outputs(solved: &SolvedRun<'_>) -> Vec<Output> {
+fn plate_alignment_outputs(solved: &SolvedRun<'_>) -> Vec<OutputParameter> {
     let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
     let circle = centring_weights(&plate.radial_directions);
     let plane = circle.iter().map(|row| row.map(|weight| weight / plate.radius_mm));
@@ -91,7 +96,7 @@ fn plate_alignment_outputs(solved: &SolvedRun<'_>) -> Vec<Output> {
             (0..3).for_each(|k| slope[layout.ball_index(ball, k)] = weights[ball][axis] * along[k]);
             stated += weights[ball][axis] * along.dot(&from_axis[ball]);
         }
-        let mut output = Output::from_coefficients(symbol, unit, slope, x);
+        let mut output = OutputParameter::from_coefficients(symbol, unit, slope, x);
         output.value += stated;
         output
     };
@@ -113,7 +118,7 @@ fn centring_weights(radial: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     radial.iter().map(weights).map(|w| [w.x, w.y]).collect()
 }
 
-fn motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> Curve {
+fn motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> OutputCurve {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.rotary_axis, &solved.solution.x);
     let slope = |(stop, angle): (usize, &f64)| {
         let mut slope = vec![0.0; x.len()];
@@ -132,7 +137,7 @@ fn motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> Curve {
         }
     };
     let slopes: Vec<Vec<f64>> = angles.iter().enumerate().map(slope).collect();
-    Curve {
+    OutputCurve {
         symbol: format!("E{component}{axis}"),
         argument: axis.name(),
         argument_unit: "deg",
@@ -150,7 +155,7 @@ fn curve_values(slopes: &[Vec<f64>], x: &[f64]) -> Vec<f64> {
 
 /// Deviation of each ball from its position in the first measurement with the nominal machine: radial,
 /// tangential, axial components.
-fn plate_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
+fn plate_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = OutputCurve> {
     let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
     let directions: [(&str, DirectionAtBall); 3] = [
         ("plate_radial", |radial| *radial),
@@ -165,7 +170,7 @@ fn plate_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
             slope
         };
         let slopes: Vec<Vec<f64>> = plate.radial_directions.iter().enumerate().map(slope).collect();
-        Curve {
+        OutputCurve {
             symbol: symbol.to_owned(),
             argument: "ball",
             argument_unit: "",
@@ -179,12 +184,12 @@ fn plate_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
 }
 
 /// True minus displayed position of each linear axis at the measuring positions, within the gauge.
-fn linear_axis_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
+fn linear_axis_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = OutputCurve> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     Axis::LINEAR.into_iter().enumerate().map(move |(k, axis)| {
         let slope = |place: usize| unit_slope(layout.position_index(place, k), x.len());
         let slopes: Vec<Vec<f64>> = (0..layout.position_count).map(slope).collect();
-        Curve {
+        OutputCurve {
             symbol: format!("D{axis}"),
             argument: "position",
             argument_unit: "deg",

@@ -11,7 +11,7 @@ use super::settings::BallPlateSettings;
 use super::sources::{coordinate_sigmas, uncertainty_sources};
 use crate::IdentifyError;
 use crate::ball_measurement::outlier_measurements;
-use crate::identification::{Measurement, UncertaintySource};
+use crate::identification::{CheckedMeasurement, UncertaintySource};
 use estimation::linear::{LinearSolution, RankAnalysis};
 use estimation::null_names::name_null_space;
 use machine::record::plan::Plan;
@@ -62,7 +62,7 @@ impl<'a> SolvedRun<'a> {
     }
 
     /// Each ball at each stop as a measurement for the outlier check.
-    pub fn measurements(&self) -> Vec<Measurement> {
+    pub fn measurements(&self) -> Vec<CheckedMeasurement> {
         let residuals: Vec<Vector3<f64>> = self.residuals().collect();
         outlier_measurements(&self.measured.observed, |i| {
             let variances = self.sigma[3 * i..][..3].iter().map(|sigma| sigma.powi(2));

@@ -33,7 +33,7 @@ impl FunctionDifference {
     }
 
     /// Number of points that agree.
-    pub fn agreeing_count(&self) -> usize {
+    pub fn agreeing_point_count(&self) -> usize {
         self.normalized.iter().filter(|e_n| **e_n <= 1.0).count()
     }
 
@@ -184,7 +184,7 @@ mod tests {
         near(&found.by, &[2.5, 0.0]);
         near(&found.expanded, &[2f64.sqrt(); 2]);
         near(&found.normalized, &[2.5 / 2f64.sqrt(), 0.0]);
-        assert_eq!((found.worst_index(), found.agreeing_count()), (Some(0), 1));
+        assert_eq!((found.worst_index(), found.agreeing_point_count()), (Some(0), 1));
         let back = function_difference(&other, &one, 2.0).unwrap();
         near(&back.by, &[-2.5, 0.0]);
     }

@@ -128,7 +128,7 @@ impl<'a> References<'a> {
 
     /// Number of times that the references are touched after a stop. If the repeatability of touches is not
     /// declared, it must come from the references themselves.
-    pub fn round_count(&self) -> u32 {
+    pub fn reference_round_count(&self) -> u32 {
         if self.declared_repeatability_mm().is_some() { 1 } else { 2 }
     }
 

@@ -7,9 +7,9 @@ use estimation::thin_svd::ThinSvd;
 use faer::{Mat, MatRef};
 
 use super::harmonics::function_over_orders;
-use super::model::{FitQuality, ObservationModel, Response, Solution, multiply_vector, rms};
+use super::model::{FitQuality, ObservationModel, Response, SolvedModel, multiply_vector, rms};
 use super::outputs::unit_slope;
-use super::source::{Effect, ObservationSpan, ResidualTreatment, UncertaintySource};
+use super::source::{ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource};
 use crate::IdentifyError;
 use machine::record::estimate::{EstimatedFunction, Unit};
 
@@ -20,18 +20,18 @@ const MAX_UNDETERMINED_SHARE: f64 = 1e-7;
 pub struct BlockEquations {
     /// Design matrix, observations × unknowns, with the names of the unknowns.
     pub design: Mat<f64>,
-    pub names: Vec<String>,
+    pub unknown_names: Vec<String>,
     pub observed_mm: Vec<f64>,
     pub sigma_mm: Vec<f64>,
     /// Group index of each observation, from 0.
-    pub groups: Vec<usize>,
+    pub group_indices: Vec<usize>,
 }
 
 /// Solution of one block of unknowns. Before the fit the observations of each group are reduced to the
 /// components that the unknowns can explain. The rest of the residuals is an effect of no unknown.
 pub struct BlockFit {
     /// Reduction matrix, reduced observations (of standard uncertainty 1) × observations, 1/mm.
-    pub reduction: Mat<f64>,
+    pub reduction_matrix: Mat<f64>,
     /// Design matrix, reduced observations × unknowns.
     pub design: Mat<f64>,
     pub solution: LinearSolution,
@@ -49,7 +49,7 @@ pub struct BlockFit {
 
 impl BlockFit {
     fn new(equations: &BlockEquations) -> Result<Self, IdentifyError> {
-        let BlockEquations { design: full, names, observed_mm, sigma_mm, .. } = equations;
+        let BlockEquations { design: full, unknown_names: names, observed_mm, sigma_mm, .. } = equations;
         let survey = linear::analyse_rank(full.as_ref(), None, RANK_THRESHOLD).map_err(numerical_error)?;
         let RankAnalysis { null_space, rank, .. } = survey;
         let constraints = null_space.transpose().to_owned();
@@ -70,7 +70,7 @@ impl BlockFit {
             chi2: residuals_mm.iter().zip(sigma_mm).map(|(r, sigma)| (r / sigma).powi(2)).sum(),
             dof: observed_mm.len() - rank,
             residuals_mm,
-            reduction,
+            reduction_matrix: reduction,
             design,
             solution,
             null_space,
@@ -89,7 +89,7 @@ impl BlockFit {
     /// Derivatives by the unknowns of the cosine and sine part of a harmonic, without their components along
     /// the orthogonal directions `removed`. The two parts are the unknowns 2·`column` and 2·`column` + 1.
     /// `None`: not determined.
-    pub fn identifiable_parts(&self, column: usize, removed: &[Vec<f64>]) -> Option<[Vec<f64>; 2]> {
+    pub fn identifiable_harmonic_slopes(&self, column: usize, removed: &[Vec<f64>]) -> Option<[Vec<f64>; 2]> {
         let part = |offset: usize| {
             let mut slope = unit_slope(2 * column + offset, self.design.ncols());
             removed.iter().for_each(|direction| remove_component(&mut slope, direction));
@@ -112,7 +112,7 @@ fn numerical_error(error: linear::LinearError) -> IdentifyError {
 
 /// An orthonormal basis of the weighted rows of the design, for each group.
 fn reduction_matrix(equations: &BlockEquations) -> Mat<f64> {
-    let BlockEquations { design, sigma_mm, groups, .. } = equations;
+    let BlockEquations { design, sigma_mm, group_indices: groups, .. } = equations;
     let count = groups.iter().map(|group| group + 1).max().unwrap_or(0);
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for group in 0..count {
@@ -157,7 +157,7 @@ impl BlockwiseFit {
 
     /// The solution for the propagation of uncertainty. Its degrees of freedom are those of the reduced
     /// observations.
-    pub fn solution(&self) -> Solution<'_> {
+    pub fn solution(&self) -> SolvedModel<'_> {
         let solutions = || self.blocks.iter().map(|fit| &fit.solution);
         let residuals = self.blocks.iter().flat_map(|fit| fit.residuals_mm.clone());
         let figures = FitQuality {
@@ -168,7 +168,13 @@ impl BlockwiseFit {
             residual_rms_mm: rms(&residuals.collect::<Vec<f64>>()),
         };
         let residuals = &self.weighted_residuals;
-        Solution { model: self, residuals, has_declared_sizes: true, figures, measurements: &[] }
+        SolvedModel {
+            model: self,
+            weighted_residuals: residuals,
+            has_declared_sizes: true,
+            fit_quality: figures,
+            measurements: &[],
+        }
     }
 
     /// Extends a derivative by the unknowns of one block to all unknowns.
@@ -181,21 +187,21 @@ impl BlockwiseFit {
     /// Converts a change of all observations, mm, to a change of the reduced observations.
     fn reduce_change(&self, change_mm: &[f64]) -> Vec<f64> {
         let parts = change_mm.chunks(change_mm.len() / self.blocks.len().max(1));
-        let of = |(fit, part): (&BlockFit, &[f64])| multiply_vector(&fit.reduction, part);
+        let of = |(fit, part): (&BlockFit, &[f64])| multiply_vector(&fit.reduction_matrix, part);
         self.blocks.iter().zip(parts).flat_map(of).collect()
     }
 
     /// Effect of observations that have the given covariance, mm², within each block.
-    pub fn block_covariance_effect(&self, covariance: impl Fn(usize) -> Mat<f64>) -> Effect {
+    pub fn block_covariance_effect(&self, covariance: impl Fn(usize) -> Mat<f64>) -> ObservationEffect {
         let (mut runs, mut first) = (Vec::new(), 0);
         for (block, fit) in self.blocks.iter().enumerate() {
-            let reduced = &fit.reduction * covariance(block) * fit.reduction.transpose();
+            let reduced = &fit.reduction_matrix * covariance(block) * fit.reduction_matrix.transpose();
             let root = cholesky_lower(&reduced);
             let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
             runs.extend(columns.map(|values| ObservationSpan { first_index: first, changes_mm: values }));
             first += root.nrows();
         }
-        Effect::Spans(runs)
+        ObservationEffect::Spans(runs)
     }
 
     /// A source that changes many observations together, by its `columns` in mm. It does not enter the
@@ -213,11 +219,11 @@ impl BlockwiseFit {
 }
 
 impl ObservationModel for BlockwiseFit {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         self.weighted_residuals.len()
     }
 
-    fn unknowns(&self) -> usize {
+    fn unknown_count(&self) -> usize {
         self.x.len()
     }
 

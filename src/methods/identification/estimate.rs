@@ -9,9 +9,9 @@ use machine::record::estimate::{
 };
 
 use super::likely_sources::{LikelySource, likely_sources};
-use super::model::{FitQuality, Solution};
+use super::model::{FitQuality, SolvedModel};
 use super::outliers::OutlierCheck;
-use super::outputs::{Curve, Output, Outputs};
+use super::outputs::{OutputCurve, OutputParameter, Outputs};
 use super::propagation::{Propagation, Uncertainty};
 use super::source::UncertaintySource;
 use super::trials::{TrialPlan, propagate_by_trials};
@@ -23,7 +23,7 @@ pub struct Identification {
     pub propagation: Propagation,
     /// Trials of the parameters in the order of the estimate, internal units.
     pub trials: Option<TrialStatistics>,
-    pub figures: FitQuality,
+    pub fit_quality: FitQuality,
     pub outlier_check: OutlierCheck,
     /// Sources that may be larger than declared and would explain a misfit.
     pub likely_sources: Vec<LikelySource>,
@@ -34,12 +34,12 @@ pub struct Identification {
 /// # Errors
 /// A source does not match the size of the model; fewer than two trials.
 pub fn identify(
-    solution: &Solution<'_>,
+    solution: &SolvedModel<'_>,
     sources: &[UncertaintySource],
     outputs: Outputs,
     plan: Option<TrialPlan>,
 ) -> Result<Identification, IdentifyError> {
-    let (observations, unknowns) = (solution.model.observations(), solution.model.unknowns());
+    let (observations, unknowns) = (solution.model.observation_count(), solution.model.unknown_count());
     if let Some(source) = sources.iter().find(|source| !source.has_matching_size(observations, unknowns)) {
         return Err(IdentifyError::IdentificationFailed(format!(
             "the size of the uncertainty source `{}` does not match {observations} observations and \
@@ -53,13 +53,20 @@ pub fn identify(
     let trials = plan.map(run).transpose()?;
     let outlier_check = OutlierCheck::new(solution, misfit, &propagation.residual_variances);
     let likely_sources = if misfit.is_above_bound { likely_sources(solution, sources) } else { Vec::new() };
-    Ok(Identification { outputs, propagation, trials, figures: solution.figures, outlier_check, likely_sources })
+    Ok(Identification {
+        outputs,
+        propagation,
+        trials,
+        fit_quality: solution.fit_quality,
+        outlier_check,
+        likely_sources,
+    })
 }
 
 impl Identification {
     /// The estimate without the sentences and figures that the method adds.
     pub fn estimate(&self, method: &str) -> Estimate {
-        let (figures, misfit) = (&self.figures, &self.propagation.misfit);
+        let (figures, misfit) = (&self.fit_quality, &self.propagation.misfit);
         let parameters = self.outputs.all_parameters().enumerate();
         Estimate {
             trued_estimate: ESTIMATE_VERSION,
@@ -97,12 +104,12 @@ impl Identification {
         }
     }
 
-    fn build_parameter(&self, index: usize, output: &Output) -> Parameter {
-        let Output { symbol, unit, value, .. } = output;
+    fn build_parameter(&self, index: usize, output: &OutputParameter) -> Parameter {
+        let OutputParameter { symbol, unit, value, .. } = output;
         let interval = self.trials.as_ref().and_then(|trials| trials.shortest_interval.get(index));
         Parameter {
-            u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
-            interval_monte_carlo: interval.map(|mm| mm.map(|x| unit.from_internal(x))),
+            u_monte_carlo: self.u_by_trials(index).map(|u| unit.to_display_value(u)),
+            interval_monte_carlo: interval.map(|mm| mm.map(|x| unit.to_display_value(x))),
             ..parameter_with_budget(symbol, *unit, *value, self.output_uncertainty(index, output))
         }
     }
@@ -119,7 +126,7 @@ impl Identification {
         Some(self.output_uncertainty(index, output))
     }
 
-    fn output_uncertainty(&self, index: usize, output: &Output) -> Uncertainty {
+    fn output_uncertainty(&self, index: usize, output: &OutputParameter) -> Uncertainty {
         match &output.slope {
             Some(slope) => self.propagation.uncertainty(slope),
             None => Uncertainty { u: self.u_by_trials(index).unwrap_or(f64::NAN), dof: None, budget: Vec::new() },
@@ -131,7 +138,7 @@ impl Identification {
         let outputs = &self.outputs.parameters;
         let slopes = self.outputs.slopes(self.propagation.unknowns());
         let full = self.propagation.covariance(&slopes);
-        let edge: Vec<f64> = outputs.iter().map(|o| o.unit.from_internal(1.0)).collect();
+        let edge: Vec<f64> = outputs.iter().map(|o| o.unit.to_display_value(1.0)).collect();
         let row = |i: usize| (0..edge.len()).map(|j| full[(i, j)] * edge[i] * edge[j]).collect();
         Covariance {
             symbols: outputs.iter().map(|output| output.symbol.clone()).collect(),
@@ -139,15 +146,15 @@ impl Identification {
         }
     }
 
-    fn build_function(&self, curve: &Curve) -> EstimatedFunction {
-        let u = |slope: &Vec<f64>| curve.unit.from_internal(self.propagation.uncertainty(slope).u);
+    fn build_function(&self, curve: &OutputCurve) -> EstimatedFunction {
+        let u = |slope: &Vec<f64>| curve.unit.to_display_value(self.propagation.uncertainty(slope).u);
         EstimatedFunction {
             symbol: curve.symbol.clone(),
             argument: curve.argument.to_owned(),
             argument_unit: curve.argument_unit.to_owned(),
             x: curve.x.clone(),
             unit: curve.unit,
-            y: curve.y.iter().map(|y| curve.unit.from_internal(*y)).collect(),
+            y: curve.y.iter().map(|y| curve.unit.to_display_value(*y)).collect(),
             u: curve.slopes.iter().map(u).collect(),
             figure: curve.figure,
             at_mm: None,
@@ -169,7 +176,7 @@ impl Identification {
 pub fn parameter_with_budget(symbol: &str, unit: Unit, value: f64, own: Uncertainty) -> Parameter {
     let lines = own.budget.into_iter();
     Parameter {
-        budget: lines.map(|line| BudgetLine { u: unit.from_internal(line.u), ..line }).collect(),
+        budget: lines.map(|line| BudgetLine { u: unit.to_display_value(line.u), ..line }).collect(),
         ..parameter_without_budget(symbol, unit, value, own.u, own.dof)
     }
 }
@@ -180,10 +187,10 @@ pub fn parameter_without_budget(symbol: &str, unit: Unit, value: f64, u: f64, do
     let k = coverage_factor(dof.unwrap_or(f64::INFINITY));
     Parameter {
         symbol: symbol.to_owned(),
-        value: unit.from_internal(value),
+        value: unit.to_display_value(value),
         unit,
-        u: unit.from_internal(u),
-        expanded: unit.from_internal(k * u),
+        u: unit.to_display_value(u),
+        expanded: unit.to_display_value(k * u),
         k,
         dof,
         identifiable: true,

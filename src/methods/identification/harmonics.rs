@@ -6,7 +6,7 @@ use faer::Mat;
 use machine::record::estimate::{EstimatedFunction, FigureKind, Unit};
 
 use super::estimate::Identification;
-use super::outputs::{Curve, Output, dot_product};
+use super::outputs::{OutputCurve, OutputParameter, dot_product};
 use super::range::RangeOutput;
 
 /// Cosine and sine part of one harmonic.
@@ -15,7 +15,7 @@ pub struct Harmonic {
     /// Order of the harmonic: periods per revolution; below 1 for a sub-harmonic.
     pub order: f64,
     /// Derivatives of the cosine and of the sine part by each unknown, internal units.
-    pub parts: [Vec<f64>; 2],
+    pub cosine_and_sine_slopes: [Vec<f64>; 2],
 }
 
 /// A sum of harmonics. Orders that are not identifiable are left out.
@@ -39,9 +39,9 @@ impl HarmonicFunction {
 
     /// Derivative of the value at the angle, rad, by each unknown; empty if there are no harmonics.
     fn slope_at(&self, angle: f64) -> Vec<f64> {
-        let unknowns = self.harmonics.first().map_or(0, |harmonic| harmonic.parts[0].len());
+        let unknowns = self.harmonics.first().map_or(0, |harmonic| harmonic.cosine_and_sine_slopes[0].len());
         let mut sum = vec![0.0; unknowns];
-        for Harmonic { order, parts } in &self.harmonics {
+        for Harmonic { order, cosine_and_sine_slopes: parts } in &self.harmonics {
             let (sin, cos) = (order * angle).sin_cos();
             for (part, factor) in parts.iter().zip([cos, sin]) {
                 sum.iter_mut().zip(part).for_each(|(sum, slope)| *sum += factor * slope);
@@ -51,16 +51,16 @@ impl HarmonicFunction {
     }
 
     /// Values at `count` equally spaced angles, from 0.
-    pub fn values(&self, count: usize, x: &[f64]) -> Vec<f64> {
+    pub fn values_at_equal_angles(&self, count: usize, x: &[f64]) -> Vec<f64> {
         let slopes = (0..count).map(|i| self.slope_at(i as f64 * TAU / count as f64));
         slopes.map(|slope| dot_product(&slope, x)).collect()
     }
 
     /// The curve over one revolution of the axis `argument`, with the end point equal to the start point.
-    pub fn curve(&self, argument: &'static str, points: usize, x: &[f64]) -> Curve {
+    pub fn curve(&self, argument: &'static str, points: usize, x: &[f64]) -> OutputCurve {
         let at: Vec<f64> = (0..=points).map(|i| i as f64 * 360.0 / points as f64).collect();
         let slopes: Vec<Vec<f64>> = at.iter().map(|deg| self.slope_at(deg.to_radians())).collect();
-        Curve {
+        OutputCurve {
             symbol: self.symbol.clone(),
             argument,
             argument_unit: "deg",
@@ -73,12 +73,12 @@ impl HarmonicFunction {
     }
 
     /// Cosine and sine part of each harmonic, with symbols such as `EXC_c2` and `EXC_s2`.
-    pub fn coefficients(&self, x: &[f64]) -> Vec<Output> {
+    pub fn coefficients(&self, x: &[f64]) -> Vec<OutputParameter> {
         let mut outputs = Vec::new();
-        for Harmonic { order, parts } in &self.harmonics {
+        for Harmonic { order, cosine_and_sine_slopes: parts } in &self.harmonics {
             for (part, slope) in ["c", "s"].into_iter().zip(parts) {
                 let symbol = format!("{}_{part}{order}", self.symbol);
-                outputs.push(Output::from_coefficients(&symbol, self.unit, slope.clone(), x));
+                outputs.push(OutputParameter::from_coefficients(&symbol, self.unit, slope.clone(), x));
             }
         }
         outputs
@@ -125,7 +125,7 @@ impl Identification {
     pub fn spectrum(&self, of: &HarmonicFunction, x: &[f64]) -> EstimatedFunction {
         let mut points: Vec<[f64; 3]> = of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();
         points.sort_by(|one, other| one[0].total_cmp(&other[0]));
-        let reported = |value: f64| of.unit.from_internal(value);
+        let reported = |value: f64| of.unit.to_display_value(value);
         let amplitudes = points.iter().map(|[order, amplitude, _]| (*order, reported(*amplitude)));
         EstimatedFunction {
             u: points.iter().map(|[.., u]| reported(*u)).collect(),
@@ -135,8 +135,8 @@ impl Identification {
 
     /// Order, amplitude and u, internal units.
     fn amplitude(&self, harmonic: &Harmonic, x: &[f64]) -> [f64; 3] {
-        let [cos, sin] = harmonic.parts.each_ref().map(|slope| dot_product(slope, x));
-        let slopes = Mat::from_fn(2, x.len(), |part, j| harmonic.parts[part][j]);
+        let [cos, sin] = harmonic.cosine_and_sine_slopes.each_ref().map(|slope| dot_product(slope, x));
+        let slopes = Mat::from_fn(2, x.len(), |part, j| harmonic.cosine_and_sine_slopes[part][j]);
         let covariance = self.propagation.covariance(&slopes);
         [harmonic.order, cos.hypot(sin), largest_variance(&covariance).sqrt()]
     }

@@ -100,7 +100,7 @@ impl<'a> KnownMotions<'a> {
                     MotionForm::Harmonics(terms) => {
                         for (symbol, term) in terms {
                             symbols.push(*symbol);
-                            by_coefficient.push(times(&|q| term.parameter.factor(q)));
+                            by_coefficient.push(times(&|q| term.parameter.shape_factor(q)));
                         }
                     }
                     MotionForm::Points(points) => {
@@ -170,7 +170,7 @@ fn harmonic_term(function: &str, error: ErrorParameter, parameter: &Parameter) -
         _ => return None,
     };
     let parameter_of_order = ErrorParameter::new(error.component(), error.axis(), shape).ok()?;
-    let value = parameter.value / parameter.unit.from_internal(1.0);
+    let value = parameter.value / parameter.unit.to_display_value(1.0);
     Some(ErrorTerm { parameter: parameter_of_order, value })
 }
 

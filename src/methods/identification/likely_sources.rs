@@ -3,8 +3,8 @@
 use estimation::thin_svd::ThinSvd;
 use faer::Mat;
 
-use super::model::Solution;
-use super::source::{Effect, UncertaintySource};
+use super::model::SolvedModel;
+use super::source::{ObservationEffect, UncertaintySource};
 
 /// Maximum number of sources that are named.
 const MAX_NAMED_SOURCES: usize = 3;
@@ -24,7 +24,7 @@ pub struct LikelySource {
 
 /// The sources with joint effects on many observations that may be larger than declared, the most likely
 /// first.
-pub fn likely_sources(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Vec<LikelySource> {
+pub fn likely_sources(solution: &SolvedModel<'_>, sources: &[UncertaintySource]) -> Vec<LikelySource> {
     let mut list: Vec<LikelySource> =
         sources.iter().filter_map(|source| evaluate_larger_source(solution, source)).collect();
     list.retain(|source| source.log_likelihood_gain >= MIN_LOG_LIKELIHOOD_GAIN);
@@ -36,12 +36,12 @@ pub fn likely_sources(solution: &Solution<'_>, sources: &[UncertaintySource]) ->
 /// The weighted residuals have the variance 1. A source with the singular values σ in the residuals,
 /// multiplied by f, gives the variance 1 + f²σ² along its singular vectors. `None`: the source has no joint
 /// draws, or they do not appear in the residuals.
-fn evaluate_larger_source(solution: &Solution<'_>, source: &UncertaintySource) -> Option<LikelySource> {
-    if !matches!(source.effect, Effect::Joint(_)) {
+fn evaluate_larger_source(solution: &SolvedModel<'_>, source: &UncertaintySource) -> Option<LikelySource> {
+    if !matches!(source.effect, ObservationEffect::Joint(_)) {
         return None;
     }
-    let (model, residuals) = (solution.model, solution.residuals);
-    let of_draw = |draw| model.linear_response(&source.observation_change(draw, model.observations())).residuals;
+    let (model, residuals) = (solution.model, solution.weighted_residuals);
+    let of_draw = |draw| model.linear_response(&source.observation_change(draw, model.observation_count())).residuals;
     let columns: Vec<Vec<f64>> = (0..source.draw_count()).map(of_draw).collect();
     let left = Mat::from_fn(residuals.len(), columns.len(), |i, j| columns[j][i]);
     let svd = ThinSvd::decompose(&left);

@@ -6,12 +6,12 @@ use nalgebra::Matrix3;
 
 /// A unit of the observations that may be an outlier.
 #[derive(Debug, Clone)]
-pub struct Measurement {
+pub struct CheckedMeasurement {
     /// Label in the plan.
     pub label: String,
     pub description: String,
     /// Indices of the measurement's rows in the weighted residuals.
-    pub rows: Range<usize>,
+    pub residual_rows: Range<usize>,
     /// Residual of the measurement, mm: outward along a touch; for a point, the length of its residual
     /// vector.
     pub residual_mm: f64,

@@ -40,20 +40,21 @@ pub use forecast::{describe_assumed_repeatability, describe_expected_uncertainty
 pub use harmonics::{Harmonic, HarmonicFunction, function_over_numbers, function_over_orders};
 pub use known_errors::KnownErrors;
 pub use known_motions::KnownMotions;
-pub use measurement::{Measurement, mean_coordinate_u_mm};
+pub use measurement::{CheckedMeasurement, mean_coordinate_u_mm};
 pub use model::{
-    FitQuality, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution, multiply_vector,
+    FitQuality, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, SolvedModel, multiply_vector,
     rms, solve_each_trial,
 };
 pub use outliers::OutlierCheck;
 pub use outputs::{
-    Curve, NonlinearOutputs, Output, Outputs, central_differences, dot_product, reported_unit, unit_slope,
+    NonlinearOutputs, OutputCurve, OutputParameter, Outputs, central_differences, dot_product, reported_unit,
+    unit_slope,
 };
 pub use propagation::{Propagation, Uncertainty};
 pub use range::{RangeOutput, range_outputs};
 pub use source::{
-    DrawDistribution, Effect, EvaluationType, ObservationSpan, ResidualTreatment, UncertaintySource, block_covariances,
-    linear_combination, prior_covariance,
+    DrawDistribution, EvaluationType, ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource,
+    block_covariances, linear_combination, prior_covariance,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;

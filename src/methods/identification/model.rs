@@ -5,7 +5,7 @@ use estimation::nonlinear::NonlinearSolution;
 use faer::{Mat, MatRef};
 use nalgebra::Vector3;
 
-use super::measurement::Measurement;
+use super::measurement::CheckedMeasurement;
 
 /// Figures of a solved problem that the estimate reports.
 #[derive(Debug, Clone, Copy)]
@@ -53,15 +53,15 @@ pub fn rms(values: &[f64]) -> f64 {
 }
 
 /// A solved observation model with its residuals.
-pub struct Solution<'a> {
+pub struct SolvedModel<'a> {
     pub model: &'a dyn ObservationModel,
     /// Weighted residuals (divided by the standard uncertainties), measured minus model.
-    pub residuals: &'a [f64],
+    pub weighted_residuals: &'a [f64],
     /// Whether the sizes of the judged sources are declared; otherwise they are assumed.
     pub has_declared_sizes: bool,
-    pub figures: FitQuality,
+    pub fit_quality: FitQuality,
     /// Measurements that are checked for outliers; observations outside of them are not checked.
-    pub measurements: &'a [Measurement],
+    pub measurements: &'a [CheckedMeasurement],
 }
 
 /// First-order effect of a change of the observations.
@@ -69,7 +69,7 @@ pub struct Solution<'a> {
 pub struct Response {
     /// Change of the unknowns, in their units.
     pub unknowns: Vec<f64>,
-    /// Change of the weighted residuals, one entry per residual of the [`Solution`].
+    /// Change of the weighted residuals, one entry per residual of the [`SolvedModel`].
     pub residuals: Vec<f64>,
 }
 
@@ -77,10 +77,10 @@ pub struct Response {
 /// changes directly.
 pub trait ObservationModel: Sync {
     /// Number of observations.
-    fn observations(&self) -> usize;
+    fn observation_count(&self) -> usize;
 
     /// Number of unknowns.
-    fn unknowns(&self) -> usize;
+    fn unknown_count(&self) -> usize;
 
     /// First-order effect of a change of the observations, mm, one entry per observation.
     fn linear_response(&self, change: &[f64]) -> Response;
@@ -105,11 +105,11 @@ pub trait ObservationModel: Sync {
 /// The rows of a nonlinear least-squares problem as a function of its observations.
 pub trait ObservationEquation: Sync {
     /// Number of observations.
-    fn observations(&self) -> usize;
+    fn observation_count(&self) -> usize;
 
     /// Weighted residuals, measured minus model, at the unknowns `x` for observations changed by `change`
     /// (mm, one entry per observation).
-    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64>;
+    fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64>;
 
     /// First-order change of the weighted residuals by `change` at fixed unknowns, with the sign of measured
     /// minus model.
@@ -132,7 +132,7 @@ impl<E: ObservationEquation> LeastSquares<'_, E> {
     pub fn solve_for_change(&self, change: &[f64]) -> Vec<f64> {
         let mut x = self.minimum.x.clone();
         for _ in 0..GAUSS_NEWTON_STEPS {
-            let step = self.minimum.factored.solve(&self.equation.residuals(&x, change));
+            let step = self.minimum.factored.solve(&self.equation.weighted_residuals(&x, change));
             x.iter_mut().zip(step).for_each(|(x, step)| *x += step);
         }
         x
@@ -140,11 +140,11 @@ impl<E: ObservationEquation> LeastSquares<'_, E> {
 }
 
 impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
-    fn observations(&self) -> usize {
-        self.equation.observations()
+    fn observation_count(&self) -> usize {
+        self.equation.observation_count()
     }
 
-    fn unknowns(&self) -> usize {
+    fn unknown_count(&self) -> usize {
         self.minimum.x.len()
     }
 
@@ -159,7 +159,7 @@ impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        solve_each_trial(changes, self.unknowns(), |change| self.solve_for_change(change))
+        solve_each_trial(changes, self.unknown_count(), |change| self.solve_for_change(change))
     }
 }
 
@@ -195,11 +195,11 @@ impl LinearFit<'_> {
 }
 
 impl ObservationModel for LinearFit<'_> {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         self.design_matrix.nrows()
     }
 
-    fn unknowns(&self) -> usize {
+    fn unknown_count(&self) -> usize {
         self.design_matrix.ncols()
     }
 
@@ -209,8 +209,8 @@ impl ObservationModel for LinearFit<'_> {
     }
 
     fn leverage(&self) -> Vec<f64> {
-        let own = |i: usize| (0..self.unknowns()).map(|j| self.design_matrix[(i, j)] * self.gain[(j, i)]).sum();
-        (0..self.observations()).map(own).collect()
+        let own = |i: usize| (0..self.unknown_count()).map(|j| self.design_matrix[(i, j)] * self.gain[(j, i)]).sum();
+        (0..self.observation_count()).map(own).collect()
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {

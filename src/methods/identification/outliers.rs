@@ -8,8 +8,8 @@ use std::ops::Range;
 use estimation::coverage::{two_sided_factor, variance_ratio_bound};
 use estimation::misfit::Misfit;
 
-use super::measurement::Measurement;
-use super::model::Solution;
+use super::measurement::CheckedMeasurement;
+use super::model::SolvedModel;
 use machine::record::estimate::{DetectableDeviation, Deviation, Outlier};
 
 /// Probability of a false alarm over all measurements.
@@ -33,13 +33,13 @@ pub struct OutlierCheck {
 
 impl OutlierCheck {
     /// `variances`: variance of each weighted residual from the declared sources.
-    pub fn new(solution: &Solution<'_>, misfit: &Misfit, variances: &[f64]) -> Self {
+    pub fn new(solution: &SolvedModel<'_>, misfit: &Misfit, variances: &[f64]) -> Self {
         let leverage = solution.model.leverage();
         let residuals = RowResiduals {
-            residuals: solution.residuals,
+            residuals: solution.weighted_residuals,
             variances,
-            dof: misfit.dof,
-            chi2: misfit.chi2 * misfit.dof / misfit.expected,
+            dof: misfit.effective_dof,
+            chi2: misfit.chi2 * misfit.effective_dof / misfit.expected,
             has_declared_sizes: solution.has_declared_sizes,
         };
         let measurements = solution.measurements;
@@ -73,7 +73,7 @@ impl OutlierCheck {
 }
 
 struct OutlierSearch<'a> {
-    solution: &'a Solution<'a>,
+    solution: &'a SolvedModel<'a>,
     residuals: RowResiduals<'a>,
     leverage: &'a [f64],
 }
@@ -83,7 +83,7 @@ impl OutlierSearch<'_> {
         let mut list: Vec<Outlier> = Vec::new();
         for measurement in self.solution.measurements {
             let Some(limit) = self.residual_limit(measurement) else { continue };
-            let t = self.residuals.studentised_residual(measurement.rows.clone());
+            let t = self.residuals.studentised_residual(measurement.residual_rows.clone());
             if t <= limit {
                 continue;
             }
@@ -97,21 +97,24 @@ impl OutlierSearch<'_> {
     }
 
     /// Limit of the measurement's studentised residual. `None`: no other measurement checks it.
-    fn residual_limit(&self, measurement: &Measurement) -> Option<f64> {
+    fn residual_limit(&self, measurement: &CheckedMeasurement) -> Option<f64> {
         let all = self.solution.measurements.len();
-        self.residuals.studentised_limit(measurement.rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
+        self.residuals.studentised_limit(measurement.residual_rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
 
     /// Measurements of one row each whose deviations leave the same pattern in the residuals, including this
     /// one.
-    fn indistinguishable_measurements<'m>(&'m self, measurement: &'m Measurement) -> Vec<&'m Measurement> {
-        let Solution { model, residuals, measurements, .. } = self.solution;
-        if measurement.rows.len() > 1 || model.observations() != residuals.len() {
+    fn indistinguishable_measurements<'m>(
+        &'m self,
+        measurement: &'m CheckedMeasurement,
+    ) -> Vec<&'m CheckedMeasurement> {
+        let SolvedModel { model, weighted_residuals: residuals, measurements, .. } = self.solution;
+        if measurement.residual_rows.len() > 1 || model.observation_count() != residuals.len() {
             return vec![measurement];
         }
-        let pattern = |of: &Measurement| {
+        let pattern = |of: &CheckedMeasurement| {
             let mut change = vec![0.0; residuals.len()];
-            change[of.rows.start] = of.u_mm;
+            change[of.residual_rows.start] = of.u_mm;
             model.linear_response(&change).residuals
         };
         let own = pattern(measurement);
@@ -119,22 +122,22 @@ impl OutlierSearch<'_> {
     }
 
     /// Deviation of this measurement if it is the only outlier.
-    fn deviation(&self, measurement: &Measurement) -> Deviation {
+    fn deviation(&self, measurement: &CheckedMeasurement) -> Deviation {
         let deviation_um = 1e3 * measurement.residual_mm / self.residual_fraction(measurement);
         Deviation { label: measurement.label.clone(), deviation_um }
     }
 
     /// Fraction of the measurement's deviation that remains in its residual.
-    fn residual_fraction(&self, measurement: &Measurement) -> f64 {
-        let rows = measurement.rows.clone();
+    fn residual_fraction(&self, measurement: &CheckedMeasurement) -> f64 {
+        let rows = measurement.residual_rows.clone();
         let sum: f64 = rows.filter_map(|row| self.leverage.get(row)).sum();
-        1.0 - sum / measurement.rows.len() as f64
+        1.0 - sum / measurement.residual_rows.len() as f64
     }
 
     /// Smallest detectable deviation of the measurement, in the direction in which the residuals show a
     /// deviation least.
-    fn detectable_deviation(&self, measurement: &Measurement) -> DetectableDeviation {
-        let rows = measurement.rows.clone();
+    fn detectable_deviation(&self, measurement: &CheckedMeasurement) -> DetectableDeviation {
+        let rows = measurement.residual_rows.clone();
         let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();
         let um = |limit: f64| {
             let residual = (limit + self.residuals.detection_margin()) * least;
@@ -200,7 +203,7 @@ pub fn are_indistinguishable(patterns: [&[f64]; 2]) -> bool {
     product(one, other).powi(2) > MIN_PATTERN_COSINE_SQUARED * product(one, one) * product(other, other)
 }
 
-fn outlier_warning(outlier: &Outlier, measurements: &[Measurement]) -> String {
+fn outlier_warning(outlier: &Outlier, measurements: &[CheckedMeasurement]) -> String {
     let candidate = |candidate: &Deviation| {
         let own = measurements.iter().find(|m| m.label == candidate.label);
         let in_words = own.map_or(&*candidate.label, |own| &own.description);

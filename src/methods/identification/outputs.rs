@@ -6,7 +6,7 @@ use machine::record::estimate::{FigureKind, Unit};
 
 /// A parameter of the estimate. Internal units: mm, rad, mm/mm, s.
 #[derive(Debug, Clone)]
-pub struct Output {
+pub struct OutputParameter {
     pub symbol: String,
     /// Unit in which the estimate reports the parameter.
     pub unit: Unit,
@@ -16,7 +16,7 @@ pub struct Output {
     pub slope: Option<Vec<f64>>,
 }
 
-impl Output {
+impl OutputParameter {
     /// The output coefficients·x.
     pub fn from_coefficients(symbol: &str, unit: Unit, coefficients: Vec<f64>, x: &[f64]) -> Self {
         let value = dot_product(&coefficients, x);
@@ -41,7 +41,7 @@ pub fn unit_slope(index: usize, unknowns: usize) -> Vec<f64> {
 
 /// A function of the estimate whose points are linear in the unknowns. Its u is of first order.
 #[derive(Debug, Clone)]
-pub struct Curve {
+pub struct OutputCurve {
     pub symbol: String,
     pub argument: &'static str,
     pub argument_unit: &'static str,
@@ -63,16 +63,16 @@ pub type TrialFunction = Box<dyn Fn(MatRef<'_, f64>) -> Mat<f64> + Send + Sync>;
 /// deviation. They are not in the covariance. A parameter without slope has no budget; its u comes from the
 /// trials and is NaN without trials.
 pub struct NonlinearOutputs {
-    pub outputs: Vec<Output>,
+    pub outputs: Vec<OutputParameter>,
     /// Values of the outputs, in their order.
-    pub values: TrialFunction,
+    pub trial_values: TrialFunction,
 }
 
 #[derive(Default)]
 pub struct Outputs {
     /// Linear parameters with budget and covariance. Each has a slope.
-    pub parameters: Vec<Output>,
-    pub curves: Vec<Curve>,
+    pub parameters: Vec<OutputParameter>,
+    pub curves: Vec<OutputCurve>,
     pub nonlinear: Option<NonlinearOutputs>,
 }
 
@@ -84,7 +84,7 @@ impl Outputs {
     }
 
     /// Parameters in the order of the estimate: linear parameters, then nonlinear ones.
-    pub fn all_parameters(&self) -> impl Iterator<Item = &Output> {
+    pub fn all_parameters(&self) -> impl Iterator<Item = &OutputParameter> {
         self.parameters.iter().chain(self.nonlinear.iter().flat_map(|of| &of.outputs))
     }
 
@@ -103,7 +103,7 @@ impl Outputs {
     pub fn evaluate_trials(&self, values: Mat<f64>) -> Mat<f64> {
         let Some(nonlinear) = &self.nonlinear else { return values };
         let linear = &values * self.slopes(values.ncols()).transpose();
-        let others = (nonlinear.values)(values.as_ref());
+        let others = (nonlinear.trial_values)(values.as_ref());
         Mat::from_fn(values.nrows(), linear.ncols() + others.ncols(), |trial, j| match j.checked_sub(linear.ncols()) {
             Some(j) => others[(trial, j)],
             None => linear[(trial, j)],

@@ -150,7 +150,7 @@ fn read_map_coefficients(prior: &Estimate) -> Vec<MapCoefficient> {
         for (symbol, quarter_turns) in map_symbols(order).into_iter().zip([0.0, 0.25]) {
             let own = prior.parameters.iter().find(|parameter| parameter.symbol == symbol);
             let Some(parameter) = own else { continue };
-            let unit = parameter.unit.from_internal(1.0);
+            let unit = parameter.unit.to_display_value(1.0);
             parts.push(MapCoefficient {
                 symbol,
                 order,

@@ -6,7 +6,7 @@ use estimation::monte_carlo::DrawDistribution;
 use faer::Mat;
 use machine::record::estimate::{BudgetLine, Distribution, EvaluationType};
 
-use super::model::{Response, Solution};
+use super::model::{Response, SolvedModel};
 use super::source::{ResidualTreatment, UncertaintySource};
 
 /// The effects of the sources on the unknowns.
@@ -50,21 +50,21 @@ impl Uncertainty {
 impl EffectOnUnknowns {
     /// Computes the effect of `source`. Appends the residuals of each draw to `left` if χ² is expected to
     /// contain them.
-    fn new(solution: &Solution<'_>, source: &UncertaintySource, left: &mut Vec<Vec<f64>>) -> Self {
+    fn new(solution: &SolvedModel<'_>, source: &UncertaintySource, left: &mut Vec<Vec<f64>>) -> Self {
         let model = solution.model;
-        let mut draws = Mat::zeros(model.unknowns(), source.draw_count());
+        let mut draws = Mat::zeros(model.unknown_count(), source.draw_count());
         for draw in 0..source.draw_count() {
-            let change = source.observation_change(draw, model.observations());
+            let change = source.observation_change(draw, model.observation_count());
             let Response { mut unknowns, residuals } = model.linear_response(&change);
             let direct = source.direct_changes.get(draw).into_iter().flatten();
             unknowns.iter_mut().zip(direct).for_each(|(x, change)| *x += change);
             draws.col_as_slice_mut(draw).copy_from_slice(&unknowns);
-            if source.in_residuals >= ResidualTreatment::Expected {
+            if source.residual_treatment >= ResidualTreatment::Expected {
                 left.push(residuals);
             }
         }
-        let is_judged = source.in_residuals == ResidualTreatment::Judged;
-        let distribution = match source.shape {
+        let is_judged = source.residual_treatment == ResidualTreatment::Judged;
+        let distribution = match source.draw_distribution {
             DrawDistribution::Normal => Distribution::Normal,
             DrawDistribution::Rectangular => Distribution::Rectangular,
         };
@@ -84,8 +84,9 @@ impl EffectOnUnknowns {
 impl Propagation {
     /// Propagates each draw by the response of the model, compares the residuals with the declared sources
     /// and scales the judged sources by [`Misfit::factor`].
-    pub fn new(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Self {
-        let Solution { model, residuals, has_declared_sizes, figures, .. } = *solution;
+    pub fn new(solution: &SolvedModel<'_>, sources: &[UncertaintySource]) -> Self {
+        let SolvedModel { model, weighted_residuals: residuals, has_declared_sizes, fit_quality: figures, .. } =
+            *solution;
         let mut left = Vec::new();
         let effects = sources.iter().map(|source| EffectOnUnknowns::new(solution, source, &mut left));
         let mut effects: Vec<EffectOnUnknowns> = effects.collect();
@@ -95,7 +96,7 @@ impl Propagation {
         }
         let variance = |row: usize| left.iter().map(|draw| draw[row].powi(2)).sum();
         let residual_variances = (0..residuals.len()).map(variance).collect();
-        Self { misfit, residual_variances, effects, unknowns: model.unknowns() }
+        Self { misfit, residual_variances, effects, unknowns: model.unknown_count() }
     }
 
     /// Uncertainty of the output with this derivative by each unknown. If the residuals scale the judged
@@ -113,10 +114,10 @@ impl Propagation {
             }
         }
         // The degrees of freedom of the misfit may be NaN if it scales nothing.
-        components.extend(is_scaled.then_some((judged, self.misfit.dof)));
+        components.extend(is_scaled.then_some((judged, self.misfit.effective_dof)));
         let lines = self.effects.iter().zip(&variances);
         let line = |(effect, variance): (&EffectOnUnknowns, &f64)| {
-            let dof = if is_scaled && effect.is_judged { self.misfit.dof } else { effect.dof };
+            let dof = if is_scaled && effect.is_judged { self.misfit.effective_dof } else { effect.dof };
             BudgetLine {
                 source: effect.name.clone(),
                 evaluation: Some(effect.evaluation),

@@ -4,7 +4,7 @@
 use faer::{Mat, MatRef};
 use machine::record::estimate::Unit;
 
-use super::outputs::{NonlinearOutputs, Output};
+use super::outputs::{NonlinearOutputs, OutputParameter};
 
 pub struct RangeOutput {
     pub symbol: String,
@@ -26,7 +26,7 @@ pub fn range_outputs(ranges: Vec<RangeOutput>, x: &[f64]) -> NonlinearOutputs {
     let matrix = |range: &RangeOutput| Mat::from_fn(range.slopes.len(), x.len(), |i, j| range.slopes[i][j]);
     let slopes: Vec<Mat<f64>> = ranges.iter().map(matrix).collect();
     let solution = Mat::from_fn(1, x.len(), |_, j| x[j]);
-    let outputs = ranges.into_iter().zip(&slopes).map(|(range, slopes)| Output {
+    let outputs = ranges.into_iter().zip(&slopes).map(|(range, slopes)| OutputParameter {
         symbol: range.symbol,
         unit: range.unit,
         value: ranges_of_trials(slopes, solution.as_ref())[0],
@@ -37,7 +37,7 @@ pub fn range_outputs(ranges: Vec<RangeOutput>, x: &[f64]) -> NonlinearOutputs {
         let columns: Vec<Vec<f64>> = slopes.iter().map(|s| ranges_of_trials(s, trials)).collect();
         Mat::from_fn(trials.nrows(), columns.len(), |trial, j| columns[j][trial])
     };
-    NonlinearOutputs { outputs, values: Box::new(values) }
+    NonlinearOutputs { outputs, trial_values: Box::new(values) }
 }
 
 /// The range of each trial; `trials`: trials × unknowns.

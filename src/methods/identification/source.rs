@@ -32,7 +32,7 @@ pub struct ObservationSpan {
 
 /// Changes of the observations by independent draws of unit variance, mm.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Effect {
+pub enum ObservationEffect {
     /// One draw per observation: the standard uncertainty of each.
     Independent(Vec<f64>),
     /// One draw per run.
@@ -49,13 +49,13 @@ pub struct UncertaintySource {
     pub name: String,
     pub evaluation: EvaluationType,
     /// Distribution of each draw.
-    pub shape: DrawDistribution,
+    pub draw_distribution: DrawDistribution,
     /// Degrees of freedom of the source's size; infinite for a declared size.
     pub dof: f64,
-    pub in_residuals: ResidualTreatment,
+    pub residual_treatment: ResidualTreatment,
     /// Whether the source enters the weights of the observations.
     pub is_in_weights: bool,
-    pub effect: Effect,
+    pub effect: ObservationEffect,
     /// Direct change of the unknowns by each draw, besides its effect on the observations: draws × unknowns,
     /// in the units of the unknowns. Empty: none.
     pub direct_changes: Vec<Vec<f64>>,
@@ -64,13 +64,13 @@ pub struct UncertaintySource {
 impl UncertaintySource {
     /// A normal Type B source with infinite degrees of freedom that the residuals judge and that enters the
     /// weights.
-    pub fn new(name: impl Into<String>, effect: Effect) -> Self {
+    pub fn new(name: impl Into<String>, effect: ObservationEffect) -> Self {
         Self {
             name: name.into(),
             evaluation: EvaluationType::B,
-            shape: DrawDistribution::Normal,
+            draw_distribution: DrawDistribution::Normal,
             dof: f64::INFINITY,
-            in_residuals: ResidualTreatment::Judged,
+            residual_treatment: ResidualTreatment::Judged,
             is_in_weights: true,
             effect,
             direct_changes: Vec::new(),
@@ -79,7 +79,11 @@ impl UncertaintySource {
 
     /// A normal Type B source of joint draws that does not enter the weights.
     pub fn unweighted(name: impl Into<String>, columns: Vec<Vec<f64>>, in_residuals: ResidualTreatment) -> Self {
-        Self { in_residuals, is_in_weights: false, ..Self::new(name, Effect::Joint(columns)) }
+        Self {
+            residual_treatment: in_residuals,
+            is_in_weights: false,
+            ..Self::new(name, ObservationEffect::Joint(columns))
+        }
     }
 
     /// The source for the parameters `symbols` of an earlier estimate with their covariance. `columns[j]`:
@@ -99,9 +103,9 @@ impl UncertaintySource {
     /// Number of independent draws.
     pub fn draw_count(&self) -> usize {
         match &self.effect {
-            Effect::Independent(sizes) => sizes.len(),
-            Effect::Spans(runs) => runs.len(),
-            Effect::Joint(columns) => columns.len(),
+            ObservationEffect::Independent(sizes) => sizes.len(),
+            ObservationEffect::Spans(runs) => runs.len(),
+            ObservationEffect::Joint(columns) => columns.len(),
         }
     }
 
@@ -114,9 +118,9 @@ impl UncertaintySource {
     /// The neighbouring observations that a draw changes: index of the first, and the changes, mm.
     pub fn draw_span(&self, draw: usize) -> (usize, &[f64]) {
         match &self.effect {
-            Effect::Independent(sizes) => (draw, &sizes[draw..=draw]),
-            Effect::Spans(runs) => (runs[draw].first_index, &runs[draw].changes_mm),
-            Effect::Joint(columns) => (0, &columns[draw]),
+            ObservationEffect::Independent(sizes) => (draw, &sizes[draw..=draw]),
+            ObservationEffect::Spans(runs) => (runs[draw].first_index, &runs[draw].changes_mm),
+            ObservationEffect::Joint(columns) => (0, &columns[draw]),
         }
     }
 
@@ -143,7 +147,7 @@ impl UncertaintySource {
 
     /// Factor on the declared size of the source, from the residuals.
     pub fn scale_factor(&self, misfit: &Misfit) -> f64 {
-        if self.in_residuals == ResidualTreatment::Judged { misfit.uncertainty_factor } else { 1.0 }
+        if self.residual_treatment == ResidualTreatment::Judged { misfit.uncertainty_factor } else { 1.0 }
     }
 }
 
@@ -158,7 +162,7 @@ pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> 
         symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
     let index = |p: &&Parameter| prior.covariance.symbols.iter().position(|s| *s == p.symbol);
     let indices: Vec<usize> = parameters.iter().map(index).collect::<Option<_>>()?;
-    let edge: Vec<f64> = parameters.iter().map(|p| p.unit.from_internal(1.0)).collect();
+    let edge: Vec<f64> = parameters.iter().map(|p| p.unit.to_display_value(1.0)).collect();
     let mut covariance = Mat::zeros(edge.len(), edge.len());
     for (i, row) in indices.iter().enumerate() {
         for (j, column) in indices.iter().enumerate() {

@@ -7,21 +7,21 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::model::ObservationModel;
 use super::outputs::Outputs;
-use super::source::{Effect, UncertaintySource};
+use super::source::{ObservationEffect, UncertaintySource};
 use crate::IdentifyError;
 
 /// Number of trials and the seed of their streams: the same readings give the same bytes.
 #[derive(Debug, Clone, Copy)]
 pub struct TrialPlan {
     pub seed: u64,
-    pub trials: TrialCount,
+    pub trial_count: TrialCount,
 }
 
 impl TrialPlan {
     /// `setting`: number of trials in the settings of the method; 0: until `stable_digits` digits are stable, at most
     /// `max_trials`.
     pub fn new(seed: u64, setting: usize, stable_digits: u32, max_trials: usize) -> Self {
-        Self { seed, trials: TrialCount::from_setting(setting, stable_digits, max_trials) }
+        Self { seed, trial_count: TrialCount::from_setting(setting, stable_digits, max_trials) }
     }
 }
 
@@ -42,7 +42,7 @@ impl<'a> SampledSource<'a> {
     /// `slopes`: values × unknowns.
     fn new(source: &'a UncertaintySource, misfit: &Misfit, slopes: &Mat<f64>, first: usize) -> Self {
         let joint = match &source.effect {
-            Effect::Joint(columns) => matrix_from_rows(columns),
+            ObservationEffect::Joint(columns) => matrix_from_rows(columns),
             _ => Mat::new(),
         };
         let direct = match source.direct_changes.as_slice() {
@@ -62,7 +62,7 @@ impl<'a> SampledSource<'a> {
     /// all sources, column-major.
     fn add_to_observations(&self, units: &[f64], changes: &mut Mat<f64>) {
         let trials = changes.nrows();
-        if let Effect::Joint(_) = &self.source.effect {
+        if let ObservationEffect::Joint(_) = &self.source.effect {
             let own = self.source_units(units, trials);
             let changed = changes.subcols_mut(0, self.joint_draws.ncols());
             matmul(changed, Accum::Add, own, self.joint_draws.as_ref(), self.misfit_factor, Par::Seq);
@@ -113,8 +113,9 @@ pub fn propagate_by_trials(
     outputs: &Outputs,
     plan: TrialPlan,
 ) -> Result<TrialStatistics, IdentifyError> {
-    let shapes: Vec<DrawDistribution> = sources.iter().flat_map(|s| vec![s.shape; s.draw_count()]).collect();
-    let slopes = outputs.functions_per_trial(model.unknowns());
+    let shapes: Vec<DrawDistribution> =
+        sources.iter().flat_map(|s| vec![s.draw_distribution; s.draw_count()]).collect();
+    let slopes = outputs.functions_per_trial(model.unknown_count());
     let mut drawn: Vec<SampledSource<'_>> = Vec::new();
     for source in sources {
         let first = drawn.last().map_or(0, |before| before.first_draw + before.source.draw_count());
@@ -122,12 +123,12 @@ pub fn propagate_by_trials(
     }
     let compute = |random: &mut DrawStream, trials: usize| {
         let units = random.unit_draws(trials, &shapes);
-        let mut changes = Mat::zeros(trials, model.observations());
+        let mut changes = Mat::zeros(trials, model.observation_count());
         drawn.iter().for_each(|source| source.add_to_observations(&units, &mut changes));
         let mut values = model.functions_with_changes(changes.as_ref(), slopes.as_ref());
         drawn.iter().for_each(|source| source.add_direct_changes(&units, &mut values));
         outputs.evaluate_trials(values)
     };
-    propagate_distributions(plan.trials, plan.seed, outputs.all_parameters().count(), compute)
+    propagate_distributions(plan.trial_count, plan.seed, outputs.all_parameters().count(), compute)
         .map_err(|reason| IdentifyError::IdentificationFailed(reason.to_string()))
 }

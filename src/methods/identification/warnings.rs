@@ -51,7 +51,7 @@ impl Identification {
     /// χ² and its expectation for the declared sources, in words.
     fn describe_expectation(&self) -> String {
         let Misfit { chi2, expected, .. } = self.propagation.misfit;
-        let dof = self.figures.dof;
+        let dof = self.fit_quality.dof;
         let mut text = format!("χ² {chi2:.1} where {expected:.0} is expected");
         if (expected - dof as f64).abs() >= 0.5 {
             text +=

@@ -123,7 +123,7 @@ impl CentreEquations {
             for (i, row) in rows.into_iter().enumerate() {
                 let arm = self.centre_to_spot(x, row);
                 let normal = unit_vector(arm).unwrap_or_default();
-                block.set_value(i, (self.group_radius_mm(x, group) - arm.norm()) / row.u_mm);
+                block.set_right_side(i, (self.group_radius_mm(x, group) - arm.norm()) / row.u_mm);
                 (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.u_mm));
                 (3..own).for_each(|k| block.set_own(i, k, -1.0 / row.u_mm));
                 let across = (row.machine_from_spindle * self.beam_frame).transpose() * normal * row.reading_mm;
@@ -166,11 +166,11 @@ impl CentreEquations {
 
 /// Observations: the distance of each dwell point from its centre.
 impl ObservationEquation for CentreEquations {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         self.dwell_points.len()
     }
 
-    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+    fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
         let deviations: Vec<f64> =
             self.surface_deviations_mm(x).iter().zip(change).map(|(deviation, change)| deviation + change).collect();
         self.weighted_change(&deviations)

@@ -8,7 +8,7 @@ use super::centres::CentreEquations;
 use super::model::CentresLeastSquares;
 use super::pose_groups::PoseGroup;
 use crate::identification::{
-    Effect, LeastSquares, ObservationModel, Response, UncertaintySource, block_covariances, multiply_vector,
+    LeastSquares, ObservationEffect, ObservationModel, Response, UncertaintySource, block_covariances, multiply_vector,
     solve_each_trial,
 };
 
@@ -40,18 +40,18 @@ impl CentresThenMachine<'_> {
 
     fn join_unknowns(&self, mut machine: Vec<f64>, centres: &[f64]) -> Vec<f64> {
         machine.extend(&centres[..self.centres.equation.beam_unknown_count()]);
-        machine.resize(self.unknowns(), 0.0);
+        machine.resize(self.unknown_count(), 0.0);
         machine
     }
 }
 
 impl ObservationModel for CentresThenMachine<'_> {
-    fn observations(&self) -> usize {
-        self.centres.observations()
+    fn observation_count(&self) -> usize {
+        self.centres.observation_count()
     }
 
-    fn unknowns(&self) -> usize {
-        self.machine.unknowns() + self.centres.equation.beam_unknown_count() + self.latency_unknown_count
+    fn unknown_count(&self) -> usize {
+        self.machine.unknown_count() + self.centres.equation.beam_unknown_count() + self.latency_unknown_count
     }
 
     fn linear_response(&self, change: &[f64]) -> Response {
@@ -65,7 +65,7 @@ impl ObservationModel for CentresThenMachine<'_> {
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        solve_each_trial(changes, self.unknowns(), |change| {
+        solve_each_trial(changes, self.unknown_count(), |change| {
             let x = self.centres.solve_for_change(change);
             let solved = self.centres.minimum.x.iter();
             let moved: Vec<f64> = x.iter().zip(solved).map(|(x, solved)| x - solved).collect();
@@ -76,9 +76,9 @@ impl ObservationModel for CentresThenMachine<'_> {
 
 /// Derivative of the unknowns by each observation, per mm: unknowns × observations.
 pub fn observation_sensitivities(fit: &impl ObservationModel) -> Mat<f64> {
-    let mut gain = Mat::zeros(fit.unknowns(), fit.observations());
-    let mut change = vec![0.0; fit.observations()];
-    for j in 0..fit.observations() {
+    let mut gain = Mat::zeros(fit.unknown_count(), fit.observation_count());
+    let mut change = vec![0.0; fit.observation_count()];
+    for j in 0..fit.observation_count() {
         change[j] = 1.0;
         gain.col_as_slice_mut(j).copy_from_slice(&fit.linear_response(&change).unknowns);
         change[j] = 0.0;
@@ -100,7 +100,7 @@ pub fn centre_covariances(
         .iter()
         .filter(|source| source.is_in_weights)
         .flat_map(|source| (0..source.draw_count()).map(|draw| source.observation_change(draw, gain.ncols())));
-    let source = UncertaintySource::new("centres", Effect::Joint(changes.map(centre_changes).collect()));
+    let source = UncertaintySource::new("centres", ObservationEffect::Joint(changes.map(centre_changes).collect()));
     let mut covariances = block_covariances(&[source], centres.group_count);
     let least = Matrix3::from_diagonal_element(MIN_CENTRE_STD_U_MM.powi(2));
     covariances.iter_mut().for_each(|covariance| *covariance += least);

@@ -13,7 +13,9 @@ use super::result::IdentificationResult;
 use super::scan_purpose::ScanPurpose;
 use super::setup::LaserSetup;
 use super::sources::uncertainty_sources;
-use crate::identification::{self, FitQuality, LeastSquares, Measurement, Solution, TrialPlan, mean_coordinate_u_mm};
+use crate::identification::{
+    self, CheckedMeasurement, FitQuality, LeastSquares, SolvedModel, TrialPlan, mean_coordinate_u_mm,
+};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{LinearError, RankAnalysis};
 use estimation::nonlinear::{NonlinearError, NonlinearSolution};
@@ -58,11 +60,11 @@ pub fn identify_scans<'a>(
     let (groups, latency) = (&grouped.groups, latency.len());
     let residuals = outputs::position_residuals(&problem, groups, &minimum.x);
     let measurements = pose_outlier_measurements(&problem, groups, &residuals);
-    let solution = Solution {
+    let solution = SolvedModel {
         model: &CentresThenMachine { centres, centre_gain: &gain, machine, groups, latency_unknown_count: latency },
-        residuals: &minimum.residuals,
+        weighted_residuals: &minimum.residuals,
         has_declared_sizes: setup.sensor.noise_um.is_some(),
-        figures: FitQuality::from_points(&survey, &minimum, &residuals),
+        fit_quality: FitQuality::from_points(&survey, &minimum, &residuals),
         measurements: &measurements,
     };
     let outputs = outputs::build_outputs(&problem, &names, observed.latency.as_ref(), &x);
@@ -164,11 +166,11 @@ fn pose_outlier_measurements(
     problem: &CentresLeastSquares,
     groups: &[PoseGroup],
     residuals: &[Vector3<f64>],
-) -> Vec<Measurement> {
-    let measurement = |(i, group): (usize, &PoseGroup)| Measurement {
+) -> Vec<CheckedMeasurement> {
+    let measurement = |(i, group): (usize, &PoseGroup)| CheckedMeasurement {
         label: group.label.clone(),
         description: format!("the sphere at {}", group.label),
-        rows: 3 * i..3 * i + 3,
+        residual_rows: 3 * i..3 * i + 3,
         residual_mm: residuals[i].norm(),
         u_mm: mean_coordinate_u_mm(&problem.centre_observations[i].weight),
     };

@@ -198,7 +198,7 @@ impl LatencyIteration {
             let mut block = BlockRows::zeros(rows.len(), 1, self.unknown_count());
             for (i, row) in rows.iter().enumerate() {
                 block.set_own(i, 0, 1.0 / ASSUMED_SAMPLE_U_MM);
-                block.set_value(i, row.deviation_mm / ASSUMED_SAMPLE_U_MM);
+                block.set_right_side(i, row.deviation_mm / ASSUMED_SAMPLE_U_MM);
                 let columns = row.deviation_derivatives.iter().enumerate();
                 columns.for_each(|(j, by)| block.set_common(i, j, by / ASSUMED_SAMPLE_U_MM));
             }
@@ -236,8 +236,8 @@ impl LatencyIteration {
 
     fn into_estimate(self, latency_s: f64, factored: &BlockFactorisation, x: &[f64]) -> LatencyEstimate {
         let samples: usize = self.rows_by_cell.iter().map(Vec::len).sum();
-        let chi2: f64 = factored.remainder(&self.weighted_deviations()).iter().map(|rest| rest * rest).sum();
-        let dof = samples.saturating_sub(factored.unknowns()).max(1) as f64;
+        let chi2: f64 = factored.residuals(&self.weighted_deviations()).iter().map(|rest| rest * rest).sum();
+        let dof = samples.saturating_sub(factored.unknown_count()).max(1) as f64;
         let scale = (chi2 / dof).max((MIN_SAMPLE_U_MM / ASSUMED_SAMPLE_U_MM).powi(2));
         let (covariance, count) = (factored.covariance(), self.unknown_count());
         let own = Mat::from_fn(count, count, |i, j| scale * covariance[(i, j)]);

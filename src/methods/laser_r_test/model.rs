@@ -85,14 +85,14 @@ pub struct CentresLeastSquares {
 }
 
 impl CentresLeastSquares {
-    fn weighted_residuals(&self, x: &[f64]) -> Vec<f64> {
-        self.residuals(x, &vec![0.0; self.observations()])
+    fn unchanged_residuals(&self, x: &[f64]) -> Vec<f64> {
+        self.weighted_residuals(x, &vec![0.0; self.observation_count()])
     }
 
     fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
-        let residuals = self.weighted_residuals(x);
+        let residuals = self.unchanged_residuals(x);
         let mut rows = BlockRows::zeros(residuals.len(), 0, self.model.unknown_count());
-        residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
+        residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_right_side(row, value));
         for (i, observation) in self.centre_observations.iter().enumerate() {
             for (j, column) in self.model.misclosure_derivatives(&observation.axis_positions, x).into_iter().enumerate()
             {
@@ -113,17 +113,17 @@ impl CentresLeastSquares {
     }
 
     pub fn solve(&self, start: Vec<f64>) -> Result<NonlinearSolution, NonlinearError> {
-        minimise_squares(start, |x| self.row_blocks(x), |x| self.weighted_residuals(x))
+        minimise_squares(start, |x| self.row_blocks(x), |x| self.unchanged_residuals(x))
     }
 }
 
 /// Observations: the sphere's centre at each pose, three coordinates in the table frame.
 impl ObservationEquation for CentresLeastSquares {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         3 * self.centre_observations.len()
     }
 
-    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+    fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
         let misclosures = self
             .centre_observations
             .iter()
@@ -132,7 +132,7 @@ impl ObservationEquation for CentresLeastSquares {
         let mut rows = self.weighted_change(&misclosures);
         if let Some((zero, sigma)) = self.zero_point_prior {
             let held = (zero - self.model.zero_point(x)) / sigma;
-            rows[self.observations()..].copy_from_slice(held.as_slice());
+            rows[self.observation_count()..].copy_from_slice(held.as_slice());
         }
         rows
     }

@@ -51,8 +51,8 @@ fn gain_warning(result: &IdentificationResult<'_>) -> Option<String> {
         format!(
             "the scale of the sensor deviates by {:+.0} um/m from that of X, Y and Z (u {:.0}): \
              check the scale, range_mm and the radius of the sphere",
-            Unit::UmPerM.from_internal(gain),
-            Unit::UmPerM.from_internal(u)
+            Unit::UmPerM.to_display_value(gain),
+            Unit::UmPerM.to_display_value(u)
         )
     })
 }
@@ -137,11 +137,11 @@ fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
 fn paper_comparison(result: &IdentificationResult<'_>) -> Option<String> {
     let [a, b, c, x, a_cb] =
         paper_estimator::identify_by_paper_method(result.setup, &result.grouped, &result.centre_fit.x)?;
-    let [a, b, c, a_cb] = [a, b, c, a_cb].map(|rad| Unit::Urad.from_internal(rad));
+    let [a, b, c, a_cb] = [a, b, c, a_cb].map(|rad| Unit::Urad.to_display_value(rad));
     Some(format!(
         "for comparison, by the estimator of paper 2 (the single measurement at B = C = 0 counts as true): \
          EA0B {a:.2}, EB0B {b:.2}, EC0B {c:.2} urad, EX0C {:.2} um, EA0C {a_cb:.2} urad",
-        Unit::Um.from_internal(x)
+        Unit::Um.to_display_value(x)
     ))
 }
 

@@ -76,7 +76,7 @@ impl ObservedScans {
 /// # Errors
 /// A reading belongs to no step of the plan.
 pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<ObservedScans, IdentifyError> {
-    IdentifyError::check_steps(setup.plan, readings)?;
+    IdentifyError::check_known_steps(setup.plan, readings)?;
     let mut of_step: BTreeMap<u32, Vec<&Reading>> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
         of_step.entry(reading.step).or_default().push(reading);

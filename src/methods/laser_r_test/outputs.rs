@@ -11,7 +11,7 @@ use super::notes;
 use super::pose_groups::PoseGroup;
 use super::result::IdentificationResult;
 use super::scan_purpose::describe_rotary_position;
-use crate::identification::{Output, Outputs, function_over_numbers, reported_unit};
+use crate::identification::{OutputParameter, Outputs, function_over_numbers, reported_unit};
 use machine::record::estimate::{
     Arrow, ArrowFigure, ArrowGroup, Estimate, EstimatedFunction, FigureKind, Unit, VectorKind,
 };
@@ -48,8 +48,8 @@ pub fn build_outputs(
     let beam_names = BEAM_OUTPUT_NAMES.map(str::to_owned).into_iter().zip(BEAM_OUTPUT_UNITS).take(beam);
     let latency = latency.into_iter().zip(once(Unit::Ms).chain(repeat(Unit::Um)));
     let all = machine_names.chain(beam_names).chain(latency).enumerate();
-    let parameters = all.map(|(i, (name, unit))| Output::from_unknown(&name, unit, i, x));
-    let mut parameters: Vec<Output> = parameters.collect();
+    let parameters = all.map(|(i, (name, unit))| OutputParameter::from_unknown(&name, unit, i, x));
+    let mut parameters: Vec<OutputParameter> = parameters.collect();
     if beam > GAIN_INDEX {
         let gain = &mut parameters[names.len() + GAIN_INDEX];
         gain.value = gain_deviation(gain.value);

@@ -11,7 +11,9 @@ use super::observe::{Interruption, ObservedScans};
 use super::pose_groups::{GroupedScans, PoseGroup, sample_noise_mm};
 use super::setup::LaserSetup;
 use crate::identification::declared::{self, RotaryErrorMotion};
-use crate::identification::{DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource};
+use crate::identification::{
+    DrawDistribution, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource,
+};
 use machine::Position;
 use machine::frame::{Point, unit_vector};
 use machine::kinematics::ErrorParameter;
@@ -68,9 +70,9 @@ pub fn uncertainty_sources(
 }
 
 /// A source that affects all centres alike. The residuals do not change its size, and it does not enter the weights.
-fn common_source(name: &str, effect: Effect) -> UncertaintySource {
+fn common_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
     UncertaintySource {
-        in_residuals: ResidualTreatment::Expected,
+        residual_treatment: ResidualTreatment::Expected,
         is_in_weights: false,
         ..UncertaintySource::new(name, effect)
     }
@@ -84,14 +86,14 @@ impl DwellPointEffects<'_> {
             true => "repeatability of a touch",
             false => "noise of the sensor",
         };
-        let noise = UncertaintySource::new(name, Effect::Independent(each.collect()));
+        let noise = UncertaintySource::new(name, ObservationEffect::Independent(each.collect()));
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
     }
 
     fn resolution_source(&self) -> UncertaintySource {
         let each = self.normals.iter().map(|n| declared::resolution_u_mm(self.setup.plan, *n));
-        let source = UncertaintySource::new("resolution of the axes", Effect::Independent(each.collect()));
-        UncertaintySource { shape: DrawDistribution::Rectangular, ..source }
+        let source = UncertaintySource::new("resolution of the axes", ObservationEffect::Independent(each.collect()));
+        UncertaintySource { draw_distribution: DrawDistribution::Rectangular, ..source }
     }
 
     /// The sensor's linearity error: a smooth random function of the reading.
@@ -99,7 +101,7 @@ impl DwellPointEffects<'_> {
         let readings: Vec<f64> = self.grouped.sample_means.iter().map(|spot| spot.reading_mm).collect();
         let patterns = declared::linearity_patterns(&self.setup.sensor, &readings);
         let columns = patterns.iter().map(|p| p.iter().zip(&self.distance_per_reading).map(|(p, a)| p * a).collect());
-        UncertaintySource::new("linearity of the sensor", Effect::Joint(columns.collect()))
+        UncertaintySource::new("linearity of the sensor", ObservationEffect::Joint(columns.collect()))
     }
 
     /// Lobing of the touch probe.
@@ -107,7 +109,7 @@ impl DwellPointEffects<'_> {
         let rows = self.grouped.centres.dwell_points.iter().filter(|_| self.setup.uses_touch_probe());
         let normals = rows.zip(&self.normals).map(|(row, n)| row.machine_from_spindle.inverse() * n);
         let patterns = declared::lobing_patterns(self.setup.plan, &normals.collect::<Vec<_>>());
-        UncertaintySource::new("probe lobing", Effect::Joint(patterns))
+        UncertaintySource::new("probe lobing", ObservationEffect::Joint(patterns))
     }
 
     /// Backlash of the linear axes. Continuous scans estimate it together with the latency. Otherwise the axes lag
@@ -130,7 +132,7 @@ impl DwellPointEffects<'_> {
         let lags: Vec<Vector3<f64>> = sample_means.map(lag).collect();
         let column = |k: usize| lags.iter().zip(&self.normals).map(move |(lag, n)| n[k] * lag[k]);
         let columns = [0, 1, 2].map(|k| column(k).collect());
-        common_source("backlash", Effect::Joint(columns.into()))
+        common_source("backlash", ObservationEffect::Joint(columns.into()))
     }
 
     fn linear_axis_source(&self) -> UncertaintySource {
@@ -139,7 +141,7 @@ impl DwellPointEffects<'_> {
         let along =
             |k: usize, pattern: &[f64]| self.normals.iter().zip(pattern).map(|(n, p)| n[k] * p).collect::<Vec<f64>>();
         let columns = patterns.iter().flat_map(|pattern| [0, 1, 2].map(|k| along(k, pattern)));
-        UncertaintySource::new("error motions of X, Y and Z", Effect::Joint(columns.collect()))
+        UncertaintySource::new("error motions of X, Y and Z", ObservationEffect::Joint(columns.collect()))
     }
 
     /// Angular error motions of the linear axes. A rotation of the sensor about the sphere's centre does not change the
@@ -161,14 +163,14 @@ impl DwellPointEffects<'_> {
         let column = |(k, (_, angles)): (usize, &(ErrorParameter, Vec<f64>))| {
             shifts.iter().zip(angles).map(|(shift, angle)| shift[k] * angle).collect()
         };
-        let effect = Effect::Joint(patterns.iter().enumerate().map(column).collect());
+        let effect = ObservationEffect::Joint(patterns.iter().enumerate().map(column).collect());
         UncertaintySource::new("angular error motions of X, Y and Z", effect)
     }
 
     fn rotary_axis_source(&self, x: &[f64]) -> UncertaintySource {
         let motions = declared::rotary_error_motions(self.setup.plan, &declared::ROTARY_MOTION_ORDERS).into_iter();
         let columns = motions.map(|motion| self.rotary_motion_column(x, motion));
-        UncertaintySource::new("error motions of rotary axes", Effect::Joint(columns.collect()))
+        UncertaintySource::new("error motions of rotary axes", ObservationEffect::Joint(columns.collect()))
     }
 
     /// Components along the normals of the displacement of each pose by an error motion.
@@ -193,7 +195,7 @@ impl DwellPointEffects<'_> {
             let sample_means = sample_means.iter().zip(&self.normals);
             sample_means.map(|(spot, n)| n[k] * rate * (spot.t_s - mean)).collect()
         };
-        UncertaintySource::new("thermal drift", Effect::Joint((0..3).map(along).collect()))
+        UncertaintySource::new("thermal drift", ObservationEffect::Joint((0..3).map(along).collect()))
     }
 
     /// Shift between the points before and after an interruption, up to the limit of the reference check. The whole
@@ -206,7 +208,7 @@ impl DwellPointEffects<'_> {
                 sample_means.map(|(s, n)| if s.t_s > interruption.time_s { n[k] * size } else { 0.0 }).collect()
             })
         });
-        UncertaintySource::new("steps at interruptions", Effect::Joint(columns.collect()))
+        UncertaintySource::new("steps at interruptions", ObservationEffect::Joint(columns.collect()))
     }
 
     /// Displacement of the sphere along an axis, mm, that changes a reference by 1 mm. 1 if no reference is
@@ -222,7 +224,7 @@ impl DwellPointEffects<'_> {
     fn radius_source(&self) -> UncertaintySource {
         // The radius of a touched sphere is an unknown.
         let u = if self.setup.uses_touch_probe() { 0.0 } else { self.setup.settings.radius_u_um * 1e-3 };
-        common_source("radius of the sphere", Effect::Joint(vec![vec![-u; self.normals.len()]]))
+        common_source("radius of the sphere", ObservationEffect::Joint(vec![vec![-u; self.normals.len()]]))
     }
 
     /// The latency and the lost motion of the axes, which are correlated.
@@ -247,7 +249,7 @@ impl DwellPointEffects<'_> {
         UncertaintySource {
             evaluation: EvaluationType::A,
             direct_changes,
-            ..common_source("latency of the sensor", Effect::Joint(columns))
+            ..common_source("latency of the sensor", ObservationEffect::Joint(columns))
         }
     }
 
@@ -262,7 +264,10 @@ impl DwellPointEffects<'_> {
             let sample_means = sample_means.iter().zip(&self.normals);
             sample_means.map(|(spot, n)| n[along] * sigma * (spot.xyz[by] - mean[by])).collect()
         };
-        UncertaintySource::new("squareness of X, Y and Z", Effect::Joint(SQUARENESS_AXIS_PAIRS.map(column).into()))
+        UncertaintySource::new(
+            "squareness of X, Y and Z",
+            ObservationEffect::Joint(SQUARENESS_AXIS_PAIRS.map(column).into()),
+        )
     }
 
     /// Second-degree form error that turns with the table: the radius along a unit vector u changes by uᵀ·S·u, S
@@ -278,7 +283,7 @@ impl DwellPointEffects<'_> {
         let own = |k: usize| column(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
         let mixed = |i: usize, j: usize| column(&move |u| 3f64.sqrt() * u[i] * u[j]);
         let columns = [own(0), own(1), own(2), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
-        UncertaintySource::new("form of the sphere", Effect::Joint(columns.into()))
+        UncertaintySource::new("form of the sphere", ObservationEffect::Joint(columns.into()))
     }
 
     /// Reading error on a surface that is inclined to the beam: one part proportional to the squared tangent of the
@@ -289,7 +294,7 @@ impl DwellPointEffects<'_> {
         let sigma = self.setup.sensor.incidence_um * 1e-3;
         // Touches surround the sphere, where the tangent is not bounded.
         if sigma == 0.0 || self.setup.uses_touch_probe() {
-            return common_source(name, Effect::Joint(Vec::new()));
+            return common_source(name, ObservationEffect::Joint(Vec::new()));
         }
         let frame = self.grouped.centres.beam_frame;
         let inclinations = self.grouped.centres.dwell_points.iter().zip(&self.normals).map(|(row, normal)| {
@@ -303,7 +308,7 @@ impl DwellPointEffects<'_> {
             rows.map(|(inclination, along)| sigma * along * effect(inclination)).collect()
         };
         let columns = [column(|[x, y]| x * x + y * y), column(|[x, _]| *x), column(|[_, y]| *y)];
-        common_source(name, Effect::Joint(columns.into()))
+        common_source(name, ObservationEffect::Joint(columns.into()))
     }
 }
 

@@ -50,7 +50,7 @@ pub fn ball_touch_steps(
         }
     };
     let kind = if request.is_reference { StepKind::Reference } else { StepKind::Touch };
-    let task = BallTask { ball: &ball, rotary: &request.rotary, approach, touches: TOUCHES_PER_MEASUREMENT };
+    let task = BallTask { ball: &ball, rotary: &request.rotary, approach, touch_count: TOUCHES_PER_MEASUREMENT };
     let label = |touch: &str| format!("{}/{touch}", request.label);
-    access.steps(&task, &setup.plan.probe, kind, (0, 0), label).map_err(|why| refused(why.to_string()))
+    access.touch_steps(&task, &setup.plan.probe, kind, (0, 0), label).map_err(|why| refused(why.to_string()))
 }

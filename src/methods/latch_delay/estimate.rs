@@ -18,7 +18,7 @@ pub fn build_estimate(run: &EvaluatedRun) -> Estimate {
     let scatter = observed.feeds_mm_min.into_iter().zip(fitted.scatter);
     estimate.parameters.extend(scatter.map(|(feed, scatter)| scatter_parameter(feed, scatter)));
     estimate.functions.extend([0, 1].map(|feed| touch_positions(run, feed)));
-    let figures = &fitted.identification.figures;
+    let figures = &fitted.identification.fit_quality;
     let chi2 = |mm: f64| observed.touches.len() as f64 * (figures.residual_rms_mm / mm).powi(2);
     Estimate {
         gauge: texts::describe_conventions(observed, fitted),
@@ -57,6 +57,6 @@ fn touch_positions(run: &EvaluatedRun, feed: usize) -> EstimatedFunction {
     let touches = observed.touches.iter().zip(&fitted.overtravel_mm);
     let at_feed = touches.filter(|(touch, _)| touch.feed_index == feed).map(|(_, mm)| *mm);
     let function = function_over_numbers(&format!("E_F{}", observed.feeds_mm_min[feed]), "touch", at_feed);
-    let u_um = Unit::Um.from_internal(fitted.scatter[feed].std_dev_mm);
+    let u_um = Unit::Um.to_display_value(fitted.scatter[feed].std_dev_mm);
     EstimatedFunction { u: vec![u_um; function.y.len()], figure: FigureKind::Curve, ..function }
 }

@@ -6,8 +6,8 @@ use super::observe::{ObservedTouch, ObservedTouches};
 use super::outputs;
 use crate::identification::declared::rounding_u_mm;
 use crate::identification::{
-    Effect, EvaluationType, FitQuality, Identification, LinearFit, ResidualTreatment, Solution, Uncertainty,
-    UncertaintySource, identify, unit_slope,
+    EvaluationType, FitQuality, Identification, LinearFit, ObservationEffect, ResidualTreatment, SolvedModel,
+    Uncertainty, UncertaintySource, identify, unit_slope,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
@@ -57,11 +57,11 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
     let LinearSolution { x, gain, residuals, .. } = &solution;
     let sigma = touch_sigma(touches, scatter);
     let weighted: Vec<f64> = residuals.iter().zip(&sigma).map(|(r, sigma)| r / sigma).collect();
-    let solved = Solution {
+    let solved = SolvedModel {
         model: &LinearFit { x, design_matrix: &a, sigma: &sigma, gain },
-        residuals: &weighted,
+        weighted_residuals: &weighted,
         has_declared_sizes: true,
-        figures: FitQuality::from_linear(&solution),
+        fit_quality: FitQuality::from_linear(&solution),
         measurements: &[],
     };
     let slope = unit_slope(delay, x.len());
@@ -120,7 +120,7 @@ fn uncertainty_sources(observed: &ObservedTouches, scatter: [FeedScatter; 2], de
     let feed_source = |feed: usize| {
         let FeedScatter { std_dev_mm, dof } = scatter[feed];
         let size = |touch: &ObservedTouch| if touch.feed_index == feed { std_dev_mm } else { 0.0 };
-        let each = Effect::Independent(observed.touches.iter().map(size).collect());
+        let each = ObservationEffect::Independent(observed.touches.iter().map(size).collect());
         let name = format!("scatter at {} mm/min", observed.feeds_mm_min[feed]);
         let evaluation = EvaluationType::A;
         UncertaintySource { evaluation, dof, ..UncertaintySource::new(name, each) }
@@ -130,10 +130,10 @@ fn uncertainty_sources(observed: &ObservedTouches, scatter: [FeedScatter; 2], de
     let u_s = steps.sqrt() / (fast - slow);
     let resolution = UncertaintySource {
         direct_changes: vec![delay.iter().map(|slope| slope * u_s).collect()],
-        ..UncertaintySource::new("resolution", Effect::Joint(vec![Vec::new()]))
+        ..UncertaintySource::new("resolution", ObservationEffect::Joint(vec![Vec::new()]))
     };
     [feed_source(0), feed_source(1), resolution]
-        .map(|source| UncertaintySource { in_residuals: ResidualTreatment::Absent, ..source })
+        .map(|source| UncertaintySource { residual_treatment: ResidualTreatment::Absent, ..source })
 }
 
 /// Middle and half of the time span of the touches, s.

@@ -1,7 +1,7 @@
 //! Outputs: the delay and the overtravel that it causes.
 
 use super::observe::ObservedTouches;
-use crate::identification::{Curve, Output, Outputs};
+use crate::identification::{OutputCurve, OutputParameter, Outputs};
 use machine::record::estimate::{FigureKind, Unit};
 
 /// Symbol of the latch delay of a contact.
@@ -14,10 +14,10 @@ pub fn build_outputs(observed: &ObservedTouches, x: &[f64], delay: &[f64]) -> Ou
     let [slow, fast] = observed.speeds_mm_s();
     let overtravel = |speed: f64| {
         let slope = delay.iter().map(|slope| slope * speed).collect();
-        Output::from_coefficients(OVERTRAVEL_SYMBOL, Unit::Um, slope, x)
+        OutputParameter::from_coefficients(OVERTRAVEL_SYMBOL, Unit::Um, slope, x)
     };
     let line = [0.0, slow, fast];
-    let over_feed = Curve {
+    let over_feed = OutputCurve {
         symbol: OVERTRAVEL_SYMBOL.to_owned(),
         argument: "F",
         argument_unit: "mm/min",
@@ -27,6 +27,7 @@ pub fn build_outputs(observed: &ObservedTouches, x: &[f64], delay: &[f64]) -> Ou
         figure: FigureKind::Curve,
         slopes: line.into_iter().filter_map(|speed| overtravel(speed).slope).collect(),
     };
-    let parameters = vec![Output::from_coefficients(DELAY_SYMBOL, Unit::Ms, delay.to_vec(), x), overtravel(slow)];
+    let parameters =
+        vec![OutputParameter::from_coefficients(DELAY_SYMBOL, Unit::Ms, delay.to_vec(), x), overtravel(slow)];
     Outputs { parameters, curves: vec![over_feed], nonlinear: None }
 }

@@ -179,8 +179,8 @@ fn ball_touch(
     let (rotary, mut first_reason) = (plan.machine.rotary_zero_position(), None);
     for ball in &balls.balls {
         let approach = BallApproach::Search { uncertainty_mm: within_mm, standoff_mm: STANDOFF_MM };
-        let task = BallTask { ball, rotary: &rotary, approach, touches: TOUCHES_PER_BALL };
-        let steps = access.steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
+        let task = BallTask { ball, rotary: &rotary, approach, touch_count: TOUCHES_PER_BALL };
+        let steps = access.touch_steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
         match steps {
             Ok(steps) => {
                 let along = |step: &Step| Vector3::from(step.normal).dot(&preferred);

@@ -87,7 +87,7 @@ fn channel_angle_deg(channel: &Channel) -> f64 {
 /// Angle of a third sensor with the smallest noise gain, degrees, and this gain. The angle leaves space for the
 /// housings.
 fn best_third_angle(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
-    let housings = pair_deg.map(|deg| AngleRange::centred_at(deg, MIN_HOUSING_ANGLE_DEG));
+    let housings = pair_deg.map(|deg| AngleRange::centred_range(deg, MIN_HOUSING_ANGLE_DEG));
     let exclusions = [exclusions, &housings].concat();
     third_sensor_angles(pair_deg, &exclusions).into_iter().next()
 }

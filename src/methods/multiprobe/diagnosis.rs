@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use estimation::coverage::chi_square_bounds;
-use estimation::revolutions::{HarmonicData, RowKey, RowRevolutions, clock_error};
+use estimation::revolutions::{HarmonicData, RowKey, RowRevolutions, estimate_clock_error};
 
 use super::fit::SeparationFit;
 use super::model::ProbeLayout;
@@ -134,8 +134,8 @@ fn best_index_offset(
     }
     let fit = SeparationFit::new(layout, &kept)?;
     let (kept_chi2, _) = fit.chi2();
-    let observed: Vec<f64> = (1..=data.orders()).flat_map(|k| moved.observations(k)).collect();
-    let coarse = 4 * data.orders() as i32;
+    let observed: Vec<f64> = (1..=data.max_order()).flat_map(|k| moved.observations(k)).collect();
+    let coarse = 4 * data.max_order() as i32;
     let coarse_deg = 360.0 / f64::from(coarse);
     let candidate = |deg: f64| {
         let offset = deg.to_radians();
@@ -156,7 +156,7 @@ fn best_index_offset(
 pub fn find_clock_errors(layout: &ProbeLayout, measured: &[RowRevolutions]) -> Vec<Diagnosis> {
     let channels = layout.channels.iter().enumerate();
     let diagnosis = |(i, channel): (usize, &super::model::Channel)| {
-        let relative_error = clock_error(measured.iter().filter(|row| row.key.channel == i))?;
+        let relative_error = estimate_clock_error(measured.iter().filter(|row| row.key.channel == i))?;
         Some(Diagnosis::ClockError { channel: channel.name.clone(), relative_error })
     };
     channels.filter_map(diagnosis).collect()

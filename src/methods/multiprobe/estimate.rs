@@ -177,7 +177,7 @@ fn check_mountings(
     observed: &mut ObservedRevolutions,
 ) -> Result<Option<String>, IdentifyError> {
     let (data, first) = separate_motions(setup, &observed.rows, sizes, None)?;
-    let dof = first.identification.figures.dof.max(1) as f64;
+    let dof = first.identification.fit_quality.dof.max(1) as f64;
     let expected = first.identification.propagation.misfit.expected / dof;
     Ok(match check_layout(&setup.layout, &data, expected)? {
         LayoutCheck::Confirmed => None,

@@ -27,12 +27,12 @@ impl SeparationFit {
         let channels: Vec<usize> = data.rows.iter().map(|row| row.channel).collect();
         let equations = |order: usize| BlockEquations {
             design: layout.design_matrix(&data.rows, order),
-            names: layout.unknown_names(order),
+            unknown_names: layout.unknown_names(order),
             observed_mm: data.observations(order),
             sigma_mm: data.sigma_mm(order),
-            groups: channels.repeat(2),
+            group_indices: channels.repeat(2),
         };
-        BlockwiseFit::new((1..=data.orders()).map(equations)).map(Self)
+        BlockwiseFit::new((1..=data.max_order()).map(equations)).map(Self)
     }
 
     /// Σ(residual/σ)² of all observations with their degrees of freedom. The first harmonic is omitted: it contains
@@ -52,7 +52,7 @@ impl SeparationFit {
     /// Σ(difference/σ)² between the observations that the solution predicts with another layout and `others`,
     /// without the first harmonic. `others` are observations, or predictions for another layout.
     pub fn difference_chi2(&self, layout: &ProbeLayout, data: &HarmonicData, others: &[f64]) -> f64 {
-        let sigma = (1..=data.orders()).flat_map(|order| data.sigma_mm(order));
+        let sigma = (1..=data.max_order()).flat_map(|order| data.sigma_mm(order));
         let predicted = self.predicted_observations(layout, &data.rows);
         let all = predicted.iter().zip(others).zip(sigma).skip(2 * data.rows.len());
         all.map(|((predicted, other), sigma)| ((other - predicted) / sigma).powi(2)).sum()

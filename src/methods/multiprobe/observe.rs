@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use super::label::StepLabel;
 use super::settings::TurnSampling;
 use super::setup::MultiprobeSetup;
-use crate::{IdentifyError, latest_readings};
+use crate::{IdentifyError, readings_of_last_repeat};
 use machine::record::plan::Step;
 use machine::record::reading::{Reading, ReadingFlag};
 
@@ -34,7 +34,7 @@ pub fn observe_revolutions(
     setup: &MultiprobeSetup<'_>,
     readings: &[Reading],
 ) -> Result<ObservedRevolutions, IdentifyError> {
-    IdentifyError::check_steps(setup.plan, readings)?;
+    IdentifyError::check_known_steps(setup.plan, readings)?;
     let filter = ResampleFilter::new(setup.settings.positions);
     let mut observed = ObservedRevolutions::default();
     for index in 0..setup.settings.indexes {
@@ -45,7 +45,7 @@ pub fn observe_revolutions(
                 Ok(StepLabel::Backward(number)) if number == index + 1 => false,
                 _ => continue,
             };
-            let own = latest_readings(step, readings)?;
+            let own = readings_of_last_repeat(step, readings)?;
             let (mut of_scan, rejected) = scan_revolutions(setup, &filter, step, index, &own);
             if !is_forward {
                 // The revolutions come in the order of the angle.
@@ -82,7 +82,7 @@ fn is_dwell(setup: &MultiprobeSetup<'_>) -> bool {
 
 fn stops_of_scan(setup: &MultiprobeSetup<'_>, step: &Step) -> StopScan {
     StopScan {
-        steps: setup.settings.positions,
+        angle_count: setup.settings.positions,
         ends_rad: [&step.from, &step.to].map(|end| end.get_or_zero(setup.axis)),
         fill_harmonics: is_dwell(setup).then_some(setup.settings.harmonics),
     }

@@ -6,7 +6,7 @@ use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, co_rotating_directions};
 use super::settings::TurnSampling;
 use crate::identification::{
-    Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs, synchronous_ranges,
+    Harmonic, HarmonicFunction, NonlinearOutputs, OutputParameter, Outputs, range_outputs, synchronous_ranges,
 };
 
 /// Number of points of a curve over one revolution.
@@ -38,7 +38,10 @@ impl<'a> ReportedMotions<'a> {
         let derivatives = |(column, component)| {
             let removed = |block| if block == 0 { removed.as_slice() } else { &[] };
             let blocks = fit.blocks.iter().enumerate();
-            (component, blocks.map(|(block, harmonic)| harmonic.identifiable_parts(column, removed(block))).collect())
+            (
+                component,
+                blocks.map(|(block, harmonic)| harmonic.identifiable_harmonic_slopes(column, removed(block))).collect(),
+            )
         };
         let components = layout.components().into_iter().enumerate();
         Self { layout, fit, harmonic_derivatives: components.map(derivatives).collect(), gauge }
@@ -68,7 +71,7 @@ impl<'a> ReportedMotions<'a> {
     ) -> HarmonicFunction {
         let harmonic = |(block, parts): (usize, &Option<HarmonicDerivatives>)| {
             let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.extend_to_all_unknowns(block, slope));
-            Some(Harmonic { order: (block + 1) as f64, parts })
+            Some(Harmonic { order: (block + 1) as f64, cosine_and_sine_slopes: parts })
         };
         let first = usize::from(component.is_artefact_form());
         HarmonicFunction {
@@ -86,7 +89,7 @@ impl<'a> ReportedMotions<'a> {
 
     /// Centre of a section relative to the table's axis at the first index and q = 0. It contains the co-rotating
     /// error motion.
-    fn section_centre_outputs(&self, section: usize) -> Vec<Output> {
+    fn section_centre_outputs(&self, section: usize) -> Vec<OutputParameter> {
         let (layout, sign) = (self.layout, self.layout.turn_sign);
         let lever = layout.section_z_mm[section] - layout.reference_z_mm;
         let form = layout.components().iter().position(|c| *c == Component::Roundness(section));
@@ -103,7 +106,12 @@ impl<'a> ReportedMotions<'a> {
         };
         let output = |axis: &str, slope: Vec<f64>| {
             let symbol = format!("ecc_{axis}{}", section + 1);
-            Output::from_coefficients(&symbol, Unit::Um, self.fit.extend_to_all_unknowns(0, &slope), &self.fit.x)
+            OutputParameter::from_coefficients(
+                &symbol,
+                Unit::Um,
+                self.fit.extend_to_all_unknowns(0, &slope),
+                &self.fit.x,
+            )
         };
         vec![output("X", slope(0, lever, [cos, sign * sin])), output("Y", slope(1, -lever, [sin, -sign * cos]))]
     }
@@ -113,7 +121,7 @@ impl<'a> ReportedMotions<'a> {
         let x = self.solution();
         let motions: Vec<HarmonicFunction> = self.error_motions().map(|(_, motion)| motion).collect();
         let sections = 0..self.layout.section_z_mm.len();
-        let mut parameters: Vec<Output> = motions.iter().flat_map(|m| m.coefficients(x)).collect();
+        let mut parameters: Vec<OutputParameter> = motions.iter().flat_map(|m| m.coefficients(x)).collect();
         parameters.extend(sections.flat_map(|section| self.section_centre_outputs(section)));
         let curves = self.harmonic_derivatives.iter().filter(|(component, _)| *component != Component::Face);
         let curves = curves.map(|parts| self.harmonic_function(parts));

@@ -19,7 +19,7 @@ pub fn error_motion_values(
 ) -> Vec<Parameter> {
     let samples = measured.first().map_or(0, |row| row.revolutions[0].len());
     let parameters = |(component, motion): (Component, HarmonicFunction)| {
-        let synchronous = motion.values(samples, motions.solution());
+        let synchronous = motion.values_at_equal_angles(samples, motions.solution());
         let of_index = |index: usize| {
             let own: Vec<_> = measured.iter().filter(|row| row.key.index == index).collect();
             let single = single_revolutions(layout, &own, component).filter(|all| all.len() > 1)?;

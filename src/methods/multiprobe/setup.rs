@@ -29,12 +29,12 @@ impl<'a> MultiprobeSetup<'a> {
     /// There is no table axis along Z, the artefact is of another kind, or a sensor does not point at the artefact.
     pub fn new(plan: &'a Plan, settings: &'a MultiprobeSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let table = TableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let cylinder = find_datum_cylinder(plan)?;
         let at = position_at_zero(plan, settings, &table)?;
         let line = chain.axis_line(table.axis, &at).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let on_table = ObservedCylinder { chain: &chain, position: &at, cylinder, axis: &line };
-        let foot = on_table.foot();
+        let foot = on_table.foot_position();
         let observed = |sensor: &'a Sensor| {
             let surface = on_table
                 .observed_surface(sensor)

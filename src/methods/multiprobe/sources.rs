@@ -125,7 +125,7 @@ fn sensor_error_effects(
 
 /// Change of all observations by an increase of one channel's relative gain by 1.
 fn gain_effect(data: &HarmonicData, channel: usize) -> Vec<f64> {
-    let observed = (1..=data.orders()).flat_map(|order| data.observations(order));
+    let observed = (1..=data.max_order()).flat_map(|order| data.observations(order));
     let rows = data.rows.iter().cycle();
     observed.zip(rows).map(|(m, row)| if row.channel == channel { m } else { 0.0 }).collect()
 }
@@ -140,7 +140,7 @@ fn drift_effects(layout: &ProbeLayout, data: &HarmonicData, size_mm: f64) -> Vec
             let design = layout.design_matrix(&data.rows, order);
             design.col_as_slice(2 * j + 1).iter().map(|d| d * sine).collect::<Vec<f64>>()
         };
-        (1..=data.orders()).flat_map(block_effect).collect()
+        (1..=data.max_order()).flat_map(block_effect).collect()
     };
     let is_shifted = |c: &Component| matches!(c, Component::X | Component::Y | Component::Z);
     (0..components.len()).filter(|j| is_shifted(&components[*j])).map(column).collect()

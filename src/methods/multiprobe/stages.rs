@@ -155,8 +155,8 @@ fn turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, MethodRefusa
         TurnSampling::Dwell => 0,
         TurnSampling::Continuous => KERNEL_HALF_STEPS + 1,
     };
-    let steps =
-        RevolutionSteps { positions, revolutions, lead_steps: lead }.range_within_limits(setup.plan, setup.axis)?;
+    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions, lead_steps: lead }
+        .range_within_limits(setup.plan, setup.axis)?;
     let numbers: Vec<i64> = match sampling {
         TurnSampling::Dwell => steps.collect(),
         TurnSampling::Continuous => vec![*steps.start(), *steps.end()],

@@ -63,7 +63,7 @@ pub enum WorkZero {
     EachRotaryPosition,
 }
 
-pub struct Predictor<'a> {
+pub struct ErrorPredictor<'a> {
     chain: KinematicChain,
     known_errors: KnownErrors<'a>,
     tip: Point<SpindleFrame>,
@@ -78,7 +78,7 @@ pub struct Predictor<'a> {
 /// Displacement of a point in the table frame, and its derivatives by the errors.
 type Displacement = (Vector3<f64>, Vec<Vector3<f64>>);
 
-impl<'a> Predictor<'a> {
+impl<'a> ErrorPredictor<'a> {
     /// # Errors
     /// The machine has no kinematics; the estimate has no errors of its axes.
     pub fn new(machine: &Machine, estimate: &'a Estimate, zero: WorkZero) -> Result<Self, MethodRefusal> {

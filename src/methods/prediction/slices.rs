@@ -1,7 +1,7 @@
 //! Error of the tip over two axes at a time, with the others fixed: before a correction, and the uncertainty
 //! that remains after it.
 
-use super::Predictor;
+use super::ErrorPredictor;
 use crate::MethodRefusal;
 use machine::{Axis, Position};
 
@@ -22,14 +22,14 @@ pub struct ErrorSlice {
     pub u_mm: Vec<Vec<f64>>,
 }
 
-impl Predictor<'_> {
+impl ErrorPredictor<'_> {
     /// Slices over X and Y at mid Z with the rotary axes at 0 or the nearest measured position; over X and Y
     /// at the lowest, the middle and the highest Z with the rotary axes as in `at`; and over two rotary axes
     /// with X, Y and Z at mid range. Axes over which the estimate was not measured are left out.
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
-    pub fn slices(&self, at: &Position) -> Result<Vec<ErrorSlice>, MethodRefusal> {
+    pub fn error_slices(&self, at: &Position) -> Result<Vec<ErrorSlice>, MethodRefusal> {
         self.check_has_measured_ranges()?;
         let ranged = |axis: &Axis| self.measured_ranges.get(axis).filter(|[least, most]| least < most);
         let middle = |[least, most]: &[f64; 2]| 0.5 * (least + most);

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Predictor, WorkZero, WorkpieceFrame};
+use super::{ErrorPredictor, WorkZero, WorkpieceFrame};
 use crate::samba::tests::htm::{Triple, Truth};
 use crate::samba::tests::{built_in, exact_estimate, paper_errors};
 use machine::record::estimate::Estimate;
@@ -50,7 +50,7 @@ fn errors_are_those_of_the_matrix_products() {
     };
     // The tip is on the origin of the table.
     let zero = ([0.0, 0.0, -machine.tool_mm[2]], [0.0; 3]);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     for (xyz, triple) in POSES {
         let predicted = predictor.pose_error(&position(xyz, triple));
         let expected = off(xyz, triple) - off(zero.0, zero.1);
@@ -58,7 +58,7 @@ fn errors_are_those_of_the_matrix_products() {
         assert!((predicted.direction_error_rad - direction(xyz, triple)).norm() < 1e-9);
     }
     let elsewhere = position(POSES[1].0, POSES[1].1);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::Pose(elsewhere.clone())).unwrap();
+    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::Pose(elsewhere.clone())).unwrap();
     assert!(predictor.pose_error(&elsewhere).tip_error_mm.norm() < 1e-12);
 }
 
@@ -70,7 +70,7 @@ fn the_work_zero_is_set_anew_without_tool_centre_control() {
     let tool = Vector3::from(machine.tool_mm);
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
     let nominal = Truth { errors: Default::default(), tool };
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::EachRotaryPosition).unwrap();
+    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::EachRotaryPosition).unwrap();
     for (xyz, triple) in POSES {
         let off = |xyz: Vector3<f64>| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
         // The nominal tip position is linear in X, Y and Z: a linear system gives the X, Y and Z with the tip
@@ -95,7 +95,7 @@ fn a_correction_leaves_the_uncertainty() {
     estimate.covariance.rows.iter_mut().flatten().for_each(|entry| *entry = 0.0);
     estimate.covariance.rows[offset][offset] = 4.0;
     let machine = machine();
-    let new = || Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let new = || ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     let symbols = new().symbols().to_vec();
     let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
     let corrected = new().with_corrected_errors(&symbols).unwrap();
@@ -121,9 +121,9 @@ fn a_correction_leaves_the_uncertainty() {
 fn slices_are_made_of_poses() {
     let (machine, mut estimate) = (machine(), measured());
     estimate.measured.extend([(Axis::C, [0.0, 360.0]), (Axis::Y, [-100.0, 100.0]), (Axis::Z, [300.0, 500.0])]);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
-    let slices = predictor.slices(&tilted).unwrap();
+    let slices = predictor.error_slices(&tilted).unwrap();
     assert_eq!(slices.len(), 5);
     let at = predictor.pose_error(&position([300.0, -100.0, 400.0], [0.0; 3]));
     assert!((slices[0].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
@@ -134,7 +134,7 @@ fn slices_are_made_of_poses() {
     assert!((slices[4].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
     assert_eq!((slices[4].horizontal.0, slices[4].vertical.0), (Axis::C, Axis::B));
     estimate.measured.clear();
-    assert!(Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap().slices(&tilted).is_err());
+    assert!(ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap().error_slices(&tilted).is_err());
 }
 
 /// An offset of C along X with the work zero at C = 0: the uncertainty of the tip is twice that of the offset
@@ -145,8 +145,8 @@ fn uncertainty_is_zeroed_too() {
     let of = |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
     let (offset, angle) = (of("EX0C"), of("EA0Y"));
     estimate.covariance.rows[offset][offset] = 4.0;
-    let mut predictor = Predictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
-    let u = |c: f64, predictor: &Predictor<'_>| {
+    let mut predictor = ErrorPredictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    let u = |c: f64, predictor: &ErrorPredictor<'_>| {
         predictor.pose_error(&position([30.0, 20.0, 400.0], [0.0, c, 0.0])).u_tip_error_mm * 1e3
     };
     let near = |u: Vector3<f64>, expected: [f64; 3]| {
@@ -158,7 +158,7 @@ fn uncertainty_is_zeroed_too() {
     // 3 µrad about X: the uncertainty of the direction is all along Y.
     estimate.covariance.rows[offset][offset] = 0.0;
     estimate.covariance.rows[angle][angle] = 9.0;
-    predictor = Predictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    predictor = ErrorPredictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
     let pose = predictor.pose_error(&position([0.0, 0.0, 400.0], [0.0; 3]));
     near(pose.u_direction_error_rad * 1e6, [0.0, 3.0, 0.0]);
 }
@@ -166,7 +166,7 @@ fn uncertainty_is_zeroed_too() {
 #[test]
 fn what_was_not_measured_is_refused() {
     let (machine, mut estimate) = (machine(), measured());
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     assert!(predictor.check_measured_range(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
     let why = predictor.check_measured_range(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().reason;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
@@ -174,21 +174,21 @@ fn what_was_not_measured_is_refused() {
     let why = predictor.check_measured_range(&Position::new().with(Axis::C, 1.0)).unwrap_err().reason;
     assert!(why.contains("C 57.296 was not measured"), "{why}");
     estimate.measured.insert(Axis::Z, [300.0, 500.0]);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     let why = predictor.check_measured_range(&Position::new().with(Axis::X, 1.0)).unwrap_err().reason;
     assert!(why.contains("Z 0.000 is outside 300.000 to 500.000"), "{why}");
     estimate.measured.clear();
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     assert!(predictor.check_measured_range(&Position::new()).unwrap_err().reason.contains("does not contain"));
     // An estimate of another machine.
     let mut other = machine.clone();
     other.topology = other.topology.replace('B', "A");
     let axis = other.axes.remove(&Axis::B).unwrap();
     other.axes.insert(Axis::A, axis);
-    let why = Predictor::new(&other, &estimate, WorkZero::TableOrigin).err().unwrap().reason;
+    let why = ErrorPredictor::new(&other, &estimate, WorkZero::TableOrigin).err().unwrap().reason;
     assert!(why.contains("is of another machine: this machine has no EA0B, EC0B"), "{why}");
     estimate.parameters.clear();
-    assert!(Predictor::new(&machine, &estimate, WorkZero::TableOrigin).is_err());
+    assert!(ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).is_err());
 }
 
 /// Reading of this machine with its stylus at `place` of the table.
@@ -293,7 +293,7 @@ fn the_volume_has_a_largest_and_a_mean_error() {
     estimate.covariance.symbols = vec!["EX0C".to_owned()];
     estimate.covariance.rows = vec![vec![4.0]];
     estimate.measured = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
-    let predictor = Predictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
     let poses = predictor.grid_poses().unwrap();
     assert_eq!(poses.len(), 12);
     let [zeroed, fitted] = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));

@@ -7,7 +7,7 @@ use estimation::rigid::RigidFit;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::{Predictor, TipError};
+use super::{ErrorPredictor, TipError};
 use crate::MethodRefusal;
 use machine::{Axis, Position};
 
@@ -35,7 +35,7 @@ pub struct VolumeError {
     pub worst_pose: usize,
 }
 
-impl Predictor<'_> {
+impl ErrorPredictor<'_> {
     /// A grid over the ranges of the axes over which the estimate was measured; the spindle is at 0.
     ///
     /// # Errors

@@ -119,7 +119,7 @@ impl StylusOffset {
             let parameter = estimate.parameters.iter().find(|p| p.symbol == symbol);
             let known = parameter.filter(|p| p.identifiable && prior_covariance(estimate, &[symbol]).is_some());
             if let Some(parameter) = known {
-                stylus.offset_mm[k] = parameter.value / parameter.unit.from_internal(1.0);
+                stylus.offset_mm[k] = parameter.value / parameter.unit.to_display_value(1.0);
                 stylus.estimated_axes.push(k);
             }
         }

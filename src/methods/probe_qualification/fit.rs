@@ -7,7 +7,7 @@ use super::observe::{MeasuredTouch, ObservedTouches};
 use super::outputs;
 use super::setup::QualificationSetup;
 use super::sources::{PooledScatter, uncertainty_sources};
-use crate::identification::{FitQuality, Identification, LinearFit, Measurement, Solution, identify};
+use crate::identification::{CheckedMeasurement, FitQuality, Identification, LinearFit, SolvedModel, identify};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
 
@@ -36,11 +36,11 @@ pub fn fit_touches(
     let sigma = vec![u_mm; observed.touches.len()];
     let weighted: Vec<f64> = solution.residuals.iter().map(|mm| mm / u_mm).collect();
     let measurements = touch_measurements(observed, &solution.residuals, u_mm);
-    let solved = Solution {
+    let solved = SolvedModel {
         model: &LinearFit { x: &solution.x, design_matrix: &a, sigma: &sigma, gain: &solution.gain },
-        residuals: &weighted,
+        weighted_residuals: &weighted,
         has_declared_sizes: true,
-        figures: FitQuality::from_linear(&solution),
+        fit_quality: FitQuality::from_linear(&solution),
         measurements: &measurements,
     };
     let sources = uncertainty_sources(setup, &layout, observed, scatter);
@@ -104,11 +104,11 @@ fn pooled_scatter(
     Ok(scatter)
 }
 
-fn touch_measurements(observed: &ObservedTouches, residuals: &[f64], u_mm: f64) -> Vec<Measurement> {
-    let measurement = |(i, touch): (usize, &MeasuredTouch)| Measurement {
+fn touch_measurements(observed: &ObservedTouches, residuals: &[f64], u_mm: f64) -> Vec<CheckedMeasurement> {
+    let measurement = |(i, touch): (usize, &MeasuredTouch)| CheckedMeasurement {
         label: touch.label.clone(),
         description: format!("touch {}", touch.label),
-        rows: i..i + 1,
+        residual_rows: i..i + 1,
         residual_mm: residuals[i],
         u_mm,
     };

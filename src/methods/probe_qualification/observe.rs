@@ -125,7 +125,7 @@ fn match_readings<'a>(
     readings: &'a [Reading],
 ) -> Result<Vec<StepReading<'a>>, IdentifyError> {
     let plan = setup.plan;
-    IdentifyError::check_steps(plan, readings)?;
+    IdentifyError::check_known_steps(plan, readings)?;
     let mut seen = BTreeSet::new();
     if let Some(twice) = readings.iter().find(|read| !seen.insert((read.step, read.repeat))) {
         return Err(IdentifyError::DuplicateReading { step: twice.step, repeat: twice.repeat });

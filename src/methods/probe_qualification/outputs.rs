@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::layout::{UnknownsLayout, harmonic_factors};
 use super::setup::QualificationSetup;
 use crate::identification::probe_map::map_symbols;
-use crate::identification::{Curve, Output, Outputs, unit_slope};
+use crate::identification::{OutputCurve, OutputParameter, Outputs, unit_slope};
 
 /// Step of the curves, degrees.
 const CURVE_STEP_DEG: usize = 5;
@@ -17,7 +17,7 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
         // A stylus that is offset towards the surface contacts it earlier.
         for (symbol, at) in [("x_stylus", layout.map_index(first)), ("y_stylus", layout.map_index(first) + 1)] {
             let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
-            parameters.push(Output::from_coefficients(symbol, Unit::Um, slope, x));
+            parameters.push(OutputParameter::from_coefficients(symbol, Unit::Um, slope, x));
         }
     }
     for (index, order) in layout.map_orders.iter().enumerate() {
@@ -27,19 +27,19 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
         }
         let unknowns = [layout.map_index(index), layout.map_index(index) + 1];
         let parts = map_symbols(*order).into_iter().zip(unknowns);
-        parameters.extend(parts.map(|(symbol, at)| Output::from_unknown(&symbol, Unit::Um, at, x)));
+        parameters.extend(parts.map(|(symbol, at)| OutputParameter::from_unknown(&symbol, Unit::Um, at, x)));
     }
-    parameters.push(Output::from_unknown("r_stylus", Unit::Um, layout.radius_index(), x));
+    parameters.push(OutputParameter::from_unknown("r_stylus", Unit::Um, layout.radius_index(), x));
     let mut curves = vec![azimuth_curve("E_probe", layout, x, layout.map_index(0), &layout.map_orders)];
     if !layout.fast_orders.is_empty() {
-        parameters.push(Output::from_unknown("t_latch", Unit::Ms, layout.latch_delay_index(), x));
+        parameters.push(OutputParameter::from_unknown("t_latch", Unit::Ms, layout.latch_delay_index(), x));
         curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_map_index(0), &layout.fast_orders));
     }
     Outputs { parameters, curves, nonlinear: None }
 }
 
 /// Curve over the azimuth, perpendicular to the spindle. `first`: index of the first unknown of the `orders`.
-fn azimuth_curve(symbol: &str, layout: &UnknownsLayout, x: &[f64], first: usize, orders: &[u32]) -> Curve {
+fn azimuth_curve(symbol: &str, layout: &UnknownsLayout, x: &[f64], first: usize, orders: &[u32]) -> OutputCurve {
     let degrees: Vec<f64> = (0..360).step_by(CURVE_STEP_DEG).map(f64::from).collect();
     let slope = |degrees: &f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
@@ -52,7 +52,7 @@ fn azimuth_curve(symbol: &str, layout: &UnknownsLayout, x: &[f64], first: usize,
     };
     let slopes: Vec<Vec<f64>> = degrees.iter().map(slope).collect();
     let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(slope, x)| slope * x).sum();
-    Curve {
+    OutputCurve {
         symbol: symbol.to_owned(),
         argument: "azimuth",
         argument_unit: "deg",

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::settings::ProbeQualificationSettings;
 use crate::identification::azimuth::LOBING_ORDERS;
-use crate::{IdentifyError, MethodRefusal, PositionSource, latest_readings};
+use crate::{IdentifyError, MethodRefusal, PositionSource, readings_of_last_repeat};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Step};
@@ -132,7 +132,7 @@ impl<'a> QualificationSetup<'a> {
         };
         let mut touches = Vec::new();
         for step in self.plan.steps.iter().filter(of_ball) {
-            let latest = latest_readings(step, readings).map_err(|error| refusal(error.to_string()))?;
+            let latest = readings_of_last_repeat(step, readings).map_err(|error| refusal(error.to_string()))?;
             touches.extend(latest.first().map(|reading| step.from.updated_by(&reading.position)));
         }
         let measured = evaluate_ball(id, &touches, &self.plan.machine, &self.plan.probe);

@@ -7,7 +7,9 @@ use super::layout::{UnknownsLayout, harmonic_factors};
 use super::observe::{MeasuredTouch, ObservedTouches};
 use super::setup::QualificationSetup;
 use crate::identification::declared::{display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_u_mm};
-use crate::identification::{DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource};
+use crate::identification::{
+    DrawDistribution, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource,
+};
 
 /// Repeatability of touches in one direction.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +48,7 @@ pub fn uncertainty_sources(
     scatter: PooledScatter,
 ) -> Vec<UncertaintySource> {
     let touches = &observed.touches;
-    let repeatability = Effect::Independent(vec![scatter.s_mm; touches.len()]);
+    let repeatability = ObservationEffect::Independent(vec![scatter.s_mm; touches.len()]);
     let mut list = vec![
         UncertaintySource {
             evaluation: EvaluationType::A,
@@ -54,7 +56,7 @@ pub fn uncertainty_sources(
             ..UncertaintySource::new("repeatability of a touch", repeatability)
         },
         UncertaintySource {
-            shape: DrawDistribution::Rectangular,
+            draw_distribution: DrawDistribution::Rectangular,
             ..joint_source("resolution", resolution_columns(setup, observed, scatter))
         },
         joint_source("form of the ball", form_columns(setup, layout, touches)),
@@ -69,9 +71,9 @@ pub fn uncertainty_sources(
 
 fn joint_source(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
     UncertaintySource {
-        in_residuals: ResidualTreatment::Expected,
+        residual_treatment: ResidualTreatment::Expected,
         is_in_weights: false,
-        ..UncertaintySource::new(name, Effect::Joint(columns))
+        ..UncertaintySource::new(name, ObservationEffect::Joint(columns))
     }
 }
 

@@ -49,9 +49,9 @@ fn search_steps(setup: &QualificationSetup<'_>) -> Result<Vec<Step>, MethodRefus
     let approach = BallApproach::Search { uncertainty_mm, standoff_mm };
     let mut steps = Vec::new();
     for ball in &setup.balls.balls {
-        let task = BallTask { ball, rotary: &rotary, approach, touches: SEARCH_TOUCH_COUNT };
+        let task = BallTask { ball, rotary: &rotary, approach, touch_count: SEARCH_TOUCH_COUNT };
         let label = |touch: &str| format!("{SEARCH_LABEL}/{}/{touch}", ball.id);
-        let new = access.steps(&task, &setup.plan.probe, StepKind::Touch, (0, 0), label);
+        let new = access.touch_steps(&task, &setup.plan.probe, StepKind::Touch, (0, 0), label);
         steps.extend(new.map_err(|reason| unreachable_refusal(ball, &reason))?);
     }
     Ok(steps)
@@ -161,9 +161,9 @@ impl<'a> OrientationPlan<'a> {
     ) -> Result<Vec<Step>, MethodRefusal> {
         let ProbeQualificationSettings { standoff_mm, search_mm, .. } = *self.setup.settings;
         let approach = BallApproach::Measure { standoff_mm, search_mm };
-        let task = BallTask { ball, rotary: &self.rotary_positions, approach, touches: 0 };
+        let task = BallTask { ball, rotary: &self.rotary_positions, approach, touch_count: 0 };
         let probe = &self.setup.plan.probe;
-        let steps = self.access.steps_along(&task, directions, probe, label);
+        let steps = self.access.touch_steps_along(&task, directions, probe, label);
         steps.map_err(|reason| unreachable_refusal(ball, &reason))
     }
 }

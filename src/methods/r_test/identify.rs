@@ -7,7 +7,7 @@ use super::settings::RTestSettings;
 use super::sources::{standard_uncertainties, uncertainty_sources};
 use super::{METHOD_NAME, outputs};
 use crate::identification::{
-    self, FitQuality, Identification, LeastSquares, Measurement, MisfitAdvice, ObservationEquation, Solution,
+    self, CheckedMeasurement, FitQuality, Identification, LeastSquares, MisfitAdvice, ObservationEquation, SolvedModel,
     TrialPlan, rms,
 };
 use crate::{IdentifyError, MethodRefusal};
@@ -48,11 +48,11 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
         survey_rank(&equation, &minimum.x).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let unknowns = minimum.x.len();
     let weighted = minimum.residuals.iter().zip(&equation.sigma_mm);
-    let solution = Solution {
+    let solution = SolvedModel {
         model: &LeastSquares { equation: &equation, minimum: &minimum },
-        residuals: &minimum.residuals,
+        weighted_residuals: &minimum.residuals,
         has_declared_sizes: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
-        figures: FitQuality {
+        fit_quality: FitQuality {
             rank: survey.rank,
             unknowns,
             condition: survey.condition,
@@ -113,8 +113,8 @@ pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolutio
     if survey.nullity > 0 {
         return Err(unsolved(LinearError::RankDeficient(Box::new(survey)).into()));
     }
-    let unchanged = vec![0.0; equation.observations()];
-    let residuals = |x: &[f64]| equation.residuals(x, &unchanged);
+    let unchanged = vec![0.0; equation.observation_count()];
+    let residuals = |x: &[f64]| equation.weighted_residuals(x, &unchanged);
     minimise_squares(equation.initial_values(), |x| equation.row_blocks(x), residuals).map_err(unsolved)
 }
 
@@ -123,11 +123,11 @@ fn survey_rank(equation: &SensorEquations<'_>, x: &[f64]) -> Result<RankAnalysis
 }
 
 /// One measurement for the mean of each sensor at each point.
-fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSolution) -> Vec<Measurement> {
-    let measurement = |(i, mean): (usize, &SensorMean)| Measurement {
+fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSolution) -> Vec<CheckedMeasurement> {
+    let measurement = |(i, mean): (usize, &SensorMean)| CheckedMeasurement {
         label: mean.label.clone(),
         description: format!("the mean {}", mean.label),
-        rows: i..i + 1,
+        residual_rows: i..i + 1,
         residual_mm: minimum.residuals[i] * equation.sigma_mm[i],
         u_mm: equation.sigma_mm[i],
     };

@@ -173,9 +173,9 @@ impl<'a> SensorEquations<'a> {
     }
 
     pub fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
-        let residuals = self.residuals(x, &vec![0.0; self.observations()]);
+        let residuals = self.weighted_residuals(x, &vec![0.0; self.observation_count()]);
         let mut rows = BlockRows::zeros(residuals.len(), 0, self.unknowns.count());
-        residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
+        residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_right_side(row, value));
         for (row, (mean, sigma)) in self.means.iter().zip(&self.sigma_mm).enumerate() {
             for (unknown, slope) in self.reading_derivatives(mean, x) {
                 rows.set_common(row, unknown, slope / sigma);
@@ -233,11 +233,11 @@ fn refuse_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) -
 
 /// Observations: the means, then the displayed position of the sphere in X and Y relative to the nominal axis.
 impl ObservationEquation for SensorEquations<'_> {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         self.means.len() + 2
     }
 
-    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+    fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
         let of_means = self.means.iter().map(|mean| mean.reading_mm - self.predicted_reading(mean, x));
         let rows: Vec<f64> =
             of_means.chain(self.sphere_residuals(x)).zip(change).map(|(r, change)| r + change).collect();

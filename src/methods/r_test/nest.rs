@@ -37,7 +37,7 @@ impl<'a> SensorNest<'a> {
     /// at one point on the axis.
     pub fn new(plan: &'a Plan, settings: &'a RTestSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let table = TableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sensors: Vec<&Sensor> = plan.sensors.iter().collect();
         let centre = nest_centre(&sensors, plan.probe.ball_radius_mm)?;
         let tip = Point::<SpindleFrame>::from_vec(Vector3::from(plan.machine.tool_mm));

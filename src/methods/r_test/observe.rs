@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Rotation3, Vector3};
 
 use super::nest::SensorNest;
-use crate::{IdentifyError, latest_readings};
+use crate::{IdentifyError, readings_of_last_repeat};
 use machine::Position;
 use machine::record::plan::Step;
 use machine::record::reading::{Reading, ReadingFlag};
@@ -51,12 +51,12 @@ pub struct ObservedMeans {
 /// # Errors
 /// A reading belongs to no step of the plan, or a scan has no reading.
 pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<ObservedMeans, IdentifyError> {
-    IdentifyError::check_steps(nest.plan, readings)?;
+    IdentifyError::check_known_steps(nest.plan, readings)?;
     let mut observed = ObservedMeans::default();
     for step in &nest.plan.steps {
         let is_used = [CALIBRATION_LABEL, FORWARD_LABEL, BACKWARD_LABEL].contains(&step.label.as_str());
         if let (true, Some(scan)) = (is_used, &step.scan) {
-            let own = latest_readings(step, readings)?;
+            let own = readings_of_last_repeat(step, readings)?;
             for point in 0..scan.path.len() {
                 let at_point = readings_at(&own, &scan.path, point);
                 observed.add_point(nest, step, point, &scan.path[point], &at_point);

@@ -9,7 +9,7 @@ use machine::record::estimate::{FigureKind, Unit};
 use nalgebra::Matrix3;
 
 use super::model::SensorEquations;
-use crate::identification::{Curve, Output, Outputs, RangeOutput, range_outputs};
+use crate::identification::{OutputCurve, OutputParameter, Outputs, RangeOutput, range_outputs};
 
 /// Derivatives by each unknown, for X, Y and Z.
 type XyzDerivatives = [Vec<f64>; 3];
@@ -21,12 +21,13 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
     let motions: Vec<XyzDerivatives> =
         totals.iter().enumerate().map(|(stop, total)| error_motion_derivatives(equation, stop, total, &mean)).collect();
     let axis = equation.nest.axis;
-    let location =
-        |k: usize, along: &str| Output::from_coefficients(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x);
+    let location = |k: usize, along: &str| {
+        OutputParameter::from_coefficients(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x)
+    };
     let curve = |symbol: String, k: usize, all: &[XyzDerivatives], figure| {
         let slopes: Vec<Vec<f64>> = all.iter().map(|slopes| slopes[k].clone()).collect();
         let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(s, x)| s * x).sum();
-        Curve {
+        OutputCurve {
             symbol,
             argument: axis.name(),
             argument_unit: "deg",

@@ -9,7 +9,7 @@ use crate::identification::declared::{
     backlash_lags_mm, drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_u_mm,
 };
 use crate::identification::{
-    DrawDistribution, Effect, EvaluationType, ObservationEquation, ResidualTreatment, UncertaintySource,
+    DrawDistribution, EvaluationType, ObservationEffect, ObservationEquation, ResidualTreatment, UncertaintySource,
     block_covariances,
 };
 use machine::{Axis, Position};
@@ -46,7 +46,7 @@ pub fn standard_uncertainties(equation: &SensorEquations<'_>) -> Vec<f64> {
         list.common_source("stylus offset", list.stylus_offset_columns()),
     ];
     let independent = independent.map(|source| UncertaintySource { is_in_weights: true, ..source });
-    let variances = block_covariances::<1>(&independent, equation.observations());
+    let variances = block_covariances::<1>(&independent, equation.observation_count());
     variances.iter().map(|variance| variance[(0, 0)].sqrt().max(MIN_OBSERVATION_U_MM)).collect()
 }
 
@@ -59,9 +59,9 @@ impl SourceBuilder<'_> {
     /// A source whose size the residuals do not change, and that does not enter the weights.
     fn common_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
         UncertaintySource {
-            in_residuals: ResidualTreatment::Expected,
+            residual_treatment: ResidualTreatment::Expected,
             is_in_weights: false,
-            ..UncertaintySource::new(name, Effect::Joint(columns))
+            ..UncertaintySource::new(name, ObservationEffect::Joint(columns))
         }
     }
 
@@ -79,7 +79,7 @@ impl SourceBuilder<'_> {
         let of_sample =
             |mean: &SensorMean| sensors[mean.sensor_index].noise_um.map_or(DEFAULT_NOISE_MM, |um| um * 1e-3);
         let each = self.observation_column(|mean| of_sample(mean) / (mean.sample_count as f64).sqrt(), [0.0; 2]);
-        let noise = UncertaintySource::new("noise of the sensor", Effect::Independent(each));
+        let noise = UncertaintySource::new("noise of the sensor", ObservationEffect::Independent(each));
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
     }
 
@@ -105,8 +105,8 @@ impl SourceBuilder<'_> {
         }
         columns.push(self.observation_column(|_| 0.0, [u(Axis::X), 0.0]));
         columns.push(self.observation_column(|_| 0.0, [0.0, u(Axis::Y)]));
-        let source = UncertaintySource::new("resolution of the axes", Effect::Joint(columns));
-        UncertaintySource { shape: DrawDistribution::Rectangular, ..source }
+        let source = UncertaintySource::new("resolution of the axes", ObservationEffect::Joint(columns));
+        UncertaintySource { draw_distribution: DrawDistribution::Rectangular, ..source }
     }
 
     /// Linearity error: a smooth random function of the reading of each sensor.

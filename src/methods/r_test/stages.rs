@@ -97,8 +97,8 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
 /// The axis limits do not allow a revolution.
 fn revolution_angles_deg(nest: &SensorNest<'_>) -> Result<Vec<f64>, MethodRefusal> {
     let positions = nest.settings.positions;
-    let steps =
-        RevolutionSteps { positions, revolutions: 1, lead_steps: 0 }.range_within_limits(nest.plan, nest.axis)?;
+    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions: 1, lead_steps: 0 }
+        .range_within_limits(nest.plan, nest.axis)?;
     Ok(steps.map(|number| number as f64 * 360.0 / positions as f64).collect())
 }
 

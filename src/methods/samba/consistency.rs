@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::model::length_u_mm;
 use super::solution::GeometrySolution;
 use crate::ball_measurement;
-use crate::identification::{Measurement, mean_coordinate_u_mm};
+use crate::identification::{CheckedMeasurement, mean_coordinate_u_mm};
 use estimation::coverage;
 use machine::Axis;
 use machine::kinematics::ErrorShape;
@@ -33,7 +33,7 @@ impl GeometrySolution<'_> {
     }
 
     /// Each ball at each indexation as a measurement for the outlier check.
-    pub fn measurements(&self) -> Vec<Measurement> {
+    pub fn measurements(&self) -> Vec<CheckedMeasurement> {
         let residuals = self.position_residuals();
         ball_measurement::outlier_measurements(&self.observed, |centre| {
             let u_mm = mean_coordinate_u_mm(&self.problem.weight(centre));
@@ -91,7 +91,7 @@ impl GeometrySolution<'_> {
                 let effect = -(self.problem.weight(*centre) * axis.direction());
                 column[self.problem.measurement_row(*centre)..][..3].copy_from_slice(effect.as_slice());
             }
-            self.minimum.factored.remainder(&column)
+            self.minimum.factored.residuals(&column)
         };
         let free = Axis::LINEAR.map(column);
         let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();

@@ -259,7 +259,7 @@ impl GeometryProblem {
     ) {
         let (weight, ball_unknown) = (self.weights[i], self.ball_unknowns[self.measurements[i].ball]);
         let value = weight * (vector_at(x, ball_unknown) - indexed.tip(xyz));
-        (0..3).for_each(|k| rows.set_value(row + k, value[k]));
+        (0..3).for_each(|k| rows.set_right_side(row + k, value[k]));
         let mut set = |j: usize, column: Vector3<f64>| {
             let weighted = weight * column;
             (0..3).for_each(|k| rows.set_common(row + k, j, weighted[k]));
@@ -286,7 +286,7 @@ impl GeometryProblem {
     ) {
         let vector = self.length_vector(x, bar);
         let along = unit_vector(vector).unwrap_or_default() / bar.u_mm;
-        rows.set_value(row, (length - vector.norm()) / bar.u_mm);
+        rows.set_right_side(row, (length - vector.norm()) / bar.u_mm);
         for j in 0..3 {
             rows.set_own(row, self.ball_unknowns[bar.to_ball] - first + j, along[j]);
             rows.set_own(row, self.ball_unknowns[bar.from_ball] - first + j, -along[j]);

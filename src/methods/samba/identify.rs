@@ -5,7 +5,7 @@ use super::outputs;
 use super::settings::SambaSettings;
 use super::solution::{GeometrySolution, solve_geometry};
 use crate::IdentifyError;
-use crate::identification::{self, FitQuality, LeastSquares, Solution, TrialPlan, UncertaintySource};
+use crate::identification::{self, FitQuality, LeastSquares, SolvedModel, TrialPlan, UncertaintySource};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -27,11 +27,11 @@ const STABLE_DIGITS: u32 = 1;
 pub fn identify(plan: &Plan, settings: &SambaSettings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let solved = solve_geometry(plan, settings, readings)?;
     let GeometrySolution { problem, sources, measured, minimum, survey, .. } = &solved;
-    let solution = Solution {
+    let solution = SolvedModel {
         model: &LeastSquares { equation: &GeometryEquations { problem, measured }, minimum },
-        residuals: &minimum.residuals,
+        weighted_residuals: &minimum.residuals,
         has_declared_sizes: plan.probe.repeatability_um.is_some(),
-        figures: FitQuality::from_points(survey, minimum, &solved.position_residuals()),
+        fit_quality: FitQuality::from_points(survey, minimum, &solved.position_residuals()),
         measurements: &solved.measurements(),
     };
     let trials = trial_plan(settings, problem, sources);

@@ -9,7 +9,7 @@ use super::fit::vector_at;
 use super::omitted_errors::{OmittedError, describe_omitted_errors, omitted_errors};
 use super::solution::GeometrySolution;
 use super::warnings::{self, describe_rotary_position};
-use crate::identification::{Identification, Output, Outputs, describe_aliased_orders, reported_unit};
+use crate::identification::{Identification, OutputParameter, Outputs, describe_aliased_orders, reported_unit};
 use machine::kinematics::{ErrorParameter, ErrorShape};
 use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Estimate, Unit, VectorKind};
 use machine::{Axis, Position};
@@ -24,7 +24,7 @@ pub fn build_outputs(solved: &GeometrySolution<'_>) -> Outputs {
     let errors = solved.problem.model().parameters();
     let unit = |i: usize| errors.get(i).map_or(Unit::Mm, reported_unit);
     let names = solved.names.iter().enumerate();
-    let all = names.map(|(i, name)| Output::from_unknown(name, unit(i), i, &solved.minimum.x));
+    let all = names.map(|(i, name)| OutputParameter::from_unknown(name, unit(i), i, &solved.minimum.x));
     Outputs { parameters: all.collect(), ..Outputs::default() }
 }
 

@@ -131,11 +131,11 @@ impl<'a> LinearisedFit<'a> {
 }
 
 impl ObservationModel for LinearisedFit<'_> {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         self.fit.design_matrix.nrows()
     }
 
-    fn unknowns(&self) -> usize {
+    fn unknown_count(&self) -> usize {
         self.fit.design_matrix.ncols()
     }
 
@@ -149,7 +149,7 @@ impl ObservationModel for LinearisedFit<'_> {
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        let unknowns = self.unknowns();
+        let unknowns = self.unknown_count();
         self.functions_with_changes(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
     }
 

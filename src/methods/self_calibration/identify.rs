@@ -8,7 +8,7 @@ use super::sense::{self, RotationSenseCheck};
 use super::setup::CycleSetup;
 use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
-    self, Identification, Measurement, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
+    self, CheckedMeasurement, Identification, Outputs, SolvedModel, TrialPlan, UncertaintySource, block_covariances,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::RankAnalysis;
@@ -129,11 +129,11 @@ pub fn solve_cycle<'a>(
     let FittedCycle { fit, sources, outputs, has_times, skipped_reading_count } = fit_cycle(setup, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
-    let solution = Solution {
+    let solution = SolvedModel {
         model: &LinearisedFit::new(&fit),
-        residuals: &weighted,
+        weighted_residuals: &weighted,
         has_declared_sizes: setup.plan.probe.repeatability_um.is_some(),
-        figures: fit.figures(&residuals),
+        fit_quality: fit.figures(&residuals),
         measurements: &touch_measurements(setup.plan, &fit, &residuals),
     };
     let trials = with_trials.then(|| trial_plan(setup.settings.monte_carlo_trials, &fit));
@@ -143,7 +143,7 @@ pub fn solve_cycle<'a>(
 }
 
 /// One measurement per touch. Deviations are along the ray, positive outward.
-fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<Measurement> {
+fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<CheckedMeasurement> {
     let label = |id: u32| {
         let step = plan.steps.iter().find(|step| step.id == id);
         step.map_or_else(|| id.to_string(), |step| step.label.clone())
@@ -152,7 +152,13 @@ fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<Measurem
     let measurement = |(i, ((observation, residual), sigma)): (usize, ((&Observation, &f64), &f64))| {
         let label = label(observation.step);
         let in_words = format!("touch {label}");
-        Measurement { label, description: in_words, rows: i..i + 1, residual_mm: *residual, u_mm: *sigma }
+        CheckedMeasurement {
+            label,
+            description: in_words,
+            residual_rows: i..i + 1,
+            residual_mm: *residual,
+            u_mm: *sigma,
+        }
     };
     all.map(measurement).collect()
 }

@@ -2,7 +2,7 @@
 //! functions of angle.
 
 use super::model::UnknownsLayout;
-use crate::identification::{Curve, Output, Outputs, dot_product, linear_combination, unit_slope};
+use crate::identification::{OutputCurve, OutputParameter, Outputs, dot_product, linear_combination, unit_slope};
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
@@ -22,11 +22,11 @@ pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[
 
 /// Axis position, tilts, scale difference and squareness. `z` are the heights in the machine
 /// frame, mm.
-fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<Output> {
+fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<OutputParameter> {
     let heights = layout.height_count as f64;
     let radius = (0..layout.height_count).map(|h| x[layout.radius_index(h)]).sum::<f64>() / heights;
     let output = |symbol: &str, unit, columns: &[Vec<f64>], weights: &[f64]| {
-        Output::from_coefficients(symbol, unit, linear_combination(columns, weights), x)
+        OutputParameter::from_coefficients(symbol, unit, linear_combination(columns, weights), x)
     };
     let location = |component| format!("E{component}0{axis}");
     let equal_weights = vec![1.0 / heights; layout.height_count];
@@ -53,13 +53,13 @@ fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -
 }
 
 /// The functions of one height.
-fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<Curve> {
+fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<OutputCurve> {
     let n = layout.design.position_count;
     let unit_vector = |index: usize| unit_slope(index, layout.unknown_count());
     let motion = |i, along_y| error_motion_coefficients(layout, height, i, along_y);
     let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
         let slopes: Vec<Vec<f64>> = (0..n).map(point).collect();
-        Curve {
+        OutputCurve {
             symbol: format!("{symbol}{suffix}"),
             argument,
             argument_unit: "deg",

@@ -9,7 +9,7 @@ use crate::identification::declared::{
     RotaryErrorMotion, angular_motion_patterns, drift_mm_per_s, half_backlash_mm, linear_motion_patterns,
     lobing_patterns, repeatability_mm, resolution_u_mm, rotary_error_motions, stylus_offset_u_mm,
 };
-use crate::identification::{self, Effect, EvaluationType, ResidualTreatment, UncertaintySource};
+use crate::identification::{self, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource};
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape};
 use machine::record::plan::Plan;
@@ -23,13 +23,13 @@ pub fn uncertainty_sources(
 ) -> Vec<UncertaintySource> {
     let touches = CycleTouches::new(setup, layout, observations);
     let CycleTouches { plan, normals, .. } = &touches;
-    let repeatability = Effect::Independent(vec![repeatability_mm(plan); observations.len()]);
+    let repeatability = ObservationEffect::Independent(vec![repeatability_mm(plan); observations.len()]);
     let repeatability = UncertaintySource::new("repeatability of a touch", repeatability);
-    let resolution = Effect::Independent(normals.iter().map(|n| resolution_u_mm(plan, *n)).collect());
+    let resolution = ObservationEffect::Independent(normals.iter().map(|n| resolution_u_mm(plan, *n)).collect());
     let resolution = UncertaintySource::new("resolution", resolution);
     let mut list = vec![
         UncertaintySource { evaluation: EvaluationType::A, ..repeatability },
-        UncertaintySource { shape: identification::DrawDistribution::Rectangular, ..resolution },
+        UncertaintySource { draw_distribution: identification::DrawDistribution::Rectangular, ..resolution },
         source_absent_in_residuals("stylus offset", touches.stylus_offset_columns(setup.settings.spindle)),
         source_absent_in_residuals("probe lobing", touches.lobing_columns(setup.settings.spindle)),
         source_absent_in_residuals("backlash", touches.backlash_columns()),
@@ -73,7 +73,7 @@ pub fn rotary_axis_sources(
     });
     let column = |RotaryErrorMotion { error, size_mm }| {
         let by = by_component(error.component());
-        angles.iter().zip(by).map(|(angle, by)| size_mm * error.factor(*angle) * by).collect()
+        angles.iter().zip(by).map(|(angle, by)| size_mm * error.shape_factor(*angle) * by).collect()
     };
     let name = format!("error motions of {}", axis.axis);
     let mut list = vec![source_absent_in_residuals(&name, declared.map(column).collect())];
@@ -189,5 +189,5 @@ pub fn interruption_source(layout: &UnknownsLayout, observations: &[Observation]
     };
     let columns = (0..layout.interruption_times.len()).flat_map(|gap| [0, 1].map(|k| column(gap, k))).collect();
     let source = source_absent_in_residuals("what moved when interrupted", columns);
-    UncertaintySource { shape: identification::DrawDistribution::Rectangular, ..source }
+    UncertaintySource { draw_distribution: identification::DrawDistribution::Rectangular, ..source }
 }

@@ -53,7 +53,7 @@ impl TableAxis {
         Ok(Self {
             axis,
             spec: spec.clone(),
-            rotation_sense: spec.positive.sign() * line.direction.z.signum(),
+            rotation_sense: spec.positive.direction_sign() * line.direction.z.signum(),
             table_pose: chain.machine_from_table(&still, &[]),
             stylus_tip: Point::from_vec(Vector3::from(plan.machine.tool_mm)),
             rest_position: still,

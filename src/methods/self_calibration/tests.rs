@@ -12,15 +12,15 @@ use super::outputs::axis_position_coefficients;
 use super::paper_system::PaperSystem;
 use super::settings::SelfCalibrationSettings;
 use crate::identification::{
-    Effect, FitQuality, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource, dot_product, identify,
-    multiply_vector,
+    FitQuality, LinearFit, ObservationEffect, OutputParameter, Outputs, SolvedModel, TrialPlan, UncertaintySource,
+    dot_product, identify, multiply_vector,
 };
 use estimation::linear::{LinearSolution, analyse_rank};
 use estimation::monte_carlo::TrialCount;
 use estimation::random::seeded_stream;
 use estimation::{circle, linear};
 use machine::record::estimate::Unit;
-use testing::population::population;
+use testing::population::population_size;
 
 mod propagation;
 
@@ -83,18 +83,18 @@ fn regress_45_degrees_works_for_8_positions_only() {
 fn standard_deviations(form: &PaperSystem, trials: usize) -> Vec<f64> {
     let LinearSolution { x, gain, rank, condition, dof, .. } = form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
     let sigma = vec![1.0; form.touches.len()];
-    let unknowns = (0..x.len()).map(|j| Output::from_unknown("x", Unit::Mm, j, &x));
+    let unknowns = (0..x.len()).map(|j| OutputParameter::from_unknown("x", Unit::Mm, j, &x));
     let outputs = Outputs { parameters: unknowns.collect(), ..Outputs::default() };
     let figures = FitQuality { rank, unknowns: rank, condition, dof, residual_rms_mm: 0.0 };
-    let solution = Solution {
+    let solution = SolvedModel {
         model: &LinearFit { x: &x, design_matrix: &form.design_matrix, sigma: &sigma, gain: &gain },
-        residuals: &vec![0.0; sigma.len()],
+        weighted_residuals: &vec![0.0; sigma.len()],
         has_declared_sizes: true,
-        figures,
+        fit_quality: figures,
         measurements: &[],
     };
-    let source = UncertaintySource::new("differences", Effect::Independent(sigma.clone()));
-    let plan = TrialPlan { seed: 5, trials: TrialCount::Fixed(trials) };
+    let source = UncertaintySource::new("differences", ObservationEffect::Independent(sigma.clone()));
+    let plan = TrialPlan { seed: 5, trial_count: TrialCount::Fixed(trials) };
     identify(&solution, &[source], outputs, Some(plan)).unwrap().trials.unwrap().standard_deviation
 }
 
@@ -263,7 +263,7 @@ fn paper_table_6_circle_centre() {
     let solution = form.solve(&[0.0; 32], 1.0).unwrap();
     let mut rng = seeded_stream(11, &[6]);
     const FULL: u32 = 100_000;
-    let trials = population(FULL.into()) as u32;
+    let trials = population_size(FULL.into()) as u32;
     let (mut sum, mut squares) = ([0.0; 2], [0.0; 2]);
     for _ in 0..trials {
         let noise: Vec<f64> = (0..32).map(|_| StandardNormal.sample(&mut rng)).collect();

@@ -32,7 +32,7 @@ pub struct JogProofRequest<'a> {
     pub position: &'a Position,
     pub axis: Axis,
     /// Target of the axis, mm or rad.
-    pub to: f64,
+    pub target: f64,
     /// Maximum feed, mm/min or degrees/min.
     pub max_feed: f64,
     pub dialect: &'a Dialect,
@@ -119,12 +119,12 @@ fn check_axis(request: &JogProofRequest<'_>, motion: &ReadMotion, longest: f64) 
     if let Some((other, _)) = motion.target.iter().find(|(other, _)| *other != axis) {
         return Err(RefusalReason::WrongAxis(other));
     }
-    let meant = Position::new().with(axis, request.to);
+    let meant = Position::new().with(axis, request.target);
     if let Some(off) = rules::find_axis_mismatch(&motion.target, &meant, dialect) {
         return Err(off.into_refusal_reason(RefusalReason::WrongTarget));
     }
     rules::check_limits(motion, &plan.machine, dialect)?;
-    let by = axis.to_mm_or_deg((request.to - request.position.get_or_zero(axis)).abs());
+    let by = axis.to_mm_or_deg((request.target - request.position.get_or_zero(axis)).abs());
     if by > longest {
         return Err(RefusalReason::JogTooLong { by, most: longest });
     }
@@ -150,7 +150,7 @@ fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result
     let JogProofRequest { plan, position, axis, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
     let from = rules::axis_commands(&plan.machine, position)?;
-    let by = axis.to_mm_or_deg((request.to - position.get_or_zero(axis)).abs());
+    let by = axis.to_mm_or_deg((request.target - position.get_or_zero(axis)).abs());
     let mut nearest: Option<Clearance> = None;
     for moved in plan.machine.axes.keys().copied().filter(|moved| *moved != Axis::S) {
         for sense in [-1.0, 1.0] {
@@ -170,7 +170,7 @@ fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result
 
 /// Checks that no declared body is approached, at the assumed position of the machine.
 fn check_no_approach(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, RefusalReason> {
-    let JogProofRequest { plan, position, axis, to, .. } = *request;
+    let JogProofRequest { plan, position, axis, target: to, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
     let joint_path = JointPath {
         from: rules::axis_commands(&plan.machine, position)?,

@@ -28,7 +28,7 @@ fn checked(
     let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}\n");
     let to = axis.to_mm_or_rad(to);
-    let request = JogProofRequest { plan, position, axis, to, max_feed: 60.0, dialect: &dialect };
+    let request = JogProofRequest { plan, position, axis, target: to, max_feed: 60.0, dialect: &dialect };
     check(&request, &[text]).map_err(|refusal| refusal.reason)
 }
 

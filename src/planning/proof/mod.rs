@@ -92,7 +92,7 @@ pub struct ProofRequest<'a> {
     pub stages: &'a [StageSteps<'a>],
     /// Position of the machine at the start, as far as it is known. Moves before X, Y and Z are known are not
     /// checked, and the proof reports them.
-    pub position: Option<&'a Position>,
+    pub start_position: Option<&'a Position>,
     /// Directions that were confirmed since the machine was prepared.
     pub confirmed: ConfirmedDirections,
     pub dialect: &'a Dialect,
@@ -104,7 +104,7 @@ pub struct ProofRequest<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct StageSteps<'a> {
     /// Ids of the steps, in the order of the run; the plan contains these steps.
-    pub steps: &'a [u32],
+    pub step_ids: &'a [u32],
     /// The artefact at its found position; `None`: at its position in the plan.
     pub found_artefact: Option<&'a Artefact>,
 }

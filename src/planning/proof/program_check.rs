@@ -65,12 +65,12 @@ impl<'a> ProgramCheck<'a> {
         for (stage, staged) in request.stages.iter().enumerate() {
             let artefact = staged.found_artefact.unwrap_or(&request.plan.artefact);
             scenes.push(Scene::new(request.plan, artefact).map_err(|reason| reason.at_line(1))?);
-            for id in staged.steps {
+            for id in staged.step_ids {
                 let step = request.plan.steps.iter().find(|step| step.id == *id);
                 turns.push((step.ok_or(RefusalReason::UnknownStep(*id).at_line(1))?, stage));
             }
         }
-        let position = request.position.cloned().unwrap_or_default();
+        let position = request.start_position.cloned().unwrap_or_default();
         let chain =
             KinematicChain::new(&request.plan.machine).map_err(|error| RefusalReason::from(error).at_line(1))?;
         Ok(Self {

@@ -18,7 +18,7 @@ pub struct StageProofRequest<'a> {
     pub plan: &'a Plan,
     pub stages: &'a [StageSteps<'a>],
     /// As in [`ProofRequest`].
-    pub position: Option<&'a Position>,
+    pub start_position: Option<&'a Position>,
     pub confirmed: ConfirmedDirections,
     pub dialect: &'a Dialect,
     pub transmission: &'a Transmission,
@@ -118,12 +118,13 @@ impl ProvenBlock {
 /// # Errors
 /// A block cannot be rendered; the first line that is wrong or cannot be proven.
 pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(Proof, Vec<ProvenBlock>), StageProofError> {
-    let StageProofRequest { plan, stages, position, confirmed, dialect, transmission, blocks } = *request;
+    let StageProofRequest { plan, stages, start_position: position, confirmed, dialect, transmission, blocks } =
+        *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let sent = dialect.render_for_transmission(transmission, &axes, blocks)?;
     let read = read_programs(dialect, &sent.programs)?;
     let programs = &sent.programs;
-    let request = ProofRequest { plan, stages, position, confirmed, dialect, programs };
+    let request = ProofRequest { plan, stages, start_position: position, confirmed, dialect, programs };
     let proof = prove_motions(&request, read.clone())?;
     let start_position = position.cloned().unwrap_or_default();
     Ok((proof, proven_units(dialect, blocks, transmission, sent, read, start_position)?))

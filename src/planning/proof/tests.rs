@@ -45,9 +45,16 @@ pub(super) fn proven_as(
 ) -> Result<Proof, ProofRefusal> {
     let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
-    let stages = [StageSteps { steps: &[0], found_artefact: None }];
+    let stages = [StageSteps { step_ids: &[0], found_artefact: None }];
     let programs = &[text];
-    prove_programs(&ProofRequest { plan, stages: &stages, position, confirmed, dialect: &dialect, programs })
+    prove_programs(&ProofRequest {
+        plan,
+        stages: &stages,
+        start_position: position,
+        confirmed,
+        dialect: &dialect,
+        programs,
+    })
 }
 
 /// Reason for which the first lines are refused; `None` if the only fault is the missing touch.
@@ -319,10 +326,17 @@ fn a_prompt_is_one_stop_and_nothing_else() {
     let dialect = Dialect::from_name("grbl").unwrap();
     let proven = |lines: &str| {
         let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
-        let (stages, position) = ([StageSteps { steps: &[1, 0], found_artefact: None }], beside());
+        let (stages, position) = ([StageSteps { step_ids: &[1, 0], found_artefact: None }], beside());
         let (stages, position) = (stages.as_slice(), Some(&position));
         let (dialect, programs, confirmed) = (&dialect, [text], ConfirmedDirections::all());
-        prove_programs(&ProofRequest { plan: &plan, stages, position, confirmed, dialect, programs: &programs })
+        prove_programs(&ProofRequest {
+            plan: &plan,
+            stages,
+            start_position: position,
+            confirmed,
+            dialect,
+            programs: &programs,
+        })
     };
     let slow = WHOLE.split_once('\n').unwrap().1.replace("F1500", "F300");
     // After the stop, the position is unknown: the program must move all axes, with the careful rules.

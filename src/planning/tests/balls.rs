@@ -55,14 +55,14 @@ fn first(plan: &Plan) -> Ball {
 
 fn touches(plan: &Plan, rotary: &Position, count: usize) -> Result<Vec<TouchDirection>, BallAccessError> {
     let access = TouchAccess::new(plan, &plan.artefact).unwrap();
-    let task = BallTask { ball: &first(plan), rotary, approach: SLOW, touches: count };
+    let task = BallTask { ball: &first(plan), rotary, approach: SLOW, touch_count: count };
     access.accessible_touches(&task)
 }
 
 fn steps(plan: &Plan, rotary: &Position, approach: BallApproach) -> Result<Vec<Step>, BallAccessError> {
     let access = TouchAccess::new(plan, &plan.artefact).unwrap();
-    let task = BallTask { ball: &first(plan), rotary, approach, touches: 5 };
-    access.steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
+    let task = BallTask { ball: &first(plan), rotary, approach, touch_count: 5 };
+    access.touch_steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
 }
 
 /// Paper 4, section 3: +45, −135, −45, +135 degrees, then the pole; here in the order of neighbours.
@@ -203,7 +203,7 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
     let rotary = indexed(-30.0, 90.0);
     let measured = evaluate_ball("3", &readings(&plan, &rotary, 0.0), &plan.machine, &plan.probe).unwrap();
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
-    let centre = access.centre(&first(&plan), &rotary).unwrap();
+    let centre = access.centre_position(&first(&plan), &rotary).unwrap();
     for axis in Axis::LINEAR {
         assert!((measured.position.get_or_zero(axis) - centre.get_or_zero(axis)).abs() < 1e-9);
     }
@@ -212,7 +212,7 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
     // Z.
     let off = measured.cofactor - Matrix3::from_diagonal(&Vector3::new(0.5, 0.5, 1.25));
     assert!(off.abs().max() < 1e-6, "{}", measured.cofactor);
-    measured.check("3", 20.0, &BallLimits { form_mm: 1e-6, diameter_mm: 1e-6 }).unwrap();
+    measured.check_form_and_diameter("3", 20.0, &BallLimits { form_mm: 1e-6, diameter_mm: 1e-6 }).unwrap();
 }
 
 #[test]
@@ -221,11 +221,11 @@ fn errors_of_form_and_diameter_name_their_causes() {
     let rotary = indexed(-30.0, 90.0);
     let dirty = evaluate_ball("3", &readings(&plan, &rotary, 0.1), &plan.machine, &plan.probe).unwrap();
     let limits = BallLimits { form_mm: 0.015, diameter_mm: 0.2 };
-    let words = dirty.check("3", 20.0, &limits).unwrap_err().to_string();
+    let words = dirty.check_form_and_diameter("3", 20.0, &limits).unwrap_err().to_string();
     assert!(words.starts_with("ball 3 at B −30°, C 90°, S 90°: the form deviation 0.0"), "{words}");
     assert!(words.ends_with("a loose ball or a wrong stylus"), "{words}");
     let limits = BallLimits { form_mm: 0.2, diameter_mm: 0.01 };
-    let words = dirty.check("3", 20.5, &limits).unwrap_err().to_string();
+    let words = dirty.check_form_and_diameter("3", 20.5, &limits).unwrap_err().to_string();
     assert!(words.contains("the expected 20.500 mm by more than 0.010 mm"), "{words}");
     let few = readings(&plan, &rotary, 0.0)[..3].to_vec();
     let refused = evaluate_ball("3", &few, &plan.machine, &plan.probe).unwrap_err().to_string();
@@ -284,11 +284,11 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
     let mut blocks: Vec<Block> = Vec::new();
     for step in &plan.steps {
         let motions = blocks.iter().flat_map(|block| &block.motions);
-        let position = Some(end_position(motions, &Position::new())).filter(|_| !blocks.is_empty());
+        let position = Some(position_after_motions(motions, &Position::new())).filter(|_| !blocks.is_empty());
         let start = BlockStart { position: position.as_ref(), confirmed: ConfirmedDirections::all() };
         blocks.push(touch_block(&plan, step, 0, start, &clearance).unwrap());
     }
-    let mut position = end_position(&blocks[0].motions, &Position::new());
+    let mut position = position_after_motions(&blocks[0].motions, &Position::new());
     let mut ways = Vec::new();
     for motion in blocks[1..].iter().flat_map(|block| &block.motions) {
         let next = position.updated_by(&motion_target(motion).unwrap());

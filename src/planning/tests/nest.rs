@@ -48,8 +48,8 @@ fn is_proven(plan: &Plan, blocks: &[Block], position: &Position) {
     let steps: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
     let request = StageProofRequest {
         plan,
-        stages: &[StageSteps { steps: &steps, found_artefact: None }],
-        position: Some(position),
+        stages: &[StageSteps { step_ids: &steps, found_artefact: None }],
+        start_position: Some(position),
         confirmed: ConfirmedDirections::default(),
         dialect: &Dialect::from_name("grbl-m19").unwrap(),
         transmission: &Transmission::Rows,
@@ -74,7 +74,7 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
         let start = BlockStart { position: Some(&position), confirmed };
         let blocks = step_blocks(&plan, step, 0, start, &clearance).unwrap();
         for block in &blocks {
-            position = end_position(&block.motions, &position);
+            position = position_after_motions(&block.motions, &position);
         }
         confirmed = confirmed.after_step(step);
         planned.push(blocks);

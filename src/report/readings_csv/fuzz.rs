@@ -3,7 +3,7 @@
 use super::{read_readings, write_readings};
 use machine::Axis;
 use machine::record::reading::Reading;
-use testing::fuzz::fuzz;
+use testing::fuzz::fuzz_parser;
 
 const READINGS_FILE: &[u8] = b"# trued-readings 1
 # run 3: self-calibration on bench
@@ -31,7 +31,7 @@ fn fuzz_readings_reader() {
         "excluded",
         "#",
     ];
-    fuzz("readings-csv", &[READINGS_FILE], &words, |input| match read_readings(input) {
+    fuzz_parser("readings-csv", &[READINGS_FILE], &words, |input| match read_readings(input) {
         Err(error) => error.to_string().len(),
         Ok(readings) => {
             let mut again = Vec::new();

@@ -82,7 +82,7 @@ async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
             (*looks % 3 == 0).then(|| "Ada".to_owned())
         })
     };
-    let told = |event: &Event, _: &Halt| match event {
+    let told = |event: &Event, _: &HaltHandle| match event {
         Event::Asked { .. } | Event::Answered { .. } => note(),
         _ => {}
     };
@@ -111,7 +111,7 @@ async fn halt_ends_the_wait_and_no_run_starts_without_operator() {
     assert!(matches!(refused, Err(RunError::NoOperator { .. })), "{refused:?}");
     assert_eq!((shop.calls(), stored.summary.state), (vec![], RunState::Failed));
 
-    let stops = |halt: Halt| {
+    let stops = |halt: HaltHandle| {
         PromptAnswers::new(move |_| {
             halt.trigger();
             None
@@ -138,7 +138,7 @@ async fn prompt_after_a_touch_is_refused_before_motion() {
 async fn answered_prompts_are_not_repeated_after_a_stop() {
     let shop = RunWorkspace::new("");
     let method = TurningMethod { inner: shop.method().0, late: false };
-    let stops = |halt: Halt| {
+    let stops = |halt: HaltHandle| {
         PromptAnswers::new(move |asked| {
             if asked.repeat == 1 {
                 halt.trigger();
@@ -152,7 +152,7 @@ async fn answered_prompts_are_not_repeated_after_a_stop() {
     let first = [("asked", prompt, 0), ("answered", prompt, 0), ("asked", prompt, 1)];
     assert_eq!((prompt_events(&stored), stored.summary.state), (first.to_vec(), RunState::Held));
 
-    let after_one = |event: &Event, halt: &Halt| match event {
+    let after_one = |event: &Event, halt: &HaltHandle| match event {
         Event::ReadingStored { reading } if reading.repeat == 1 => halt.trigger(),
         _ => {}
     };

@@ -6,9 +6,11 @@ mod time_left;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::setup::{self, MachineFile, Pace, RunHistory};
+use crate::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::{NewRun, StoredRun};
-use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl};
+use devices::controllers::{
+    Controller, ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl,
+};
 use machine::record::motion::BlockOutcome;
 use planning::proof::ProvenBlock;
 
@@ -27,7 +29,7 @@ impl CountingController {
     }
 }
 
-impl Driver for CountingController {
+impl ControllerDriver for CountingController {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.count("prepare").prepare().await
     }
@@ -68,11 +70,11 @@ impl RunWorkspace {
     }
 
     fn method(&self) -> (Box<dyn Method>, Plan) {
-        setup::plan_header(&self.file, "self-calibration", None).unwrap()
+        setup::configure_method_and_plan(&self.file, "self-calibration", None).unwrap()
     }
 
-    async fn devices(&self, past: RunHistory<'_>) -> (Devices, Halt) {
-        let mut devices = setup::open_devices(&self.file, Pace::Fast, past).await.unwrap();
+    async fn devices(&self, past: EarlierSessions<'_>) -> (Devices, HaltHandle) {
+        let mut devices = setup::open_devices(&self.file, SimulationPace::Fast, past).await.unwrap();
         let halt = devices.controller.halt_handle();
         let (halt_too, calls) = (halt.clone(), self.calls.clone());
         let counted = |inner| Controller::spawn(CountingController { inner, calls }, halt_too);
@@ -85,13 +87,13 @@ impl RunWorkspace {
     async fn run_method(
         &self,
         method: &dyn Method,
-        answers: impl FnOnce(Halt) -> PromptAnswers,
-        tell: impl Fn(&Event, &Halt),
+        answers: impl FnOnce(HaltHandle) -> PromptAnswers,
+        tell: impl Fn(&Event, &HaltHandle),
     ) -> (Result<(), RunError>, StoredRun) {
         let (_, plan) = self.method();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
-        let (devices, halt) = self.devices(RunHistory::default()).await;
+        let (devices, halt) = self.devices(EarlierSessions::default()).await;
         let mut tell = |event: &Event| tell(event, &halt);
         let run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
         let ended = run.with_answers(answers(halt.clone())).execute().await;
@@ -103,10 +105,10 @@ impl RunWorkspace {
         &self,
         method: &dyn Method,
         stored: StoredRun,
-        tell: impl Fn(&Event, &Halt),
+        tell: impl Fn(&Event, &HaltHandle),
     ) -> (Result<(), RunError>, StoredRun) {
         let id = stored.summary.id;
-        let past = RunHistory { readings: &stored.readings, elapsed_s: 60.0, ..RunHistory::default() };
+        let past = EarlierSessions { readings: &stored.readings, elapsed_s: 60.0, ..EarlierSessions::default() };
         let (devices, halt) = self.devices(past).await;
         let mut tell = |event: &Event| tell(event, &halt);
         let answered_prompts = super::prompts::answered_prompts(&stored.events);
@@ -125,7 +127,7 @@ impl RunWorkspace {
 /// Placeholder for a control while it is replaced.
 fn unreachable_controller() -> Controller {
     struct NoMethod;
-    impl Driver for NoMethod {
+    impl ControllerDriver for NoMethod {
         async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
             Err(ControllerError::DriverTaskEnded)
         }
@@ -142,7 +144,7 @@ fn unreachable_controller() -> Controller {
             Err(ControllerError::DriverTaskEnded)
         }
     }
-    Controller::spawn(NoMethod, Halt::new(|| {}))
+    Controller::spawn(NoMethod, HaltHandle::new(|| {}))
 }
 
 fn answers_by_operator() -> PromptAnswers {

@@ -12,7 +12,7 @@ use super::problem::Problem;
 use super::status::MachineStatus;
 use super::{AppState, ServedMachine};
 use crate::archive::compare::{Comparison, compare_runs};
-use crate::archive::history::{Series, history};
+use crate::archive::history::{ParameterSeries, machine_history};
 use crate::archive::run_story::run_story;
 use crate::store::{RunFilter, RunId, RunSummary, StoredAuditEntry};
 use machine::record::estimate::Estimate;
@@ -51,11 +51,14 @@ async fn get_machine(machine: ServedMachine) -> Json<MachineStatus> {
 /// Each value over the newest 200 finished runs of its method, with its tolerance and the mean temperatures of
 /// each run; its control limits, its steps and its drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", operation_id = "trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
-async fn get_trends(State(app): State<AppState>, Path(name): Path<String>) -> Result<Json<Vec<Series>>, Problem> {
+async fn get_trends(
+    State(app): State<AppState>,
+    Path(name): Path<String>,
+) -> Result<Json<Vec<ParameterSeries>>, Problem> {
     // A machine that is no longer served has no tolerances, but may still have runs in the journal.
     let limits = app.find_machine(&name).map(|machine| machine.tolerance.clone()).ok();
     let series = app.read_journal(move |journal| match limits.is_some() || journal.machine_names()?.contains(&name) {
-        true => Ok(history(journal, &name, &limits.unwrap_or_default())?),
+        true => Ok(machine_history(journal, &name, &limits.unwrap_or_default())?),
         false => Err(Problem::not_found(&name)),
     });
     Ok(Json(series.await??))

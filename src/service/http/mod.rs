@@ -31,7 +31,7 @@ use axum::routing::get;
 use tokio::sync::Semaphore;
 
 use self::access::Access;
-pub use self::access::{Role, Token, TokenError, Tokens};
+pub use self::access::{Role, Token, TokenError, TokenStore};
 pub use self::page::machine_page_path;
 pub use self::page_address::PageAddressFile;
 use self::problem::Problem;

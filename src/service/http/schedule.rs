@@ -18,7 +18,7 @@ use super::problem::Problem;
 use super::{AppState, ServedMachine};
 use crate::service::machine_state::Refusal;
 use crate::service::not_started::NotStartedReason;
-use crate::service::schedule_state::{Agenda, arming, load_agenda};
+use crate::service::schedule_state::{Agenda, load_agenda, new_arming};
 
 pub fn schedule_routes() -> OpenApiRouter<AppState> {
     let action_routes =
@@ -58,7 +58,7 @@ async fn arm_cycle(action: ActionRequest<ArmRequest>) -> Result<Response, Proble
         return Err(Refusal::NoSuchCycle.into());
     }
     let now = Timestamp::now();
-    let arming = arming(&machine.name, *cycle, &who, &truncate_reason(why), until, now).map_err(|why| {
+    let arming = new_arming(&machine.name, *cycle, &who, &truncate_reason(why), until, now).map_err(|why| {
         let remedy = "state the end of the arming, for example 14d or 2027-01-31T18:00:00+01:00";
         Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
     })?;

@@ -22,7 +22,7 @@ use jiff::Timestamp;
 
 use self::records::SlotRecorder;
 use self::scheduler::Scheduler;
-pub use self::scheduler::planned;
+pub use self::scheduler::planned_schedules;
 use super::command_gate::CommandGate;
 use super::config::ServeConfig;
 use super::schedule_state::DueRequest;

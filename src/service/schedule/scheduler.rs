@@ -296,7 +296,7 @@ impl Scheduler {
 }
 
 /// Schedules with their next times after `now`.
-pub fn planned(entries: &[ScheduleEntry], now: Timestamp) -> Vec<PlannedSchedule> {
+pub fn planned_schedules(entries: &[ScheduleEntry], now: Timestamp) -> Vec<PlannedSchedule> {
     entries.iter().map(|entry| planned_schedule(entry, now)).collect()
 }
 

@@ -13,7 +13,7 @@ use crate::service::machine_state::{Interlocks, MachineState, Refusal, ServiceSt
 use crate::service::schedule_state::Readiness;
 use crate::service::worker_command::Inspection;
 use crate::service::{Log, lock};
-use link::{LineEvent, Link, LinkConfig, LinkError};
+use link::{LineEvent, LineLink, LinkConfig, LinkError};
 
 /// Time before a lost port is opened again.
 const REOPEN_DELAY: Duration = Duration::from_secs(2);
@@ -55,7 +55,7 @@ async fn serve_open_line(
     gate: &CommandGate,
     last_readiness: &LastReadiness,
 ) -> Result<(), LinkError> {
-    let mut link = link::open_line_link(&config.address()?).await?;
+    let mut link = link::open_line_link(&config.resolve_address()?).await?;
     let mut is_starting = false;
     loop {
         if let Some(received) = link.recv_deadline(Instant::now() + RUN_NUMBER_POLL_PERIOD).await? {
@@ -75,7 +75,7 @@ async fn serve_open_line(
 /// Returns whether a run begins, so that its response is still to be sent.
 fn handle_line(
     received: &LineEvent,
-    link: &mut Link,
+    link: &mut LineLink,
     gate: &CommandGate,
     last_readiness: &LastReadiness,
 ) -> Result<bool, LinkError> {

@@ -119,8 +119,8 @@ fn axis_values(axis: Axis, reported: ReportedAxis) -> Value {
         _ if turns => 90.0,
         _ => 100.0,
     };
-    let half = reported.travel.map_or(half, |travel| travel / 2.0);
-    let ends = reported.min.zip(reported.max);
+    let half = reported.travel_length.map_or(half, |travel| travel / 2.0);
+    let ends = reported.travel_min.zip(reported.travel_max);
     let (min, max) = ends.unwrap_or((-half, half));
     // Steps are decimal fractions of a millimetre.
     let resolution = reported.resolution.map(|step| (step * 1e6).round() / 1e3);
@@ -133,7 +133,7 @@ fn axis_values(axis: Axis, reported: ReportedAxis) -> Value {
         unhomed => turns && reported.has_homing == Some(false),
         homing_unknown => turns && reported.has_homing.is_none(),
         ends => ends.is_some(),
-        travel => reported.travel,
+        travel => reported.travel_length,
         min,
         max,
         rapid => reported.rapid_per_min.unwrap_or(1_000.0),

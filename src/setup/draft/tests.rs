@@ -11,7 +11,7 @@ fn draft(controller: &str, topology: Option<&str>) -> MachineFileDraft {
 fn said(letters: &str) -> DeviceInfo {
     let axes = letters.chars().map(|letter| {
         let says = ReportedAxis {
-            travel: Some(300.0),
+            travel_length: Some(300.0),
             rapid_per_min: Some(2500.0),
             resolution: Some(0.001),
             ..ReportedAxis::default()
@@ -48,7 +48,7 @@ fn the_reader_takes_what_is_written() {
 fn ends_that_the_control_tells_are_taken_and_remarks_are_comments() {
     let mut said = said("XYZBC");
     let z = said.axes.get_mut(&Axis::Z).unwrap();
-    (z.min, z.max) = (Some(-298.5), Some(0.0));
+    (z.travel_min, z.travel_max) = (Some(-298.5), Some(0.0));
     said.findings =
         vec![ReadinessFinding { is_blocking: true, description: "a\nb".to_owned(), remedy: "$13=0".to_owned() }];
     let text = draft(GRBL, Some("w-C-B-F-X-Y-Z-S-t")).render(&said).unwrap();

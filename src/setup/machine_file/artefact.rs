@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::balls_csv::{self, CommonBallData, TableColumns, column_of_key};
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use machine::artefact::{self, ArtefactEntry, ArtefactFault};
 use machine::record::artefact::{Artefact, Balls};
@@ -40,7 +40,7 @@ struct ArtefactKind {
 #[serde(deny_unknown_fields)]
 struct NoKeys {}
 
-pub fn read_artefact(document: &Document, source: ArtefactSource<'_>) -> Result<Artefact, MachineFileError> {
+pub fn read_artefact(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Artefact, MachineFileError> {
     if let ArtefactSource::Artefact(artefact) = source {
         return Ok(artefact.clone());
     }
@@ -58,13 +58,16 @@ pub fn read_artefact(document: &Document, source: ArtefactSource<'_>) -> Result<
 }
 
 /// Reads the table without the keys in `other_keys`, which were read before.
-fn read_artefact_fields<T: DeserializeOwned>(document: &Document, other_keys: &[&str]) -> Result<T, MachineFileError> {
+fn read_artefact_fields<T: DeserializeOwned>(
+    document: &TomlDocument,
+    other_keys: &[&str],
+) -> Result<T, MachineFileError> {
     document.read_required_section(&["artefact"], |value| {
         T::deserialize(other_keys.iter().fold(value, |value, key| value.without_key(key)))
     })
 }
 
-fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
+fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
     let mut balls: Balls =
         read_artefact_fields(document, &[&["kind", "file"], &PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat())?;
     let wrong = |key: &str, why: &str| document.value_error(&["artefact", key], why);
@@ -130,11 +133,11 @@ fn place_balls(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
     }
 }
 
-fn read_artefact_key<T: DeserializeOwned>(document: &Document, name: &str) -> Result<Option<T>, MachineFileError> {
+fn read_artefact_key<T: DeserializeOwned>(document: &TomlDocument, name: &str) -> Result<Option<T>, MachineFileError> {
     document.read_section(&["artefact", name], T::deserialize)
 }
 
-fn read_common_ball_data(document: &Document) -> Result<CommonBallData, MachineFileError> {
+fn read_common_ball_data(document: &TomlDocument) -> Result<CommonBallData, MachineFileError> {
     Ok(CommonBallData {
         radius_mm: read_artefact_key(document, "radius_mm")?,
         stem: read_artefact_key(document, "stem")?,
@@ -160,7 +163,7 @@ impl BallTable {
 }
 
 /// Error at the location of a fault: in the table file, or at the key of the machine file.
-fn artefact_fault_error(document: &Document, table: Option<&BallTable>, fault: ArtefactFault) -> MachineFileError {
+fn artefact_fault_error(document: &TomlDocument, table: Option<&BallTable>, fault: ArtefactFault) -> MachineFileError {
     let ArtefactFault { entry: of, key, message: why } = fault;
     let (name, index) = match (of, table) {
         // The machine file contains the properties that all balls share.

@@ -1,7 +1,7 @@
 //! Values that are assumed where the file does not state them (docs/uncertainty.md gives the reasons): an
 //! undeclared source of uncertainty still exists in the machine.
 
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::MachineFileError;
 use machine::Axis;
 use machine::record::artefact::Artefact;
@@ -26,7 +26,7 @@ const ASSUMED_EXPANSION_UM_PER_M_K: f64 = 11.5;
 /// # Errors
 /// The text cannot be read.
 pub fn fill_assumed_values(
-    document: &Document,
+    document: &TomlDocument,
     machine: &mut Machine,
     probe: &mut Probe,
 ) -> Result<Vec<String>, MachineFileError> {
@@ -122,8 +122,8 @@ mod tests {
             assert_eq!(size, documented(key), "{key}");
         }
         // Four values of each linear axis, one of each rotary axis, drift and lobing.
-        assert_eq!(file.assumed.len(), 3 * 4 + 2 + 2, "{:?}", file.assumed);
-        assert!(file.assumed.contains(&"axes.B.error_motion_um".to_owned()));
+        assert_eq!(file.assumed_keys.len(), 3 * 4 + 2 + 2, "{:?}", file.assumed_keys);
+        assert!(file.assumed_keys.contains(&"axes.B.error_motion_um".to_owned()));
         // Stated values are kept, also if they are 0.
         assert_eq!((file.machine.squareness_urad, file.probe.stylus_offset_um), (0.0, 0.3));
         assert_eq!(c.backlash_um, 0.0);
@@ -137,7 +137,7 @@ mod tests {
         let text: String = SAMBA.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let Artefact::Balls(balls) = &file.artefact else { panic!("balls") };
-        assert_eq!(file.assumed, ["artefact.lengths.u_temperature_k"]);
+        assert_eq!(file.assumed_keys, ["artefact.lengths.u_temperature_k"]);
         let length = &balls.lengths[0];
         assert_eq!(length.u_temperature_k, documented("[[artefact.lengths]] u_temperature_k"));
         // The stated value.
@@ -153,7 +153,7 @@ mod tests {
         let is_left = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
         let text: String = DOME.lines().filter(is_left).map(|line| format!("{line}\n")).collect();
         let file = MachineFile::parse("shop.toml", text).unwrap();
-        assert_eq!(file.assumed, ["artefact.u_temperature_k", "artefact.expansion_um_per_m_k"]);
+        assert_eq!(file.assumed_keys, ["artefact.u_temperature_k", "artefact.expansion_um_per_m_k"]);
         let Artefact::Balls(balls) = &file.artefact else { panic!("balls") };
         let sizes = (balls.u_temperature_k.unwrap(), balls.expansion_um_per_m_k.unwrap());
         let keys = ["[artefact] u_temperature_k", "[artefact] expansion_um_per_m_k"];
@@ -163,6 +163,6 @@ mod tests {
     #[test]
     fn a_file_that_states_everything_assumes_nothing() {
         let file = MachineFile::parse("shop.toml", EMBEDDED.to_owned()).unwrap();
-        assert!(file.assumed.is_empty(), "{:?}", file.assumed);
+        assert!(file.assumed_keys.is_empty(), "{:?}", file.assumed_keys);
     }
 }

@@ -44,7 +44,7 @@ fn the_built_in_machine_for_samba_is_that_of_the_paper() {
     ];
     assert_eq!(balls.balls.iter().map(|ball| ball.centre_mm).collect::<Vec<_>>(), table);
     assert_eq!((balls.lengths[0].mm, balls.lengths[0].u_mm), (304.8, 1e-4));
-    assert!(file.tolerance.is_empty(), "the first command must end with code 0");
+    assert!(file.parameter_limits.is_empty(), "the first command must end with code 0");
     crate::setup::build_world(&file).unwrap();
 }
 
@@ -233,7 +233,8 @@ fn a_table_is_refused_with_its_line_and_column() {
     let end = text.find("\n[[artefact.lengths]]").unwrap();
     let text = format!("{}{}", &text[..start], &text[end..]);
     let beside = artefact::ArtefactSource::Folder(path.parent().unwrap());
-    let message = MachineFile::from_document(Document::parse("x.toml", text).unwrap(), beside).unwrap_err().to_string();
+    let message =
+        MachineFile::from_document(TomlDocument::parse("x.toml", text).unwrap(), beside).unwrap_err().to_string();
     assert!(message.contains("none.csv cannot be read"), "{message}");
     assert!(message.contains("the folder of the machine file"), "{message}");
 }

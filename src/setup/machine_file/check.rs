@@ -1,7 +1,7 @@
 //! Semantic checks of a machine file. Finite numbers are checked by the reader ([`super::value`]), the topology
 //! by `kinematics`.
 
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::MachineFileError;
 use machine::Axis;
 use machine::record::artefact::{Artefact, Cylinder, DatumCylinder};
@@ -9,7 +9,7 @@ use machine::record::machine::{AxisSpec, Carrier, Homing, Keepout, Machine, Prob
 
 type CheckResult = Result<(), MachineFileError>;
 
-pub fn check_machine(document: &Document, machine: &Machine) -> CheckResult {
+pub fn check_machine(document: &TomlDocument, machine: &Machine) -> CheckResult {
     document.require(!machine.name.trim().is_empty(), &["machine", "name"], "must not be empty")?;
     document.require_not_negative(&["machine", "drift_um_per_h"], machine.drift_um_per_h)?;
     document.require_not_negative(&["machine", "squareness_urad"], machine.squareness_urad)?;
@@ -19,7 +19,7 @@ pub fn check_machine(document: &Document, machine: &Machine) -> CheckResult {
     document.check_axes_of_topology(machine)
 }
 
-pub fn check_probe(document: &Document, probe: &Probe) -> CheckResult {
+pub fn check_probe(document: &TomlDocument, probe: &Probe) -> CheckResult {
     document.require_positive(&["probe", "ball_radius_mm"], probe.ball_radius_mm)?;
     // Zero would be an infinite weight; an unknown value is stated by leaving the key out.
     document.require_positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
@@ -48,7 +48,7 @@ pub fn check_probe(document: &Document, probe: &Probe) -> CheckResult {
     )
 }
 
-pub fn check_artefact(document: &Document, artefact: &Artefact) -> CheckResult {
+pub fn check_artefact(document: &TomlDocument, artefact: &Artefact) -> CheckResult {
     let has_direction = |axis: &[f64; 3]| {
         document.require(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]")
     };
@@ -76,7 +76,7 @@ pub fn check_artefact(document: &Document, artefact: &Artefact) -> CheckResult {
     }
 }
 
-pub fn check_keepouts(document: &Document, boxes: &[Keepout]) -> CheckResult {
+pub fn check_keepouts(document: &TomlDocument, boxes: &[Keepout]) -> CheckResult {
     for keepout in boxes {
         if keepout.min_mm.iter().zip(&keepout.max_mm).any(|(min, max)| min >= max) {
             let why = format!("the box `{}` is not valid: each min_mm must be below its max_mm", keepout.name);
@@ -88,7 +88,7 @@ pub fn check_keepouts(document: &Document, boxes: &[Keepout]) -> CheckResult {
 
 /// Checks that each `[[read_section]]` has a unique name.
 pub fn check_unique_names<'n>(
-    document: &Document,
+    document: &TomlDocument,
     section: &str,
     names: impl Iterator<Item = &'n String> + Clone,
 ) -> CheckResult {
@@ -102,7 +102,7 @@ pub fn check_unique_names<'n>(
 }
 
 /// Checks that each solid has a unique name, a shape and a carrier.
-pub fn check_solids(document: &Document, solids: &[Solid], machine: &Machine) -> CheckResult {
+pub fn check_solids(document: &TomlDocument, solids: &[Solid], machine: &Machine) -> CheckResult {
     for (index, solid) in solids.iter().enumerate() {
         let name = solid.name.as_str();
         let require = |holds: bool, key: &str, why: String| {
@@ -132,7 +132,7 @@ pub fn check_solids(document: &Document, solids: &[Solid], machine: &Machine) ->
     Ok(())
 }
 
-impl Document {
+impl TomlDocument {
     fn require(&self, holds: bool, key: &[&str], why: &str) -> CheckResult {
         if holds { Ok(()) } else { Err(self.value_error(key, why)) }
     }

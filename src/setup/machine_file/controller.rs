@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::MachineFileError;
 use super::value::LocatedValue;
 use devices::controllers;
@@ -48,7 +48,7 @@ struct CommonKeys {
     compensations_active: Vec<String>,
 }
 
-pub fn read_controller(document: &Document) -> Result<ControllerConfig, MachineFileError> {
+pub fn read_controller(document: &TomlDocument) -> Result<ControllerConfig, MachineFileError> {
     let CommonKeys { kind, compensations_active } = document.read_required(&["controller"])?;
     let known = [vec![SIMULATED_KIND], controls::control_kinds()].concat();
     if !known.contains(&kind.as_str()) {

@@ -13,12 +13,12 @@ use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use super::value::{LocatedValue, ValueFault, ValueFaultKind, deserialize_with_location};
 
 #[derive(Debug, Clone)]
-pub struct Document {
+pub struct TomlDocument {
     file: String,
     text: String,
 }
 
-impl Document {
+impl TomlDocument {
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
         let document = Self { file: file.to_owned(), text };
         document.parse_root()?;

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::MachineFileError;
 use super::sensor::SensorEntry;
 use machine::Axis;
@@ -23,7 +23,7 @@ pub struct Encoder {
 /// An axis that does not turn, zero counts, an encoder without a sensor that transmits its count, or such a
 /// sensor without an encoder.
 pub fn read_encoder(
-    document: &Document,
+    document: &TomlDocument,
     machine: &Machine,
     sensors: &[SensorEntry],
 ) -> Result<Option<Encoder>, MachineFileError> {

@@ -5,7 +5,7 @@ use crate::setup;
 use machine::artefact;
 use machine::record::artefact::Balls;
 use methods::{METHOD_DESCRIPTIONS, PositionSource};
-use testing::fuzz::fuzz;
+use testing::fuzz::fuzz_parser;
 
 const SIMULATED: &[u8] = include_bytes!("../../../config/simulated.toml");
 const GRBL: &[u8] = include_bytes!("../../../config/grblhal-serial.toml");
@@ -39,7 +39,7 @@ fn the_machine_file_bears_anything() {
         "1.5\n",
         "\n",
     ];
-    fuzz("machine-file", &[SIMULATED, SAMBA, GRBL, LINUXCNC], &words, |input| {
+    fuzz_parser("machine-file", &[SIMULATED, SAMBA, GRBL, LINUXCNC], &words, |input| {
         let text = String::from_utf8_lossy(input).into_owned();
         match MachineFile::parse("fuzz.toml", text) {
             Err(error) => error.to_string().len(),
@@ -53,7 +53,7 @@ fn the_table_of_balls_bears_anything() {
     const SET: &[u8] = b"# set\nball,x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,\
         stem_length_mm\n1,-150,0,40,6,0,0,-1,2,40\n2,150,0,40,6,0,0,-1,2,40\n3,0,90,40,6,,,,,\n";
     let words = ["ball", ",x_mm", ",y_mm", ",z_mm", ",radius_mm", ",stem_x", ",1", "\n", "\"", "#"];
-    fuzz("balls-csv", &[SET], &words, |input| {
+    fuzz_parser("balls-csv", &[SET], &words, |input| {
         match balls_csv::read_ball_table("set.csv", &String::from_utf8_lossy(input), &Default::default()) {
             Err(error) => error.to_string().len(),
             Ok((_, balls)) => {
@@ -71,9 +71,9 @@ fn the_table_of_balls_bears_anything() {
 fn plan(file: &MachineFile) -> usize {
     let machine = serde_json::to_string(&(&file.machine, &file.probe, &file.artefact)).unwrap();
     assert!(!machine.contains("null"), "{machine}");
-    let bodies = serde_json::to_string(&(&file.keepout, &file.solids)).unwrap();
+    let bodies = serde_json::to_string(&(&file.keepout_boxes, &file.solids)).unwrap();
     assert!(!bodies.contains("null"), "{bodies}");
-    let Ok((method, plan)) = setup::plan_header(file, METHOD_DESCRIPTIONS[0].name, None) else {
+    let Ok((method, plan)) = setup::configure_method_and_plan(file, METHOD_DESCRIPTIONS[0].name, None) else {
         return machine.len();
     };
     drop(method.next_stage(&plan, &[], PositionSource::Nominal));

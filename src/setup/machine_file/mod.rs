@@ -41,7 +41,7 @@ use super::built_in::{BuiltInFile, built_in_file};
 use super::simulated::{SimulatedControl, SimulatedFaults};
 use artefact::ArtefactSource;
 pub use controller::{Control, ControllerConfig};
-pub use document::Document;
+pub use document::TomlDocument;
 pub use encoder::Encoder;
 pub use error::{MachineFileError, MachineFileProblem};
 use prompt::Prompt;
@@ -77,15 +77,15 @@ pub struct MachineFile {
     /// Encoder whose count the sensors' samples contain.
     pub encoder: Option<Encoder>,
     pub thermometers: Vec<thermometer::ThermometerConfig>,
-    pub keepout: Vec<Keepout>,
+    pub keepout_boxes: Vec<Keepout>,
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
     prompts: Vec<Prompt>,
     /// Limits for the verdict. Empty: no verdict.
-    pub tolerance: Vec<ParameterLimit>,
+    pub parameter_limits: Vec<ParameterLimit>,
     /// Keys with assumed values, as the file does not state them, e.g. `axes.X.backlash_um`.
-    pub assumed: Vec<String>,
-    document: Document,
+    pub assumed_keys: Vec<String>,
+    document: TomlDocument,
 }
 
 impl MachineFile {
@@ -97,20 +97,20 @@ impl MachineFile {
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let source = ArtefactSource::Folder(path.parent().unwrap_or(Path::new("")));
-        Self::from_document(Document::read(path)?, source)
+        Self::from_document(TomlDocument::read(path)?, source)
     }
 
     /// Parses `text` without any other file; `file` is the name in errors.
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
-        Self::from_document(Document::parse(file, text)?, ArtefactSource::TextOnly)
+        Self::from_document(TomlDocument::parse(file, text)?, ArtefactSource::TextOnly)
     }
 
     /// The machine file of a stored run, with the artefact of its plan.
     pub fn from_stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
-        Self::from_document(Document::parse(file, text)?, ArtefactSource::Artefact(artefact))
+        Self::from_document(TomlDocument::parse(file, text)?, ArtefactSource::Artefact(artefact))
     }
 
-    fn from_document(document: Document, source: ArtefactSource<'_>) -> Result<Self, MachineFileError> {
+    fn from_document(document: TomlDocument, source: ArtefactSource<'_>) -> Result<Self, MachineFileError> {
         document.check_known_keys(&[], &KNOWN_SECTIONS)?;
         let mut machine = read_machine(&document)?;
         let mut probe = document.read_required(&["probe"])?;
@@ -139,12 +139,12 @@ impl MachineFile {
             sensors,
             encoder,
             thermometers,
-            keepout,
+            keepout_boxes: keepout,
             solids,
             artefact,
             prompts,
-            tolerance,
-            assumed,
+            parameter_limits: tolerance,
+            assumed_keys: assumed,
             document,
         })
     }
@@ -214,7 +214,7 @@ impl MachineFile {
     }
 }
 
-fn read_machine(document: &Document) -> Result<Machine, MachineFileError> {
+fn read_machine(document: &TomlDocument) -> Result<Machine, MachineFileError> {
     if document.key_names(&["machine"])?.iter().any(|key| key == "axes") {
         let problem =
             MachineFileProblem::UnknownSection { section: "machine.axes".to_owned(), known: vec!["axes".to_owned()] };

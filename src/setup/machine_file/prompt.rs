@@ -5,7 +5,7 @@ use machine::record::machine::{Homing, Machine};
 use machine::record::sensor::{Sensor, SensorMount};
 use serde::Deserialize;
 
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::MachineFileError;
 
 /// Maximum length of a prompt, characters: longer texts are not read at a machine.
@@ -26,7 +26,7 @@ impl Prompt {
 }
 
 /// Prompts of the machine file, then one for the zero of each axis without a homing switch.
-pub fn read_prompts(document: &Document, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
+pub fn read_prompts(document: &TomlDocument, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
     let prompts: Vec<Prompt> = document.read_list("prompt")?;
     for (index, Prompt { text, .. }) in prompts.iter().enumerate() {
         let why = match text.chars().count() {
@@ -76,7 +76,11 @@ pub fn sensor_prompt(sensors: &[&Sensor]) -> Option<String> {
 }
 
 /// Checks that prompts name known methods only.
-pub fn check_prompt_methods(document: &Document, prompts: &[Prompt], known: &[&str]) -> Result<(), MachineFileError> {
+pub fn check_prompt_methods(
+    document: &TomlDocument,
+    prompts: &[Prompt],
+    known: &[&str],
+) -> Result<(), MachineFileError> {
     for (index, prompt) in prompts.iter().enumerate() {
         let names = prompt.methods.iter().flatten();
         if let Some(name) = names.into_iter().find(|name| !known.contains(&name.as_str())) {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use devices::sensors::{SensorConfig, SharedPort, can, modbus, serial};
 use machine::record::sensor::{self, SensorKind, SensorMount};
 
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::MachineFileError;
 use crate::setup::simulated::SimulatedSensor;
 
@@ -32,7 +32,7 @@ impl SensorConnection {
     fn port(&self) -> Option<SharedPort> {
         match self {
             Self::Simulated(_) => None,
-            Self::Real(real) => real.port(),
+            Self::Real(real) => real.shared_port(),
         }
     }
 
@@ -54,12 +54,12 @@ impl SensorConnection {
 }
 
 /// Checks that sensors on one port agree on its settings.
-pub fn check_port_settings(document: &Document, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
+pub fn check_port_settings(document: &TomlDocument, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
     let ports: Vec<_> = sensors.iter().map(|entry| entry.connection.port()).collect();
     for (index, own) in ports.iter().enumerate() {
         let earlier = sensors.iter().zip(&ports).take(index);
         let mut conflicts =
-            earlier.filter_map(|(entry, port)| own.as_ref()?.conflict(&entry.sensor.name, port.as_ref()?));
+            earlier.filter_map(|(entry, port)| own.as_ref()?.describe_conflict(&entry.sensor.name, port.as_ref()?));
         if let (Some(why), Some(entry)) = (conflicts.next(), sensors.get(index)) {
             let why = format!("`{}` {why}", entry.sensor.name);
             return Err(document.entry_error("sensor", index, why));

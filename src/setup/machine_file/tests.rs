@@ -52,13 +52,13 @@ fn the_embedded_machine_reads_as_written() {
     assert_eq!(radius_mm, 45.0);
     assert!(matches!(file.controller.control, Control::Simulated(_)));
     assert_eq!(file.text(), EMBEDDED);
-    assert!(file.tolerance.is_empty(), "the first command must end with code 0");
+    assert!(file.parameter_limits.is_empty(), "the first command must end with code 0");
 }
 
 #[test]
 fn the_hash_is_sha256_of_the_text() {
     let mut file = MachineFile::embedded_for("self-calibration").unwrap();
-    file.document = Document::parse("x", "a=1".to_owned()).unwrap();
+    file.document = TomlDocument::parse("x", "a=1".to_owned()).unwrap();
     // coreutils: printf 'a=1' | sha256sum
     assert_eq!(file.sha256(), "c22fea5d7428e5cf47ef6354c97c9223c95d6dcdc3e0d2300ff79056b1ff3d85");
 }
@@ -182,7 +182,7 @@ fn links_are_checked() {
 #[test]
 fn tolerances_carry_their_units() {
     let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[tolerance]\n{keys}\n"));
-    let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().tolerance;
+    let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().parameter_limits;
     let found: Vec<_> = limits.iter().map(|limit| (limit.symbol.as_str(), limit.unit, limit.limit)).collect();
     use machine::record::estimate::Unit;
     assert_eq!(found, [("EA0C", Unit::Urad, 20.0), ("EX0C", Unit::Um, 10.0), ("EXX1", Unit::UmPerM, 5.0)]);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::document::Document;
+use super::document::TomlDocument;
 use super::error::MachineFileError;
 use machine::record::estimate::{ParameterLimit, Unit};
 
@@ -10,7 +10,7 @@ const UNIT_SUFFIXES: [(&str, Unit); 5] =
     [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm), ("_ms", Unit::Ms)];
 
 /// Limits in the order of their keys; none without `[tolerance]`.
-pub fn read_tolerances(document: &Document) -> Result<Vec<ParameterLimit>, MachineFileError> {
+pub fn read_tolerances(document: &TomlDocument) -> Result<Vec<ParameterLimit>, MachineFileError> {
     if document.key_names(&["tolerance"])?.is_empty() {
         return Ok(Vec::new());
     }

@@ -13,13 +13,13 @@ use tokio::task::JoinHandle;
 
 use devices::controllers::{Controller, ControllerConfig as _, ControllerError, grbl, modbus};
 use link::clock::HostClock;
-use link::{Link, LinkError};
+use link::{LineLink, LinkError};
 use machine::record::machine::Machine;
 use planning::proof::ProvenModes;
 use simulator::SimulatedWorld;
 use simulator::controls;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
-use simulator::interpreter::Pace;
+use simulator::interpreter::SimulationPace;
 use simulator::sensors::listen_locally;
 
 /// `[controller]` of kind `simulated`.
@@ -83,7 +83,7 @@ pub struct SimulatedFaults {
 pub struct SimulationSetup<'a> {
     pub machine: &'a Machine,
     pub world: Arc<Mutex<SimulatedWorld>>,
-    pub pace: Pace,
+    pub pace: SimulationPace,
     pub faults: SimulatedFaults,
 }
 
@@ -219,15 +219,15 @@ impl SimulatedControl {
             let (near, far) = tokio::io::duplex(WIRE_BUFFER_BYTES);
             let mut firmware = self.grbl_firmware(setup);
             tokio::spawn(async move { drop(firmware.serve(far).await) });
-            let link = Link::from_stream("the simulated machine", near);
-            let (driver, halt) = grbl::Grbl::new(link, machine, modes);
+            let link = LineLink::from_stream("the simulated machine", near);
+            let (driver, halt) = grbl::GrblDriver::new(link, machine, modes);
             return Ok((Controller::spawn(driver, halt), None));
         }
         let served = self.serve(setup)?;
         let controller = match self.protocol {
             ControlProtocol::Grbl => {
-                let link = link::open_line_link(&served.address.address()?).await?;
-                let (driver, halt) = grbl::Grbl::new(link, machine, modes);
+                let link = link::open_line_link(&served.address.resolve_address()?).await?;
+                let (driver, halt) = grbl::GrblDriver::new(link, machine, modes);
                 Controller::spawn(driver, halt)
             }
             ControlProtocol::Modbus | ControlProtocol::ModbusProgram => {
@@ -272,7 +272,7 @@ impl SimulatedControl {
         on_fault: fn(Duration, PlannedFault),
     ) -> Result<SimulatedControlServer, ControllerError> {
         if self.protocol != ControlProtocol::Grbl {
-            return Err(ControllerError::Unsupported {
+            return Err(ControllerError::UnsupportedByControl {
                 reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines".to_owned(),
                 remedy: "use [[simulated.fault]] instead (late, lost, torn, cut ...)".to_owned(),
             });
@@ -306,7 +306,7 @@ impl SimulatedControl {
 
     fn grbl_firmware(&self, setup: SimulationSetup<'_>) -> controls::grbl::Firmware {
         use controls::grbl::{Firmware, SimulatedGrblOptions};
-        let mut options = SimulatedGrblOptions::of(setup.machine, setup.pace);
+        let mut options = SimulatedGrblOptions::for_machine(setup.machine, setup.pace);
         options.faults = setup.faults.grbl;
         options.settings.extend(&self.settings);
         Firmware::new(setup.world, options)
@@ -317,7 +317,7 @@ impl SimulatedControl {
         let options = SimulatedModbusOptions {
             faults: setup.faults.modbus,
             has_resident_program: self.protocol == ControlProtocol::ModbusProgram,
-            ..SimulatedModbusOptions::of(setup.machine, setup.pace)
+            ..SimulatedModbusOptions::for_machine(setup.machine, setup.pace)
         };
         Firmware::new(setup.world, options)
     }

@@ -160,7 +160,7 @@ impl SimulatedSensor {
         let config: can::CanConfig = parse_data_sheet(&data_sheet)?;
         if wire == default_wire() {
             let frames = simulated_can::frame_source(next_sample, clock.clone());
-            let bus = CanReceiver::on_demand("the simulated sensor", frames);
+            let bus = CanReceiver::from_generator("the simulated sensor", frames);
             return Ok(config.spawn_sensor(bus, sensor, clock, None));
         }
         let bus = config.open_bus(clock.clone())?;

@@ -30,7 +30,7 @@ fn clock() -> Arc<HostClock> {
 fn sample_um(sample: &Sample) -> (i64, &'static str, u32) {
     assert_eq!(sample.value_mm.is_some(), sample.flag == ReadingFlag::None);
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
-    (um, sample.flag.as_str(), sample.missing)
+    (um, sample.flag.as_str(), sample.missing_count)
 }
 
 fn without_gap(sample: &Sample) -> (i64, &'static str) {

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::SimulatedWorld;
-use crate::interpreter::{ActiveJob, Job, JobResult, Pace, ProbeInputFault};
+use crate::interpreter::{ActiveJob, Job, JobResult, ProbeInputFault, SimulationPace};
 use machine::Position;
 
 /// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
@@ -13,13 +13,13 @@ const BRUSH_REPORT_COUNT: u8 = 2;
 /// The machine of a simulated control, its current job and its probe input.
 pub(super) struct JobExecutor {
     world: Arc<Mutex<SimulatedWorld>>,
-    pace: Pace,
+    pace: SimulationPace,
     pub active: Option<ActiveJob>,
     pub probe_fault: ProbeInputFault,
 }
 
 impl JobExecutor {
-    pub fn new(world: Arc<Mutex<SimulatedWorld>>, pace: Pace) -> Self {
+    pub fn new(world: Arc<Mutex<SimulatedWorld>>, pace: SimulationPace) -> Self {
         Self { world, pace, active: None, probe_fault: ProbeInputFault::default() }
     }
 

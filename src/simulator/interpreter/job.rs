@@ -84,7 +84,7 @@ impl ProbeInputFault {
 
 /// How simulated time relates to host time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
+pub enum SimulationPace {
     /// Moves end at once.
     Fast,
     /// Moves take their real duration.
@@ -103,11 +103,17 @@ pub struct ActiveJob {
 
 impl ActiveJob {
     /// Starts the job. The world changes only when the job ends, so that a held move can stop half-way.
-    pub fn start(job: Job, world: &SimulatedWorld, probe_fault: ProbeInputFault, pace: Pace, now: Duration) -> Self {
+    pub fn start(
+        job: Job,
+        world: &SimulatedWorld,
+        probe_fault: ProbeInputFault,
+        pace: SimulationPace,
+        now: Duration,
+    ) -> Self {
         let from = world.position();
         let (end_position, duration) = match pace {
-            Pace::Fast => (Position::new(), Duration::ZERO),
-            Pace::Real => {
+            SimulationPace::Fast => (Position::new(), Duration::ZERO),
+            SimulationPace::Real => {
                 let mut copy = world.clone();
                 job.run(&mut copy, probe_fault);
                 let seconds = (copy.time_s() - world.time_s()).max(0.0);

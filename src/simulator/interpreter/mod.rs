@@ -10,7 +10,7 @@ mod words;
 
 use std::collections::BTreeMap;
 
-pub use job::{ActiveJob, Job, JobResult, Pace, ProbeInputFault};
+pub use job::{ActiveJob, Job, JobResult, ProbeInputFault, SimulationPace};
 use modal::ModalState;
 pub use words::{GrblErrorCode, is_blank};
 

@@ -16,7 +16,7 @@ impl Scene {
             errors.iter().filter(|term| (term.parameter.axis(), term.parameter.component()) == (axis, component));
         // A drawn motion is a location error at this angle; a stated location error is not a motion.
         let stated = |term: &&ErrorTerm| term.parameter.shape() == ErrorShape::Location && self.errors.contains(term);
-        axis_errors.filter(|term| !stated(term)).map(|term| term.value * term.parameter.factor(angle)).sum()
+        axis_errors.filter(|term| !stated(term)).map(|term| term.value * term.parameter.shape_factor(angle)).sum()
     }
 
     /// The true stylus-ball centre, spindle frame, mm.

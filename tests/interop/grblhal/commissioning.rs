@@ -5,8 +5,10 @@ use std::process::Output;
 
 use libtest_mimic::Failed;
 use machine::record::question::{Answer, ObservedMotion, Question, StylusState};
-use trued::commissioning::{AnswerFuture, Check, Finding, OperatorInterface, Stop, Summary, Verdict};
-use trued::setup::{MachineFile, Pace, ReopenableMachine};
+use trued::commissioning::{
+    AnswerFuture, CheckFinding, CheckStop, CheckSummary, MachineCheck, OperatorInterface, Verdict,
+};
+use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 use trued::store::Journal;
 
 use super::cycle::{FIRST_TRUTH_UM, SHORT_SETTINGS, check_near_truth, measure};
@@ -82,7 +84,7 @@ fn complete_machine_file(drafted: &str) -> Result<String, Failed> {
     Ok(toml::to_string(&file)?)
 }
 
-fn run_check(desk: &RunWorkspace, rig: &mut GrblHalRig) -> Result<Summary, Failed> {
+fn run_check(desk: &RunWorkspace, rig: &mut GrblHalRig) -> Result<CheckSummary, Failed> {
     let text = std::fs::read_to_string(desk.machine_file())?;
     let file = MachineFile::parse("machine.toml", text)?;
     let (summary, fault) = block_on(async {
@@ -90,8 +92,16 @@ fn run_check(desk: &RunWorkspace, rig: &mut GrblHalRig) -> Result<Summary, Faile
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
         let mut operator = StylusOperator { rig, stylus_is_deflected: false, fault: None };
-        let mut report = |_: &Finding| {};
-        let check = Check::new(&file, &site, Pace::Real, &journal, &mut operator, Stop::default(), &mut report);
+        let mut report = |_: &CheckFinding| {};
+        let check = MachineCheck::new(
+            &file,
+            &site,
+            SimulationPace::Real,
+            &journal,
+            &mut operator,
+            CheckStop::default(),
+            &mut report,
+        );
         let summary = check.run_all_parts().await;
         Ok((summary, operator.fault))
     })?;
@@ -111,7 +121,7 @@ pub fn init_check_and_run_give_a_result() -> Result<(), Failed> {
     std::fs::write(&to, complete_machine_file(&drafted)?)?;
     let summary = run_check(&desk, &mut rig)?;
     eprintln!("{summary}");
-    if [Verdict::Failed, Verdict::NotLookedAt].iter().any(|verdict| summary.count(*verdict) != 0) {
+    if [Verdict::Failed, Verdict::NotLookedAt].iter().any(|verdict| summary.finding_count(*verdict) != 0) {
         return Err(summary.to_string().into());
     }
     check_near_truth(&measure(&desk, "self-calibration")?, &FIRST_TRUTH_UM)

@@ -3,8 +3,8 @@
 use libtest_mimic::Failed;
 use machine::Axis;
 use machine::record::question::{Answer, AxisDirection, Question};
-use trued::commissioning::{AnswerFuture, Check, Finding, OperatorInterface, Stop, Verdict};
-use trued::setup::{MachineFile, Pace, ReopenableMachine};
+use trued::commissioning::{AnswerFuture, CheckFinding, CheckStop, MachineCheck, OperatorInterface, Verdict};
+use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 use trued::store::Journal;
 
 use super::desk::RunWorkspace;
@@ -46,8 +46,16 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
         let site = ReopenableMachine::new(&file)?;
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
-        let (mut person, mut tell) = (JoggingOperator::default(), |_: &Finding| {});
-        let check = Check::new(&file, &site, Pace::Real, &journal, &mut person, Stop::default(), &mut tell);
+        let (mut person, mut tell) = (JoggingOperator::default(), |_: &CheckFinding| {});
+        let check = MachineCheck::new(
+            &file,
+            &site,
+            SimulationPace::Real,
+            &journal,
+            &mut person,
+            CheckStop::default(),
+            &mut tell,
+        );
         let summary = check.run_all_parts().await;
         Ok((summary, person))
     })?;
@@ -61,7 +69,7 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
     // The machine position may differ from the display: the check ends.
     let ends = told.contains("the stylus is out of contact and the probe reads open")
         && told.contains("axes    not checked")
-        && summary.count(Verdict::Failed) == 1;
+        && summary.finding_count(Verdict::Failed) == 1;
     if is_led_out && ends {
         return Ok(());
     }

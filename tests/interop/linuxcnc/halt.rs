@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
-use devices::controllers::linuxcnc::LinuxCnc;
-use devices::controllers::{ControllerError, Driver as _, Halt};
+use devices::controllers::linuxcnc::LinuxCncDriver;
+use devices::controllers::{ControllerDriver as _, ControllerError, HaltHandle};
 use libtest_mimic::Failed;
 use machine::record::motion::{Block, Motion};
 
@@ -97,7 +97,7 @@ fn forward_bytes(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(
 }
 
 /// A move of 200 mm at 10 mm/s, held after 0.7 s; returns the time of the request.
-async fn halt_during_motion(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant, Failed> {
+async fn halt_during_motion(driver: &mut LinuxCncDriver, halt: HaltHandle) -> Result<Instant, Failed> {
     let motions = vec![
         Motion::Rapid { to: z_position(150.0) },
         Motion::Guarded { to: xy_position(200.0, 1.0), feed_mm_min: 600.0 },

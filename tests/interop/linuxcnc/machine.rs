@@ -4,10 +4,10 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use devices::controllers::linuxcnc::{LinuxCnc, LinuxCncSettings, result_log_path};
-use devices::controllers::{ControllerError, Driver as _, Halt};
+use devices::controllers::linuxcnc::{LinuxCncDriver, LinuxCncSettings, result_log_path};
+use devices::controllers::{ControllerDriver as _, ControllerError, HaltHandle};
 use libtest_mimic::Failed;
-use link::Address;
+use link::LinkAddress;
 use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Dialect;
@@ -22,27 +22,27 @@ pub fn block_on<T>(future: impl Future<Output = Result<T, Failed>>) -> Result<T,
     tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(future)
 }
 
-pub async fn open_driver(rig: &LinuxCncRig) -> Result<(LinuxCnc, Halt), Failed> {
+pub async fn open_driver(rig: &LinuxCncRig) -> Result<(LinuxCncDriver, HaltHandle), Failed> {
     open_driver_at_port(rig.port, rig).await
 }
 
 /// Opens the driver over another port, behind which the traffic is observed.
-pub async fn open_driver_at_port(port: u16, rig: &LinuxCncRig) -> Result<(LinuxCnc, Halt), Failed> {
+pub async fn open_driver_at_port(port: u16, rig: &LinuxCncRig) -> Result<(LinuxCncDriver, HaltHandle), Failed> {
     let settings = LinuxCncSettings {
-        address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
+        address: LinkAddress::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: rig.directory.clone(),
         axes: AXES.to_vec(),
         ini: Some(rig_ini()),
     };
     let log = result_log_path(&rig.directory);
     let modes = prove_modes(&Dialect::from_name("linuxcnc")?, "rig", AXES, Some(&log))?;
-    Ok(LinuxCnc::open(settings, modes).await?)
+    Ok(LinuxCncDriver::open(settings, modes).await?)
 }
 
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 /// The block as it is sent to the rig, without a collision check.
-pub fn prove(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
+pub fn prove(driver: &LinuxCncDriver, block: &Block) -> ProvenBlock {
     let dialect = Dialect::from_name("linuxcnc").expect("its templates");
     for_tests::proven_block(block, &AXES, &dialect, &driver.transmission()).expect("a program")
 }
@@ -85,7 +85,7 @@ pub fn expect_error(
 }
 
 /// The centre of the circle that the spindle's axis describes, from touches in four directions.
-async fn measured_centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
+async fn measured_centre(driver: &mut LinuxCncDriver, c: f64) -> Result<[f64; 2], Failed> {
     let mut at = Vec::new();
     for quarter in 0..4 {
         let angle = f64::from(quarter) * FRAC_PI_2;
@@ -249,7 +249,7 @@ pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
         let (hung, frozen) = tokio::join!(driver.execute(prove(&driver, &block)), freeze);
         rig.signal_task("-CONT")?;
         frozen?;
-        expect_error(hung, |error| matches!(error, ControllerError::Frozen))?;
+        expect_error(hung, |error| matches!(error, ControllerError::ControlFrozen))?;
         // An abort is sent to LinuxCNC meanwhile.
         tokio::time::sleep(Duration::from_millis(500)).await;
         let stands = rig.joint_position_mm(0)?;

@@ -4,8 +4,8 @@
 use std::f64::consts::FRAC_PI_2;
 use std::time::Instant;
 
-use devices::controllers::Driver as _;
-use devices::controllers::linuxcnc::LinuxCnc;
+use devices::controllers::ControllerDriver as _;
+use devices::controllers::linuxcnc::LinuxCncDriver;
 use estimation::sphere::fit_sphere;
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
@@ -113,7 +113,11 @@ fn touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f
 }
 
 /// Measures the centre by four touches around the ball and one at its pole.
-async fn measured_centre(driver: &mut LinuxCnc, near: Vector3<f64>, at: (f64, f64)) -> Result<Vector3<f64>, Failed> {
+async fn measured_centre(
+    driver: &mut LinuxCncDriver,
+    near: Vector3<f64>,
+    at: (f64, f64),
+) -> Result<Vector3<f64>, Failed> {
     let round = (0..4).map(|i| {
         let (sin, cos) = ((f64::from(i) + 0.5) * FRAC_PI_2).sin_cos();
         Vector3::new(cos, sin, 0.0)

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use devices::controllers::{ControllerError, Driver as _, PreparedControl};
+use devices::controllers::{ControllerDriver as _, ControllerError, PreparedControl};
 use libtest_mimic::Failed;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
@@ -58,7 +58,7 @@ pub fn device_info_is_reported() -> Result<(), Failed> {
         let said = driver.identify_device().await?;
         Ok((said.identity, said.axes.get(&Axis::B).copied()))
     })?;
-    let most = b.and_then(|b| b.max).ok_or("no limit of B")?;
+    let most = b.and_then(|b| b.travel_max).ok_or("no limit of B")?;
     rig.connect_client()?.run_mdi(&format!("G53 G0 X0 Y0 Z150 B{most}"))?;
     let stands = block_on(async {
         let (mut driver, _halt) = open_driver(&rig).await?;
@@ -201,7 +201,7 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
             let (held, since) = tokio::join!(driver.execute(prove(&driver, &block)), hand);
             eprintln!("{words}: after {:.2} s", since?.elapsed().as_secs_f64());
             let error = held.err().ok_or("it ended")?;
-            if !matches!(&error, ControllerError::Paused { reason } if reason.contains(words)) {
+            if !matches!(&error, ControllerError::ProgramPaused { reason } if reason.contains(words)) {
                 return Err(format!("{error:?}").into());
             }
             let stands = rig.commanded_position()?;

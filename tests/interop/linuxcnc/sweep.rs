@@ -11,7 +11,7 @@ use machine::{Axis, Position};
 use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use trued::run::{Run, RunError};
-use trued::setup::{self, MachineFile, Pace, RunHistory};
+use trued::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun};
 
 use super::desk::RunWorkspace;
@@ -125,7 +125,7 @@ impl Method for PassesMethod {
 /// Runs [`PassesMethod`] on the machine of `desk`.
 async fn run_passes(desk: &RunWorkspace) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
     let file = MachineFile::read(&desk.machine_file())?;
-    let devices = setup::open_devices(&file, Pace::Real, RunHistory::default()).await?;
+    let devices = setup::open_devices(&file, SimulationPace::Real, EarlierSessions::default()).await?;
     let journal = Journal::open(desk.machine_file().parent().ok_or("no folder")?)?;
     let mut plan = setup::plan_without_steps(&file, "laser-r-test", serde_json::json!({}));
     plan.sensors = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();

@@ -60,12 +60,12 @@ async fn check_each_fault(framing: Framing) -> Result<(), Failed> {
         assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [count; 4], "after {fault}");
 
         server.set_faults(&[fault]);
-        let wrote = link.write_without_echo(60, &[count, count]).await;
+        let wrote = link.write_without_read_back(60, &[count, count]).await;
         assert_eq!(error_kind(wrote.as_ref().err()), expected_error(framing, fault, of_write), "write {fault}");
         let arrived = server.received_writes().iter().filter(|(_, words)| words[0] == count).count();
         assert_eq!(arrived, usize::from(fault != "exception:4"), "{fault}");
         if let Err(error) = wrote {
-            assert_eq!(error.may_have_arrived(), arrived == 1, "{error}");
+            assert_eq!(error.write_may_have_arrived(), arrived == 1, "{error}");
             assert!(!error.remedy().is_empty());
         }
         assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [count; 4], "after {fault}");
@@ -85,7 +85,7 @@ pub fn each_fault_over_tcp() -> Result<(), Failed> {
         server.set_faults(&["reset"]);
         let lost = link.write(60, &[7]).await.unwrap_err();
         assert!(matches!(lost, ModbusError::Lost { .. }), "{lost:?}");
-        assert!(lost.may_have_arrived());
+        assert!(lost.write_may_have_arrived());
         assert_eq!(link.read(RegisterSpace::Holding, 60, 1).await?, [7]);
         assert_eq!(server.received_writes().len(), 1);
         Ok(())
@@ -110,7 +110,7 @@ pub fn hold_overtakes_pending_requests() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Tcp);
         let link = server.open_client(Duration::from_secs(20)).await;
-        let hold = link.urgent(70, &[1])?;
+        let hold = link.prepare_urgent_write(70, &[1])?;
         server.set_faults(&["delay:15"]);
         let begun = Instant::now();
         let (slow, queued, ()) = tokio::join!(
@@ -143,7 +143,7 @@ pub fn server_restart_is_survived() -> Result<(), Failed> {
         assert_eq!(server.request_count(), 1);
         drop(server);
         let gone = link.read(RegisterSpace::Input, 0, 1).await.unwrap_err();
-        assert!(!gone.may_have_arrived(), "{gone:?}");
+        assert!(!gone.write_may_have_arrived(), "{gone:?}");
         assert!(gone.to_string().contains("no server listens at"), "{gone}");
         Ok(())
     })

@@ -67,7 +67,7 @@ pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
         // A late confirmation of a write: the write was executed once, and the repeated write is a new one.
         server.set_faults(&[LATE_REPLY_FAULT]);
         let late = link.write(50, &[1]).await.unwrap_err();
-        assert!(late.may_have_arrived(), "{late}");
+        assert!(late.write_may_have_arrived(), "{late}");
         link.write(50, &[2]).await?;
         assert_eq!(server.received_writes(), [(50, vec![1]), (50, vec![2])]);
         Ok(())
@@ -79,7 +79,7 @@ pub fn identical_requests_reject_a_late_reply() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Rtu);
         let one = RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 };
-        let allowed = AccessList { read: vec![one], write: Vec::new() };
+        let allowed = AccessList { readable: vec![one], writable: Vec::new() };
         let link = server.open_client_with_access(REPLY_TIMEOUT, allowed).await;
         server.set_value(111);
         server.set_faults(&[LATE_REPLY_FAULT]);

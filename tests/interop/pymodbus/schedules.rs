@@ -7,7 +7,7 @@ use libtest_mimic::Failed;
 use link::modbus::{Framing, ModbusClient, ModbusError, RegisterSpace};
 use rand::{Rng, RngExt};
 
-use testing::population::population;
+use testing::population::population_size;
 
 use super::server::{PymodbusServer, block_on};
 
@@ -55,7 +55,7 @@ async fn run_step(
             read.map(|words| assert_eq!(words, [mark; 4], "stale: {place}"))
         }
         3 => record_write(link.write(60, &[mark]).await, mark, tally),
-        _ => record_write(link.write_without_echo(70, &[mark]).await, mark, tally),
+        _ => record_write(link.write_without_read_back(70, &[mark]).await, mark, tally),
     };
     let count = if ended.is_ok() { &mut tally.success_count } else { &mut tally.error_count };
     *count += 1;
@@ -64,7 +64,7 @@ async fn run_step(
 fn record_write(ended: Result<(), ModbusError>, mark: u16, tally: &mut RequestCounts) -> Result<(), ModbusError> {
     let fate = match &ended {
         Ok(()) => Some(true),
-        Err(error) if error.may_have_arrived() => None,
+        Err(error) if error.write_may_have_arrived() => None,
         Err(_) => Some(false),
     };
     tally.writes.push((mark, fate));
@@ -72,7 +72,7 @@ fn record_write(ended: Result<(), ModbusError>, mark: u16, tally: &mut RequestCo
 }
 
 fn run_schedules(framing: Framing) -> Result<(), Failed> {
-    let schedules = population(FULL_SCHEDULES);
+    let schedules = population_size(FULL_SCHEDULES);
     block_on(async {
         let mut server = PymodbusServer::start(framing);
         let link = server.open_client(REPLY_TIMEOUT).await;

@@ -106,13 +106,13 @@ impl PymodbusServer {
     pub async fn open_client(&self, timeout: Duration) -> ModbusClient {
         let all = |space| RegisterRange { space, first: 0, last: 99 };
         let allowed = AccessList {
-            read: vec![
+            readable: vec![
                 all(RegisterSpace::Input),
                 all(RegisterSpace::Holding),
                 RegisterRange { space: RegisterSpace::Coil, first: 0, last: 29 },
                 RegisterRange { space: RegisterSpace::Discrete, first: 0, last: 29 },
             ],
-            write: vec![RegisterRange { space: RegisterSpace::Holding, first: 50, last: 99 }],
+            writable: vec![RegisterRange { space: RegisterSpace::Holding, first: 50, last: 99 }],
         };
         self.open_client_with_access(timeout, allowed).await
     }

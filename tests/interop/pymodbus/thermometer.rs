@@ -9,7 +9,7 @@ use link::modbus::Framing;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::reading::Reading;
-use trued::setup::{self, MachineFile, Pace, RunHistory};
+use trued::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun, RunState};
 
 use super::server::{PymodbusServer, block_on};
@@ -35,8 +35,8 @@ async fn run_measurement(
 ) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::plan_header(file, "self-calibration", Some(1)).unwrap();
-    let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let (method, plan) = setup::configure_method_and_plan(file, "self-calibration", Some(1)).unwrap();
+    let devices = setup::open_devices(file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let mut count = 0;
@@ -171,7 +171,7 @@ pub fn check_reads_the_thermometer() -> Result<(), Failed> {
         let mut server = PymodbusServer::start(Framing::Tcp);
         server.set_value(262);
         let file = machine(&server);
-        let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await?;
+        let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await?;
         let began = Instant::now();
         let mut said = Vec::new();
         for (value, faults) in [(262, ""), (8550, ""), (262, "drop"), (262, "exception:2")] {

@@ -9,7 +9,7 @@ use libtest_mimic::Failed;
 use link::clock::HostClock;
 use simulator::SensorOutput;
 use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, data_sheet, serve_on_demand};
-use testing::population::population;
+use testing::population::population_size;
 
 use super::peer::sensor_description;
 
@@ -45,7 +45,7 @@ pub fn is_flat() -> Result<(), Failed> {
         let sensor = Sensor::spawn("laser", driver);
         sensor.prepare().await?;
         let (mut before, mut expected) = (0, 1);
-        let points = population(FULL_POINT_COUNT);
+        let points = population_size(FULL_POINT_COUNT);
         for point in 0..points {
             for sample in sensor.read_samples(SAMPLES_PER_POINT).await? {
                 expected += 1;

@@ -4,7 +4,7 @@ use machine::record::estimate::Estimate;
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use testing::population::coverage_population;
+use testing::population::coverage_size_and_limits;
 
 use super::bench::{LatchDelayWorld, contains_text, is_covered, parameter};
 
@@ -30,7 +30,7 @@ fn is_scan(estimate: &&Estimate) -> bool {
 /// Display steps of 1 µm, drift, and an offset part, as in the built-in machine.
 #[test]
 fn sound_machine_has_no_delay_and_the_stated_false_alarm_rate() {
-    let (seeds, shares) = coverage_population();
+    let (seeds, shares) = coverage_size_and_limits();
     let estimates = estimates(&LatchDelayWorld::with_a_round_part(), seeds);
     let truth = covered_share(&estimates, "t_latch", 0.0);
     assert!(shares.contains(&truth), "{truth}");
@@ -44,7 +44,7 @@ fn sound_machine_has_no_delay_and_the_stated_false_alarm_rate() {
 
 #[test]
 fn a_constant_delay_is_found_within_its_uncertainty_and_is_no_scan() {
-    let (seeds, shares) = coverage_population();
+    let (seeds, shares) = coverage_size_and_limits();
     let world = LatchDelayWorld::with_a_round_part().with_latch_delay(3.7, 0.0).with_key("probe.repeatability_um", 1.5);
     let estimates = estimates(&world, seeds);
     let (delay, overtravel) =
@@ -59,7 +59,7 @@ fn a_constant_delay_is_found_within_its_uncertainty_and_is_no_scan() {
 /// If the display step hides the scatter, the step must be in the uncertainty.
 #[test]
 fn display_steps_larger_than_the_scatter_are_in_u() {
-    let (seeds, shares) = coverage_population();
+    let (seeds, shares) = coverage_size_and_limits();
     let mut world =
         LatchDelayWorld::with_a_round_part().with_latch_delay(0.3, 0.0).with_key("probe.repeatability_um", 0.05);
     for axis in ["X", "Y", "Z"] {
@@ -75,7 +75,7 @@ fn display_steps_larger_than_the_scatter_are_in_u() {
 /// The scan of a common PLC, at 300 mm/min: detected every time, with its period and its mean delay.
 #[test]
 fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
-    let (seeds, shares) = coverage_population();
+    let (seeds, shares) = coverage_size_and_limits();
     let world = LatchDelayWorld::with_a_round_part().with_latch_delay(1.0, 10.0);
     let estimates = estimates(&world, seeds);
     assert_eq!(estimates.iter().filter(is_scan).count() as u64, seeds);
@@ -95,7 +95,7 @@ fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
 fn drift_is_taken_off() {
     let world =
         LatchDelayWorld::with_a_round_part().with_latch_delay(1.0, 0.0).with_key("machine.drift_um_per_h", 240.0);
-    let (seeds, shares) = coverage_population();
+    let (seeds, shares) = coverage_size_and_limits();
     let estimates = estimates(&world, seeds);
     let delay = covered_share(&estimates, "t_latch", 1.0);
     assert!(shares.contains(&delay), "{delay}");
@@ -105,7 +105,7 @@ fn drift_is_taken_off() {
 
 #[test]
 fn balls_and_other_directions_give_the_same_delay() {
-    let (seeds, shares) = coverage_population();
+    let (seeds, shares) = coverage_size_and_limits();
     let worlds = [
         LatchDelayWorld::with_balls(),
         LatchDelayWorld::with_balls().with_key("method.latch-delay.direction_deg", 45.0),

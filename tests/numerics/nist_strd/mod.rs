@@ -41,7 +41,7 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Co
     let rows = |x: &[f64]| {
         let mut rows = BlockRows::zeros(dataset.y.len(), own, unknowns - own);
         for (i, (y, (value, gradient))) in dataset.y.iter().zip(at(x)).enumerate() {
-            rows.set_value(i, y - value);
+            rows.set_right_side(i, y - value);
             (0..own).for_each(|j| rows.set_own(i, j, gradient[j]));
             (own..unknowns).for_each(|j| rows.set_common(i, j - own, gradient[j]));
         }
@@ -59,7 +59,7 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Co
         correct_digits(&turned(&deviations, unknowns - own), &dataset.standard_deviations),
         correct_digits(&[squares], &[dataset.residual_sum_of_squares]),
     ];
-    Ok(CorrectDigits { least_digits: digits, factors: found.jacobian_count })
+    Ok(CorrectDigits { least_digits: digits, factors: found.jacobian_evaluation_count })
 }
 
 /// Smallest number of correct digits, by the log relative error; 11 digits are certified.

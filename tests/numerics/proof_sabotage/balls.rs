@@ -4,7 +4,7 @@ use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::{Axis, Position};
 use planning::{BallApproach, BallTask, TouchAccess};
-use trued::setup::{MachineFile, plan_header};
+use trued::setup::{MachineFile, configure_method_and_plan};
 
 use super::program::{RenderedPlan, StepLines};
 use super::sabotage::{LineRange, ProgramLines, Sabotage, change_words};
@@ -25,7 +25,7 @@ const FOUND_WITHIN_MM: f64 = 0.25;
 /// Two stages at each indexation: every accessible ball is searched for, then measured.
 pub fn render_dome(dialect: &str) -> RenderedPlan {
     let file = MachineFile::parse("samba.toml", SAMBA.to_owned()).unwrap();
-    let (_, mut plan) = plan_header(&file, "samba", None).unwrap();
+    let (_, mut plan) = configure_method_and_plan(&file, "samba", None).unwrap();
     let Artefact::Balls(balls) = plan.artefact.clone() else { panic!("balls") };
     let found = Artefact::Balls(Balls { uncertainty_mm: FOUND_WITHIN_MM, ..balls.clone() });
     let search = BallApproach::Search { uncertainty_mm: balls.uncertainty_mm, standoff_mm: 0.5 };
@@ -51,10 +51,10 @@ fn add_ball_steps(
     let access = TouchAccess::new(plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
     let (first, stage) = (plan.steps.len(), stages.len() as u32);
     for ball in &balls.balls {
-        let task = BallTask { ball, rotary, approach, touches: 5 };
+        let task = BallTask { ball, rotary, approach, touch_count: 5 };
         let label = |touch: &str| format!("t/{stage:03}/{}/{touch}", ball.id);
         let numbers = (plan.steps.len() as u32, stage);
-        let steps = access.steps(&task, &plan.probe, StepKind::Touch, numbers, label);
+        let steps = access.touch_steps(&task, &plan.probe, StepKind::Touch, numbers, label);
         plan.steps.extend(steps.unwrap_or_default());
     }
     let steps = (first..plan.steps.len()).map(|id| id as u32).collect();

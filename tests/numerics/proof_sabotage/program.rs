@@ -6,7 +6,7 @@ use machine::{Axis, Position};
 use planning::SafeHeights;
 use planning::gcode::{Dialect, ProgramHeader};
 use planning::proof::{ProofRefusal, ProofRequest, StageSteps, prove_programs};
-use trued::setup::{MachineFile, plan_header};
+use trued::setup::{MachineFile, configure_method_and_plan};
 
 pub const SIMULATED: &str = include_str!("../../../config/simulated.toml");
 pub const LINUXCNC: &str = include_str!("../../../config/linuxcnc-sim.toml");
@@ -23,7 +23,7 @@ impl RenderedPlan {
     /// The plan of `file` from nominal positions, in `dialect`.
     pub fn new(file: &str, method: &str, dialect: &str) -> Self {
         let file = MachineFile::parse("shop.toml", file.to_owned()).unwrap();
-        let (method, plan) = plan_header(&file, method, None).unwrap();
+        let (method, plan) = configure_method_and_plan(&file, method, None).unwrap();
         let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), plan).unwrap();
         Self::render(plan, stages, dialect)
     }
@@ -41,13 +41,13 @@ impl RenderedPlan {
         let staged: Vec<StageSteps> = self
             .stages
             .iter()
-            .map(|stage| StageSteps { steps: &stage.steps, found_artefact: stage.found.as_ref() })
+            .map(|stage| StageSteps { step_ids: &stage.steps, found_artefact: stage.found.as_ref() })
             .collect();
         let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
         prove_programs(&ProofRequest {
             plan: &self.plan,
             stages: &staged,
-            position: stands,
+            start_position: stands,
             confirmed: planning::ConfirmedDirections::default(),
             dialect: &self.dialect,
             programs: &[text],

@@ -4,7 +4,7 @@ use planning::gcode::Dialect;
 use planning::proof::{MIN_UNGUARDED_CLEARANCE_MM, RefusalReason};
 use rayon::prelude::*;
 
-use testing::population::population;
+use testing::population::population_size;
 
 use super::bodies::{RandomMachine, SampledBodies, SampledBody, least_distance};
 use super::{
@@ -103,7 +103,7 @@ impl RandomMove {
 
 #[test]
 fn proof_misses_no_collision_of_random_moves_among_balls() {
-    let moves = population(3_000);
+    let moves = population_size(3_000);
     let dialect = Dialect::from_name("grbl").unwrap();
     let all = (0..moves).into_par_iter().map(|number| RandomMove::check_proof(number, &dialect));
     let count = all.reduce(ProofCounts::default, ProofCounts::add);
@@ -224,7 +224,7 @@ impl RandomTouch {
 
 #[test]
 fn proof_misses_no_wrong_random_touch_of_balls() {
-    let touches = population(1_000);
+    let touches = population_size(1_000);
     let dialect = Dialect::from_name("grbl").unwrap();
     let all = (0..touches).into_par_iter().map(|number| RandomTouch::check_proof(number, &dialect));
     let count = all.reduce(ProofCounts::default, ProofCounts::add);

@@ -14,7 +14,7 @@ use planning::proof::{MIN_UNGUARDED_CLEARANCE_MM, ProofRequest, RefusalReason, S
 use rayon::prelude::*;
 use serde_json::json;
 
-use testing::population::population;
+use testing::population::population_size;
 
 pub type Matrix = [[f64; 4]; 4];
 pub type Point = [f64; 3];
@@ -364,12 +364,12 @@ fn proof_result(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &
     let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
     let head = "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59";
     let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
-    let (stages, stands) = ([StageSteps { steps: &[0], found_artefact: None }], position(from));
+    let (stages, stands) = ([StageSteps { step_ids: &[0], found_artefact: None }], position(from));
     let (stages, stands) = (&stages, Some(&stands));
     let request = ProofRequest {
         plan,
         stages,
-        position: stands,
+        start_position: stands,
         confirmed: planning::ConfirmedDirections::all(),
         dialect,
         programs: &[text],
@@ -427,7 +427,7 @@ fn check_proof(number: u64, dialect: &Dialect) -> ProofCounts {
 
 #[test]
 fn proof_misses_no_collision_of_random_moves() {
-    let moves = population(10_000);
+    let moves = population_size(10_000);
     let dialect = Dialect::from_name("grbl").unwrap();
     let count = (0..moves)
         .into_par_iter()

@@ -8,7 +8,7 @@ use machine::{Axis, Position};
 use methods::{NextStage, PositionSource};
 use planning::gcode::{Dialect, ProgramHeader};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
-use planning::{BlockStart, ConfirmedDirections, SafeHeights, end_position, touch_block};
+use planning::{BlockStart, ConfirmedDirections, SafeHeights, position_after_motions, touch_block};
 
 use super::{Matrix, Point, Solid, map_point, multiply, relative_pose, rotation, translation};
 
@@ -142,7 +142,7 @@ impl SimulatedWalk<'_> {
 
     /// `Some`: the run ends here.
     fn execute_motion(&mut self, from: &Position, motion: &Motion) -> Option<WalkEnd> {
-        let to = end_position([motion], from);
+        let to = position_after_motions([motion], from);
         let mut way = [self.true_axes(from), self.true_axes(&to)];
         let mut beyond = false;
         for (to, [low, high]) in way[1].iter_mut().zip(TRAVEL_MM) {
@@ -208,7 +208,7 @@ fn random_start(world: &TrueMachine, seed: u64) -> (Position, Point) {
 fn locating_plan() -> Plan {
     let text = include_str!("../../../config/simulated.toml").to_owned();
     let file = trued::setup::MachineFile::parse("simulated.toml", text).unwrap();
-    let (method, mut plan) = trued::setup::plan_header(&file, "self-calibration", None).unwrap();
+    let (method, mut plan) = trued::setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
     let NextStage::Stage { new_steps, .. } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
         panic!("no stage")
     };
@@ -224,7 +224,7 @@ fn locating_blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
     for step in &plan.steps {
         let start = BlockStart { position: Some(&stands), confirmed };
         let block = touch_block(plan, step, 0, start, &clearance).unwrap();
-        stands = end_position(&block.motions, &stands);
+        stands = position_after_motions(&block.motions, &stands);
         confirmed = confirmed.after_step(step);
         blocks.push(block);
     }
@@ -235,8 +235,8 @@ fn locating_blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
     let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
     let request = ProofRequest {
         plan,
-        stages: &[StageSteps { steps: &ids, found_artefact: None }],
-        position: Some(believed),
+        stages: &[StageSteps { step_ids: &ids, found_artefact: None }],
+        start_position: Some(believed),
         confirmed: ConfirmedDirections::default(),
         dialect: &dialect,
         programs: &[text],
@@ -256,7 +256,7 @@ fn run_start(world: &TrueMachine, plan: &Plan, seed: u64) -> (WalkEnd, Point, Ve
                 end = Some(ended);
                 break 'run;
             }
-            stands = end_position([motion], &stands);
+            stands = position_after_motions([motion], &stands);
         }
         confirmed = confirmed.after_step(step);
         if confirmed.is_all() {

@@ -8,10 +8,10 @@ use machine::record::event::Event;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::{Reading, ReadingFlag};
 use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
-use planning::{BlockStart, SafeHeights, end_position, touch_block};
+use planning::{BlockStart, SafeHeights, position_after_motions, touch_block};
 use toml::{Table, Value};
 use trued::run::{Run, RunError};
-use trued::setup::{self, MachineFile, Pace, RunHistory};
+use trued::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun};
 
 use crate::support::proven_block::proven_block;
@@ -159,7 +159,8 @@ impl RunBench {
 
     pub fn try_measure(&self, seed: u64, world: &SambaWorld) -> Result<MeasuredRun, RunFailed> {
         let file = world.machine_file(seed);
-        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
+        let (method, header) =
+            setup::configure_method_and_plan(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
         MeasuredRun::identify(&file, method.as_ref(), plan, readings)
@@ -168,7 +169,8 @@ impl RunBench {
     /// Measures the first stages only.
     pub fn run_first_stages(&self, seed: u64, world: &SambaWorld, stages: usize) -> Result<Vec<Reading>, RunFailed> {
         let file = world.machine_file(seed);
-        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
+        let (method, header) =
+            setup::configure_method_and_plan(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let method = FirstStages { method, stages };
         Ok(runtime.block_on(self.run(&file, &method, header))?.1)
@@ -180,7 +182,7 @@ impl RunBench {
         method: &dyn Method,
         plan: Plan,
     ) -> Result<(Plan, Vec<Reading>), RunFailed> {
-        let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
+        let devices = setup::open_devices(file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
         let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
         let mut tell = |_: &Event| {};
@@ -221,7 +223,7 @@ pub struct RunSeries {
 
 impl RunSeries {
     pub fn new(world: SambaWorld) -> Self {
-        let (method, header) = setup::plan_header(&world.machine_file(0), "samba", None).unwrap();
+        let (method, header) = setup::configure_method_and_plan(&world.machine_file(0), "samba", None).unwrap();
         Self { world, method, header }
     }
 
@@ -246,7 +248,7 @@ async fn play_all_touches(
     method: &dyn Method,
     mut plan: Plan,
 ) -> Result<(Plan, Vec<Reading>), RunFailed> {
-    let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let devices = setup::open_devices(file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
     let mut stands = devices.controller.prepare().await.unwrap().position;
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
@@ -261,7 +263,7 @@ async fn play_all_touches(
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
             let start = BlockStart { position: Some(&stands), confirmed: planning::ConfirmedDirections::all() };
             let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
-            stands = end_position(&block.motions, &stands);
+            stands = position_after_motions(&block.motions, &stands);
             let block = proven_block(file, &devices, &block);
             let outcome = devices.controller.execute(block).await;
             let outcome = outcome.map_err(|error| RunFailed(error.to_string()))?;

@@ -4,7 +4,7 @@
 use super::bench::{self, MeasuredRun, SambaWorld};
 use super::played::PlayedSeries;
 use super::{SYMBOLS_AND_KEYS, with_small_sources};
-use testing::population::{count_bound, population, ratio_bounds};
+use testing::population::{count_bound, population_size, ratio_bounds};
 
 const STYLUS_SYMBOLS: [&str; 3] = ["tool_x", "tool_y", "tool_z"];
 
@@ -31,7 +31,7 @@ fn chi2(measured: &MeasuredRun) -> f64 {
 /// distribution. Almost no world may be reported as a misfit, in either direction.
 fn check_coverage(name: &str, world: SambaWorld) {
     const FULL_POPULATION: u64 = 200;
-    let seeds = population(FULL_POPULATION);
+    let seeds = population_size(FULL_POPULATION);
     let worlds = PlayedSeries::new(world).measure(0..seeds);
     let dof = (16 * seeds) as f64;
     let mean = worlds.iter().map(chi2).sum::<f64>() / dof;
@@ -102,7 +102,7 @@ const SOURCES: [(&str, WorldChange); 8] = [
 #[test]
 fn each_budget_line_is_the_scatter_of_its_source_alone() {
     const FULL_POPULATION: u64 = 60;
-    let seeds = population(FULL_POPULATION);
+    let seeds = population_size(FULL_POPULATION);
     let one = ratio_bounds(seeds, FULL_POPULATION, (0.7, 1.3));
     let all_of_source = ratio_bounds(seeds, FULL_POPULATION, (0.8, 1.2));
     let all = with_small_sources(SambaWorld::as_built_in()).with_key("simulated.ball_form_um", 0.0);

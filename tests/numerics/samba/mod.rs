@@ -10,7 +10,7 @@ mod played;
 mod topologies;
 
 use bench::{MeasuredRun, RunBench, RunFailed, RunSeries, SambaWorld};
-use testing::population::{count_bound, population};
+use testing::population::{count_bound, population_size};
 
 const SYMBOLS_AND_KEYS: [(&str, &str); 13] = [
     ("EA0B", "EA0B_urad"),
@@ -95,7 +95,7 @@ fn with_small_sources(world: SambaWorld) -> SambaWorld {
 
 #[test]
 fn u_is_true_in_worlds_inside_the_model() {
-    let seeds = population(200);
+    let seeds = population_size(200);
     let mean = mean_chi2(0..seeds, &small_series(SambaWorld::inside_the_model()));
     let dof = 13.0 * seeds as f64;
     let (low, high) = estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
@@ -116,7 +116,7 @@ fn what_the_model_does_not_hold_is_flagged() {
         ("drift", inside().with_key("machine.drift_um_per_h", 80.0)),
     ];
     const FULL_POPULATION: u64 = 10;
-    let seeds = population(FULL_POPULATION);
+    let seeds = population_size(FULL_POPULATION);
     // The misfit test has a level of 1 %.
     let false_alarms = count_bound(seeds, FULL_POPULATION, (0.01, 1));
     for (name, world) in worlds {

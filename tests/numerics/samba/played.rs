@@ -30,7 +30,7 @@ impl PlayedSeries {
             .with_key("simulated.centre_offset_mm", vec![0.0, 0.0])
             .with_key("simulated.ball_offset_mm", 0.05)
             .with_key("method.samba.monte_carlo_trials", 100);
-        let (method, plan) = setup::plan_header(&world.machine_file(0), "samba", None).unwrap();
+        let (method, plan) = setup::configure_method_and_plan(&world.machine_file(0), "samba", None).unwrap();
         let (plan, _) = methods::plan_nominal_stages(method.as_ref(), plan).unwrap();
         Self { world, method, plan }
     }

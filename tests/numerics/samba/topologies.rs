@@ -10,7 +10,7 @@ use trued::setup;
 
 use super::bench::SambaWorld;
 use crate::touch_alone::touch_alone;
-use testing::population::{count_bound, is_full, population};
+use testing::population::{count_bound, is_full, population_size};
 
 /// Topology, and the rotary axes with their range in either direction.
 const TOPOLOGIES_AND_ORIENTATIONS: [(&str, &[(&str, i64)]); 8] = [
@@ -72,7 +72,7 @@ fn error_symbols(estimate: &Estimate) -> Vec<(String, String)> {
 
 /// For each error, the number of worlds in which U did not cover the true value.
 fn missed_counts(world: &SambaWorld, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
-    let (method, header) = setup::plan_header(&world.machine_file(0), "samba", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&world.machine_file(0), "samba", None).unwrap();
     let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let measured = |world: &SambaWorld, seed: u64| {
         let mut simulated = setup::build_world(&world.machine_file(seed)).unwrap();
@@ -104,7 +104,7 @@ fn missed_counts(world: &SambaWorld, seeds: std::ops::Range<u64>) -> Vec<(String
 /// for so many errors.
 #[test]
 fn coverage_on_eight_topologies() {
-    let worlds = population(125);
+    let worlds = population_size(125);
     let (mut all, mut all_missed, mut beyond) = (0, 0, Vec::new());
     for (topology, turning) in TOPOLOGIES_AND_ORIENTATIONS {
         let found = missed_counts(&world_of_topology(topology, turning), 1..worlds + 1);

@@ -1,7 +1,7 @@
 //! Runs a check of a machine without an operator.
 
-use trued::commissioning::{Check, Finding, OperatorInterface, Stop, Summary, Verdict};
-use trued::setup::{MachineFile, Pace, ReopenableMachine, SimulatedMachine};
+use trued::commissioning::{CheckFinding, CheckStop, CheckSummary, MachineCheck, OperatorInterface, Verdict};
+use trued::setup::{MachineFile, ReopenableMachine, SimulatedMachine, SimulationPace};
 use trued::store::Journal;
 
 const MACHINE: &str = include_str!("../../../config/simulated.toml");
@@ -29,7 +29,7 @@ pub fn machine_with_control(keys: &str, text: &str) -> String {
 }
 
 /// Checks a machine file with the simulated operator.
-pub fn run_check(text: &str) -> Summary {
+pub fn run_check(text: &str) -> CheckSummary {
     let file = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
     runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
@@ -40,7 +40,12 @@ pub fn run_check(text: &str) -> Summary {
 
 /// Checks the machine file `told` with a simulated control that follows `true_to`; `keys` makes the `[controller]`
 /// of the first from the address of the second.
-pub fn check_against_other_machine(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> String) -> Summary {
+pub fn check_against_other_machine(
+    told: &str,
+    true_to: &str,
+    pace: SimulationPace,
+    keys: impl Fn(String) -> String,
+) -> CheckSummary {
     let truth = MachineFile::parse("truth.toml", true_to.to_owned()).unwrap();
     runtime().block_on(async {
         let rehearsal = SimulatedMachine::new(&truth).unwrap();
@@ -57,11 +62,13 @@ pub async fn check_through_operator(
     file: &MachineFile,
     site: &ReopenableMachine<'_>,
     person: &mut dyn OperatorInterface,
-) -> Summary {
+) -> CheckSummary {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let mut tell = |_: &Finding| {};
-    Check::new(file, site, Pace::Fast, &journal, person, Stop::default(), &mut tell).run_all_parts().await
+    let mut tell = |_: &CheckFinding| {};
+    MachineCheck::new(file, site, SimulationPace::Fast, &journal, person, CheckStop::default(), &mut tell)
+        .run_all_parts()
+        .await
 }
 
 pub fn runtime() -> tokio::runtime::Runtime {
@@ -69,7 +76,7 @@ pub fn runtime() -> tokio::runtime::Runtime {
 }
 
 /// Failed findings, with their remedies.
-pub fn failure_lines(summary: &Summary) -> String {
+pub fn failure_lines(summary: &CheckSummary) -> String {
     let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
     failed.map(|finding| format!("{finding}\n")).collect()
 }

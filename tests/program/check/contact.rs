@@ -6,9 +6,10 @@ use machine::record::question::{Answer, AxisDirection, Question};
 use machine::{Axis, Position};
 use simulator::{SimulatedOperator, SimulatedWorld, Speed};
 use trued::commissioning::{
-    AnswerFuture, Check, CheckPart, Finding, NoOperator, OperatorInterface, Stop, Summary, Verdict,
+    AnswerFuture, CheckFinding, CheckPart, CheckStop, CheckSummary, MachineCheck, NoOperator, OperatorInterface,
+    Verdict,
 };
-use trued::setup::{self, MachineFile, Pace, ReopenableMachine};
+use trued::setup::{self, MachineFile, ReopenableMachine, SimulationPace};
 use trued::store::Journal;
 
 use super::bench::{changed_machine, check_through_operator, failure_lines, machine_with_control, runtime};
@@ -47,7 +48,7 @@ fn world_in_contact(file: &MachineFile, deeper: f64) -> SimulatedWorld {
 
 /// Result of a check with a control that records its lines, and the machine position before the check.
 struct RecordedCheck {
-    summary: Summary,
+    summary: CheckSummary,
     record: Record,
     z_before: f64,
     world: Arc<Mutex<SimulatedWorld>>,
@@ -57,7 +58,7 @@ struct RecordedCheck {
 fn run_recorded_check(
     deeper: f64,
     keys: &str,
-    person: impl FnOnce(SimulatedOperator, Stop) -> Box<dyn OperatorInterface>,
+    person: impl FnOnce(SimulatedOperator, CheckStop) -> Box<dyn OperatorInterface>,
 ) -> RecordedCheck {
     let file = |address: &str| {
         let text = recording_control::machine_with_control(address)
@@ -70,21 +71,23 @@ fn run_recorded_check(
     let world = Arc::new(Mutex::new(world));
     let control = RecordingControl::serve_world(world.clone());
     let file = file(&control.address());
-    let stop = Stop::default();
+    let stop = CheckStop::default();
     let mut person = person(SimulatedOperator::new(world.clone()), stop.clone());
     let summary = runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let journal = Journal::open(folder.path()).unwrap();
-        let mut tell = |_: &Finding| {};
-        Check::new(&file, &site, Pace::Fast, &journal, person.as_mut(), stop, &mut tell).run_all_parts().await
+        let mut tell = |_: &CheckFinding| {};
+        MachineCheck::new(&file, &site, SimulationPace::Fast, &journal, person.as_mut(), stop, &mut tell)
+            .run_all_parts()
+            .await
     });
     RecordedCheck { summary, record: control.stop_and_take_record(), z_before, world }
 }
 
 fn scripted_operator(
     answer: impl FnMut(&Question, &SimulatedOperator) -> Option<Answer> + 'static,
-) -> impl FnOnce(SimulatedOperator, Stop) -> Box<dyn OperatorInterface> {
+) -> impl FnOnce(SimulatedOperator, CheckStop) -> Box<dyn OperatorInterface> {
     |simulated_operator, _| Box::new(ScriptedOperator { simulated_operator, answer: Box::new(answer) })
 }
 
@@ -104,12 +107,12 @@ fn assert_nothing_moved(checked: &RecordedCheck) {
 }
 
 /// Asserts that only the retract moved the machine.
-fn assert_ended_early(summary: &Summary) {
-    assert_eq!(summary.count(Verdict::Failed), 1, "{summary}");
+fn assert_ended_early(summary: &CheckSummary) {
+    assert_eq!(summary.finding_count(Verdict::Failed), 1, "{summary}");
     let failed = failure_lines(summary);
     assert!(failed.contains("the stylus is out of contact and the probe reads open"), "{summary}");
     assert!(failed.contains("jog the machine clear at the control"), "{summary}");
-    let axes = |finding: &&Finding| finding.part == CheckPart::Axes && finding.verdict == Verdict::Ok;
+    let axes = |finding: &&CheckFinding| finding.part == CheckPart::Axes && finding.verdict == Verdict::Ok;
     assert_eq!(summary.findings.iter().filter(axes).count(), 0, "{summary}");
 }
 
@@ -166,7 +169,7 @@ pub fn nothing_moves_while_the_stylus_stays_in_contact() {
     assert_eq!(*asked.lock().unwrap(), 1, "{}", checked.summary);
     assert_nothing_moved(&checked);
     assert!(failure_lines(&checked.summary).contains("the probe reads closed"), "{}", checked.summary);
-    assert_eq!(checked.summary.count(Verdict::Failed), 1, "{}", checked.summary);
+    assert_eq!(checked.summary.finding_count(Verdict::Failed), 1, "{}", checked.summary);
 }
 
 pub fn without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named() {
@@ -212,6 +215,6 @@ pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     let [None, Some(refused)] = results.as_slice() else { panic!("{results:?}") };
     assert!(refused.starts_with("X+: no motion: the collision check refuses the jog"), "{refused}");
     assert!(refused.contains("stylus ball would come within"), "{refused}");
-    let probe = |finding: &&Finding| finding.part == CheckPart::Probe;
+    let probe = |finding: &&CheckFinding| finding.part == CheckPart::Probe;
     assert_eq!(checked.summary.findings.iter().filter(probe).count(), 1, "{}", checked.summary);
 }

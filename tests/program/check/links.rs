@@ -2,15 +2,15 @@
 //! the control.
 
 use machine::record::question::{Answer, Question};
-use trued::commissioning::{AnswerFuture, OperatorInterface, Summary};
-use trued::setup::{MachineFile, Pace, ReopenableMachine};
+use trued::commissioning::{AnswerFuture, CheckSummary, OperatorInterface};
+use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 
 use super::bench::{
     changed_machine, check_against_other_machine, check_through_operator, machine_with_control, runtime,
 };
 use super::mistakes::Mistake;
 
-const fn mistake(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
+const fn mistake(name: &'static str, check: fn() -> CheckSummary, phrase: &'static str) -> Mistake {
     Mistake { name, check, phrase }
 }
 
@@ -21,13 +21,15 @@ const RESIDENT_PROGRAM_KEY: &str = "speaks = \"modbus-program\"";
 const RTU_KEYS: &str = "speaks = \"modbus\"\nwire = \"pty\"\nbaud = 19200";
 
 /// The correct machine file, connected with `keys`, which are made from the address of the control.
-fn check_over_link(control: &str, more: &str, keys: impl Fn(String) -> String) -> Summary {
+fn check_over_link(control: &str, more: &str, keys: impl Fn(String) -> String) -> CheckSummary {
     let truth = machine_with_control(control, &changed_machine(&[])) + more;
-    check_against_other_machine(&changed_machine(&[]), &truth, Pace::Fast, |served| keys(served) + DIALECT_KEY)
+    check_against_other_machine(&changed_machine(&[]), &truth, SimulationPace::Fast, |served| {
+        keys(served) + DIALECT_KEY
+    })
 }
 
 /// Replaces the value of a key in `[controller]`.
-fn check_with_replacement(control: &str, old: &'static str, new: &'static str) -> Summary {
+fn check_with_replacement(control: &str, old: &'static str, new: &'static str) -> CheckSummary {
     check_over_link(control, "", |served| {
         assert!(served.contains(old), "{served}");
         served.replace(old, new)
@@ -35,7 +37,7 @@ fn check_with_replacement(control: &str, old: &'static str, new: &'static str) -
 }
 
 /// Keeps the link, but states another type of control.
-fn check_declared_as(control: &str, kind: &'static str, more: &'static str) -> Summary {
+fn check_declared_as(control: &str, kind: &'static str, more: &'static str) -> CheckSummary {
     check_over_link(control, "", |served| {
         let link = served.lines().find(|line| line.starts_with("serial") || line.starts_with("tcp"));
         format!("kind = \"{kind}\"\n{}{more}", link.unwrap())
@@ -43,7 +45,7 @@ fn check_declared_as(control: &str, kind: &'static str, more: &'static str) -> S
 }
 
 /// Changes every axis of the register map.
-fn check_read_as(how: &str) -> Summary {
+fn check_read_as(how: &str) -> CheckSummary {
     let axes = |first: u16| {
         let axis = |(letter, place): (&str, u16)| format!("{letter} = {{ address = {}, {how} }}", first + 2 * place);
         [("X", 0), ("Y", 1), ("Z", 2), ("B", 4), ("C", 5)].map(axis).join(", ")
@@ -53,7 +55,7 @@ fn check_read_as(how: &str) -> Summary {
 }
 
 /// A register map from a manual that counts from 1.
-fn check_addresses_from_one() -> Summary {
+fn check_addresses_from_one() -> CheckSummary {
     let items = [
         ("sequence_head", 1),
         ("version", 2),
@@ -79,7 +81,7 @@ fn check_addresses_from_one() -> Summary {
     check_over_link(MODBUS_KEY, "", |served| served + &map)
 }
 
-fn check_other_address_space() -> Summary {
+fn check_other_address_space() -> CheckSummary {
     let command = ["hold", "sequence", "heartbeat", "acknowledge", "crc", "length", "chunk"];
     let place = |(name, at)| format!("\nregisters.command.{name} = {{ address = {at} }}");
     let map: String = command.into_iter().zip(200..).map(place).collect();
@@ -97,7 +99,7 @@ impl OperatorInterface for AgreeingOperator {
 }
 
 /// A port with a device that sends nothing.
-fn check_silent_control() -> Summary {
+fn check_silent_control() -> CheckSummary {
     let told = changed_machine(&[("kind = \"simulated\"\n", ""), ("wire = \"memory\"\n", "@\n")]);
     runtime().block_on(async {
         let pty = link::create_pty().unwrap();
@@ -109,11 +111,11 @@ fn check_silent_control() -> Summary {
 }
 
 /// The control allows X less travel than the machine file.
-pub fn check_short_travel() -> Summary {
+pub fn check_short_travel() -> CheckSummary {
     check_grbl_settings("130 = 400")
 }
 
-fn check_grbl_settings(settings: &str) -> Summary {
+fn check_grbl_settings(settings: &str) -> CheckSummary {
     check_over_link(&format!("{PTY_KEY}\nsettings = {{ {settings} }}"), "", |served| served)
 }
 

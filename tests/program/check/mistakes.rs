@@ -1,35 +1,35 @@
 //! The table of planted mistakes: a name, how the mistake is planted, and words that name only this mistake.
 
-use trued::commissioning::Summary;
-use trued::setup::Pace;
+use trued::commissioning::CheckSummary;
+use trued::setup::SimulationPace;
 
 use super::bench::{changed_machine, check_against_other_machine, machine_with_control, machine_with_truth, run_check};
 
 pub struct Mistake {
     pub name: &'static str,
-    pub check: fn() -> Summary,
+    pub check: fn() -> CheckSummary,
     pub phrase: &'static str,
 }
 
-const fn mistake(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
+const fn mistake(name: &'static str, check: fn() -> CheckSummary, phrase: &'static str) -> Mistake {
     Mistake { name, check, phrase }
 }
 
-fn check_with_wiring(lines: &str) -> Summary {
+fn check_with_wiring(lines: &str) -> CheckSummary {
     run_check(&machine_with_truth(&format!("[simulated.wiring]\n{lines}\n")))
 }
 
 /// The true offset of the part.
-fn check_with_part_displaced(by: &str) -> Summary {
+fn check_with_part_displaced(by: &str) -> CheckSummary {
     let offset = format!("centre_offset_mm = {by}");
     run_check(&changed_machine(&[("centre_offset_mm = [0.8, -0.5]", &offset)]))
 }
 
-fn check_with_fault(lines: &str) -> Summary {
+fn check_with_fault(lines: &str) -> CheckSummary {
     run_check(&machine_with_truth(&format!("[[simulated.fault]]\n{lines}\n")))
 }
 
-fn check_modbus_with_fault(lines: &str) -> Summary {
+fn check_modbus_with_fault(lines: &str) -> CheckSummary {
     let text = machine_with_truth(&format!("[[simulated.fault]]\n{lines}\n"));
     run_check(&machine_with_control("speaks = \"modbus\"", &text))
 }
@@ -39,9 +39,9 @@ fn grbl_keys(keys: String) -> String {
 }
 
 /// The machine file contradicts a correct control.
-fn check_with_declaration(changes: &[(&str, &str)]) -> Summary {
+fn check_with_declaration(changes: &[(&str, &str)]) -> CheckSummary {
     let truth = machine_with_control("wire = \"pty\"", &changed_machine(&[]));
-    check_against_other_machine(&changed_machine(changes), &truth, Pace::Fast, grbl_keys)
+    check_against_other_machine(&changed_machine(changes), &truth, SimulationPace::Fast, grbl_keys)
 }
 
 /// Start position of the machine, at the top of Z.
@@ -94,7 +94,7 @@ pub const MACHINE_MISTAKES: &[Mistake] = &[
                 ("on = \"B\"", "on = \"bed\""),
             ];
             let truth = machine_with_control("wire = \"pty\"", &changed_machine(&three));
-            check_against_other_machine(&changed_machine(&[]), &truth, Pace::Fast, grbl_keys)
+            check_against_other_machine(&changed_machine(&[]), &truth, SimulationPace::Fast, grbl_keys)
         },
         "but not B",
     ),
@@ -124,7 +124,7 @@ pub const MACHINE_MISTAKES: &[Mistake] = &[
             let truth = machine_with_control("speaks = \"modbus\"", &changed_machine(&[]));
             let hold = "\ndialect = \"grbl-m19\"\nregisters.command = { hold = { address = 105 }, \
                         chunk = { address = 6, registers = 99 } }";
-            check_against_other_machine(&changed_machine(&[]), &truth, Pace::Real, |keys| keys + hold)
+            check_against_other_machine(&changed_machine(&[]), &truth, SimulationPace::Real, |keys| keys + hold)
         },
         "the hold has no effect",
     ),
@@ -148,7 +148,7 @@ pub const MACHINE_MISTAKES: &[Mistake] = &[
         || {
             let scatters = changed_machine(&[("repeatability_um = 0.5", "repeatability_um = 3.0")]);
             let truth = machine_with_control("wire = \"pty\"", &scatters);
-            check_against_other_machine(&changed_machine(&[]), &truth, Pace::Fast, grbl_keys)
+            check_against_other_machine(&changed_machine(&[]), &truth, SimulationPace::Fast, grbl_keys)
         },
         "repeatability_um in [probe] and the display resolution explain",
     ),

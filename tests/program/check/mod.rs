@@ -15,8 +15,8 @@ use std::thread;
 
 use bench::{changed_machine, check_against_other_machine, failure_lines, machine_with_control, run_check};
 use mistakes::{MACHINE_MISTAKES, Mistake};
-use trued::commissioning::{Summary, Verdict};
-use trued::setup::Pace;
+use trued::commissioning::{CheckSummary, Verdict};
+use trued::setup::SimulationPace;
 
 /// All mistakes, the longest first: those of the links wait for a timeout.
 fn all_mistakes() -> impl Iterator<Item = &'static Mistake> {
@@ -28,7 +28,7 @@ fn all_mistakes() -> impl Iterator<Item = &'static Mistake> {
 const WORKER_COUNT: usize = 6;
 
 /// Each mistake with the summary of its check.
-fn check_each_mistake() -> Vec<(&'static Mistake, Summary)> {
+fn check_each_mistake() -> Vec<(&'static Mistake, CheckSummary)> {
     let (rows, done) = (Mutex::new(all_mistakes()), Mutex::new(Vec::new()));
     let next = || rows.lock().unwrap().next();
     thread::scope(|scope| {
@@ -45,7 +45,7 @@ fn check_each_mistake() -> Vec<(&'static Mistake, Summary)> {
 }
 
 /// Failures whose text is repeated by another failure of the summary, alone or within a sentence.
-fn findings_named_twice(summary: &Summary) -> Vec<&str> {
+fn findings_named_twice(summary: &CheckSummary) -> Vec<&str> {
     let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
     let whats: Vec<&str> = failed.map(|finding| finding.what.as_str()).collect();
     let is_repeated = |what: &&str| whats.iter().filter(|other| other.contains(*what)).count() > 1;
@@ -97,7 +97,7 @@ fn sound_machine_passes_with_each_control() {
         let all: Vec<_> = controls.into_iter().map(check).collect();
         for one in all {
             let (keys, summary) = one.join().unwrap();
-            assert_eq!(summary.count(Verdict::Failed), 0, "{keys}\n{summary}");
+            assert_eq!(summary.finding_count(Verdict::Failed), 0, "{keys}\n{summary}");
             let told = summary.to_string();
             for words in [
                 "open at rest, closed while deflected",
@@ -124,8 +124,8 @@ fn sound_control_in_another_process_passes() {
     for keys in ["wire = \"pty\"", "speaks = \"modbus\""] {
         let truth = machine_with_control(keys, &changed_machine(&[]));
         let dialect = |keys| keys + "\ndialect = \"grbl-m19\"";
-        let summary = check_against_other_machine(&changed_machine(&[]), &truth, Pace::Fast, dialect);
-        assert_eq!(summary.count(Verdict::Failed), 0, "{keys}\n{summary}");
+        let summary = check_against_other_machine(&changed_machine(&[]), &truth, SimulationPace::Fast, dialect);
+        assert_eq!(summary.finding_count(Verdict::Failed), 0, "{keys}\n{summary}");
     }
 }
 
@@ -134,7 +134,7 @@ fn sound_control_in_another_process_passes() {
 fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
     let poor = changed_machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
     let summary = run_check(&poor);
-    assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+    assert_eq!(summary.finding_count(Verdict::Failed), 0, "{summary}");
     assert!(summary.to_string().contains("the control latches contacts itself"), "{summary}");
 }
 
@@ -143,8 +143,8 @@ fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
     let poorer = changed_machine(&[("repeatability_um = 0.5", "repeatability_um = 0.6")]);
     let truth = machine_with_control("wire = \"pty\"", &poorer);
     let dialect = |keys| keys + "\ndialect = \"grbl-m19\"";
-    let summary = check_against_other_machine(&changed_machine(&[]), &truth, Pace::Fast, dialect);
-    assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+    let summary = check_against_other_machine(&changed_machine(&[]), &truth, SimulationPace::Fast, dialect);
+    assert_eq!(summary.finding_count(Verdict::Failed), 0, "{summary}");
     let told = summary.to_string();
     let line = told.lines().find(|line| line.contains("the touches have a standard deviation of")).unwrap();
     let number = |before: &str| -> f64 {

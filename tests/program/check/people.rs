@@ -4,9 +4,10 @@ use machine::Axis;
 use machine::record::question::{Answer, Jog, ObservedMotion, Question, StylusState};
 use simulator::SimulatedOperator;
 use trued::commissioning::{
-    AnswerFuture, Check, CheckPart, Finding, NoOperator, OperatorInterface, Stop, Summary, Verdict,
+    AnswerFuture, CheckFinding, CheckPart, CheckStop, CheckSummary, MachineCheck, NoOperator, OperatorInterface,
+    Verdict,
 };
-use trued::setup::{MachineFile, Pace, ReopenableMachine};
+use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 use trued::store::Journal;
 
 use super::bench::{changed_machine, check_through_operator, failure_lines, runtime};
@@ -22,10 +23,11 @@ pub fn without_operator_nothing_moves_and_unchecked_parts_are_listed() {
         let site = ReopenableMachine::new(&file).unwrap();
         check_through_operator(&file, &site, &mut NoOperator).await
     });
-    assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+    assert_eq!(summary.finding_count(Verdict::Failed), 0, "{summary}");
     for part in [CheckPart::Probe, CheckPart::Axes, CheckPart::Hold] {
-        let open =
-            |finding: &&trued::commissioning::Finding| finding.part == part && finding.verdict == Verdict::NotLookedAt;
+        let open = |finding: &&trued::commissioning::CheckFinding| {
+            finding.part == part && finding.verdict == Verdict::NotLookedAt
+        };
         assert!(summary.findings.iter().any(|finding| open(&finding)), "{part:?}\n{summary}");
     }
 }
@@ -59,7 +61,7 @@ pub fn a_refusal_by_the_operator_prevents_motion() {
     assert!(!asked.iter().any(|question| matches!(question, Question::ObservedJog { .. })), "{asked:?}");
     let may = asked.iter().filter(|question| matches!(question, Question::AllowJog { .. }));
     assert_eq!(may.count(), 5, "each axis is asked for");
-    assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+    assert_eq!(summary.finding_count(Verdict::Failed), 0, "{summary}");
 }
 
 /// Agrees to everything, except where `but` gives another answer.
@@ -79,7 +81,7 @@ impl OperatorInterface for OperatorWithException<'_> {
 }
 
 /// Summary, number of questions for permission to move, and the simulated operator.
-fn check_with_exception(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, SimulatedOperator) {
+fn check_with_exception(but: fn(&Question) -> Option<Answer>) -> (CheckSummary, usize, SimulatedOperator) {
     let file = machine_file();
     runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
@@ -97,7 +99,7 @@ pub fn no_motion_before_the_probe_was_deflected() {
         |question: &Question| matches!(question, Question::StylusState(StylusState::Deflected)).then_some(Answer::No);
     let (summary, moves, _) = check_with_exception(but);
     assert_eq!(moves, 0, "{summary}");
-    assert_eq!(summary.count(Verdict::NotLookedAt), 4, "{summary}");
+    assert_eq!(summary.finding_count(Verdict::NotLookedAt), 4, "{summary}");
 }
 
 /// A sensor may still be mounted in place of the probe.
@@ -110,7 +112,7 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
             let mut asked =
                 OneAnswerOperator { simulated_operator: site.simulated_operator().unwrap(), answer, question_count: 0 };
             let summary = check_through_operator(&file, &site, &mut asked).await;
-            assert_eq!((asked.question_count, summary.count(Verdict::Failed)), (1, 0), "{summary}");
+            assert_eq!((asked.question_count, summary.finding_count(Verdict::Failed)), (1, 0), "{summary}");
             summary.to_string()
         })
     };
@@ -149,7 +151,7 @@ pub fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
 }
 
 /// Ends the check when it requests the deflection of the stylus.
-struct StoppingOperator(Stop);
+struct StoppingOperator(CheckStop);
 
 impl OperatorInterface for StoppingOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
@@ -166,12 +168,14 @@ pub fn regress_a_stop_at_rest_leaves_no_hold() {
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let summary = runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
-        let (folder, stop) = (tempfile::tempdir().unwrap(), Stop::default());
+        let (folder, stop) = (tempfile::tempdir().unwrap(), CheckStop::default());
         let journal = Journal::open(folder.path()).unwrap();
-        let (mut person, mut tell) = (StoppingOperator(stop.clone()), |_: &Finding| {});
-        Check::new(&file, &site, Pace::Fast, &journal, &mut person, stop, &mut tell).run_all_parts().await
+        let (mut person, mut tell) = (StoppingOperator(stop.clone()), |_: &CheckFinding| {});
+        MachineCheck::new(&file, &site, SimulationPace::Fast, &journal, &mut person, stop, &mut tell)
+            .run_all_parts()
+            .await
     });
-    assert!(summary.stopped && summary.count(Verdict::Failed) == 0, "{summary}");
+    assert!(summary.stopped && summary.finding_count(Verdict::Failed) == 0, "{summary}");
     assert!(!summary.to_string().contains("held"), "{summary}");
     let sent = control.stop_and_take_record().received_lines().concat();
     assert!(sent.contains("$I") && !sent.contains('!'), "{sent}");
@@ -199,7 +203,7 @@ pub fn a_machine_that_was_moved_by_hand_is_not_jogged() {
         let summary = check_through_operator(&file, &site, &mut person).await;
         let told = "X +1 mm: the machine was moved by hand: Y is at 0.500, not at 0.000";
         assert!(failure_lines(&summary).contains(told), "{summary}");
-        assert_eq!(summary.count(Verdict::Failed), 1, "nothing after it: {summary}");
+        assert_eq!(summary.finding_count(Verdict::Failed), 1, "nothing after it: {summary}");
         let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
         let moved = person.0.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
         assert_eq!(moved, Answer::Motion(ObservedMotion::OtherAxis(Axis::Y)), "what the hand moved, and no more");

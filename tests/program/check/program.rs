@@ -8,7 +8,7 @@ use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tempfile::TempDir;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpListener;
-use trued::setup::{MachineFile, Pace, SimulatedMachine};
+use trued::setup::{MachineFile, SimulatedMachine, SimulationPace};
 
 use super::bench::{changed_machine, machine_with_truth, runtime};
 
@@ -65,7 +65,7 @@ pub fn a_mistake_exits_with_1_and_is_in_the_json_output() {
 pub fn real_control_without_terminal_neither_moves_nor_hangs() {
     let truth = MachineFile::parse("truth.toml", changed_machine(&[])).unwrap();
     let runtime = runtime();
-    let served = runtime.block_on(async { SimulatedMachine::new(&truth)?.serve(Pace::Fast) }).unwrap();
+    let served = runtime.block_on(async { SimulatedMachine::new(&truth)?.serve(SimulationPace::Fast) }).unwrap();
     let keys = format!("{}\ndialect = \"grbl-m19\"\n", served.controller_toml());
     let shop = CheckWorkspace::new(&changed_machine(&[
         ("kind = \"simulated\"\n", keys.as_str()),
@@ -127,7 +127,7 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
 async fn serve_control_without_settings(listener: TcpListener, mut refusals: usize) {
     let file = MachineFile::parse("truth.toml", changed_machine(&[])).unwrap();
     let world = Arc::new(Mutex::new(trued::setup::build_world(&file).unwrap()));
-    let mut firmware = Firmware::new(world, SimulatedGrblOptions::of(&file.machine, Pace::Fast));
+    let mut firmware = Firmware::new(world, SimulatedGrblOptions::for_machine(&file.machine, SimulationPace::Fast));
     let (stream, _) = listener.accept().await.unwrap();
     let ((mut asked, mut told), (near, far)) = (stream.into_split(), tokio::io::duplex(4096));
     let (mut says, mut hears) = tokio::io::split(near);

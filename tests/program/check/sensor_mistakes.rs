@@ -3,7 +3,7 @@
 use std::io;
 
 use link::can::{CanError, CanEvent, CanFrame, CanId};
-use trued::commissioning::Summary;
+use trued::commissioning::CheckSummary;
 
 use super::bench::runtime;
 use super::mistakes::Mistake;
@@ -14,7 +14,7 @@ use super::sensors::{
     receiver_of_events, receiver_of_frames, run_check, sound_frame, text_line,
 };
 
-const fn mistake(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
+const fn mistake(name: &'static str, check: fn() -> CheckSummary, phrase: &'static str) -> Mistake {
     Mistake { name, check, phrase }
 }
 

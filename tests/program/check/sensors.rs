@@ -12,7 +12,7 @@ use simulator::SensorOutput;
 use simulator::sensors::modbus::{SampleTiming, serve_on_tcp};
 use tokio::io::AsyncWriteExt as _;
 use tokio::sync::mpsc;
-use trued::commissioning::{NoOperator, Summary};
+use trued::commissioning::{CheckSummary, NoOperator};
 use trued::setup::machine_file::SensorConnection;
 use trued::setup::{MachineFile, ReopenableMachine};
 
@@ -33,7 +33,7 @@ pub fn machine_with_sensor(connection: &str) -> MachineFile {
 }
 
 /// Checks without an operator: nothing moves.
-pub async fn run_check(file: &MachineFile) -> Summary {
+pub async fn run_check(file: &MachineFile) -> CheckSummary {
     check_through_operator(file, &ReopenableMachine::new(file).unwrap(), &mut NoOperator).await
 }
 
@@ -74,7 +74,12 @@ impl SensorConfig for TestBus {
         "frames 181 on CAN interface can0".to_owned()
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, _: &'a SharedPorts) -> OpenFuture<'a> {
+    fn open_sensor<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        _: &'a SharedPorts,
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
             let config: can::CanConfig = toml::from_str(&self.layout_keys).unwrap();
             Ok(config.spawn_sensor((self.open_receiver)()?, sensor, clock, None))
@@ -82,7 +87,7 @@ impl SensorConfig for TestBus {
     }
 }
 
-pub fn check_on_can(told: &[(&str, &str)], hears: fn() -> Result<CanReceiver, CanError>) -> Summary {
+pub fn check_on_can(told: &[(&str, &str)], hears: fn() -> Result<CanReceiver, CanError>) -> CheckSummary {
     let change = |text: String, (old, new): &(&str, &str)| {
         assert!(text.contains(old), "{old}");
         text.replacen(old, new, 1)
@@ -100,7 +105,7 @@ pub fn receiver_of_frames(frame: fn(u64) -> CanFrame) -> Result<CanReceiver, Can
         number += 1;
         Some(frame(number - 1))
     };
-    Ok(CanReceiver::on_demand("can0", next))
+    Ok(CanReceiver::from_generator("can0", next))
 }
 
 pub fn sound_frame(number: u64) -> CanFrame {
@@ -149,7 +154,7 @@ pub fn byte_frame(number: u64) -> Vec<u8> {
 const SAMPLE_PERIOD: Duration = Duration::from_millis(2);
 
 /// A device on a pseudo-terminal that sends this data without requests, and its description in a machine file.
-pub fn check_on_serial_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
+pub fn check_on_serial_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> CheckSummary {
     runtime().block_on(async {
         let mut pty = link::create_pty().unwrap();
         let at = format!("[sensor.serial]\nserial = \"{}\"\nbaud = 9600\ntimeout_s = 2.0\n", pty.path);
@@ -182,7 +187,7 @@ pub fn garbled_at_wrong_baud_rate(said: Vec<u8>) -> Vec<u8> {
 pub const MODBUS_MAP_KEYS: &str = "counter = { register = 1, type = \"u16\" }\n\
                    value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 1e-5 }\n";
 
-pub fn check_on_modbus(told: &[(&str, &str)], rate_hz: f64) -> Summary {
+pub fn check_on_modbus(told: &[(&str, &str)], rate_hz: f64) -> CheckSummary {
     let mut number = 0;
     let sense = move || {
         number += 1;
@@ -208,14 +213,14 @@ pub fn machine_with_thermometer(at: &str, scale_c: &str) -> MachineFile {
 }
 
 /// Checks a device whose register value is 21.5 in units of 1e-5.
-pub fn check_thermometer(scale_c: &str) -> Summary {
+pub fn check_thermometer(scale_c: &str) -> CheckSummary {
     let sense = Box::new(|| SensorOutput::Distance(21.5));
     let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, sense, 10.0).unwrap();
     runtime().block_on(run_check(&machine_with_thermometer(&at.to_string(), scale_c)))
 }
 
 /// A port that accepts connections and sends nothing.
-pub fn check_with_silent_port(check: impl Fn(&str) -> MachineFile) -> Summary {
+pub fn check_with_silent_port(check: impl Fn(&str) -> MachineFile) -> CheckSummary {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let file = check(&listener.local_addr().unwrap().to_string());
     let summary = runtime().block_on(run_check(&file));
@@ -224,7 +229,7 @@ pub fn check_with_silent_port(check: impl Fn(&str) -> MachineFile) -> Summary {
 }
 
 /// LinuxCNC without a server for the axis positions.
-pub fn check_without_sampler() -> Summary {
+pub fn check_without_sampler() -> CheckSummary {
     let folder = tempfile::tempdir().unwrap();
     check_with_silent_port(|address| {
         let control = format!(

@@ -10,7 +10,7 @@ use simulator::SimulatedWorld;
 use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
-use trued::setup::Pace;
+use trued::setup::SimulationPace;
 use trued::setup::{self, MachineFile};
 
 pub struct RecordedGrbl {
@@ -25,13 +25,13 @@ pub struct RecordedGrbl {
 impl RecordedGrbl {
     /// The machine of `file` for one client.
     pub fn start(file: &str) -> Self {
-        Self::start_at_pace(file, Pace::Real)
+        Self::start_at_pace(file, SimulationPace::Real)
     }
 
-    pub fn start_at_pace(file: &str, pace: Pace) -> Self {
+    pub fn start_at_pace(file: &str, pace: SimulationPace) -> Self {
         let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
-        let firmware = Firmware::new(world.clone(), SimulatedGrblOptions::of(&file.machine, pace));
+        let firmware = Firmware::new(world.clone(), SimulatedGrblOptions::for_machine(&file.machine, pace));
         let (tell, heard) = channel();
         let (listening, address) = channel();
         let server = std::thread::spawn(move || {

@@ -6,7 +6,7 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 
 use planning::gcode::Dialect;
 use trued::setup::MachineFile;
-use trued::setup::Pace;
+use trued::setup::SimulationPace;
 
 use super::firmware::RecordedGrbl;
 use super::{MachineShop, machine_with_control, simulated_machine, stderr, with_changes};
@@ -34,7 +34,7 @@ fn machine_without_probe_input() -> String {
 }
 
 pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
-    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), Pace::Fast);
+    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
     let shop = shop_with_control(&control, &machine_without_probe_input());
     let (mut run, mut told) = start_waiting_run(&shop);
     control.wait_for_queries(20);
@@ -51,7 +51,7 @@ pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
 }
 
 pub fn a_stop_is_heard_while_a_person_is_waited_for() {
-    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), Pace::Fast);
+    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
     let shop = shop_with_control(&control, &machine_without_probe_input());
     let (run, _told) = start_waiting_run(&shop);
     let kill = format!("kill -TERM {}", run.id());
@@ -81,7 +81,7 @@ pub fn probe_and_clamps_are_switched_as_declared() {
             ("[axes.C]", &format!("[axes.C]\n{clamp}")),
         ],
     );
-    let control = RecordedGrbl::start_at_pace(&simulated_machine(), Pace::Fast);
+    let control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
     let shop = shop_with_control(&control, &file);
     let run = shop.run_cycle();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));

@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
-use link::Address;
+use link::LinkAddress;
 
 use super::{MachineShop, estimate_json, machine_with_control, result_values, simulated_machine, stderr, with_changes};
 
@@ -60,7 +60,7 @@ pub fn regress_a_busy_port_is_told_and_leaves_no_run() {
     let simulator = SimulatorProcess::start(&MachineShop::new(&simulated_machine()));
     let client = simulator.client_shop();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let address = Address::Serial { path: simulator.path.clone(), baud: 115_200 };
+    let address = LinkAddress::Serial { path: simulator.path.clone(), baud: 115_200 };
     let holder = runtime.block_on(link::open_line_link(&address)).unwrap();
 
     let refused = client.run_cycle();

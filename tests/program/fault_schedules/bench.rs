@@ -4,16 +4,16 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use devices::controllers::Controller;
-use devices::controllers::grbl::{Grbl, GrblTimeouts};
+use devices::controllers::grbl::{GrblDriver, GrblTimeouts};
 use estimation::random::seeded_stream;
-use link::Link;
+use link::LineLink;
 use machine::record::event::Event;
 use planning::gcode::Dialect;
 use rand::RngExt;
 use simulator::controls::grbl::{Fault, FaultKind, Firmware, SimulatedGrblOptions};
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 use trued::run::{Run, RunError};
-use trued::setup::Pace;
+use trued::setup::SimulationPace;
 use trued::setup::{self, Devices, MachineFile};
 use trued::store::{Journal, NewRun, StoredRun};
 
@@ -122,10 +122,10 @@ impl ScheduleBench {
         let wired = self.open_faulty_link(schedule);
         let dialect = Dialect::from_name("grbl").unwrap();
         let modes = setup::render_modes(&dialect, &self.file.machine, None).unwrap();
-        let (driver, halt) = Grbl::new(wired.link, &self.file.machine, modes);
+        let (driver, halt) = GrblDriver::new(wired.link, &self.file.machine, modes);
         let controller = Controller::spawn(driver.with_timeouts(short_timeouts()), halt.clone());
         let devices = Devices::new(controller, dialect);
-        let (method, plan) = setup::plan_header(&self.file, "self-calibration", None).unwrap();
+        let (method, plan) = setup::configure_method_and_plan(&self.file, "self-calibration", None).unwrap();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
         let halt_at = schedule.halt_at;
@@ -178,12 +178,15 @@ impl ScheduleBench {
         });
         let world = Arc::new(Mutex::new(setup::build_world(&self.file).unwrap()));
         let faults = schedule.fault.iter().cloned().collect();
-        let options = SimulatedGrblOptions { faults, ..SimulatedGrblOptions::of(&self.file.machine, Pace::Fast) };
+        let options = SimulatedGrblOptions {
+            faults,
+            ..SimulatedGrblOptions::for_machine(&self.file.machine, SimulationPace::Fast)
+        };
         let mut firmware = Firmware::new(world, options);
         let happened = firmware.occurred_faults();
         tokio::spawn(async move { firmware.serve(control).await });
         FaultyLink {
-            link: Link::from_stream("the bench", driver),
+            link: LineLink::from_stream("the bench", driver),
             driver_side: near,
             control_side: far,
             planned_faults: harms,
@@ -193,7 +196,7 @@ impl ScheduleBench {
 }
 
 struct FaultyLink {
-    link: Link,
+    link: LineLink,
     driver_side: Tape,
     control_side: Tape,
     planned_faults: Arc<Mutex<Vec<PlannedFault>>>,
@@ -203,5 +206,5 @@ struct FaultyLink {
 /// Short timeouts, so that hundreds of schedules finish quickly.
 fn short_timeouts() -> GrblTimeouts {
     let ms = Duration::from_millis;
-    GrblTimeouts { reply: ms(80), poll_interval: ms(10), after_alarm: ms(20), stall: ms(300) }
+    GrblTimeouts { reply_timeout: ms(80), poll_interval: ms(10), alarm_detail_timeout: ms(20), stall_timeout: ms(300) }
 }

@@ -10,7 +10,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use testing::population::population;
+use testing::population::population_size;
 
 use bench::{EndedRun, FAULT_KINDS, FaultSchedule, ScheduleBench};
 use simulator::controls::grbl::FaultKind;
@@ -72,7 +72,7 @@ fn whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_inven
     if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
         return run_schedule(seed.parse().unwrap());
     }
-    let schedules = population(FULL_SCHEDULES);
+    let schedules = population_size(FULL_SCHEDULES);
     let (next, count) = (AtomicU64::new(0), Mutex::new(ScheduleCounts::default()));
     // Most of the time a run waits for an answer that does not come.
     let threads = 2 * std::thread::available_parallelism().map_or(2, |threads| threads.get());

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use trued::setup::Pace;
+use trued::setup::SimulationPace;
 
 use super::laser_shop::{FIRST_REFERENCE_STEP, LaserShop, SEARCH_STEP, SHORT_DESIGN, estimate_of_output};
 use super::sender::SenderState;
@@ -34,7 +34,8 @@ fn assert_no_motion_after_hold(heard: &str, label: &str) {
 
 fn check_failure(state: SenderState, moment: FaultMoment, told: [&str; 2]) {
     let label = format!("{state:?}, {moment:?}");
-    let shop = LaserShop::with_control(SHORT_DESIGN, GrblControl::start_at_pace(&SHORT_DESIGN.file(), Pace::Real));
+    let shop =
+        LaserShop::with_control(SHORT_DESIGN, GrblControl::start_at_pace(&SHORT_DESIGN.file(), SimulationPace::Real));
     let mut run = shop.start_run();
     // The path to the first point is one feed move, each further point one more.
     shop.wait_for(&format!("N{FAILING_STEP} G53 G1"), SHORT_DESIGN.points / 2, &mut run);
@@ -118,7 +119,8 @@ pub fn early_distance_at_rest_holds_the_machine() {
 }
 
 pub fn silent_sensor_in_the_first_move_holds_the_machine() {
-    let shop = LaserShop::with_control(SHORT_DESIGN, GrblControl::start_at_pace(&SHORT_DESIGN.file(), Pace::Real));
+    let shop =
+        LaserShop::with_control(SHORT_DESIGN, GrblControl::start_at_pace(&SHORT_DESIGN.file(), SimulationPace::Real));
     let mut run = shop.start_run();
     shop.wait_for(&format!("N{SEARCH_STEP} G53 G1"), 1, &mut run);
     shop.sender.set_state(SenderState::Silent);

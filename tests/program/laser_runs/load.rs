@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use machine::record::reading::ReadingFlag;
 use simulator::{SensorOutput, SimulatedWorld};
-use trued::setup::Pace;
+use trued::setup::SimulationPace;
 use trued::store::{Journal, RunId};
 
 use super::laser_shop::machine_file;
@@ -159,7 +159,7 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let is_there = Command::new(PYTHON).arg("--version").output().is_ok();
     assert!(is_there, "{PYTHON} is not here");
     let text = include_str!("../../../config/laser.toml").to_owned() + SCAN_SETTINGS;
-    let bench = GrblControl::start_at_pace(&text, Pace::Real);
+    let bench = GrblControl::start_at_pace(&text, SimulationPace::Real);
     let (beside, mut script) = (BackgroundLoad::start(), SensorScript::start());
     script.serve_world(bench.world.clone(), &beside);
     start_load(&beside);

@@ -4,7 +4,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use devices::controllers::{self, Controller, ControllerError, DeviceInfo, Halt, MachineSnapshot};
+use devices::controllers::{self, Controller, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot};
 use devices::sensors::{self, Sample, Sensor, SensorError};
 use link::LinkError;
 use link::{Clock, SharedPorts};
@@ -113,7 +113,7 @@ impl SimulatedScene {
         }
         let value_mm = matches!(flag, ReadingFlag::None | ReadingFlag::Gap).then_some(value);
         self.reported_values.extend(value_mm);
-        Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing, encoder_count: None }))
+        Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing_count: missing, encoder_count: None }))
     }
 
     /// Advances the control and the machine by one period.
@@ -155,7 +155,7 @@ impl sensors::SensorConfig for SceneSensor {
         "this test".to_owned()
     }
 
-    fn open<'a>(
+    fn open_sensor<'a>(
         &'a self,
         sensor: &'a sensor::Sensor,
         _: Arc<dyn Clock>,
@@ -192,7 +192,7 @@ impl sensors::SensorDriver for SceneSensor {
 
 struct SceneControl {
     scene: SharedScene,
-    halt: Halt,
+    halt: HaltHandle,
 }
 
 /// Opens the control of `scene` with the event `plot`.
@@ -203,7 +203,7 @@ pub fn scene_controller(scene: &SharedScene, plot: EventSchedule) -> Controller 
         scene.last_position = None;
         scene.started_steps.clear();
     }
-    let halt = Halt::new(|| {});
+    let halt = HaltHandle::new(|| {});
     Controller::spawn(SceneControl { scene: scene.clone(), halt: halt.clone() }, halt)
 }
 
@@ -295,7 +295,7 @@ impl SceneControl {
     }
 }
 
-impl controllers::Driver for SceneControl {
+impl controllers::ControllerDriver for SceneControl {
     async fn prepare(&mut self) -> Result<controllers::PreparedControl, ControllerError> {
         let stands = self.scene.lock().unwrap().position.clone();
         Ok(controllers::PreparedControl {

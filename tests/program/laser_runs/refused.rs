@@ -141,7 +141,7 @@ fn measure_laser(sampling: &str) -> (String, Plan, Vec<Reading>) {
         format!("tilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\nsampling = \"{sampling}\"\nrate_hz = 100.0");
     let text = changed_machine(&[], &settings);
     let file = MachineFile::parse("laser.toml", text.clone()).unwrap();
-    let (method, header) = setup::plan_header(&file, METHOD, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan(&file, METHOD, None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     (text, plan, readings)

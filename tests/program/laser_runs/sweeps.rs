@@ -1,7 +1,7 @@
 //! Events during a scan in motion: the machine is held where it is, the error gives the remedy, no part of the scan
 //! is kept, everything before it is, and an operator resumes the run.
 
-use devices::controllers::Halt;
+use devices::controllers::HaltHandle;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event as Told;
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
@@ -10,7 +10,7 @@ use machine::{Axis, Position};
 use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
 use trued::run::{InterruptedRun, Run, RunError};
 use trued::setup::machine_file::SensorConnection;
-use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
+use trued::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
 
 use super::played::{
@@ -104,8 +104,9 @@ impl ScanShop {
         Self { folder: tempfile::tempdir().unwrap(), file, scene }
     }
 
-    async fn devices(&self, plot: EventSchedule) -> (Devices, Halt) {
-        let mut devices = setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
+    async fn devices(&self, plot: EventSchedule) -> (Devices, HaltHandle) {
+        let mut devices =
+            setup::open_devices(&self.file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
         devices.controller = played::scene_controller(&self.scene, plot);
         devices.clock = std::sync::Arc::new(SceneController(self.scene.clone()));
         let halt = devices.controller.halt_handle();
@@ -119,7 +120,7 @@ impl ScanShop {
     }
 
     /// Runs the method with the event `plot`.
-    async fn run_with_events(&self, plot: EventSchedule) -> (Result<(), RunError>, StoredRun, Halt) {
+    async fn run_with_events(&self, plot: EventSchedule) -> (Result<(), RunError>, StoredRun, HaltHandle) {
         let (devices, halt) = self.devices(plot).await;
         let journal = Journal::open(self.folder.path()).unwrap();
         let plan = self.plan();

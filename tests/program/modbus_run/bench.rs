@@ -6,7 +6,7 @@ use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::Method;
 use trued::run::{Run, RunError};
-use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
+use trued::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun};
 
 pub const MACHINE: &str = include_str!("../../../config/simulated.toml");
@@ -71,7 +71,8 @@ impl ModbusBench {
     pub fn measure(&self) -> MeasuredRun {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
-            let devices = setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
+            let devices =
+                setup::open_devices(&self.file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
             self.measure_with(&devices).await
         })
     }
@@ -79,7 +80,7 @@ impl ModbusBench {
     pub async fn measure_with(&self, devices: &Devices) -> MeasuredRun {
         let folder = state_folder();
         let journal = Journal::open(folder.path()).unwrap();
-        let (method, plan) = setup::plan_header(&self.file, METHOD, None).unwrap();
+        let (method, plan) = setup::configure_method_and_plan(&self.file, METHOD, None).unwrap();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
         let id = journal.begin_run(&new).await.unwrap();
         let mut tell = |_: &Event| {};

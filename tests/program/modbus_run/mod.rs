@@ -8,7 +8,7 @@ mod schedules;
 
 use crate::support::harness::{Pool, Trials, trials};
 use bench::ModbusBench;
-use trued::setup::{self, MachineFile, Pace, RunHistory, SimulatedMachine};
+use trued::setup::{self, EarlierSessions, MachineFile, SimulatedMachine, SimulationPace};
 
 /// `[controller]` of the built-in machine.
 const CONTROLLER_KEYS: [(&str, &str); 4] = [
@@ -40,10 +40,10 @@ fn what_is_served_is_opened_by_the_keys_that_it_tells() {
     for (name, keys) in CONTROLLER_KEYS {
         runtime.block_on(async {
             let simulated = MachineFile::parse("machine.toml", bench::machine_with_controller(keys)).unwrap();
-            let served = SimulatedMachine::new(&simulated).unwrap().serve(Pace::Fast).unwrap();
+            let served = SimulatedMachine::new(&simulated).unwrap().serve(SimulationPace::Fast).unwrap();
             let text = bench::machine_with_controller(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
             let file = MachineFile::parse("machine.toml", text).unwrap();
-            let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+            let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
             let said = devices.controller.prepare().await.unwrap().identity;
             assert_eq!(said.contains("resident program 1"), name.contains("resident"), "{said}");
         });

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use devices::controllers::Controller;
-use devices::controllers::modbus::{ModbusConfig, ModbusControl, ModbusTimeouts};
+use devices::controllers::modbus::{ModbusConfig, ModbusDriver, ModbusTimeouts};
 use estimation::random::seeded_stream;
 use link::{Pty, create_pty};
 use machine::Axis;
@@ -15,12 +15,12 @@ use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use rand::RngExt;
 use simulator::controls::modbus::{
-    DiaryEntry, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_rtu, serve_tcp,
+    ControlEvent, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_rtu, serve_tcp,
 };
 use tokio::net::TcpListener;
-use trued::setup::{self, Devices, MachineFile, Pace};
+use trued::setup::{self, Devices, MachineFile, SimulationPace};
 
-use testing::population::population;
+use testing::population::population_size;
 
 use super::bench::{MeasuredRun, ModbusBench, machine_with_controller};
 
@@ -148,7 +148,7 @@ const WORLD_CHANGING_FAULTS: [FaultKind; 5] = [
 struct EndedRun {
     measured: MeasuredRun,
     readings: Vec<Reading>,
-    diary: Vec<DiaryEntry>,
+    diary: Vec<ControlEvent>,
     /// Length of the diary when the run ended.
     readings_at_fault: usize,
 }
@@ -162,7 +162,12 @@ fn timeouts_for(wire: Framing) -> ModbusTimeouts {
     let ms = Duration::from_millis;
     // On a serial line the link waits for a lost reply, and then checks whether it still comes.
     let answer = if wire == Framing::Tcp { ms(1200) } else { ms(3000) };
-    ModbusTimeouts { reply: answer, poll_interval: ms(10), stall: ms(1200), heartbeat: ms(1000) }
+    ModbusTimeouts {
+        reply_timeout: answer,
+        poll_interval: ms(10),
+        stall_timeout: ms(1200),
+        heartbeat_timeout: ms(1000),
+    }
 }
 
 /// Serves the control; returns its address as `[controller]`.
@@ -194,17 +199,17 @@ fn run_with_faults(way: &ScheduleKind, faults: Vec<Fault>) -> EndedRun {
         let options = SimulatedModbusOptions {
             faults,
             has_resident_program: resident,
-            ..SimulatedModbusOptions::of(&file.machine, Pace::Fast)
+            ..SimulatedModbusOptions::for_machine(&file.machine, SimulationPace::Fast)
         };
         let firmware = Firmware::new(world, options);
-        let diary = firmware.diary();
+        let diary = firmware.event_log();
         let (at, served) = serve_firmware(firmware, wire).await;
         let program = if resident { "[program]" } else { "" };
         let keys = format!("{at}\ntimeout_s = 0.3\n{program}");
         let config: ModbusConfig = toml::from_str(&keys).unwrap();
         let dialect = Dialect::from_name("grbl-m19").unwrap();
         let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
-        let opened = ModbusControl::open(&config, &file.machine, modes).await;
+        let opened = ModbusDriver::open(&config, &file.machine, modes).await;
         let (driver, halt) = opened.unwrap();
         let controller = Controller::spawn(driver.with_timeouts(timeouts_for(wire)), halt);
         let devices = Devices::new(controller, dialect);
@@ -222,7 +227,7 @@ fn run_with_faults(way: &ScheduleKind, faults: Vec<Fault>) -> EndedRun {
 
 fn wrong_faults(ended: &EndedRun) -> Vec<FaultKind> {
     let kinds = ended.diary.iter().filter_map(|entry| match entry {
-        DiaryEntry::FaultOccurred(kind) => Some(*kind),
+        ControlEvent::FaultOccurred(kind) => Some(*kind),
         _ => None,
     });
     kinds.collect()
@@ -230,7 +235,7 @@ fn wrong_faults(ended: &EndedRun) -> Vec<FaultKind> {
 
 fn executed_lines(ended: &EndedRun) -> Vec<&str> {
     let taken = ended.diary.iter().filter_map(|entry| match entry {
-        DiaryEntry::Accepted { text, .. } => Some(text.as_str()),
+        ControlEvent::Accepted { text, .. } => Some(text.as_str()),
         _ => None,
     });
     taken.collect()
@@ -263,7 +268,7 @@ fn violations(ended: &EndedRun, clean: &EndedRun) -> Vec<String> {
 fn check_no_invented_reading(ended: &EndedRun) -> Option<String> {
     const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
     let mut contacts = ended.diary.iter().filter_map(|entry| match entry {
-        DiaryEntry::Contact { latch, t_s } => Some((latch.clone(), *t_s)),
+        ControlEvent::Contact { latch, t_s } => Some((latch.clone(), *t_s)),
         _ => None,
     });
     let told = |reading: &Reading| {
@@ -279,20 +284,21 @@ fn check_no_invented_reading(ended: &EndedRun) -> Option<String> {
 
 /// No chunk is offered after a hold was written, or after the run has ended.
 fn check_no_request_after_hold(ended: &EndedRun) -> Option<String> {
-    let hold = ended.diary.iter().position(|entry| *entry == DiaryEntry::Hold);
+    let hold = ended.diary.iter().position(|entry| *entry == ControlEvent::Hold);
     let from = hold.unwrap_or(ended.readings_at_fault).min(ended.readings_at_fault);
-    let late = ended.diary[from..].iter().any(|entry| matches!(entry, DiaryEntry::Offered { .. }));
+    let late = ended.diary[from..].iter().any(|entry| matches!(entry, ControlEvent::Offered { .. }));
     late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
 }
 
 /// One chunk may be in transit when the control fails; it is not accepted.
 fn check_no_line_after_fault(ended: &EndedRun) -> Option<String> {
-    let fatal = |entry: &DiaryEntry| matches!(entry, DiaryEntry::FaultOccurred(kind) if FATAL_FAULTS.contains(kind));
+    let fatal =
+        |entry: &ControlEvent| matches!(entry, ControlEvent::FaultOccurred(kind) if FATAL_FAULTS.contains(kind));
     let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
     let (mut asked, mut took) = (0, 0);
     for entry in after {
-        asked += u32::from(matches!(entry, DiaryEntry::Offered { .. }));
-        took += u32::from(matches!(entry, DiaryEntry::Accepted { .. }));
+        asked += u32::from(matches!(entry, ControlEvent::Offered { .. }));
+        took += u32::from(matches!(entry, ControlEvent::Accepted { .. }));
     }
     // A chunk repeated for lack of an answer has the same sequence.
     (took > 0 || asked > 4).then(|| format!("after the fault {asked} chunks were offered, {took} taken"))
@@ -302,11 +308,11 @@ fn check_no_line_after_fault(ended: &EndedRun) -> Option<String> {
 fn check_no_repeated_write(ended: &EndedRun) -> Option<String> {
     let mut last = None;
     ended.diary.iter().find_map(|entry| match entry {
-        DiaryEntry::Accepted { sequence, .. } => {
+        ControlEvent::Accepted { sequence, .. } => {
             last = Some(*sequence);
             None
         }
-        DiaryEntry::Offered { sequence } if last == Some(*sequence) => {
+        ControlEvent::Offered { sequence } if last == Some(*sequence) => {
             Some(format!("sequence {sequence} was written again"))
         }
         _ => None,
@@ -354,7 +360,7 @@ fn run_all_schedules(way: &ScheduleKind, besides: &str) {
         assert_eq!(violations(&ended, &clean), Vec::<String>::new());
         return;
     }
-    let schedules = population(way.full_schedules);
+    let schedules = population_size(way.full_schedules);
     let stride = schedule_stride(way.full_schedules / schedules, way.fault_kinds().len() as u64);
     let (next, all) = (AtomicU64::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {

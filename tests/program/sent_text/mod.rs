@@ -2,15 +2,17 @@
 
 use std::sync::{Arc, Mutex};
 
-use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl};
+use devices::controllers::{
+    Controller, ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl,
+};
 use machine::record::event::Event;
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
-use simulator::controls::modbus::{DiaryEntry, Firmware, SimulatedModbusOptions, serve_tcp};
+use simulator::controls::modbus::{ControlEvent, Firmware, SimulatedModbusOptions, serve_tcp};
 use tokio::net::TcpListener;
 use trued::run::Run;
-use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
+use trued::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun};
 
 use crate::support::harness::{Pool, Trials, trials};
@@ -32,7 +34,7 @@ struct RecordingController {
     rows: Arc<Mutex<Vec<String>>>,
 }
 
-impl Driver for RecordingController {
+impl ControllerDriver for RecordingController {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.inner.prepare().await
     }
@@ -88,10 +90,10 @@ fn motion_row(motion: &Motion) -> String {
 /// A whole run of `method` with the machine file `text`.
 async fn measure_and_compare(text: String, method: &str) -> ProvenText {
     let file = MachineFile::parse("machine.toml", text).unwrap();
-    let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
     let (lines, rows) = (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
     let halt = devices.controller.halt_handle();
-    let halting = Halt::new(move || halt.trigger());
+    let halting = HaltHandle::new(move || halt.trigger());
     let Devices { controller: inner, sensors, thermometers, dialect, clock, .. } = devices;
     let recorded = RecordingController { inner, lines: lines.clone(), rows: rows.clone() };
     let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
@@ -99,7 +101,7 @@ async fn measure_and_compare(text: String, method: &str) -> ProvenText {
     (devices.sensors, devices.thermometers, devices.clock) = (sensors, thermometers, clock);
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::plan_header(&file, method, None).unwrap();
+    let (method, plan) = setup::configure_method_and_plan(&file, method, None).unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let mut tell = |_: &Event| {};
@@ -142,10 +144,10 @@ fn run_register_window(resident: bool) -> (Vec<String>, ProvenText) {
         let world = Arc::new(Mutex::new(setup::build_world(&world_of).unwrap()));
         let options = SimulatedModbusOptions {
             has_resident_program: resident,
-            ..SimulatedModbusOptions::of(&world_of.machine, Pace::Fast)
+            ..SimulatedModbusOptions::for_machine(&world_of.machine, SimulationPace::Fast)
         };
         let firmware = Firmware::new(world, options);
-        let diary = firmware.diary();
+        let diary = firmware.event_log();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() });
@@ -156,7 +158,7 @@ fn run_register_window(resident: bool) -> (Vec<String>, ProvenText) {
         let proven = measure_and_compare(text, "self-calibration").await;
         let diary = diary.lock().unwrap();
         let took = diary.iter().filter_map(|entry| match entry {
-            DiaryEntry::Accepted { text, .. } => Some(text.clone()),
+            ControlEvent::Accepted { text, .. } => Some(text.clone()),
             _ => None,
         });
         (took.collect(), proven)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::{CONTROL_KIND, Grbl};
+use super::{CONTROL_KIND, GrblDriver};
 use crate::controllers::{
     ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
 };
@@ -68,8 +68,8 @@ impl ControllerConfig for GrblConfig {
 
     fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
-            let link = link::open_line_link(&self.link.address()?).await?;
-            let (driver, halt) = Grbl::new(link, machine, modes);
+            let link = link::open_line_link(&self.link.resolve_address()?).await?;
+            let (driver, halt) = GrblDriver::new(link, machine, modes);
             Ok(Controller::spawn(driver, halt))
         })
     }

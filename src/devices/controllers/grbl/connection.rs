@@ -11,16 +11,16 @@ use super::fault::{
 use super::message::{GrblMessage, GrblStatus, Overrides, alarm_meaning};
 use super::timeouts::{GrblTimeouts, MAX_FREE_MOVE_POLL};
 use crate::controllers::stall_detector::StallDetector;
-use crate::controllers::{ControllerError, Halt, ReadinessFinding};
-use link::{LineEvent, Link, LinkError, UrgentSender};
+use crate::controllers::{ControllerError, HaltHandle, ReadinessFinding};
+use link::{LineEvent, LineLink, LinkError, UrgentSender};
 
 /// Request for a report with all fields: CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
 const FULL_REPORT_REQUEST: &[u8] = &[0x87];
 
 pub(super) struct GrblConnection {
-    link: Link,
+    link: LineLink,
     urgent: UrgentSender,
-    halt: Halt,
+    halt: HaltHandle,
     /// Whether a line was sent whose answer has not come.
     is_reply_pending: bool,
     /// Whether no report has come since the last answer.
@@ -36,10 +36,10 @@ pub(super) struct GrblConnection {
 
 impl GrblConnection {
     /// Creates the wire on `link`, and the halt that holds the machine.
-    pub(super) fn new(link: Link) -> (Self, Halt) {
-        let urgent = link.urgent();
+    pub(super) fn new(link: LineLink) -> (Self, HaltHandle) {
+        let urgent = link.urgent_sender();
         let hold = urgent.clone();
-        let halt = Halt::new(move || hold.send_and_drop_ordinary(b"!"));
+        let halt = HaltHandle::new(move || hold.send_and_drop_ordinary(b"!"));
         let connection = Self {
             link,
             urgent,
@@ -117,8 +117,8 @@ impl GrblConnection {
             if self.halt.is_halted() {
                 return Err(self.wait_hold().await);
             }
-            if last_report.elapsed() > self.timeouts.reply {
-                return Err(ControllerError::no_answer(line, self.timeouts.reply));
+            if last_report.elapsed() > self.timeouts.reply_timeout {
+                return Err(ControllerError::no_answer(line, self.timeouts.reply_timeout));
             }
         }
     }
@@ -160,7 +160,7 @@ impl GrblConnection {
         is_reply: fn(&GrblStatus) -> bool,
     ) -> Result<GrblStatus, ControllerError> {
         let mut other = None;
-        let deadline = Instant::now() + self.timeouts.reply;
+        let deadline = Instant::now() + self.timeouts.reply_timeout;
         while Instant::now() < deadline {
             self.urgent.send(request);
             let again = deadline.min(Instant::now() + self.poll_interval());
@@ -182,7 +182,7 @@ impl GrblConnection {
             }
         }
         let name = if request == b"?" { "?" } else { "0x87" };
-        other.ok_or_else(|| ControllerError::no_answer(name, self.timeouts.reply))
+        other.ok_or_else(|| ControllerError::no_answer(name, self.timeouts.reply_timeout))
     }
 
     /// Waits until the machine is at rest: two idle reports in a row. The first may be older than the start
@@ -223,7 +223,7 @@ impl GrblConnection {
             "Hold" | "Door" | "Tool" => Err(ControllerError::HeldAtControl { state: state_text(status) }),
             "Alarm" | "Sleep" => {
                 // The number of the alarm may follow, or may be lost.
-                let deadline = Instant::now() + self.timeouts.after_alarm;
+                let deadline = Instant::now() + self.timeouts.alarm_detail_timeout;
                 while let Some(message) = self.receive(deadline).await? {
                     self.fail_on_alarm_or_reset(message).await?;
                 }
@@ -244,7 +244,7 @@ impl GrblConnection {
     async fn fail_on_alarm_or_reset(&mut self, message: GrblMessage) -> Result<GrblMessage, ControllerError> {
         match message {
             GrblMessage::Alarm(code) => Err(self.alarm_error(code).await?),
-            GrblMessage::Banner(banner) => Err(ControllerError::Reset { banner }),
+            GrblMessage::Banner(banner) => Err(ControllerError::ControlReset { banner }),
             other => Ok(other),
         }
     }
@@ -254,11 +254,11 @@ impl GrblConnection {
     pub(super) async fn start_session(&mut self) -> Result<GrblStatus, ControllerError> {
         self.link.send(b"\n")?;
         self.urgent.send(b"?");
-        let deadline = Instant::now() + 2 * self.timeouts.reply;
+        let deadline = Instant::now() + 2 * self.timeouts.reply_timeout;
         let (mut noise, mut foreign) = (false, None);
         let (mut status, mut answered) = (None, false);
         while Instant::now() < deadline && !(answered && status.is_some()) {
-            match self.link.recv_deadline(Instant::now() + self.timeouts.after_alarm).await? {
+            match self.link.recv_deadline(Instant::now() + self.timeouts.alarm_detail_timeout).await? {
                 Some(LineEvent::Noise { .. }) => noise = true,
                 Some(LineEvent::Line(line)) => match GrblMessage::parse(&line) {
                     GrblMessage::Status(report) => status = Some(report),
@@ -272,7 +272,7 @@ impl GrblConnection {
             }
         }
         let Some(status) = status else {
-            return Err(foreign_device_error(noise, foreign, 2 * self.timeouts.reply));
+            return Err(foreign_device_error(noise, foreign, 2 * self.timeouts.reply_timeout));
         };
         self.drain_old_replies().await?;
         Ok(status)
@@ -280,7 +280,7 @@ impl GrblConnection {
 
     /// Waits until no more old answers come.
     async fn drain_old_replies(&mut self) -> Result<(), LinkError> {
-        let deadline = Instant::now() + self.timeouts.reply;
+        let deadline = Instant::now() + self.timeouts.reply_timeout;
         while Instant::now() < deadline {
             if self.link.recv_deadline(Instant::now() + self.timeouts.poll_interval / 2).await?.is_none() {
                 break;
@@ -329,10 +329,10 @@ impl GrblConnection {
 
     /// Waits for what follows an alarm: the line's answer, or a banner if the control was reset.
     async fn alarm_error(&mut self, code: u32) -> Result<ControllerError, LinkError> {
-        let deadline = Instant::now() + self.timeouts.after_alarm;
+        let deadline = Instant::now() + self.timeouts.alarm_detail_timeout;
         loop {
             match self.receive(deadline).await? {
-                Some(GrblMessage::Banner(banner)) => return Ok(ControllerError::Reset { banner }),
+                Some(GrblMessage::Banner(banner)) => return Ok(ControllerError::ControlReset { banner }),
                 Some(GrblMessage::Ok | GrblMessage::Error(_)) | None => {
                     let meaning = alarm_meaning(code).to_owned();
                     return Ok(ControllerError::Alarm { code, meaning });
@@ -345,7 +345,7 @@ impl GrblConnection {
     /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
     /// until a report shows it; a surplus hold changes nothing.
     async fn wait_hold(&mut self) -> ControllerError {
-        let timeouts = 2 * self.timeouts.reply;
+        let timeouts = 2 * self.timeouts.reply_timeout;
         let deadline = Instant::now() + timeouts;
         // One idle report may be older than the start of a motion.
         let mut idle = false;

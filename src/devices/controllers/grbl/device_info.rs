@@ -1,7 +1,7 @@
 //! Identity and settings of a control: `$I` and `$$`. Setting numbers and meanings are those of grblHAL
 //! (`settings.h`).
 
-use super::driver::Grbl;
+use super::driver::GrblDriver;
 use super::fault::not_ready_error;
 use super::homing::{HomingMethod, has_homing, homed_axes_mask, homing_method, travel_limits};
 use super::readiness;
@@ -11,7 +11,7 @@ use machine::Axis;
 
 /// Resolution of the reports, mm or degrees: they print three decimals.
 const REPORT_RESOLUTION: f64 = 0.001;
-impl Grbl {
+impl GrblDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         if !self.is_prepared {
             let status = self.connection.start_session().await?;
@@ -73,9 +73,9 @@ fn reported_axis(
         false => has_homing(settings, index, homed_axes_mask),
     };
     ReportedAxis {
-        min: ends.map(|(min, _)| min),
-        max: ends.map(|(_, max)| max),
-        travel: positive_value(130),
+        travel_min: ends.map(|(min, _)| min),
+        travel_max: ends.map(|(_, max)| max),
+        travel_length: positive_value(130),
         has_homing,
         rapid_per_min: positive_value(110),
         acceleration_per_s2: positive_value(120),
@@ -100,7 +100,7 @@ mod tests {
     }
 
     fn ends(info: &DeviceInfo, axis: Axis) -> (f64, f64) {
-        (info.axes[&axis].min.unwrap(), info.axes[&axis].max.unwrap())
+        (info.axes[&axis].travel_min.unwrap(), info.axes[&axis].travel_max.unwrap())
     }
 
     const FIVE_AXIS_SETTINGS: &str = "$10=511\n$13=0\n$20=1\n$21=1\n$22=1\n$23=1\n$27=2.000\n$44=4\n$45=3\n$100=800.000\n\
@@ -130,11 +130,11 @@ mod tests {
     fn what_cannot_be_known_is_not_said() {
         for lines in [FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=0\n"), FIVE_AXIS_SETTINGS.replace("$45=3", "$45=2")] {
             let info = reported_axes("XYZBC", false, &lines);
-            assert_eq!((info.axes[&Axis::X].min, info.axes[&Axis::X].travel), (None, Some(302.0)));
+            assert_eq!((info.axes[&Axis::X].travel_min, info.axes[&Axis::X].travel_length), (None, Some(302.0)));
         }
         // Settings of Grbl 1.1 on an Arduino, as users publish them.
         let info = reported_axes("XYZ", true, "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)");
-        assert_eq!((info.axes[&Axis::X].min, info.axes[&Axis::X].travel), (None, Some(500.0)));
+        assert_eq!((info.axes[&Axis::X].travel_min, info.axes[&Axis::X].travel_length), (None, Some(500.0)));
         assert_eq!(info.findings.len(), 1, "{:?}", info.findings);
     }
 

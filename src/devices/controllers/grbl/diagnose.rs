@@ -2,26 +2,26 @@
 
 use super::{CONTROL_KIND, GrblConfig};
 use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
-use link::{Address, LinkError};
+use link::{LinkAddress, LinkError};
 
 impl GrblConfig {
     pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
         let DiagnosisRequest { failure, mode, .. } = request;
         let link_findings = port_diagnosis::diagnose_open_failure(&self.link, failure);
         let Some(received) = describe_received(failure) else { return link_findings };
-        let Ok(address) = self.link.address() else { return link_findings };
+        let Ok(address) = self.link.resolve_address() else { return link_findings };
         match (mode, &address) {
             (DiagnosisMode::Passive, _) => passive_diagnosis(&address, &received),
-            (DiagnosisMode::Active, Address::Serial { path, baud }) => {
+            (DiagnosisMode::Active, LinkAddress::Serial { path, baud }) => {
                 self.diagnose_serial(path, *baud, &received).await
             }
-            (DiagnosisMode::Active, Address::Tcp { .. }) => self.diagnose_tcp(&address, &received).await,
+            (DiagnosisMode::Active, LinkAddress::Tcp { .. }) => self.diagnose_tcp(&address, &received).await,
         }
     }
 
     async fn diagnose_serial(&self, path: &str, baud: u32, received: &str) -> Vec<Diagnosis> {
         for other in port_scan::BAUD_RATES.into_iter().filter(|rate| *rate != baud) {
-            let address = Address::Serial { path: path.to_owned(), baud: other };
+            let address = LinkAddress::Serial { path: path.to_owned(), baud: other };
             if let Some(reply) = port_scan::query_grbl(&address).await {
                 return vec![wrong_baud_diagnosis(baud, other, &reply)];
             }
@@ -31,7 +31,7 @@ impl GrblConfig {
         vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(path, &evidence()))]
     }
 
-    async fn diagnose_tcp(&self, address: &Address, received: &str) -> Vec<Diagnosis> {
+    async fn diagnose_tcp(&self, address: &LinkAddress, received: &str) -> Vec<Diagnosis> {
         let other = port_scan::scan_tcp(&self.link, CONTROL_KIND).await;
         let evidence = || format!("{received}; requests in the protocols of other controls also had no valid reply");
         vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence()))]
@@ -50,13 +50,13 @@ fn describe_received(failure: &ControllerError) -> Option<String> {
 }
 
 /// Suspected causes that need no further request to the device.
-fn passive_diagnosis(address: &Address, received: &str) -> Vec<Diagnosis> {
+fn passive_diagnosis(address: &LinkAddress, received: &str) -> Vec<Diagnosis> {
     let (cause, remedy) = match address {
-        Address::Serial { baud, .. } => (
+        LinkAddress::Serial { baud, .. } => (
             format!("wrong baud rate ({baud}), wrong port, or another kind of control"),
             "compare [controller] baud with the control's manual, or permit the search at other baud rates",
         ),
-        Address::Tcp { .. } => (
+        LinkAddress::Tcp { .. } => (
             "wrong port, or another kind of control".to_owned(),
             "compare [controller] tcp and kind with the control's manual, or permit the search for other controls",
         ),

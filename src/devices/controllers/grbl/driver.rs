@@ -9,16 +9,16 @@ use crate::controllers::arrival::{self, AxisMonitor};
 use crate::controllers::control_clock::ReportedTime;
 use crate::controllers::motion_lines::{self, MotionLines};
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, require_prepared,
+    ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, require_prepared,
 };
-use link::Link;
+use link::LineLink;
 use machine::record::machine::{Homing, Machine};
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
 
 /// Driver of one Grbl control.
-pub struct Grbl {
+pub struct GrblDriver {
     pub(super) connection: GrblConnection,
     pub(super) modes: ProvenModes,
     pub(super) monitor: AxisMonitor,
@@ -33,10 +33,10 @@ pub struct Grbl {
     pub(super) initial_modes: Vec<String>,
 }
 
-impl Grbl {
+impl GrblDriver {
     /// Creates a driver for `machine` on `link` that sets `modes`, and the halt that holds the machine.
     /// After a halt the link accepts no more lines: a new run opens a new link.
-    pub fn new(link: Link, machine: &Machine, modes: ProvenModes) -> (Self, Halt) {
+    pub fn new(link: LineLink, machine: &Machine, modes: ProvenModes) -> (Self, HaltHandle) {
         let (connection, halt) = GrblConnection::new(link);
         let monitor = AxisMonitor::new(machine);
         let has_switch = |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);
@@ -153,7 +153,7 @@ impl Grbl {
     }
 }
 
-impl Grbl {
+impl GrblDriver {
     async fn execute_block(&mut self, block: &ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         let lines = motion_lines::motion_lines(block)?;
         self.check_block_start(block).await?;
@@ -207,7 +207,7 @@ impl Grbl {
     }
 }
 
-impl Driver for Grbl {
+impl ControllerDriver for GrblDriver {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.prepare_control(check::require_open_probe).await
     }

@@ -6,7 +6,7 @@ use super::message::{GrblMessage, GrblStatus, Overrides, error_meaning};
 use crate::controllers::{ControllerError, ReadinessFinding};
 
 pub(super) fn refusal_error(line: &str, code: u32) -> ControllerError {
-    ControllerError::Refused {
+    ControllerError::LineRefused {
         line: line.to_owned(),
         reply: format!("error:{code}"),
         meaning: error_meaning(code).to_owned(),
@@ -77,6 +77,7 @@ pub(super) fn unexpected_reply_error(reply: &GrblMessage) -> ControllerError {
 
 /// Whether the machine is at rest after `error`.
 pub(super) fn is_at_rest_after(error: &ControllerError) -> bool {
-    let is_reported_at_rest = matches!(error, ControllerError::Reset { .. } | ControllerError::TouchMismatch { .. });
+    let is_reported_at_rest =
+        matches!(error, ControllerError::ControlReset { .. } | ControllerError::TouchMismatch { .. });
     is_reported_at_rest || error.is_machine_stationary()
 }

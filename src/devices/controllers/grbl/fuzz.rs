@@ -1,7 +1,7 @@
 //! Fuzz tests of the parser: arbitrary text from a control.
 
 use super::message::{GrblMessage, GrblStatus};
-use testing::fuzz::fuzz;
+use testing::fuzz::fuzz_parser;
 
 const SAMPLE_REPLIES: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]
 [VER:1.1f.20260817:]
@@ -43,7 +43,7 @@ fn the_reply_parser_bears_anything() {
         "\n",
         "Grbl 1.1h help",
     ];
-    fuzz("grbl-replies", &[SAMPLE_REPLIES], &words, |input| {
+    fuzz_parser("grbl-replies", &[SAMPLE_REPLIES], &words, |input| {
         let text = String::from_utf8_lossy(input);
         text.lines().map(|line| size(&GrblMessage::parse(line))).sum()
     });

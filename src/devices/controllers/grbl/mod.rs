@@ -29,7 +29,7 @@ mod timeouts;
 mod touch;
 
 pub use config::GrblConfig;
-pub use driver::Grbl;
+pub use driver::GrblDriver;
 pub use timeouts::GrblTimeouts;
 
 pub const CONTROL_KIND: &str = "grbl";

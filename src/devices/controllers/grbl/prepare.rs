@@ -2,7 +2,7 @@
 //! modes are as set.
 
 use super::check;
-use super::driver::Grbl;
+use super::driver::GrblDriver;
 use super::fault::not_ready_error;
 use super::message::{GrblMessage, GrblStatus};
 use super::readiness::{self, reject_blocking};
@@ -19,7 +19,7 @@ const RESTORED_MODAL_WORDS: [&str; 16] = [
     "G91",
 ];
 
-impl Grbl {
+impl GrblDriver {
     /// `check_probe` decides whether the state of the probe input is acceptable.
     pub(super) async fn prepare_control(
         &mut self,
@@ -70,7 +70,7 @@ impl Grbl {
             .map(Axis::to_string)
             .collect();
         if !missing.is_empty() {
-            return Err(ControllerError::Unsupported {
+            return Err(ControllerError::UnsupportedByControl {
                 reason: format!("the control has the axes {}, but not {}", firmware.axis_letters, missing.join(", ")),
                 remedy: "classic Grbl has three axes and no rotary axes: use grblHAL \
                          built with the machine's axes, or another control"

@@ -2,7 +2,7 @@
 //! refuses the first item that prevents a measurement. Setting numbers and meanings are those of grblHAL
 //! (`settings.h`).
 
-use super::driver::Grbl;
+use super::driver::GrblDriver;
 use super::fault::override_finding;
 use super::homing::{HomingMethod, homed_axes_mask, homing_method};
 use super::message::GrblMessage;
@@ -199,7 +199,7 @@ fn join_axis_names(axes: &[&(Axis, u16)]) -> String {
     axes.iter().map(|(axis, _)| axis.to_string()).collect::<Vec<_>>().join(", ")
 }
 
-impl Grbl {
+impl GrblDriver {
     /// Refuses overrides other than 100 %, as last reported.
     pub(super) fn check_overrides(&self) -> Result<(), ControllerError> {
         reject_blocking(self.connection.overrides.and_then(override_finding))

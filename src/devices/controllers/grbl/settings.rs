@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::driver::Grbl;
+use super::driver::GrblDriver;
 use super::message::GrblMessage;
 use crate::controllers::ControllerError;
 use machine::Axis;
@@ -60,7 +60,7 @@ impl FirmwareInfo {
     }
 }
 
-impl Grbl {
+impl GrblDriver {
     /// Reads version, axes and buffer size by `$I`.
     pub(super) async fn read_firmware_info(&mut self) -> Result<FirmwareInfo, ControllerError> {
         // Classic Grbl does not report its axes: it has X, Y and Z.

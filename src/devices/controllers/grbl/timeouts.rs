@@ -8,13 +8,13 @@ use super::message::GrblStatus;
 #[derive(Debug, Clone, Copy)]
 pub struct GrblTimeouts {
     /// Maximum time for the answer to `?`.
-    pub reply: Duration,
+    pub reply_timeout: Duration,
     /// Interval at which a waiting driver checks the link.
     pub poll_interval: Duration,
     /// Maximum time for what follows an alarm (`ok`, or a banner).
-    pub after_alarm: Duration,
+    pub alarm_detail_timeout: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
-    pub stall: Duration,
+    pub stall_timeout: Duration,
 }
 
 /// Longest pause between two status requests during a move that should touch nothing. One request may be
@@ -25,10 +25,10 @@ pub(super) const MAX_FREE_MOVE_POLL: Duration = Duration::from_millis(100);
 impl Default for GrblTimeouts {
     fn default() -> Self {
         Self {
-            reply: Duration::from_secs(2),
+            reply_timeout: Duration::from_secs(2),
             poll_interval: Duration::from_millis(200),
-            after_alarm: Duration::from_millis(500),
-            stall: Duration::from_secs(10),
+            alarm_detail_timeout: Duration::from_millis(500),
+            stall_timeout: Duration::from_secs(10),
         }
     }
 }
@@ -37,6 +37,6 @@ impl GrblTimeouts {
     /// Maximum time for which a control may report `status` unchanged. A control that is idle while an answer is
     /// outstanding has lost a byte; one that reports a motion without a change of position hangs.
     pub(super) fn unchanged_limit(&self, status: &GrblStatus) -> Duration {
-        if status.state == "Idle" { self.reply } else { self.stall }
+        if status.state == "Idle" { self.reply_timeout } else { self.stall_timeout }
     }
 }

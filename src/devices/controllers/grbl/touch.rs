@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::driver::Grbl;
+use super::driver::GrblDriver;
 use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
 use crate::controllers::arrival::moved_between_blocks_error;
@@ -46,7 +46,7 @@ fn single_probe_result(messages: &[GrblMessage]) -> Result<ProbeResult, Controll
     Ok(ProbeResult { values, has_contact, t_s })
 }
 
-impl Grbl {
+impl GrblDriver {
     /// Sends a probing line; its result comes between the line and its `ok`.
     pub(super) async fn execute_probing(&mut self, lines: &MotionLines<'_>) -> Result<ProbeResult, ControllerError> {
         let step = lines.step;
@@ -80,7 +80,7 @@ impl Grbl {
 
     /// Waits until the machine is at rest, and checks that it is at its target.
     pub(super) async fn wait_arrival(&mut self, target: &Position) -> Result<GrblStatus, ControllerError> {
-        let deadline = Instant::now() + self.connection.timeouts.after_alarm;
+        let deadline = Instant::now() + self.connection.timeouts.alarm_detail_timeout;
         loop {
             let status = self.connection.wait_idle().await?;
             self.monitor.standstill_position = self.status_position(&status)?;

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::files::result_log_path;
-use super::{CONTROL_KIND, LinuxCnc, LinuxCncSettings, Sampler, sampler};
+use super::{CONTROL_KIND, LinuxCncDriver, LinuxCncSettings, Sampler, sampler};
 use crate::controllers::{
     ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
 };
 use link::Clock;
-use link::{Address, HostPort};
+use link::{HostPort, LinkAddress};
 use machine::Axis;
 use machine::record::machine::Machine;
 use planning::proof::ProvenModes;
@@ -60,7 +60,7 @@ impl ControllerConfig for LinuxCncConfig {
     }
 
     fn describe_address(&self) -> String {
-        format!("{}, with files in {}", Address::from(&self.tcp), self.program_dir.display())
+        format!("{}, with files in {}", LinkAddress::from(&self.tcp), self.program_dir.display())
     }
 
     fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, clock: Arc<dyn Clock>) -> OpenFuture<'a> {
@@ -72,7 +72,7 @@ impl ControllerConfig for LinuxCncConfig {
             };
             let directory = self.program_dir.clone();
             let settings = LinuxCncSettings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
-            let (driver, halt) = LinuxCnc::open(settings, modes).await?;
+            let (driver, halt) = LinuxCncDriver::open(settings, modes).await?;
             Ok(Controller::spawn(driver.with_sampler(sampler), halt))
         })
     }

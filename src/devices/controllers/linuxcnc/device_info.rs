@@ -2,7 +2,7 @@
 //! `get ini` "not implemented", so limits and speeds come from the INI file, if `[controller] ini` names
 //! it.
 
-use super::driver::LinuxCnc;
+use super::driver::LinuxCncDriver;
 use super::ini::IniFile;
 use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
 use machine::Axis;
@@ -25,7 +25,7 @@ const S_PER_MIN: f64 = 60.0;
 /// Resolution of the reports: linuxcncrsh prints six decimals.
 const REPORT_RESOLUTION: f64 = 0.000_001;
 
-impl LinuxCnc {
+impl LinuxCncDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         let identity = format!("LinuxCNC, {}", self.rsh.server_identity);
         let Some(path) = &self.settings.ini else {
@@ -67,9 +67,9 @@ impl IniFile {
         let value = |key: &str| self.number(&section, key).map(|value| value * unit);
         let (min, max) = (value("MIN_LIMIT"), value("MAX_LIMIT"));
         ReportedAxis {
-            min,
-            max,
-            travel: min.zip(max).map(|(min, max)| max - min),
+            travel_min: min,
+            travel_max: max,
+            travel_length: min.zip(max).map(|(min, max)| max - min),
             has_homing: None,
             rapid_per_min: value("MAX_VELOCITY").map(|speed| speed * S_PER_MIN),
             acceleration_per_s2: value("MAX_ACCELERATION"),
@@ -124,13 +124,13 @@ mod tests {
         let ini = IniFile::parse(RIG_INI);
         assert_eq!(ini.axes(), [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C]);
         let b = ini.reported_axis(Axis::B, ini.mm_per_unit());
-        assert_eq!((b.min, b.max), (Some(-110.0), Some(110.0)));
+        assert_eq!((b.travel_min, b.travel_max), (Some(-110.0), Some(110.0)));
         assert_eq!((b.rapid_per_min, b.acceleration_per_s2), (Some(12_000.0), Some(2000.0)));
         let [table] = &ini.findings()[..] else { panic!("{:?}", ini.findings()) };
         assert!(!table.is_blocking && table.description.contains("count B and C against ISO 841"), "{table:?}");
         let inches = IniFile::parse(&RIG_INI.replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"));
-        assert_eq!(inches.reported_axis(Axis::X, inches.mm_per_unit()).max, Some(7620.0));
-        assert_eq!(inches.reported_axis(Axis::B, inches.mm_per_unit()).max, Some(110.0));
+        assert_eq!(inches.reported_axis(Axis::X, inches.mm_per_unit()).travel_max, Some(7620.0));
+        assert_eq!(inches.reported_axis(Axis::B, inches.mm_per_unit()).travel_max, Some(110.0));
         let compensating = IniFile::parse(&RIG_INI.replace("sparm=identityfirst", ""));
         let [mode, _] = &compensating.findings()[..] else { panic!("{:?}", compensating.findings()) };
         assert!(!mode.is_blocking && mode.remedy.contains("M429"), "{mode:?}");

@@ -2,7 +2,7 @@
 
 use super::{CONTROL_KIND, LinuxCncConfig};
 use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
-use link::{Address, LinkConfig};
+use link::{LinkAddress, LinkConfig};
 
 /// Default TCP port of linuxcncrsh.
 const DEFAULT_PORT: u16 = 5007;
@@ -11,7 +11,7 @@ impl LinuxCncConfig {
     pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
         let DiagnosisRequest { failure, mode, .. } = request;
         let named_address = LinkConfig::Tcp(self.tcp.clone());
-        let Ok(address) = named_address.address() else { return Vec::new() };
+        let Ok(address) = named_address.resolve_address() else { return Vec::new() };
         if let Err(error) = link::open_line_link(&address).await {
             let mut link_findings = port_diagnosis::diagnose_open_failure(&named_address, &error.into());
             link_findings.splice(0..0, self.diagnose_default_port(&address, mode).await);
@@ -38,9 +38,9 @@ impl LinuxCncConfig {
     }
 
     /// Suspected cause: linuxcncrsh listens at its default port on the same computer.
-    async fn diagnose_default_port(&self, address: &Address, mode: DiagnosisMode) -> Option<Diagnosis> {
-        let Address::Tcp { host, port } = address else { return None };
-        let default_address = Address::Tcp { host: host.clone(), port: DEFAULT_PORT };
+    async fn diagnose_default_port(&self, address: &LinkAddress, mode: DiagnosisMode) -> Option<Diagnosis> {
+        let LinkAddress::Tcp { host, port } = address else { return None };
+        let default_address = LinkAddress::Tcp { host: host.clone(), port: DEFAULT_PORT };
         if mode != DiagnosisMode::Active || *port == DEFAULT_PORT {
             return None;
         }

@@ -14,10 +14,10 @@ use super::result::ResultLog;
 use super::rsh::RshClient;
 use super::{Sampler, kinematics, path_check, program_runner, state};
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, ReadinessItem, arrival,
-    require_prepared,
+    ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, ReadinessItem,
+    arrival, require_prepared,
 };
-use link::Address;
+use link::LinkAddress;
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::record::track::AxisTrack;
 use machine::{Axis, Position};
@@ -36,7 +36,7 @@ const HALT_COMMANDS: &[u8] = b"set enable EMCTOO\nset abort\n";
 #[derive(Debug, Clone)]
 pub struct LinuxCncSettings {
     /// Address of linuxcncrsh, by default port 5007.
-    pub address: Address,
+    pub address: LinkAddress,
     /// Directory that `trued` and LinuxCNC see under the same absolute name and can both write.
     pub directory: PathBuf,
     /// The machine's axes.
@@ -45,13 +45,13 @@ pub struct LinuxCncSettings {
     pub ini: Option<PathBuf>,
 }
 
-pub struct LinuxCnc {
+pub struct LinuxCncDriver {
     pub(super) settings: LinuxCncSettings,
     modes: ProvenModes,
     pub(super) rsh: RshClient,
     /// Connection that carries only halts; kept open for them.
     halt_connection: RshClient,
-    halt: Halt,
+    halt: HaltHandle,
     files: SharedFiles,
     /// Mode of the control, which `finish` restores; each program restores its other modal state itself.
     initial_mode: Option<String>,
@@ -61,17 +61,17 @@ pub struct LinuxCnc {
     sampler: Option<Sampler>,
 }
 
-impl LinuxCnc {
+impl LinuxCncDriver {
     /// Connects twice: once to command, once to halt. Nothing is commanded yet.
     ///
     /// # Errors
     /// No linuxcncrsh at the address; an unusable directory.
-    pub async fn open(settings: LinuxCncSettings, modes: ProvenModes) -> Result<(Self, Halt), ControllerError> {
+    pub async fn open(settings: LinuxCncSettings, modes: ProvenModes) -> Result<(Self, HaltHandle), ControllerError> {
         let files = SharedFiles::open(&settings.directory)?;
         let mut rsh = RshClient::open(&settings.address).await?;
         let halt_connection = RshClient::open(&settings.address).await?;
-        let urgent = halt_connection.link.urgent();
-        let halt = Halt::new(move || urgent.send(HALT_COMMANDS));
+        let urgent = halt_connection.link.urgent_sender();
+        let halt = HaltHandle::new(move || urgent.send(HALT_COMMANDS));
         rsh.halt = Some(halt.clone());
         let driver = Self {
             settings,
@@ -220,7 +220,7 @@ impl LinuxCnc {
             turn_end_position: ends.as_ref(),
         };
         let log = match program_runner::run_program(&mut self.rsh, &self.files, &self.halt, limits).await {
-            Err(refusal @ ControllerError::Refused { .. }) => {
+            Err(refusal @ ControllerError::LineRefused { .. }) => {
                 return Err(fault::refusal_reason(&mut self.rsh, refusal).await);
             }
             ended => ended?,
@@ -268,15 +268,17 @@ impl LinuxCnc {
             let Err(error) = program_runner::abort_until_at_rest(&mut self.rsh).await else {
                 return ControllerError::Halted;
             };
-            self.halt_connection.link.urgent().send(HALT_COMMANDS);
+            self.halt_connection.link.urgent_sender().send(HALT_COMMANDS);
             return error;
         }
         // A connection without an answer is not used again. The other one may still work, and a frozen task
         // that resumes takes the abort first.
-        let is_unresponsive =
-            matches!(error, ControllerError::Frozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_));
+        let is_unresponsive = matches!(
+            error,
+            ControllerError::ControlFrozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)
+        );
         if is_unresponsive || self.rsh.send_command("abort").await.is_err() {
-            self.halt_connection.link.urgent().send(HALT_COMMANDS);
+            self.halt_connection.link.urgent_sender().send(HALT_COMMANDS);
             sleep(LINK_WRITE_TIME).await;
         }
         error
@@ -287,7 +289,7 @@ impl LinuxCnc {
 const UNREADABLE_ITEMS: [ReadinessItem; 4] =
     [ReadinessItem::TravelLimits, ReadinessItem::RapidOverride, ReadinessItem::OtherClients, ReadinessItem::Tool];
 
-impl Driver for LinuxCnc {
+impl ControllerDriver for LinuxCncDriver {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.is_prepared = false;
         let prepared = self.prepare_control().await?;

@@ -64,7 +64,7 @@ fn interpret_messages(step: u32, messages: &[String]) -> ControllerError {
     } else {
         "LinuxCNC stopped the program"
     };
-    ControllerError::Refused {
+    ControllerError::LineRefused {
         line: format!("the program of step {step}"),
         reply: messages.join("; "),
         meaning: meaning.to_owned(),
@@ -101,7 +101,7 @@ mod tests {
         assert!(matches!(touched, ControllerError::UnexpectedContact { step: 7 }), "{touched:?}");
         let far = of("Exceeded POSITIVE soft limit (40.00000) on joint 0");
         assert!(matches!(far, ControllerError::OutOfTravel { step: 7, .. }), "{far:?}");
-        assert!(matches!(of("Unknown word"), ControllerError::Refused { .. }));
+        assert!(matches!(of("Unknown word"), ControllerError::LineRefused { .. }));
         let silent = interpret_messages(7, &[]).to_string();
         assert!(silent.contains("COMM_TIMEOUT"), "{silent}");
     }

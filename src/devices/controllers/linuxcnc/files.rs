@@ -34,11 +34,11 @@ impl SharedFiles {
     }
 
     pub fn program_path(&self) -> String {
-        self.0.path_of(PROGRAM_FILE_NAME).to_string_lossy().into_owned()
+        self.0.file_path(PROGRAM_FILE_NAME).to_string_lossy().into_owned()
     }
 
     pub fn result_log_path(&self) -> String {
-        self.0.path_of(LOG_FILE_NAME).to_string_lossy().into_owned()
+        self.0.file_path(LOG_FILE_NAME).to_string_lossy().into_owned()
     }
 
     /// Replaces the whole program, and removes the last log.
@@ -61,7 +61,7 @@ impl SharedFiles {
         match self.0.read(LOG_FILE_NAME) {
             Ok(Some(_)) => Ok(()),
             Ok(None) => Err(ControllerError::not_ready(
-                format!("LinuxCNC has run a program but has not written {}", self.0.path_of(LOG_FILE_NAME).display()),
+                format!("LinuxCNC has run a program but has not written {}", self.0.file_path(LOG_FILE_NAME).display()),
                 "check [controller] program_dir: the user of LinuxCNC needs this folder under the same path, with \
                  write permission; a network folder may update late",
             )),
@@ -70,7 +70,7 @@ impl SharedFiles {
     }
 
     fn directory_error(&self, name: &str, error: &Error) -> ControllerError {
-        directory_error(&self.0.path_of(name), error)
+        directory_error(&self.0.file_path(name), error)
     }
 }
 

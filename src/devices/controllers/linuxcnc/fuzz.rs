@@ -6,9 +6,9 @@ use super::prepare;
 use super::result::{ProgramResult, ResultLog};
 use super::rsh::RshClient;
 use crate::controllers::ControllerError;
-use link::Link;
+use link::LineLink;
 use machine::Axis;
-use testing::fuzz::fuzz;
+use testing::fuzz::fuzz_parser;
 
 const SAMPLE_LOG: &[u8] = b"state 2.9 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
 from 17 4 50.000000 0.000000 60.000000
@@ -23,7 +23,7 @@ const SAMPLE_REPLIES: &[u8] = b"SET VERBOSE ACK\n\rESTOP OFF\r\nMACHINE ON\r\n\
 #[test]
 fn the_result_log_bears_anything() {
     let words = ["END\n", "offset\n", "state ", "from 17 4 ", "guarded 17 3 ", "touch 17 4 ", "1.0 "];
-    fuzz("linuxcnc-log", &[SAMPLE_LOG], &words, |input| {
+    fuzz_parser("linuxcnc-log", &[SAMPLE_LOG], &words, |input| {
         let text = String::from_utf8_lossy(input);
         let Ok(log) = ResultLog::parse(&text, 17) else { return 0 };
         assert!(log.line_count <= input.len());
@@ -41,7 +41,7 @@ fn the_result_log_bears_anything() {
 fn answers_of_linuxcncrsh_bear_anything() {
     let words = ["ESTOP ", "SET VERBOSE ACK", "GET ESTOP NAK", "ABS_ACT_POS ", "OFF", "\r\n", "\n\r"];
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    fuzz("linuxcnc-answers", &[SAMPLE_REPLIES], &words, |input| runtime.block_on(ask_all(input)));
+    fuzz_parser("linuxcnc-answers", &[SAMPLE_REPLIES], &words, |input| runtime.block_on(ask_all(input)));
 }
 
 /// Sends requests until the peer, which sends `input` and disconnects, is gone; returns the number
@@ -50,7 +50,7 @@ async fn ask_all(input: &[u8]) -> usize {
     let (near, mut far) = tokio::io::duplex(input.len() + 1);
     far.write_all(input).await.unwrap();
     drop(far);
-    let mut rsh = RshClient { link: Link::from_stream("peer", near), server_identity: String::new(), halt: None };
+    let mut rsh = RshClient { link: LineLink::from_stream("peer", near), server_identity: String::new(), halt: None };
     let mut heard = 0;
     for key in ["estop", "machine", "abs_act_pos", "joint_homed", "program_status"] {
         match rsh.get(key).await {

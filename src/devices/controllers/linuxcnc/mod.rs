@@ -55,7 +55,7 @@ mod state;
 mod tests;
 
 pub use config::LinuxCncConfig;
-pub use driver::{LinuxCnc, LinuxCncSettings};
+pub use driver::{LinuxCncDriver, LinuxCncSettings};
 pub use files::result_log_path;
 pub use sampler::Sampler;
 

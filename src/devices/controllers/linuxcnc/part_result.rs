@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::driver::{LINK_WRITE_TIME, LinuxCnc, is_touch};
+use super::driver::{LINK_WRITE_TIME, LinuxCncDriver, is_touch};
 use super::result::ProgramResult;
 use super::{path_check, state};
 use crate::controllers::ControllerError;
@@ -15,7 +15,7 @@ use planning::gcode::TransmissionUnit;
 /// Maximum time for an axis to settle at its target.
 const MAX_SETTLING_TIME: Duration = Duration::from_millis(500);
 
-impl LinuxCnc {
+impl LinuxCncDriver {
     /// Checks, after the program has ended, that the machine has reached the end of the path. If LinuxCNC's
     /// task is late, its interpreter reads on before a probing move has begun (2.9, issue 3650), and a
     /// contact in that move shows nowhere else.

@@ -13,7 +13,7 @@ use super::files::SharedFiles;
 use super::result::ResultLog;
 use super::rsh::RshClient;
 use super::{path_check, state};
-use crate::controllers::{ControllerError, Halt};
+use crate::controllers::{ControllerError, HaltHandle};
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
 use planning::gcode::TransmissionUnit;
@@ -67,7 +67,7 @@ pub(super) fn program_standstill_time(part: &TransmissionUnit) -> Duration {
 pub(super) async fn run_program(
     rsh: &mut RshClient,
     files: &SharedFiles,
-    halt: &Halt,
+    halt: &HaltHandle,
     limits: ProgramLimits<'_>,
 ) -> Result<ResultLog, ControllerError> {
     let ProgramLimits { step, standstill_time, turn_end_position } = limits;
@@ -167,7 +167,7 @@ impl ProgressMonitor {
 /// is stopped, it refuses the command.
 async fn refresh_state(rsh: &mut RshClient) -> Result<(), ControllerError> {
     match request_sign_of_life(rsh).await {
-        Err(ControllerError::Refused { .. }) => Ok(()),
+        Err(ControllerError::LineRefused { .. }) => Ok(()),
         result => result,
     }
 }
@@ -229,13 +229,17 @@ async fn is_off(rsh: &mut RshClient) -> Result<bool, ControllerError> {
 fn ignore_odd_reply<T>(result: Result<T, ControllerError>) -> Result<Option<T>, ControllerError> {
     use ControllerError as E;
     match result {
-        Err(E::Refused { .. } | E::NoAnswer { .. } | E::UnreadableReply { .. } | E::Frozen | E::NotReady { .. }) => {
-            Ok(None)
-        }
+        Err(
+            E::LineRefused { .. }
+            | E::NoAnswer { .. }
+            | E::UnreadableReply { .. }
+            | E::ControlFrozen
+            | E::NotReady { .. },
+        ) => Ok(None),
         result => result.map(Some),
     }
 }
 
 fn paused_error(reason: &str) -> ControllerError {
-    ControllerError::Paused { reason: reason.to_owned() }
+    ControllerError::ProgramPaused { reason: reason.to_owned() }
 }

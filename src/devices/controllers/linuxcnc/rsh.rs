@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use crate::controllers::{ControllerError, Halt};
-use link::{Address, LineEvent, Link, LinkError};
+use crate::controllers::{ControllerError, HaltHandle};
+use link::{LineEvent, LineLink, LinkAddress, LinkError};
 
 /// Maximum time for an answer. A healthy linuxcncrsh answers within 0.1 s, and a task accepts a command
 /// within 5 ms.
@@ -15,17 +15,17 @@ const HALT_REPLY_TIMEOUT: Duration = Duration::from_millis(300);
 const HALT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 pub(super) struct RshClient {
-    pub link: Link,
+    pub link: LineLink,
     /// Name and version that linuxcncrsh reports.
     pub server_identity: String,
     /// Halt of the machine. Once it is requested, a lost answer is not waited for.
-    pub halt: Option<Halt>,
+    pub halt: Option<HaltHandle>,
 }
 
 impl RshClient {
     /// Connects and performs the handshake. This alone gives no right to command: see
     /// [`RshClient::acquire_command_right`].
-    pub async fn open(address: &Address) -> Result<Self, ControllerError> {
+    pub async fn open(address: &LinkAddress) -> Result<Self, ControllerError> {
         let link = link::open_line_link(address).await.map_err(|error| connection_error(address, error))?;
         let mut rsh = Self { link, server_identity: String::new(), halt: None };
         let answer = rsh.send_request("hello EMC trued 1.0", &["HELLO"]).await?;
@@ -70,7 +70,7 @@ impl RshClient {
     /// Sends a `set` that the task must accept; linuxcncrsh acknowledges it when the task has accepted it.
     pub async fn send_command(&mut self, command: &str) -> Result<(), ControllerError> {
         match self.set(command).await {
-            Err(ControllerError::NoAnswer { .. }) => Err(ControllerError::Frozen),
+            Err(ControllerError::NoAnswer { .. }) => Err(ControllerError::ControlFrozen),
             answer => answer,
         }
     }
@@ -80,7 +80,7 @@ impl RshClient {
         self.link.send_line(line)?;
         let mut deadline = Instant::now() + REPLY_TIMEOUT;
         loop {
-            if self.halt.as_ref().is_some_and(Halt::is_halted) {
+            if self.halt.as_ref().is_some_and(HaltHandle::is_halted) {
                 deadline = deadline.min(Instant::now() + HALT_REPLY_TIMEOUT);
             }
             let poll_at = deadline.min(Instant::now() + HALT_POLL_INTERVAL);
@@ -129,7 +129,7 @@ impl RshClient {
     }
 }
 
-fn connection_error(address: &Address, error: LinkError) -> ControllerError {
+fn connection_error(address: &LinkAddress, error: LinkError) -> ControllerError {
     match error {
         LinkError::NotListening { .. } => ControllerError::not_ready(
             format!("no linuxcncrsh listens at {address}"),
@@ -140,5 +140,5 @@ fn connection_error(address: &Address, error: LinkError) -> ControllerError {
 }
 
 fn refusal_error(line: &str, reply: String, meaning: &str) -> ControllerError {
-    ControllerError::Refused { line: line.to_owned(), reply, meaning: meaning.to_owned() }
+    ControllerError::LineRefused { line: line.to_owned(), reply, meaning: meaning.to_owned() }
 }

@@ -9,10 +9,10 @@ use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{TcpListener, TcpStream};
 
-use super::driver::{LinuxCnc, LinuxCncSettings};
+use super::driver::{LinuxCncDriver, LinuxCncSettings};
 use super::files::result_log_path;
-use crate::controllers::{ControllerError, Driver, Halt};
-use link::Address;
+use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
+use link::LinkAddress;
 use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
@@ -116,7 +116,7 @@ async fn prepared_driver(
     directory: &tempfile::TempDir,
     program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
-) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
+) -> (LinuxCncDriver, HaltHandle, Arc<Mutex<Machine>>) {
     let (mut driver, halt, machine) = open_driver(directory, program_end, odd).await;
     driver.prepare().await.unwrap();
     (driver, halt, machine)
@@ -127,7 +127,7 @@ async fn open_driver(
     directory: &tempfile::TempDir,
     program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
-) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
+) -> (LinuxCncDriver, HaltHandle, Arc<Mutex<Machine>>) {
     let machine = Arc::new(Mutex::new(Machine { program_end, state: READY_STATE, ..Machine::default() }));
     let odd: Arc<Mutex<ReplyOverride>> = Arc::new(Mutex::new(Box::new(odd)));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -140,7 +140,7 @@ async fn open_driver(
         }
     });
     let settings = LinuxCncSettings {
-        address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
+        address: LinkAddress::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: directory.path().to_owned(),
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
         ini: Some(rig_ini()),
@@ -148,7 +148,7 @@ async fn open_driver(
     let dialect = dialect("linuxcnc").unwrap();
     let log = result_log_path(directory.path());
     let modes = prove_modes(&dialect, "test", settings.axes.clone(), Some(&log)).unwrap();
-    let (driver, halt) = LinuxCnc::open(settings, modes).await.unwrap();
+    let (driver, halt) = LinuxCncDriver::open(settings, modes).await.unwrap();
     (driver, halt, machine)
 }
 
@@ -162,7 +162,7 @@ fn x_position(x_mm: f64) -> Position {
 }
 
 /// Proves the block for the transmission of this control; bodies are not checked.
-fn prove_block(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
+fn prove_block(driver: &LinuxCncDriver, block: &Block) -> ProvenBlock {
     let dialect = dialect("linuxcnc").unwrap();
     proven_block(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()
 }
@@ -174,7 +174,7 @@ fn guarded_block() -> Block {
     Block { step: 1, repeat: 0, motions }
 }
 
-async fn halt_during_move(mut driver: LinuxCnc, halt: Halt) -> Result<BlockOutcome, ControllerError> {
+async fn halt_during_move(mut driver: LinuxCncDriver, halt: HaltHandle) -> Result<BlockOutcome, ControllerError> {
     let person = tokio::spawn(async move {
         tokio::time::sleep(Duration::from_millis(100)).await;
         halt.trigger();

@@ -60,7 +60,7 @@ impl RegisterWindow {
     pub(super) async fn write_sequence(&self, sequence: u16) -> Result<(), ControllerError> {
         let (at, words) = self.map.command.sequence.write(sequence).map_err(encoding_error)?;
         let mut attempts_left = MAX_ATTEMPTS;
-        while let Err(error) = self.link.write_without_echo(at, &words).await {
+        while let Err(error) = self.link.write_without_read_back(at, &words).await {
             attempts_left -= 1;
             if attempts_left == 0 || !is_transient(&error) {
                 return Err(error.into());

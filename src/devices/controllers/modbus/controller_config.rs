@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{CONTROL_KIND, ModbusConfig, ModbusControl};
+use super::{CONTROL_KIND, ModbusConfig, ModbusDriver};
 use crate::controllers::{
     ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
 };
@@ -30,7 +30,7 @@ impl ControllerConfig for ModbusConfig {
 
     fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
-            let (driver, halt) = ModbusControl::open(self, machine, modes).await?;
+            let (driver, halt) = ModbusDriver::open(self, machine, modes).await?;
             Ok(Controller::spawn(driver, halt))
         })
     }

@@ -1,12 +1,12 @@
 //! Properties that the control reports: the registers of its status, read once.
 
-use super::driver::ModbusControl;
+use super::driver::ModbusDriver;
 use super::format_diagnosis::TRAVEL_MARGIN;
 use super::status::WindowStatus;
 use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
 use machine::Axis;
 
-impl ModbusControl {
+impl ModbusDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         let status = self.window.read_status().await?;
         let registers = &self.window.map.status.position;

@@ -13,7 +13,7 @@ use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisReq
 use link::modbus::{
     AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
 };
-use link::{Address, LinkConfig};
+use link::{LinkAddress, LinkConfig};
 use machine::record::machine::Machine;
 
 /// Unit numbers that are tried on a serial line. Each takes a quarter of a second without an answer.
@@ -32,7 +32,7 @@ impl ModbusConfig {
             | E::UnexpectedDevice { .. }
             | E::WrongPosition { .. }
             | E::UnreadableReply { .. } => self.diagnose_values(machine, mode).await,
-            E::Frozen => self.diagnose_heartbeat().await,
+            E::ControlFrozen => self.diagnose_heartbeat().await,
             E::Modbus(
                 ModbusError::Timeout { .. }
                 | ModbusError::UnexpectedReply { .. }
@@ -51,7 +51,7 @@ impl ModbusConfig {
     async fn open_read_only(&self) -> Result<ModbusClient, ModbusError> {
         let all = |space| RegisterRange { space, first: 0, last: u16::MAX };
         let read = vec![all(RegisterSpace::Input), all(RegisterSpace::Holding)];
-        let allowed = AccessList { read, write: Vec::new() };
+        let allowed = AccessList { readable: read, writable: Vec::new() };
         let settings = DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, allowed };
         ModbusClient::open(self.device.line.clone(), settings).await
     }
@@ -120,9 +120,9 @@ impl ModbusConfig {
 
     /// Searches for other units, settings and protocols that answer.
     async fn search_device(&self, failure: &ControllerError) -> Vec<Diagnosis> {
-        let found = match self.device.line.link.address() {
-            Ok(Address::Serial { path, baud }) => self.search_serial(&path, baud).await,
-            Ok(Address::Tcp { .. }) => self.search_tcp().await,
+        let found = match self.device.line.link.resolve_address() {
+            Ok(LinkAddress::Serial { path, baud }) => self.search_serial(&path, baud).await,
+            Ok(LinkAddress::Tcp { .. }) => self.search_tcp().await,
             Err(_) => None,
         };
         let at = self.device.line.to_string();

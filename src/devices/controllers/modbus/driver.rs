@@ -15,7 +15,7 @@ use crate::controllers::arrival::{self, AxisMonitor};
 use crate::controllers::control_clock::ReportedTime;
 use crate::controllers::motion_lines::{self, MotionLines};
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, require_prepared,
+    ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, require_prepared,
 };
 use machine::Position;
 use machine::record::machine::Machine;
@@ -26,7 +26,7 @@ use planning::proof::{ProvenBlock, ProvenModes};
 const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
 
 /// Driver of one control behind a Modbus window.
-pub struct ModbusControl {
+pub struct ModbusDriver {
     pub(super) window: RegisterWindow,
     pub(super) modes: ProvenModes,
     pub(super) machine: Machine,
@@ -39,7 +39,7 @@ pub struct ModbusControl {
     pub(super) program: Option<Arc<ResidentProgram>>,
 }
 
-impl ModbusControl {
+impl ModbusDriver {
     /// Opens the window of `machine`'s control; also returns the halt that holds the machine. Nothing is
     /// commanded yet. After a halt the link writes nothing more: a new run opens a new link.
     ///
@@ -49,17 +49,17 @@ impl ModbusControl {
         config: &ModbusConfig,
         machine: &Machine,
         modes: ProvenModes,
-    ) -> Result<(Self, Halt), ControllerError> {
+    ) -> Result<(Self, HaltHandle), ControllerError> {
         let monitor = AxisMonitor::new(machine);
         if let Some(axis) = config.map.axis_without_registers(&monitor.axes) {
-            return Err(ControllerError::Unsupported {
+            return Err(ControllerError::UnsupportedByControl {
                 reason: format!("the register map has no registers for axis {axis}"),
                 remedy: "add the axis to [controller.registers.status.position] and .latch".to_owned(),
             });
         }
         let switches = modes.settling_time_s().is_some() || modes.switch_off_program().is_some();
         if config.program.is_some() && switches {
-            return Err(ControllerError::Unsupported {
+            return Err(ControllerError::UnsupportedByControl {
                 reason: "a resident program receives no commands for the probe and the clamps".to_owned(),
                 remedy: "switch the probe and the clamps in the resident program, and remove [probe] on, off and every clamp from the machine file"
                     .to_owned(),
@@ -273,7 +273,7 @@ impl ModbusControl {
     }
 }
 
-impl Driver for ModbusControl {
+impl ControllerDriver for ModbusDriver {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.prepare_control(require_open_probe).await
     }

@@ -42,7 +42,7 @@ fn refusal_meaning(error: u16) -> &'static str {
 }
 
 pub(super) fn refusal_error(line: &str, error: u16) -> ControllerError {
-    ControllerError::Refused {
+    ControllerError::LineRefused {
         line: line.to_owned(),
         reply: format!("error {error}"),
         meaning: refusal_meaning(error).to_owned(),
@@ -56,14 +56,14 @@ pub(super) fn unexpected_reply_error(status: &WindowStatus, sequence: u16) -> Co
 }
 
 pub(super) fn reset_error() -> ControllerError {
-    ControllerError::Reset { banner: "the sequence numbers start again".to_owned() }
+    ControllerError::ControlReset { banner: "the sequence numbers start again".to_owned() }
 }
 
 /// Returns an error for a state that the run has not commanded.
 pub(super) fn check_state(status: &WindowStatus) -> Result<(), ControllerError> {
     match status.state {
         WindowState::Idle | WindowState::Running => Ok(()),
-        WindowState::NotReady => Err(ControllerError::Reset { banner: "the control is not ready".to_owned() }),
+        WindowState::NotReady => Err(ControllerError::ControlReset { banner: "the control is not ready".to_owned() }),
         WindowState::Held if status.alarm_code == ALARM_HEARTBEAT_LOST => {
             Err(ControllerError::HeldAtControl { state: "held because the heartbeat of trued stopped".to_owned() })
         }

@@ -32,7 +32,7 @@ mod timeouts;
 mod window;
 
 pub use config::ModbusConfig;
-pub use driver::ModbusControl;
+pub use driver::ModbusDriver;
 use map::RegisterMap;
 pub use timeouts::ModbusTimeouts;
 

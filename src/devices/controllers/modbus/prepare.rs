@@ -1,7 +1,7 @@
 //! Checks before the first motion: whether a live control is behind the registers, and whether its modes
 //! are set.
 
-use super::driver::ModbusControl;
+use super::driver::ModbusDriver;
 use super::fault::not_ready_error;
 use super::format_diagnosis;
 use super::status::WindowStatus;
@@ -10,7 +10,7 @@ use crate::controllers::motion_lines::to_duration;
 use crate::controllers::{ControllerError, PreparedControl, READINESS_ITEMS, ReadinessItem, arrival};
 use planning::gcode::Transmission;
 
-impl ModbusControl {
+impl ModbusDriver {
     /// `check_probe` decides whether the state of the probe input is acceptable.
     pub(super) async fn prepare_control(
         &mut self,
@@ -42,7 +42,7 @@ impl ModbusControl {
         let stop_description = format!(
             "hold (a register): takes effect when the pending request is answered, within {:.1} s at most; \
              then {}",
-            self.window.timeouts.reply.as_secs_f64(),
+            self.window.timeouts.reply_timeout.as_secs_f64(),
             arrival::describe_braking_distances(&self.machine)
         );
         let transmission = match self.program {

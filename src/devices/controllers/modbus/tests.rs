@@ -7,8 +7,8 @@ use serde_json::json;
 use tokio::net::TcpListener;
 
 use super::timeouts::ModbusTimeouts;
-use super::{ModbusConfig, ModbusControl};
-use crate::controllers::{ControllerError, Driver, Halt};
+use super::{ModbusConfig, ModbusDriver};
+use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 use machine::record::motion::{Block, Motion};
@@ -16,8 +16,10 @@ use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block};
 use planning::proof::{ProvenBlock, prove_modes};
-use simulator::controls::modbus::{Diary, DiaryEntry, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_tcp};
-use simulator::interpreter::Pace;
+use simulator::controls::modbus::{
+    ControlEvent, ControlEventLog, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_tcp,
+};
+use simulator::interpreter::SimulationPace;
 use simulator::{MachineTruth, SimulatedWorld};
 
 fn machine() -> Machine {
@@ -31,7 +33,11 @@ fn machine() -> Machine {
 
 /// Driver whose table has `keys`, and the diary of the simulated control. The control has a resident
 /// program if the keys name one.
-pub(super) async fn driver(keys: &str, pace: Pace, faults: Vec<Fault>) -> (ModbusControl, Halt, Diary) {
+pub(super) async fn driver(
+    keys: &str,
+    pace: SimulationPace,
+    faults: Vec<Fault>,
+) -> (ModbusDriver, HaltHandle, ControlEventLog) {
     let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
     let artefact: Artefact = serde_json::from_value(json!({
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
@@ -42,17 +48,17 @@ pub(super) async fn driver(keys: &str, pace: Pace, faults: Vec<Fault>) -> (Modbu
     let options = SimulatedModbusOptions {
         faults,
         has_resident_program: resident,
-        ..SimulatedModbusOptions::of(&machine(), pace)
+        ..SimulatedModbusOptions::for_machine(&machine(), pace)
     };
     let firmware = Firmware::new(Arc::new(Mutex::new(world)), options);
-    let diary = firmware.diary();
+    let diary = firmware.event_log();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let at = listener.local_addr().unwrap();
     tokio::spawn(serve_tcp(firmware, listener));
     let config: ModbusConfig = toml::from_str(&format!("tcp = \"{at}\"\n{keys}")).unwrap();
     let (machine, dialect) = (machine(), dialect("grbl-m19").unwrap());
     let modes = prove_modes(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
-    let (driver, halt) = ModbusControl::open(&config, &machine, modes).await.unwrap();
+    let (driver, halt) = ModbusDriver::open(&config, &machine, modes).await.unwrap();
     (driver, halt, diary)
 }
 
@@ -72,7 +78,7 @@ fn slow_move_to(x_mm: f64) -> Block {
     Block { step: 1, repeat: 0, motions: vec![Motion::BackOff { to, feed_mm_min: 600.0 }] }
 }
 
-async fn halt_during_move(driver: &mut ModbusControl, halt: Halt) -> ControllerError {
+async fn halt_during_move(driver: &mut ModbusDriver, halt: HaltHandle) -> ControllerError {
     tokio::spawn(async move {
         tokio::time::sleep(Duration::from_millis(200)).await;
         halt.trigger();
@@ -82,7 +88,7 @@ async fn halt_during_move(driver: &mut ModbusControl, halt: Halt) -> ControllerE
 
 #[tokio::test]
 async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
-    let (mut driver, halt, diary) = driver("", Pace::Real, Vec::new()).await;
+    let (mut driver, halt, diary) = driver("", SimulationPace::Real, Vec::new()).await;
     driver.prepare().await.unwrap();
     let error = halt_during_move(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
@@ -92,29 +98,29 @@ async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
     assert!(matches!(error, ControllerError::Halted), "{error}");
     assert!(driver.prepare().await.is_err());
     let diary = diary.lock().unwrap();
-    assert_eq!(diary.last(), Some(&DiaryEntry::Hold));
+    assert_eq!(diary.last(), Some(&ControlEvent::Hold));
 }
 
 #[tokio::test]
 async fn a_hold_that_gets_lost_is_sent_again() {
     let lost = vec![fault(FaultKind::LostHold, 0), fault(FaultKind::LostHold, 0)];
-    let (mut driver, halt, diary) = driver("", Pace::Real, lost).await;
+    let (mut driver, halt, diary) = driver("", SimulationPace::Real, lost).await;
     driver.prepare().await.unwrap();
     let error = halt_during_move(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
     let stands = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X);
     assert!(0.0 < stands && stands < 90.0, "{stands}");
     let diary = diary.lock().unwrap();
-    assert_eq!(diary.iter().filter(|entry| **entry == DiaryEntry::FaultOccurred(FaultKind::LostHold)).count(), 2);
-    assert_eq!(diary.last(), Some(&DiaryEntry::Hold));
+    assert_eq!(diary.iter().filter(|entry| **entry == ControlEvent::FaultOccurred(FaultKind::LostHold)).count(), 2);
+    assert_eq!(diary.last(), Some(&ControlEvent::Hold));
 }
 
 /// The control ignores every hold, and reports the motion.
 #[tokio::test]
 async fn a_control_that_does_not_hold_is_told_as_such() {
     let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
-    let (driver, halt, _) = driver("", Pace::Real, deaf).await;
-    let timeouts = ModbusTimeouts { reply: Duration::from_millis(100), ..ModbusTimeouts::default() };
+    let (driver, halt, _) = driver("", SimulationPace::Real, deaf).await;
+    let timeouts = ModbusTimeouts { reply_timeout: Duration::from_millis(100), ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let error = halt_during_move(&mut driver, halt).await;
@@ -124,9 +130,9 @@ async fn a_control_that_does_not_hold_is_told_as_such() {
 
 #[tokio::test]
 async fn a_control_that_lives_no_more_is_not_believed() {
-    let (mut dead, ..) = driver("", Pace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
+    let (mut dead, ..) = driver("", SimulationPace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
     let error = dead.prepare().await.unwrap_err();
-    assert!(matches!(error, ControllerError::Frozen), "{error}");
+    assert!(matches!(error, ControllerError::ControlFrozen), "{error}");
 }
 
 /// The control's program stops during a move; its registers no longer change, and could be taken for those
@@ -134,10 +140,15 @@ async fn a_control_that_lives_no_more_is_not_believed() {
 #[tokio::test]
 async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     let frozen = vec![fault(FaultKind::Frozen, 20)];
-    let (driver, ..) = driver("", Pace::Real, frozen).await;
+    let (driver, ..) = driver("", SimulationPace::Real, frozen).await;
     let heartbeat = Duration::from_millis(400);
     let long = Duration::from_secs(10);
-    let timeouts = ModbusTimeouts { heartbeat, stall: long, reply: long, ..ModbusTimeouts::default() };
+    let timeouts = ModbusTimeouts {
+        heartbeat_timeout: heartbeat,
+        stall_timeout: long,
+        reply_timeout: long,
+        ..ModbusTimeouts::default()
+    };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
@@ -147,15 +158,15 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
             break;
         }
     }
-    assert!(matches!(ended, Err(ControllerError::Frozen)), "{ended:?}");
+    assert!(matches!(ended, Err(ControllerError::ControlFrozen)), "{ended:?}");
 }
 
 /// The control's program continues, and each move ends long before the timeout.
 #[tokio::test]
 async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
     let stands = vec![fault(FaultKind::HeartbeatStands, 5)];
-    let (driver, ..) = driver("", Pace::Real, stands).await;
-    let timeouts = ModbusTimeouts { heartbeat: Duration::from_millis(400), ..ModbusTimeouts::default() };
+    let (driver, ..) = driver("", SimulationPace::Real, stands).await;
+    let timeouts = ModbusTimeouts { heartbeat_timeout: Duration::from_millis(400), ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
@@ -165,13 +176,13 @@ async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
             break;
         }
     }
-    assert!(matches!(ended, Err(ControllerError::Frozen)), "{ended:?}");
+    assert!(matches!(ended, Err(ControllerError::ControlFrozen)), "{ended:?}");
 }
 
 #[tokio::test]
 async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
     let wrong = vec![fault(FaultKind::WrongStamp, 0)];
-    let (mut driver, ..) = driver("", Pace::Fast, wrong).await;
+    let (mut driver, ..) = driver("", SimulationPace::Fast, wrong).await;
     driver.prepare().await.unwrap();
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
     let down = Position::new().with(Axis::Z, -190.0);
@@ -189,7 +200,7 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver("", Pace::Real, faults).await;
+    let (mut driver, _, diary) = driver("", SimulationPace::Real, faults).await;
     driver.prepare().await.unwrap();
     let error = driver.execute(prove_block(&turn_at_feed())).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
@@ -204,9 +215,9 @@ pub(super) fn turn_at_feed() -> Block {
     Block { step: 1, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] }
 }
 
-pub(super) async fn wait_for_hold(diary: &Diary) {
+pub(super) async fn wait_for_hold(diary: &ControlEventLog) {
     let deadline = tokio::time::Instant::now() + Duration::from_secs(1);
-    while diary.lock().unwrap().last() != Some(&DiaryEntry::Hold) {
+    while diary.lock().unwrap().last() != Some(&ControlEvent::Hold) {
         assert!(tokio::time::Instant::now() < deadline, "no hold");
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
@@ -229,14 +240,14 @@ async fn a_torn_status_is_never_a_reading() {
     let mut torn_within = 0;
     for at_request in 0..120 {
         let torn = Fault { at_request, ..fault(FaultKind::Torn, 0) };
-        let (mut driver, _, diary) = driver("", Pace::Fast, vec![torn]).await;
+        let (mut driver, _, diary) = driver("", SimulationPace::Fast, vec![torn]).await;
         driver.prepare().await.unwrap();
         let begun = diary.lock().unwrap().len();
         let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down(-190.0) }];
         driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
         let far = driver.execute(prove_block(&probe(60.0, 20.0))).await.unwrap().touch.unwrap();
         let diary = diary.lock().unwrap();
-        torn_within += usize::from(diary[begun..].contains(&DiaryEntry::FaultOccurred(FaultKind::Torn)));
+        torn_within += usize::from(diary[begun..].contains(&ControlEvent::FaultOccurred(FaultKind::Torn)));
         assert!((far.get_or_zero(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.get_or_zero(Axis::X));
     }
     assert!(torn_within > 20, "{torn_within}");
@@ -249,7 +260,7 @@ pub(super) fn fault(kind: FaultKind, at_line: u64) -> Fault {
 #[tokio::test]
 async fn registers_that_lie_elsewhere_are_told_before_anything_moves() {
     let shifted = "[registers.status]\nversion = { address = 3 }\nalarm = { address = 1 }";
-    let (mut driver, _, diary) = self::driver(shifted, Pace::Fast, Vec::new()).await;
+    let (mut driver, _, diary) = self::driver(shifted, SimulationPace::Fast, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("version 0"), "{error}");
     assert!(error.remedy().contains("[controller.registers]"));
@@ -266,10 +277,10 @@ async fn words_in_the_wrong_order_are_told_by_where_the_machine_would_stand() {
         let (position, latch) = (axes(32, order), axes(20, order));
         format!("[registers.status]\nposition = {{ {position} }}\nlatch = {{ {latch} }}")
     };
-    let (mut driver, ..) = self::driver(&keys("abcd"), Pace::Fast, Vec::new()).await;
+    let (mut driver, ..) = self::driver(&keys("abcd"), SimulationPace::Fast, Vec::new()).await;
     driver.prepare().await.unwrap();
     driver.execute(prove_block(&slow_move_to(12.5))).await.unwrap();
-    let (mut driver, ..) = self::driver(&keys("cdab"), Pace::Fast, Vec::new()).await;
+    let (mut driver, ..) = self::driver(&keys("cdab"), SimulationPace::Fast, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("is not plausible"), "{error}");
 }

@@ -11,31 +11,31 @@ use crate::controllers::ControllerError;
 #[derive(Debug, Clone, Copy)]
 pub struct ModbusTimeouts {
     /// Maximum time for the control to accept a chunk, and to report its state.
-    pub reply: Duration,
+    pub reply_timeout: Duration,
     /// Longest pause between two requests. A contact in a move that should touch nothing must lead to a
     /// hold within `LATENCY_S` (planning, `turn_feeds.rs`).
     pub poll_interval: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
-    pub stall: Duration,
+    pub stall_timeout: Duration,
     /// Maximum time without a change of the control's heartbeat.
-    pub heartbeat: Duration,
+    pub heartbeat_timeout: Duration,
 }
 
 impl ModbusTimeouts {
     /// Maximum time for which a control may report `state` unchanged while a chunk is incomplete. An idle control
     /// has lost the chunk; one that reports a motion without a change of position hangs.
     pub(super) fn unchanged_limit(&self, state: WindowState) -> Duration {
-        if state == WindowState::Idle { self.reply } else { self.stall }
+        if state == WindowState::Idle { self.reply_timeout } else { self.stall_timeout }
     }
 }
 
 impl Default for ModbusTimeouts {
     fn default() -> Self {
         Self {
-            reply: Duration::from_secs(4),
+            reply_timeout: Duration::from_secs(4),
             poll_interval: Duration::from_millis(20),
-            stall: Duration::from_secs(10),
-            heartbeat: Duration::from_secs(2),
+            stall_timeout: Duration::from_secs(10),
+            heartbeat_timeout: Duration::from_secs(2),
         }
     }
 }
@@ -61,6 +61,6 @@ impl HeartbeatMonitor {
             Some((last, read)) if last == beat => self.unchanged_time + MAX_COUNTED_READ_INTERVAL.min(now - read),
             _ => Duration::ZERO,
         };
-        if self.unchanged_time > timeouts.heartbeat { Err(ControllerError::Frozen) } else { Ok(()) }
+        if self.unchanged_time > timeouts.heartbeat_timeout { Err(ControllerError::ControlFrozen) } else { Ok(()) }
     }
 }

@@ -13,7 +13,7 @@ use super::map::RegisterMap;
 use super::status::{WindowState, WindowStatus};
 use super::timeouts::{HeartbeatMonitor, ModbusTimeouts};
 use crate::controllers::stall_detector::StallDetector;
-use crate::controllers::{ControllerError, Halt};
+use crate::controllers::{ControllerError, HaltHandle};
 use link::modbus::value::ValueError;
 use link::modbus::{DeviceSettings, ModbusClient, ModbusDevice, ModbusError, UrgentWriteSender};
 use machine::Position;
@@ -56,7 +56,7 @@ pub(super) struct RegisterWindow {
     pub(super) link: Arc<ModbusClient>,
     pub(super) map: RegisterMap,
     hold_sender: UrgentWriteSender,
-    halt: Halt,
+    halt: HaltHandle,
     pub(super) own_heartbeat: Arc<AtomicU16>,
     /// Task that writes the heartbeat; [`RegisterWindow::wait_for_heartbeat`] starts it.
     heartbeat_task: OnceLock<JoinHandle<()>>,
@@ -88,7 +88,7 @@ pub(super) fn sequence_after(sequence: u16) -> u16 {
 }
 
 pub(super) fn encoding_error(error: ValueError) -> ControllerError {
-    ControllerError::Unsupported {
+    ControllerError::UnsupportedByControl {
         reason: error.to_string(),
         remedy: "compare [controller.registers.command] with docs/line-window.md".to_owned(),
     }
@@ -96,13 +96,13 @@ pub(super) fn encoding_error(error: ValueError) -> ControllerError {
 
 impl RegisterWindow {
     /// Opens the line; the halt writes `hold`, and nothing is written after it.
-    pub(super) async fn open(device: &ModbusDevice, map: RegisterMap) -> Result<(Self, Halt), ControllerError> {
+    pub(super) async fn open(device: &ModbusDevice, map: RegisterMap) -> Result<(Self, HaltHandle), ControllerError> {
         let settings = DeviceSettings { unit: device.unit, timeout: device.timeout, allowed: map.access_ranges() };
         let (at, words) = map.command.hold.write(1).map_err(encoding_error)?;
         let link = Arc::new(ModbusClient::open(device.line.clone(), settings).await?);
-        let hold_sender = link.urgent(at, &words)?;
+        let hold_sender = link.prepare_urgent_write(at, &words)?;
         let urgent = hold_sender.clone();
-        let halt = Halt::new(move || urgent.send_and_drop_ordinary());
+        let halt = HaltHandle::new(move || urgent.send_and_drop_ordinary());
         let window = Self {
             link,
             map,
@@ -131,7 +131,7 @@ impl RegisterWindow {
 
     /// Reads the control's present status: consistent, though perhaps older than the last chunk.
     pub(super) async fn read_status(&self) -> Result<WindowStatus, ControllerError> {
-        let deadline = Instant::now() + self.timeouts.reply;
+        let deadline = Instant::now() + self.timeouts.reply_timeout;
         let (first, count) = self.map.status.block_range();
         let mut pause = Duration::from_millis(1);
         loop {
@@ -155,7 +155,7 @@ impl RegisterWindow {
 
     /// Waits until the machine is at rest and all chunks are complete.
     pub(super) async fn wait_idle(&mut self) -> Result<WindowStatus, ControllerError> {
-        let deadline = Instant::now() + self.timeouts.reply;
+        let deadline = Instant::now() + self.timeouts.reply_timeout;
         loop {
             let status = self.read_status().await?;
             if self.halt.is_halted() {
@@ -254,8 +254,8 @@ impl RegisterWindow {
                 }
             }
             before if before == self.sequence => {
-                if pending.started.elapsed() > self.timeouts.reply {
-                    return Err(ControllerError::no_answer(name, self.timeouts.reply));
+                if pending.started.elapsed() > self.timeouts.reply_timeout {
+                    return Err(ControllerError::no_answer(name, self.timeouts.reply_timeout));
                 }
             }
             0 => return Err(reset_error()),
@@ -287,11 +287,11 @@ impl RegisterWindow {
                 WindowState::Idle | WindowState::Running => self.send_hold(),
                 _ => break,
             }
-            if last_beat_at.elapsed() > self.timeouts.heartbeat {
-                return ControllerError::Frozen;
+            if last_beat_at.elapsed() > self.timeouts.heartbeat_timeout {
+                return ControllerError::ControlFrozen;
             }
-            if started.elapsed() > self.timeouts.reply {
-                return ControllerError::HoldFailed { seconds: self.timeouts.reply.as_secs_f64() };
+            if started.elapsed() > self.timeouts.reply_timeout {
+                return ControllerError::HoldFailed { seconds: self.timeouts.reply_timeout.as_secs_f64() };
             }
             sleep(self.timeouts.poll_interval).await;
         }
@@ -305,12 +305,12 @@ impl RegisterWindow {
         self.heartbeat_task.get_or_init(|| tokio::spawn(heart()));
         let (at, words) =
             self.map.command.heartbeat.write(next_heartbeat(&self.own_heartbeat)).map_err(encoding_error)?;
-        match self.link.write_without_echo(at, &words).await {
+        match self.link.write_without_read_back(at, &words).await {
             Err(error) if !is_transient(&error) => return Err(error.into()),
             _ => {}
         }
         let first = self.read_status().await?;
-        let deadline = Instant::now() + self.timeouts.heartbeat;
+        let deadline = Instant::now() + self.timeouts.heartbeat_timeout;
         loop {
             sleep(self.timeouts.poll_interval).await;
             let status = self.read_status().await?;
@@ -318,7 +318,7 @@ impl RegisterWindow {
                 return Ok(status);
             }
             if Instant::now() > deadline {
-                return Err(ControllerError::Frozen);
+                return Err(ControllerError::ControlFrozen);
             }
         }
     }
@@ -337,7 +337,7 @@ async fn write_heartbeats(link: Arc<ModbusClient>, map: RegisterMap, own_heartbe
             return;
         };
         if let Err(ModbusError::HoldActive { .. } | ModbusError::LinkEnded { .. }) =
-            link.write_without_echo(at, &words).await
+            link.write_without_read_back(at, &words).await
         {
             return;
         }

@@ -107,7 +107,7 @@ async fn samples(counter: &str, sent: Vec<CanEvent>, count: usize) -> Vec<(Readi
     }
     let mut samples = Vec::new();
     for _ in 0..count {
-        let Sample { flag, missing, .. } = driver.next().await.unwrap();
+        let Sample { flag, missing_count: missing, .. } = driver.next().await.unwrap();
         samples.push((flag, missing));
     }
     samples

@@ -80,7 +80,7 @@ impl CanDriver {
     async fn measure_rate(&mut self, first: Sample) -> Result<(usize, f64), SensorError> {
         let (mut last, mut steps, mut unchanged_count) = (first.t_s, 0, 0);
         while steps.max(unchanged_count) < MAX_RATE_SAMPLES && last - first.t_s < RATE_WINDOW.as_secs_f64() {
-            let Sample { t_s, flag, missing, .. } = self.next().await?;
+            let Sample { t_s, flag, missing_count: missing, .. } = self.next().await?;
             if self.counter.is_unchanged() {
                 unchanged_count += 1;
             } else if flag == ReadingFlag::Stale {
@@ -166,7 +166,12 @@ impl SensorConfig for CanConfig {
     }
 
     /// The kernel gives each listener its own copy of a frame, so no port is shared.
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, _: &'a SharedPorts) -> OpenFuture<'a> {
+    fn open_sensor<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        _: &'a SharedPorts,
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
             let can = self.open_bus(clock.clone())?;
             Ok(self.spawn_sensor(can, sensor, clock, None))

@@ -29,7 +29,7 @@ fn spawn_sensor(config: &CanConfig, frames: &[&[u8]]) -> Sensor {
     let mut left: std::collections::VecDeque<Vec<u8>> = frames.iter().map(|frame| frame.to_vec()).collect();
     let id = CanId::new(0x123, false).unwrap();
     let mut t_s = 0.0;
-    let can = CanReceiver::on_demand("memory", move || {
+    let can = CanReceiver::from_generator("memory", move || {
         t_s += 1e-3;
         Some(CanFrame::new(t_s, id, &left.pop_front()?))
     });
@@ -46,7 +46,7 @@ counter = { byte = 3, width = 8 }
 fn values_and_flags(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
     // Digits below a picometre are the rounding of the scale.
     let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
-    let value_and_flag = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing);
+    let value_and_flag = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing_count);
     samples.iter().map(value_and_flag).collect()
 }
 
@@ -110,7 +110,7 @@ async fn frames_of_the_simulated_sensor_are_read() {
     let first = frames().unwrap();
     assert_eq!(first.data(), [0, 1, 0x01, 0xE2, 0x40, 0]);
     assert_eq!((first.id, first.t_s), (CanId::new(0x181, false).unwrap(), 12.5));
-    let can = CanReceiver::on_demand("memory", frames);
+    let can = CanReceiver::from_generator("memory", frames);
     let keys = format!("interface = \"memory\"\n{}", can::DATA_SHEET);
     let config: CanConfig = toml::from_str(&keys).unwrap();
     let samples = config.spawn_sensor(can, &test_sensor(), clock, None).read_samples(5).await.unwrap();

@@ -69,7 +69,7 @@ impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
 impl ModbusSensorConfig {
     /// Limits of the link: it may read these registers only, and write none.
     pub(super) fn device_settings(&self) -> DeviceSettings {
-        let allowed = AccessList { read: vec![self.map.span], write: Vec::new() };
+        let allowed = AccessList { readable: vec![self.map.span], writable: Vec::new() };
         DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, allowed }
     }
 }

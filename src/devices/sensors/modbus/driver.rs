@@ -99,7 +99,7 @@ impl ModbusSensorDriver {
         }
         let mut sample = self.counter.complete_sample(self.clock.now_s(), decoded);
         if !self.config.map.counts_gaps {
-            sample.missing = 0;
+            sample.missing_count = 0;
             if sample.flag == ReadingFlag::Gap {
                 sample.flag = ReadingFlag::None;
             }
@@ -200,21 +200,26 @@ impl SensorConfig for ModbusSensorConfig {
     }
 
     /// Returns an RTU line, which units may share; over Modbus TCP each sensor has its own connection.
-    fn port(&self) -> Option<SharedPort> {
+    fn shared_port(&self) -> Option<SharedPort> {
         let line = &self.device.line;
         let keys = vec![
             ("its table", "[sensor.modbus]".to_owned()),
             ("`baud`", line.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
             ("`parity`", format!("{:?}", line.parity).to_lowercase()),
         ];
-        (line.framing == Framing::Rtu).then(|| SharedPort { name: line.to_string(), keys })
+        (line.framing == Framing::Rtu).then(|| SharedPort { name: line.to_string(), shared_keys: keys })
     }
 
     fn encoder_modulus(&self) -> Option<u64> {
         self.map.sample.encoder_modulus()
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, ports: &'a SharedPorts) -> OpenFuture<'a> {
+    fn open_sensor<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        ports: &'a SharedPorts,
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
             let link = ports.open_modbus_client(self.device.line.clone(), self.device_settings()).await?;
             let driver = ModbusSensorDriver::from_link(link, self.clone(), sensor, clock, None);

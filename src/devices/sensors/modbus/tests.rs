@@ -63,7 +63,7 @@ fn registers_are_read_as_the_map_says() {
     assert_eq!(map.sample.counter_modulus(), Some(65_536));
     // Only the span may be read, and nothing written.
     let allowed = config.device_settings().allowed;
-    assert_eq!((allowed.read, allowed.write), (vec![map.span], vec![]));
+    assert_eq!((allowed.readable, allowed.writable), (vec![map.span], vec![]));
 
     let float = "value = { register = 0, type = \"f32\", scale_mm = 1, nan = \"no-echo\" }";
     let nan = [0x7FC0, 0];

@@ -89,7 +89,7 @@ impl SerialDriver {
 
     async fn reopen(&mut self) -> Result<(), SensorError> {
         self.stream = None;
-        let address = self.config.link.address()?;
+        let address = self.config.link.resolve_address()?;
         self.stream = Some(self.ports.open_byte_stream(&address).await?);
         Ok(())
     }
@@ -281,7 +281,7 @@ impl SensorConfig for SerialConfig {
 
     /// Returns the port with the keys that must be equal for all sensors on it. A sensor that answers
     /// requests reads only its own replies, so its format may differ.
-    fn port(&self) -> Option<SharedPort> {
+    fn shared_port(&self) -> Option<SharedPort> {
         let request = if self.request.is_some() { "set" } else { "not set" };
         let mut keys = vec![
             ("its table", "[sensor.serial]".to_owned()),
@@ -292,14 +292,19 @@ impl SensorConfig for SerialConfig {
         if self.request.is_none() {
             keys.extend(self.format.framing_keys());
         }
-        Some(SharedPort { name: self.link.to_string(), keys })
+        Some(SharedPort { name: self.link.to_string(), shared_keys: keys })
     }
 
     fn encoder_modulus(&self) -> Option<u64> {
         self.format.encoder_modulus()
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, ports: &'a SharedPorts) -> OpenFuture<'a> {
+    fn open_sensor<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        ports: &'a SharedPorts,
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
             let driver = SerialDriver::open(self.clone(), sensor, clock, ports.clone()).await?;
             Ok(Sensor::spawn(sensor.name.as_str(), driver))

@@ -171,7 +171,7 @@ async fn over_tcp(layout: &str) -> (SerialDriver, TcpStream) {
 fn short(sample: Sample) -> (i64, &'static str, u32) {
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
     assert_eq!(sample.value_mm.is_some(), matches!(sample.flag, ReadingFlag::None | ReadingFlag::Gap));
-    (um, sample.flag.as_str(), sample.missing)
+    (um, sample.flag.as_str(), sample.missing_count)
 }
 
 #[tokio::test]

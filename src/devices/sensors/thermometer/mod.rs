@@ -103,7 +103,7 @@ impl ThermometerConfig {
 
 /// Reads each of `entries` once, °C; `simulated` returns the source of a simulated thermometer by its name. Call
 /// inside a tokio runtime.
-pub async fn read_once(
+pub async fn read_thermometers_once(
     entries: &[ThermometerConfig],
     simulated: impl Fn(&str) -> Option<SimulatedTemperature>,
 ) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {

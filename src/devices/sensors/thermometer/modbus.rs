@@ -92,7 +92,7 @@ impl ThermometerReader {
     pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c ModbusThermometerConfig> + Clone) -> Option<Self> {
         let read = configs.clone().map(|config| config.span).collect();
         let device = configs.next()?.device.clone();
-        Some(Self { device, allowed: AccessList { read, write: Vec::new() }, link: None })
+        Some(Self { device, allowed: AccessList { readable: read, writable: Vec::new() }, link: None })
     }
 
     /// Reads the temperature, °C.

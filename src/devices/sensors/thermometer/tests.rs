@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use super::{SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerPoller, group_by_device, read_once};
+use super::{
+    SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerPoller, group_by_device,
+    read_thermometers_once,
+};
 
 const MODBUS: &str = r#"
 name = "spindle"
@@ -62,13 +65,13 @@ fn simulated_temperature(celsius: Option<f64>) -> impl Fn(&str) -> Option<Simula
 async fn nonsense_is_no_temperature() {
     let entries = [simulated("bed")];
     for (celsius, good) in [(-40.0, true), (80.0, true), (80.1, false), (-200.0, false)] {
-        let values = read_once(&entries, simulated_temperature(Some(celsius))).await;
+        let values = read_thermometers_once(&entries, simulated_temperature(Some(celsius))).await;
         assert_eq!(values[0].1.is_ok(), good, "{celsius}");
         let now = ThermometerPoller::start(&entries, simulated_temperature(Some(celsius)));
         assert_eq!(now.current_values()[0].1.is_ok(), good, "{celsius}");
     }
-    let error = read_once(&entries, simulated_temperature(Some(850.0))).await.remove(0).1.unwrap_err();
+    let error = read_thermometers_once(&entries, simulated_temperature(Some(850.0))).await.remove(0).1.unwrap_err();
     assert!(error.to_string().contains("850.0 °C") && error.remedy().contains("broken wire"));
-    let nothing = read_once(&entries, |_| None).await.remove(0).1;
+    let nothing = read_thermometers_once(&entries, |_| None).await.remove(0).1;
     assert!(matches!(nothing, Err(ThermometerError::NoSimulatedMachine)));
 }

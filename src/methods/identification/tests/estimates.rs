@@ -9,21 +9,21 @@ use machine::record::estimate::{FigureKind, Unit};
 
 use super::{Mean, assert_near};
 use crate::identification::{
-    Curve, Effect, NonlinearOutputs, Output, Outputs, TrialPlan, UncertaintySource, central_differences, identify,
-    parameter_without_budget, reported_unit,
+    NonlinearOutputs, ObservationEffect, OutputCurve, OutputParameter, Outputs, TrialPlan, UncertaintySource,
+    central_differences, identify, parameter_without_budget, reported_unit,
 };
 
 #[test]
 fn regress_a_source_of_another_size_is_refused_by_its_name() {
     let mean = Mean::of(&[2e-3, -2e-3, 1e-3, -1e-3]);
     let fit = mean.fit();
-    let each = |count| UncertaintySource::new("scatter", Effect::Independent(vec![1e-3; count]));
+    let each = |count| UncertaintySource::new("scatter", ObservationEffect::Independent(vec![1e-3; count]));
     let direct = |rows: Vec<Vec<f64>>| UncertaintySource { direct_changes: rows, ..each(4) };
-    let long = UncertaintySource::new("scatter", Effect::Joint(vec![vec![1e-3; 5]]));
+    let long = UncertaintySource::new("scatter", ObservationEffect::Joint(vec![vec![1e-3; 5]]));
     let one = || vec![1.0];
     let wrong = [each(5), long, direct(vec![one()]), direct(vec![vec![1.0, 2.0]; 4])];
     for source in wrong {
-        let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(100) };
+        let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(100) };
         let solution = mean.solution(&fit, true);
         let refused = identify(&solution, &[source], Outputs::default(), Some(plan));
         let reason = refused.err().map(|error| error.to_string()).unwrap_or_default();
@@ -36,8 +36,8 @@ fn regress_a_source_of_another_size_is_refused_by_its_name() {
 /// |x| of an x around zero has a half-normal distribution.
 fn magnitude() -> NonlinearOutputs {
     let values = |x: MatRef<'_, f64>| Mat::from_fn(x.nrows(), 1, |trial, _| x[(trial, 0)].abs());
-    let output = Output { symbol: "size".into(), unit: Unit::Um, value: 0.0, slope: None };
-    NonlinearOutputs { outputs: vec![output], values: Box::new(values) }
+    let output = OutputParameter { symbol: "size".into(), unit: Unit::Um, value: 0.0, slope: None };
+    NonlinearOutputs { outputs: vec![output], trial_values: Box::new(values) }
 }
 
 /// A mean of four readings of u = 2 µm has u = 1 µm, also as an angle over 500 mm. Its magnitude has the
@@ -49,10 +49,10 @@ fn regress_an_estimate_by_hand() {
     let x = [4e-3];
     let outputs = Outputs {
         parameters: vec![
-            Output::from_unknown("EX0C", Unit::Um, 0, &x),
-            Output::from_coefficients("EB0C", Unit::Urad, vec![0.002], &x),
+            OutputParameter::from_unknown("EX0C", Unit::Um, 0, &x),
+            OutputParameter::from_coefficients("EB0C", Unit::Urad, vec![0.002], &x),
         ],
-        curves: vec![Curve {
+        curves: vec![OutputCurve {
             symbol: "E".into(),
             argument: "C",
             argument_unit: "deg",
@@ -64,8 +64,8 @@ fn regress_an_estimate_by_hand() {
         }],
         nonlinear: Some(magnitude()),
     };
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![2e-3; 4]))];
-    let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(100_000) };
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![2e-3; 4]))];
+    let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(100_000) };
     let identified = identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
     assert!(identified.contradicted_symbols().is_empty());
     let estimate = identified.estimate("mean");
@@ -97,7 +97,7 @@ fn regress_an_estimate_by_hand() {
 fn regress_an_estimate_without_linear_parameters() {
     let mean = Mean::of(&[0.0, 0.0]);
     let fit = mean.fit();
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1e-3; 2]))];
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3; 2]))];
     let outputs = Outputs { nonlinear: Some(magnitude()), ..Outputs::default() };
     let identified = identify(&mean.solution(&fit, true), &sources, outputs, None).unwrap();
     let estimate = identified.estimate("mean");
@@ -110,9 +110,10 @@ fn regress_an_estimate_without_linear_parameters() {
 fn regress_trials_contradict_a_wrong_slope() {
     let mean = Mean::of(&[0.0]);
     let fit = mean.fit();
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0]))];
-    let outputs = Outputs { parameters: vec![Output::from_unknown("x", Unit::Mm, 0, &[0.0])], ..Outputs::default() };
-    let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(10_000) };
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0]))];
+    let outputs =
+        Outputs { parameters: vec![OutputParameter::from_unknown("x", Unit::Mm, 0, &[0.0])], ..Outputs::default() };
+    let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(10_000) };
     let mut identified = identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
     assert!(identified.contradicted_symbols().is_empty());
     identified.outputs.parameters[0].slope = Some(vec![0.1]);

@@ -5,7 +5,7 @@ use machine::record::estimate::Estimate;
 use serde_json::{Value, json};
 
 use super::assert_near;
-use crate::identification::{Effect, KnownMotions};
+use crate::identification::{KnownMotions, ObservationEffect};
 
 /// A function over a revolution in steps of 45°: EXC is 2·cos 2C − 1 µm with u = 0.5 µm at each point.
 fn function(symbol: &str, axis: &str, unit: &str) -> Value {
@@ -41,7 +41,7 @@ fn with_coefficients() -> Estimate {
 
 fn value_mm(known: &KnownMotions<'_>, degrees: f64) -> f64 {
     let angle = degrees.to_radians();
-    known.errors(angle).iter().map(|term| term.value * term.parameter.factor(angle)).sum()
+    known.errors(angle).iter().map(|term| term.value * term.parameter.shape_factor(angle)).sum()
 }
 
 /// The draws of the only source, for one observation per angle.
@@ -50,7 +50,7 @@ fn draws(known: &KnownMotions<'_>, degrees: &[f64]) -> Vec<Vec<f64>> {
     let sources = known.sources(&angles, |_| vec![-1.0; angles.len()]);
     assert_eq!(sources.len(), 1);
     match &sources[0].effect {
-        Effect::Joint(columns) => columns.clone(),
+        ObservationEffect::Joint(columns) => columns.clone(),
         other => panic!("{other:?}"),
     }
 }

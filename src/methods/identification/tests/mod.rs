@@ -11,7 +11,7 @@ mod trials;
 
 use faer::Mat;
 
-use super::{FitQuality, LinearFit, ObservationModel, Solution};
+use super::{FitQuality, LinearFit, ObservationModel, SolvedModel};
 
 /// The mean of observations of one quantity: x = Σy/n; each observation has standard uncertainty 1.
 pub struct Mean {
@@ -40,17 +40,21 @@ impl Mean {
         LinearFit { x, design_matrix: a, sigma, gain }
     }
 
-    pub fn solution<'a>(&'a self, fit: &'a LinearFit<'a>, has_declared_sizes: bool) -> Solution<'a> {
+    pub fn solution<'a>(&'a self, fit: &'a LinearFit<'a>, has_declared_sizes: bool) -> SolvedModel<'a> {
         solution(fit, &self.residuals, has_declared_sizes)
     }
 }
 
 /// A solution of full rank.
-pub fn solution<'a>(model: &'a dyn ObservationModel, residuals: &'a [f64], has_declared_sizes: bool) -> Solution<'a> {
-    let rank = model.unknowns();
+pub fn solution<'a>(
+    model: &'a dyn ObservationModel,
+    residuals: &'a [f64],
+    has_declared_sizes: bool,
+) -> SolvedModel<'a> {
+    let rank = model.unknown_count();
     let dof = residuals.len().saturating_sub(rank);
     let figures = FitQuality { rank, unknowns: rank, condition: 1.0, dof, residual_rms_mm: 0.0 };
-    Solution { model, residuals, has_declared_sizes, figures, measurements: &[] }
+    SolvedModel { model, weighted_residuals: residuals, has_declared_sizes, fit_quality: figures, measurements: &[] }
 }
 
 pub fn assert_near(found: f64, expected: f64, tolerance: f64) {

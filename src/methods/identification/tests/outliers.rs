@@ -2,22 +2,22 @@
 
 use super::{Mean, assert_near};
 use crate::identification::outliers::{RowResiduals, are_indistinguishable};
-use crate::identification::{Effect, Measurement, Outputs, Solution, UncertaintySource, identify};
+use crate::identification::{CheckedMeasurement, ObservationEffect, Outputs, SolvedModel, UncertaintySource, identify};
 
 /// Readings of one quantity; each is a measurement of 1 mm standard uncertainty.
 fn checked(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
     let mean = Mean::of(readings);
     let fit = mean.fit();
-    let measurement = |i: usize| Measurement {
+    let measurement = |i: usize| CheckedMeasurement {
         label: i.to_string(),
         description: format!("reading {i}"),
-        rows: rows * i..rows * (i + 1),
+        residual_rows: rows * i..rows * (i + 1),
         residual_mm: mean.residuals[rows * i],
         u_mm: 1.0,
     };
-    let measurements: Vec<Measurement> = (0..readings.len() / rows).map(measurement).collect();
-    let solution = Solution { measurements: &measurements, ..mean.solution(&fit, has_declared_sizes) };
-    let source = UncertaintySource::new("each", Effect::Independent(vec![1.0; readings.len()]));
+    let measurements: Vec<CheckedMeasurement> = (0..readings.len() / rows).map(measurement).collect();
+    let solution = SolvedModel { measurements: &measurements, ..mean.solution(&fit, has_declared_sizes) };
+    let source = UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; readings.len()]));
     let found = identify(&solution, &[source], Outputs::default(), None).unwrap();
     let outliers = found.outlier_check.outliers.into_iter();
     outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.t)).collect()

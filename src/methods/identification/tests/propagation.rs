@@ -6,8 +6,8 @@ use faer::Mat;
 
 use super::{Mean, assert_near, solution};
 use crate::identification::{
-    Effect, EvaluationType, LeastSquares, ObservationEquation, ObservationModel, ObservationSpan, Propagation,
-    ResidualTreatment, UncertaintySource,
+    EvaluationType, LeastSquares, ObservationEffect, ObservationEquation, ObservationModel, ObservationSpan,
+    Propagation, ResidualTreatment, UncertaintySource,
 };
 
 /// Mean of two readings. Independent 0.3 and 0.4: 0.25·(0.09 + 0.16) = 0.25²; common 0.5: 0.5².
@@ -15,8 +15,8 @@ use crate::identification::{
 fn regress_two_inputs_by_hand() {
     let mean = Mean::of(&[1.0, 3.0]);
     let fit = mean.fit();
-    let both = UncertaintySource::new("both", Effect::Joint(vec![vec![0.5, 0.5]]));
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![0.3, 0.4])), both];
+    let both = UncertaintySource::new("both", ObservationEffect::Joint(vec![vec![0.5, 0.5]]));
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![0.3, 0.4])), both];
     let propagation = Propagation::new(&mean.solution(&fit, true), &sources);
     // χ² = 2 is above the expectation 0.5·(0.3² + 0.4²) = 0.125, and both sources are scaled by 4.
     assert_near(propagation.misfit.expected, 0.125, 1e-15);
@@ -39,12 +39,12 @@ fn paper_gum_mean_of_repeated_readings() {
     let fit = mean.fit();
     let repeatability = UncertaintySource {
         evaluation: EvaluationType::A,
-        ..UncertaintySource::new("repeatability", Effect::Independent(vec![1.0; 6]))
+        ..UncertaintySource::new("repeatability", ObservationEffect::Independent(vec![1.0; 6]))
     };
     let certificate = UncertaintySource {
         dof: 8.0,
-        in_residuals: ResidualTreatment::Absent,
-        ..UncertaintySource::new("certificate", Effect::Joint(vec![vec![3.0; 6]]))
+        residual_treatment: ResidualTreatment::Absent,
+        ..UncertaintySource::new("certificate", ObservationEffect::Joint(vec![vec![3.0; 6]]))
     };
     let sources = [repeatability, certificate];
     let alone = Propagation::new(&mean.solution(&fit, false), &sources[..1]).uncertainty(&[1.0]);
@@ -65,13 +65,13 @@ fn paper_gum_mean_of_repeated_readings() {
 fn regress_declared_sizes_stand_where_residuals_agree() {
     let mean = Mean::of(&[0.5, -0.5, 1.0, -1.0]);
     let fit = mean.fit();
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0; 4]))];
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; 4]))];
     let found = Propagation::new(&mean.solution(&fit, true), &sources).uncertainty(&[1.0]);
     assert_eq!((found.u, found.dof, found.expanded()), (0.5, None, 1.0));
     // With as many unknowns as rows the residuals scale nothing, not even undeclared sizes.
     let single = Mean::of(&[7.0]);
     let fit = single.fit();
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0]))];
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0]))];
     let found = Propagation::new(&single.solution(&fit, false), &sources).uncertainty(&[1.0]);
     assert_eq!((found.u, found.dof), (1.0, None));
 }
@@ -82,10 +82,10 @@ fn regress_effects_of_the_same_draws_agree() {
     let mean = Mean::of(&[0.1, 0.0, -0.1]);
     let fit = mean.fit();
     let run = |first, values: &[f64]| ObservationSpan { first_index: first, changes_mm: values.to_vec() };
-    let runs = Effect::Spans(vec![run(0, &[0.5]), run(1, &[0.2, -0.7])]);
-    let columns = Effect::Joint(vec![vec![0.5], vec![0.0, 0.2, -0.7]]);
-    let propagated = |effect: Effect, in_residuals: ResidualTreatment| {
-        let source = UncertaintySource { in_residuals, ..UncertaintySource::new("one", effect) };
+    let runs = ObservationEffect::Spans(vec![run(0, &[0.5]), run(1, &[0.2, -0.7])]);
+    let columns = ObservationEffect::Joint(vec![vec![0.5], vec![0.0, 0.2, -0.7]]);
+    let propagated = |effect: ObservationEffect, in_residuals: ResidualTreatment| {
+        let source = UncertaintySource { residual_treatment: in_residuals, ..UncertaintySource::new("one", effect) };
         Propagation::new(&mean.solution(&fit, true), &[source])
     };
     let [a, b] = [runs.clone(), columns].map(|effect| propagated(effect, ResidualTreatment::Expected));
@@ -109,20 +109,20 @@ impl Growth {
             let mut rows = BlockRows::zeros(TIMES.len(), 0, 1);
             for (i, t) in TIMES.into_iter().enumerate() {
                 rows.set_common(i, 0, t * (x[0] * t).exp() / SIGMA);
-                rows.set_value(i, (self.readings[i] - (x[0] * t).exp()) / SIGMA);
+                rows.set_right_side(i, (self.readings[i] - (x[0] * t).exp()) / SIGMA);
             }
             vec![rows]
         };
-        minimise_squares(vec![0.2], rows, |x| self.residuals(x, &[0.0; 4])).unwrap()
+        minimise_squares(vec![0.2], rows, |x| self.weighted_residuals(x, &[0.0; 4])).unwrap()
     }
 }
 
 impl ObservationEquation for Growth {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         TIMES.len()
     }
 
-    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+    fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
         let rows = self.readings.iter().zip(change).zip(TIMES);
         rows.map(|((y, change), t)| (y + change - (x[0] * t).exp()) / SIGMA).collect()
     }
@@ -179,9 +179,9 @@ fn regress_opposite_effects_of_a_draw_cancel() {
     let mean = Mean::of(&[0.1, 0.2, 0.3]);
     let fit = mean.fit();
     let source = UncertaintySource {
-        in_residuals: ResidualTreatment::Absent,
+        residual_treatment: ResidualTreatment::Absent,
         direct_changes: vec![vec![-0.4]],
-        ..UncertaintySource::new("shift", Effect::Joint(vec![vec![0.4; 3]]))
+        ..UncertaintySource::new("shift", ObservationEffect::Joint(vec![vec![0.4; 3]]))
     };
     let found = Propagation::new(&mean.solution(&fit, true), &[source]);
     assert_near(found.uncertainty(&[1.0]).u, 0.0, 1e-15);
@@ -190,10 +190,10 @@ fn regress_opposite_effects_of_a_draw_cancel() {
     let minimum = equation.minimum();
     let model = LeastSquares { equation: &equation, minimum: &minimum };
     let shift: Vec<f64> = TIMES.iter().map(|t| 0.01 * t * (minimum.x[0] * t).exp()).collect();
-    assert_eq!((model.observations(), model.unknowns()), (4, 1));
+    assert_eq!((model.observation_count(), model.unknown_count()), (4, 1));
     let mut source = UncertaintySource {
-        in_residuals: ResidualTreatment::Absent,
-        ..UncertaintySource::new("shift", Effect::Joint(vec![shift]))
+        residual_treatment: ResidualTreatment::Absent,
+        ..UncertaintySource::new("shift", ObservationEffect::Joint(vec![shift]))
     };
     let alone = solution(&model, &minimum.residuals, true);
     let found = Propagation::new(&alone, std::slice::from_ref(&source));

@@ -5,7 +5,8 @@ use nalgebra::Matrix2;
 
 use super::{Mean, assert_near};
 use crate::identification::{
-    Effect, ObservationSpan, Output, Outputs, ResidualTreatment, UncertaintySource, block_covariances, identify,
+    ObservationEffect, ObservationSpan, OutputParameter, Outputs, ResidualTreatment, UncertaintySource,
+    block_covariances, identify,
 };
 
 fn run(first: usize, values: &[f64]) -> ObservationSpan {
@@ -16,12 +17,12 @@ fn run(first: usize, values: &[f64]) -> ObservationSpan {
 #[test]
 fn regress_block_covariances_by_hand() {
     let sources = [
-        UncertaintySource::new("each", Effect::Independent(vec![1.0, 2.0, 3.0, 4.0, 5.0])),
-        UncertaintySource::new("run", Effect::Spans(vec![run(1, &[0.5, 0.25]), run(4, &[9.0])])),
-        UncertaintySource::new("joint", Effect::Joint(vec![vec![1.0, -1.0], vec![0.0; 5]])),
+        UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0, 2.0, 3.0, 4.0, 5.0])),
+        UncertaintySource::new("run", ObservationEffect::Spans(vec![run(1, &[0.5, 0.25]), run(4, &[9.0])])),
+        UncertaintySource::new("joint", ObservationEffect::Joint(vec![vec![1.0, -1.0], vec![0.0; 5]])),
         UncertaintySource {
             is_in_weights: false,
-            ..UncertaintySource::new("apart", Effect::Joint(vec![vec![7.0; 5]]))
+            ..UncertaintySource::new("apart", ObservationEffect::Joint(vec![vec![7.0; 5]]))
         },
     ];
     let expected = [Matrix2::new(2.0, -1.0, -1.0, 5.25), Matrix2::new(9.0625, 0.0, 0.0, 16.0)];
@@ -33,9 +34,9 @@ fn regress_block_covariances_by_hand() {
 #[test]
 fn regress_draws_as_changes_of_all_observations() {
     let [each, runs, joint] = [
-        Effect::Independent(vec![1.0, 2.0, 3.0]),
-        Effect::Spans(vec![run(1, &[4.0, 5.0])]),
-        Effect::Joint(vec![vec![6.0], vec![7.0, 8.0]]),
+        ObservationEffect::Independent(vec![1.0, 2.0, 3.0]),
+        ObservationEffect::Spans(vec![run(1, &[4.0, 5.0])]),
+        ObservationEffect::Joint(vec![vec![6.0], vec![7.0, 8.0]]),
     ]
     .map(|effect| UncertaintySource::new("one", effect));
     assert_eq!([&each, &runs, &joint].map(UncertaintySource::draw_count), [3, 1, 2]);
@@ -43,7 +44,7 @@ fn regress_draws_as_changes_of_all_observations() {
     assert_eq!(runs.observation_change(0, 3), [0.0, 4.0, 5.0]);
     assert_eq!(joint.observation_change(1, 3), [7.0, 8.0, 0.0]);
     assert!(!each.is_zero() && !runs.is_zero() && !joint.is_zero());
-    let mut zero = UncertaintySource::new("zero", Effect::Joint(vec![vec![0.0; 3]; 2]));
+    let mut zero = UncertaintySource::new("zero", ObservationEffect::Joint(vec![vec![0.0; 3]; 2]));
     assert!(zero.is_zero());
     zero.direct_changes = vec![vec![0.0], vec![1.0]];
     assert!(!zero.is_zero());
@@ -57,12 +58,12 @@ fn regress_prior_has_the_covariance_of_its_estimate() {
     let fit = mean.fit();
     let each = UncertaintySource {
         dof: 7.0,
-        in_residuals: ResidualTreatment::Absent,
-        ..UncertaintySource::new("each", Effect::Independent(vec![3e-3, 4e-3]))
+        residual_treatment: ResidualTreatment::Absent,
+        ..UncertaintySource::new("each", ObservationEffect::Independent(vec![3e-3, 4e-3]))
     };
     let mut outputs = Outputs::default();
     for (symbol, unit, slope) in [("EX0C", Unit::Um, 2.0), ("EA0C", Unit::Urad, -0.1)] {
-        outputs.parameters.push(Output::from_coefficients(symbol, unit, vec![slope], &[1.5]));
+        outputs.parameters.push(OutputParameter::from_coefficients(symbol, unit, vec![slope], &[1.5]));
     }
     let identified = identify(&mean.solution(&fit, true), &[each], outputs, None).unwrap();
     let prior = identified.estimate("mean");
@@ -70,7 +71,7 @@ fn regress_prior_has_the_covariance_of_its_estimate() {
 
     let columns = [vec![1.0, 0.0, 0.0], vec![0.0, 1.0, 5.0]];
     let source = UncertaintySource::from_prior(&prior, &["EA0C", "EX0C"], &columns).unwrap();
-    assert_eq!((source.name.as_str(), source.in_residuals), ("estimate of mean", ResidualTreatment::Expected));
+    assert_eq!((source.name.as_str(), source.residual_treatment), ("estimate of mean", ResidualTreatment::Expected));
     assert_near(source.dof, 7.0, 1e-9);
     let changes: Vec<Vec<f64>> = (0..2).map(|draw| source.observation_change(draw, 3)).collect();
     // EA0C acts on the first observation, EX0C on the second and five times on the third.

@@ -5,7 +5,7 @@ use machine::record::estimate::{FigureKind, Unit};
 
 use super::{assert_near, solution};
 use crate::identification::{
-    Effect, Harmonic, HarmonicFunction, LinearFit, Outputs, UncertaintySource, identify, unit_slope,
+    Harmonic, HarmonicFunction, LinearFit, ObservationEffect, Outputs, UncertaintySource, identify, unit_slope,
 };
 
 /// Two unknowns that are observed directly: 3 µm and 4 µm, with u of 1 µm and 2 µm.
@@ -14,11 +14,12 @@ fn regress_amplitudes_by_hand() {
     let x = [3e-3, 4e-3];
     let one = Mat::identity(2, 2);
     let fit = LinearFit { x: &x, design_matrix: &one, sigma: &[1.0; 2], gain: &one };
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1e-3, 2e-3]))];
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3, 2e-3]))];
     let solution = solution(&fit, &[0.0; 2], true);
     let identified = identify(&solution, &sources, Outputs::default(), None).unwrap();
     let [first, second] = [0, 1].map(|index| unit_slope(index, 2));
-    let harmonic = |order, cos: &[f64], sin: &[f64]| Harmonic { order, parts: [cos.to_vec(), sin.to_vec()] };
+    let harmonic =
+        |order, cos: &[f64], sin: &[f64]| Harmonic { order, cosine_and_sine_slopes: [cos.to_vec(), sin.to_vec()] };
     let spectrum = HarmonicFunction {
         symbol: "EXC".to_owned(),
         unit: Unit::Um,

@@ -9,8 +9,8 @@ use super::propagation::growth;
 use super::{Mean, assert_near};
 use crate::IdentifyError;
 use crate::identification::{
-    DrawDistribution, Effect, LeastSquares, LinearFit, ObservationModel, ObservationSpan, Output, Outputs,
-    ResidualTreatment, TrialPlan, UncertaintySource, propagate_by_trials,
+    DrawDistribution, LeastSquares, LinearFit, ObservationEffect, ObservationModel, ObservationSpan, OutputParameter,
+    Outputs, ResidualTreatment, TrialPlan, UncertaintySource, propagate_by_trials,
 };
 
 const TRIALS: usize = 200_001;
@@ -18,18 +18,18 @@ const TRIALS: usize = 200_001;
 pub const AS_DECLARED: Misfit = Misfit {
     chi2: 1.0,
     expected: 1.0,
-    dof: 1.0,
+    effective_dof: 1.0,
     uncertainty_factor: 1.0,
     is_above_bound: false,
     is_below_bound: false,
 };
 
 fn plan(trials: usize) -> TrialPlan {
-    TrialPlan { seed: 4, trials: TrialCount::Fixed(trials) }
+    TrialPlan { seed: 4, trial_count: TrialCount::Fixed(trials) }
 }
 
 fn outputs(slopes: &[&[f64]]) -> Outputs {
-    let output = |slope: &&[f64]| Output::from_coefficients("x", Unit::Mm, slope.to_vec(), &[]);
+    let output = |slope: &&[f64]| OutputParameter::from_coefficients("x", Unit::Mm, slope.to_vec(), &[]);
     Outputs { parameters: slopes.iter().map(output).collect(), ..Outputs::default() }
 }
 
@@ -48,9 +48,9 @@ fn sum_of_four(sources: &[UncertaintySource]) -> TrialStatistics {
 /// of 95.45 % is ±4 for normal quantities; it is shorter for rectangular ones.
 #[test]
 fn paper_jcgm_101_additive_model() {
-    let each = UncertaintySource::new("each", Effect::Independent(vec![1.0; 4]));
+    let each = UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; 4]));
     let normal = sum_of_four(std::slice::from_ref(&each));
-    let rectangular = sum_of_four(&[UncertaintySource { shape: DrawDistribution::Rectangular, ..each }]);
+    let rectangular = sum_of_four(&[UncertaintySource { draw_distribution: DrawDistribution::Rectangular, ..each }]);
     for found in [&normal, &rectangular] {
         assert_near(found.mean[0], 0.0, 4.0 * 2.0 / (TRIALS as f64).sqrt());
         assert_near(found.standard_deviation[0], 2.0, 2.0 * 4.0 / (2.0 * TRIALS as f64).sqrt());
@@ -66,7 +66,7 @@ fn regress_linear_fit_against_propagation_by_hand() {
     let gain = Mat::from_fn(2, 3, |i, j| [[0.5, 0.5, 0.0], [1.0, 0.0, -2.0]][i][j]);
     let a = Mat::zeros(3, 2);
     let fit = LinearFit { x: &[10.0, -3.0], design_matrix: &a, sigma: &[1.0; 3], gain: &gain };
-    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0, 2.0, 0.5]))];
+    let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0, 2.0, 0.5]))];
     let found = run(&fit, &sources, &[&[1.0, 0.0], &[0.0, 1.0], &[1.0, -1.0]]);
     let expected = [(10.0, 1.25), (-3.0, 2.0), (13.0, 0.25 + 1.0 + 1.0)];
     assert_eq!((found.trials, found.is_stable), (TRIALS, true));
@@ -90,11 +90,11 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
     let column = |i: usize, size: f64| [vec![0.0; i], vec![size]].concat();
     let numbered = || sizes.into_iter().enumerate();
     let run_of = |(first, size)| ObservationSpan { first_index: first, changes_mm: vec![size] };
-    let before = UncertaintySource::new("before", Effect::Joint(vec![vec![0.3; 3], vec![0.1; 2]]));
+    let before = UncertaintySource::new("before", ObservationEffect::Joint(vec![vec![0.3; 3], vec![0.1; 2]]));
     let found = [
-        Effect::Independent(sizes.to_vec()),
-        Effect::Spans(numbered().map(run_of).collect()),
-        Effect::Joint(numbered().map(|(i, size)| column(i, size)).collect()),
+        ObservationEffect::Independent(sizes.to_vec()),
+        ObservationEffect::Spans(numbered().map(run_of).collect()),
+        ObservationEffect::Joint(numbered().map(|(i, size)| column(i, size)).collect()),
     ]
     .map(|effect| run(&mean.fit(), &[before.clone(), UncertaintySource::new("one", effect)], &[&[1.0]]));
     let variance = 0.09 + (0.2_f64 / 3.0).powi(2) + (0.25 + 0.04 + 0.49) / 9.0;
@@ -110,8 +110,8 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
 #[test]
 fn regress_misfit_scales_judged_sources() {
     let mean = Mean::of(&[0.0]);
-    let judged = UncertaintySource::new("judged", Effect::Independent(vec![1.0]));
-    let expected = UncertaintySource { in_residuals: ResidualTreatment::Expected, ..judged.clone() };
+    let judged = UncertaintySource::new("judged", ObservationEffect::Independent(vec![1.0]));
+    let expected = UncertaintySource { residual_treatment: ResidualTreatment::Expected, ..judged.clone() };
     let misfit = Misfit { uncertainty_factor: 3.0, ..AS_DECLARED };
     for (source, sd) in [(judged, 3.0), (expected, 1.0)] {
         let outputs = outputs(&[&[1.0]]);
@@ -124,13 +124,13 @@ fn regress_misfit_scales_judged_sources() {
 #[test]
 fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
     let mean = Mean::of(&[1.0, 2.0, 3.0]);
-    let mut source = UncertaintySource::new("shift", Effect::Joint(vec![vec![0.4; 3]; 2]));
+    let mut source = UncertaintySource::new("shift", ObservationEffect::Joint(vec![vec![0.4; 3]; 2]));
     source.direct_changes = vec![vec![-0.4]; 2];
-    let noise = UncertaintySource::new("noise", Effect::Independent(vec![1.0; 3]));
+    let noise = UncertaintySource::new("noise", ObservationEffect::Independent(vec![1.0; 3]));
     let found = run(&mean.fit(), std::slice::from_ref(&source), &[&[1.0]]);
     assert_near(found.mean[0], 2.0, 1e-14);
     assert_near(found.standard_deviation[0], 0.0, 1e-14);
-    source.effect = Effect::Independent(vec![0.0; 2]);
+    source.effect = ObservationEffect::Independent(vec![0.0; 2]);
     let found = run(&mean.fit(), &[noise, source], &[&[1.0]]);
     let variance = 1.0 / 3.0 + 2.0 * 0.16_f64;
     assert_near(found.standard_deviation[0] / variance.sqrt(), 1.0, 0.007);
@@ -143,7 +143,7 @@ fn regress_trials_follow_the_curvature() {
     let minimum = equation.minimum();
     let model = LeastSquares { equation: &equation, minimum: &minimum };
     let change = [0.02, 0.06, 0.12, 0.2];
-    let source = UncertaintySource::new("growth", Effect::Joint(vec![change.to_vec()]));
+    let source = UncertaintySource::new("growth", ObservationEffect::Joint(vec![change.to_vec()]));
     let found = run(&model, &[source], &[&[1.0]]);
     let at = |unit: f64| model.solve_for_change(&change.map(|change| unit * change))[0] - minimum.x[0];
     // Moments of the near solution by Gauss–Hermite quadrature of five points.

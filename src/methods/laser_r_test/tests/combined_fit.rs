@@ -25,7 +25,7 @@ fn regress_the_response_has_the_sign_of_the_near_solution() {
         groups: &result.grouped.groups,
         latency_unknown_count: 2,
     };
-    let count = model.observations();
+    let count = model.observation_count();
     let change: Vec<f64> = (0..count).map(|i| 1e-4 * (0.7 * i as f64).sin()).collect();
     let response = model.linear_response(&change);
     assert_eq!(response.residuals.len(), result.machine_fit.residuals.len());

@@ -21,7 +21,7 @@ use machine::Position;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Sampling, Step};
 use machine::record::reading::Reading;
-use testing::population::{population, ratio_bounds};
+use testing::population::{population_size, ratio_bounds};
 
 /// A lower sampling rate than usual keeps the tests fast.
 fn continuous_settings() -> LaserRTestSettings {
@@ -120,7 +120,7 @@ fn lost_motion_alone_is_found() {
 #[test]
 fn regress_latency_and_errors_scatter_as_predicted() {
     const FULL_SEED_COUNT: u64 = 40;
-    let seeds = population(FULL_SEED_COUNT);
+    let seeds = population_size(FULL_SEED_COUNT);
     let names = [&FIVE_PARAMETERS[..], &["latency", "reversal_X", "reversal_Y"]].concat();
     let truth: Vec<f64> =
         PAPER_TABLE_5.iter().zip(TABLE_FACTORS).map(|(t, edge)| t * edge).chain([3.3, 4.0, 4.0]).collect();

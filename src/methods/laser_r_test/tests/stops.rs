@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::played::{SimulatedMachine, run, table_5_machine};
 use super::{ideal, settings};
 use crate::decision::reference_check::References;
-use crate::identification::Effect;
+use crate::identification::ObservationEffect;
 use crate::laser_r_test::identify::{identify, identify_scans};
 use crate::laser_r_test::setup::LaserSetup;
 use crate::laser_r_test::sources::uncertainty_sources;
@@ -89,7 +89,7 @@ fn interruption_source_covers_the_largest_accepted_shift() {
     let result = identify_scans(&setup, &readings).unwrap();
     let all = uncertainty_sources(&setup, &result.observed, &result.grouped, &result.centre_fit.x, 0);
     let step = all.iter().find(|source| source.name == "steps at interruptions").unwrap();
-    let Effect::Joint(columns) = &step.effect else { panic!("each by itself") };
+    let ObservationEffect::Joint(columns) = &step.effect else { panic!("each by itself") };
     let granted = step_sizes_mm(columns);
     for (k, way) in [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().enumerate() {
         let let_pass = stopped.max_accepted_mm(way);

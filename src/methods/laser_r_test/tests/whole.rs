@@ -16,7 +16,7 @@ use estimation::coverage::chi_square_bounds;
 use estimation::random::seeded_stream;
 use machine::record::estimate::Estimate;
 use machine::{Axis, Position};
-use testing::population::{count_bound, population};
+use testing::population::{count_bound, population_size};
 
 /// A smooth random function of standard deviation 1 and correlation length `length`, less its value at 0.
 fn smooth_function(seed: u64, key: u64, length: f64, at: f64) -> f64 {
@@ -74,7 +74,7 @@ fn chi2_of_estimate(estimate: &Estimate) -> f64 {
 #[test]
 fn regress_the_declared_uncertainty_covers_what_is_declared() {
     const FULL_SEED_COUNT: u64 = 100;
-    let seeds = population(FULL_SEED_COUNT);
+    let seeds = population_size(FULL_SEED_COUNT);
     let own = LaserRTestSettings { samples: 5, ..settings() };
     let (mut sum, mut above) = (0.0, 0);
     for seed in 0..seeds {

@@ -260,7 +260,7 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
         1,
     );
     let data = HarmonicData::from_revolutions(&measured, MAX_ORDER).unwrap();
-    let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(20_000) };
+    let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(20_000) };
     let separated = identify_motions(&layout, &data, &source_sizes(&exact_settings(), 0.0), Some(plan)).unwrap();
     let estimate = separated.identification.estimate("multiprobe");
     for parameter in &estimate.parameters {

@@ -12,11 +12,11 @@ pub struct GeometryEquations<'a> {
 }
 
 impl ObservationEquation for GeometryEquations<'_> {
-    fn observations(&self) -> usize {
+    fn observation_count(&self) -> usize {
         self.problem.row_count()
     }
 
-    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+    fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
         let mut measured = self.measured.clone();
         let (of_centres, of_lengths) = change.split_at(3 * measured.xyz.len());
         for (xyz, by) in measured.xyz.iter_mut().zip(of_centres.chunks_exact(3)) {

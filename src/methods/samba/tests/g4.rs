@@ -18,7 +18,7 @@ use estimation::random::seeded_stream;
 use estimation::schur::factorise;
 use machine::record::artefact::{Ball, Balls};
 use machine::{Axis, Position};
-use testing::population::{population, ratio_bounds};
+use testing::population::{population_size, ratio_bounds};
 
 /// Standard deviation of each coordinate of a measurement, and standard uncertainty of the bar, mm.
 const NOISE_MM: f64 = 1e-3;
@@ -164,7 +164,7 @@ fn gate_g4_noise_free_recovery_in_three_steps() {
 fn check_recovery(kind: DesignKind) {
     let (problem, measured) = measured(kind, true, true);
     let found = problem.solve(&measured, problem.initial_values(&measured)).unwrap();
-    assert!(found.jacobian_count <= 3, "{kind:?}: {}", found.jacobian_count);
+    assert!(found.jacobian_evaluation_count <= 3, "{kind:?}: {}", found.jacobian_evaluation_count);
     for ((name, expected), x) in paper_errors().iter().zip(&found.x) {
         let micro = (x - expected).abs() * if expected.abs() > 1e-3 { 1e3 } else { 1e6 };
         assert!(micro <= 1e-6, "{kind:?}, {name}: {micro:e}");
@@ -208,7 +208,7 @@ fn check_requirements(kind: DesignKind, problem: &GeometryProblem, exact: &Obser
 
 fn check_scatter(kind: DesignKind, problem: &GeometryProblem, exact: &ObservedValues) {
     const FULL_SEED_COUNT: u64 = 200;
-    let seeds = population(FULL_SEED_COUNT);
+    let seeds = population_size(FULL_SEED_COUNT);
     let start = problem.initial_values(exact);
     let at_truth = problem.solve(exact, start).unwrap();
     let covariance = at_truth.factored.covariance();

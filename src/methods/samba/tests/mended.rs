@@ -124,7 +124,7 @@ fn regress_a_step_at_an_interruption_is_within_the_uncertainty() {
         assert!(estimate.warnings.is_empty());
         for (name, expected) in paper_errors() {
             let (found, before) = (parameter(&estimate, &name), parameter(&sound, &name));
-            let off = found.value - found.unit.from_internal(expected);
+            let off = found.value - found.unit.to_display_value(expected);
             println!("{name}: {off:+.2}, U {:.2}, before {:.2}", found.expanded, before.expanded);
             assert!(off.abs() < 1.2 * found.expanded, "{name}");
             let moved = (found.value - before.value).abs();

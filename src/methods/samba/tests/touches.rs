@@ -22,7 +22,7 @@ fn residual_unknowns_of_trial(solved: &GeometrySolution<'_>, trial: u64) -> [Vec
     let mut normal = StandardNormal.sample_iter(seeded_stream(7, &[trial]));
     let mut touched = solved.observed.clone();
     let equation = GeometryEquations { problem, measured };
-    let mut change = vec![0.0; equation.observations()];
+    let mut change = vec![0.0; equation.observation_count()];
     for (i, sight) in touched.centres.iter_mut().enumerate() {
         for touch in &mut sight.touches {
             let deviation: f64 = normal.next().unwrap();
@@ -78,8 +78,8 @@ fn regress_weighted_changes_are_those_of_the_residuals() {
     let settings = settings();
     let GeometrySolution { problem, measured, minimum, .. } = &solve_geometry(&plan, &settings, &readings).unwrap();
     let equation = GeometryEquations { problem, measured };
-    let change: Vec<f64> = (0..equation.observations()).map(|i| 1e-3 * (i as f64).sin()).collect();
-    let changed = equation.residuals(&minimum.x, &change);
+    let change: Vec<f64> = (0..equation.observation_count()).map(|i| 1e-3 * (i as f64).sin()).collect();
+    let changed = equation.weighted_residuals(&minimum.x, &change);
     let weighted = equation.weighted_change(&change);
     for ((changed, before), weighted) in changed.iter().zip(&minimum.residuals).zip(weighted) {
         assert!((changed - before - weighted).abs() < 1e-3, "{changed} {before} {weighted}");

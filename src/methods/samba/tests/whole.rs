@@ -20,7 +20,7 @@ use machine::record::estimate::{Estimate, Parameter, ParameterLimit, Unit, Verdi
 use machine::record::plan::{PLAN_VERSION, Plan, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
-use testing::population::{count_bound, population};
+use testing::population::{count_bound, population_size};
 
 const BALL_MM: f64 = 10.0;
 const STYLUS_MM: f64 = 3.0;
@@ -221,7 +221,7 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
     assert!(sizes.starts_with("deviations of a single measurement below "), "{sizes}");
     for (name, expected) in paper_errors() {
         let found = parameter(&estimate, &name);
-        let expected = found.unit.from_internal(expected);
+        let expected = found.unit.to_display_value(expected);
         println!("{name}: {:.2} ± {:.2}, true {expected:.2}", found.value, found.expanded);
         assert!((found.value - expected).abs() < 3.5 * found.u, "{name}");
         assert!((found.u_monte_carlo.unwrap() / found.u - 1.0).abs() < 0.08, "{name}");
@@ -245,7 +245,7 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
 #[test]
 fn regress_the_covariance_covers_over_seeds() {
     const FULL_SEED_COUNT: u64 = 60;
-    let seeds = population(FULL_SEED_COUNT);
+    let seeds = population_size(FULL_SEED_COUNT);
     for motion_um in [0.0, 1.5] {
         let (mut joint, mut misfits, mut unknowns) = (0.0, 0, 0);
         for seed in 0..seeds {
@@ -272,7 +272,7 @@ fn joint_chi2(estimate: &Estimate) -> f64 {
         ["ball", id, k] => balls[id.parse::<usize>().unwrap() - 1]["xyz".find(k).unwrap()],
         _ => {
             let errors = paper_errors();
-            p.unit.from_internal(errors.iter().find(|(name, _)| *name == p.symbol).unwrap().1)
+            p.unit.to_display_value(errors.iter().find(|(name, _)| *name == p.symbol).unwrap().1)
         }
     };
     let count = estimate.parameters.len();

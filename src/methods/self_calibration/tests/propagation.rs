@@ -10,8 +10,8 @@ use super::super::model::{Observation, UnknownsLayout};
 use super::super::outputs::{axis_position_coefficients, build_outputs};
 use super::RoundPart;
 use crate::identification::{
-    Effect, Identification, ResidualTreatment, Solution, TrialPlan, UncertaintySource, dot_product, identify,
-    multiply_vector,
+    Identification, ObservationEffect, ResidualTreatment, SolvedModel, TrialPlan, UncertaintySource, dot_product,
+    identify, multiply_vector,
 };
 use crate::self_calibration::design::Design;
 use estimation::coverage::{chi_square_bounds, effective_dof};
@@ -52,11 +52,11 @@ fn uncertainty_sources(fit: &Fit) -> [UncertaintySource; 2] {
     let along_x = |seen: &Observation| {
         STYLUS_OFFSET_MM * (TAU * seen.phi_index as f64 / fit.layout.design.position_count as f64).cos()
     };
-    let offset = Effect::Joint(vec![fit.observations.iter().map(along_x).collect()]);
+    let offset = ObservationEffect::Joint(vec![fit.observations.iter().map(along_x).collect()]);
     [
-        UncertaintySource::new("touch", Effect::Independent(fit.sigma.clone())),
+        UncertaintySource::new("touch", ObservationEffect::Independent(fit.sigma.clone())),
         UncertaintySource {
-            in_residuals: ResidualTreatment::Absent,
+            residual_treatment: ResidualTreatment::Absent,
             is_in_weights: false,
             ..UncertaintySource::new("stylus offset", offset)
         },
@@ -67,7 +67,13 @@ fn identified(fit: &Fit, has_declared_sizes: bool, trials: Option<TrialPlan>) ->
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().map(|residual| residual / SIGMA_MM).collect();
     let (model, figures) = (&LinearisedFit::new(fit), fit.figures(&residuals));
-    let solution = Solution { model, residuals: &weighted, has_declared_sizes, figures, measurements: &[] };
+    let solution = SolvedModel {
+        model,
+        weighted_residuals: &weighted,
+        has_declared_sizes,
+        fit_quality: figures,
+        measurements: &[],
+    };
     identify(&solution, &uncertainty_sources(fit), build_outputs(&fit.layout, Axis::C, &[0.0], &fit.x), trials).unwrap()
 }
 
@@ -117,7 +123,7 @@ fn regress_a_block_gives_the_unknowns_of_each_trial() {
         let alone = fit.solve_each_perturbation(changes.subrows(trial, 1));
         assert_eq!(alone.row(0), block.row(trial), "trial {trial}");
     }
-    let trials = Some(TrialPlan { seed: 1, trials: TrialCount::Fixed(2_500) });
+    let trials = Some(TrialPlan { seed: 1, trial_count: TrialCount::Fixed(2_500) });
     let run = || identified(&fit, true, trials).trials.unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let (several, single) = (run(), pool.install(run));

@@ -26,7 +26,7 @@ pub use self::roles::Role;
 use self::roles::{HOLD_ROUTE, LOGIN_ROUTE, required_role};
 use self::session::Sessions;
 use self::tokens::find_token;
-pub use self::tokens::{Token, TokenError, Tokens};
+pub use self::tokens::{Token, TokenError, TokenStore};
 use super::page::{error_page, is_json};
 use super::problem::Problem;
 use crate::service::config::HttpConfig;
@@ -44,7 +44,7 @@ pub struct Access {
     pub requires_tokens: bool,
     /// Host names under which a proxy with TLS receives requests.
     proxy_names: Vec<String>,
-    tokens: Tokens,
+    tokens: TokenStore,
     sessions: Sessions,
     rate_limits: RateLimits,
     /// The last logged reason why the tokens cannot be read; `None` while they can.
@@ -127,7 +127,7 @@ impl Access {
     /// # Errors
     /// Tokens are required and cannot be read.
     pub fn new(config: &HttpConfig, folder: &Path, log: &Log) -> Result<Arc<Self>, TokenError> {
-        let tokens = Tokens::in_folder(folder);
+        let tokens = TokenStore::in_folder(folder);
         if config.requires_tokens && tokens.read_all()?.is_empty() {
             log.info(
                 "no token exists, but access requires one: create a token with `trued token add NAME --role ROLE`",

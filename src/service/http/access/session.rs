@@ -61,13 +61,13 @@ impl Sessions {
 #[cfg(test)]
 mod tests {
     use super::super::roles::Role;
-    use super::super::tokens::Tokens;
+    use super::super::tokens::TokenStore;
     use super::*;
 
     #[test]
     fn the_oldest_makes_room_and_who_leaves_has_left() {
         let folder = tempfile::tempdir().unwrap();
-        let tokens = Tokens::in_folder(folder.path());
+        let tokens = TokenStore::in_folder(folder.path());
         tokens.add("tablet", Role::Viewer).unwrap();
         let token = tokens.read_all().unwrap().remove(0);
         let sessions = Sessions::default();

@@ -83,12 +83,12 @@ impl TokenError {
 type FileVersion = (u64, u64, i64, i64);
 
 /// The file of the tokens, and its content when it was last read.
-pub struct Tokens {
+pub struct TokenStore {
     path: PathBuf,
     last_read: Mutex<(Option<FileVersion>, Vec<Token>)>,
 }
 
-impl Tokens {
+impl TokenStore {
     /// Uses `tokens.json` in the folder of the journal.
     pub fn in_folder(journal: &Path) -> Self {
         Self { path: journal.join("tokens.json"), last_read: Mutex::default() }
@@ -267,7 +267,7 @@ mod tests {
     #[test]
     fn a_token_is_shown_once_and_kept_as_its_hash() {
         let folder = tempfile::tempdir().unwrap();
-        let (cli, daemon) = (Tokens::in_folder(folder.path()), Tokens::in_folder(folder.path()));
+        let (cli, daemon) = (TokenStore::in_folder(folder.path()), TokenStore::in_folder(folder.path()));
         assert_eq!(daemon.read_all().unwrap(), []);
         let secret_text = cli.add("tablet", Role::Operator).unwrap();
         assert_eq!(secret_text.len(), "trued_".len() + 64);
@@ -289,7 +289,7 @@ mod tests {
     #[test]
     fn what_is_no_token_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let tokens = Tokens::in_folder(&folder.path().join("made"));
+        let tokens = TokenStore::in_folder(&folder.path().join("made"));
         for name in ["", "two words", "a\nb", &"n".repeat(41)] {
             assert!(matches!(tokens.add(name, Role::Viewer), Err(TokenError::InvalidName(_))), "{name}");
         }
@@ -315,7 +315,7 @@ mod tests {
             println!("skipped: the test requires root");
             return;
         }
-        let tokens = Tokens::in_folder(folder.path());
+        let tokens = TokenStore::in_folder(folder.path());
         // Files that an earlier version left when it ran as root.
         for left in ["tokens.new", "tokens.json"] {
             fs::write(folder.path().join(left), r#"{"trued_tokens": 1, "tokens": []}"#).unwrap();

@@ -50,13 +50,13 @@ fn function_row(function: &FunctionDifference) -> Option<Value> {
     Some(context! {
         symbol => function.symbol.as_str(),
         unit => function.unit.symbol(),
-        agreeing => function.agreeing_count(),
+        agreeing => function.agreeing_point_count(),
         points => function.x.len(),
         at => format!("{:.1} {}", function.x[worst], function.argument_unit),
         by => format!("{:+.2}", function.by[worst]),
         expanded => number(function.expanded[worst]),
         e_n => number(function.normalized[worst]),
-        significant => function.agreeing_count() < function.x.len(),
+        significant => function.agreeing_point_count() < function.x.len(),
     })
 }
 

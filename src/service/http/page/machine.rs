@@ -10,7 +10,7 @@ use minijinja::{Value, context};
 
 use super::{local_time, machine_page_path, parameter_row, render_page, render_template, run_row};
 use super::{schedule, sensors, trends, views};
-use crate::archive::history::history;
+use crate::archive::history::machine_history;
 use crate::run::{can_resume, resume_question};
 use crate::service::config::StartInterlock;
 use crate::service::http::newest_result::NewestResult;
@@ -36,7 +36,7 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
     // Before the journal, in which a held run appears first. If a change comes between the two reads, the page is
     // notified and reloads.
     let status = status_values(machine);
-    let (all, (runs, waits)) = (history(journal, name, tolerance)?, newest_runs(journal, name)?);
+    let (all, (runs, waits)) = (machine_history(journal, name, tolerance)?, newest_runs(journal, name)?);
     let views = views::run_views(journal, RunId(gate.machine_state().run.into()))?;
     gate.query_newest_runs(journal, name)?;
     Ok(context! {

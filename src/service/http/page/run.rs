@@ -6,7 +6,7 @@ use minijinja::{Value, context};
 
 use super::{local_time, machine, machine_page_path, parameter_row};
 use crate::archive::report::render_report;
-use crate::archive::run_story::{describe_end, describe_signatures, run_story};
+use crate::archive::run_story::{describe_run_end, describe_signatures, run_story};
 use crate::report::temperature;
 use crate::service::http::AppState;
 use crate::service::http::api::RunListQuery;
@@ -74,7 +74,7 @@ fn run_values(stored: &StoredRun, before: Option<i64>) -> Value {
     context! {
         run => super::run_row(summary),
         machine => machine_page_path(&summary.machine),
-        ended => unfinished.then(|| describe_end(stored)),
+        ended => unfinished.then(|| describe_run_end(stored)),
         readings => stored.readings.len(),
         warmth => temperature::temperature_rows(&stored.readings),
         story => run_story(stored),

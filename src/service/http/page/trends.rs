@@ -3,13 +3,13 @@
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use crate::archive::history::{self, Series, describe_changes, draw_series_chart};
+use crate::archive::history::{self, ParameterSeries, describe_changes, draw_series_chart};
 use machine::record::reading::Temperatures;
 
 /// Number of days over which changes are reported.
 const CHANGE_REPORT_DAYS: u32 = 7;
 
-pub fn trend_values(series: &[Series]) -> Value {
+pub fn trend_values(series: &[ParameterSeries]) -> Value {
     let now = Timestamp::now();
     let rows = series.iter().filter_map(|series| {
         let newest = series.values.last()?;

@@ -25,7 +25,7 @@ use job::LastProbe;
 
 use super::job_executor::JobExecutor;
 use crate::SimulatedWorld;
-use crate::interpreter::{GrblErrorCode, Interpreter, Job, LineAction, Pace, is_blank};
+use crate::interpreter::{GrblErrorCode, Interpreter, Job, LineAction, SimulationPace, is_blank};
 use machine::Position;
 use machine::record::machine::Machine;
 
@@ -47,7 +47,7 @@ const ERROR_LOCKED: GrblErrorCode = 9;
 pub struct SimulatedGrblOptions {
     /// Interpreter with the axes and their travel.
     pub interpreter: Interpreter,
-    pub pace: Pace,
+    pub pace: SimulationPace,
     /// Compatibility level: 0 (latches errors) if true, 10 (as Grbl 1.1) if false.
     pub is_native_level: bool,
     pub has_time_stamps: bool,
@@ -67,7 +67,7 @@ pub struct SimulatedGrblOptions {
 
 impl SimulatedGrblOptions {
     /// Options for the control of `machine`: native level, time stamps enabled.
-    pub fn of(machine: &Machine, pace: Pace) -> Self {
+    pub fn for_machine(machine: &Machine, pace: SimulationPace) -> Self {
         let (interpreter, settings) = (Interpreter::for_machine(machine), settings::machine_settings(machine));
         Self {
             interpreter,

@@ -4,7 +4,7 @@
 use super::*;
 
 fn grblhal_firmware(change: impl FnOnce(&mut SimulatedGrblOptions)) -> Firmware {
-    let mut options = SimulatedGrblOptions::of(&testing::machine(), Pace::Fast);
+    let mut options = SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Fast);
     options.has_time_stamps = false;
     change(&mut options);
     Firmware::new(testing::world(), options)
@@ -89,7 +89,7 @@ fn a_soft_limit_while_idle_asks_for_a_reset() {
 
 #[test]
 fn a_soft_limit_while_moving_is_silence_until_a_reset() {
-    let mut firmware = grblhal_firmware(|options| options.pace = Pace::Real);
+    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::Real);
     let answer = send(&mut firmware, "G0 X100\nG0 X500\nG0 X0\n");
     assert_eq!(answer, ["ok", "ALARM:2"]);
     assert_eq!(send_at(&mut firmware, 9.0, "G0 X0\n$X\n"), [""; 0]);
@@ -99,7 +99,7 @@ fn a_soft_limit_while_moving_is_silence_until_a_reset() {
 
 #[test]
 fn a_hold_keeps_a_move_where_it_is() {
-    let mut firmware = grblhal_firmware(|options| options.pace = Pace::Real);
+    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::Real);
     assert_eq!(send(&mut firmware, "G1 X60 F60\n"), ["ok"]);
     assert!(send_at(&mut firmware, 20.0, "?").join("").starts_with("<Run|"));
     let held = send_at(&mut firmware, 30.0, "!?").join("");
@@ -113,7 +113,7 @@ fn a_hold_keeps_a_move_where_it_is() {
 
 #[test]
 fn a_reset_in_motion_loses_the_lines_and_locks() {
-    let mut firmware = grblhal_firmware(|options| options.pace = Pace::Real);
+    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::Real);
     send(&mut firmware, "G1 X60 F60\nG4 P1\nG0 X0\n");
     assert_eq!(
         send_at(&mut firmware, 10.0, "\x18"),

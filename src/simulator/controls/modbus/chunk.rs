@@ -3,7 +3,7 @@
 use super::layout::{
     ACKNOWLEDGE_REGISTER, CHUNK_REGISTER, CRC_REGISTER, LENGTH_REGISTER, SEQUENCE_REGISTER, register_words,
 };
-use super::{DiaryEntry, Firmware, OperatingState};
+use super::{ControlEvent, Firmware, OperatingState};
 use crate::crc16::crc16_modbus;
 
 pub(super) const ERROR_BAD_LENGTH: u16 = 1;
@@ -18,7 +18,7 @@ impl Firmware {
     /// Handles a write of the sequence register.
     pub(super) fn on_sequence_written(&mut self) {
         let sequence = self.holding_registers[SEQUENCE_REGISTER];
-        self.record(DiaryEntry::Offered { sequence });
+        self.record(ControlEvent::Offered { sequence });
         let next_sequence = if self.accepted_sequence == u16::MAX { 1 } else { self.accepted_sequence + 1 };
         if sequence != next_sequence || self.frozen_status.is_some() {
             return;
@@ -29,7 +29,7 @@ impl Firmware {
             Ok(text) => {
                 self.error_code = 0;
                 self.accepted_chunk_count += 1;
-                self.record(DiaryEntry::Accepted { sequence, text });
+                self.record(ControlEvent::Accepted { sequence, text });
             }
         }
     }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::layout::{HOLD_REGISTER, SEQUENCE_REGISTER};
-use super::{DiaryEntry, Firmware, OperatingState};
+use super::{ControlEvent, Firmware, OperatingState};
 use crate::LatchDelay;
 use crate::interpreter::ProbeInputFault;
 
@@ -177,7 +177,7 @@ impl Firmware {
     fn apply_fault(&mut self, fault: &Fault, request: &Request<'_>) -> DelayedReply {
         use FaultKind as K;
         if !fault.kind.is_recorded_later() {
-            self.record(DiaryEntry::FaultOccurred(fault.kind));
+            self.record(ControlEvent::FaultOccurred(fault.kind));
         }
         let mut delay = Duration::ZERO;
         let answer = match fault.kind {

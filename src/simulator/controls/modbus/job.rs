@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::chunk::ERROR_BAD_TEXT;
 use super::layout::position_steps;
 use super::{
-    ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, ALARM_SOFT_LIMIT, DiaryEntry, FaultKind, Firmware,
+    ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, ALARM_SOFT_LIMIT, ControlEvent, FaultKind, Firmware,
     HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, OperatingState,
 };
 use crate::Contact;
@@ -59,7 +59,7 @@ impl Firmware {
             return self.alarm(ALARM_PROBE_CLOSED);
         }
         if self.executor.start_job(job, self.now) {
-            self.record(DiaryEntry::FaultOccurred(FaultKind::RapidContact));
+            self.record(ControlEvent::FaultOccurred(FaultKind::RapidContact));
         }
     }
 
@@ -80,7 +80,7 @@ impl Firmware {
                     self.latch_contact(contact);
                 }
                 if self.executor.remove_obstacle() {
-                    self.record(DiaryEntry::FaultOccurred(FaultKind::ForeignBody));
+                    self.record(ControlEvent::FaultOccurred(FaultKind::ForeignBody));
                 }
                 self.finish_row(Some(has_contact));
                 self.alarm_if_crashed(has_crashed);
@@ -93,7 +93,7 @@ impl Firmware {
         self.contact_count += 1;
         self.latch = contact.position;
         self.latch_time_s = contact.t_s;
-        self.record(DiaryEntry::Contact { latch: position_steps(&self.latch), t_s: contact.t_s });
+        self.record(ControlEvent::Contact { latch: position_steps(&self.latch), t_s: contact.t_s });
     }
 
     /// A drive that is pressed against an obstacle stalls.

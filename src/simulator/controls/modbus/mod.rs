@@ -25,7 +25,7 @@ use resident::ResidentProgram;
 
 use super::job_executor::JobExecutor;
 use crate::SimulatedWorld;
-use crate::interpreter::{Interpreter, Pace};
+use crate::interpreter::{Interpreter, SimulationPace};
 use machine::Position;
 use machine::record::machine::Machine;
 
@@ -44,7 +44,7 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(2);
 pub struct SimulatedModbusOptions {
     /// Interpreter with the axes and their travel.
     pub interpreter: Interpreter,
-    pub pace: Pace,
+    pub pace: SimulationPace,
     /// Faults to simulate.
     pub faults: Vec<Fault>,
     /// Whether the control holds a resident measuring program; it then accepts no lines.
@@ -52,14 +52,14 @@ pub struct SimulatedModbusOptions {
 }
 
 impl SimulatedModbusOptions {
-    pub fn of(machine: &Machine, pace: Pace) -> Self {
+    pub fn for_machine(machine: &Machine, pace: SimulationPace) -> Self {
         Self { interpreter: Interpreter::for_machine(machine), pace, faults: Vec::new(), has_resident_program: false }
     }
 }
 
 /// One entry of the diary of the control.
 #[derive(Debug, Clone, PartialEq)]
-pub enum DiaryEntry {
+pub enum ControlEvent {
     /// A chunk was accepted; `text` describes its lines or the rows of its table.
     Accepted {
         sequence: u16,
@@ -78,7 +78,7 @@ pub enum DiaryEntry {
     FaultOccurred(FaultKind),
 }
 
-pub type Diary = Arc<Mutex<Vec<DiaryEntry>>>;
+pub type ControlEventLog = Arc<Mutex<Vec<ControlEvent>>>;
 
 /// Operating state of the control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,7 +126,7 @@ pub struct Firmware {
     previous_status: Vec<u16>,
     is_hung: bool,
     cut_signal: Arc<tokio::sync::Notify>,
-    diary: Diary,
+    diary: ControlEventLog,
     /// Host time since power-up.
     now: Duration,
 }
@@ -167,11 +167,11 @@ impl Firmware {
         }
     }
 
-    pub fn diary(&self) -> Diary {
+    pub fn event_log(&self) -> ControlEventLog {
         self.diary.clone()
     }
 
-    fn record(&self, entry: DiaryEntry) {
+    fn record(&self, entry: ControlEvent) {
         // A list stays consistent if another thread panics.
         self.diary.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
     }

@@ -7,7 +7,7 @@ use super::layout::{
     ACKNOWLEDGE_REGISTER, HEARTBEAT_REGISTER, HOLD_REGISTER, SEQUENCE_REGISTER, position_steps, register_words,
 };
 use super::resident::ResultSlot;
-use super::{DiaryEntry, Firmware, OperatingState};
+use super::{ControlEvent, Firmware, OperatingState};
 use machine::Position;
 
 const LINE_WINDOW_VERSION: u16 = 1;
@@ -117,7 +117,7 @@ impl Firmware {
             self.on_sequence_written();
         }
         if self.holding_registers[HOLD_REGISTER] != 0 && range.contains(&HOLD_REGISTER) {
-            self.record(DiaryEntry::Hold);
+            self.record(ControlEvent::Hold);
             self.hold(0);
         }
         Ok(())

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::chunk::{ERROR_BAD_LENGTH, ERROR_BAD_ROW};
 use super::layout::REGISTER_AXES;
-use super::{DiaryEntry, FaultKind, Firmware};
+use super::{ControlEvent, FaultKind, Firmware};
 use crate::interpreter::Job;
 use machine::{Axis, Position};
 
@@ -176,7 +176,7 @@ impl Firmware {
             resident.stop();
         } else if !resident.advance() && std::mem::take(&mut resident.restarts) {
             resident.current_row = 1;
-            self.record(DiaryEntry::FaultOccurred(FaultKind::StartedTwice));
+            self.record(ControlEvent::FaultOccurred(FaultKind::StartedTwice));
         }
     }
 
@@ -191,7 +191,7 @@ impl Firmware {
         resident.slot = ResultSlot { number, sequence, row, contact, valid: true, latch, t_s };
         resident.previous_slot = (before.number > 0).then_some(before);
         if skipped {
-            self.record(DiaryEntry::FaultOccurred(FaultKind::SkippedResult));
+            self.record(ControlEvent::FaultOccurred(FaultKind::SkippedResult));
         }
     }
 }

@@ -7,13 +7,13 @@ use std::time::Duration;
 use serde_json::json;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-use super::{DiaryEntry, Firmware, OperatingState, SimulatedModbusOptions};
-use crate::interpreter::Pace;
+use super::{ControlEvent, Firmware, OperatingState, SimulatedModbusOptions};
+use crate::interpreter::SimulationPace;
 use crate::{MachineTruth, SimulatedWorld};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
-fn firmware_with(pace: Pace, resident: bool) -> Firmware {
+fn firmware_with(pace: SimulationPace, resident: bool) -> Firmware {
     let limits = json!({"min": -400, "max": 400});
     let machine: Machine = serde_json::from_value(json!({
         "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
@@ -26,12 +26,14 @@ fn firmware_with(pace: Pace, resident: bool) -> Firmware {
     }))
     .unwrap();
     let world = SimulatedWorld::new(&machine, &probe, &artefact, &MachineTruth::default()).unwrap();
-    let options =
-        SimulatedModbusOptions { has_resident_program: resident, ..SimulatedModbusOptions::of(&machine, pace) };
+    let options = SimulatedModbusOptions {
+        has_resident_program: resident,
+        ..SimulatedModbusOptions::for_machine(&machine, pace)
+    };
     Firmware::new(Arc::new(Mutex::new(world)), options)
 }
 
-fn firmware(pace: Pace) -> Firmware {
+fn firmware(pace: SimulationPace) -> Firmware {
     firmware_with(pace, false)
 }
 
@@ -63,7 +65,7 @@ fn chunk(beat: u16, acknowledge: u16) -> Vec<u16> {
 
 #[test]
 fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
-    let mut control = firmware(Pace::Fast);
+    let mut control = firmware(SimulationPace::Fast);
     write(&mut control, 2, &chunk(1, 0), 10);
     // A written chunk is not started before its sequence is written.
     assert_eq!(status(&mut control, 11)[2..6], [1, 0, 0, 0]);
@@ -71,8 +73,8 @@ fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
         write(&mut control, 1, &[sequence], 12);
     }
     assert_eq!(status(&mut control, 13)[2..7], [1, 0, 1, 1, 0]);
-    let took = |entry: &&DiaryEntry| matches!(entry, DiaryEntry::Accepted { .. });
-    assert_eq!(control.diary().lock().unwrap().iter().filter(took).count(), 1);
+    let took = |entry: &&ControlEvent| matches!(entry, ControlEvent::Accepted { .. });
+    assert_eq!(control.event_log().lock().unwrap().iter().filter(took).count(), 1);
     // X in steps of 0.001 mm.
     assert_eq!(status(&mut control, 14)[32..34], [0, 5000]);
 }
@@ -80,7 +82,7 @@ fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
 #[test]
 fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
     for (place, value, error) in [(2, 1, 2), (3, 300, 1), (3, 0, 1), (3, 8, 2), (1, 7, 4)] {
-        let mut control = firmware(Pace::Fast);
+        let mut control = firmware(SimulationPace::Fast);
         let mut words = chunk(1, 0);
         words[place] = value;
         write(&mut control, 2, &words, 10);
@@ -88,7 +90,7 @@ fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
         assert_eq!(status(&mut control, 12)[2..7], [1, 0, 1, 0, error]);
         assert_eq!(control.executor.displayed_position().get_or_zero(machine::Axis::X), 0.0);
     }
-    let mut control = firmware(Pace::Fast);
+    let mut control = firmware(SimulationPace::Fast);
     write(&mut control, 2, &chunk(1, 0), 10);
     write(&mut control, 1, &[1], 3000);
     assert_eq!(status(&mut control, 3001)[4..7], [1, 0, 5], "the heartbeat was too old");
@@ -97,7 +99,7 @@ fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
 #[test]
 fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
     for (hold_ms, reason) in [(None, 64), (Some(50), 0)] {
-        let mut control = firmware(Pace::Real);
+        let mut control = firmware(SimulationPace::Real);
         let mut words = chunk(1, 0);
         // 5 mm at rapid speed end soon; `G53 G1 X50 F60` takes 50 s.
         let text = b"G53 G1 X50 F60";
@@ -120,7 +122,7 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
 
 #[test]
 fn what_lies_elsewhere_is_refused_by_an_exception() {
-    let mut control = firmware(Pace::Fast);
+    let mut control = firmware(SimulationPace::Fast);
     let send_request = |control: &mut Firmware, request| send_request(control, &request, 1).unwrap_err();
     let address = ExceptionCode::IllegalDataAddress;
     assert_eq!(send_request(&mut control, Request::ReadInputRegisters(40, 6)), address);
@@ -148,7 +150,7 @@ fn program_status(control: &mut Firmware, ms: u64) -> Vec<u16> {
 
 #[test]
 fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
-    let mut control = firmware_with(Pace::Fast, true);
+    let mut control = firmware_with(SimulationPace::Fast, true);
     offer_table(&mut control, &TABLE, TABLE_CRC, 10);
     let status = program_status(&mut control, 11);
     assert_eq!((&status[1..7], status[44]), (&[101, 2, 0, 1, 0, 0][..], 1));
@@ -156,8 +158,8 @@ fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
     let status = program_status(&mut control, 20);
     assert_eq!((&status[2..7], &status[44..49]), (&[1, 0, 1, 1, 0][..], &[0; 5][..]));
     assert_eq!(status[32..34], [0, 5000]);
-    let diary = control.diary();
-    let took = |entry: &&DiaryEntry| matches!(entry, DiaryEntry::Accepted { .. });
+    let diary = control.event_log();
+    let took = |entry: &&ControlEvent| matches!(entry, ControlEvent::Accepted { .. });
     assert_eq!(diary.lock().unwrap().iter().filter(took).count(), 1);
 }
 
@@ -175,7 +177,7 @@ fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
         (8, 2, 0x9BBA, 3),
         (9, 64, 0xEBCA, 3),
     ] {
-        let mut control = firmware_with(Pace::Fast, true);
+        let mut control = firmware_with(SimulationPace::Fast, true);
         let mut table = TABLE;
         table[place] = value;
         offer_table(&mut control, &table, crc, 10);
@@ -186,13 +188,13 @@ fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
     // A target beyond the travel.
     let mut table = TABLE;
     table[12..14].copy_from_slice(&[0x7A, 0x1200]);
-    let mut control = firmware_with(Pace::Fast, true);
+    let mut control = firmware_with(SimulationPace::Fast, true);
     offer_table(&mut control, &table, 0xABC6, 10);
     assert_eq!(program_status(&mut control, 20)[2..7], [1, 0, 1, 0, 3]);
     // The right tool.
     table = TABLE;
     table[2] = 1;
-    let mut control = firmware_with(Pace::Fast, true);
+    let mut control = firmware_with(SimulationPace::Fast, true);
     offer_table(&mut control, &table, 0xDBC8, 10);
     assert_eq!(program_status(&mut control, 20)[2..7], [1, 0, 1, 1, 0]);
 }

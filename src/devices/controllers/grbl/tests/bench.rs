@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
-use link::Link;
+use link::LineLink;
 
 /// All text that came over the wire.
 pub type SentText = Arc<Mutex<String>>;
@@ -23,12 +23,12 @@ pub const SETTINGS_REPLY: &str = "$10=511\r\n$13=0\r\n$20=1\r\n$22=35\r\n$130=40
 
 /// Peer that exchanges bytes only: `answer` is called for every line, and for `?`, `!` and 0x87 (as `0x87`)
 /// when they arrive.
-pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, SentText) {
+pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (LineLink, SentText) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let sent = SentText::default();
     let copy = sent.clone();
     tokio::spawn(async move { serve_peer(theirs, &copy, &mut answer).await });
-    (Link::from_stream("the bench", ours), sent)
+    (LineLink::from_stream("the bench", ours), sent)
 }
 
 async fn serve_peer(
@@ -105,7 +105,7 @@ impl HealthyPeer {
 
 /// Healthy peer, except where `odd` answers. In an answer, `{at}` is replaced by the position and `{told}`
 /// by the last [PRB:..]; if the answer begins with `>`, the peer also executes the line.
-pub fn peer_with_overrides(mut odd: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, SentText) {
+pub fn peer_with_overrides(mut odd: impl FnMut(&str) -> Option<String> + Send + 'static) -> (LineLink, SentText) {
     let mut healthy = HealthyPeer::default();
     peer(move |line| {
         let said = odd(line);

@@ -146,11 +146,13 @@ async fn touch_with_fault(kind: FaultKind, at_line: u64, code: Option<u8>) -> Re
     // Number of lines that `prepare` sends, as the control counts them.
     let (prepare, after_touch) = (13, 0);
     let fault = Fault { kind, at_line: prepare + at_line, after_touch, code };
-    let options =
-        SimulatedGrblOptions { faults: vec![fault], ..SimulatedGrblOptions::of(&testing::machine(), Pace::Fast) };
+    let options = SimulatedGrblOptions {
+        faults: vec![fault],
+        ..SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Fast)
+    };
     let mut control = Firmware::new(testing::world(), options);
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::from_stream("in process", ours));
+    let (mut driver, _) = grbl(LineLink::from_stream("in process", ours));
     driver.prepare().await.expect("the fault comes later");
     driver.execute(prove_block(&touch(0))).await
 }
@@ -162,8 +164,8 @@ async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
     type Told = fn(&ControllerError) -> bool;
     let cases: [(K, u64, Option<u8>, Told); 24] = [
         (K::Silence, 3, None, |e| matches!(e, E::NoAnswer { .. })),
-        (K::Reset, 3, None, |e| matches!(e, E::Reset { .. })),
-        (K::Banner, 3, None, |e| matches!(e, E::Reset { .. })),
+        (K::Reset, 3, None, |e| matches!(e, E::ControlReset { .. })),
+        (K::Banner, 3, None, |e| matches!(e, E::ControlReset { .. })),
         (K::Unanswered, 3, None, |e| matches!(e, E::NoAnswer { .. })),
         (K::LostOk, 3, None, |e| matches!(e, E::NoAnswer { .. })),
         (K::DoubleOk, 3, None, |e| matches!(e, E::UnexpectedReply { .. })),
@@ -239,12 +241,14 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
     let fault = Fault { kind: FaultKind::RapidContact, at_line: 14, after_touch: 0, code: None };
-    let options =
-        SimulatedGrblOptions { faults: vec![fault], ..SimulatedGrblOptions::of(&testing::machine(), Pace::Real) };
+    let options = SimulatedGrblOptions {
+        faults: vec![fault],
+        ..SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Real)
+    };
     let mut control = Firmware::new(world.clone(), options);
     let happened = control.occurred_faults();
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::from_stream("in process", ours));
+    let (mut driver, _) = grbl(LineLink::from_stream("in process", ours));
     driver.prepare().await.unwrap();
     // Without a hold the move takes more than one second.
     let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
@@ -268,7 +272,7 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
 
 #[tokio::test]
 async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
-    let (mut driver, _, world) = prepared_in_world(Pace::Fast).await;
+    let (mut driver, _, world) = prepared_in_world(SimulationPace::Fast).await;
     driver.execute(prove_block(&touch(0))).await.unwrap();
     let by_hand = position(&[(Axis::Y, 0.05)]);
     world.lock().unwrap().travel(&by_hand, Speed::Rapid);
@@ -283,7 +287,7 @@ async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
 
 #[tokio::test]
 async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_goes_nowhere() {
-    let (mut driver, _, world) = prepared_in_world(Pace::Fast).await;
+    let (mut driver, _, world) = prepared_in_world(SimulationPace::Fast).await;
     let before = world.lock().unwrap().position();
     let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
     let dialect = dialect("grbl").unwrap();

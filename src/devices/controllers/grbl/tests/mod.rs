@@ -9,27 +9,27 @@ use std::time::Duration;
 
 use bench::{IDLE_REPORT, peer, peer_with_overrides};
 
-use super::{Grbl, GrblTimeouts};
-use crate::controllers::{ControllerError, Driver, Halt};
-use link::{Address, Link, create_pty, open_line_link};
+use super::{GrblDriver, GrblTimeouts};
+use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
+use link::{LineLink, LinkAddress, create_pty, open_line_link};
 use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
 use simulator::controls::grbl::{Firmware, SimulatedGrblOptions, testing};
-use simulator::interpreter::Pace;
+use simulator::interpreter::SimulationPace;
 use simulator::{SimulatedWorld, Speed};
 
-fn grbl(link: Link) -> (Grbl, Halt) {
+fn grbl(link: LineLink) -> (GrblDriver, HaltHandle) {
     let (machine, dialect) = (testing::machine(), dialect("grbl").unwrap());
     let modes = prove_modes(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
-    let (driver, halt) = Grbl::new(link, &machine, modes);
+    let (driver, halt) = GrblDriver::new(link, &machine, modes);
     let timeouts = GrblTimeouts {
-        reply: Duration::from_millis(300),
+        reply_timeout: Duration::from_millis(300),
         poll_interval: Duration::from_millis(20),
-        after_alarm: Duration::from_millis(100),
-        stall: Duration::from_secs(2),
+        alarm_detail_timeout: Duration::from_millis(100),
+        stall_timeout: Duration::from_secs(2),
     };
     (driver.with_timeouts(timeouts), halt)
 }
@@ -61,7 +61,7 @@ fn touch(step: u32) -> Block {
     Block { step, repeat: 0, motions }
 }
 
-async fn run(driver: &mut Grbl, steps: u32) -> Vec<BlockOutcome> {
+async fn run(driver: &mut GrblDriver, steps: u32) -> Vec<BlockOutcome> {
     let prepared = driver.prepare().await.unwrap();
     assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
     let mut outcomes = Vec::new();
@@ -73,18 +73,18 @@ async fn run(driver: &mut Grbl, steps: u32) -> Vec<BlockOutcome> {
 }
 
 /// A prepared driver, its halt, and the simulated world in which its control moves.
-async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<SimulatedWorld>>) {
+async fn prepared_in_world(pace: SimulationPace) -> (GrblDriver, HaltHandle, Arc<Mutex<SimulatedWorld>>) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
-    let mut control = Firmware::new(world.clone(), SimulatedGrblOptions::of(&testing::machine(), pace));
+    let mut control = Firmware::new(world.clone(), SimulatedGrblOptions::for_machine(&testing::machine(), pace));
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, halt) = grbl(Link::from_stream("in process", ours));
+    let (mut driver, halt) = grbl(LineLink::from_stream("in process", ours));
     driver.prepare().await.unwrap();
     (driver, halt, world)
 }
 
 fn firmware() -> Firmware {
-    Firmware::new(testing::world(), SimulatedGrblOptions::of(&testing::machine(), Pace::Fast))
+    Firmware::new(testing::world(), SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Fast))
 }
 
 #[tokio::test]
@@ -92,7 +92,7 @@ async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let mut control = firmware();
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::from_stream("in process", ours));
+    let (mut driver, _) = grbl(LineLink::from_stream("in process", ours));
     let in_process = run(&mut driver, 70).await;
     for (step, outcome) in in_process.iter().enumerate() {
         let at = outcome.touch.as_ref().unwrap();
@@ -105,7 +105,7 @@ async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
     let mut pty = create_pty().unwrap();
     let mut control = firmware();
     tokio::spawn(async move { control.serve(&mut pty.device).await });
-    let (mut driver, _) = grbl(open_line_link(&Address::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
+    let (mut driver, _) = grbl(open_line_link(&LinkAddress::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
     assert_eq!(run(&mut driver, 70).await, in_process);
 
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -114,7 +114,7 @@ async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
         let (stream, _) = listener.accept().await.unwrap();
         firmware().serve(stream).await
     });
-    let address = Address::Tcp { host: "127.0.0.1".to_owned(), port };
+    let address = LinkAddress::Tcp { host: "127.0.0.1".to_owned(), port };
     let (mut driver, _) = grbl(open_line_link(&address).await.unwrap());
     assert_eq!(run(&mut driver, 70).await, in_process);
 }
@@ -123,7 +123,7 @@ fn status(text: &str) -> String {
     format!("<{text}>\r\n")
 }
 
-async fn prepare_error(link: Link) -> ControllerError {
+async fn prepare_error(link: LineLink) -> ControllerError {
     grbl(link).0.prepare().await.unwrap_err()
 }
 
@@ -147,7 +147,7 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
     let classic = "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n";
     let (link, _) = peer_with_overrides(move |line| (line == "$I").then(|| classic.to_owned()));
     let error = prepare_error(link).await;
-    assert!(matches!(&error, ControllerError::Unsupported { reason, .. }
+    assert!(matches!(&error, ControllerError::UnsupportedByControl { reason, .. }
         if reason == "the control has the axes XYZ, but not B, C"));
     assert!(error.remedy().contains("grblHAL"));
 }
@@ -238,7 +238,7 @@ async fn what_a_touch_can_run_into_is_told_by_name() {
 
 #[tokio::test]
 async fn in_contact_nothing_but_a_back_off_is_executed() {
-    let (mut driver, _halt, world) = prepared_in_world(Pace::Fast).await;
+    let (mut driver, _halt, world) = prepared_in_world(SimulationPace::Fast).await;
     // The target is 1.5 mm inside the part: contact is at 28 mm.
     let at = |x: f64| position(&[(Axis::X, x)]);
     let one = |motion: Motion| prove_block(&Block { step: 3, repeat: 0, motions: vec![motion] });
@@ -283,7 +283,7 @@ async fn alarms_errors_and_resets_are_told_with_their_meaning() {
     let banner = "\r\nGrbl 1.1f ['$' for help]\r\n";
     for said in [reset, banner] {
         let (outcome, tape) = execute_touch(reply_to_probe(said)).await;
-        assert!(matches!(outcome, Err(ControllerError::Reset { .. })));
+        assert!(matches!(outcome, Err(ControllerError::ControlReset { .. })));
         assert_eq!(tape.lines().count(), 5);
     }
 }
@@ -347,7 +347,7 @@ async fn a_dwell_is_waited_for_although_the_control_reports_idle() {
 
 #[tokio::test]
 async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
-    let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
+    let halt: Arc<Mutex<Option<HaltHandle>>> = Arc::default();
     let asked = halt.clone();
     let mut held = false;
     let (link, tape) = peer_with_overrides(move |line| match line {
@@ -377,7 +377,7 @@ async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
 
 /// Error after a halt at a control that moves until it has received more than `deaf` holds, and the text sent.
 async fn halt_with_lost_holds(deaf: usize) -> (ControllerError, String) {
-    let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
+    let halt: Arc<Mutex<Option<HaltHandle>>> = Arc::default();
     let asked = halt.clone();
     let (mut moves, mut holds) = (false, 0);
     let (link, tape) = peer_with_overrides(move |line| match line {
@@ -416,7 +416,7 @@ async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
 
 #[tokio::test]
 async fn a_held_simulated_machine_stays() {
-    let (mut driver, halt, world) = prepared_in_world(Pace::Real).await;
+    let (mut driver, halt, world) = prepared_in_world(SimulationPace::Real).await;
     let before = world.lock().unwrap().position();
     // 90 mm at 10 mm/min: nine minutes without a hold.
     let to = position(&[(Axis::Z, -90.0)]);

@@ -8,7 +8,7 @@ use super::*;
 use crate::controllers::grbl::message::GrblMessage;
 
 /// Driver of a simulated control with the options `made`, and the text that the driver has sent.
-fn taped_driver(made: SimulatedGrblOptions) -> (Grbl, SentText) {
+fn taped_driver(made: SimulatedGrblOptions) -> (GrblDriver, SentText) {
     let mut control = Firmware::new(testing::world(), made);
     let (ours, middle) = tokio::io::duplex(4096);
     let (onward, theirs) = tokio::io::duplex(4096);
@@ -26,7 +26,7 @@ fn taped_driver(made: SimulatedGrblOptions) -> (Grbl, SentText) {
             }
         }
     });
-    (grbl(Link::from_stream("in process", ours)).0, tape)
+    (grbl(LineLink::from_stream("in process", ours)).0, tape)
 }
 
 /// Lines that command a motion: G0, G1, G38, G28, G30, homing and jogs.
@@ -52,7 +52,7 @@ const UNREADY_SETTINGS: [(u16, f64, &str, &str); 7] = [
 ];
 
 fn options() -> SimulatedGrblOptions {
-    SimulatedGrblOptions::of(&testing::machine(), Pace::Fast)
+    SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Fast)
 }
 
 #[tokio::test]
@@ -146,7 +146,7 @@ async fn regress_an_override_during_a_touch_makes_no_reading() {
 /// The head must not be sent first: it writes an offset and switches outputs.
 #[tokio::test]
 async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
-    let head_sent = |driver: &Grbl, tape: &SentText| {
+    let head_sent = |driver: &GrblDriver, tape: &SentText| {
         let tape = tape.lock().unwrap();
         let head = driver.modes.head().iter().filter(|line| !line.starts_with('('));
         head.filter(|line| tape.lines().any(|sent| sent.ends_with(line.as_str()))).count()
@@ -189,14 +189,14 @@ async fn regress_the_travel_of_a_homed_control_lies_in_a_corner_however_it_is_ho
     ] {
         let said = device_info(settings).await;
         let x = said.axes[&Axis::X];
-        assert_eq!((x.min, format!("{:?}", x.max)), (Some(-400.0), "Some(0.0)".to_owned()));
+        assert_eq!((x.travel_min, format!("{:?}", x.travel_max)), (Some(-400.0), "Some(0.0)".to_owned()));
         assert_eq!(said.axes[&Axis::B].has_homing, has_homing, "{settings:?}");
     }
     let said = device_info(&[(21, 0.0), (22, 41.0), (23, 1.0), (44, 0.0)]).await;
-    assert_eq!((said.axes[&Axis::X].min, said.axes[&Axis::X].max), (Some(0.0), Some(400.0)));
-    assert_eq!(said.axes[&Axis::Y].min, Some(-400.0));
+    assert_eq!((said.axes[&Axis::X].travel_min, said.axes[&Axis::X].travel_max), (Some(0.0), Some(400.0)));
+    assert_eq!(said.axes[&Axis::Y].travel_min, Some(-400.0));
     let off = device_info(&[(21, 0.0), (22, 0.0), (44, 7.0)]).await;
-    assert_eq!((off.axes[&Axis::X].min, off.axes[&Axis::B].has_homing), (None, None));
+    assert_eq!((off.axes[&Axis::X].travel_min, off.axes[&Axis::B].has_homing), (None, None));
 }
 
 #[tokio::test]

@@ -17,7 +17,7 @@ use tokio::time::{Instant, sleep};
 use self::tick_record::{TickPositions, TickRecord};
 use crate::controllers::ControllerError;
 use link::Clock;
-use link::{Address, ByteStreamHandle, HostPort, StreamRead};
+use link::{ByteStreamHandle, HostPort, LinkAddress, StreamRead};
 use machine::record::track::AxisTrack;
 use machine::{Axis, Position};
 
@@ -101,7 +101,7 @@ impl Sampler {
     pub async fn open(config: &SamplerConfig, axes: &[Axis], clock: Arc<dyn Clock>) -> Result<Self, ControllerError> {
         let machine_axes = || axes.iter().copied().filter(|axis| *axis != Axis::S).collect();
         let axes = config.axes.clone().unwrap_or_else(machine_axes);
-        let address = Address::from(&config.tcp);
+        let address = LinkAddress::from(&config.tcp);
         let name = format!("the sampler at {address}");
         let stream = link::open_byte_stream(&address).await.map_err(|error| {
             let state = format!("{name} is not reachable: {error}");

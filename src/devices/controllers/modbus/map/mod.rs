@@ -210,7 +210,7 @@ impl RegisterMap {
                 _ => write.push(RegisterRange { space: RegisterSpace::Holding, first, last }),
             }
         }
-        AccessList { read, write }
+        AccessList { readable: read, writable: write }
     }
 
     /// Returns an axis without registers in the window.

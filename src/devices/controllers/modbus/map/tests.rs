@@ -8,8 +8,8 @@ fn map(text: &str) -> Result<RegisterMap, String> {
 fn the_published_window_passes_its_own_check_and_is_all_that_can_be_reached() {
     let published = map("").unwrap();
     let allowed = published.access_ranges();
-    assert_eq!(allowed.read, [RegisterRange { space: RegisterSpace::Input, first: 0, last: 44 }]);
-    assert_eq!(allowed.write, [RegisterRange { space: RegisterSpace::Holding, first: 0, last: 105 }]);
+    assert_eq!(allowed.readable, [RegisterRange { space: RegisterSpace::Input, first: 0, last: 44 }]);
+    assert_eq!(allowed.writable, [RegisterRange { space: RegisterSpace::Holding, first: 0, last: 105 }]);
     assert_eq!(published.status.block_range(), (0, 45));
     assert_eq!(published.axis_without_registers(&[Axis::X, Axis::C]), None);
 }
@@ -40,7 +40,7 @@ fn an_item_can_be_moved_and_made_of_another_kind() {
     ")
     .unwrap();
     assert_eq!(moved.status.block_range(), (200, 100));
-    assert_eq!(moved.access_ranges().write.len(), 2);
+    assert_eq!(moved.access_ranges().writable.len(), 2);
     assert_eq!(moved.axis_without_registers(&[Axis::X, Axis::C]), Some(Axis::C));
     let mut block = vec![0; 100];
     (block[30], block[31]) = (0xFFFF, 0xFFFE);

@@ -8,7 +8,7 @@ use super::ResidentProgram;
 use super::layout::ProgramCall;
 use super::rows::{self, ProgramRow, RowAction};
 use crate::controllers::ControllerError;
-use crate::controllers::modbus::driver::ModbusControl;
+use crate::controllers::modbus::driver::ModbusDriver;
 use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
 use crate::controllers::modbus::status::{ReportedResult, WindowStatus};
 use crate::controllers::modbus::window::{PendingChunk, RegisterWindow, sequence_after};
@@ -37,7 +37,7 @@ enum ResultFreshness {
     New,
 }
 
-impl ModbusControl {
+impl ModbusDriver {
     /// Discards an old result before the first call: a result that an ended run has not read belongs to no
     /// call.
     pub(in crate::controllers::modbus) async fn clear_results(
@@ -143,7 +143,7 @@ impl ModbusControl {
             // The program has ended, but still reports a result that was acknowledged.
             let since = ended_at.filter(|_| done).unwrap_or_else(Instant::now);
             ended_at = done.then_some(since);
-            if since.elapsed() > self.window.timeouts.reply {
+            if since.elapsed() > self.window.timeouts.reply_timeout {
                 return Err(result_mismatch("an acknowledged result", results.len()));
             }
         }

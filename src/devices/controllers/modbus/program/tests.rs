@@ -2,17 +2,17 @@
 
 use std::time::Duration;
 
-use super::super::driver::ModbusControl;
+use super::super::driver::ModbusDriver;
 use super::super::tests::{driver, fault, prove_block_for, turn_at_feed, wait_for_hold};
 use super::call::ContactRowResult;
 use super::rows;
-use crate::controllers::{ControllerError, Driver};
+use crate::controllers::{ControllerDriver, ControllerError};
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
-use simulator::controls::modbus::{Diary, DiaryEntry, Fault, FaultKind};
-use simulator::interpreter::Pace;
+use simulator::controls::modbus::{ControlEvent, ControlEventLog, Fault, FaultKind};
+use simulator::interpreter::SimulationPace;
 
 const PROGRAM_KEYS: &str = "[program]";
 
@@ -49,16 +49,16 @@ fn block(motions: Vec<Motion>) -> Block {
     Block { step: 70_001, repeat: 0, motions }
 }
 
-async fn prepared_driver(keys: &str, faults: Vec<Fault>) -> (ModbusControl, Diary) {
-    let (mut driver, _, diary) = driver(keys, Pace::Fast, faults).await;
+async fn prepared_driver(keys: &str, faults: Vec<Fault>) -> (ModbusDriver, ControlEventLog) {
+    let (mut driver, _, diary) = driver(keys, SimulationPace::Fast, faults).await;
     driver.prepare().await.unwrap();
     (driver, diary)
 }
 
-fn executed_texts(diary: &Diary) -> Vec<String> {
+fn executed_texts(diary: &ControlEventLog) -> Vec<String> {
     let diary = diary.lock().unwrap();
     let took = diary.iter().filter_map(|entry| match entry {
-        DiaryEntry::Accepted { text, .. } => Some(text.clone()),
+        ControlEvent::Accepted { text, .. } => Some(text.clone()),
         _ => None,
     });
     took.collect()
@@ -97,13 +97,13 @@ async fn a_list_of_touches_is_handed_over_one_by_one() {
         // Each result is a contact that the control has made.
         let diary = diary.lock().unwrap();
         let made = diary.iter().filter_map(|entry| match entry {
-            DiaryEntry::Contact { t_s, .. } => Some(Some(*t_s)),
+            ControlEvent::Contact { t_s, .. } => Some(Some(*t_s)),
             _ => None,
         });
         let times: Vec<_> = found.iter().map(|found: &ContactRowResult| found.t_s).collect();
         assert_eq!(times, made.collect::<Vec<_>>());
         assert_eq!(status.latch_count, 3);
-        let wrong = |entry: &&DiaryEntry| matches!(entry, DiaryEntry::FaultOccurred(_));
+        let wrong = |entry: &&ControlEvent| matches!(entry, ControlEvent::FaultOccurred(_));
         assert_eq!(diary.iter().filter(wrong).count(), usize::from(kind.is_some()));
     }
 }
@@ -148,7 +148,7 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
     let outcome = first.execute(prove_block(&Block { step: 2, repeat: 0, motions: touch().into() })).await.unwrap();
     let diary = diary.lock().unwrap();
     let last = diary.iter().rev().find_map(|entry| match entry {
-        DiaryEntry::Contact { t_s, .. } => Some(*t_s),
+        ControlEvent::Contact { t_s, .. } => Some(*t_s),
         _ => None,
     });
     assert_eq!(outcome.t_s, last);
@@ -197,7 +197,7 @@ async fn a_call_that_an_earlier_run_could_not_end_is_no_matter() {
 #[tokio::test]
 async fn a_contact_during_a_rapid_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver(PROGRAM_KEYS, Pace::Real, faults).await;
+    let (mut driver, _, diary) = driver(PROGRAM_KEYS, SimulationPace::Real, faults).await;
     driver.prepare().await.unwrap();
     let error = driver.execute(prove_block(&block(vec![Motion::Rapid { to: x_position(390.0) }]))).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
@@ -209,7 +209,7 @@ async fn a_contact_during_a_rapid_is_held() {
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver(PROGRAM_KEYS, Pace::Real, faults).await;
+    let (mut driver, _, diary) = driver(PROGRAM_KEYS, SimulationPace::Real, faults).await;
     driver.prepare().await.unwrap();
     let error = driver.execute(prove_block(&turn_at_feed())).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
@@ -229,6 +229,6 @@ async fn a_contact_off_its_way_and_a_machine_that_ends_elsewhere_are_no_result()
         let motions = approach_motions().into_iter().chain(touch()).collect();
         let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
         assert!(matches!(error, ControllerError::WrongPosition { .. }), "{item}: {error}");
-        assert!(matches!(diary.lock().unwrap()[..], [.., DiaryEntry::Contact { .. }]));
+        assert!(matches!(diary.lock().unwrap()[..], [.., ControlEvent::Contact { .. }]));
     }
 }
