@@ -20,7 +20,7 @@ pub(super) async fn stop_reason(
         Some(ProgramResult::ProbeFault(fault)) => ControllerError::ProbeFault { fault: *fault },
         Some(ProgramResult::OffsetSet) => ControllerError::not_ready(
             "the work offset slot G59.3 was set during the run",
-            &format!("enter {}, then start again", clear_offset_command(axes)),
+            format!("enter {}, then start again", clear_offset_command(axes)),
         ),
         Some(ProgramResult::Touch(_)) | None => match reported_reason(rsh, step).await {
             Ok(reason) | Err(reason) => reason,

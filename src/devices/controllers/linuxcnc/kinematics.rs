@@ -92,7 +92,7 @@ fn unknown_mode_error(ini: Option<&IniFile>, mode: KinematicsMode) -> Controller
         "the mode of the kinematics is unknown (with or without compensation of the rotary axes): {reason}, and the \
          present positions do not show the mode"
     );
-    ControllerError::not_ready(&state, &format!("{first_remedy}{turn_remedy}"))
+    ControllerError::not_ready(&state, format!("{first_remedy}{turn_remedy}"))
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ pub(super) fn check_state(state: &[f64], axes: &[Axis]) -> Result<ReportedState,
     if slot.iter().any(|offset| *offset != 0.0) {
         return Err(ControllerError::not_ready(
             "the work offset slot G59.3 is not zero",
-            &format!(
+            format!(
                 "trued uses G59.3 and requires zero offsets there: move your offset to another slot, then \
                  enter {}",
                 clear_offset_command(axes)

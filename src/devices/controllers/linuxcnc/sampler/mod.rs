@@ -105,7 +105,7 @@ impl Sampler {
         let name = format!("the sampler at {address}");
         let stream = link::open_byte_stream(&address).await.map_err(|error| {
             let state = format!("{name} is not reachable: {error}");
-            ControllerError::not_ready(&state, &format!("start the sampler together with LinuxCNC: {SETUP_GUIDE}"))
+            ControllerError::not_ready(&state, format!("start the sampler together with LinuxCNC: {SETUP_GUIDE}"))
         })?;
         let state = SamplerState { record: TickRecord::new(axes, config.period_s), lost_reason: None };
         let shared_state = Arc::new(Mutex::new(state));
@@ -141,7 +141,7 @@ impl Sampler {
         let silent = |name: &str, reason: String| {
             ControllerError::not_ready(
                 format!("{name}: {reason}"),
-                &format!("check that the sampler runs: {SETUP_GUIDE}"),
+                format!("check that the sampler runs: {SETUP_GUIDE}"),
             )
         };
         // Positions buffered before the connection arrive at once.
@@ -159,7 +159,7 @@ impl Sampler {
             ));
         }
         let difference = self.position_difference(&newest, position);
-        difference.map_or(Ok(()), |difference| Err(ControllerError::not_ready(&difference, &pin_remedy())))
+        difference.map_or(Ok(()), |difference| Err(ControllerError::not_ready(&difference, pin_remedy())))
     }
 
     /// Starts to keep positions.
