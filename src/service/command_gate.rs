@@ -12,7 +12,7 @@ use tracing::field::Empty;
 use tracing::info_span;
 
 use super::config::{ServeConfig, StartInterlock};
-use super::gate_inputs::Heartbeat;
+use super::heartbeat::Heartbeat;
 use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, ServiceState};
 use super::schedule_state::{DueRequest, ReadinessSource};
 use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, WorkerCommand};

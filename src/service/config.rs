@@ -1,12 +1,12 @@
 //! `[serve]` of the machine file: which cycles may be started from outside, and through which interfaces.
 
-use std::fmt::Display;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::key_range::check_range;
 use super::schedule::entry::{self, ScheduleEntry};
 use link::{HostPort, LinkConfig, LinkKeys};
 
@@ -216,12 +216,4 @@ fn check_modbus(modbus: &ModbusConfig) -> Result<(), String> {
         return Err("modbus.allow is empty: list the addresses of the clients that may connect".to_owned());
     }
     check_range("modbus.fresh_s", modbus.fresh_s, 0.1, 60.0)
-}
-
-/// Checks that the value of `key` is at least `min` and at most `max`.
-pub(super) fn check_range<T: PartialOrd + Display>(key: &str, value: T, min: T, max: T) -> Result<(), String> {
-    match (&min..=&max).contains(&&value) {
-        true => Ok(()),
-        false => Err(format!("{key} is {value}; allowed: {min} to {max}")),
-    }
 }

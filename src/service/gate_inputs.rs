@@ -3,39 +3,15 @@
 
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::sync::oneshot;
 
 use super::command_gate::CommandGate;
+use super::heartbeat::Heartbeat;
 use super::machine_state::Interlocks;
 use super::not_started::NotStartedReason;
 use super::schedule_state::{DueRequest, Readiness};
-
-/// Newest heartbeat of a machine's worker: each beat states the maximum time until the next one. Only progress of the
-/// work itself beats, so that hung work is detected.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Heartbeat {
-    time: Instant,
-    /// Maximum time until the next beat.
-    timeout: Duration,
-}
-
-impl Heartbeat {
-    /// A beat now; the next one is due within `timeout`.
-    pub(super) fn now(timeout: Duration) -> Self {
-        Self { time: Instant::now(), timeout }
-    }
-
-    /// Time since the beat.
-    pub(super) fn age(self) -> Duration {
-        self.time.elapsed()
-    }
-
-    pub(super) fn is_late(self) -> bool {
-        self.age() > self.timeout
-    }
-}
 
 impl CommandGate {
     /// Reports progress of the worker; the next report is due within `timeout`.

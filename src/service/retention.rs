@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::captures::CaptureNaming;
 use super::command_gate::CommandGate;
-use super::config::check_range;
+use super::key_range::check_range;
 use super::machine_state::ServiceState;
 use super::{Log, ServeError, spawn_thread};
 use crate::store::{Journal, StoreError};

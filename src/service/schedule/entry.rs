@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::calendar::Calendar;
-use crate::service::config::check_range;
+use crate::service::key_range::check_range;
 
 /// Condition of a scheduled start beyond the `demand` of `[serve]`; the machine reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]

@@ -63,7 +63,7 @@ enum ControlProtocol {
     ModbusProgram,
 }
 
-/// ControlWire between the daemon and the simulated firmware.
+/// Wire between the daemon and the simulated firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum ControlWire {

@@ -12,7 +12,7 @@ use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_pty, serve_o
 use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, send_on_pty, send_on_tcp, serve_on_demand};
 use simulator::sensors::{SampleSource, serial as simulated_serial};
 
-/// SensorWire between the daemon and a simulated sensor outside of this process.
+/// Wire between the daemon and a simulated sensor outside of this process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SensorWire {
     Pty,

@@ -1,16 +1,13 @@
 //! Page for a request that failed: shows the error response as HTML.
 
 use axum::body::to_bytes;
-use axum::extract::Request;
 use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
-use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use minijinja::context;
 use serde::Deserialize;
 
 use super::render_page;
-use crate::service::http::access::Caller;
 
 /// Maximum size of an error response, bytes.
 const MAX_ERROR_BYTES: usize = 64 * 1024;
@@ -19,17 +16,6 @@ const MAX_ERROR_BYTES: usize = 64 * 1024;
 struct ErrorText {
     message: String,
     remedy: String,
-}
-
-/// Middleware: an error response becomes a page, unless a program sent the request.
-pub async fn errors_as_pages(request: Request, next: Next) -> Response {
-    let program = is_json(request.headers());
-    let tokens = request.extensions().get::<Caller>().is_some_and(Caller::has_token);
-    let response = next.run(request).await;
-    match program {
-        true => response,
-        false => error_page(response, tokens).await,
-    }
 }
 
 /// Converts an error response to a page; leaves others as they are. `tokens`: as for [`render_page`].

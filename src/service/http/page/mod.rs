@@ -4,6 +4,7 @@
 mod compare;
 mod error_page;
 mod machine;
+mod middleware;
 mod rendering_cache;
 mod run;
 mod schedule;
@@ -24,7 +25,8 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-pub use self::error_page::{error_page, errors_as_pages, is_json};
+pub use self::error_page::{error_page, is_json};
+pub use self::middleware::errors_as_pages;
 pub use self::rendering_cache::RenderingCache;
 use super::AppState;
 use super::problem::Problem;
