@@ -1,0 +1,28 @@
+//! Heartbeat of a machine's worker.
+
+use std::time::{Duration, Instant};
+
+/// Newest heartbeat of a machine's worker: each beat states the maximum time until the next one. Only progress of the
+/// work itself beats, so that hung work is detected.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Heartbeat {
+    time: Instant,
+    /// Maximum time until the next beat.
+    timeout: Duration,
+}
+
+impl Heartbeat {
+    /// A beat now; the next one is due within `timeout`.
+    pub(super) fn now(timeout: Duration) -> Self {
+        Self { time: Instant::now(), timeout }
+    }
+
+    /// Time since the beat.
+    pub(super) fn age(self) -> Duration {
+        self.time.elapsed()
+    }
+
+    pub(super) fn is_late(self) -> bool {
+        self.age() > self.timeout
+    }
+}
