@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn other_heights_are_named() {
+    fn different_heights_are_reported() {
         let [here, near, high] = [60.0, 60.3, 120.0].map(|z| estimate(Some([0.0, 0.0, z])));
         assert!(height_differences(&here, &near).is_empty());
         assert!(height_differences(&estimate(None), &estimate(None)).is_empty());

@@ -44,7 +44,7 @@ fn estimate(values: &[(&str, f64, bool)]) -> Estimate {
 
 /// Finished runs of this machine only; the last estimate of each, with its identified parameters.
 #[test]
-fn a_history_is_what_finished_runs_last_said() {
+fn history_has_the_last_estimate_of_each_finished_run() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = |method: &str, machine: &str, state, estimates: &[Estimate]| -> RunId {
@@ -87,7 +87,7 @@ fn a_history_is_what_finished_runs_last_said() {
 /// The newest run was dated by a clock that was set back. It still counts as the newest, both in the limits and
 /// in the chart.
 #[test]
-fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
+fn run_with_a_wrong_date_keeps_its_order_of_measurement() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     for number in 0..13 {
@@ -109,7 +109,7 @@ fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
 
 /// A signature belongs to one estimate: after another identification the run is not signed.
 #[test]
-fn a_signature_speaks_for_the_estimate_that_was_signed() {
+fn signature_applies_to_the_signed_estimate_only() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
@@ -142,7 +142,7 @@ fn a_signature_speaks_for_the_estimate_that_was_signed() {
 }
 
 #[test]
-fn runs_are_compared_where_they_have_something_in_common() {
+fn runs_are_compared_in_common_parameters() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = |method: &str, config: &str, value: Option<f64>| -> RunId {
@@ -185,7 +185,7 @@ fn runs_are_compared_where_they_have_something_in_common() {
 
 /// A control that was switched off meanwhile reports 0 at any position of such an axis.
 #[test]
-fn an_axis_without_a_homing_switch_may_have_lost_its_zero_in_any_stop() {
+fn axis_without_homing_switch_may_lose_its_zero_at_any_stop() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let lost = |homing: &str| {

@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_the_machine_file_claims_beyond_the_control_is_told() {
+    fn only_values_beyond_those_of_the_control_are_reported() {
         let (machine, info) = machine_with_matching_info();
         assert_eq!(machine_file_differences(&machine, &info), []);
         assert_eq!(machine_file_differences(&machine, &DeviceInfo::default()), [], "it tells nothing");

@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_will_be_seen_is_told_in_the_machines_directions() {
+    fn expected_motion_is_described_in_machine_directions() {
         let plain = ("", "");
         assert_eq!(motion_text(plain, Axis::X, 1.0), "the spindle moves 1 mm towards +X");
         assert_eq!(motion_text(plain, Axis::Z, -1.0), "the spindle moves 1 mm towards −Z");

@@ -8,7 +8,7 @@ use testing::fuzz::fuzz_parser;
 const CAPTURED_LINES: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n<Idle|MPos:0.000,1.000>\r\nok\n";
 
 #[test]
-fn the_line_assembler_bears_anything() {
+fn fuzz_line_assembler() {
     let words = ["ok", "\r\n", "\n", "µ", "<Idle|", "\u{7f}"];
     fuzz_parser("link-lines", &[CAPTURED_LINES, &[b'a'; 9_000]], &words, |input| {
         let mut assembler = LineAssembler::default();
@@ -36,7 +36,7 @@ const CAPTURE: &[u8] = b"# trued-capture 1\n0.1 1 = lines a\n0.2 1 > $I\\n\n0.3 
 1.0 4 = files d\n1.1 4 > a.ngc\\nG0\n1.2 4 < a.log\n1.3 4 < a.log\\nEND\\n\n";
 
 #[test]
-fn the_capture_reader_bears_anything() {
+fn fuzz_capture_reader() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
     let words = [" 1 < ", " 1 > ", " 2 = modbus-tcp ", "\\x", "# trued-capture 1\n"];

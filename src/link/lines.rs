@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_split_anywhere_come_out_whole() {
+    fn lines_split_anywhere_are_assembled() {
         let bytes = "ok\r\n<Idle|µ>\n\nerror:9\r\n".as_bytes();
         for cut in 0..bytes.len() {
             let mut assembler = LineAssembler::default();
@@ -89,14 +89,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_told_at_once_and_its_line_dropped() {
+    fn noise_is_reported_and_its_line_dropped() {
         let mut assembler = LineAssembler::default();
         assert_eq!(assembler.push(b"<Id\xff\xfe"), [LineEvent::Noise { bytes: 5 }]);
         assert_eq!(assembler.push(b"le|MPos:1.000>\nok\n"), [line("ok")]);
     }
 
     #[test]
-    fn an_endless_line_is_noise_not_memory() {
+    fn endless_line_is_noise_and_uses_bounded_memory() {
         let mut assembler = LineAssembler::default();
         let events: Vec<LineEvent> = (0..100).flat_map(|_| assembler.push(&[b'a'; 1000])).collect();
         assert_eq!(events, [LineEvent::Noise { bytes: 5000 }]);

@@ -14,7 +14,7 @@ fn line(text: &str) -> Option<LineEvent> {
 }
 
 #[tokio::test]
-async fn lines_travel_both_ways_and_the_end_is_told_for_ever() {
+async fn lines_pass_in_both_directions_and_the_end_is_reported() {
     let (ours, mut theirs) = tokio::io::duplex(64);
     let mut link = LineLink::from_stream("peer", ours);
     link.send_line("?").unwrap();
@@ -33,7 +33,7 @@ async fn lines_travel_both_ways_and_the_end_is_told_for_ever() {
 }
 
 #[tokio::test]
-async fn urgent_bytes_overtake_what_is_queued_but_split_no_message() {
+async fn urgent_bytes_overtake_queued_messages_without_splitting_one() {
     let (ours, mut theirs) = tokio::io::duplex(4);
     let link = LineLink::from_stream("peer", ours);
     link.send(b"first line\n").unwrap();
@@ -95,7 +95,7 @@ async fn a_pty_is_opened_by_one_client_at_a_time() {
 }
 
 #[tokio::test]
-async fn a_port_that_is_not_there_is_missing() {
+async fn missing_port_is_reported() {
     let path = "/dev/no-such-port".to_owned();
     let serial = open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await;
     assert!(matches!(serial, Err(LinkError::Missing { .. })));
@@ -108,7 +108,7 @@ async fn a_port_that_is_not_there_is_missing() {
 }
 
 #[tokio::test]
-async fn a_port_is_found_by_its_name_whatever_its_number() {
+async fn port_is_found_by_its_stable_name() {
     let folder = tempfile::tempdir().unwrap();
     let found = |id: &str| find_port_by_id(folder.path(), id);
     let none = found("board-1").unwrap_err();

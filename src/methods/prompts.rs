@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_method_sees_nothing_of_what_is_asked() {
+    fn prompts_are_invisible_to_the_method() {
         let method = with_prompts(Box::new(TwoStageMethod), vec!["clean it".to_owned(), "cap off".to_owned()]);
         // A process that resumes the run gets the prompts from the plan alone.
         let later = PromptedMethod::without_texts(Box::new(TwoStageMethod));

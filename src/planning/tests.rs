@@ -450,7 +450,7 @@ fn until_a_scan_confirms_the_descent_ends_where_nothing_is_within_range() {
 }
 
 #[test]
-fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
+fn continuous_scan_is_one_block_of_feeds_without_a_dwell() {
     let sensor = serde_json::json!({"name": "laser",
         "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0]});
     let point = |x: f64| at(&[(Axis::X, x), (Axis::Y, 1.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, 0.0)]);

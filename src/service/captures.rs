@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_cycle_left_is_kept_and_the_next_takes_another_name() {
+    fn existing_capture_is_kept_and_the_next_has_another_name() {
         let folder = tempfile::tempdir().unwrap();
         let captures = CaptureNaming::new(folder.path().join("talk.capture"));
         let left = ["talk-begun.capture", "talk-begun-2.capture"];

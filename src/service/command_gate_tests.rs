@@ -30,7 +30,7 @@ const RESUME_REQUEST: GateRequest = |gate| gate.resume(RunId(1), inspection_by_a
 
 /// Until the first command has ended, no other command is accepted, so that nothing starts by itself afterwards.
 #[test]
-fn of_all_pairs_of_asks_the_second_waits_for_the_end_of_the_first() {
+fn second_command_waits_for_the_end_of_the_first() {
     for (first, state) in [
         (START_REQUEST, ServiceState::Waiting),
         (ACKNOWLEDGE_REQUEST, ServiceState::Held),
@@ -56,7 +56,7 @@ fn of_all_pairs_of_asks_the_second_waits_for_the_end_of_the_first() {
 /// A state change that is detected meanwhile does not end the command in progress, so no second command is
 /// accepted behind it.
 #[test]
-fn what_is_seen_meanwhile_ends_nothing() {
+fn state_updates_do_not_end_a_pending_command() {
     let (gate, _asks) = held_gate();
     assert_eq!(ACKNOWLEDGE_REQUEST(&gate), Ok(()));
     assert!(!gate.set_state_if_idle(ServiceState::Waiting));
@@ -67,7 +67,7 @@ fn what_is_seen_meanwhile_ends_nothing() {
 }
 
 #[test]
-fn a_hold_is_heard_by_whatever_moves() {
+fn hold_reaches_every_moving_activity() {
     let (gate, _asks) = held_gate();
     assert_eq!(gate.stop("Ada"), HoldEffect::NoRun);
     gate.update(|machine_state| machine_state.is_used_elsewhere = true);
@@ -91,7 +91,7 @@ fn a_hold_is_heard_by_whatever_moves() {
 
 /// The remaining time of a cycle comes from its rehearsal; that of a resumed run is unknown until the run reports it.
 #[test]
-fn the_time_left_is_never_made_up() {
+fn time_left_is_absent_without_a_rehearsal() {
     let (gate, _asks) = held_gate();
     gate.finish_command(ServiceState::Waiting);
     gate.set_rehearsal_results([(1, RehearsalResult { machine_s: 600.0, has_prompts: true })].into());
@@ -112,7 +112,7 @@ fn halt_with_observer() -> (HaltHandle, impl Fn() -> bool) {
 
 /// A person's acknowledgement does not override the interlocks that the machine reports.
 #[test]
-fn a_machine_that_says_no_is_not_moved() {
+fn refused_interlock_prevents_motion() {
     let (gate, _asks) = held_gate();
     let stop = Interlocks { stop: true, ..ALL_INTERLOCKS_SET };
     assert_eq!(gate.resume(RunId(1), inspection_by_ada(), stop).map(drop), Err(Refusal::Stopped));

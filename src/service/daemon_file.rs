@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_one_in_config_names_a_machine_that_is_there() {
+    fn daemon_file_in_config_names_an_existing_machine() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/trued.toml");
         let DaemonFile { machines, http, .. } = DaemonFile::read(&file).unwrap();
         assert_eq!(machines.len(), 1);

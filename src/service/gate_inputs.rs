@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn where_several_tell_all_must_say_so_and_none_may_be_silent() {
+    fn readiness_needs_all_sources_and_none_stale() {
         let interlocks = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
         let all = Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true };
         let gate = CommandGate::for_tests().0;

@@ -41,7 +41,7 @@ mod tests {
     /// An acknowledgement for a resume does not close the run: a service that starts after a power cut still waits
     /// for a person.
     #[test]
-    fn a_run_is_left_by_who_says_so_and_until_it_goes_on() {
+    fn acknowledged_run_stays_acknowledged_until_resumed() {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
         let new = NewRun { config: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };

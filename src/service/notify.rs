@@ -114,7 +114,7 @@ mod tests {
     const LONG_TIMEOUT: Duration = Duration::from_secs(3600);
 
     #[test]
-    fn one_that_hangs_stops_the_feed_and_is_held() {
+    fn hanging_worker_stops_the_watchdog_and_is_held() {
         let log: Log = Log::new(|_, _| {});
         let machines: WatchedMachines =
             ["mill", "lathe"].map(|name| (name.to_owned(), CommandGate::for_tests().0)).into();
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_cannot_say_more_than_a_name() {
+    fn machine_name_cannot_inject_notifications() {
         let machines = vec![("mill\nREADY=1".to_owned(), CommandGate::for_tests().0)];
         assert_eq!(status_line(&machines), "mill READY=1: starting");
     }

@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_arming_ends_within_a_year() {
+    fn arming_ends_within_a_year() {
         let now: Timestamp = "2026-11-22T12:00:00Z".parse().unwrap();
         let until =
             |words: &str| new_arming("the mill", 1, "Ada", "", words, now).map(|arming| arming.until.to_string());

@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn each_harm_does_what_its_name_says() {
+    fn each_wire_fault_has_its_effect() {
         let text = "G0 X1\nG1 Y2\nok\n";
         let byte_index = |fault| faulty_text(text, 1, 3, fault);
         assert_eq!(byte_index(WireFault::DropByte), "G0 X1\nG1 2\nok\n");
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn the_schedule_is_the_seed_s_and_holds_every_harm() {
+    fn wire_faults_follow_the_seed_and_include_every_kind() {
         let drawn = |seed, direction| wire(seed).schedule(direction).take(2000);
         let to = || drawn(1, WireDirection::ToDevice);
         assert!(to().eq(drawn(1, WireDirection::ToDevice)));

@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn from_where_it_stood_the_machine_moves_otherwise_than_the_control_believes() {
+    fn wrong_wiring_moves_the_machine_differently_from_the_display() {
         let displayed = Position::new().with(Axis::X, 2.0).with(Axis::Y, -3.0).with(Axis::Z, 440.0);
         let true_position = |wiring| true_wiring(wiring).true_position(displayed.clone());
         assert_eq!(true_position(Wiring::default()), displayed);
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn the_probe_shows_what_its_wires_let_through() {
+    fn probe_input_follows_its_wiring() {
         let input_states = |probe| {
             let true_wiring = true_wiring(Wiring { probe, ..Wiring::default() });
             ([true_wiring.input_state(false), true_wiring.input_state(true)], true_wiring.reacts_to_contact())

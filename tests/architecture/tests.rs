@@ -38,7 +38,7 @@ fn an_import_of_a_higher_layer_is_found_in_every_spelling() {
 }
 
 #[test]
-fn methods_are_separate() {
+fn import_between_methods_is_found() {
     let files = [
         ("", "pub mod samba; pub mod latch_delay; pub fn shared() {}"),
         ("latch_delay", "pub fn fit() {}"),
@@ -48,7 +48,7 @@ fn methods_are_separate() {
 }
 
 #[test]
-fn io_is_found_behind_a_name() {
+fn io_behind_an_alias_is_found() {
     let found = |text: &str| used_paths(&parsed("methods", &[("", text)]), &IMPURE_PATHS).len();
     assert!(found("use std::fs as files; fn f() { files::read(\"x\"); }") > 0);
     assert!(found("fn f() -> std::time::Instant { std::time::Instant::now() }") > 0);
@@ -70,7 +70,7 @@ fn a_module_without_a_layer_is_refused() {
 }
 
 #[test]
-fn a_circle_is_found_and_a_seam_is_none() {
+fn import_circle_is_found_but_a_reexport_is_not_one() {
     let circles =
         |a: &str, b: &str| import_circles(&parsed("methods", &[("", "pub mod a; pub mod b;"), ("a", a), ("b", b)]));
     let found = circles("use super::b::B; pub struct A(B);", "pub struct B; fn f(_: super::a::A) {}");

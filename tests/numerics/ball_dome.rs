@@ -113,7 +113,7 @@ fn a_dome_is_longer_where_it_is_warm() {
 /// Compares the styluses, and the means that are many times the noise, with those of the exact world of the same
 /// seed.
 #[test]
-fn u_is_true() {
+fn coverage_of_the_dome_and_of_later_runs() {
     let seeds = if is_full() { 100 } else { 2 };
     let of_seed = |seed: u64| {
         // Without drift, because the drift up to then is part of every stylus.
@@ -153,7 +153,7 @@ fn is_contradicted(estimate: &Estimate) -> bool {
 
 /// Error motions, drift, certificate and probe as declared: they explain the deviations of S3.
 #[test]
-fn the_calibrated_machine_is_as_good_as_declared() {
+fn residual_errors_of_the_calibrated_machine_are_within_u() {
     let seeds = if is_full() { 40 } else { 2 };
     let estimates: Vec<Estimate> =
         (1..=seeds).into_par_iter().map(|seed| samba_and_dome_estimate(seed, str::to_owned, &[])).collect();
@@ -167,7 +167,7 @@ fn the_calibrated_machine_is_as_good_as_declared() {
 /// The dome deflects by 6.5 µm on average as it tilts, and its clamping by 0.6 µm (paper 4, section 6): the model
 /// does not contain it, and the estimate reports it.
 #[test]
-fn a_dome_that_gives_way_is_noticed() {
+fn yielding_dome_is_flagged() {
     let sag: Table = "axis = \"B\"\nlaw = \"sin\"\num = [5.5, 0.0, 7.4]".parse().unwrap();
     let changes: Changes =
         vec![("simulated.sag", Value::Array(vec![sag.into()])), ("simulated.ball_offset_mm", Value::Float(0.0027))];
@@ -188,7 +188,7 @@ fn planned_time_min(file: &MachineFile) -> f64 {
 /// A ball that is searched for once is measured in three quarters of the time of one that is searched for at every
 /// indexation, with the same uncertainty.
 #[test]
-fn one_search_saves_a_quarter_of_the_time_and_no_certainty() {
+fn single_search_saves_a_quarter_of_the_time_at_equal_u() {
     if !is_full() {
         return;
     }
@@ -224,7 +224,7 @@ fn readings_with_temperature_watch(drift_um_per_h: f64, watch_min: f64) -> Resul
 /// monitored six times as long, and the run does not begin; neither does it where the time is too short to show
 /// that the machine is at rest.
 #[test]
-fn a_machine_that_is_not_at_rest_is_watched() {
+fn drifting_machine_is_watched() {
     let readings = readings_with_temperature_watch(2.0, 4.0).unwrap();
     let last_s = readings.last().unwrap().t_s;
     println!("{} readings in {last_s:.0} s", readings.len());
@@ -253,7 +253,7 @@ pub fn with_a_on_y_topology(text: &str) -> String {
 
 #[test]
 #[ignore = "a minute and a half of CPU for a dome on another machine"]
-fn another_topology_is_as_good() {
+fn another_topology_gives_equal_results() {
     let estimate = samba_and_dome_estimate(1, with_a_on_y_topology, &[]);
     check_no_alarm(&estimate);
     assert_eq!((estimate.rank, estimate.unknowns), (9, 9));

@@ -188,12 +188,12 @@ fn check_coverage(name: &str, changes: Changes, missing: f64) {
 }
 
 #[test]
-fn u_is_true_on_the_built_in_machine() {
+fn coverage_on_the_built_in_machine() {
     check_coverage("as shipped", Vec::new(), 0.0);
 }
 
 #[test]
-fn u_is_true_on_a_poor_machine_with_a_twentieth_of_the_visits_missing() {
+fn coverage_on_a_poor_machine_with_5_percent_of_the_visits_missing() {
     let changes = vec![("probe.repeatability_um", Value::Float(1.0)), ("machine.drift_um_per_h", Value::Float(20.0))];
     check_coverage("poor, 5 % missing", changes, 0.05);
 }
@@ -221,7 +221,7 @@ fn figures_of_subharmonics_span_all_revolutions() {
 
 /// Compares the largest forecast U of each curve with that of a run. In the second world most of it is drift.
 #[test]
-fn u_is_foretold_before_motion() {
+fn expected_u_is_stated_before_motion() {
     let drift =
         vec![("machine.drift_um_per_h", Value::Float(40.0)), ("method.ball-plate.drift_order", Value::Integer(0))];
     for (name, changes) in [("as shipped", Vec::new()), ("drift", [small_layout(), drift].concat())] {
@@ -318,7 +318,7 @@ fn balls_at_equal_angles_are_refused_with_a_better_layout() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_before_motion() {
+fn unmeasurable_layouts_are_refused_before_motion() {
     let integer = |path, value| (path, Value::Integer(value));
     let cases = [
         (vec![integer("method.ball-plate.sub_harmonics", 3)], "choose revolutions = 3"),

@@ -23,7 +23,7 @@ fn machine(seed: u64) -> MachineFile {
 }
 
 #[test]
-fn u_of_a_difference_is_true_where_sources_are_common() {
+fn coverage_of_differences_with_common_sources() {
     let worlds = population_size(200);
     // 4 parameters for each world; 95.45 % expected, ± 3 standard deviations of the binomial distribution.
     let shares = if is_full() { 0.93..=0.977 } else { 0.88..=1.0 };

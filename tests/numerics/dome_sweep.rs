@@ -223,7 +223,7 @@ fn is_clear(text: &str, kind: Topology) {
 }
 
 #[test]
-fn nothing_is_met_on_the_built_in_machine() {
+fn no_collision_on_the_built_in_machine() {
     // The gate tests the other machine.
     if is_full() {
         is_clear(DOME, Topology::BuiltIn);
@@ -231,6 +231,6 @@ fn nothing_is_met_on_the_built_in_machine() {
 }
 
 #[test]
-fn nothing_is_met_on_another_topology() {
+fn no_collision_on_another_topology() {
     is_clear(&with_a_on_y_topology(DOME), Topology::OnAAndY);
 }

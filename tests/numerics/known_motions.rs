@@ -184,20 +184,20 @@ fn assert_known_motions_subtracted(changes: &[(&str, Value)]) {
 }
 
 #[test]
-fn regress_known_motions_are_taken_out() {
+fn regress_known_motions_are_subtracted() {
     assert_known_motions_subtracted(&[]);
 }
 
 /// Coefficients refer to the commanded angle, whatever the sense of rotation.
 #[test]
-fn regress_known_motions_of_a_reversed_axis_are_taken_out() {
+fn regress_known_motions_of_a_reversed_axis_are_subtracted() {
     assert_known_motions_subtracted(&[("axes.C.positive", "reversed".into())]);
 }
 
 /// With five positions order 5 is not separable from the location of the axis. Without known motions, the declared
 /// magnitude is in the budget; known motions replace it.
 #[test]
-fn regress_known_motions_make_u_smaller_and_keep_it_true() {
+fn regress_known_motions_reduce_u_and_keep_the_coverage() {
     const FULL_POPULATION: u64 = 1000;
     let worlds = population_size(FULL_POPULATION);
     let right = KnownMotions { components: &[Axis::X, Axis::Y], u_um: 0.3, ..EXACT_MOTIONS };

@@ -94,7 +94,7 @@ fn with_late_time_stamps(text: String) -> String {
 }
 
 #[test]
-fn u_is_true_of_continuous_scans_and_of_their_latency() {
+fn coverage_of_continuous_scans_and_their_latency() {
     let worlds = population_size(40);
     let settings = "sampling = \"continuous\"\nrate_hz = 250.0\n";
     let all = estimates_in_parallel(worlds, |seed| {

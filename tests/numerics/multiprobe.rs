@@ -261,12 +261,12 @@ fn gains_and_angles_are_found_from_the_turns() {
 }
 
 #[test]
-fn u_is_true_on_the_built_in_machine() {
+fn coverage_on_the_built_in_machine() {
     check_coverage("dwell points", &[], 0.0, coverage_size_and_limits());
 }
 
 #[test]
-fn u_is_true_where_samples_are_missing() {
+fn coverage_with_missing_samples() {
     let changes = [("method.multiprobe.revolutions", Value::Integer(2))];
     let population = if is_full() { coverage_size_and_limits() } else { (60, 0.87..=1.0) };
     check_coverage("5 % missing", &changes, 0.05, population);
@@ -289,7 +289,7 @@ fn continuous_turn_settings() -> Vec<(&'static str, Value)> {
 }
 
 #[test]
-fn u_is_true_of_continuous_turns() {
+fn coverage_of_continuous_turns() {
     // A turn has thousands of samples: 200 seeds take ten minutes.
     let population = if is_full() { (200, 0.93..=0.98) } else { (8, 0.85..=1.0) };
     check_coverage("continuous turns", &continuous_turn_settings(), 0.0, population);
@@ -324,7 +324,7 @@ fn parse_table(toml: &str) -> Value {
 }
 
 #[test]
-fn a_wrong_index_is_named_and_left_out() {
+fn wrong_index_is_named_and_omitted() {
     let fault = parse_table("mounting = 3\noff_deg = 12.0");
     let found = identify_faulty(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
     let named =
@@ -440,7 +440,7 @@ fn a_fast_clock_is_named() {
 }
 
 #[test]
-fn what_a_layout_loses_is_refused_with_a_better_one() {
+fn unsuitable_layout_is_refused_with_a_better_one() {
     let refusal = |changes: &[(&str, Value)]| {
         let (method, header) = setup::configure_method_and_plan(&machine(1, changes), "multiprobe", None).unwrap();
         let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
@@ -520,7 +520,7 @@ fn linearity_error_scatters_as_its_budget_line() {
 /// Without backlash, noise and mounting errors, only drift changes the means: linearly in time, forward and
 /// backward.
 #[test]
-fn stability_is_in_the_order_of_time() {
+fn stability_is_listed_in_order_of_time() {
     let changes =
         [("method.multiprobe.revolutions", Value::Integer(2)), ("machine.drift_um_per_h", Value::Float(30.0))];
     let estimate = play_run(machine(1, &[&small_settings()[..], &changes].concat()), 1).estimate().unwrap();

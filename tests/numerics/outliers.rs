@@ -121,7 +121,7 @@ fn regress_an_early_interruption_does_not_refuse_the_repeated_touches() {
 
 /// Self-calibration with six positions and without references has touches that no other touch checks.
 #[test]
-fn a_touch_that_no_other_checks_is_made_once_more() {
+fn touch_without_redundancy_is_repeated() {
     let file = |seed: u64| {
         let text = include_str!("../../config/simulated.toml");
         let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
@@ -151,7 +151,7 @@ fn a_touch_that_no_other_checks_is_made_once_more() {
 /// An error of the size that the estimate states for detection, in any direction, is named, and no verdict is based
 /// on it.
 #[test]
-fn a_measurement_that_is_off_is_named() {
+fn erroneous_measurement_is_named() {
     let worlds = population_size(100);
     for case in &CASES {
         let is_named = |seed: u64| {
@@ -231,7 +231,7 @@ const SUSPECTED_TOUCHES: [(&str, &str); 3] = [
 ];
 
 #[test]
-fn what_is_off_is_measured_again_and_listed() {
+fn outlier_is_measured_again_and_listed() {
     for (method, text) in SUSPECTED_TOUCHES {
         let file = match method {
             "probe-qualification" => changed_machine_file(text, &[("simulated.seed", Value::Integer(3))]),

@@ -272,7 +272,7 @@ fn largest_detectable_outlier_mm(estimate: &Estimate) -> f64 {
 /// A chip displaces one touch of the cycle by the size that the estimate states, and by 20 um: the touch is named,
 /// alone or with those that have the same effect, and no verdict is based on it.
 #[test]
-fn a_touch_that_is_off_is_named() {
+fn erroneous_touch_is_named() {
     let worlds = population_size(100);
     let case = UndeclaredCase { common: &[], declared: &[], world: &[], deviation: no_deviation };
     let stated_mm = largest_detectable_outlier_mm(&case.estimate(1).0);

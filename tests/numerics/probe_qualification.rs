@@ -244,7 +244,7 @@ fn undeclared_lobes_contradict_the_map() {
 }
 
 #[test]
-fn without_a_certificate_the_form_of_the_ball_is_not_taken_for_the_probe() {
+fn form_of_an_uncertified_ball_is_not_attributed_to_the_probe() {
     let mut table: Table = QUALIFICATION_MACHINE.parse().unwrap();
     table["axes"].as_table_mut().unwrap().remove("S");
     table["method"]["probe-qualification"].as_table_mut().unwrap().remove("form_um");
@@ -282,7 +282,7 @@ fn map_is_not_changed_by_a_ball_moved_in_an_interruption() {
 }
 
 #[test]
-fn a_touch_that_is_off_is_named() {
+fn erroneous_touch_is_named() {
     let (file, plan, mut readings) = assert_sound(&[], &no_deviation);
     let number = 60;
     let step = plan.steps.iter().find(|step| step.id == readings[number].step).unwrap();

@@ -85,7 +85,7 @@ fn total_motion(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f
 }
 
 #[test]
-fn u_is_true_on_the_built_in_machine() {
+fn coverage_on_the_built_in_machine() {
     let worlds = population_size(200);
     let shares = if is_full() { 0.93..=0.98 } else { 0.88..=1.0 };
     let (mut held, mut count) = ([0.0; 3], [0.0; 3]);

@@ -77,12 +77,12 @@ fn assert_mean(mean: f64, worlds: u64) {
 }
 
 #[test]
-fn regress_u_is_true_with_all_sources() {
+fn regress_coverage_with_all_sources() {
     assert_chi2(&[]);
 }
 
 #[test]
-fn regress_u_is_true_on_a_machine_with_poor_axes() {
+fn regress_coverage_on_a_machine_with_poor_axes() {
     assert_chi2(&[
         ("error_motion_um", "3.0"),
         ("error_wavelength_mm", "60.0"),
@@ -105,7 +105,7 @@ const SOURCE_KEYS: [(&str, &str, &str, &str); 6] = [
 
 /// One source alone (METHODS section 6): its budget line equals the observed scatter.
 #[test]
-fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
+fn regress_each_budget_line_equals_the_scatter_of_its_source() {
     const FULL_POPULATION: u64 = 100;
     let worlds = population_size(FULL_POPULATION);
     let (low, high) = ratio_bounds(worlds, FULL_POPULATION, (0.8, 1.2));
@@ -217,7 +217,7 @@ fn estimate_of_interrupted_run(seed: u64, kept: usize, share: f64) -> (Estimate,
 /// A machine that moved during an interruption: the step is fitted, and U remains valid wherever the cycle was
 /// interrupted. Without the gap in the plan this fails by far.
 #[test]
-fn regress_u_is_true_across_an_interruption() {
+fn regress_coverage_across_an_interruption() {
     let (worlds, mut sum) = (population_size(120), 0.0);
     for world in 0..worlds {
         let kept = 8 + (world as usize * 7) % 52;

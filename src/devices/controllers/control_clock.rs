@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_follow_each_other_are_taken() {
+    fn ascending_time_stamps_are_accepted() {
         let mut clock = ControlClock::default();
         assert_eq!(check_time(&mut clock, 0.0, 1.7e9), Ok(Some(1.7e9)), "seconds of an epoch");
         assert_eq!(check_time(&mut clock, 1.7e9 + 12.5, 1.7e9 + 13.0), Ok(Some(1.7e9 + 12.5)));
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_cannot_be_are_refused_with_their_value() {
+    fn implausible_time_stamps_are_refused_with_their_value() {
         for (stamp_s, now_s, named) in [
             (1e300, 101.0, "latch = 1e300 s: outside the range of a clock, 0 to 1e11 s"),
             (f64::NAN, 101.0, "latch = NaN s"),

@@ -147,7 +147,7 @@ mod tests {
     use link::HostPort;
 
     #[test]
-    fn a_port_that_is_not_there_is_told_with_those_that_are() {
+    fn missing_port_is_reported_with_the_existing_ones() {
         let devices = tempfile::tempdir().unwrap();
         let told = |names: &[&str]| {
             names.iter().for_each(|name| drop(fs::write(devices.path().join(name), "")));
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn the_system_is_asked_for_groups_and_holders() {
+    fn group_and_user_of_a_port_are_reported() {
         assert_eq!(read_group_name(0).as_deref(), Some("root"));
         let mut sleeper = std::process::Command::new("sleep");
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_network_says_is_told_apart() {
+    fn network_errors_are_distinguished() {
         let at = LinkConfig::Tcp(HostPort::local(1));
         let told = |kind: std::io::ErrorKind| {
             let address = "192.0.2.1:23".to_owned();

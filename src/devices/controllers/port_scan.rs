@@ -152,7 +152,7 @@ mod tests {
     use link::decode_at_baud;
 
     #[test]
-    fn a_question_mark_at_a_wrong_speed_commands_nothing() {
+    fn status_query_at_a_wrong_baud_rate_is_no_command() {
         // Grbl's realtime commands that act (grblHAL `grbl.h`: exit, reset, stop; of those from 0x80 on,
         // 0x80 and 0x87 report and 0x9f is none), line ends, and every character that a line may contain.
         let acts = |byte: u8| {

@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sample_comes_back_to_the_last_bit() {
+    fn sample_is_restored_bit_for_bit() {
         for flag in ReadingFlag::ALL {
             for value_mm in [None, Some(-0.1 - 0.2), Some(1e-9), Some(-0.0)] {
                 let one = Sample {

@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn its_bits_are_those_that_change_it() {
+    fn bits_of_a_field_are_those_that_change_its_value() {
         let fields = [
             field(0, 0, 24, Endianness::Big, false),
             field(1, 3, 7, Endianness::Big, false),

@@ -85,7 +85,7 @@ fn frames_written_by_hand_are_read() {
 }
 
 #[test]
-fn the_counter_tells_what_is_missing_and_what_came_before() {
+fn counter_shows_missing_and_repeated_samples() {
     let mut follower = TrackedLayout::new(layout(WHOLE).unwrap());
     let mut read = |count: u8| follower.sample(1.0, &[1, 0, 0, count, 0]).unwrap();
     let one = Some(1e-5);
@@ -106,7 +106,7 @@ fn the_counter_tells_what_is_missing_and_what_came_before() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_its_key() {
+fn invalid_values_are_refused_with_their_key() {
     let base = "order = \"big\"\n";
     let refused = [
         ("value = { byte = 0, width = 0, scale_mm = 1.0 }", "`value.width` is 0"),
@@ -157,7 +157,7 @@ fn what_cannot_be_is_refused_with_its_key() {
 
 /// 24 bits in both orders, and an encoder of one turn with fewer counts than its bits can hold.
 #[test]
-fn the_count_of_an_encoder_is_read_beside_the_value() {
+fn encoder_count_is_read_with_the_value() {
     let read = |encoder: &str, frame: &[u8]| {
         let value = "value = { byte = 0, width = 16, order = \"big\", scale_mm = 1e-3 }\n";
         let layout = layout(&format!("{value}encoder_count = {{ byte = 2, {encoder} }}")).unwrap();

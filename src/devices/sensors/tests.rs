@@ -62,7 +62,7 @@ async fn watch_until_held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<S
 }
 
 #[tokio::test]
-async fn whatever_is_not_good_holds_the_machine_once() {
+async fn any_bad_sample_holds_the_machine_once() {
     for flag in [ReadingFlag::Range, ReadingFlag::Saturated, ReadingFlag::Stale] {
         let (times, ended) =
             watch_until_held(&sensor(&[ReadingFlag::None, ReadingFlag::None, flag], false), true).await;
@@ -74,14 +74,14 @@ async fn whatever_is_not_good_holds_the_machine_once() {
 }
 
 #[tokio::test]
-async fn a_link_that_is_lost_holds_it_too() {
+async fn lost_link_holds_the_machine() {
     let (times, ended) = watch_until_held(&sensor(&[ReadingFlag::None, ReadingFlag::None], true), true).await;
     assert_eq!(times, 1);
     assert!(matches!(ended, Err(SensorError::TaskEnded)), "{ended:?}");
 }
 
 #[tokio::test]
-async fn a_watch_that_cannot_stand_is_refused_before_anything_moves() {
+async fn impossible_watch_is_refused_before_motion() {
     let sensor = sensor(&[], true);
     let refused = sensor.watch(|_| true, || panic!("nothing was watched")).await;
     assert!(matches!(refused, Err(SensorError::TaskEnded)), "{refused:?}");
@@ -89,7 +89,7 @@ async fn a_watch_that_cannot_stand_is_refused_before_anything_moves() {
 }
 
 #[tokio::test]
-async fn silence_is_not_waited_for_again_and_again() {
+async fn silence_is_awaited_only_once() {
     let taken =
         sensor(&[ReadingFlag::None, ReadingFlag::Stale, ReadingFlag::None], false).read_samples(100).await.unwrap();
     let flags: Vec<ReadingFlag> = taken.iter().map(|sample| sample.flag).collect();
@@ -99,7 +99,7 @@ async fn silence_is_not_waited_for_again_and_again() {
 
 /// The remedy names the fault and the sensor, so that the operator does not search at the control.
 #[test]
-fn a_sensors_link_has_remedies_of_its_own() {
+fn sensor_links_have_their_own_remedies() {
     use link::LinkError;
     let address = || "/dev/ttyUSB9".to_owned();
     let denied = SensorError::from(LinkError::Denied { address: address() }).remedy();

@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn error_frames_are_told_apart_by_what_they_mean_for_a_listener() {
+    fn error_frames_are_classified_for_a_receiver() {
         // Bus error with a protocol violation (stuff error), as at a wrong bit rate.
         let ErrorFrameClass::BusErrors(why) = of(0x88, &[0, 0, 0x04, 0, 0, 0, 0, 0]) else { panic!() };
         assert!(why.contains("bit stuffing error") && why.contains("bus error"), "{why}");

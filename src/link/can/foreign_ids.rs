@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn others_are_listened_to_once_after_each_silence() {
+    fn foreign_identifiers_are_read_once_after_each_silence() {
         let start = Instant::now();
         let at = |ms| start + Duration::from_millis(ms);
         let id = |raw| CanId::new(raw, false).unwrap();

@@ -168,7 +168,7 @@ mod tests {
 
     /// A reader that lets its queue overflow still receives the change of state.
     #[test]
-    fn an_interface_that_goes_down_is_told_behind_a_full_queue() {
+    fn interface_down_is_reported_behind_a_full_queue() {
         let (mut owner, mut receiver) = owner();
         let id = owner.id;
         for _ in 0..MAX_QUEUED_FRAMES + 3 {
@@ -187,7 +187,7 @@ mod tests {
 
     /// A restarted controller has missed frames: the loss is reported before the next frame.
     #[test]
-    fn a_restart_and_an_overflow_are_told_before_the_next_frame() {
+    fn restart_and_overflow_are_reported_before_the_next_frame() {
         let (mut owner, mut receiver) = owner();
         owner.handle_error_frame(ErrorFrameClass::BusErrors("stuffed".to_owned()));
         owner.handle_error_frame(ErrorFrameClass::BusOff("bus off".to_owned()));

@@ -45,7 +45,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stamp_counts_by_its_age_unless_the_real_time_was_set() {
+    fn time_stamp_is_used_by_its_age_unless_the_clock_was_set() {
         let mut stamps = TimestampConverter::new(Arc::new(StoppedClock(100.0)));
         let old = SystemTime::now() - Duration::from_secs(2);
         let time_s = stamps.monotonic_s(Some(old));

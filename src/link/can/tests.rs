@@ -21,7 +21,7 @@ fn a_frame_keeps_eight_bytes_at_most() {
 
 /// With or without CAN in the kernel, a missing interface is refused with a fitting message.
 #[test]
-fn an_interface_that_is_not_there_is_refused_with_a_remedy() {
+fn missing_interface_is_refused_with_a_remedy() {
     let id = CanId::new(1, false).unwrap();
     let error = CanReceiver::open("can-none", id, Arc::new(HostClock::start())).err().unwrap();
     match &error {
@@ -37,7 +37,7 @@ fn an_interface_that_is_not_there_is_refused_with_a_remedy() {
 }
 
 #[tokio::test]
-async fn on_demand_frames_come_when_asked_for_and_none_waits() {
+async fn generated_frames_are_created_on_request() {
     let id = CanId::new(1, false).unwrap();
     let mut left = 2_u8;
     let mut can = CanReceiver::from_generator("memory", move || {

@@ -90,7 +90,7 @@ async fn registers_are_read_and_written_and_read_back() {
 }
 
 #[tokio::test]
-async fn an_exception_is_told_in_words_and_the_connection_stays() {
+async fn exception_is_reported_and_the_connection_stays() {
     let (_device, link) = client_of_device().await;
     let refused = link.read(RegisterSpace::Holding, 98, 4).await.unwrap_err();
     assert_eq!(
@@ -102,7 +102,7 @@ async fn an_exception_is_told_in_words_and_the_connection_stays() {
 }
 
 #[tokio::test]
-async fn what_is_not_on_the_list_is_not_sent() {
+async fn request_outside_the_access_list_is_not_sent() {
     let (device, link) = client_of_device().await;
     let refused = |result: Result<(), ModbusError>| {
         assert!(matches!(result, Err(ModbusError::NotAllowed { .. })), "{result:?}");
@@ -163,7 +163,7 @@ async fn read_repeatedly(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u1
 }
 
 #[tokio::test]
-async fn a_captured_talk_is_replayed_without_the_device() {
+async fn capture_is_replayed_without_the_device() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
     let (device, line, settings) = start_device().await;

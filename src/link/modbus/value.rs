@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn value_beyond_its_type_is_refused() {
         let short = number(NumberType::I16, ByteOrder::Abcd, 0.001);
         assert_eq!(short.encode(32.767).unwrap(), [0x7FFF]);
         assert!(matches!(short.encode(32.768), Err(ValueError::OutOfRange { .. })));
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_read_from_toml() {
+    fn number_format_is_read_from_toml() {
         let parsed: NumberFormat = toml::from_str("type = \"i32\"\norder = \"cdab\"\nscale = 0.001").unwrap();
         assert_eq!(parsed, number(NumberType::I32, ByteOrder::Cdab, 0.001));
         let parsed: NumberFormat = toml::from_str("type = \"f32\"").unwrap();

@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_are_taken_whole() {
+    fn only_complete_frames_are_taken() {
         let mut bytes = Framing::Tcp.build_frame(7, &[1, 3, 2, 0, 9]);
         bytes.extend([0, 8, 0]);
         assert_eq!(Framing::Tcp.take_frames(&mut bytes), [(7, vec![1, 3, 2, 0, 9])]);

@@ -40,7 +40,7 @@ const CAPTURED_LINES: &str = "# trued-capture 1
 ";
 
 #[tokio::test]
-async fn replies_come_by_command_and_reports_when_asked() {
+async fn replay_gives_replies_by_command_and_reports_on_query() {
     let replay = replay(CAPTURED_LINES).unwrap();
     let clock = replay.clock();
     let (near, _far) = tokio::io::duplex(64);
@@ -64,7 +64,7 @@ async fn replies_come_by_command_and_reports_when_asked() {
 }
 
 #[tokio::test]
-async fn a_captured_talk_is_the_one_that_was_had() {
+async fn replayed_capture_equals_the_original() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
     let capture = Capture::create(&file).unwrap();
@@ -102,7 +102,7 @@ async fn a_captured_talk_is_the_one_that_was_had() {
 }
 
 #[test]
-fn a_spoilt_capture_is_refused_in_words() {
+fn damaged_capture_is_refused_with_a_reason() {
     let error_of = |text: &str| replay(text).err().unwrap();
     assert_eq!(
         error_of("G1 X2\n"),

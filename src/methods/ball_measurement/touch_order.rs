@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn the_touches_go_round_from_any_of_them_the_pole_before_or_after() {
+    fn touches_follow_the_circle_with_the_pole_first_or_last() {
         let applied = |first, backward, pole_first| {
             let around = TouchOrder { first_touch: first, is_backward: backward, is_pole_first: pole_first };
             around.apply(vec!["+45", "+135", "-135", "-45", "pole"]).join(" ")
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn no_combination_is_quicker() {
+    fn touch_order_is_the_fastest_of_all() {
         let random = &mut seeded_stream(1, &[1]);
         let mut table = |rows: usize, columns: usize| -> Vec<Vec<f64>> {
             (0..rows).map(|_| (0..columns).map(|_| random.random()).collect()).collect()

@@ -145,7 +145,7 @@ mod tests {
     /// GUM, G.4.1 and table G.2: u of 2 and 1 with 4 and 8 degrees of freedom gives 25/(16/4 + 1/8) = 6.06
     /// effective degrees of freedom, truncated to 6: t(95.45 %) = 2.52.
     #[test]
-    fn its_uncertainty_is_that_of_both() {
+    fn uncertainty_of_a_difference_combines_both_runs() {
         let found = parameter_difference(&parameter(1.0, 2.0, Some(4.0)), &parameter(7.0, 1.0, Some(8.0)), &[]);
         let found = found.unwrap();
         assert!((found.by - 6.0).abs() < 1e-12 && found.significant);
@@ -157,7 +157,7 @@ mod tests {
 
     /// For machines that have not changed, 4.6 of 100 differences are significant.
     #[test]
-    fn false_alarms_come_as_often_as_said() {
+    fn false_alarm_rate_is_the_stated_one() {
         let mut rng = seeded_stream(5, &[1]);
         let mut draw = |u: f64| -> f64 { u * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
         let told = (0..4000).filter(|_| {
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_of_them_does_not_know_is_left_out() {
+    fn parameters_missing_in_one_run_are_omitted() {
         let mut estimate = empty_estimate();
         let lost = Parameter { identifiable: false, ..parameter(1.0, 1.0, None) };
         let other = Parameter { symbol: "EY0C".to_owned(), ..parameter(1.0, 1.0, None) };
@@ -210,7 +210,7 @@ mod tests {
     /// u² = 1 + 3² + 0.5² and 1.2² + 2² + 0.5². The probe contributes 3 and 2 and is common to both results:
     /// the variance of the difference is 1 + 1.44 + 2·0.25 + (3 − 2)² = 3.94.
     #[test]
-    fn common_sources_cancel() {
+    fn common_sources_cancel_in_the_difference() {
         use EvaluationType::{A, B};
         let one = with_budget(10.0, &[("touches", A, 1.0), ("probe lobing", B, 3.0), ("resolution", B, 0.5)]);
         let other = with_budget(13.0, &[("touches", A, 1.2), ("probe lobing", B, 2.0), ("resolution", B, 0.5)]);

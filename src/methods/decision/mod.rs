@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn the_guard_band_makes_a_third_state() {
+    fn guard_band_gives_undecided() {
         let verdict = |parameter: &Parameter| judge_parameter(parameter, 10.0, false).verdict;
         assert_eq!(verdict(&one(-7.9, 2.0)), Verdict::Pass);
         assert_eq!(verdict(&one(-8.1, 2.0)), Verdict::Undecided);

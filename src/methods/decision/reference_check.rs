@@ -297,7 +297,7 @@ mod tests {
 
     /// A reference point without a new reading does not count as agreeing.
     #[test]
-    fn what_was_not_seen_again_is_named() {
+    fn unrepeated_references_are_named() {
         let (plan, before) = (plan(), readings(0, [ReadingFlag::None; 3]));
         let references = References::from_readings(&plan, &before);
         assert!(references.covers_all_directions());
@@ -314,7 +314,7 @@ mod tests {
     /// The samples of one point may end later than those of the next point. They still count as readings
     /// before the stop.
     #[test]
-    fn readings_a_little_out_of_order_hide_no_references() {
+    fn references_are_found_in_slightly_disordered_readings() {
         let (plan, seen) = (plan(), [ReadingFlag::None; 3]);
         let mut all = readings(0, seen);
         let [.., earlier, last] = all.as_mut_slice() else { unreachable!() };

@@ -228,7 +228,7 @@ mod tests {
     /// Simulated stops: the false alarm rate of 1.1 % of stops does not grow with the number of places, and a
     /// relevant shift is detected.
     #[test]
-    fn false_alarms_are_as_rare_as_promised_however_many_places_are_compared() {
+    fn false_alarm_rate_is_independent_of_the_number_of_references() {
         for reference_count in [1, 4, 26] {
             let [declared, pooled] = refused(reference_count, 0.0, 20_000);
             println!("{reference_count} places: {declared} of stops, {pooled} with pooled scatter");
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_the_farthest_are_told() {
+    fn largest_shifts_are_listed() {
         let limits = ShiftLimits::new(TouchScatter::from_series(Some(0.5e-3), &[]), 26, 0.0);
         let shift = |um: f64| ReferenceShift::from_pair(&pair(um * 1e-3, 0.0), &limits);
         let few: Vec<ReferenceShift> = [1.0, -3.0, 2.0].map(shift).into();
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_scatter_is_said() {
+    fn unknown_scatter_is_reported() {
         assert_eq!(TouchScatter::from_series(None, &[vec![1.0], vec![2.0]]), TouchScatter::Unknown);
         assert!(TouchScatter::Unknown.describe().contains("repeatability_um is missing"));
         let coarse = ReferencePair { resolution_mm: 1e-3, ..pair(1.5e-3, 0.0) };

@@ -111,7 +111,7 @@ mod tests {
 
     /// A triangle wave of mean 1 with a closing point: 0, 1, 2, 1 at the quarters.
     #[test]
-    fn linear_periodic_and_of_mean_zero() {
+    fn interpolation_is_linear_periodic_and_of_zero_mean() {
         let closed = function(&[0.0, 90.0, 180.0, 270.0, 360.0], &[0.0, 1.0, 2.0, 1.0, 0.0]);
         let open = function(&[-90.0, 0.0, 90.0, 180.0], &[1.0, 0.0, 1.0, 2.0]);
         for points in [closed, open].map(|function| PeriodicPoints::new(&function).unwrap()) {
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn points_at_one_angle_are_one_point() {
+    fn points_at_one_angle_are_merged() {
         let twice = function(&[0.0, 0.0, 90.0, 180.0, 270.0], &[2.0, 4.0, 3.0, 3.0, 3.0]);
         let points = PeriodicPoints::new(&twice).unwrap();
         assert!(points.interpolate(0.0).value.abs() < 1e-15);
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_function_over_one_revolution_is_refused() {
+    fn points_beyond_one_revolution_are_refused() {
         let reason = |x: &[f64]| PeriodicPoints::new(&function(x, &vec![0.0; x.len()])).unwrap_err();
         assert!(reason(&[0.0, 90.0, 180.0, 270.0, 450.0]).contains("more than one revolution"));
         assert!(reason(&[0.0, 90.0, 180.0]).contains("more than 90°"));

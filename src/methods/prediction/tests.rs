@@ -65,7 +65,7 @@ fn errors_are_those_of_the_matrix_products() {
 /// Without tool centre point control the tip has no error at the origin of the table, at each position of the
 /// rotary axes.
 #[test]
-fn the_work_zero_is_set_anew_without_tool_centre_control() {
+fn work_zero_is_reset_without_tool_centre_control() {
     let (machine, estimate) = (machine(), measured());
     let tool = Vector3::from(machine.tool_mm);
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
@@ -140,7 +140,7 @@ fn slices_are_made_of_poses() {
 /// An offset of C along X with the work zero at C = 0: the uncertainty of the tip is twice that of the offset
 /// at C = 180°, and equal along X and Y at 90°.
 #[test]
-fn uncertainty_is_zeroed_too() {
+fn uncertainty_is_relative_to_the_work_zero() {
     let mut estimate = measured();
     let of = |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
     let (offset, angle) = (of("EX0C"), of("EA0Y"));
@@ -164,7 +164,7 @@ fn uncertainty_is_zeroed_too() {
 }
 
 #[test]
-fn what_was_not_measured_is_refused() {
+fn prediction_outside_the_measured_parameters_is_refused() {
     let (machine, mut estimate) = (machine(), measured());
     let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     assert!(predictor.check_measured_range(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
@@ -251,7 +251,7 @@ fn touches_are_points_of_the_workpiece() {
 /// The stylus and its uncertainty come from the estimate; the uncertainty of a stated stylus is that of its
 /// offset.
 #[test]
-fn points_are_seen_by_the_stylus_that_was_found() {
+fn points_use_the_identified_stylus() {
     let (mut plan, mut estimate) = (built_in::plan(), measured());
     plan.probe.lobing_um = 0.0;
     plan.probe.repeatability_um = Some(0.0);

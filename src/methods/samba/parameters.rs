@@ -127,7 +127,7 @@ mod tests {
     /// is not included, because no axis turns Z: one length does not separate it from a larger distance of
     /// the balls.
     #[test]
-    fn regress_other_machines() {
+    fn regress_other_topologies_have_their_parameters() {
         let gains = ["EXX1", "EYY1", "EZZ1"];
         let with_gains = |names: &[&'static str]| [names, &gains].concat();
         let squareness = ["EA0Z", "EB0Z", "EC0Y"];
@@ -172,7 +172,7 @@ mod tests {
 
     /// A tilting head stays upright: the set is that of the machine without it.
     #[test]
-    fn regress_a_head_that_stands_has_no_errors_of_its_own() {
+    fn regress_fixed_head_has_no_parameters() {
         for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {
             let (with_head, plain) = (machine(topology), machine(without));
             let (head, plain) = (KinematicChain::new(&with_head).unwrap(), KinematicChain::new(&plain).unwrap());
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spindle_that_does_not_turn_has_no_place_of_its_own() {
+    fn fixed_spindle_has_no_location_parameters() {
         let chain = KinematicChain::new(&machine("wCBXFZYSt")).unwrap();
         let names: Vec<String> =
             implied_parameters(MeasuringConditions { chain: &chain, fixed_axes: &[Axis::S], length_directions: &[] })
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_checked_in_words() {
+    fn unknown_parameter_names_are_refused_with_a_reason() {
         let chain = KinematicChain::new(&machine("wCFXYZt")).unwrap();
         let ask = |names: &[&str]| {
             let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();

@@ -140,7 +140,7 @@ fn regress_uncertainty_of_the_mean_axis_position() {
 }
 
 #[test]
-fn regress_a_third_probe_angle_tames_the_noise() {
+fn regress_a_third_probe_angle_reduces_the_noise() {
     for (n, paper, third) in [(8, 3.34, 1.40), (24, f64::NAN, 1.88), (36, 13.8, 2.06)] {
         let with = PaperSystem::new(&Design { position_count: n, probe_indices: vec![0, 1, n / 4] });
         let worst = worst_sigma(&with);

@@ -15,7 +15,7 @@ fn reason(lines: &str) -> RefusalReason {
 }
 
 #[test]
-fn until_it_is_confirmed_only_z_moves_below_its_upper_end_and_nothing_fast() {
+fn unconfirmed_position_allows_only_slow_z_below_its_upper_end() {
     let plan = plan(|_| {});
     assert!(proven_as(&plan, CAREFUL, Some(&beside()), ConfirmedDirections::default()).is_ok());
     let low = CAREFUL.replace("Z450", "Z440");
@@ -36,7 +36,7 @@ fn until_it_is_confirmed_only_z_moves_below_its_upper_end_and_nothing_fast() {
 /// 45 mm from the axis, 360°/s² are 283 mm/s²: to stop within 4 mm after 0.3 s of delay, the speed is at most
 /// v = 283·(√(0.3² + 2·4/283) − 0.3) = 12.6 mm/s, or 963°/min.
 #[test]
-fn until_it_is_confirmed_axes_turn_slowly_one_by_one_at_the_upper_end_of_z() {
+fn unconfirmed_position_allows_slow_single_turns_at_the_upper_end_of_z() {
     let turning = plan(|plan| plan["machine"]["axes"]["C"]["acceleration_per_s2"] = 360.0.into());
     let to_zero = |turn: &str| {
         let from = beside().with(Axis::C, std::f64::consts::PI);

@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_has_the_most_makes_room_and_nobody_else() {
+    fn client_with_most_connections_loses_one() {
         let (connections, begun) = (Connections::new(), Instant::now());
         let [few, many] = [[127, 0, 0, 1], [127, 0, 0, 2]].map(IpAddr::from);
         let guard: Vec<ConnectionGuard> = (0..3).map(|number| connections.register(number, few, begun)).collect();
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_under_way_makes_room_last_and_a_listener_for_his_own() {
+    fn active_requests_are_closed_last() {
         let (connections, mut now) = (Connections::new(), Instant::now());
         let from = IpAddr::from([127, 0, 0, 1]);
         let _taken: Vec<ConnectionGuard> = (0..300).map(|number| connections.register(number, from, now)).collect();

@@ -72,7 +72,7 @@ mod tests {
     use crate::store::RunId;
 
     #[test]
-    fn a_verdict_has_its_time() {
+    fn verdict_has_a_time() {
         let ended: Timestamp = "2026-11-22T05:30:00Z".parse().unwrap();
         let result = LatestResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
         let newest = NewestRuns { result: Some(result), not_identified: None };

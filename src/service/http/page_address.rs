@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_daemon_that_is_asked_for_is_believed() {
+    fn address_file_of_another_daemon_is_ignored() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(PageAddressFile::read(7, folder.path()), None);
         let here = PageAddressFile { pid: 7, page: ([127, 0, 0, 1], 8137).into(), machine_files: BTreeMap::new() };

@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_long_time_the_newest() {
+    fn newest_due_time_of_a_long_period() {
         let calendar = Calendar::new("* * * * *", "UTC").unwrap();
         let (times, more) =
             calendar.times_between(timestamp("1970-01-01T00:00:00Z"), timestamp("2027-01-01T00:00:30Z"), 3);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_calendar_says_how_one_looks() {
+    fn invalid_calendar_is_refused_with_an_example() {
         for (pattern, zone, words) in [
             ("30 5 * *", "UTC", "30 5 * * 1-5"),
             ("0 30 5 * * *", "UTC", "30 5 * * 1-5"),

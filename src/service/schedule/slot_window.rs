@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slot_is_due_when_its_time_comes_and_once() {
+    fn slot_is_due_once_at_its_time() {
         assert_eq!(find_from(Some("2026-11-24T04:29:58Z"), "2026-11-24T04:29:59.9Z"), no_slots());
         let due = (Vec::new(), Some("24T04:30".to_owned()));
         assert_eq!(find_from(Some("2026-11-24T04:29:59.9Z"), "2026-11-24T04:30:00.9Z"), due);
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn what_came_while_nobody_was_there_is_missed() {
+    fn slot_during_a_downtime_is_missed() {
         let one = (vec!["24T04:30".to_owned()], None);
         assert_eq!(
             find_from(None, "2026-11-24T04:30:00Z"),
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_goes_forward_or_a_service_that_stood_still_has_missed_it() {
+    fn slot_skipped_by_a_clock_jump_or_a_pause_is_missed() {
         let one = (vec!["24T04:30".to_owned()], None);
         assert_eq!(find_from(Some("2026-11-24T04:00:00Z"), "2026-11-24T04:31:01Z"), one);
         let both = (vec!["24T04:30".to_owned()], Some("25T04:30".to_owned()));
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_set_back_finds_nothing_at_once_and_its_slot_again_in_time() {
+    fn clock_set_back_gives_the_slot_again_in_time() {
         assert_eq!(find_from(Some("2026-11-23T04:40:00Z"), "2026-11-23T04:10:00Z"), no_slots());
         let again = (Vec::new(), Some("23T04:30".to_owned()));
         assert_eq!(find_from(Some("2026-11-23T04:29:59Z"), "2026-11-23T04:30:00Z"), again);

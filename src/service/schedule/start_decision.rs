@@ -203,14 +203,14 @@ mod tests {
     }
 
     #[test]
-    fn it_starts_when_all_is_told_and_armed() {
+    fn start_when_ready_and_armed() {
         assert_eq!(decision_text(decide_with(|_, _, _| {})).0, '!');
         let latest_start = decide_with(|requirements, conditions, _| conditions.now = requirements.latest_start);
         assert_eq!(decision_text(latest_start).0, '!');
     }
 
     #[test]
-    fn each_condition_that_does_not_hold_is_waited_for_and_named() {
+    fn each_unmet_condition_is_awaited_and_named() {
         type Change = fn(&mut Readiness);
         let cases: [(Change, &str); 3] = [
             (|readiness| readiness.probe = false, "`probe`"),
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_tells_is_not_assumed() {
+    fn unreported_condition_is_not_assumed() {
         let nobody = |conditions: &mut StartConditions<'_>| {
             (conditions.readiness, conditions.idle_time) = (None, None);
             conditions.gate_refusal = Some(Refusal::Stale);
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn after_the_latest_start_nothing_starts_and_why_not_is_told() {
+    fn no_start_after_the_latest_time_with_a_reason() {
         let (kind, why) = decision_text(decide_with(|requirements, conditions, _| {
             conditions.now = timestamp("2026-11-23T05:00:01Z");
             conditions.gate_refusal = Some(Refusal::DoorOpen);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_is_on_is_waited_for_or_not() {
+    fn running_cycle_is_awaited_or_skipped() {
         let busy = |overlap| {
             let (kind, why) = decision_text(decide_with(|requirements, conditions, _| {
                 (requirements.overlap, conditions.gate_refusal) = (overlap, Some(Refusal::Busy));
@@ -274,14 +274,14 @@ mod tests {
     }
 
     #[test]
-    fn a_cycle_that_asks_a_person_is_not_waited_for() {
+    fn cycle_with_prompts_is_not_started() {
         let (kind, why) =
             decision_text(decide_with(|_, conditions, _| conditions.gate_refusal = Some(Refusal::AsksPerson)));
         assert!(kind == 's' && why.contains("has prompts"), "{kind} {why}");
     }
 
     #[test]
-    fn nothing_starts_that_is_not_armed_now() {
+    fn no_start_without_a_valid_arming() {
         type Change = fn(&mut Arming);
         let cases: [(Change, &str); 4] = [
             (|arming| arming.until = timestamp("2026-11-23T04:30:00Z"), "expired at"),

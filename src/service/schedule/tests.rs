@@ -133,7 +133,7 @@ impl SchedulerBench {
 }
 
 #[test]
-fn what_is_due_and_armed_and_ready_starts_once() {
+fn due_armed_and_ready_slot_starts_once() {
     let mut bench = armed_bench();
     bench.check_every_30_s("2026-11-23T04:20:00Z", 21);
     assert_eq!(bench.planned().next[0].to_string(), "2026-11-24T05:30:00+01:00[Europe/Berlin]");
@@ -155,7 +155,7 @@ fn what_is_due_and_armed_and_ready_starts_once() {
 }
 
 #[test]
-fn what_nobody_has_armed_does_not_start() {
+fn unarmed_slot_does_not_start() {
     let mut bench = open_bench(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
     bench.check_every_30_s("2026-11-23T04:20:00Z", 21);
     bench.assert_only_slot("23T04:30", SlotOutcome::Skipped, "is not armed");
@@ -166,7 +166,7 @@ fn what_nobody_has_armed_does_not_start() {
 }
 
 #[test]
-fn what_is_not_ready_waits_and_is_skipped_after_its_latest_start() {
+fn unready_slot_waits_and_is_skipped_after_its_latest_start() {
     let mut bench = armed_bench();
     bench.readiness.lock().unwrap().interlocks.door = false;
     bench.check_every_30_s("2026-11-23T04:20:00Z", 40);
@@ -190,7 +190,7 @@ fn what_is_not_ready_waits_and_is_skipped_after_its_latest_start() {
 }
 
 #[test]
-fn a_machine_that_worked_just_now_is_waited_for() {
+fn recently_used_machine_is_awaited() {
     let mut bench = armed_bench();
     bench.check_every_30_s("2026-11-23T04:20:00Z", 19);
     bench.readiness.lock().unwrap().idle = false;
@@ -209,7 +209,7 @@ fn a_machine_that_worked_just_now_is_waited_for() {
 }
 
 #[test]
-fn a_manual_run_is_waited_for() {
+fn manual_run_is_awaited() {
     let mut bench = armed_bench();
     bench.gate.start(1, full_readiness().interlocks, "Ada").unwrap();
     assert_eq!(bench.start_count(), 1);
@@ -223,7 +223,7 @@ fn a_manual_run_is_waited_for() {
 }
 
 #[test]
-fn a_clock_that_is_set_back_in_mid_run_starts_nothing_twice() {
+fn clock_set_back_during_a_run_starts_nothing_twice() {
     let mut bench = armed_bench();
     bench.check_every_30_s("2026-11-23T04:20:00Z", 24);
     assert_eq!(bench.start_count(), 1);
@@ -252,7 +252,7 @@ fn a_slot_that_was_missed_by_a_wrong_clock_runs_when_its_time_comes() {
 }
 
 #[test]
-fn what_a_power_cut_took_is_missed_and_does_not_run() {
+fn slot_lost_by_a_power_cut_is_missed_and_not_run() {
     let mut bench = armed_bench();
     bench.check_every_30_s("2026-11-23T04:20:00Z", 2);
     let mut bench = bench.restart();
@@ -270,7 +270,7 @@ fn what_a_power_cut_took_is_missed_and_does_not_run() {
 }
 
 #[test]
-fn a_call_is_judged_alike_and_counts_once() {
+fn due_request_is_judged_like_a_slot_and_counts_once() {
     let mut bench = armed_bench();
     let call = |bench: &mut SchedulerBench, now: &str| {
         bench.now_s += 70.0;
@@ -310,7 +310,7 @@ fn a_call_is_judged_alike_and_counts_once() {
 
 /// A cycle with a prompt starts neither by the schedule nor by a trigger; a person at the page may start it.
 #[test]
-fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
+fn regress_cycle_with_prompts_does_not_start_unattended() {
     let mut bench = armed_bench();
     bench.gate.set_rehearsal_results([(1, RehearsalResult { machine_s: 60.0, has_prompts: true })].into());
     bench.check_every_30_s("2026-11-23T04:20:00Z", 30);

@@ -24,7 +24,7 @@ fn said(letters: &str) -> DeviceInfo {
 const GRBL: &str = "kind = \"grbl\"\nserial = \"/dev/ttyACM0\"\nbaud = 115200";
 
 #[test]
-fn the_reader_takes_what_is_written() {
+fn draft_is_read_by_the_machine_file_reader() {
     for (letters, named) in [
         ("XYZBC", Some("V[w-C-B-b-Y-X-Z-(C)-t]")),
         ("XYZAC", Some("V[w-C-A-b-Y-X-Z-(C)-t]")),
@@ -45,7 +45,7 @@ fn the_reader_takes_what_is_written() {
 }
 
 #[test]
-fn ends_that_the_control_tells_are_taken_and_remarks_are_comments() {
+fn travel_of_the_control_is_used_and_notes_are_comments() {
     let mut said = said("XYZBC");
     let z = said.axes.get_mut(&Axis::Z).unwrap();
     (z.travel_min, z.travel_max) = (Some(-298.5), Some(0.0));
@@ -90,7 +90,7 @@ fn regress_the_sense_that_the_control_tells_is_taken_and_any_other_is_marked() {
 }
 
 #[test]
-fn what_cannot_be_is_refused() {
+fn invalid_drafts_are_refused() {
     let missing = draft(GRBL, Some("V[w-C-A-b-Y-X-Z-(C)-t]")).render(&said("XYZBC")).unwrap_err();
     assert!(missing.to_string().contains("contains the axis A"), "{missing}");
     let keys = draft("kind = \"grbl\"\nbaud = 9600", None).control().unwrap_err();

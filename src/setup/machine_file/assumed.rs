@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_file_does_not_state_is_as_documented_and_named() {
+    fn defaults_are_as_documented_and_named() {
         let keys =
             ["error_motion_um", "angular_motion_urad", "backlash_um", "resolution_um", "lobing_um", "drift_um_per_h"];
         let is_taken_out = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_states_everything_assumes_nothing() {
+    fn complete_file_has_no_assumed_values() {
         let file = MachineFile::parse("shop.toml", EMBEDDED.to_owned()).unwrap();
         assert!(file.assumed_keys.is_empty(), "{:?}", file.assumed_keys);
     }

@@ -69,7 +69,7 @@ fn the_built_in_truth_is_the_papers_table() {
 }
 
 #[test]
-fn balls_that_cannot_be_are_refused_where_they_stand() {
+fn invalid_balls_are_refused_with_their_line() {
     refused(
         "id = \"2\"",
         "id = \"1\"",
@@ -126,7 +126,7 @@ fn balls_that_cannot_be_are_refused_where_they_stand() {
 }
 
 #[test]
-fn lengths_that_cannot_be_are_refused_where_they_stand() {
+fn invalid_lengths_are_refused_with_their_line() {
     let lengths = |key: &str| format!("`{key}` in [artefact.lengths]");
     let ends = "from = \"1\"\nto = \"2\"";
     refused(ends, "from = \"7\"\nto = \"2\"", 0, &(lengths("from") + " is `7`; no ball in the list has this id"));
@@ -177,7 +177,7 @@ ball, x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,stem_length_m
 ";
 
 #[test]
-fn a_table_beside_the_file_says_the_same() {
+fn ball_table_file_equals_inline_balls() {
     let inline = MachineFile::embedded_for("samba").unwrap();
     let file = beside(TABLE).unwrap();
     assert_eq!(balls(&file), balls(&inline));
@@ -260,7 +260,7 @@ fn the_papers_own_table_with_what_its_balls_have_in_common() {
 }
 
 #[test]
-fn what_balls_have_in_common_is_refused_where_it_stands() {
+fn invalid_common_keys_of_balls_are_refused_with_their_line() {
     let paper = include_str!("../../../tests/data/paper4-table1.csv");
     let said = |common: &str, table: &str| beside_with(common, table).expect_err("accepted");
     let none = said("", paper);
@@ -293,7 +293,7 @@ fn a_round_part_has_no_file() {
 
 /// By hand: a quarter turn takes (x, y) to (−y, x).
 #[test]
-fn balls_stand_where_the_artefact_was_put() {
+fn balls_are_placed_with_the_artefact() {
     let at = "kind = \"balls\"\n";
     let (placed, _) = edited(at, "kind = \"balls\"\norigin_mm = [1.0, 2.0, 60.0]\nturned_deg = 90.0\n");
     let (stated, placed) = (MachineFile::embedded_for("samba").unwrap(), placed.unwrap());
@@ -310,7 +310,7 @@ fn balls_stand_where_the_artefact_was_put() {
 }
 
 #[test]
-fn a_certificate_of_no_or_of_any_uncertainty_is_none() {
+fn certificate_with_zero_or_infinite_uncertainty_is_refused() {
     let at = "kind = \"balls\"\n";
     for value in ["-1.0", "0.0", "2.65", "nan"] {
         let key = format!("kind = \"balls\"\ncertificate_u_mm = {value}\n");

@@ -13,7 +13,7 @@ const SAMBA: &[u8] = include_bytes!("../../../config/samba.toml");
 const LINUXCNC: &[u8] = include_bytes!("../../../config/linuxcnc-sim.toml");
 
 #[test]
-fn the_machine_file_bears_anything() {
+fn fuzz_machine_file() {
     let words = [
         "[machine]\n",
         "[axes.X]\n",
@@ -49,7 +49,7 @@ fn the_machine_file_bears_anything() {
 }
 
 #[test]
-fn the_table_of_balls_bears_anything() {
+fn fuzz_ball_table() {
     const SET: &[u8] = b"# set\nball,x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,\
         stem_length_mm\n1,-150,0,40,6,0,0,-1,2,40\n2,150,0,40,6,0,0,-1,2,40\n3,0,90,40,6,,,,,\n";
     let words = ["ball", ",x_mm", ",y_mm", ",z_mm", ",radius_mm", ",stem_x", ",1", "\n", "\"", "#"];

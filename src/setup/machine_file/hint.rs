@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slip_finds_its_neighbour_and_nonsense_finds_nothing() {
+    fn typing_error_has_a_suggestion_and_nonsense_has_none() {
         assert_eq!(nearest_key("topolgy", &["name", "topology"]), Some("topology"));
         assert_eq!(nearest_key("banana", &["name", "topology"]), None);
         assert_eq!(unknown_key_hint("banana", &["name", "tool_mm"]), "known keys: name, tool_mm");

@@ -27,7 +27,7 @@ fn refused(from: &str, to: &str, message: &str) {
 }
 
 #[test]
-fn every_file_in_config_is_sound() {
+fn every_file_in_config_is_valid() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
     let mut count = 0;
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -72,7 +72,7 @@ fn a_wrong_unit_names_the_right_key() {
 }
 
 #[test]
-fn slips_in_keys_sections_and_words_are_named_with_their_line() {
+fn typing_errors_are_reported_with_their_line() {
     let at = line("[machine]", "topology");
     let expected = format!("shop.toml:{at}: unknown key `topolgy` in [machine]; did you mean `topology`?");
     refused("\ntopology", "\ntopolgy", &expected);
@@ -215,7 +215,7 @@ enum Shape {
 }
 
 #[test]
-fn other_rooms_read_their_own_sections() {
+fn other_modules_read_their_own_sections() {
     let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[method.some]\n{keys}\n")).unwrap();
     let read = |file: &MachineFile| file.read_method("some", |section| Settings::deserialize(section));
     let silent = MachineFile::embedded_for("self-calibration").unwrap();
@@ -255,7 +255,7 @@ fn the_simulated_truth_is_handed_out_and_may_be_absent() {
 }
 
 #[test]
-fn broken_toml_and_missing_files_are_errors_with_a_place() {
+fn invalid_toml_and_missing_files_are_errors_with_a_position() {
     let message = edited("name = ", "name ").unwrap_err().to_string();
     let at = line("[machine]", "name");
     assert!(message.starts_with(&format!("shop.toml:{at}: the file is not valid TOML: ")), "{message}");
@@ -348,7 +348,7 @@ fn a_person_confirms_the_zero_of_an_axis_without_a_homing_switch() {
 }
 
 #[test]
-fn who_is_asked_what_before_which_method() {
+fn prompts_of_a_method_are_those_of_the_file() {
     let with = |more: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n{more}"));
     let two = "[[prompt]]\ntext = \"clean\"\n[[prompt]]\ntext = \"cap off\"\nmethods = [\"laser-r-test\"]\n";
     let file = with(two).unwrap();

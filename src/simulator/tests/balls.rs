@@ -77,7 +77,7 @@ fn contact_on_a_ball_agrees_with_a_pose_by_plain_products() {
 }
 
 #[test]
-fn a_stem_is_felt_where_it_stands() {
+fn stem_causes_contact_at_its_position() {
     let bench = spoilt();
     let along = Vector3::new(0.3, -0.1, -1.0).normalize();
     let middle = HIGH + along * 90.0;
@@ -131,7 +131,7 @@ fn sag_bends_the_table_as_declared() {
 }
 
 #[test]
-fn a_ball_that_comes_loose_stands_off_from_then_on() {
+fn loose_ball_is_displaced_from_its_time() {
     let mut bench = Bench::balls(TWO);
     let moves = "[[ball_moves]]\nball = 'low'\nat_s = 3600.0\nby_mm = [0.02, 0.0, -0.01]";
     bench.truth.ball_moves = toml::from_str::<MachineTruth>(moves).unwrap().ball_moves;
@@ -194,7 +194,7 @@ fn places_diameters_and_form_have_the_declared_magnitude() {
 }
 
 #[test]
-fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
+fn distance_of_an_oval_ball_agrees_with_a_dense_search() {
     let truth: MachineTruth = toml::from_str("ball_form_um = 200.0").unwrap();
     let balls = drawn(&truth, 4, TWO);
     let centre = balls.centre(1, 0.0);
@@ -247,7 +247,7 @@ const BAR: &str = "
 ";
 
 #[test]
-fn certified_lengths_are_as_true_as_their_certificates() {
+fn certified_lengths_scatter_as_their_certificates() {
     let truth: MachineTruth = toml::from_str("ball_offset_mm = 0.1").unwrap();
     const SEEDS: u64 = 2000;
     let mut draws = [Vec::new(), Vec::new()];
@@ -271,7 +271,7 @@ fn certified_lengths_are_as_true_as_their_certificates() {
 }
 
 #[test]
-fn the_stylus_is_off_by_what_is_declared() {
+fn stylus_offset_has_the_declared_size() {
     let mut bench = Bench::balls(TWO);
     bench.truth.tool_offset_um = [30.0, 0.0, -20.0];
     let mut world = bench.world();

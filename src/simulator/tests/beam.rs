@@ -44,7 +44,7 @@ fn assert_says(said: SensorOutput, expected: f64) {
 }
 
 #[test]
-fn an_ideal_sensor_says_the_distance_along_its_beam() {
+fn ideal_sensor_reads_the_distance_along_its_beam() {
     let bench = bench("");
     assert_says(look(&bench, &ball_at(0.0, 0.0, 65.0)), 5.0);
     assert_says(look(&bench, &ball_at(0.0, 0.0, 52.0)), -8.0);
@@ -67,7 +67,7 @@ fn an_ideal_sensor_says_the_distance_along_its_beam() {
 }
 
 #[test]
-fn a_surface_too_steep_gives_no_echo_and_one_too_square_dazzles() {
+fn steep_surface_gives_no_echo_and_a_square_one_saturates() {
     let limited = bench("echo_limit_deg = 30.0\ndazzled_deg = 6.0");
     let at = |deg: f64| ball_at(0.0, R * deg.to_radians().sin(), 65.0);
     let expected = |deg: f64| 15.0 - R * deg.to_radians().cos();
@@ -80,7 +80,7 @@ fn a_surface_too_steep_gives_no_echo_and_one_too_square_dazzles() {
 }
 
 #[test]
-fn a_beam_leans_and_stands_off_as_the_truth_says() {
+fn beam_has_the_declared_tilt_and_offset() {
     // Computed by hand: from (6, 0, 65) along (0.01, 0, -1), normalised, to the ball.
     let said = look(&bench("tilt_urad = [10000.0, 0.0]"), &ball_at(6.0, 0.0, 65.0));
     let (p, d) = (Vector3::new(6.0, 0.0, 15.0), Vector3::new(0.01, 0.0, -1.0));
@@ -151,7 +151,7 @@ fn a_ray_agrees_with_a_pose_by_plain_products() {
 }
 
 #[test]
-fn every_switch_of_the_electronics_does_what_it_says() {
+fn every_setting_of_the_sensor_has_its_effect() {
     let top = ball_at(0.0, 0.0, 65.0);
     let slope = ball_at(6.0, 0.0, 65.0);
     assert_says(look(&bench("gain = 1.002"), &top), 5.01);
@@ -172,7 +172,7 @@ fn every_switch_of_the_electronics_does_what_it_says() {
 }
 
 #[test]
-fn what_is_only_declared_is_drawn_from_the_seed() {
+fn undeclared_truth_is_drawn_from_the_seed() {
     let samples = |bench: &Bench, sensor: Sensor, count: usize| -> Vec<f64> {
         let mut world = bench.world().with_sensors(&[sensor]).unwrap();
         world.travel(&ball_at(0.0, 0.0, 63.0), Speed::Rapid);
@@ -231,7 +231,7 @@ fn a_sensor_samples_by_its_own_clock() {
 /// X moves from 0 to 6 mm and then stops, at 10 mm/s after 0.05 mm of acceleration (1000 mm/s²): 0.61 s. A sensor
 /// with a latency of 200 ms reports the sphere at X 4.05 when 0.61 s have passed, and at X 6 after 0.81 s.
 #[test]
-fn a_late_sensor_tells_of_an_earlier_moment() {
+fn delayed_sensor_reports_an_earlier_position() {
     let began = || {
         let mut world = bench("clock_late_ms = 200.0").world().with_sensors(&[down()]).unwrap();
         world.travel(&ball_at(0.0, 0.0, 65.0), Speed::Rapid);
@@ -274,7 +274,7 @@ fn the_table_drifts_under_the_beam() {
 }
 
 #[test]
-fn stems_and_round_parts_are_seen_as_well() {
+fn beam_meets_stems_and_round_parts() {
     let stem = "[[balls]]\nid = '1'\ncentre_mm = [0.0, 0.0, 50.0]\nradius_mm = 10.0
         stem = [1.0, 0.0, 0.0]\nstem_radius_mm = 3.0\nstem_length_mm = 40.0";
     let over_stem = look(&Bench::balls(stem), &ball_at(20.0, 0.0, 60.0));
@@ -286,7 +286,7 @@ fn stems_and_round_parts_are_seen_as_well() {
 }
 
 #[test]
-fn sensors_that_cannot_be_are_refused_by_name() {
+fn invalid_sensors_are_refused_by_name() {
     let refused = |truth: &str, sensors: &[Sensor]| bench(truth).world().with_sensors(sensors).unwrap_err().to_string();
     assert!(refused("", &[]).contains("`laser`"), "{}", refused("", &[]));
     assert!(refused("", &[down(), down()]).contains("twice"));

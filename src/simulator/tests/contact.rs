@@ -195,7 +195,7 @@ fn regress_the_part_ends_at_its_height() {
 }
 
 #[test]
-fn regress_a_lobe_is_felt_where_it_stands() {
+fn regress_a_lobe_acts_at_its_angle() {
     let mut bench = Bench::ideal();
     bench.truth.form = vec![FormHarmonic { n: 3, cos_um: 100.0, sin_um: 0.0 }];
     let mut world = bench.world();

@@ -103,7 +103,7 @@ fn mountings_draw_what_is_declared_and_repeat_with_the_seed() {
 }
 
 #[test]
-fn a_leaning_cylinder_stands_off_by_its_height() {
+fn tilted_cylinder_is_displaced_in_proportion_to_height() {
     let mut world = world("[datum_cylinder]\ntilt_urad = [1000.0, 0.0]");
     let [low, high, _] = at(&mut world, 0.0);
     // Second order: (1 − cos) of the tilt, times the radius.
@@ -168,7 +168,7 @@ fn a_saturated_sensor_stays_at_its_limit() {
 }
 
 #[test]
-fn what_no_cylinder_has_is_refused() {
+fn invalid_cylinder_is_refused() {
     let refused = |truth: &str| {
         let Bench { machine, probe, artefact, truth } = bench(truth);
         SimulatedWorld::new(&machine, &probe, &artefact, &truth).err()

@@ -98,7 +98,7 @@ fn a_scan_notices_contact_anywhere_within_it() {
 }
 
 #[test]
-fn regress_too_fast_a_touch_crashes() {
+fn regress_a_touch_at_excessive_feed_crashes() {
     let mut bench = Bench::ideal();
     bench.axis(Axis::X).acceleration_per_s2 = 50.0;
     bench.probe.overtravel_mm = 1.0;

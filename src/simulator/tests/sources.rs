@@ -197,7 +197,7 @@ fn regress_a_truth_that_makes_no_sense_is_refused_by_name() {
 
 /// T = begins + warms·(1 − e^(−t/2 h)), rounded to 0.01 K, with the declared scatter, and reproducible.
 #[test]
-fn a_thermometer_follows_how_warm_it_is_and_comes_back() {
+fn thermometer_follows_the_temperature() {
     let mut bench = Bench::ideal();
     let truth = "name = 'bed'\nbegins_c = 18.0\nwarms_k = 3.0\nnoise_k = 0.05";
     bench.truth.thermometer = vec![toml::from_str(truth).unwrap()];

@@ -43,7 +43,7 @@ fn sound_machine_has_no_delay_and_the_stated_false_alarm_rate() {
 }
 
 #[test]
-fn a_constant_delay_is_found_within_its_uncertainty_and_is_no_scan() {
+fn constant_delay_is_found_within_u_and_not_reported_as_a_plc_cycle() {
     let (seeds, shares) = coverage_size_and_limits();
     let world = LatchDelayWorld::with_a_round_part().with_latch_delay(3.7, 0.0).with_key("probe.repeatability_um", 1.5);
     let estimates = estimates(&world, seeds);
@@ -74,7 +74,7 @@ fn display_steps_larger_than_the_scatter_are_in_u() {
 
 /// The scan of a common PLC, at 300 mm/min: detected every time, with its period and its mean delay.
 #[test]
-fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
+fn plc_cycle_is_always_detected_with_its_period_within_u() {
     let (seeds, shares) = coverage_size_and_limits();
     let world = LatchDelayWorld::with_a_round_part().with_latch_delay(1.0, 10.0);
     let estimates = estimates(&world, seeds);
@@ -92,7 +92,7 @@ fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
 
 /// A drift along the touch of 4 µm in a minute is neither delay nor scatter.
 #[test]
-fn drift_is_taken_off() {
+fn drift_is_subtracted() {
     let world =
         LatchDelayWorld::with_a_round_part().with_latch_delay(1.0, 0.0).with_key("machine.drift_um_per_h", 240.0);
     let (seeds, shares) = coverage_size_and_limits();

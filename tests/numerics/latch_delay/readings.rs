@@ -107,7 +107,7 @@ fn touches_below_their_feed_are_refused() {
 
 /// Scatter that increases with the feed, without the delay of a scan.
 #[test]
-fn a_machine_that_shakes_is_no_plc() {
+fn vibration_is_not_reported_as_a_plc() {
     let (plan, mut readings) = LatchDelayWorld::with_a_round_part().play_plan(1);
     let fast = readings.iter_mut().filter(|reading| feed_of(&plan, reading) > 100.0);
     for (number, reading) in fast.skip(1).enumerate() {
@@ -119,7 +119,7 @@ fn a_machine_that_shakes_is_no_plc() {
 }
 
 #[test]
-fn a_latch_before_contact_is_told() {
+fn latch_before_contact_is_reported() {
     let (plan, mut readings) = LatchDelayWorld::with_a_round_part().play_plan(1);
     for reading in readings.iter_mut().filter(|reading| feed_of(&plan, reading) > 100.0) {
         shift_contact(reading, -10.0);

@@ -36,7 +36,7 @@ fn useless_settings_are_refused() {
 /// The acceleration distance of a fast touch is part of the touch, which is not longer than the overtravel: a
 /// stated fast feed that needs more is refused, a default one is lowered.
 #[test]
-fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
+fn touch_too_short_for_its_feed_is_refused_or_slowed() {
     let weak = || world_with_key("axes.Y.acceleration_per_s2", 20.0);
     assert_refused(&weak().with_key("method.latch-delay.fast_feed_mm_min", 300.0), "overtravel");
     let (plan, _) = plan_stages(&weak()).unwrap();
@@ -60,7 +60,7 @@ fn feeds_alternate_at_one_position() {
 
 /// The part is nearer than the start of its touches.
 #[test]
-fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
+fn displaced_part_is_refused_when_located() {
     let (method, mut plan) = LatchDelayWorld::with_a_round_part().method_and_header();
     let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
         panic!("a search")

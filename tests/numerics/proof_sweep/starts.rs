@@ -268,7 +268,7 @@ fn run_start(world: &TrueMachine, plan: &Plan, seed: u64) -> (WalkEnd, Point, Ve
 }
 
 #[test]
-fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
+fn from_500_wrong_starts_only_the_stylus_makes_contact_in_a_guarded_move() {
     use rayon::prelude::*;
     let (world, plan) = (TrueMachine::new(), locating_plan());
     let ends: Vec<_> = (0..START_COUNT).into_par_iter().map(|seed| run_start(&world, &plan, seed)).collect();

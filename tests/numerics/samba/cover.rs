@@ -56,12 +56,12 @@ fn check_coverage(name: &str, world: SambaWorld) {
 }
 
 #[test]
-fn u_is_true_on_the_built_in_machine_with_all_its_sources() {
+fn coverage_on_the_built_in_machine_with_all_sources() {
     check_coverage("as shipped", SambaWorld::as_built_in());
 }
 
 #[test]
-fn u_is_true_on_a_poor_machine() {
+fn coverage_on_a_poor_machine() {
     let mut world = with_small_sources(SambaWorld::as_built_in())
         .with_key("machine.drift_um_per_h", 10.0)
         .with_key("probe.lobing_um", 1.5);
@@ -100,7 +100,7 @@ const SOURCES: [(&str, WorldChange); 8] = [
 /// One source alone: its budget line equals the observed scatter, over all parameters for which it is prominent
 /// together, and approximately for each of them.
 #[test]
-fn each_budget_line_is_the_scatter_of_its_source_alone() {
+fn each_budget_line_equals_the_scatter_of_its_source() {
     const FULL_POPULATION: u64 = 60;
     let seeds = population_size(FULL_POPULATION);
     let one = ratio_bounds(seeds, FULL_POPULATION, (0.7, 1.3));

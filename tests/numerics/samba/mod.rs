@@ -70,7 +70,7 @@ fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sy
 }
 
 #[test]
-fn the_built_in_machine_is_measured_as_it_is() {
+fn built_in_machine_is_measured_within_u() {
     let world = SambaWorld::as_built_in().with_key("method.samba.monte_carlo_trials", 100);
     let measured = RunBench::new().measure(1, &world);
     assert_eq!(measured.readings.len(), measured.plan.steps.len());
@@ -94,7 +94,7 @@ fn with_small_sources(world: SambaWorld) -> SambaWorld {
 }
 
 #[test]
-fn u_is_true_in_worlds_inside_the_model() {
+fn coverage_of_worlds_inside_the_model() {
     let seeds = population_size(200);
     let mean = mean_chi2(0..seeds, &small_series(SambaWorld::inside_the_model()));
     let dof = 13.0 * seeds as f64;
@@ -105,7 +105,7 @@ fn u_is_true_in_worlds_inside_the_model() {
 
 /// Errors outside of the thirteen parameters, one at a time, large enough to matter.
 #[test]
-fn what_the_model_does_not_hold_is_flagged() {
+fn effects_outside_the_model_are_flagged() {
     let inside = SambaWorld::inside_the_model;
     let motion = "symbol = 'EXC'\nharmonic = 2\ncos_um = 5.0";
     let sag = "axis = 'B'\nlaw = 'one-minus-cos'\num = [0.0, 0.0, -10.0]";

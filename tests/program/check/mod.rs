@@ -131,7 +131,7 @@ fn sound_control_in_another_process_passes() {
 
 /// The scan of a PLC scatters touches by 14.4 µm at 300 mm/min. A probe with the same scatter at every feed,
 /// declared in the file, is not reported as a PLC.
-fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
+fn scatter_of_the_probe_is_not_reported_as_a_plc_cycle() {
     let poor = changed_machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
     let summary = run_check(&poor);
     assert_eq!(summary.finding_count(Verdict::Failed), 0, "{summary}");
@@ -180,7 +180,7 @@ pub fn trials() -> Trials {
     .with(trials![Pool::Waiting, 0;
         sound_machine_passes_with_each_control,
         sound_control_in_another_process_passes,
-        a_probe_that_scatters_as_a_scan_does_is_no_scan,
+        scatter_of_the_probe_is_not_reported_as_a_plc_cycle,
         scatter_that_few_touches_may_show_is_told_with_its_bound,
         touches_of_check_are_stored_as_a_latch_delay_run,
         people::without_operator_nothing_moves_and_unchecked_parts_are_listed,

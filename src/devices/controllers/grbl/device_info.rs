@@ -107,7 +107,7 @@ mod tests {
         $110=3000.000\n$120=200.000\n$130=302.000\n$131=202.000\n$132=102.000\n$133=0.000\n$300=grbl\n";
 
     #[test]
-    fn where_the_travel_lies_follows_from_homing() {
+    fn travel_range_follows_from_the_homing_settings() {
         // As in limits_set_work_envelope: the whole travel minus the pull-off distance.
         let info = reported_axes("XYZBC", false, FIVE_AXIS_SETTINGS);
         assert_eq!(ends(&info, Axis::X), (-300.0, -2.0));
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_known_is_not_said() {
+    fn unknown_values_are_not_reported() {
         for lines in [FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=0\n"), FIVE_AXIS_SETTINGS.replace("$45=3", "$45=2")] {
             let info = reported_axes("XYZBC", false, &lines);
             assert_eq!((info.axes[&Axis::X].travel_min, info.axes[&Axis::X].travel_length), (None, Some(302.0)));
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_that_cannot_measure_are_named() {
+    fn unsuitable_settings_are_reported() {
         let sound = reported_axes("XYZ", false, FIVE_AXIS_SETTINGS);
         assert_eq!(sound.findings, []);
         for (sound, wrong, named) in [

@@ -21,7 +21,7 @@ ALARM:5
 ";
 
 #[test]
-fn the_reply_parser_bears_anything() {
+fn fuzz_reply_parser() {
     let words = [
         "ok",
         "error:",

@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_left_out_while_others_are_homed_by_hand_has_no_homing() {
+    fn axis_outside_the_manual_homing_cycles_has_no_homing() {
         let by_hand = settings(&[(22, 35.0), (44, 0.0), (130, 400.0), (133, 360.0)]);
         for (mask, homed) in [(0, true), (7, false), (31, true)] {
             assert_eq!(has_homing(&by_hand, 3, mask), Some(homed), "{mask}");
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_list_of_cycles_a_rotary_axis_is_judged_by_the_mask_alone() {
+    fn rotary_axis_without_cycle_list_is_judged_by_the_mask() {
         let unlisted = settings(&[(22, 1.0), (130, 400.0)]);
         assert_eq!(has_homing(&unlisted, 3, 7), None);
         assert_eq!(has_homing(&unlisted, 3, 15), Some(true));

@@ -89,7 +89,7 @@ mod tests {
 
     /// Texts of LinuxCNC 2.9, as linuxcncrsh passed them on.
     #[test]
-    fn each_message_has_its_own_meaning() {
+    fn each_message_has_a_distinct_meaning() {
         let of = |text: &str| interpret_messages(7, &[text.to_owned()]);
         for text in ["Queue is not empty after probing", "Queue is not empty after external input"] {
             let late = of(text);

@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_log_that_linuxcnc_has_not_written_names_the_key_and_the_side() {
+    fn missing_result_log_names_the_key_and_the_side() {
         let directory = tempfile::tempdir().unwrap();
         let error = SharedFiles::open(directory.path()).unwrap().require_log().unwrap_err();
         let ControllerError::NotReady { state, remedy } = error else { panic!("{error}") };

@@ -21,7 +21,7 @@ const SAMPLE_REPLIES: &[u8] = b"SET VERBOSE ACK\n\rESTOP OFF\r\nMACHINE ON\r\n\
     JOINT_HOMED YES YES YES YES YES NO\r\nPROGRAM_STATUS IDLE\r\nGET ESTOP NAK\r\n";
 
 #[test]
-fn the_result_log_bears_anything() {
+fn fuzz_result_log() {
     let words = ["END\n", "offset\n", "state ", "from 17 4 ", "guarded 17 3 ", "touch 17 4 ", "1.0 "];
     fuzz_parser("linuxcnc-log", &[SAMPLE_LOG], &words, |input| {
         let text = String::from_utf8_lossy(input);
@@ -38,7 +38,7 @@ fn the_result_log_bears_anything() {
 }
 
 #[test]
-fn answers_of_linuxcncrsh_bear_anything() {
+fn fuzz_linuxcncrsh_replies() {
     let words = ["ESTOP ", "SET VERBOSE ACK", "GET ESTOP NAK", "ABS_ACT_POS ", "OFF", "\r\n", "\n\r"];
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     fuzz_parser("linuxcnc-answers", &[SAMPLE_REPLIES], &words, |input| runtime.block_on(ask_all(input)));

@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn the_number_of_identity_is_a_matter_of_the_module() {
+    fn identity_number_depends_on_the_module() {
         let accepted = |kinematics, now| is_accepted(kinematics, KinematicsMode::SwitchkinsType(now), HOME_POSITION);
         assert!(accepted("xyzbc-trt-kins sparm=identityfirst", 0.0));
         assert!(!accepted("xyzbc-trt-kins sparm=identityfirst", 1.0));
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn without_the_pin_only_a_turned_axis_shows_identity() {
+    fn identity_without_pin_needs_a_turned_axis() {
         for mode in [KinematicsMode::NotReadable, KinematicsMode::NotSwitchable] {
             assert!(is_accepted("trivkins coordinates=XYZBC", mode, HOME_POSITION));
             assert!(!is_accepted("maxkins", mode, HOME_POSITION));

@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_guarded_move_that_stopped_on_its_way_is_astray() {
+    fn guarded_move_stopped_before_its_end_is_off_the_path() {
         let guarded = &touch()[..2];
         assert!(check_end_position(guarded, &at(30.001, -90.0)).is_ok());
         assert!(check_end_position(guarded, &at(30.0, 270.0)).is_ok(), "an axis that wraps");
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_touch_ends_anywhere_but_its_contact_lies_on_its_way() {
+    fn contact_of_a_touch_is_on_its_path() {
         assert!(check_end_position(&touch(), &at(28.0, -90.0)).is_ok());
         assert!(check_contact_path(&touch(), &at(28.0, -90.0)).is_ok());
         // Result of another touch.
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_back_off_is_where_it_was_told_to_be() {
+    fn back_off_ends_at_its_target() {
         let mut motions = touch();
         motions.push(Motion::BackOff { to: at(30.0, -90.0), feed_mm_min: 300.0 });
         assert!(check_end_position(&motions, &at(27.9, -90.0)).is_err());

@@ -109,7 +109,7 @@ mod tests {
     const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
     #[test]
-    fn each_thing_that_is_not_as_it_must_be_is_named() {
+    fn each_unmet_requirement_is_reported() {
         let clean = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
         let reported = ReportedState { version: 2.9, kinematics: KinematicsMode::SwitchkinsType(0.0) };
         assert_eq!(check_state(&clean, &AXES).unwrap(), reported);
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn pins_that_are_not_readable_are_told_from_kinematics_without_modes() {
+    fn unreadable_pins_are_distinguished_from_kinematics_without_modes() {
         for (pins, number, expected) in [
             (0.0, -1.0, KinematicsMode::NotReadable),
             (1.0, -1.0, KinematicsMode::NotSwitchable),
@@ -135,13 +135,13 @@ mod tests {
     }
 
     #[test]
-    fn the_line_that_clears_the_slot_names_the_axes_of_the_machine() {
+    fn offset_clearing_line_names_the_axes_of_the_machine() {
         let axes = [&AXES[..], &[Axis::S]].concat();
         assert_eq!(clear_offset_command(&axes), "G10 L2 P9 X0 Y0 Z0 B0 C0 R0");
     }
 
     #[test]
-    fn a_joint_that_is_not_homed_is_named() {
+    fn unhomed_joint_is_reported() {
         let judge = |homed, joints| check_switches("OFF", "ON", homed, &AXES, joints);
         assert!(judge("YES YES YES YES YES NO", None).is_ok());
         assert!(judge("YES YES YES YES YES NO", Some(5)).is_ok());

@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn a_touch_is_the_position_of_all_axes() {
+    fn touch_result_has_the_position_of_all_axes() {
         let text = "touch 17 4 1.000000 47.9 0.0 60.0 0.0 0.0 90.0\nEND\n";
         let log = ResultLog::parse(&format!("{FROM_LINE}{text}"), 17).unwrap();
         assert!(log.is_complete && log.line_count == 3);
@@ -119,24 +119,24 @@ mod tests {
     }
 
     #[test]
-    fn the_target_of_a_missed_touch_is_no_touch() {
+    fn target_of_a_missed_touch_is_not_a_contact() {
         assert_eq!(verdict("touch 17 4 0.0 40.0 0.0 60.0 0.0 0.0 0.0\n"), Some(ProgramResult::NoContact));
     }
 
     #[test]
-    fn a_touch_where_it_started_is_a_probe_that_was_closed() {
+    fn touch_at_its_start_means_a_closed_probe() {
         assert_eq!(verdict("touch 17 4 1.0 50.0 0.0 60.0 0.0 0.0 0.0\n"), Some(ProgramResult::ProbeClosedAtStart));
         assert_eq!(verdict("guarded 17 4 1.0 50.0 0.0 60.0\n"), Some(ProgramResult::ProbeClosedAtStart));
     }
 
     #[test]
-    fn a_guarded_move_should_touch_nothing() {
+    fn contact_in_a_guarded_move_is_an_error() {
         assert_eq!(verdict("guarded 17 4 0.0 40.0 0.0 60.0\n"), None);
         assert_eq!(verdict("guarded 17 4 1.0 45.0 0.0 60.0\n"), Some(ProgramResult::UnexpectedContact));
     }
 
     #[test]
-    fn a_line_on_its_way_waits_and_a_strange_one_is_refused() {
+    fn incomplete_line_waits_and_unknown_line_is_refused() {
         assert_eq!(verdict("touch 17 4 1.0 47.9 0.0 60.0 0.0 0."), None);
         for text in ["touch 18 4 1 1 1 1 1 1 1\n", "touch 17 4 1 1\n", "hm 17 4\n", "touch x\n"] {
             assert!(ResultLog::parse(text, 17).is_err(), "{text}");

@@ -187,7 +187,7 @@ async fn halt_during_move(mut driver: LinuxCncDriver, halt: HaltHandle) -> Resul
 /// Words of one line are mixed into another: each of these answers is one that `strtok` in two threads can
 /// give.
 #[tokio::test]
-async fn a_hold_is_seen_through_whatever_is_answered() {
+async fn hold_is_completed_whatever_the_replies() {
     let directory = tempfile::tempdir().unwrap();
     let mut odd = vec![
         ("get ABS_ACT_POS", "ABS_ACT_POS A 0.0\r\n"),
@@ -212,7 +212,7 @@ async fn a_hold_is_seen_through_whatever_is_answered() {
 }
 
 #[tokio::test]
-async fn a_control_that_takes_no_abort_is_told_as_such() {
+async fn control_without_reply_to_abort_is_reported() {
     let directory = tempfile::tempdir().unwrap();
     let (driver, halt, machine) =
         prepared_driver(&directory, None, |_, line| (line == "set abort").then_some("SET ABORT NAK\n\r")).await;
@@ -223,7 +223,7 @@ async fn a_control_that_takes_no_abort_is_told_as_such() {
 }
 
 #[tokio::test]
-async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_is_not_run() {
+async fn block_with_another_start_or_another_control_is_not_run() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
     let (mut driver, _, machine) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
@@ -242,7 +242,7 @@ async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_is_not_
 }
 
 #[tokio::test]
-async fn the_program_that_it_runs_is_the_proven_text() {
+async fn executed_program_is_the_proven_text() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
     let (mut driver, _, machine) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
@@ -257,7 +257,7 @@ async fn the_program_that_it_runs_is_the_proven_text() {
 
 /// The log, which the interpreter writes, reports success.
 #[tokio::test]
-async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
+async fn program_with_a_wrong_end_position_fails() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
     let (mut driver, ..) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
@@ -304,7 +304,7 @@ async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero()
 /// The rotary axes are away from zero and each axis is where its joint is: that is identity mode, whatever
 /// the INI file has.
 #[tokio::test]
-async fn identity_that_shows_needs_no_ini_file() {
+async fn visible_identity_needs_no_ini_file() {
     let directory = tempfile::tempdir().unwrap();
     let (mut driver, ..) = open_driver(&directory, None, |_, line| match line {
         "get ABS_ACT_POS" => Some("ABS_ACT_POS 20.0 30.0 10.0 0.0 5.0 12.0\r\n"),
@@ -317,7 +317,7 @@ async fn identity_that_shows_needs_no_ini_file() {
 }
 
 #[tokio::test]
-async fn a_touch_at_another_feed_override_is_not_kept() {
+async fn touch_at_another_feed_override_is_rejected() {
     let directory = tempfile::tempdir().unwrap();
     let touch = "from 1 1 30.0 0.0 0.0\ntouch 1 1 1.000000 28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
     let mut runs = 0;
@@ -354,7 +354,7 @@ async fn a_contact_while_a_rotary_axis_turns_at_feed_aborts() {
 }
 
 #[tokio::test]
-async fn the_touch_after_a_turn_is_no_unexpected_contact() {
+async fn touch_after_a_turn_is_expected() {
     let directory = tempfile::tempdir().unwrap();
     let touch = "from 1 1 30.0 0.0 0.0\ntouch 1 1 1.000000 28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
     let mut runs = 0;

@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn one_thing_that_is_read_wrongly_is_named() {
+    fn single_wrong_format_is_identified() {
         assert!(are_positions_plausible(&map("type = \"i32\""), &block(), &machine()));
         for (wrong, named, right) in [
             ("order = \"cdab\"", "wrong word order", "order = \"abcd\""),
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_at_other_addresses_is_recognised() {
+    fn shifted_addresses_are_recognised() {
         let published: RegisterMap = toml::from_str("").unwrap();
         let mut block = block();
         (block[0], block[1], block[2], block[44]) = (7, 1, 1, 7);

@@ -87,7 +87,7 @@ async fn halt_during_move(driver: &mut ModbusDriver, halt: HaltHandle) -> Contro
 }
 
 #[tokio::test]
-async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
+async fn halt_stops_a_move_and_no_command_follows() {
     let (mut driver, halt, diary) = driver("", SimulationPace::Real, Vec::new()).await;
     driver.prepare().await.unwrap();
     let error = halt_during_move(&mut driver, halt).await;
@@ -102,7 +102,7 @@ async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
 }
 
 #[tokio::test]
-async fn a_hold_that_gets_lost_is_sent_again() {
+async fn lost_hold_is_repeated() {
     let lost = vec![fault(FaultKind::LostHold, 0), fault(FaultKind::LostHold, 0)];
     let (mut driver, halt, diary) = driver("", SimulationPace::Real, lost).await;
     driver.prepare().await.unwrap();
@@ -117,7 +117,7 @@ async fn a_hold_that_gets_lost_is_sent_again() {
 
 /// The control ignores every hold, and reports the motion.
 #[tokio::test]
-async fn a_control_that_does_not_hold_is_told_as_such() {
+async fn control_that_does_not_hold_is_reported() {
     let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
     let (driver, halt, _) = driver("", SimulationPace::Real, deaf).await;
     let timeouts = ModbusTimeouts { reply_timeout: Duration::from_millis(100), ..ModbusTimeouts::default() };
@@ -129,7 +129,7 @@ async fn a_control_that_does_not_hold_is_told_as_such() {
 }
 
 #[tokio::test]
-async fn a_control_that_lives_no_more_is_not_believed() {
+async fn status_of_a_stopped_control_is_not_used() {
     let (mut dead, ..) = driver("", SimulationPace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
     let error = dead.prepare().await.unwrap_err();
     assert!(matches!(error, ControllerError::ControlFrozen), "{error}");
@@ -138,7 +138,7 @@ async fn a_control_that_lives_no_more_is_not_believed() {
 /// The control's program stops during a move; its registers no longer change, and could be taken for those
 /// of a machine that moves slowly.
 #[tokio::test]
-async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
+async fn stopped_heartbeat_ends_a_move_first() {
     let frozen = vec![fault(FaultKind::Frozen, 20)];
     let (driver, ..) = driver("", SimulationPace::Real, frozen).await;
     let heartbeat = Duration::from_millis(400);
@@ -163,7 +163,7 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
 
 /// The control's program continues, and each move ends long before the timeout.
 #[tokio::test]
-async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
+async fn regress_stopped_heartbeat_is_detected_over_short_moves() {
     let stands = vec![fault(FaultKind::HeartbeatStands, 5)];
     let (driver, ..) = driver("", SimulationPace::Real, stands).await;
     let timeouts = ModbusTimeouts { heartbeat_timeout: Duration::from_millis(400), ..ModbusTimeouts::default() };
@@ -180,7 +180,7 @@ async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
 }
 
 #[tokio::test]
-async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
+async fn regress_implausible_time_stamp_gives_no_reading() {
     let wrong = vec![fault(FaultKind::WrongStamp, 0)];
     let (mut driver, ..) = driver("", SimulationPace::Fast, wrong).await;
     driver.prepare().await.unwrap();
@@ -225,7 +225,7 @@ pub(super) async fn wait_for_hold(diary: &ControlEventLog) {
 
 /// A touch during which any one status is torn: half of it is an older one.
 #[tokio::test]
-async fn a_torn_status_is_never_a_reading() {
+async fn torn_status_gives_no_reading() {
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
     let down = |z_mm: f64| Position::new().with(Axis::Z, z_mm);
     let probe = |from: f64, to: f64| Block {
@@ -258,7 +258,7 @@ pub(super) fn fault(kind: FaultKind, at_line: u64) -> Fault {
 }
 
 #[tokio::test]
-async fn registers_that_lie_elsewhere_are_told_before_anything_moves() {
+async fn shifted_registers_are_reported_before_motion() {
     let shifted = "[registers.status]\nversion = { address = 3 }\nalarm = { address = 1 }";
     let (mut driver, _, diary) = self::driver(shifted, SimulationPace::Fast, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
@@ -268,7 +268,7 @@ async fn registers_that_lie_elsewhere_are_told_before_anything_moves() {
 }
 
 #[tokio::test]
-async fn words_in_the_wrong_order_are_told_by_where_the_machine_would_stand() {
+async fn wrong_word_order_is_detected_by_the_implied_position() {
     let axes = |first: u16, order: &str| {
         let axis = |(axis, k): (&str, u16)| format!("{axis} = {{ address = {}, order = \"{order}\" }}", first + k);
         [("X", 0), ("Y", 2), ("Z", 4), ("B", 8), ("C", 10)].map(axis).join(", ")
@@ -286,7 +286,7 @@ async fn words_in_the_wrong_order_are_told_by_where_the_machine_would_stand() {
 }
 
 #[test]
-fn a_table_that_cannot_be_is_refused_in_words() {
+fn invalid_table_is_refused_with_a_reason() {
     for (keys, why) in [
         ("", "exactly one link"),
         ("tcp = \"a:1\"\nparity = \"even\"", "is only for `serial`"),

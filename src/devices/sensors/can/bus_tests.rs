@@ -47,7 +47,7 @@ async fn refused(sent: Vec<CanEvent>) -> CanError {
 }
 
 #[tokio::test]
-async fn a_bus_with_errors_alone_names_the_bit_rate() {
+async fn bus_with_only_errors_suggests_the_bit_rate() {
     let error = refused(vec![
         CanEvent::BusErrors(words("controller problem: rx warning")),
         CanEvent::BusErrors(words("protocol violation")),
@@ -60,7 +60,7 @@ async fn a_bus_with_errors_alone_names_the_bit_rate() {
 }
 
 #[tokio::test]
-async fn a_controller_off_the_bus_and_an_interface_that_is_down_say_so() {
+async fn bus_off_and_interface_down_are_reported() {
     let errors = || CanEvent::BusErrors(words("bus error"));
     let off = || CanEvent::BusOff(words("bus off"));
     let error = refused(vec![errors(), off(), errors()]).await;
@@ -76,7 +76,7 @@ async fn a_controller_off_the_bus_and_an_interface_that_is_down_say_so() {
 }
 
 #[tokio::test]
-async fn frames_of_others_alone_are_named() {
+async fn foreign_frames_are_reported() {
     let other = |raw| CanEvent::ForeignId(id(raw));
     let error = refused(vec![CanEvent::BusErrors(words("bus error")), other(0x182), other(7)]).await;
     assert_eq!(error.to_string(), "no frame 123 was received on `can0`, only frames with other identifiers: 182, 007");
@@ -84,7 +84,7 @@ async fn frames_of_others_alone_are_named() {
 }
 
 #[tokio::test]
-async fn a_counter_that_always_says_the_same_is_named() {
+async fn stuck_counter_is_reported() {
     let (mut driver, sender) = driver(COUNTED, 30.0);
     tokio::spawn(async move {
         loop {
@@ -115,7 +115,7 @@ async fn samples(counter: &str, sent: Vec<CanEvent>, count: usize) -> Vec<(Readi
 
 /// A fault during the measurement gives a flagged sample at once, and a gap after its end.
 #[tokio::test]
-async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
+async fn failing_bus_is_flagged_and_leaves_a_gap() {
     let events = || {
         vec![
             frame(1),

@@ -128,7 +128,7 @@ async fn frames_of_the_simulated_sensor_are_read() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_its_key() {
+fn invalid_values_are_refused_with_their_key() {
     let value = "value = { byte = 0, width = 24, order = \"big\", scale_mm = 1e-5 }";
     let refused = [
         ("interface = \"can0\"\nid = 0x800", "`id` 0x800 is too large for 11 bits"),

@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_value_stands_once_it_came_often_and_for_long() {
+    fn value_is_frozen_after_many_equal_samples_over_time() {
         let timeout = Duration::from_secs(1);
         let start = Instant::now();
         let (value_mm, unchanged_since) = (f64::NAN, start);

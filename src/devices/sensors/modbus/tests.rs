@@ -73,7 +73,7 @@ fn registers_are_read_as_the_map_says() {
 }
 
 #[test]
-fn the_count_of_an_encoder_is_read_beside_the_value() {
+fn encoder_count_is_read_with_the_value() {
     let read = |kind: &str, words: [u16; 6]| {
         let count = format!("encoder_count = {{ register = 13, type = \"{kind}\", order = \"cdab\" }}");
         let text = format!("tcp = \"a:9\"\n{count}\n{MAP}");
@@ -92,7 +92,7 @@ fn the_count_of_an_encoder_is_read_beside_the_value() {
 }
 
 #[test]
-fn maps_that_cannot_be_are_refused_in_words() {
+fn invalid_maps_are_refused_with_a_reason() {
     let map = |from: &str, to: &str| refused(&MAP.replace(from, to));
     assert!(map("register = 12", "register = 11").contains("`value` and `counter` overlap at register 11"));
     assert!(map("register = 9\nbit = 15", "register = 10\nbit = 15").contains("overlap"));
@@ -114,7 +114,7 @@ fn maps_that_cannot_be_are_refused_in_words() {
 /// The registers hold only the newest value: an unchanged value shows by its noise, if the noise is
 /// declared.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_show() {
+async fn frozen_value_is_detected_without_a_counter() {
     let prepared = async |noise_um: Option<f64>, step: f64| {
         let mut place = 0.0;
         let sense = move || {

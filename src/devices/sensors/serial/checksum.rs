@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_check_values_of_the_catalogue() {
+    fn checksums_agree_with_the_catalogue() {
         // Values for the text 123456789, from the catalogue of parametrised CRC algorithms.
         let of = |kind| Checksum { kind, order: Endianness::Big, with_sync: false }.compute(b"123456789");
         assert_eq!(of(ChecksumKind::Crc8), 0xF4);
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_in_either_order_and_covers_what_is_said() {
+    fn checksum_order_and_range_follow_the_layout() {
         let sum = |order, with_sync| Checksum { kind: ChecksumKind::Crc16Modbus, order, with_sync };
         assert!(sum(Endianness::Big, false).matches(b"x", b"123456789", &[0x4B, 0x37]));
         assert!(sum(Endianness::Little, false).matches(b"x", b"123456789", &[0x37, 0x4B]));

@@ -78,7 +78,7 @@ fn mm(value: f64, count: u64) -> Option<ValueAndCount> {
 }
 
 #[test]
-fn lines_split_anywhere_say_the_same() {
+fn lines_split_anywhere_give_the_same_samples() {
     let bytes = b"D+2000;07;\r\n\r\nD -1500 ; 8;\r\nD----;9;\r\nD5;10;S\r\n";
     let expected = [
         mm(2.0, 7),
@@ -92,7 +92,7 @@ fn lines_split_anywhere_say_the_same() {
 }
 
 #[test]
-fn what_is_no_line_of_the_layout_is_no_sample() {
+fn line_of_another_layout_gives_no_sample() {
     for line in ["E2000;07;", "D2000", "D2000;x;", "Dinf;7;", "D1e999;7;", "D;7;", "D20 00;7;", "D1;100;"] {
         assert_eq!(cut(LINE, &[line.as_bytes(), b"\r\n"]), [None], "{line}");
     }
@@ -107,7 +107,7 @@ const MINUS: [u8; 9] = [0xA5, 0x5A, 0x24, 0xFA, 0xFF, 0x08, 0x00, 0x29, 0x0D];
 const FAR: [u8; 9] = [0xA5, 0x5A, 0x00, 0x00, 0x00, 0x09, 0x80, 0x89, 0x0D];
 
 #[test]
-fn frames_split_anywhere_say_the_same() {
+fn frames_split_anywhere_give_the_same_samples() {
     let bytes = [TWO, MINUS, FAR].concat();
     let expected = [mm(2.0, 7), mm(-1.5, 8), Some((Err(ReadingFlag::Range), Some(9)))];
     for at in 0..bytes.len() {
@@ -116,7 +116,7 @@ fn frames_split_anywhere_say_the_same() {
 }
 
 #[test]
-fn a_byte_too_few_or_too_many_spoils_one_frame() {
+fn missing_or_surplus_byte_loses_one_frame() {
     for at in 0..9 {
         let mut short = TWO.to_vec();
         short.remove(at);
@@ -134,7 +134,7 @@ fn a_byte_too_few_or_too_many_spoils_one_frame() {
 }
 
 #[test]
-fn layouts_that_cannot_be_are_refused_in_words() {
+fn invalid_layouts_are_refused_with_a_reason() {
     let line = |from: &str, to: &str| refused(&LINE.replace(from, to));
     assert!(line("scale_mm = 0.001", "scale_mm = 0.0").contains("all readings would be equal"));
     assert!(line("scale_mm = 0.001", "scale_mm = \"x\"").contains("invalid type"));
@@ -175,7 +175,7 @@ fn short(sample: Sample) -> (i64, &'static str, u32) {
 }
 
 #[tokio::test]
-async fn what_a_sensor_says_is_flagged_as_it_is() {
+async fn status_of_a_sensor_becomes_its_flag() {
     let (mut serial, mut far) = over_tcp(LINE).await;
     far.write_all(b"rest of a line\r\nD1;97;\r\nD2;98;\r\nD3;98;\r\nD-11000;99;\r\nD4;0;\r\n").await.unwrap();
     far.write_all(b"D5;4;\r\nnoise\r\nD6;6;\r\nD----;8;\r\nD7;9;S\r\nD8;10;\r\n").await.unwrap();
@@ -207,7 +207,7 @@ async fn what_a_sensor_says_is_flagged_as_it_is() {
 }
 
 #[tokio::test]
-async fn without_a_counter_what_was_spoilt_is_a_gap_of_unknown_size() {
+async fn corruption_without_counter_is_a_gap_of_unknown_size() {
     let layout = "[line]\nvalue = { scale_mm = 0.001 }";
     let (mut serial, mut far) = over_tcp(layout).await;
     far.write_all(b"half\n1\nx\ny\n2\n3\n").await.unwrap();
@@ -217,7 +217,7 @@ async fn without_a_counter_what_was_spoilt_is_a_gap_of_unknown_size() {
 }
 
 #[tokio::test]
-async fn a_late_answer_is_not_taken_for_the_next() {
+async fn late_reply_is_not_assigned_to_the_next_request() {
     let (mut serial, mut far) = over_tcp(&format!("request = \"M0\\r\"\n{LINE}")).await;
     let device = tokio::spawn(async move {
         let mut asked = [0; 3];
@@ -248,7 +248,7 @@ async fn not_ready(layout: &str, sent: &'static [u8]) -> SensorError {
 }
 
 #[tokio::test]
-async fn a_sensor_that_cannot_be_understood_is_refused_with_the_remedy() {
+async fn unreadable_sensor_is_refused_with_a_remedy() {
     let silent = not_ready(LINE, b"").await;
     assert!(matches!(silent, SensorError::Silent { .. }), "{silent}");
     let noise = not_ready(LINE, b"\x80\xF8\x00\x98\x1E\r\n").await;
@@ -264,7 +264,7 @@ async fn a_sensor_that_cannot_be_understood_is_refused_with_the_remedy() {
 }
 
 #[tokio::test]
-async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
+async fn wrong_bit_rate_is_detected_by_noise() {
     let Pty { mut device, path, .. } = create_pty_at_baud(38_400).unwrap();
     let sends = tokio::spawn(async move {
         for count in 0_u64.. {
@@ -293,7 +293,7 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
 }
 
 #[tokio::test]
-async fn the_count_of_an_encoder_comes_with_the_sample() {
+async fn encoder_count_is_part_of_the_sample() {
     let columns = "separator = \",\"\nvalue = { column = 1, scale_mm = 0.001 }\n";
     let layout = format!("[line]\n{columns}encoder_count = {{ column = 2, round = 65536 }}");
     let (mut serial, mut far) = over_tcp(&layout).await;

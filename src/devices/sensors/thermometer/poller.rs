@@ -153,7 +153,7 @@ mod tests {
     /// The last value is valid for a while, whatever the thermometer reports then, and never again
     /// afterwards.
     #[test]
-    fn what_was_said_is_true_for_a_while() {
+    fn temperature_is_valid_for_a_limited_time() {
         const HOUR: Duration = Duration::from_secs(3600);
         let mut last_value = LastValue::default();
         assert!(last_value.value_within(HOUR).is_err());

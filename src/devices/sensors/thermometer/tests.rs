@@ -48,7 +48,7 @@ fn what_cannot_be_is_refused_in_words() {
 }
 
 #[test]
-fn those_behind_one_device_share_its_link() {
+fn thermometers_of_one_device_share_its_link() {
     let of = |from: &str, to: &str| entry(&MODBUS.replacen(from, to, 1)).unwrap();
     let entries =
         [of("", ""), of("register = 4", "register = 5"), of("[modbus]\n", "[modbus]\nunit = 3\n"), simulated("bed")];
@@ -62,7 +62,7 @@ fn simulated_temperature(celsius: Option<f64>) -> impl Fn(&str) -> Option<Simula
 
 /// A machine has -40 to 80 °C: a value beyond this range is an error that states it.
 #[tokio::test]
-async fn nonsense_is_no_temperature() {
+async fn implausible_value_is_not_a_temperature() {
     let entries = [simulated("bed")];
     for (celsius, good) in [(-40.0, true), (80.0, true), (80.1, false), (-200.0, false)] {
         let values = read_thermometers_once(&entries, simulated_temperature(Some(celsius))).await;

@@ -43,7 +43,7 @@ fn four_steps_and_least_squares_are_equal_on_complete_visits() {
 
 /// Gate G5 with the four steps alone.
 #[test]
-fn the_four_steps_reach_the_simulation_of_the_paper() {
+fn four_steps_reach_the_simulated_uncertainty_of_the_paper() {
     let setting = setting();
     let basis = AngleBasis::Fourier { order: ORDER, sub_order: 0 };
     let of_seed = |seed: u64| {
@@ -57,7 +57,7 @@ fn the_four_steps_reach_the_simulation_of_the_paper() {
 }
 
 #[test]
-fn four_steps_do_not_bear_missing_visits() {
+fn four_steps_need_all_visits() {
     let [four, global] = both(3, 0.05).map(|errors| worst_um(&errors));
     println!("5 % missing: four steps {four:.3} um, least squares {global:.4} um");
     assert!(global < 0.05 && four > 5.0 * global, "{four} {global}");

@@ -154,7 +154,7 @@ fn population(seeds: u64, missing: f64) -> [[f64; 2]; 3] {
 }
 
 #[test]
-fn the_simulation_of_the_paper_is_reached() {
+fn simulated_uncertainty_of_the_paper_is_reached() {
     let [translations, angles, centres] = population(100, 0.0);
     println!("translations {translations:.4?} um, angles {angles:.4?} arc seconds (median, 95 %)");
     assert!(translations[0] <= 0.034 && translations[1] <= 0.050, "{translations:?}");
@@ -164,14 +164,14 @@ fn the_simulation_of_the_paper_is_reached() {
 }
 
 #[test]
-fn a_twentieth_of_the_visits_may_be_missing() {
+fn truth_is_found_with_5_percent_of_the_visits_missing() {
     let [translations, angles, _] = population(100, 0.05);
     println!("5 % missing: translations {translations:.4?} um, angles {angles:.4?} arc seconds");
     assert!(translations[0] <= 0.040, "{translations:?}");
 }
 
 #[test]
-fn without_scatter_the_truth_is_found() {
+fn truth_is_found_without_scatter() {
     let setting = setting();
     let basis = AngleBasis::Fourier { order: ORDER, sub_order: 0 };
     let truth = Truth::draw(7, &setting);

@@ -48,14 +48,14 @@ fn staggered_balls_lose_the_gauge_alone() {
 }
 
 #[test]
-fn the_gauge_takes_what_is_lost_and_no_more() {
+fn gauge_conditions_equal_the_nullity() {
     assert_eq!(surveyed(stagger_balls(6, POSITIONS), true).0, 0);
     assert_eq!(surveyed(even(12), true).0, 31 - 13);
 }
 
 /// METHODS section 5: condition (unscaled) of Eq. (2) with a constant, over three revolutions.
 #[test]
-fn sub_harmonics_need_as_many_revolutions() {
+fn subharmonics_need_as_many_revolutions() {
     let setting = Setting { positions: POSITIONS, revolutions: 3, radius_mm: 1.0, steps: even(12) };
     let condition = |sub_order: usize| {
         let basis = AngleBasis::Fourier { order: 8, sub_order };

@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_clock_moves_only_its_own_runs() {
+    fn wrong_clock_shifts_only_its_own_runs() {
         assert!(corrected_times(&[]).is_empty());
         assert_eq!(corrected_times(&[3.0, 4.0, 4.0, 5.0]), [3.0, 4.0, 4.0, 5.0]);
         // The clock battery was empty at the end, at the beginning and in between; one clock was far ahead.

@@ -49,7 +49,7 @@ fn series(seed: u64, days: usize, truth: impl Fn(f64) -> f64) -> Vec<TrendPoint>
 }
 
 #[test]
-fn nothing_is_told_of_a_machine_that_stays() {
+fn stable_machine_gives_no_change() {
     let false_alarms = (0..2000)
         .filter(|seed| !Trend::from_points(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty())
         .count();
@@ -68,7 +68,7 @@ fn nothing_is_told_of_a_machine_that_stays() {
 
 /// The height of a step lies within U, and its day within the reported interval, as often as stated.
 #[test]
-fn a_step_is_found_when_it_was_and_as_high_as_it_was() {
+fn step_is_found_with_its_time_and_size() {
     let (mut found, mut height, mut when) = (0, 0, 0);
     let seeds = 60;
     for seed in 0..seeds {
@@ -86,7 +86,7 @@ fn a_step_is_found_when_it_was_and_as_high_as_it_was() {
 }
 
 #[test]
-fn a_drift_is_no_step() {
+fn drift_is_not_reported_as_a_step() {
     let (mut found, mut slope, mut when) = (0, 0, 0);
     let seeds = 60;
     for seed in 0..seeds {
@@ -106,7 +106,7 @@ fn a_drift_is_no_step() {
 
 /// After a step the limits come from the values since the step.
 #[test]
-fn limits_follow_a_step_and_hold_the_newest_value_to_account() {
+fn limits_follow_a_step_and_apply_to_the_newest_value() {
     let stepped = |last: f64| {
         let mut points = series(3, 40, |day| if day < 20.0 { 0.0 } else { 10.0 });
         points.push(TrendPoint { t_s: at_s(40.0), value: last });
@@ -122,7 +122,7 @@ fn limits_follow_a_step_and_hold_the_newest_value_to_account() {
 }
 
 #[test]
-fn what_changed_is_one_sentence() {
+fn change_is_described_in_one_sentence() {
     let step = Trend::from_points(series(1, 40, |day| if day < 33.0 { 0.0 } else { 8.0 }));
     let drift = Trend::from_points(series(2, 40, |day| 0.4 * day));
     let same = Trend::from_points(series(3, 40, |_| 0.0));
@@ -148,7 +148,7 @@ fn what_changed_is_one_sentence() {
 
 /// A value without a new measurement does not count as unchanged.
 #[test]
-fn what_was_not_measured_since_then_is_said_to_be_so() {
+fn unmeasured_parameters_since_the_change_are_listed() {
     let same = Trend::from_points(series(3, 40, |_| 0.0));
     let newer = Trend::from_points(series(3, 60, |_| 0.0));
     let drift = Trend::from_points(series(2, 40, |day| 0.4 * day));
@@ -169,7 +169,7 @@ fn what_was_not_measured_since_then_is_said_to_be_so() {
 /// Thirteen runs; the newest has a clock time of 1970 and a value that is 400 µm off. It remains the newest
 /// run, its value lies outside the limits, and the limits are those of the twelve runs before it.
 #[test]
-fn a_clock_set_back_hides_no_value() {
+fn values_are_kept_when_the_clock_was_set_back() {
     let mut points = series(5, 12, |day| 3.0 + 0.0 * day);
     points.iter_mut().for_each(|point| point.t_s += at_s(20_000.0));
     let before = Trend::from_points([points.clone(), vec![points[11]]].concat());

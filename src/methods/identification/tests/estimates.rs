@@ -94,7 +94,7 @@ fn regress_an_estimate_by_hand() {
 
 /// A nonlinear output alone, such as a largest deviation, has no uncertainty without trials.
 #[test]
-fn regress_an_estimate_without_linear_parameters() {
+fn regress_estimate_without_linear_parameters_has_no_correlation() {
     let mean = Mean::of(&[0.0, 0.0]);
     let fit = mean.fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3; 2]))];
@@ -142,7 +142,7 @@ fn regress_central_differences_of_polynomials() {
 }
 
 #[test]
-fn regress_units_of_error_parameters() {
+fn regress_error_parameters_have_their_units() {
     for (symbol, unit) in [("EX0C", Unit::Um), ("EA0C", Unit::Urad), ("EXX1", Unit::UmPerM)] {
         let error: ErrorParameter = symbol.parse().unwrap();
         assert_eq!(reported_unit(&error), unit, "{symbol}");

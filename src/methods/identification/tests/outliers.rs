@@ -45,7 +45,7 @@ fn a_reading_is_compared_with_all_others() {
 
 /// Limits from tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.
 #[test]
-fn limits_are_those_of_tables() {
+fn limits_agree_with_tables() {
     let rows =
         RowResiduals { residuals: &[0.0; 3], variances: &[1.0; 3], chi2: 20.0, dof: 20.0, has_declared_sizes: true };
     assert_near(rows.studentised_limit(0..1, 1e-3).unwrap(), 3.883, 5e-4);
@@ -55,7 +55,7 @@ fn limits_are_those_of_tables() {
 
 /// A row that explains only itself is not checked; without degrees of freedom no row is checked.
 #[test]
-fn what_no_other_row_checks_is_not_judged() {
+fn reading_without_redundancy_is_not_judged() {
     let rows = |dof| RowResiduals {
         residuals: &[0.1, -0.2, 0.1, 1e6],
         variances: &[0.6, 0.6, 0.6, 0.0],

@@ -122,7 +122,7 @@ fn chain_agrees_with_the_matrix_product_of_the_paper() {
 }
 
 #[test]
-fn regress_beam_direction_from_three_heights() {
+fn regress_three_heights_determine_the_beam_direction() {
     let plan = ideal(0.025);
     let mut square = 0.0;
     for seed in 0..40 {

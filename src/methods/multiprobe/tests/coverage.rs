@@ -277,7 +277,7 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
 
 /// The revolutions are displaced by +0.5 µm and −0.5 µm along X in alternation, at every third sample only.
 #[test]
-fn regress_asynchronous_and_total_values() {
+fn regress_asynchronous_and_total_values_agree_with_the_simulation() {
     let layout = layout(4, -1.0);
     let mut world = SimulatedMotions::random(2, MAX_ORDER, 2, 0.0);
     // Motion that turns with the table is not reported as error motion.

@@ -16,7 +16,7 @@ fn data(world: &SimulatedMotions, actual: &ProbeLayout, seed: u64) -> HarmonicDa
 }
 
 #[test]
-fn regress_swapped_channels() {
+fn regress_swapped_channels_are_named() {
     let planned = layout(6, -1.0);
     for (first, second) in [(0, 1), (1, 2), (0, 3), (2, 4), (5, 6)] {
         let world = SimulatedMotions::random(first as u64, 8, 2, NOISE_MM);
@@ -37,7 +37,7 @@ fn regress_swapped_channels() {
 }
 
 #[test]
-fn regress_wrong_index_of_a_lobed_artefact() {
+fn regress_wrong_index_is_found_with_a_lobed_artefact() {
     let planned = layout(6, -1.0);
     for (wrong, affects_later_mountings, by_deg) in
         [(3, false, 60.0), (5, false, -12.3), (2, true, 60.0), (4, true, 1.0)]
@@ -60,7 +60,7 @@ fn regress_wrong_index_of_a_lobed_artefact() {
 }
 
 #[test]
-fn regress_right_indexes_and_a_round_artefact() {
+fn regress_right_indexes_are_confirmed_unless_the_artefact_is_round() {
     let planned = layout(6, -1.0);
     let mut world = SimulatedMotions::random(1, 8, 2, NOISE_MM);
     let check = check_layout(&planned, &data(&world, &planned, 2), 1.0).unwrap();

@@ -7,7 +7,7 @@ use super::nullities::layout;
 use estimation::revolutions::{AngleRange, HarmonicData, RowKey, RowRevolutions};
 
 #[test]
-fn regress_coinciding_and_opposed_sensors() {
+fn regress_coinciding_and_opposed_sensors_are_refused() {
     for (angles, instead) in [
         ([0.0, 90.0, 270.0], "move 270°: 50° has"),
         ([0.0, 90.0, 91.0], "move 91°: 50° has"),

@@ -26,7 +26,7 @@ fn refused(plan: &Plan, settings: SambaSettings, words: &[&str]) {
 }
 
 #[test]
-fn artefacts_that_cannot_be_measured() {
+fn unmeasurable_artefacts_are_refused() {
     let twice = with_balls(|set| set.balls[3].id = "2".into());
     refused(&twice, SambaSettings::default(), &["ball 2: `id` is `2`, as for another ball"]);
     let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
@@ -54,7 +54,7 @@ fn artefacts_that_cannot_be_measured() {
 }
 
 #[test]
-fn a_ball_that_no_indexation_shows_is_named() {
+fn ball_visible_at_no_indexation_is_named() {
     let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
     refused(&far, SambaSettings::default(), &["ball 5 is accessible at none of", "outside"]);
     let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
@@ -63,7 +63,7 @@ fn a_ball_that_no_indexation_shows_is_named() {
 }
 
 #[test]
-fn indexations_outside_the_limits() {
+fn indexations_outside_the_limits_are_refused() {
     let mut narrow = plan(&SambaSettings::default());
     let b = narrow.machine.axes.get_mut(&Axis::B).unwrap();
     (b.min, b.max) = (-45.0, 100.0);
@@ -77,7 +77,7 @@ fn indexations_outside_the_limits() {
 }
 
 #[test]
-fn a_spindle_that_is_not_oriented() {
+fn missing_spindle_orientation_is_refused() {
     let mut fixed = plan(&SambaSettings::default());
     fixed.machine.axes.remove(&Axis::S);
     let orient = SambaSettings { spindle: Spindle::Orient, ..SambaSettings::default() };
@@ -91,7 +91,7 @@ fn a_spindle_that_is_not_oriented() {
 /// B is in the head and stays at 0, whatever `tilt_deg` states for A. Its errors are refused if they are
 /// selected.
 #[test]
-fn a_head_that_tilts_stands_upright() {
+fn tilting_head_starts_upright() {
     let mut fork = plan(&SambaSettings::default());
     fork.machine = machine("wAFXYZBt");
     let answer = Samba::new(SambaSettings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
@@ -119,7 +119,7 @@ fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
 }
 
 #[test]
-fn settings_that_make_no_sense() {
+fn senseless_settings_are_refused() {
     let plan = plan(&SambaSettings::default());
     let unknown = SambaSettings { parameters: vec!["EX0Q".into()], ..SambaSettings::default() };
     refused(&plan, unknown, &["`EX0Q` is not an error parameter"]);

@@ -107,7 +107,7 @@ fn gate_g4_the_built_in_designs() {
 
 /// The design has as many balls as 25 minutes allow, and hardly fewer.
 #[test]
-fn the_budget_in_minutes_is_kept() {
+fn design_keeps_the_time_budget() {
     let settings = SambaSettings { minutes: 25.0, ..SambaSettings::default() };
     let plan = plan(&settings);
     let setup = DesignSetup::new(&plan, &settings).unwrap();
@@ -122,7 +122,7 @@ fn the_budget_in_minutes_is_kept() {
 
 /// A random choice of the same number of balls gives less information than the greedy choice.
 #[test]
-fn a_choice_by_chance_tells_less() {
+fn random_design_has_less_information() {
     let settings = SambaSettings::default();
     let plan = plan(&settings);
     let setup = DesignSetup::new(&plan, &settings).unwrap();

@@ -88,7 +88,7 @@ fn survey(kind: DesignKind, bar: bool, spindle: bool) -> (RankAnalysis, Vec<Stri
 }
 
 #[test]
-fn gate_g4_ranks_and_what_is_lost_in_words() {
+fn gate_g4_ranks_and_description_of_the_null_space() {
     for kind in ALL_DESIGNS {
         check_ranks(kind);
     }

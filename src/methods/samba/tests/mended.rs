@@ -39,7 +39,7 @@ fn regress_readings_without_a_complete_measurement_are_refused() {
 
 /// Encoder readings flicker: the touches of one measurement differ by 1e-4°, but they are one measurement.
 #[test]
-fn regress_rotary_encoders_that_flicker() {
+fn regress_noise_of_rotary_encoders_does_not_split_a_pose() {
     let (plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     let sound = identify(&plan, &settings(), &readings).unwrap();
     let mut normal = StandardNormal.sample_iter(seeded_stream(5, &[]));

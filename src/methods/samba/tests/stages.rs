@@ -171,7 +171,7 @@ fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
 
 /// Dirt on one touch: the ball is measured again, then the run is held.
 #[test]
-fn dirt_is_measured_once_more_and_then_holds_the_run() {
+fn dirty_touch_is_repeated_once_and_then_holds_the_run() {
     let settings = small_design_settings();
     let mut shop = SimulatedMachine::new(&plan(&settings));
     let dirty = |label: &TouchLabel| label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45";
@@ -193,7 +193,7 @@ fn dirt_is_measured_once_more_and_then_holds_the_run() {
 }
 
 #[test]
-fn a_larger_ball_is_a_wrong_stylus() {
+fn larger_ball_suggests_a_wrong_stylus() {
     let settings = small_design_settings();
     let mut shop = SimulatedMachine::new(&plan(&settings));
     shop.dirt = Box::new(|_, _| 0.05);

@@ -347,7 +347,7 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
 /// The table sags by 8 µm as it tilts, which is outside the model. A warning states the misfit, and the
 /// uncertainties grow.
 #[test]
-fn regress_sag_is_no_machine_error_and_said() {
+fn regress_sag_is_reported_and_not_a_machine_error() {
     let sagging = SimulatedMeasurement {
         shift: |_, _, [b, c, _]| Vector3::new(c.cos(), -c.sin(), 1.0) * (0.008 * (3.0 * b).sin().powi(2)),
         ..FAULTLESS_MEASUREMENT
@@ -363,7 +363,7 @@ fn regress_sag_is_no_machine_error_and_said() {
 }
 
 #[test]
-fn regress_bars_that_are_wrong_or_missing() {
+fn regress_wrong_or_missing_bars_are_reported() {
     let long = SimulatedMeasurement { bar_mm: BAR_MM * (1.0 + 400e-6), ..FAULTLESS_MEASUREMENT };
     let estimate = long.identify().unwrap();
     assert!(has_warning(&estimate, &["certified length 1–2", "µm/m"]), "{:?}", estimate.warnings);
@@ -382,7 +382,7 @@ fn regress_bars_that_are_wrong_or_missing() {
 }
 
 #[test]
-fn regress_excluded_and_missing_readings() {
+fn regress_excluded_and_missing_readings_are_listed() {
     let (plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     // Ball 6 keeps two measurements; of another measurement only three touches remain.
     let of_six: Vec<usize> = (0..readings.len()).filter(|i| plan.steps[*i].label.contains("/6/")).collect();

@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_caller_has_a_count_of_its_own_and_all_others_one() {
+    fn each_known_client_has_its_own_limit_and_others_share_one() {
         let rates = RateLimits::default();
         let refused = |who: &str| (0..11).filter(|_| rates.failure_limit.count_event(who).is_err()).count();
         assert_eq!(refused("10.0.0.1"), 1);

@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_known_asks_for_the_most() {
+    fn unknown_route_requires_the_highest_role() {
         assert_eq!(required_role("/api/v1/runs/{run}/sign", false), Role::Metrologist);
         assert_eq!(required_role("/api/v1/runs/{run}/sign", true), Role::Viewer);
         assert_eq!(required_role(HOLD_ROUTE, false), Role::Viewer);

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_makes_room_and_who_leaves_has_left() {
+    fn oldest_session_is_replaced_and_logout_ends_a_session() {
         let folder = tempfile::tempdir().unwrap();
         let tokens = TokenStore::in_folder(folder.path());
         tokens.add("tablet", Role::Viewer).unwrap();

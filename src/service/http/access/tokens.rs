@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_token_is_refused() {
+    fn malformed_token_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let tokens = TokenStore::in_folder(&folder.path().join("made"));
         for name in ["", "two words", "a\nb", &"n".repeat(41)] {
@@ -307,7 +307,7 @@ mod tests {
     /// Root may create a token in the daemon's folder, and the daemon can read it. Other users cannot change the owner
     /// of a file.
     #[test]
-    fn the_file_belongs_to_whom_the_folder_belongs() {
+    fn token_file_has_the_owner_of_its_folder() {
         const DAEMON_UID: u32 = 65_534;
         let folder = tempfile::tempdir().unwrap();
         let made = |name: &str| fs::metadata(folder.path().join(name)).unwrap();

@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_run_that_is_held_has_a_line_and_the_rest_is_counted() {
+    fn each_held_run_has_a_line_and_further_holds_are_counted() {
         let (holds, now) = (HoldLog::default(), Instant::now());
         assert!(!holds.is_first_hold("mill", None, now));
         assert!(holds.is_first_hold("mill", Some(1), now));

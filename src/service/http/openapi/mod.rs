@@ -66,7 +66,7 @@ mod tests {
     const WRITE_ENV_VAR: &str = "TRUED_WRITE_OPENAPI";
 
     #[test]
-    fn the_description_is_the_one_that_is_checked_in() {
+    fn openapi_description_equals_the_stored_one() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/openapi.json");
         let text = describe_routes().1.to_pretty_json().unwrap() + "\n";
         if std::env::var_os(WRITE_ENV_VAR).is_some() {
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_changes_something_is_a_post_and_tells_of_problems() {
+    fn changing_routes_are_posts_and_describe_their_problems() {
         let described = serde_json::to_value(describe_routes().1).unwrap();
         let paths = described["paths"].as_object().unwrap();
         assert!(paths.len() >= 12, "{}", paths.len());

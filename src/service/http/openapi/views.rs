@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_comparison_is_what_is_written() {
+    fn comparison_view_matches_its_json() {
         let text = String::new;
         let by = ParameterDifference {
             symbol: text(),
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn each_view_is_what_is_written() {
+    fn each_view_matches_its_json() {
         let parameter = Parameter {
             symbol: "EX0C".to_owned(),
             value: 1.5,

@@ -171,7 +171,7 @@ mod tests {
 
     /// The last state reported by a hung worker is not shown as the current one.
     #[test]
-    fn without_a_sign_of_life_nothing_is_known() {
+    fn state_without_heartbeat_is_unknown() {
         let ((gate, _asks), verdict_validity) = (CommandGate::for_tests(), Duration::from_secs(3600));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
         let (file_sha256, tolerance) = (String::new(), Vec::new());

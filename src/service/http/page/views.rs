@@ -152,7 +152,7 @@ mod tests {
     /// A cylinder of 20 mm diameter and 30 mm height, and a touch 5 mm beside it: both views are 34.8 mm wide, with
     /// 30 mm for the drawing.
     #[test]
-    fn both_views_hold_all_of_it_at_one_scale() {
+    fn both_views_show_all_bodies_at_one_scale() {
         let (from, to, radius) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 30.0), 10.0);
         let bodies = [BodyShape::Cylinder { from, to, radius }];
         let marks = [StepMark { class: "now", path: vec![Vector3::new(15.0, 0.0, 12.0)] }];

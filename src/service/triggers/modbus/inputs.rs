@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn one_start_a_rise_and_bounces_are_none() {
+    fn each_rising_edge_starts_once_and_bounces_do_not() {
         let t = Instant::now();
         let mut inputs = ControlInputs::new(Duration::from_secs(1));
         assert!(!starts(&mut inputs, true, t), "the coil was high at its first write");
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_counts_at_once_and_two_starts_are_several() {
+    fn stop_acts_at_once_and_two_start_coils_are_ambiguous() {
         let t = Instant::now();
         let mut inputs = ControlInputs::new(Duration::from_secs(1));
         assert_eq!(inputs.write_coils(3, &[true], t), [CoilCommand::Stop]);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_counts_that_is_not_fresh() {
+    fn stale_inputs_have_no_effect() {
         let t = Instant::now();
         let mut inputs = ControlInputs::new(Duration::from_secs(1));
         inputs.write_coils(0, &[true, true, true], t);

@@ -159,7 +159,7 @@ mod tests {
     const MODBUS_DOCS: &str = include_str!("../../../../docs/modbus.md");
 
     #[test]
-    fn the_published_tables_are_these() {
+    fn tables_equal_the_published_ones() {
         let rows = MODBUS_DOCS
             .lines()
             .filter(|line| ["| coil |", "| holding |", "| input |"].iter().any(|space| line.starts_with(space)));

@@ -26,7 +26,7 @@ fn send(firmware: &mut Firmware, bytes: &str) -> Vec<String> {
 const MOVE_BESIDE_PART: &str = "G53 G0 X40 Y0\nG53 G0 Z-150\n";
 
 #[test]
-fn it_introduces_itself() {
+fn simulated_grbl_reports_its_version() {
     let mut firmware = grblhal_firmware(|_| {});
     assert_eq!(
         send(&mut firmware, "$I\n"),
@@ -47,7 +47,7 @@ fn banners_differ_by_level() {
 }
 
 #[test]
-fn a_touch_a_miss_and_a_closed_probe() {
+fn touch_miss_and_closed_probe_are_reported() {
     let mut firmware = grblhal_firmware(|_| {});
     send(&mut firmware, MOVE_BESIDE_PART);
     let touch = send(&mut firmware, "N7 G38.2 X0 F30\n");
@@ -123,7 +123,7 @@ fn a_reset_in_motion_loses_the_lines_and_locks() {
 }
 
 #[test]
-fn lines_are_read_as_rs274_means_them() {
+fn lines_are_read_as_rs274() {
     for (line, answer) in [
         ("(comment) G21 ; more", "ok"),
         ("N12 G53 G1 X1 F100", "ok"),
@@ -147,7 +147,7 @@ fn lines_are_read_as_rs274_means_them() {
 }
 
 #[test]
-fn offsets_inches_and_relative_moves_end_where_they_should() {
+fn offsets_inches_and_relative_moves_are_executed() {
     let mut firmware = grblhal_firmware(|_| {});
     send(&mut firmware, "G10 L2 P6 X10\nG59\nG0 X5 Z-30\nG20 G91\nG0 Y1\nG53 G0 B-90\n");
     let status = send(&mut firmware, "?").join("");

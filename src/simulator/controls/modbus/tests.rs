@@ -64,7 +64,7 @@ fn chunk(beat: u16, acknowledge: u16) -> Vec<u16> {
 }
 
 #[test]
-fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
+fn chunk_is_accepted_once_with_the_next_sequence_number() {
     let mut control = firmware(SimulationPace::Fast);
     write(&mut control, 2, &chunk(1, 0), 10);
     // A written chunk is not started before its sequence is written.
@@ -80,7 +80,7 @@ fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
 }
 
 #[test]
-fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
+fn unsuitable_chunk_is_refused_without_motion() {
     for (place, value, error) in [(2, 1, 2), (3, 300, 1), (3, 0, 1), (3, 8, 2), (1, 7, 4)] {
         let mut control = firmware(SimulationPace::Fast);
         let mut words = chunk(1, 0);
@@ -97,7 +97,7 @@ fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
 }
 
 #[test]
-fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
+fn stopped_heartbeat_or_hold_stops_a_move() {
     for (hold_ms, reason) in [(None, 64), (Some(50), 0)] {
         let mut control = firmware(SimulationPace::Real);
         let mut words = chunk(1, 0);
@@ -121,7 +121,7 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
 }
 
 #[test]
-fn what_lies_elsewhere_is_refused_by_an_exception() {
+fn address_outside_the_window_gives_an_exception() {
     let mut control = firmware(SimulationPace::Fast);
     let send_request = |control: &mut Firmware, request| send_request(control, &request, 1).unwrap_err();
     let address = ExceptionCode::IllegalDataAddress;
@@ -149,7 +149,7 @@ fn program_status(control: &mut Firmware, ms: u64) -> Vec<u16> {
 }
 
 #[test]
-fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
+fn table_starts_once_and_reports_its_row() {
     let mut control = firmware_with(SimulationPace::Fast, true);
     offer_table(&mut control, &TABLE, TABLE_CRC, 10);
     let status = program_status(&mut control, 11);
@@ -164,7 +164,7 @@ fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
 }
 
 #[test]
-fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
+fn incomplete_or_invalid_table_causes_no_motion() {
     for (place, value, crc, error) in [
         (13, 50_001, TABLE_CRC, 2),
         (0, 2, TABLE_CRC, 2),

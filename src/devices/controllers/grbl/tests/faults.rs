@@ -41,7 +41,7 @@ fn reply_at_line(nth: usize, said: &'static str) -> impl FnMut(&str) -> Option<S
 }
 
 #[tokio::test]
-async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
+async fn surplus_reply_is_not_assigned_to_the_next_line() {
     for (nth, said) in [(1, ">ok\r\nok\r\n"), (3, ">{told}\r\nok\r\nok\r\n"), (2, ">ok\r\nerror:9\r\n")] {
         let (error, sent) = fault_and_sent_text(reply_at_line(nth, said)).await;
         assert!(matches!(error, ControllerError::UnexpectedReply { .. }), "{error}");
@@ -54,7 +54,7 @@ async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
 }
 
 #[tokio::test]
-async fn a_touch_that_is_told_in_two_ways_is_no_reading() {
+async fn contradictory_touch_reports_give_no_reading() {
     let other = "[PRB:-18.384,18.385,-150.000,0.000,135.000:1]\r\nok\r\n";
     let (error, sent) = fault_and_sent_text(move |line| (line == "$#").then(|| other.to_owned())).await;
     assert!(matches!(error, ControllerError::TouchMismatch { step: 3, .. }), "{error}");
@@ -69,7 +69,7 @@ async fn fault_with_extra_line(extra: &'static str) -> (ControllerError, String)
 }
 
 #[tokio::test]
-async fn a_touch_off_the_way_is_no_reading() {
+async fn touch_off_the_path_gives_no_reading() {
     // Both reports agree, but the machine was never at that position.
     let told = "[PRB:-18.385,18.385,-149.000,0.000,135.000:1]\r\nok\r\n";
     let lie = move |line: &str| (line == "$#" || line.contains("F30.")).then(|| format!(">{told}"));
@@ -78,7 +78,7 @@ async fn a_touch_off_the_way_is_no_reading() {
 }
 
 #[tokio::test]
-async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
+async fn machine_at_a_wrong_end_position_gets_no_further_motion() {
     for nth in [1, 2, 3] {
         // The line is acknowledged but not executed, as if one of its bytes had been altered.
         let said = if nth == 3 { "[PRB:0.000,0.000,0.000,0.000,0.000:0]\r\nok\r\n" } else { "ok\r\n" };
@@ -90,7 +90,7 @@ async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
 }
 
 #[tokio::test]
-async fn a_hold_or_a_door_at_the_machine_ends_the_run_at_once() {
+async fn hold_or_door_at_the_machine_ends_the_run() {
     for state in ["Hold:0", "Hold:1", "Door:1", "Tool"] {
         let (error, sent) =
             fault_and_sent_text(move |line| (line == "?").then(|| status(&format!("{state}|MPos:{{at}}")))).await;
@@ -101,7 +101,7 @@ async fn a_hold_or_a_door_at_the_machine_ends_the_run_at_once() {
 }
 
 #[tokio::test]
-async fn an_alarm_whose_message_is_lost_and_a_motion_that_hangs_are_seen() {
+async fn lost_alarm_message_and_hanging_motion_are_detected() {
     let (error, _) = fault_and_sent_text(|line| (line == "?").then(|| status("Alarm|MPos:{at}"))).await;
     assert_eq!(error.to_string(), "the control is not ready: Alarm");
     let (error, sent) = fault_and_sent_text(|line| (line == "?").then(|| status("Run|MPos:{at}"))).await;
@@ -110,7 +110,7 @@ async fn an_alarm_whose_message_is_lost_and_a_motion_that_hangs_are_seen() {
 }
 
 #[tokio::test]
-async fn one_lost_status_request_is_no_fault() {
+async fn one_lost_status_request_is_tolerated() {
     let mut asked = 0;
     let (link, _) = peer_with_overrides(move |line| {
         asked += usize::from(line == "?");
@@ -122,7 +122,7 @@ async fn one_lost_status_request_is_no_fault() {
 }
 
 #[tokio::test]
-async fn modes_that_are_not_as_set_are_refused_before_anything_moves() {
+async fn wrong_modes_are_refused_before_motion() {
     let modes = |words: &str| format!("[GC:{words}]\r\nok\r\n");
     let offset = "[G59:0.000,0.100,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\n\
         [HOME:0.000,0.000,0.000,0.000,0.000:31]\r\nok\r\n";
@@ -158,7 +158,7 @@ async fn touch_with_fault(kind: FaultKind, at_line: u64, code: Option<u8>) -> Re
 }
 
 #[tokio::test]
-async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
+async fn every_fault_of_the_simulated_control_is_reported_by_name() {
     use ControllerError as E;
     use FaultKind as K;
     type Told = fn(&ControllerError) -> bool;
@@ -237,7 +237,7 @@ async fn regress_an_override_during_a_motion_holds_the_machine() {
 }
 
 #[tokio::test]
-async fn a_rapid_that_brushes_something_ends_on_its_way() {
+async fn contact_during_a_rapid_stops_it() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
     let fault = Fault { kind: FaultKind::RapidContact, at_line: 14, after_touch: 0, code: None };
@@ -261,7 +261,7 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
 }
 
 #[tokio::test]
-async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
+async fn regress_implausible_time_stamp_gives_no_reading() {
     let stamped = |line: &str| {
         let touches = line.contains("G38") || line == "$#";
         touches.then(|| ">{told}\r\n[TIME:1e300]\r\nok\r\n".to_owned())
@@ -271,7 +271,7 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
 }
 
 #[tokio::test]
-async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
+async fn machine_moved_between_two_blocks_gets_no_motion() {
     let (mut driver, _, world) = prepared_in_world(SimulationPace::Fast).await;
     driver.execute(prove_block(&touch(0))).await.unwrap();
     let by_hand = position(&[(Axis::Y, 0.05)]);
@@ -286,7 +286,7 @@ async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
 }
 
 #[tokio::test]
-async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_goes_nowhere() {
+async fn block_with_other_start_or_other_control_is_not_executed() {
     let (mut driver, _, world) = prepared_in_world(SimulationPace::Fast).await;
     let before = world.lock().unwrap().position();
     let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
@@ -304,7 +304,7 @@ async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_goes_no
 }
 
 #[tokio::test]
-async fn one_altered_report_is_no_move_by_hand() {
+async fn one_corrupted_report_is_not_a_manual_motion() {
     let mut altered = false;
     let once = move |line: &str| {
         let now = line == "?" && !std::mem::replace(&mut altered, true);

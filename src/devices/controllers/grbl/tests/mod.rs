@@ -88,7 +88,7 @@ fn firmware() -> Firmware {
 }
 
 #[tokio::test]
-async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
+async fn touches_agree_over_every_stream() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let mut control = firmware();
     tokio::spawn(async move { control.serve(theirs).await });
@@ -128,7 +128,7 @@ async fn prepare_error(link: LineLink) -> ControllerError {
 }
 
 #[tokio::test]
-async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
+async fn unsuitable_control_is_refused_before_motion() {
     for (said, expected, remedy) in [
         ("Alarm|MPos:0.000", "the control is not ready: Alarm", "$X"),
         ("Hold:0|MPos:0.000", "the control is not ready: Hold:0", "reset the control"),
@@ -153,7 +153,7 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
 }
 
 #[tokio::test]
-async fn silence_noise_and_strangers_are_told_apart() {
+async fn silence_noise_and_foreign_devices_are_distinguished() {
     let (link, _) = peer(|_| None);
     let error = prepare_error(link).await;
     assert!(matches!(error, ControllerError::NoAnswer { .. }), "{error}");
@@ -185,7 +185,7 @@ async fn execute_touch(
 }
 
 #[tokio::test]
-async fn a_touch_as_a_real_control_answers_it() {
+async fn touch_with_replies_of_a_real_control() {
     let (outcome, tape) = execute_touch(|_| None).await;
     let outcome = outcome.unwrap();
     let at = outcome.touch.unwrap();
@@ -205,7 +205,7 @@ fn reply_to_guarded(said: &'static str) -> impl FnMut(&str) -> Option<String> + 
 }
 
 #[tokio::test]
-async fn what_a_touch_can_run_into_is_told_by_name() {
+async fn touch_failures_are_reported_by_name() {
     let miss = "[PRB:0.000,0.000,1.000,0.000,0.000:0]\r\nok\r\n";
     let (outcome, _) = execute_touch(reply_to_probe(miss)).await;
     assert!(matches!(outcome, Err(ControllerError::NoContact { step: 3 })));
@@ -237,7 +237,7 @@ async fn what_a_touch_can_run_into_is_told_by_name() {
 }
 
 #[tokio::test]
-async fn in_contact_nothing_but_a_back_off_is_executed() {
+async fn only_a_back_off_is_executed_in_contact() {
     let (mut driver, _halt, world) = prepared_in_world(SimulationPace::Fast).await;
     // The target is 1.5 mm inside the part: contact is at 28 mm.
     let at = |x: f64| position(&[(Axis::X, x)]);
@@ -264,7 +264,7 @@ async fn in_contact_nothing_but_a_back_off_is_executed() {
 }
 
 #[tokio::test]
-async fn alarms_errors_and_resets_are_told_with_their_meaning() {
+async fn alarms_errors_and_resets_are_reported_with_their_meaning() {
     let (outcome, tape) = execute_touch(reply_to_guarded("error:20\r\n")).await;
     let error = outcome.unwrap_err();
     assert!(error.to_string().contains("`error:20`"), "{error}");
@@ -289,7 +289,7 @@ async fn alarms_errors_and_resets_are_told_with_their_meaning() {
 }
 
 #[tokio::test]
-async fn a_lost_answer_a_dead_control_and_a_lost_link_end_the_job() {
+async fn lost_reply_dead_control_and_lost_link_end_the_job() {
     // A byte of the line was lost: the control idles and never answers the line.
     let (outcome, _) = execute_touch(reply_to_probe("")).await;
     assert!(matches!(outcome, Err(ControllerError::NoAnswer { .. })));
@@ -304,7 +304,7 @@ async fn a_lost_answer_a_dead_control_and_a_lost_link_end_the_job() {
 }
 
 #[tokio::test]
-async fn a_slow_move_is_waited_for_as_long_as_the_control_says_run() {
+async fn slow_move_is_awaited_while_the_control_reports_run() {
     let mut polls = 0;
     let running = move |line: &str| match line {
         "?" if polls > 0 && polls < 30 => {
@@ -325,7 +325,7 @@ async fn a_slow_move_is_waited_for_as_long_as_the_control_says_run() {
 }
 
 #[tokio::test]
-async fn a_dwell_is_waited_for_although_the_control_reports_idle() {
+async fn dwell_is_awaited_although_the_control_reports_idle() {
     let begun = Arc::new(Mutex::new(None));
     let (link, _) = peer_with_overrides(move |line| {
         let mut begun = begun.lock().unwrap();
@@ -346,7 +346,7 @@ async fn a_dwell_is_waited_for_although_the_control_reports_idle() {
 }
 
 #[tokio::test]
-async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
+async fn halt_during_a_touch_sends_the_hold_and_no_further_line() {
     let halt: Arc<Mutex<Option<HaltHandle>>> = Arc::default();
     let asked = halt.clone();
     let mut held = false;
@@ -403,7 +403,7 @@ async fn halt_with_lost_holds(deaf: usize) -> (ControllerError, String) {
 }
 
 #[tokio::test]
-async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
+async fn lost_hold_is_repeated_until_the_machine_is_at_rest() {
     let (error, tape) = halt_with_lost_holds(2).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
     let after = tape.split_once('!').unwrap().1;
@@ -415,7 +415,7 @@ async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
 }
 
 #[tokio::test]
-async fn a_held_simulated_machine_stays() {
+async fn held_simulated_machine_stays_at_rest() {
     let (mut driver, halt, world) = prepared_in_world(SimulationPace::Real).await;
     let before = world.lock().unwrap().position();
     // 90 mm at 10 mm/min: nine minutes without a hold.
@@ -431,7 +431,7 @@ async fn a_held_simulated_machine_stays() {
 }
 
 #[tokio::test]
-async fn regress_the_late_answer_of_the_first_blank_line_is_no_answer_to_the_next() {
+async fn regress_late_reply_of_the_first_blank_line_is_not_assigned_to_the_next() {
     let (mut asked, mut owed) = (0, true);
     let (link, _) = peer_with_overrides(move |line| {
         asked += usize::from(line == "?");

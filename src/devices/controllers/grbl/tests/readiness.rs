@@ -90,7 +90,7 @@ async fn assert_refused(made: SimulatedGrblOptions, state: &str, remedy: &str) {
 
 /// B and C have no switch, and `homing = "none"` declares it.
 #[tokio::test]
-async fn an_axis_without_a_switch_must_be_declared() {
+async fn axis_without_homing_switch_must_be_declared() {
     let mut made = options();
     made.settings.extend([(22, 1.0), (44, 7.0)]);
     assert_refused(made.clone(), "does not home B, C", "homing = \"none\"").await;
@@ -101,7 +101,7 @@ async fn an_axis_without_a_switch_must_be_declared() {
 
 /// `check` lists all that `prepare` refuses.
 #[tokio::test]
-async fn an_introduction_has_the_whole_list() {
+async fn device_info_has_all_settings() {
     let mut made = SimulatedGrblOptions { is_homed: false, overrides: [110, 50], ..options() };
     made.settings.extend([(13, 1.0), (20, 0.0)]);
     let said = taped_driver(made).0.identify_device().await.unwrap();
@@ -125,7 +125,7 @@ async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
 }
 
 #[tokio::test]
-async fn regress_an_override_during_a_touch_makes_no_reading() {
+async fn regress_an_override_during_a_touch_gives_no_reading() {
     let mut touched = false;
     let (link, tape) = peer_with_overrides(move |line| {
         // 30 mm/min is the feed of the touch, not of the guarded approach.
@@ -145,7 +145,7 @@ async fn regress_an_override_during_a_touch_makes_no_reading() {
 
 /// The head must not be sent first: it writes an offset and switches outputs.
 #[tokio::test]
-async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
+async fn regress_obstacles_are_refused_before_the_head_is_sent() {
     let head_sent = |driver: &GrblDriver, tape: &SentText| {
         let tape = tape.lock().unwrap();
         let head = driver.modes.head().iter().filter(|line| !line.starts_with('('));
@@ -178,7 +178,7 @@ async fn device_info(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo 
 }
 
 #[tokio::test]
-async fn regress_the_travel_of_a_homed_control_lies_in_a_corner_however_it_is_homed() {
+async fn regress_travel_of_a_homed_control_starts_in_its_homing_corner() {
     // Homing by hand; by hand axis by axis; by cycles that the control does not list; with a zero at the
     // switch. By hand, the zero of a rotary axis is its position at that time: the owner decides whether it
     // is confirmed.
@@ -200,7 +200,7 @@ async fn regress_the_travel_of_a_homed_control_lies_in_a_corner_however_it_is_ho
 }
 
 #[tokio::test]
-async fn a_control_that_moves_is_waited_for_before_it_is_described() {
+async fn moving_control_is_awaited_before_its_description() {
     let (link, _) = peer_with_overrides(|line| match line {
         "?" => Some(status("Run|MPos:{at}|FS:500,0")),
         "$I" => Some("error:8\r\n".to_owned()),
@@ -226,7 +226,7 @@ async fn regress_a_late_report_is_not_taken_for_the_full_one() {
 
 /// grblHAL at compatibility level 2 leaves out the field that marks a full report.
 #[tokio::test]
-async fn a_full_report_without_its_mark_is_read_when_no_other_comes() {
+async fn full_report_without_its_mark_is_read_if_no_other_follows() {
     let (link, _) = peer_with_overrides(|line| (line == "0x87").then(|| FULL_REPORT.replace("|FW:grblHAL", "")));
     grbl(link).0.prepare().await.unwrap();
 }

@@ -53,7 +53,7 @@ async fn refusal_text(config: &SamplerConfig, stands: Position) -> String {
 }
 
 #[tokio::test]
-async fn what_agrees_is_kept_while_a_block_runs() {
+async fn consistent_ticks_are_recorded_during_a_block() {
     let mut sampler = open_sampler(&start_halsampler(valid_line)).await;
     sampler.check_agreement(&position(50.8, 90.0), &AXES, 25.4).await.unwrap();
     sampler.start_recording();
@@ -70,7 +70,7 @@ async fn what_agrees_is_kept_while_a_block_runs() {
 }
 
 #[tokio::test]
-async fn wrong_pins_units_and_lines_are_refused_before_anything_moves() {
+async fn wrong_pins_units_and_lines_are_refused_before_motion() {
     let swapped = refusal_text(&start_halsampler(valid_line), position(90.0, 2.0)).await;
     assert!(swapped.contains("X is at 90.000") && swapped.contains("joint.N.pos-fb"), "{swapped}");
     // Lines without the bit.
@@ -86,7 +86,7 @@ async fn wrong_pins_units_and_lines_are_refused_before_anything_moves() {
 }
 
 #[tokio::test]
-async fn one_that_falls_silent_or_is_lost_ends_the_scan() {
+async fn silent_or_lost_sampler_ends_the_scan() {
     let silent = Arc::new(AtomicBool::new(false));
     let known = silent.clone();
     let quiet = start_halsampler(move |tick| if known.load(SeqCst) { None } else { valid_line(tick) });
@@ -106,7 +106,7 @@ async fn one_that_falls_silent_or_is_lost_ends_the_scan() {
 }
 
 #[test]
-fn its_table_is_looked_at() {
+fn sampler_table_is_checked() {
     let read = |text: &str| toml::from_str::<SamplerConfig>(text).map_err(|error| error.to_string());
     assert!(read("tcp = \"127.0.0.1:5008\"\nperiod_s = 0.0005\naxes = [\"C\", \"X\"]").is_ok());
     for (keys, named) in [

@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn batches_and_jitter_move_no_stamp() {
+    fn batches_and_jitter_do_not_change_time_stamps() {
         let mut ticks = TickClock::with_period(PERIOD_S);
         // Delays between 0.2 and 9.2 ms, in a sequence that does not repeat soon.
         feed_ticks(&mut ticks, (0, 20_000), 10, |of| 2e-4 + ((of * 37) % 91) as f64 * 1e-4);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_runs_a_little_differently_is_followed() {
+    fn small_clock_rate_difference_is_followed() {
         let mut ticks = TickClock::with_period(PERIOD_S);
         feed_ticks(&mut ticks, (0, 600_000), 10, |of| of as f64 * 10.0 * PERIOD_S * 20e-6);
         // The clocks have diverged by 12 ms; each time is off by no more than 0.11 ms, always to the same
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn where_the_count_stood_still_there_is_no_time() {
+    fn stopped_counter_gives_no_time() {
         let mut ticks = TickClock::with_period(PERIOD_S);
         // After tick 10000 nothing arrives for 3 s (the sampler was disabled), then the count continues.
         feed_ticks(&mut ticks, (0, 10_000), 10, |_| 0.0);
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_that_begins_anew_is_another_one() {
+    fn restarted_counter_starts_a_new_record() {
         let mut ticks = TickClock::with_period(PERIOD_S);
         feed_ticks(&mut ticks, (5_000, 5_000), 1, |_| 0.0);
         let late_s = TICK_ZERO_TIME_S + 20.0;
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_period_shows_within_a_second() {
+    fn wrong_period_is_detected_within_a_second() {
         let since = Tick { count_index: 0, number: 0 };
         for (period_s, wrong) in [(PERIOD_S, None), (0.0005, Some(PERIOD_S)), (0.00095, Some(PERIOD_S))] {
             let mut ticks = TickClock::with_period(period_s);

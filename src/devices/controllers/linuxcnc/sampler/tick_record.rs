@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_however_they_are_cut_become_a_track() {
+    fn lines_split_anywhere_give_the_track() {
         let text = b"overrun\n7 1.500000 90.000000 0 \n8 2.500000 -90.000000 0 \n";
         for cut in 0..text.len() {
             let mut record = new_record();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn after_ticks_without_room_the_count_begins_anew() {
+    fn counter_restarts_after_an_overrun() {
         let mut record = new_record();
         record.start_recording();
         push_lines(&mut record, 0..100);
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_line_of_the_sampler_is_told() {
+    fn foreign_sampler_line_is_reported() {
         for line in ["1 2 0", "1 2 3", "1 2 3 4 0", "1 2 3 2", "x 2 3 0", "1 nan 3 0", "1.5 2 3 0", ""] {
             let mut record = new_record();
             record.push_bytes(format!("{line}\n").as_bytes(), 0.0);
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_is_kept_is_no_track() {
+    fn record_longer_than_the_buffer_gives_no_track() {
         let mut record = new_record();
         record.start_recording();
         push_lines(&mut record, 0..MAX_TICKS as i64 + 1);

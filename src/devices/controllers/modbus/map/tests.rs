@@ -5,7 +5,7 @@ fn map(text: &str) -> Result<RegisterMap, String> {
 }
 
 #[test]
-fn the_published_window_passes_its_own_check_and_is_all_that_can_be_reached() {
+fn published_window_is_valid_and_limits_the_access() {
     let published = map("").unwrap();
     let allowed = published.access_ranges();
     assert_eq!(allowed.readable, [RegisterRange { space: RegisterSpace::Input, first: 0, last: 44 }]);
@@ -15,7 +15,7 @@ fn the_published_window_passes_its_own_check_and_is_all_that_can_be_reached() {
 }
 
 #[test]
-fn an_item_can_be_moved_and_made_of_another_kind() {
+fn item_can_have_another_address_and_type() {
     let moved = map("
         [command]
         hold = { address = 500 }
@@ -48,7 +48,7 @@ fn an_item_can_be_moved_and_made_of_another_kind() {
 }
 
 #[test]
-fn a_map_that_cannot_be_is_refused_in_words() {
+fn invalid_map_is_refused_with_a_reason() {
     for (text, why) in [
         ("[command]\nhold = { address = 1 }", "overlap at address"),
         ("[command]\nchunk = { registers = 124 }", "one request writes"),
@@ -70,7 +70,7 @@ fn a_map_that_cannot_be_is_refused_in_words() {
 }
 
 #[test]
-fn text_lies_two_characters_a_register() {
+fn text_has_two_characters_per_register() {
     let mut chunk = map("").unwrap().command.chunk;
     assert_eq!(chunk.write(b"G1X"), (6, vec![0x4731, 0x5800]));
     chunk.order = ByteOrder::Badc;

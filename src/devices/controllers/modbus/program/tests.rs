@@ -65,7 +65,7 @@ fn executed_texts(diary: &ControlEventLog) -> Vec<String> {
 }
 
 #[tokio::test]
-async fn a_block_is_one_call_and_the_control_reads_what_the_text_says() {
+async fn block_is_one_call_with_the_motions_of_the_text() {
     let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     let mut motions = vec![Motion::Orient { s: -0.5 }, Motion::Dwell { seconds: 0.25 }];
     motions.extend(approach_motions());
@@ -84,7 +84,7 @@ async fn a_block_is_one_call_and_the_control_reads_what_the_text_says() {
 }
 
 #[tokio::test]
-async fn a_list_of_touches_is_handed_over_one_by_one() {
+async fn list_of_touches_is_transferred_one_by_one() {
     for kind in [None, Some(FaultKind::RepeatedResult), Some(FaultKind::StaleResult)] {
         let faults = kind.map(|kind| Fault { after_touch: 2, ..fault(kind, 0) });
         let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, faults.into_iter().collect()).await;
@@ -109,7 +109,7 @@ async fn a_list_of_touches_is_handed_over_one_by_one() {
 }
 
 #[tokio::test]
-async fn a_contact_where_none_should_be_and_none_where_one_should_end_the_program() {
+async fn unexpected_and_missing_contacts_end_the_program() {
     let (mut driver, _) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     let mut motions = approach_motions();
     motions.push(Motion::Guarded { to: x_position(20.0), feed_mm_min: 60.0 });
@@ -129,7 +129,7 @@ async fn a_contact_where_none_should_be_and_none_where_one_should_end_the_progra
 }
 
 #[tokio::test]
-async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
+async fn unread_result_is_not_used_by_the_next_run() {
     let (mut first, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     // The program ends, and its result is never acknowledged: the daemon was killed.
     let motions: Vec<_> = approach_motions().into_iter().chain(touch()).collect();
@@ -155,7 +155,7 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
 }
 
 #[tokio::test]
-async fn numbers_that_registers_cannot_hold_as_the_text_says_them_start_nothing() {
+async fn numbers_beyond_the_registers_start_no_program() {
     let coarse = "[program.row]\nX = { scale = 0.01 }";
     for (keys, why) in [
         (coarse, "the registers would contain 30.12 instead of 30.123"),
@@ -170,7 +170,7 @@ async fn numbers_that_registers_cannot_hold_as_the_text_says_them_start_nothing(
 }
 
 #[tokio::test]
-async fn refusals_are_told_in_words() {
+async fn refusals_are_reported_with_their_reason() {
     for (keys, why) in [
         ("[program]\nnumber = 9", "program number is unknown"),
         ("[program]\ntool = 4", "another tool"),
@@ -186,7 +186,7 @@ async fn refusals_are_told_in_words() {
 }
 
 #[tokio::test]
-async fn a_call_that_an_earlier_run_could_not_end_is_no_matter() {
+async fn unfinished_call_of_an_earlier_run_is_ignored() {
     let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     driver.window.start_chunk(&[0; 48], "nonsense", Duration::ZERO).await.unwrap();
     driver.prepare().await.unwrap();
@@ -219,7 +219,7 @@ async fn regress_a_contact_during_a_turn_at_feed_is_held() {
 }
 
 #[tokio::test]
-async fn a_contact_off_its_way_and_a_machine_that_ends_elsewhere_are_no_result() {
+async fn contact_off_the_path_and_wrong_end_position_give_no_result() {
     for (item, first) in [("latch", 20), ("position", 32)] {
         // X and Y are read from each other's registers.
         let axes = [("X", 2), ("Y", 0), ("Z", 4), ("B", 8), ("C", 10)];
