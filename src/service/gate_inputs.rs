@@ -59,7 +59,7 @@ impl CommandGate {
         self.inner().due_requests = Some(due_requests);
     }
 
-    /// Requests on behalf of `who` that `cycle` is due now. `None`: no schedule is running yet.
+    /// Requests on behalf of `who` that `cycle` is due now. `None`: the scheduler is not running.
     pub fn request_due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), NotStartedReason>>> {
         let (result_sender, result_receiver) = oneshot::channel();
         let due_requests = self.inner().due_requests.clone()?;

@@ -1,4 +1,4 @@
-//! Layouts as they are written in a file, with frames written by hand.
+//! Layouts of sensor frames as a machine file states them; the bytes are written by hand.
 
 use serde::Deserialize;
 

@@ -40,7 +40,7 @@ pub fn range_outputs(ranges: Vec<RangeOutput>, x: &[f64]) -> NonlinearOutputs {
     NonlinearOutputs { outputs, trial_values: Box::new(values) }
 }
 
-/// The range of each trial; `trials`: trials × unknowns.
+/// Largest minus smallest value of the function in each trial; `trials`: trials × unknowns.
 fn ranges_of_trials(slopes: &Mat<f64>, trials: MatRef<'_, f64>) -> Vec<f64> {
     let points = slopes * trials.transpose();
     (0..points.ncols()).map(|trial| value_range(points.col_as_slice(trial))).collect()

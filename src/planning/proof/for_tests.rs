@@ -13,7 +13,8 @@ pub fn dialect(name: &str) -> Result<Dialect, DialectError> {
     Dialect::from_name(name)
 }
 
-/// Renders `block` for a machine with `axes` at an unknown position, and reads it back; bodies are not checked.
+/// Renders `block` for a machine with `axes` at an unknown position, and reads it back; the clearance of bodies is
+/// not checked.
 ///
 /// # Errors
 /// The block cannot be rendered, or the text does not agree with its motions.

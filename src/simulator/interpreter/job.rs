@@ -97,7 +97,7 @@ pub struct ActiveJob {
     from: Position,
     start_time: Duration,
     pub end_time: Duration,
-    /// Position at the end of the job unless it is held.
+    /// Position at the end of the job if no hold stops it before.
     end_position: Position,
 }
 

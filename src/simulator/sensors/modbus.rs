@@ -81,7 +81,7 @@ struct SimulatedSensor {
 }
 
 impl SimulatedSensor {
-    /// A sensor that has taken its first sample.
+    /// Creates the sensor and takes its first sample.
     fn new(timing: SampleTiming, next_sample: SampleSource) -> Self {
         let sensor = Self { registers: Arc::new(Mutex::new(SampleRegisters { words: [0; 4], next_sample })), timing };
         sensor.measure();

@@ -10,7 +10,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use bench::ModbusBench;
 use trued::setup::{self, EarlierSessions, MachineFile, SimulatedMachine, SimulationPace};
 
-/// `[controller]` of the built-in machine.
+/// Name and `[controller]` keys of each Modbus variant of the simulated control.
 const CONTROLLER_KEYS: [(&str, &str); 4] = [
     ("Modbus TCP", "speaks = \"modbus\"\nwire = \"tcp\""),
     ("Modbus RTU", "speaks = \"modbus\"\nwire = \"pty\""),

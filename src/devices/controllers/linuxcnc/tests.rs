@@ -161,7 +161,7 @@ fn x_position(x_mm: f64) -> Position {
     Position::new().with(Axis::X, x_mm)
 }
 
-/// Proves the block for the transmission of this control; bodies are not checked.
+/// Proves the block for the transmission of this control; the clearance of bodies is not checked.
 fn prove_block(driver: &LinuxCncDriver, block: &Block) -> ProvenBlock {
     let dialect = dialect("linuxcnc").unwrap();
     proven_block(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()

@@ -67,7 +67,7 @@ fn prove_block(block: &Block) -> ProvenBlock {
     prove_block_for(&Transmission::Lines { max_line_bytes: usize::MAX }, block)
 }
 
-/// Proves the block for the given transmission; bodies are not checked.
+/// Proves the block for the given transmission; the clearance of bodies is not checked.
 pub(super) fn prove_block_for(transmission: &Transmission, block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = machine().axes.keys().copied().collect();
     proven_block(block, &axes, &dialect("grbl-m19").unwrap(), transmission).unwrap()

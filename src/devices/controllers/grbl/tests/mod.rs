@@ -34,7 +34,7 @@ fn grbl(link: LineLink) -> (GrblDriver, HaltHandle) {
     (driver.with_timeouts(timeouts), halt)
 }
 
-/// Proves the block for the transmission of this control; bodies are not checked.
+/// Proves the block for the transmission of this control; the clearance of bodies is not checked.
 fn prove_block(block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
     let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
