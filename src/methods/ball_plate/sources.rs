@@ -25,7 +25,9 @@ pub fn uncertainty_sources(plan: &Plan, measured: &MeasuredRun) -> Vec<Uncertain
     let column =
         |axis: Axis| shift_column(centres.iter().map(|centre| axis.direction() * (rate * settled(centre.t_s))));
     list.push(UncertaintySource::new("change of the drift rate", nonzero_columns(Axis::LINEAR.map(column))));
-    for source in list.iter_mut().filter(|source| source.name.contains("drift")) {
+    let is_drift =
+        |source: &&mut UncertaintySource| ["thermal drift", "change of the drift rate"].contains(&source.name.as_str());
+    for source in list.iter_mut().filter(is_drift) {
         source.is_in_weights = false;
     }
     list.retain(|source| source.draw_count() > 0);

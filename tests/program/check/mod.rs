@@ -129,8 +129,8 @@ fn sound_control_in_another_process_passes() {
     }
 }
 
-/// The scan of a PLC scatters touches by 14.4 µm at 300 mm/min. A probe with the same scatter at every feed,
-/// declared in the file, is not reported as a PLC.
+/// The scan of a PLC scatters touches by 14.4 µm at 300 mm/min. A probe whose declared repeatability is
+/// as large has this scatter at every feed and is not reported as a PLC.
 fn scatter_of_the_probe_is_not_reported_as_a_plc_cycle() {
     let poor = changed_machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
     let summary = run_check(&poor);
