@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn pty_reports_the_baud_rate_of_its_client() {
+    async fn bytes_through_the_pty_are_garbled_at_another_baud_rate() {
         let mut pty = create_pty_at_baud(38_400).unwrap();
         let mut buffer = [0; 64];
         for (baud, clear) in [(38_400, true), (115_200, false), (38_400, true)] {

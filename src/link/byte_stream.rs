@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn unread_bytes_are_dropped_and_the_newest_are_kept() {
+    async fn queue_overflow_is_reported_and_discarded_bytes_are_not_read() {
         let (near, mut far) = tokio::io::duplex(64);
         let mut flow = ByteStreamHandle::from_stream("a sensor", near);
         for _ in 0..MAX_QUEUED_READS + 10 {
@@ -203,7 +203,7 @@ mod tests {
     /// The owner has not run since these bytes arrived: they are still in the duplex buffer, which stands in for the
     /// kernel's.
     #[tokio::test]
-    async fn clear_drops_unread_bytes() {
+    async fn discard_received_drops_unread_bytes() {
         let (near, mut far) = tokio::io::duplex(1 << 16);
         let mut flow = ByteStreamHandle::from_stream("a sensor", near);
         far.write_all(&[7; 20_000]).await.unwrap();
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn lost_stream_reports_its_reason_after_a_clear() {
+    async fn discarding_from_a_lost_stream_returns_the_reason_of_the_loss() {
         let (near, mut far) = tokio::io::duplex(64);
         let mut flow = ByteStreamHandle::from_stream("a sensor", near);
         far.write_all(b"last words").await.unwrap();

@@ -30,7 +30,7 @@ const RESUME_REQUEST: GateRequest = |gate| gate.resume(RunId(1), inspection_by_a
 
 /// Until the first command has ended, no other command is accepted, so that nothing starts by itself afterwards.
 #[test]
-fn second_command_waits_for_the_end_of_the_first() {
+fn second_command_is_refused_until_the_first_has_ended() {
     for (first, state) in [
         (START_REQUEST, ServiceState::Waiting),
         (ACKNOWLEDGE_REQUEST, ServiceState::Held),
@@ -67,7 +67,7 @@ fn state_updates_do_not_end_a_pending_command() {
 }
 
 #[test]
-fn hold_reaches_every_moving_activity() {
+fn hold_needs_neither_open_devices_nor_a_running_state() {
     let (gate, _asks) = held_gate();
     assert_eq!(gate.stop("Ada"), HoldEffect::NoRun);
     gate.update(|machine_state| machine_state.is_used_elsewhere = true);
@@ -91,7 +91,7 @@ fn hold_reaches_every_moving_activity() {
 
 /// The remaining time of a cycle comes from its rehearsal; that of a resumed run is unknown until the run reports it.
 #[test]
-fn time_left_is_absent_without_a_rehearsal() {
+fn time_left_comes_from_the_rehearsal_and_is_absent_after_resume() {
     let (gate, _asks) = held_gate();
     gate.finish_command(ServiceState::Waiting);
     gate.set_rehearsal_results([(1, RehearsalResult { machine_s: 600.0, has_prompts: true })].into());
@@ -112,7 +112,7 @@ fn halt_with_observer() -> (HaltHandle, impl Fn() -> bool) {
 
 /// A person's acknowledgement does not override the interlocks that the machine reports.
 #[test]
-fn refused_interlock_prevents_motion() {
+fn acknowledgement_does_not_override_the_interlocks() {
     let (gate, _asks) = held_gate();
     let stop = Interlocks { stop: true, ..ALL_INTERLOCKS_SET };
     assert_eq!(gate.resume(RunId(1), inspection_by_ada(), stop).map(drop), Err(Refusal::Stopped));

@@ -41,7 +41,7 @@ mod tests {
     /// An acknowledgement for a resume does not close the run: a service that starts after a power cut still waits
     /// for a person.
     #[test]
-    fn acknowledged_run_stays_acknowledged_until_resumed() {
+    fn only_an_acknowledgement_that_abandons_the_run_closes_it() {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
         let new = NewRun { config: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };

@@ -114,7 +114,7 @@ mod tests {
     const LONG_TIMEOUT: Duration = Duration::from_secs(3600);
 
     #[test]
-    fn hanging_worker_stops_the_watchdog_and_is_held() {
+    fn hanging_worker_fails_the_watchdog_check_and_its_machine_is_held() {
         let log: Log = Log::new(|_, _| {});
         let machines: WatchedMachines =
             ["mill", "lathe"].map(|name| (name.to_owned(), CommandGate::for_tests().0)).into();

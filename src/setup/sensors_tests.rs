@@ -213,7 +213,7 @@ fn sensors_of_one_port_must_agree_on_its_keys() {
 }
 
 #[test]
-fn encoder_is_declared_once() {
+fn encoder_section_and_encoder_count_require_each_other() {
     let encoder = |table: &str, of_a: &str| {
         let text = include_str!("../../config/r-test.toml");
         let text = text.replacen("simulated = { rate_hz = 1000.0 }", of_a, 1);

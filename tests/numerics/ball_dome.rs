@@ -113,7 +113,7 @@ fn a_dome_is_longer_where_it_is_warm() {
 /// Compares the styluses, and the means that are many times the noise, with those of the exact world of the same
 /// seed.
 #[test]
-fn coverage_of_the_dome_and_of_later_runs() {
+fn coverage_of_the_dome_styluses_and_mean_deviations() {
     let seeds = if is_full() { 100 } else { 2 };
     let of_seed = |seed: u64| {
         // Without drift, because the drift up to then is part of every stylus.
@@ -253,7 +253,7 @@ pub fn with_a_on_y_topology(text: &str) -> String {
 
 #[test]
 #[ignore = "a minute and a half of CPU for a dome on another machine"]
-fn another_topology_gives_equal_results() {
+fn samba_decreases_the_dome_deviations_on_another_topology_too() {
     let estimate = samba_and_dome_estimate(1, with_a_on_y_topology, &[]);
     check_no_alarm(&estimate);
     assert_eq!((estimate.rank, estimate.unknowns), (9, 9));

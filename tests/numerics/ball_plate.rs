@@ -221,7 +221,7 @@ fn figures_of_subharmonics_span_all_revolutions() {
 
 /// Compares the largest forecast U of each curve with that of a run. In the second world most of it is drift.
 #[test]
-fn expected_u_is_stated_before_motion() {
+fn forecast_u_agrees_with_the_u_of_a_run() {
     let drift =
         vec![("machine.drift_um_per_h", Value::Float(40.0)), ("method.ball-plate.drift_order", Value::Integer(0))];
     for (name, changes) in [("as shipped", Vec::new()), ("drift", [small_layout(), drift].concat())] {

@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn group_and_user_of_a_port_are_reported() {
+    fn group_name_and_process_using_a_file_are_found() {
         assert_eq!(read_group_name(0).as_deref(), Some("root"));
         let mut sleeper = std::process::Command::new("sleep");
         let file = tempfile::NamedTempFile::new().unwrap();

@@ -89,7 +89,7 @@ async fn impossible_watch_is_refused_before_motion() {
 }
 
 #[tokio::test]
-async fn silence_is_awaited_only_once() {
+async fn reading_ends_after_three_consecutive_silences() {
     let taken =
         sensor(&[ReadingFlag::None, ReadingFlag::Stale, ReadingFlag::None], false).read_samples(100).await.unwrap();
     let flags: Vec<ReadingFlag> = taken.iter().map(|sample| sample.flag).collect();

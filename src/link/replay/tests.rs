@@ -64,7 +64,7 @@ async fn replay_gives_replies_by_command_and_reports_on_query() {
 }
 
 #[tokio::test]
-async fn replayed_capture_equals_the_original() {
+async fn capture_is_written_as_text_and_parsed_back() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
     let capture = Capture::create(&file).unwrap();

@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_missing_in_one_run_are_omitted() {
+    fn parameters_not_comparable_between_two_runs_are_omitted() {
         let mut estimate = empty_estimate();
         let lost = Parameter { identifiable: false, ..parameter(1.0, 1.0, None) };
         let other = Parameter { symbol: "EY0C".to_owned(), ..parameter(1.0, 1.0, None) };

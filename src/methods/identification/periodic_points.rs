@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn points_beyond_one_revolution_are_refused() {
+    fn points_beyond_one_revolution_or_with_wide_gaps_are_refused() {
         let reason = |x: &[f64]| PeriodicPoints::new(&function(x, &vec![0.0; x.len()])).unwrap_err();
         assert!(reason(&[0.0, 90.0, 180.0, 270.0, 450.0]).contains("more than one revolution"));
         assert!(reason(&[0.0, 90.0, 180.0]).contains("more than 90°"));

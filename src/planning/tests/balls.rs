@@ -113,7 +113,7 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
 }
 
 #[test]
-fn ball_below_the_probe_or_above_the_target_blocks_the_touch() {
+fn ball_at_the_probe_body_or_above_the_target_blocks_the_touch() {
     let down = [0.0, 0.0, -1.0];
     let pair = |x: f64, z: f64| plan(TABLE, &[ball("1", [0.0, 0.0, 50.0], down), ball("2", [x, 0.0, z], down)]);
     let refused = |plan: &Plan, b: f64| touches(plan, &indexed(b, 0.0), 5).unwrap_err().to_string();

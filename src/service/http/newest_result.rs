@@ -72,7 +72,7 @@ mod tests {
     use crate::store::RunId;
 
     #[test]
-    fn verdict_has_a_time() {
+    fn verdict_is_outdated_after_its_validity_or_far_in_the_future() {
         let ended: Timestamp = "2026-11-22T05:30:00Z".parse().unwrap();
         let result = LatestResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
         let newest = NewestRuns { result: Some(result), not_identified: None };

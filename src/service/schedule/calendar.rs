@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn newest_due_time_of_a_long_period() {
+    fn only_the_newest_due_times_of_a_long_period_are_returned() {
         let calendar = Calendar::new("* * * * *", "UTC").unwrap();
         let (times, more) =
             calendar.times_between(timestamp("1970-01-01T00:00:00Z"), timestamp("2027-01-01T00:00:30Z"), 3);

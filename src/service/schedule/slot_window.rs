@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_set_back_gives_the_slot_again_in_time() {
+    fn recorded_slot_is_due_again_after_clock_set_back_but_never_missed() {
         assert_eq!(find_from(Some("2026-11-23T04:40:00Z"), "2026-11-23T04:10:00Z"), no_slots());
         let again = (Vec::new(), Some("23T04:30".to_owned()));
         assert_eq!(find_from(Some("2026-11-23T04:29:59Z"), "2026-11-23T04:30:00Z"), again);

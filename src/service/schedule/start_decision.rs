@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn running_cycle_is_awaited_or_skipped() {
+    fn start_during_a_run_waits_or_is_skipped_by_the_overlap_policy() {
         let busy = |overlap| {
             let (kind, why) = decision_text(decide_with(|requirements, conditions, _| {
                 (requirements.overlap, conditions.gate_refusal) = (overlap, Some(Refusal::Busy));

@@ -252,7 +252,7 @@ fn a_slot_that_was_missed_by_a_wrong_clock_runs_when_its_time_comes() {
 }
 
 #[test]
-fn slot_lost_by_a_power_cut_is_missed_and_not_run() {
+fn slot_hit_by_a_power_cut_is_missed_or_failed_and_not_run_later() {
     let mut bench = armed_bench();
     bench.check_every_30_s("2026-11-23T04:20:00Z", 2);
     let mut bench = bench.restart();

@@ -310,7 +310,7 @@ fn balls_are_placed_with_the_artefact() {
 }
 
 #[test]
-fn certificate_with_zero_or_infinite_uncertainty_is_refused() {
+fn certificate_uncertainty_outside_its_range_is_refused() {
     let at = "kind = \"balls\"\n";
     for value in ["-1.0", "0.0", "2.65", "nan"] {
         let key = format!("kind = \"balls\"\ncertificate_u_mm = {value}\n");

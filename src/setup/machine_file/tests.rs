@@ -255,7 +255,7 @@ fn the_simulated_truth_is_handed_out_and_may_be_absent() {
 }
 
 #[test]
-fn invalid_toml_and_missing_files_are_errors_with_a_position() {
+fn invalid_toml_is_refused_with_its_line_and_a_missing_file_with_its_path() {
     let message = edited("name = ", "name ").unwrap_err().to_string();
     let at = line("[machine]", "name");
     assert!(message.starts_with(&format!("shop.toml:{at}: the file is not valid TOML: ")), "{message}");

@@ -131,7 +131,7 @@ fn sag_bends_the_table_as_declared() {
 }
 
 #[test]
-fn loose_ball_is_displaced_from_its_time() {
+fn loose_ball_is_displaced_from_the_stated_time() {
     let mut bench = Bench::balls(TWO);
     let moves = "[[ball_moves]]\nball = 'low'\nat_s = 3600.0\nby_mm = [0.02, 0.0, -0.01]";
     bench.truth.ball_moves = toml::from_str::<MachineTruth>(moves).unwrap().ball_moves;

@@ -151,7 +151,7 @@ fn a_ray_agrees_with_a_pose_by_plain_products() {
 }
 
 #[test]
-fn every_setting_of_the_sensor_has_its_effect() {
+fn gain_linearity_incidence_lean_and_spot_have_their_effect() {
     let top = ball_at(0.0, 0.0, 65.0);
     let slope = ball_at(6.0, 0.0, 65.0);
     assert_says(look(&bench("gain = 1.002"), &top), 5.01);

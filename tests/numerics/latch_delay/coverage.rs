@@ -74,7 +74,7 @@ fn display_steps_larger_than_the_scatter_are_in_u() {
 
 /// The scan of a common PLC, at 300 mm/min: detected every time, with its period and its mean delay.
 #[test]
-fn plc_cycle_is_always_detected_with_its_period_within_u() {
+fn plc_cycle_is_always_detected_and_u_has_the_stated_coverage() {
     let (seeds, shares) = coverage_size_and_limits();
     let world = LatchDelayWorld::with_a_round_part().with_latch_delay(1.0, 10.0);
     let estimates = estimates(&world, seeds);

@@ -107,7 +107,7 @@ fn touches_below_their_feed_are_refused() {
 
 /// Scatter that increases with the feed, without the delay of a scan.
 #[test]
-fn vibration_is_not_reported_as_a_plc() {
+fn vibration_is_not_reported_as_a_scan_time() {
     let (plan, mut readings) = LatchDelayWorld::with_a_round_part().play_plan(1);
     let fast = readings.iter_mut().filter(|reading| feed_of(&plan, reading) > 100.0);
     for (number, reading) in fast.skip(1).enumerate() {

@@ -70,7 +70,7 @@ fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sy
 }
 
 #[test]
-fn built_in_machine_is_measured_within_u() {
+fn errors_on_the_built_in_machine_are_below_1_7_expanded_uncertainties() {
     let world = SambaWorld::as_built_in().with_key("method.samba.monte_carlo_trials", 100);
     let measured = RunBench::new().measure(1, &world);
     assert_eq!(measured.readings.len(), measured.plan.steps.len());

@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn axis_outside_the_manual_homing_cycles_has_no_homing() {
+    fn axis_not_homed_by_hand_while_others_are_has_no_homing() {
         let by_hand = settings(&[(22, 35.0), (44, 0.0), (130, 400.0), (133, 360.0)]);
         for (mask, homed) in [(0, true), (7, false), (31, true)] {
             assert_eq!(has_homing(&by_hand, 3, mask), Some(homed), "{mask}");

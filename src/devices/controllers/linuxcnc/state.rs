@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn axes_are_assigned_to_joints_in_order() {
+    fn axis_positions_are_found_among_joint_positions_in_order() {
         let axes = [1.0, 2.0, 3.0];
         assert!(is_subsequence(axes.into_iter(), &[1.0, 2.0, 3.0, 0.0]));
         assert!(is_subsequence(axes.into_iter(), &[1.0, 2.0, 2.0, 3.0]));

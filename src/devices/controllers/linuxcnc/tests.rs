@@ -212,7 +212,7 @@ async fn hold_is_completed_whatever_the_replies() {
 }
 
 #[tokio::test]
-async fn control_without_reply_to_abort_is_reported() {
+async fn control_that_refuses_abort_is_reported() {
     let directory = tempfile::tempdir().unwrap();
     let (driver, halt, machine) =
         prepared_driver(&directory, None, |_, line| (line == "set abort").then_some("SET ABORT NAK\n\r")).await;

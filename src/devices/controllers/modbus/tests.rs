@@ -225,7 +225,7 @@ pub(super) async fn wait_for_hold(diary: &ControlEventLog) {
 
 /// A touch during which any one status is torn: half of it is an older one.
 #[tokio::test]
-async fn torn_status_gives_no_reading() {
+async fn torn_status_does_not_change_the_touch_result() {
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
     let down = |z_mm: f64| Position::new().with(Axis::Z, z_mm);
     let probe = |from: f64, to: f64| Block {
@@ -258,7 +258,7 @@ pub(super) fn fault(kind: FaultKind, at_line: u64) -> Fault {
 }
 
 #[tokio::test]
-async fn shifted_registers_are_reported_before_motion() {
+async fn swapped_registers_are_reported_before_motion() {
     let shifted = "[registers.status]\nversion = { address = 3 }\nalarm = { address = 1 }";
     let (mut driver, _, diary) = self::driver(shifted, SimulationPace::Fast, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
@@ -286,7 +286,7 @@ async fn wrong_word_order_is_detected_by_the_implied_position() {
 }
 
 #[test]
-fn invalid_table_is_refused_with_a_reason() {
+fn invalid_controller_keys_are_refused_with_a_reason() {
     for (keys, why) in [
         ("", "exactly one link"),
         ("tcp = \"a:1\"\nparity = \"even\"", "is only for `serial`"),

@@ -92,7 +92,7 @@ fn lines_split_anywhere_give_the_same_samples() {
 }
 
 #[test]
-fn line_of_another_layout_gives_no_sample() {
+fn invalid_or_endless_line_gives_no_sample() {
     for line in ["E2000;07;", "D2000", "D2000;x;", "Dinf;7;", "D1e999;7;", "D;7;", "D20 00;7;", "D1;100;"] {
         assert_eq!(cut(LINE, &[line.as_bytes(), b"\r\n"]), [None], "{line}");
     }
@@ -116,7 +116,7 @@ fn frames_split_anywhere_give_the_same_samples() {
 }
 
 #[test]
-fn missing_or_surplus_byte_loses_one_frame() {
+fn missing_or_altered_byte_loses_one_frame() {
     for at in 0..9 {
         let mut short = TWO.to_vec();
         short.remove(at);

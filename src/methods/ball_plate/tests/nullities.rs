@@ -48,7 +48,7 @@ fn staggered_balls_lose_the_gauge_alone() {
 }
 
 #[test]
-fn gauge_conditions_equal_the_nullity() {
+fn gauge_conditions_reduce_the_nullity_by_13() {
     assert_eq!(surveyed(stagger_balls(6, POSITIONS), true).0, 0);
     assert_eq!(surveyed(even(12), true).0, 31 - 13);
 }

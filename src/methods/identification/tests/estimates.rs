@@ -94,7 +94,7 @@ fn regress_an_estimate_by_hand() {
 
 /// A nonlinear output alone, such as a largest deviation, has no uncertainty without trials.
 #[test]
-fn regress_estimate_without_linear_parameters_has_no_correlation() {
+fn regress_nonlinear_output_without_trials_has_no_uncertainty() {
     let mean = Mean::of(&[0.0, 0.0]);
     let fit = mean.fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3; 2]))];

@@ -54,7 +54,7 @@ fn unmeasurable_artefacts_are_refused() {
 }
 
 #[test]
-fn ball_visible_at_no_indexation_is_named() {
+fn ball_accessible_at_no_indexation_is_named() {
     let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
     refused(&far, SambaSettings::default(), &["ball 5 is accessible at none of", "outside"]);
     let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
@@ -91,7 +91,7 @@ fn missing_spindle_orientation_is_refused() {
 /// B is in the head and stays at 0, whatever `tilt_deg` states for A. Its errors are refused if they are
 /// selected.
 #[test]
-fn tilting_head_starts_upright() {
+fn tilting_head_stays_upright_and_its_errors_are_refused() {
     let mut fork = plan(&SambaSettings::default());
     fork.machine = machine("wAFXYZBt");
     let answer = Samba::new(SambaSettings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));

@@ -347,7 +347,7 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
 /// The table sags by 8 µm as it tilts, which is outside the model. A warning states the misfit, and the
 /// uncertainties grow.
 #[test]
-fn regress_sag_is_reported_and_not_a_machine_error() {
+fn regress_sag_is_reported_and_enlarges_the_uncertainties() {
     let sagging = SimulatedMeasurement {
         shift: |_, _, [b, c, _]| Vector3::new(c.cos(), -c.sin(), 1.0) * (0.008 * (3.0 * b).sin().powi(2)),
         ..FAULTLESS_MEASUREMENT

@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn malformed_token_is_refused() {
+    fn invalid_token_names_and_an_unreadable_token_file_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let tokens = TokenStore::in_folder(&folder.path().join("made"));
         for name in ["", "two words", "a\nb", &"n".repeat(41)] {

@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn changing_routes_are_posts_and_describe_their_problems() {
+    fn routes_are_get_or_post_with_a_description_and_an_error_response() {
         let described = serde_json::to_value(describe_routes().1).unwrap();
         let paths = described["paths"].as_object().unwrap();
         assert!(paths.len() >= 12, "{}", paths.len());

@@ -51,7 +51,7 @@ mod tests {
 
     /// Of three concurrent requests, two share one rendering; the one after the change gets its own.
     #[tokio::test]
-    async fn changed_state_is_never_served_from_the_cache() {
+    async fn rendering_is_shared_until_the_state_changes_or_it_is_too_old() {
         let (shared, count) = (RenderingCache::default(), Cell::new(0));
         let make = || async {
             count.set(count.get() + 1);

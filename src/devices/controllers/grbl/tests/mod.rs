@@ -415,7 +415,7 @@ async fn lost_hold_is_repeated_until_the_machine_is_at_rest() {
 }
 
 #[tokio::test]
-async fn held_simulated_machine_stays_at_rest() {
+async fn halt_stops_a_slow_move_of_the_simulated_machine() {
     let (mut driver, halt, world) = prepared_in_world(SimulationPace::Real).await;
     let before = world.lock().unwrap().position();
     // 90 mm at 10 mm/min: nine minutes without a hold.

@@ -101,7 +101,7 @@ async fn axis_without_homing_switch_must_be_declared() {
 
 /// `check` lists all that `prepare` refuses.
 #[tokio::test]
-async fn device_info_has_all_settings() {
+async fn device_info_lists_all_findings_that_block_prepare() {
     let mut made = SimulatedGrblOptions { is_homed: false, overrides: [110, 50], ..options() };
     made.settings.extend([(13, 1.0), (20, 0.0)]);
     let said = taped_driver(made).0.identify_device().await.unwrap();
@@ -145,7 +145,7 @@ async fn regress_an_override_during_a_touch_gives_no_reading() {
 
 /// The head must not be sent first: it writes an offset and switches outputs.
 #[tokio::test]
-async fn regress_obstacles_are_refused_before_the_head_is_sent() {
+async fn regress_unready_control_is_refused_before_the_head_lines_are_sent() {
     let head_sent = |driver: &GrblDriver, tape: &SentText| {
         let tape = tape.lock().unwrap();
         let head = driver.modes.head().iter().filter(|line| !line.starts_with('('));
@@ -178,7 +178,7 @@ async fn device_info(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo 
 }
 
 #[tokio::test]
-async fn regress_travel_of_a_homed_control_starts_in_its_homing_corner() {
+async fn regress_travel_of_a_homed_control_follows_its_homing_settings() {
     // Homing by hand; by hand axis by axis; by cycles that the control does not list; with a zero at the
     // switch. By hand, the zero of a rotary axis is its position at that time: the owner decides whether it
     // is confirmed.
@@ -200,7 +200,7 @@ async fn regress_travel_of_a_homed_control_starts_in_its_homing_corner() {
 }
 
 #[tokio::test]
-async fn moving_control_is_awaited_before_its_description() {
+async fn moving_control_is_not_identified_until_it_is_at_rest() {
     let (link, _) = peer_with_overrides(|line| match line {
         "?" => Some(status("Run|MPos:{at}|FS:500,0")),
         "$I" => Some("error:8\r\n".to_owned()),

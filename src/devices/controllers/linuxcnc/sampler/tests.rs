@@ -70,7 +70,7 @@ async fn consistent_ticks_are_recorded_during_a_block() {
 }
 
 #[tokio::test]
-async fn wrong_pins_units_and_lines_are_refused_before_motion() {
+async fn wrong_pins_lines_axes_and_period_are_refused_before_motion() {
     let swapped = refusal_text(&start_halsampler(valid_line), position(90.0, 2.0)).await;
     assert!(swapped.contains("X is at 90.000") && swapped.contains("joint.N.pos-fb"), "{swapped}");
     // Lines without the bit.
@@ -86,7 +86,7 @@ async fn wrong_pins_units_and_lines_are_refused_before_motion() {
 }
 
 #[tokio::test]
-async fn silent_or_lost_sampler_ends_the_scan() {
+async fn silent_or_unreachable_sampler_is_reported() {
     let silent = Arc::new(AtomicBool::new(false));
     let known = silent.clone();
     let quiet = start_halsampler(move |tick| if known.load(SeqCst) { None } else { valid_line(tick) });

@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn restarted_counter_starts_a_new_record() {
+    fn restarted_counter_starts_a_new_count() {
         let mut ticks = TickClock::with_period(PERIOD_S);
         feed_ticks(&mut ticks, (5_000, 5_000), 1, |_| 0.0);
         let late_s = TICK_ZERO_TIME_S + 20.0;
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_period_is_detected_within_a_second() {
+    fn wrong_period_is_detected_within_two_seconds() {
         let since = Tick { count_index: 0, number: 0 };
         for (period_s, wrong) in [(PERIOD_S, None), (0.0005, Some(PERIOD_S)), (0.00095, Some(PERIOD_S))] {
             let mut ticks = TickClock::with_period(period_s);

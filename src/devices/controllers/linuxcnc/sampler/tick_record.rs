@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn counter_restarts_after_an_overrun() {
+    fn ticks_after_an_overrun_are_timed_anew_after_a_gap() {
         let mut record = new_record();
         record.start_recording();
         push_lines(&mut record, 0..100);
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn foreign_sampler_line_is_reported() {
+    fn invalid_sampler_line_is_reported() {
         for line in ["1 2 0", "1 2 3", "1 2 3 4 0", "1 2 3 2", "x 2 3 0", "1 nan 3 0", "1.5 2 3 0", ""] {
             let mut record = new_record();
             record.push_bytes(format!("{line}\n").as_bytes(), 0.0);

@@ -84,7 +84,7 @@ async fn block_is_one_call_with_the_motions_of_the_text() {
 }
 
 #[tokio::test]
-async fn list_of_touches_is_transferred_one_by_one() {
+async fn results_of_a_list_of_touches_are_transferred_one_by_one() {
     for kind in [None, Some(FaultKind::RepeatedResult), Some(FaultKind::StaleResult)] {
         let faults = kind.map(|kind| Fault { after_touch: 2, ..fault(kind, 0) });
         let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, faults.into_iter().collect()).await;
@@ -155,7 +155,7 @@ async fn unread_result_is_not_used_by_the_next_run() {
 }
 
 #[tokio::test]
-async fn numbers_beyond_the_registers_start_no_program() {
+async fn block_that_does_not_fit_the_registers_starts_no_program() {
     let coarse = "[program.row]\nX = { scale = 0.01 }";
     for (keys, why) in [
         (coarse, "the registers would contain 30.12 instead of 30.123"),
