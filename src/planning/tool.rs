@@ -20,7 +20,7 @@ static GAP_DIRECTIONS: LazyLock<[Vector2<f64>; 16]> = LazyLock::new(|| {
     })
 });
 /// Accuracy of heights, mm.
-const HEIGHT_TOLERANCE_MM: f64 = 0.1;
+const HEIGHT_ACCURACY_MM: f64 = 0.1;
 
 /// Shape of one part of the tool, seen from below.
 #[derive(Debug, Clone)]
@@ -59,7 +59,7 @@ impl ToolPart {
         }
         let over = body.top_z() + margin - self.bottom_height_mm - path_ends[0].z.min(path_ends[1].z);
         let (mut low, mut high) = (0.0, over.max(0.0));
-        while high - low > HEIGHT_TOLERANCE_MM {
+        while high - low > HEIGHT_ACCURACY_MM {
             let middle = (low + high) / 2.0;
             let clear = are_apart_by(&self.swept_space(*path_ends, middle), body, margin);
             if clear { high = middle } else { low = middle }

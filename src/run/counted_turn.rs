@@ -10,7 +10,7 @@ use machine::{Axis, Position};
 
 /// Maximum difference between counts and control at rest after the turn, degrees. With an eccentricity of 20 µm
 /// it changes a radius by less than 0.02 µm.
-const MAX_REST_DEVIATION_DEG: f64 = 0.05;
+const MAX_COUNTED_TURN_DEVIATION_DEG: f64 = 0.05;
 /// Maximum time between the acquisition of a sample and its arrival.
 const MAX_SAMPLE_ARRIVAL_DELAY_S: f64 = 0.1;
 /// Minimum ratio of a jump to the median step between two samples.
@@ -55,7 +55,7 @@ impl CountFault {
             }
             Self::Ratio { counted_deg, turned_deg, counts_per_turn, .. } => {
                 let stated = *counts_per_turn as f64;
-                let is_reversed = (counted_deg + turned_deg).abs() <= MAX_REST_DEVIATION_DEG;
+                let is_reversed = (counted_deg + turned_deg).abs() <= MAX_COUNTED_TURN_DEVIATION_DEG;
                 let ratio = if is_reversed { -1.0 } else { counted_deg / turned_deg };
                 format!(
                     "if the ratio is the same for each revolution, write counts_per_turn = {:.0} in \
@@ -158,7 +158,7 @@ impl CountedTurn<'_> {
         let [start, end] = self.rest_positions.map(|rest| rest.get_or_zero(axis));
         let turned_deg = (end - start).to_degrees();
         let counted_deg = counted.last().map_or(0.0, |(_, count)| self.counts_to_rad(*count).to_degrees());
-        if (counted_deg - turned_deg).abs() <= MAX_REST_DEVIATION_DEG {
+        if (counted_deg - turned_deg).abs() <= MAX_COUNTED_TURN_DEVIATION_DEG {
             return Ok(());
         }
         if counted.iter().all(|(_, count)| count.abs() <= 1) {

@@ -49,11 +49,11 @@ pub fn normalise_capture(capture: &str) -> String {
         lines.collect::<String>()
     };
     let text: String = links.into_iter().map(text).collect();
-    remove_number(&remove_number(&text, "127.0.0.1:", "PORT"), "/dev/pts/", "N")
+    replace_numbers(&replace_numbers(&text, "127.0.0.1:", "PORT"), "/dev/pts/", "N")
 }
 
 /// `text` with `name` in place of each number after `prefix`.
-fn remove_number(text: &str, prefix: &str, name: &str) -> String {
+fn replace_numbers(text: &str, prefix: &str, name: &str) -> String {
     let mut parts = text.split(prefix);
     let mut result = parts.next().unwrap_or_default().to_owned();
     for part in parts {
@@ -120,7 +120,7 @@ impl CapturedLink {
                 self.received.extend(bytes);
                 while let Some(frame) = ModbusFrame::parse_next(&mut self.received, &self.kind, false) {
                     if frame.function == READ_INPUT {
-                        self.status = Some(status_without_time(&frame.body[1..]));
+                        self.status = Some(status_as_text(&frame.body[1..]));
                     }
                 }
             }
@@ -162,7 +162,7 @@ fn take_complete_lines(buffer: &mut Vec<u8>, mark: char) -> Vec<String> {
 }
 
 /// Registers as decimal numbers, followed by the two times as the numbers in their registers.
-fn status_without_time(body: &[u8]) -> String {
+fn status_as_text(body: &[u8]) -> String {
     let registers = body.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]]));
     let mut registers: Vec<u16> = registers.collect();
     let time = |at: usize| {

@@ -17,7 +17,7 @@ const WRITE_VARIABLE: &str = "TRUED_WRITE_BASELINE";
 
 /// Compares `actual` with the stored file `name`, or writes the file if `TRUED_WRITE_BASELINE=1`.
 pub fn check_text(name: &str, actual: &str) {
-    let Some(stored) = load_stored(name, actual) else { return };
+    let Some(stored) = load_or_write_stored(name, actual) else { return };
     let mut differences = Differences::default();
     compare_text(&mut differences, &stored, actual);
     differences.fail_if_any(name);
@@ -26,7 +26,7 @@ pub fn check_text(name: &str, actual: &str) {
 /// Like [`check_text`], by the structure of the document: white space, order of keys and hashes are ignored.
 pub fn check_json(name: &str, actual: &Value) {
     let actual = replace_hashes(&json_text(actual));
-    let Some(stored) = load_stored(name, &actual) else { return };
+    let Some(stored) = load_or_write_stored(name, &actual) else { return };
     let [stored, actual] =
         [&stored, &actual].map(|text| serde_json::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}")));
     let mut differences = Differences::default();
@@ -35,7 +35,7 @@ pub fn check_json(name: &str, actual: &Value) {
 }
 
 /// The content of the stored file; `None` if `actual` was written instead.
-pub fn load_stored(name: &str, actual: &str) -> Option<String> {
+pub fn load_or_write_stored(name: &str, actual: &str) -> Option<String> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/baseline").join(name);
     if std::env::var_os(WRITE_VARIABLE).is_some() {
         fs::create_dir_all(file.parent()?).unwrap();

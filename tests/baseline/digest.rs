@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 use sha2::{Digest as _, Sha256};
 
-use super::compare::{load_stored, number_and_text_tokens};
+use super::compare::{load_or_write_stored, number_and_text_tokens};
 
 const LINES_PER_BLOCK: usize = 64;
 const RELATIVE_SUM_TOLERANCE: f64 = 1e-11;
@@ -18,7 +18,7 @@ const RELATIVE_SUM_TOLERANCE: f64 = 1e-11;
 /// Compares the digest of `actual` with the stored file `name`, or writes the file.
 pub fn check_digest(name: &str, actual: &str) {
     let digest = Digest::from_text(actual);
-    let Some(stored) = load_stored(name, &digest.to_text()) else { return };
+    let Some(stored) = load_or_write_stored(name, &digest.to_text()) else { return };
     let stored = Digest::parse(&stored);
     let mut differences: Vec<String> = Vec::new();
     if stored.lines != digest.lines {
@@ -32,9 +32,10 @@ pub fn check_digest(name: &str, actual: &str) {
                 "{lines}: text differs; stored {} numbers and SHA-256 {}, now {} and {}",
                 stored.number_count, stored.structure, actual.number_count, actual.structure
             ));
-        } else if (stored.sum_of_numbers - actual.sum_of_numbers).abs() > RELATIVE_SUM_TOLERANCE * stored.largest_number
+        } else if (stored.weighted_sum - actual.weighted_sum).abs()
+            > RELATIVE_SUM_TOLERANCE * stored.weighted_magnitude_sum
         {
-            let (a, b) = (stored.sum_of_numbers, actual.sum_of_numbers);
+            let (a, b) = (stored.weighted_sum, actual.weighted_sum);
             differences.push(format!("{lines}: numbers differ; stored sum {a:?}, now {b:?}"));
         }
     }
@@ -60,8 +61,8 @@ struct DigestBlock {
     first_line: usize,
     structure: String,
     number_count: usize,
-    sum_of_numbers: f64,
-    largest_number: f64,
+    weighted_sum: f64,
+    weighted_magnitude_sum: f64,
 }
 
 impl Digest {
@@ -78,8 +79,8 @@ impl Digest {
                 first_line,
                 structure,
                 number_count: numbers,
-                sum_of_numbers: sum,
-                largest_number: magnitude,
+                weighted_sum: sum,
+                weighted_magnitude_sum: magnitude,
             } = block;
             format!("{first_line} {structure} {numbers} {sum:?} {magnitude:?}\n")
         });
@@ -95,8 +96,8 @@ impl Digest {
                 first_line: next().parse().unwrap(),
                 structure: next().to_owned(),
                 number_count: next().parse().unwrap(),
-                sum_of_numbers: next().parse().unwrap(),
-                largest_number: next().parse().unwrap(),
+                weighted_sum: next().parse().unwrap(),
+                weighted_magnitude_sum: next().parse().unwrap(),
             }
         };
         Self { lines: head.parse().unwrap(), blocks: rows.lines().map(block).collect() }
@@ -126,6 +127,6 @@ impl DigestBlock {
             hash.update("\n");
         }
         let structure = hash.finalize()[..8].iter().map(|byte| format!("{byte:02x}")).collect();
-        Self { first_line, structure, number_count: numbers, sum_of_numbers: sum, largest_number: magnitude }
+        Self { first_line, structure, number_count: numbers, weighted_sum: sum, weighted_magnitude_sum: magnitude }
     }
 }

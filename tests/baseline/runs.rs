@@ -12,7 +12,7 @@ use super::normalise::{remove_lines, replace_hashes, replace_timestamps};
 use super::workspace::{Workspace, stderr};
 
 /// Output of one run: of its commands and of its export.
-pub struct StoredRunFiles {
+pub struct RunOutput {
     /// Standard output of `trued run --json`.
     estimate: Value,
     /// Standard error of `trued run --json`.
@@ -25,7 +25,7 @@ pub struct StoredRunFiles {
     summary: String,
 }
 
-impl StoredRunFiles {
+impl RunOutput {
     pub fn run_method(method: &str, machine: &str) -> Self {
         let workspace = Workspace::with_machine(machine);
         let (file, capture) = (workspace.path("machine.toml"), workspace.path("run.capture"));
@@ -53,10 +53,10 @@ impl StoredRunFiles {
 }
 
 /// The run on the built-in machine, once for all tests of this process.
-fn cached_run(case: &Case) -> &'static StoredRunFiles {
-    static CACHED_RUNS: [OnceLock<StoredRunFiles>; CASES.len()] = [const { OnceLock::new() }; CASES.len()];
+fn cached_run(case: &Case) -> &'static RunOutput {
+    static CACHED_RUNS: [OnceLock<RunOutput>; CASES.len()] = [const { OnceLock::new() }; CASES.len()];
     let index = CASES.iter().position(|other| other.method == case.method).unwrap();
-    CACHED_RUNS[index].get_or_init(|| StoredRunFiles::run_method(case.method, &case.run_machine()))
+    CACHED_RUNS[index].get_or_init(|| RunOutput::run_method(case.method, &case.run_machine()))
 }
 
 /// The plan of the run: it differs from the nominal plan by the positions that the run measured.
@@ -93,7 +93,7 @@ pub fn report(case: &Case) {
 /// Plan, readings, estimate and capture of a short run; and the estimate from the stored plan and readings.
 pub fn short(case: &Case) {
     let method = case.method;
-    let run = StoredRunFiles::run_method(method, &case.short_machine());
+    let run = RunOutput::run_method(method, &case.short_machine());
     check_json(&format!("short/{method}-plan.json"), &run.plan);
     run.compare_with_stored("short", method);
     let workspace = Workspace::with_machine(&case.short_machine());

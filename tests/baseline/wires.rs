@@ -2,13 +2,13 @@
 
 use super::compare::check_json;
 use super::machines::{CASES, LASER, SELF_CALIBRATION, with_method};
-use super::runs::StoredRunFiles;
+use super::runs::RunOutput;
 use super::workspace::{Workspace, with_replaced_lines};
 
 /// A short measurement over the wire.
 fn check_control(name: &str, keys: &str) {
     let machine = with_replaced_lines(SELF_CALIBRATION, &[("wire = \"memory\"\n", keys)]);
-    StoredRunFiles::run_method("latch-delay", &with_method(&machine, "latch-delay", "touches = 6\n"))
+    RunOutput::run_method("latch-delay", &with_method(&machine, "latch-delay", "touches = 6\n"))
         .compare_with_stored("wires", name);
 }
 
@@ -42,7 +42,7 @@ fn check_sensor(name: &str, keys: &str) {
     let from = "speaks = \"can\"\nwire = \"memory\"\n";
     let machine = with_replaced_lines(LASER, &[(from, keys)]);
     let case = &CASES[1];
-    StoredRunFiles::run_method(case.method, &with_method(&machine, case.method, case.short_settings))
+    RunOutput::run_method(case.method, &with_method(&machine, case.method, case.short_settings))
         .compare_with_stored("wires", name);
 }
 

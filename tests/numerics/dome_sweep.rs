@@ -24,28 +24,28 @@ const CONTACT_DISTANCE_MM: f64 = 1e-3;
 type Axes = [f64; 5];
 
 #[derive(Clone, Copy)]
-enum Topology {
+enum TestMachine {
     /// Topology `w-C-B-X-F-Z-Y-S-t`.
     BuiltIn,
     /// Topology `w-C-A-Y-F-X-Z-S-t`.
     OnAAndY,
 }
 
-impl Topology {
+impl TestMachine {
     /// Frames of the tilting part and of the table. An axis that carries the workpiece moves by minus the command
     /// (ISO 841).
     fn carriers(self, [x, y, _, tilt, c]: Axes) -> [Matrix; 2] {
         let tilted = match self {
-            Topology::BuiltIn => multiply(&translation([-x, 0.0, 0.0]), &rotation(1, [0.0; 3], -tilt)),
-            Topology::OnAAndY => multiply(&translation([0.0, -y, 0.0]), &rotation(0, [0.0; 3], -tilt)),
+            TestMachine::BuiltIn => multiply(&translation([-x, 0.0, 0.0]), &rotation(1, [0.0; 3], -tilt)),
+            TestMachine::OnAAndY => multiply(&translation([0.0, -y, 0.0]), &rotation(0, [0.0; 3], -tilt)),
         };
         [tilted, multiply(&tilted, &rotation(2, [0.0; 3], -c))]
     }
 
     fn spindle(self, [x, y, z, ..]: Axes) -> Point {
         match self {
-            Topology::BuiltIn => [0.0, y, z],
-            Topology::OnAAndY => [x, 0.0, z],
+            TestMachine::BuiltIn => [0.0, y, z],
+            TestMachine::OnAAndY => [x, 0.0, z],
         }
     }
 }
@@ -105,7 +105,7 @@ impl Bodies {
 
     /// The first body that the tool overlaps, except the stylus ball with a ball; and the distance to the nearest
     /// one.
-    fn nearest_bodies(&self, kind: Topology, at: Axes) -> (Option<String>, f64) {
+    fn nearest_bodies(&self, kind: TestMachine, at: Axes) -> (Option<String>, f64) {
         let [tilted, table] = kind.carriers(at);
         let datum = kind.spindle(at);
         let seen = |from: &Matrix, p: Point| map_point_back(from, std::array::from_fn(|i| datum[i] + p[i]));
@@ -146,7 +146,7 @@ impl SweptMove<'_> {
     }
 
     /// Checks a path up to the contact of a touch. Returns the body that was hit, and whether a ball was touched.
-    fn collision_along(&self, bodies: &Bodies, kind: Topology) -> (Option<String>, bool) {
+    fn collision_along(&self, bodies: &Bodies, kind: TestMachine) -> (Option<String>, bool) {
         let apart = |i: usize| (self.to[i] - self.from[i]).abs();
         let count = (0..5).map(apart).fold(0.0, f64::max) / SWEEP_STEP;
         let count = count.ceil().max(1.0) * if self.is_touch { 50.0 } else { 1.0 };
@@ -203,7 +203,7 @@ fn plan_program(file: &Table) -> String {
     dialect.render_program(&program, &blocks).unwrap()
 }
 
-fn is_clear(text: &str, kind: Topology) {
+fn is_clear(text: &str, kind: TestMachine) {
     let file: Table = text.parse().unwrap();
     let (bodies, text) = (Bodies::of(&file), plan_program(&file));
     let ways = parse_moves(&text);
@@ -226,11 +226,11 @@ fn is_clear(text: &str, kind: Topology) {
 fn no_collision_on_the_built_in_machine() {
     // The gate tests the other machine.
     if is_full() {
-        is_clear(DOME, Topology::BuiltIn);
+        is_clear(DOME, TestMachine::BuiltIn);
     }
 }
 
 #[test]
 fn no_collision_on_another_topology() {
-    is_clear(&with_a_on_y_topology(DOME), Topology::OnAAndY);
+    is_clear(&with_a_on_y_topology(DOME), TestMachine::OnAAndY);
 }

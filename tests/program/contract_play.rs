@@ -118,7 +118,7 @@ fn u_of_axis(estimate: &Value) -> f64 {
 
 /// Readings without times must not give a smaller U. A full turn added to C changes nothing. Readings that are all
 /// excluded, that lack one time, and a plan without normals are refused.
-fn regress_unusual_readings_are_accepted() {
+fn regress_unusual_readings_are_identified_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let printed = plan_quickly(folder.path());
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
@@ -255,7 +255,7 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
 pub fn trials() -> Trials {
     trials![Pool::Computing, 25;
         regress_readings_of_another_program_are_identified,
-        regress_unusual_readings_are_accepted,
+        regress_unusual_readings_are_identified_or_refused,
         regress_bad_readings_are_refused_by_name,
         regress_what_asks_a_person_is_played_and_identified_over,
     ]

@@ -48,7 +48,7 @@ fn run_trued(arguments: &[&str]) -> Output {
     Command::new(TRUED_PROGRAM).args(arguments).output().unwrap()
 }
 
-fn output_text(output: &Output) -> String {
+fn stderr_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -60,14 +60,14 @@ fn init_reads_most_of_the_machine_file_from_grbl() {
     let at = ["init", "--kind", "grbl", "--serial", simulator.address.as_str(), "--to", to];
 
     let wrong = run_trued(&at);
-    assert_eq!(wrong.status.code(), Some(1), "{}", output_text(&wrong));
-    assert!(output_text(&wrong).contains("wrong baud rate (115200)"), "{}", output_text(&wrong));
+    assert_eq!(wrong.status.code(), Some(1), "{}", stderr_text(&wrong));
+    assert!(stderr_text(&wrong).contains("wrong baud rate (115200)"), "{}", stderr_text(&wrong));
     assert!(!file.exists());
     let search = run_trued(&[&at[..], &["--search"]].concat());
-    assert!(output_text(&search).contains("communicates at 57600 baud"), "{}", output_text(&search));
+    assert!(stderr_text(&search).contains("communicates at 57600 baud"), "{}", stderr_text(&search));
 
     let init = run_trued(&[&at[..], &["--baud", "57600"]].concat());
-    assert_eq!(init.status.code(), Some(0), "{}", output_text(&init));
+    assert_eq!(init.status.code(), Some(0), "{}", stderr_text(&init));
     let drafted = MachineFile::read(&file).unwrap();
     let truth = MachineFile::parse("truth.toml", MACHINE_FILE.to_owned()).unwrap().machine;
     for axis in [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C] {
@@ -78,12 +78,12 @@ fn init_reads_most_of_the_machine_file_from_grbl() {
     }
     assert_eq!(drafted.machine.topology, truth.topology);
     let plan = run_trued(&["plan", "self-calibration", "--machine", to]);
-    assert_eq!(plan.status.code(), Some(0), "{}", output_text(&plan));
+    assert_eq!(plan.status.code(), Some(0), "{}", stderr_text(&plan));
 
     let text = std::fs::read_to_string(&file).unwrap();
     let again = run_trued(&[&at[..], &["--baud", "57600"]].concat());
     assert_eq!(again.status.code(), Some(1));
-    assert!(output_text(&again).contains("exists already"), "{}", output_text(&again));
+    assert!(stderr_text(&again).contains("exists already"), "{}", stderr_text(&again));
     assert_eq!(std::fs::read_to_string(&file).unwrap(), text);
 }
 
@@ -91,7 +91,7 @@ fn a_window_of_registers_tells_less_and_that_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let simulator = SimulatorProcess::start(folder.path(), "speaks = \"modbus\"\n");
     let init = run_trued(&["init", "--kind", "modbus", "--tcp", &simulator.address, "--name", "a \"mill\""]);
-    assert_eq!(init.status.code(), Some(0), "{}", output_text(&init));
+    assert_eq!(init.status.code(), Some(0), "{}", stderr_text(&init));
     let text = String::from_utf8(init.stdout).unwrap();
     let drafted = MachineFile::parse("drafted.toml", text.clone()).unwrap();
     assert_eq!(drafted.machine.name, "a \"mill\"");
@@ -102,8 +102,8 @@ fn a_window_of_registers_tells_less_and_that_is_said() {
 
 fn regress_a_missing_folder_of_programs_is_told_by_its_option() {
     let init = run_trued(&["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1"]);
-    assert_eq!(init.status.code(), Some(2), "{}", output_text(&init));
-    assert!(output_text(&init).contains("--program-dir <DIR>"), "{}", output_text(&init));
+    assert_eq!(init.status.code(), Some(2), "{}", stderr_text(&init));
+    assert!(stderr_text(&init).contains("--program-dir <DIR>"), "{}", stderr_text(&init));
 }
 
 fn regress_a_missing_ini_file_is_named_by_its_option() {
@@ -111,9 +111,9 @@ fn regress_a_missing_ini_file_is_named_by_its_option() {
     let programs = folder.path().display().to_string();
     let at = ["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1", "--program-dir", &programs];
     let init = run_trued(&[&at[..], &["--ini", "none.ini"]].concat());
-    assert_eq!(init.status.code(), Some(1), "{}", output_text(&init));
-    assert!(output_text(&init).contains("--ini: the file none.ini does not exist"), "{}", output_text(&init));
-    assert!(!output_text(&init).contains("--search"), "{}", output_text(&init));
+    assert_eq!(init.status.code(), Some(1), "{}", stderr_text(&init));
+    assert!(stderr_text(&init).contains("--ini: the file none.ini does not exist"), "{}", stderr_text(&init));
+    assert!(!stderr_text(&init).contains("--search"), "{}", stderr_text(&init));
 }
 
 pub fn trials() -> Trials {

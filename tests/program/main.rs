@@ -33,8 +33,8 @@ mod table_axis;
 use support::harness::{Trials, run_trials};
 
 fn main() {
-    if let Some((port, token)) = serve::crowd::crowd_request() {
-        return serve::crowd::run_crowd(port, &token);
+    if let Some((port, token)) = serve::crowd::client_process_request() {
+        return serve::crowd::run_clients(port, &token);
     }
     if let Some((port, from)) = serve::crowd::connect_request() {
         return serve::crowd::open_idle_connections(port, from);

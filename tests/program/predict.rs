@@ -6,7 +6,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
 
 /// C is 100 µm off along X, with U = 2 µm; measured over a part of the travel.
-fn write_estimate() -> String {
+fn estimate_json() -> String {
     json!({
         "trued_estimate": 1, "method": "samba", "functions": [], "rank": 1, "unknowns": 1,
         "parameters": [{"symbol": "EX0C", "value": 100.0, "unit": "um", "u": 2.0, "U": 4.0, "k": 2.0,
@@ -22,8 +22,8 @@ fn write_estimate() -> String {
 /// At C = 180° a point of the table is 200 µm off from the work zero set at C = 0, computed by hand.
 fn the_tip_is_off_as_reckoned_by_hand() {
     let shop = MachineShop::new(&built_in_machine());
-    let (file, poses) = (shop.read_file("est.json"), shop.read_file("poses.csv"));
-    std::fs::write(&file, write_estimate()).unwrap();
+    let (file, poses) = (shop.path_text("est.json"), shop.path_text("poses.csv"));
+    std::fs::write(&file, estimate_json()).unwrap();
     std::fs::write(&poses, "# poses\nz_mm,c_deg\n400,0\n 400, 180\n").unwrap();
     let output = shop.run_trued(&["predict", &file, "--at", &poses]);
     let (said, told) = (String::from_utf8(output.stdout.clone()).unwrap(), stderr(&output));
@@ -45,8 +45,8 @@ fn the_tip_is_off_as_reckoned_by_hand() {
 
 fn nonsense_is_refused_with_its_line() {
     let shop = MachineShop::new(&built_in_machine());
-    let (file, poses) = (shop.read_file("est.json"), shop.read_file("poses.csv"));
-    std::fs::write(&file, write_estimate()).unwrap();
+    let (file, poses) = (shop.path_text("est.json"), shop.path_text("poses.csv"));
+    std::fs::write(&file, estimate_json()).unwrap();
     let refused = |text: &str, more: &[&str], words: &str| {
         std::fs::write(&poses, text).unwrap();
         let output = shop.run_trued(&[&["predict", &file, "--at", &poses], more].concat());
@@ -62,7 +62,7 @@ fn nonsense_is_refused_with_its_line() {
     std::fs::write(&poses, "x_mm\n250\n").unwrap();
     let asked = shop.run_trued(&["predict", &file, "--at", &poses, "--extrapolate"]);
     assert_eq!(asked.status.code(), Some(0), "{}", stderr(&asked));
-    std::fs::write(&file, write_estimate().replace("EX0C", "form")).unwrap();
+    std::fs::write(&file, estimate_json().replace("EX0C", "form")).unwrap();
     refused("x_mm\n0\n", &[], "has no errors of this machine's axes");
 }
 
@@ -70,7 +70,7 @@ fn nonsense_is_refused_with_its_line() {
 fn a_run_is_exported_as_points_of_the_workpiece() {
     let shop = MachineShop::new(&built_in_machine());
     assert_eq!(shop.run_cycle().status.code(), Some(0));
-    let folder = shop.read_file("out");
+    let folder = shop.path_text("out");
     let exported = shop.run_trued(&["export", "1", "--to", &folder, "--frame", "workpiece"]);
     assert_eq!(exported.status.code(), Some(0), "{}", stderr(&exported));
     let points = std::fs::read_to_string(shop.path("out/run-1-points.csv")).unwrap();

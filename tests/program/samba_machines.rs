@@ -10,7 +10,7 @@ use toml::{Table, Value};
 /// errors with their units.
 struct OtherMachine<'a> {
     topology: &'a str,
-    rotary_positions: &'a [(&'a str, f64)],
+    rotary_ranges_deg: &'a [(&'a str, f64)],
     errors: &'a [(&'a str, f64)],
 }
 
@@ -34,7 +34,7 @@ impl OtherMachine<'_> {
         for axis in ["B", "C", "S"] {
             set(&["axes", axis], None);
         }
-        for (axis, reach) in self.rotary_positions {
+        for (axis, reach) in self.rotary_ranges_deg {
             let spec = format!("positive = \"iso\"\nmin = -{reach}.0\nmax = {reach}.0");
             set(&["axes", axis], Some(table(&spec)));
         }
@@ -111,7 +111,7 @@ fn assert_not_identifiable(estimate: &serde_json::Value, expected: &[(&str, &str
 fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
     let fork = OtherMachine {
         topology: "w-A-F-X-Y-Z-B-t",
-        rotary_positions: &[("A", 110.0), ("B", 110.0)],
+        rotary_ranges_deg: &[("A", 110.0), ("B", 110.0)],
         errors: &[
             ("EB0A_urad", 7.0),
             ("EC0A_urad", -15.0),
@@ -162,7 +162,7 @@ fn regress_a_trunnion_of_a_and_c() {
     ];
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let turning = &[("A", 110.0), ("C", 360.0)];
-    let trunnion = OtherMachine { topology: "w-C-A-Y-F-X-Z-t", rotary_positions: turning, errors: &errors };
+    let trunnion = OtherMachine { topology: "w-C-A-Y-F-X-Z-t", rotary_ranges_deg: turning, errors: &errors };
     assert_not_identifiable(&trunnion.check(&expected), &[]);
 }
 
@@ -179,7 +179,7 @@ fn regress_four_axes() {
     ];
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EZZ1_um_per_m", 21.0)]].concat();
-    let four = OtherMachine { topology: "w-C-F-X-Y-Z-t", rotary_positions: &[("C", 360.0)], errors: &errors };
+    let four = OtherMachine { topology: "w-C-F-X-Y-Z-t", rotary_ranges_deg: &[("C", 360.0)], errors: &errors };
     assert_not_identifiable(&four.check(&expected), &[("EZZ1", "inseparable from the positions of the balls")]);
 }
 
@@ -212,7 +212,7 @@ fn regress_four_axes_with_a_table_that_tilts() {
         let mut expected: Vec<_> = angles.map(|(name, value)| (name.split_once('_').unwrap().0, *value)).collect();
         expected.extend(gains);
         let topology = format!("w-{axis}-F-X-Y-Z-t");
-        let four = OtherMachine { topology: &topology, rotary_positions: &[(axis, 110.0)], errors: &errors };
+        let four = OtherMachine { topology: &topology, rotary_ranges_deg: &[(axis, 110.0)], errors: &errors };
         assert_not_identifiable(&four.check(&expected), &[(lost, words)]);
     }
 }
@@ -235,7 +235,7 @@ fn regress_a_spindle_that_is_not_oriented() {
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EX0S_um", -106.0), ("EY0S_um", 20.0)]].concat();
     let turning = &[("B", 110.0), ("C", 360.0)];
-    let still = OtherMachine { topology: "w-C-B-X-F-Z-Y-S-t", rotary_positions: turning, errors: &errors };
+    let still = OtherMachine { topology: "w-C-B-X-F-Z-Y-S-t", rotary_ranges_deg: turning, errors: &errors };
     let estimate = still.check(&expected);
     assert_not_identifiable(
         &estimate,

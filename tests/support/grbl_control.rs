@@ -26,7 +26,7 @@ pub struct GrblControl {
 #[derive(Default)]
 struct Session {
     received_text: String,
-    blocked_lines: Vec<String>,
+    cut_words: Vec<String>,
 }
 
 impl Session {
@@ -36,7 +36,7 @@ impl Session {
             Some(())
         };
         let mut rest = self.received_text.as_str();
-        !self.blocked_lines.is_empty() && self.blocked_lines.iter().all(|words| after(&mut rest, words).is_some())
+        !self.cut_words.is_empty() && self.cut_words.iter().all(|words| after(&mut rest, words).is_some())
     }
 }
 
@@ -84,7 +84,7 @@ impl GrblControl {
     /// Drops the next client's lines from the one on that contains the last of these words, after the others in
     /// their order; real-time commands still pass.
     pub fn stop_at(&self, words: &[&str]) {
-        self.session.lock().unwrap().blocked_lines = words.iter().map(|&words| words.to_owned()).collect();
+        self.session.lock().unwrap().cut_words = words.iter().map(|&words| words.to_owned()).collect();
     }
 
     /// Waits until the client has sent all of these words.
@@ -106,7 +106,7 @@ impl GrblControl {
     }
 
     /// Replaces the true machine.
-    pub fn replace_firmware(&self, file: &str) {
+    pub fn replace_machine(&self, file: &str) {
         let file = parse_machine_file(file);
         *self.world.lock().unwrap() = world(&file);
         let firmware = Firmware::new(self.world.clone(), SimulatedGrblOptions::for_machine(&file.machine, self.pace));
@@ -134,7 +134,7 @@ async fn run_control(
                 let (near, far) = tokio::io::duplex(4096);
                 let (served, ()) = tokio::join!(machine.serve(far), forward_bytes(client.unwrap().0, near, &session));
                 served.unwrap();
-                session.lock().unwrap().blocked_lines.clear();
+                session.lock().unwrap().cut_words.clear();
             }
             wish = wished.recv() => match wish {
                 None => return,

@@ -64,13 +64,13 @@ impl MachineShop {
         self.folder.path().join(name)
     }
 
-    pub fn read_file(&self, name: &str) -> String {
+    pub fn path_text(&self, name: &str) -> String {
         self.path(name).display().to_string()
     }
 
     /// The machine file.
     pub fn machine_path(&self) -> String {
-        self.read_file("machine.toml")
+        self.path_text("machine.toml")
     }
 
     /// The state folder.
@@ -100,7 +100,7 @@ impl MachineShop {
 
     /// Step of each exported reading of run 1.
     pub fn exported_steps(&self) -> Vec<u32> {
-        let to = self.read_file("export");
+        let to = self.path_text("export");
         let exported = self.run_trued(&["export", "1", "--to", &to]);
         assert_eq!(exported.status.code(), Some(0), "{}", stderr(&exported));
         let csv = std::fs::read_to_string(self.path("export/run-1-readings.csv")).unwrap();

@@ -30,7 +30,7 @@ pub struct Record {
 }
 
 impl Record {
-    pub fn received_bytes(&self) -> usize {
+    pub fn transferred_bytes(&self) -> usize {
         self.received.len() + self.sent.len()
     }
 
@@ -43,7 +43,7 @@ impl Record {
     }
 
     /// The largest N word of a line that moves: all steps before it were acknowledged.
-    pub fn started_touch_count(&self) -> usize {
+    pub fn last_started_step(&self) -> usize {
         started_touches(&self.received)
     }
 
@@ -97,11 +97,11 @@ pub struct RecordingControl {
 impl RecordingControl {
     pub fn start() -> Self {
         let file = MachineFile::parse("machine.toml", machine_with_control("127.0.0.1:1")).unwrap();
-        Self::serve_world(Arc::new(Mutex::new(setup::build_world(&file).unwrap())))
+        Self::start_with_world(Arc::new(Mutex::new(setup::build_world(&file).unwrap())))
     }
 
     /// The control of the built-in machine, acting on `world`.
-    pub fn serve_world(world: Arc<Mutex<SimulatedWorld>>) -> Self {
+    pub fn start_with_world(world: Arc<Mutex<SimulatedWorld>>) -> Self {
         let (shared, (stop, stopped)) = (Arc::<SharedRecord>::default(), tokio::sync::oneshot::channel());
         let (listening, address) = std::sync::mpsc::channel();
         let keeper = shared.clone();
@@ -127,7 +127,7 @@ impl RecordingControl {
     /// Waits until `bytes` bytes have passed the wire, or until `give_up` returns true.
     pub fn wait_for(&self, bytes: usize, mut give_up: impl FnMut() -> bool) {
         let mut record = self.shared.record();
-        while record.received_bytes() < bytes {
+        while record.transferred_bytes() < bytes {
             let patience = Duration::from_millis(20);
             record = self.shared.changed.wait_timeout(record, patience).unwrap().0;
             if give_up() {

@@ -16,7 +16,7 @@ use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner
 const CASES_PER_ROUND: u32 = 300;
 /// Tokens that often break parsers: numbers at and beyond the limits, other alphabets, unclosed brackets and
 /// quotes, ends of lines and files.
-const GCODE_AND_JSON_TOKENS: [&str; 46] = [
+const HOSTILE_TOKENS: [&str; 46] = [
     "NaN",
     "nan",
     "inf",
@@ -163,7 +163,7 @@ fn input_strategy(samples: &[&[u8]], words: &[&str]) -> BoxedStrategy<Vec<u8>> {
 
 fn token_strategy() -> impl Strategy<Value = Vec<u8>> {
     let digits = (1..500_usize).prop_map(|count| vec![b'9'; count]);
-    let known = select(GCODE_AND_JSON_TOKENS.to_vec()).prop_map(|token| token.as_bytes().to_vec());
+    let known = select(HOSTILE_TOKENS.to_vec()).prop_map(|token| token.as_bytes().to_vec());
     let number = any::<f64>().prop_map(|value| value.to_string().into_bytes());
     prop_oneof![6 => known, 1 => digits, 2 => number]
 }

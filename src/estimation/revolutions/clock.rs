@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use faer::c64;
 
 use super::harmonics::HarmonicBasis;
-use super::shared_revolutions::RowRevolutions;
+use super::shared_revolutions::ChannelRevolutions;
 
 /// A clock deviation is accepted if it reduces the squared difference between revolutions to less than this
 /// fraction.
@@ -18,7 +18,7 @@ const MAX_CLOCK_ERROR: f64 = 0.05;
 
 /// Relative deviation of the clock of one channel, whose pattern shifts from revolution to revolution. The
 /// revolutions of a row are consecutive and in the same direction. `None`: no clear deviation.
-pub fn estimate_clock_error<'a>(rows: impl Iterator<Item = &'a RowRevolutions>) -> Option<f64> {
+pub fn estimate_clock_error<'a>(rows: impl Iterator<Item = &'a ChannelRevolutions>) -> Option<f64> {
     let mut pairs: Vec<(usize, c64, c64)> = Vec::new();
     for row in rows {
         let samples = row.revolutions.first()?.len();

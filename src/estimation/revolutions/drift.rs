@@ -1,8 +1,8 @@
 //! Correction of a linear drift between the revolutions of a channel.
 
-use super::shared_revolutions::RowRevolutions;
+use super::shared_revolutions::ChannelRevolutions;
 
-impl RowRevolutions {
+impl ChannelRevolutions {
     /// Returns the revolutions without a deviation that is linear in time. The revolutions are consecutive and of
     /// equal duration: the first `forward` of them in the direction of the angle, the others in the opposite one.
     /// The mean over the revolutions at each angle does not change. If as many revolutions turn forward as

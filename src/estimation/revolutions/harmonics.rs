@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use faer::{Mat, c64};
 
-use super::shared_revolutions::{RowKey, RowRevolutions};
+use super::shared_revolutions::{ChannelAtIndex, ChannelRevolutions};
 
 /// Minimum degrees of freedom of a harmonic's scatter. It is pooled with neighbouring harmonics up to this number,
 /// with which the expanded uncertainty is within 5 % of that of a known scatter.
@@ -22,7 +22,7 @@ pub struct HarmonicScatter {
 /// Harmonics of all rows with their scatter: the input of the estimation.
 #[derive(Debug, Clone)]
 pub struct HarmonicData {
-    pub rows: Vec<RowKey>,
+    pub rows: Vec<ChannelAtIndex>,
     /// Number of revolutions in the mean of each row.
     pub revolution_counts: Vec<usize>,
     /// Mean of M_k over the revolutions, mm: harmonics (from order 1) × rows.
@@ -57,11 +57,11 @@ impl HarmonicData {
     /// # Errors
     /// Fewer than two revolutions at every index; rows that are inconsistent with each other; fewer than 2·`orders`
     /// + 1 samples per revolution.
-    pub fn from_revolutions(measured: &[RowRevolutions], orders: usize) -> Result<Self, RevolutionsError> {
+    pub fn from_revolutions(measured: &[ChannelRevolutions], orders: usize) -> Result<Self, RevolutionsError> {
         check_revolutions(measured, orders)?;
         let samples = measured[0].revolutions[0].len();
         let basis = HarmonicBasis::new(samples, orders);
-        let harmonics = |row: &RowRevolutions| -> Vec<Vec<c64>> {
+        let harmonics = |row: &ChannelRevolutions| -> Vec<Vec<c64>> {
             row.revolutions.iter().map(|samples| basis.harmonics(samples)).collect()
         };
         let all: Vec<Vec<Vec<c64>>> = measured.iter().map(harmonics).collect();
@@ -69,7 +69,7 @@ impl HarmonicData {
             of.iter().map(|revolution| revolution[k]).sum::<c64>() * (1.0 / of.len() as f64)
         };
         let means: Vec<Vec<c64>> = (0..orders).map(|k| all.iter().map(|of| mean(of, k)).collect()).collect();
-        let rows: Vec<RowKey> = measured.iter().map(|row| row.key).collect();
+        let rows: Vec<ChannelAtIndex> = measured.iter().map(|row| row.key).collect();
         let own: Vec<HarmonicScatter> = (0..orders).map(|k| harmonic_scatter(&rows, &all, &means[k], k)).collect();
         Ok(Self {
             scatters: (0..orders).map(|k| pooled_scatter(&own, k)).collect(),
@@ -81,7 +81,12 @@ impl HarmonicData {
 
     /// Data of independent channels with the declared standard uncertainty `u_mm` of one sample, `samples` per
     /// revolution, one revolution per row: u(c) = u·√(2/T).
-    pub fn from_declared_uncertainty(rows: Vec<RowKey>, means: Vec<Vec<c64>>, u_mm: f64, samples: usize) -> Self {
+    pub fn from_declared_uncertainty(
+        rows: Vec<ChannelAtIndex>,
+        means: Vec<Vec<c64>>,
+        u_mm: f64,
+        samples: usize,
+    ) -> Self {
         let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
         let variance = u_mm * u_mm * 2.0 / samples as f64;
         let covariance = Mat::from_fn(channels, channels, |i, j| if i == j { variance } else { 0.0 });
@@ -91,7 +96,7 @@ impl HarmonicData {
     }
 
     /// The data of the rows for which `is_selected` is true.
-    pub fn filter_rows(&self, is_selected: impl Fn(&RowKey) -> bool) -> Self {
+    pub fn filter_rows(&self, is_selected: impl Fn(&ChannelAtIndex) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
         Self {
             rows: kept.iter().map(|i| self.rows[*i]).collect(),
@@ -126,7 +131,7 @@ impl HarmonicData {
     /// Standard uncertainty of each observation of the harmonic, mm.
     pub fn sigma_mm(&self, order: usize) -> Vec<f64> {
         let covariance = &self.scatters[order - 1].covariance;
-        let sigma = |(row, revolutions): (&RowKey, &usize)| {
+        let sigma = |(row, revolutions): (&ChannelAtIndex, &usize)| {
             let variance = covariance[(row.channel, row.channel)] / *revolutions as f64;
             variance.sqrt().max(MIN_SIGMA_MM)
         };
@@ -149,7 +154,7 @@ impl HarmonicData {
 }
 
 /// Scatter of one harmonic, pooled over the indexes. Each difference has two real parts.
-fn harmonic_scatter(rows: &[RowKey], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> HarmonicScatter {
+fn harmonic_scatter(rows: &[ChannelAtIndex], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> HarmonicScatter {
     let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
     let mut sums: Mat<f64> = Mat::zeros(channels, channels);
     let mut dofs: Mat<f64> = Mat::zeros(channels, channels);
@@ -193,7 +198,7 @@ pub enum RevolutionsError {
         "channel {} at index {} has two sets of revolutions, or a different number of revolutions than the other channels",
         .0.channel, .0.index
     )]
-    InconsistentRow(RowKey),
+    InconsistentRow(ChannelAtIndex),
 }
 
 impl RevolutionsError {
@@ -211,7 +216,7 @@ impl RevolutionsError {
     }
 }
 
-fn check_revolutions(measured: &[RowRevolutions], orders: usize) -> Result<(), RevolutionsError> {
+fn check_revolutions(measured: &[ChannelRevolutions], orders: usize) -> Result<(), RevolutionsError> {
     let counts = || measured.iter().map(|row| row.revolutions.len());
     if counts().all(|count| count < 2) || counts().any(|count| count == 0) {
         return Err(RevolutionsError::SingleRevolution);
@@ -221,7 +226,7 @@ fn check_revolutions(measured: &[RowRevolutions], orders: usize) -> Result<(), R
     if lengths().any(|length| length != samples) || samples <= 2 * orders {
         return Err(RevolutionsError::UnequalSamples { samples, orders });
     }
-    let differs = |a: &RowRevolutions, b: &RowRevolutions| {
+    let differs = |a: &ChannelRevolutions, b: &ChannelRevolutions| {
         a.key == b.key && !std::ptr::eq(a, b)
             || a.key.index == b.key.index && a.revolutions.len() != b.revolutions.len()
     };

@@ -22,6 +22,7 @@ pub use harmonics::{HarmonicBasis, HarmonicData, RevolutionsError};
 pub use resample::{AngleRange, AngleSample, Resampled, Resampler};
 pub use saturation::reject_saturated;
 pub use shared_revolutions::{
-    RejectedRevolutions, RowKey, RowRevolutions, append_revolutions, common_revolutions, remove_incomplete_rows,
+    ChannelAtIndex, ChannelRevolutions, RejectedRevolutions, append_revolutions, common_revolutions,
+    remove_incomplete_rows,
 };
 pub use stops::StopScan;

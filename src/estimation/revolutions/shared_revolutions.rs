@@ -4,20 +4,20 @@ use super::resample::{AngleRange, Resampled};
 
 /// One channel in one repetition of the measurement. Channels of the same index are sampled together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct RowKey {
+pub struct ChannelAtIndex {
     pub index: usize,
     pub channel: usize,
 }
 
 /// Revolutions of one channel at one index, resampled to equal angles that start at 0.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RowRevolutions {
-    pub key: RowKey,
+pub struct ChannelRevolutions {
+    pub key: ChannelAtIndex,
     /// Values, revolutions × angles. All channels of one index have the same revolutions.
     pub revolutions: Vec<Vec<f64>>,
 }
 
-impl RowRevolutions {
+impl ChannelRevolutions {
     /// Mean of the revolutions at each angle.
     pub fn mean(&self) -> Vec<f64> {
         let angles = self.revolutions.first().map_or(0, Vec::len);
@@ -42,7 +42,7 @@ pub struct RejectedRevolutions {
 
 /// The revolutions that all usable channels of one scan share. A channel without a usable revolution is left
 /// out.
-pub fn common_revolutions(index: usize, channels: &[Resampled]) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
+pub fn common_revolutions(index: usize, channels: &[Resampled]) -> (Vec<ChannelRevolutions>, Vec<RejectedRevolutions>) {
     let Some(Resampled { steps, .. }) = channels.first() else { return Default::default() };
     // The channels with the most whole revolutions define the range. Missing samples at an end of another channel
     // are a gap of that channel.
@@ -65,14 +65,14 @@ pub fn common_revolutions(index: usize, channels: &[Resampled]) -> (Vec<RowRevol
         }
         let revolutions: Vec<Vec<f64>> = common.iter().filter_map(|r| of[*r].clone()).collect();
         if !revolutions.is_empty() {
-            rows.push(RowRevolutions { key: RowKey { index, channel }, revolutions });
+            rows.push(ChannelRevolutions { key: ChannelAtIndex { index, channel }, revolutions });
         }
     }
     (rows, rejections)
 }
 
 /// Appends the revolutions of another scan of the same index.
-pub fn append_revolutions(rows: &mut Vec<RowRevolutions>, more: Vec<RowRevolutions>) {
+pub fn append_revolutions(rows: &mut Vec<ChannelRevolutions>, more: Vec<ChannelRevolutions>) {
     for of_scan in more {
         match rows.iter_mut().find(|row| row.key == of_scan.key) {
             Some(row) => row.revolutions.extend(of_scan.revolutions),
@@ -82,7 +82,7 @@ pub fn append_revolutions(rows: &mut Vec<RowRevolutions>, more: Vec<RowRevolutio
 }
 
 /// Removes the rows of an index that have fewer revolutions than the other rows, and returns their keys.
-pub fn remove_incomplete_rows(rows: &mut Vec<RowRevolutions>) -> Vec<RowKey> {
+pub fn remove_incomplete_rows(rows: &mut Vec<ChannelRevolutions>) -> Vec<ChannelAtIndex> {
     let most = rows.iter().map(|row| row.revolutions.len()).max().unwrap_or(0);
     let incomplete = rows.extract_if(.., |row| row.revolutions.len() < most);
     incomplete.map(|row| row.key).collect()

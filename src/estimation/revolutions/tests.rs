@@ -3,8 +3,9 @@
 use std::f64::consts::TAU;
 
 use super::{
-    AngleRange, AngleSample, DeclaredSensor, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS, ResampleFilter, Resampled,
-    Resampler, RowKey, RowRevolutions, calibrate_sensors, common_revolutions, saturation::saturated_ranges,
+    AngleRange, AngleSample, ChannelAtIndex, ChannelRevolutions, DeclaredSensor, HarmonicBasis, HarmonicData,
+    KERNEL_HALF_STEPS, ResampleFilter, Resampled, Resampler, calibrate_sensors, common_revolutions,
+    saturation::saturated_ranges,
 };
 use crate::monte_carlo::{DrawDistribution, DrawStream};
 
@@ -186,7 +187,7 @@ fn regress_gains_and_angles_from_the_eccentricity() {
             for index in 0..10 {
                 for channel in 0..3 {
                     let revolutions = vec![revolution(channel, index), revolution(channel, index)];
-                    rows.push(RowRevolutions { key: RowKey { index, channel }, revolutions });
+                    rows.push(ChannelRevolutions { key: ChannelAtIndex { index, channel }, revolutions });
                 }
             }
             let data = HarmonicData::from_revolutions(&rows, 3).unwrap();
@@ -228,10 +229,10 @@ fn regress_a_constant_drift_is_no_scatter() {
             (0..COUNT).map(value).collect()
         };
         let revolutions = (0..4).map(|r| revolution(r, &mut noise)).collect();
-        RowRevolutions { key: RowKey { index, channel: 0 }, revolutions }
+        ChannelRevolutions { key: ChannelAtIndex { index, channel: 0 }, revolutions }
     };
-    let rows: Vec<RowRevolutions> = (0..40).map(&mut row).collect();
-    let corrected: Vec<RowRevolutions> = rows.iter().map(|row| row.without_drift(2)).collect();
+    let rows: Vec<ChannelRevolutions> = (0..40).map(&mut row).collect();
+    let corrected: Vec<ChannelRevolutions> = rows.iter().map(|row| row.without_drift(2)).collect();
     let [before, after] = [&rows, &corrected].map(|rows| HarmonicData::from_revolutions(rows, 5).unwrap());
     let difference = before.harmonic_means.iter().flatten().zip(after.harmonic_means.iter().flatten());
     assert!(difference.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) < 1e-12);

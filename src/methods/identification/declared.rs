@@ -3,7 +3,7 @@
 
 use std::f64::consts::PI;
 
-use estimation::revolutions::{HarmonicData, RowRevolutions};
+use estimation::revolutions::{ChannelRevolutions, HarmonicData};
 use estimation::smooth::{smooth_function_columns, stationary_function_columns};
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape};
@@ -139,18 +139,18 @@ pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
 /// evaluated over their mean revolutions. `sensors` are in the order of the channels.
 pub fn linearity_effects_on_harmonics(
     sensors: &[Sensor],
-    rows: &[RowRevolutions],
+    rows: &[ChannelRevolutions],
     data: &HarmonicData,
 ) -> Vec<Vec<f64>> {
-    let revolutions: Vec<Vec<f64>> = rows.iter().map(RowRevolutions::mean).collect();
+    let revolutions: Vec<Vec<f64>> = rows.iter().map(ChannelRevolutions::mean).collect();
     let mut columns = Vec::new();
     for (channel, sensor) in sensors.iter().enumerate() {
-        let is_own = |row: &RowRevolutions| row.key.channel == channel;
+        let is_own = |row: &ChannelRevolutions| row.key.channel == channel;
         let own = rows.iter().zip(&revolutions).filter(|(row, _)| is_own(row));
         let readings: Vec<f64> = own.flat_map(|(_, of)| of.iter().map(|m| -m)).collect();
         for pattern in linearity_patterns(sensor, &readings) {
             let mut errors = pattern.iter().map(|error| -error);
-            let mut of_row = |(row, of): (&RowRevolutions, &Vec<f64>)| match is_own(row) {
+            let mut of_row = |(row, of): (&ChannelRevolutions, &Vec<f64>)| match is_own(row) {
                 true => errors.by_ref().take(of.len()).collect(),
                 false => vec![0.0; of.len()],
             };

@@ -31,7 +31,7 @@ pub fn average_cells(
     samples: &[TimedSample],
 ) -> (Vec<SampleMean>, (f64, usize)) {
     let mut scatter = (0.0, 0);
-    let Some(sphere) = ScanSphere::fit(setup, scan, samples) else { return (Vec::new(), scatter) };
+    let Some(sphere) = FittedScanSphere::fit(setup, scan, samples) else { return (Vec::new(), scatter) };
     let spot = |all: Vec<&TimedSample>| {
         let deviations: Vec<f64> = all.iter().map(|sample| sphere.deviation_mm(sample)).collect::<Option<_>>()?;
         let count = deviations.len() as f64;
@@ -79,7 +79,7 @@ fn longest_side_mm(samples: &[TimedSample]) -> f64 {
 }
 
 /// Sphere fitted to one scan alone, with the nominal beam.
-pub struct ScanSphere {
+pub struct FittedScanSphere {
     /// Matrix from X, Y, Z to the machine frame.
     machine_from_xyz: Matrix3<f64>,
     centre: Vector3<f64>,
@@ -88,7 +88,7 @@ pub struct ScanSphere {
     beam: Vector3<f64>,
 }
 
-impl ScanSphere {
+impl FittedScanSphere {
     /// Fits the sphere to the samples of a scan. `None`: they do not determine the sphere.
     pub fn fit(setup: &LaserSetup<'_>, scan: &MeasuredScan, samples: &[TimedSample]) -> Option<Self> {
         let machine_from_spindle = scan.machine_from_spindle;

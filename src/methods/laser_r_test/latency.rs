@@ -8,7 +8,7 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::cells::{ScanSphere, group_by_cell};
+use super::cells::{FittedScanSphere, group_by_cell};
 use super::measured_scan::MeasuredScan;
 use super::position_history::{PositionHistory, TimedSample};
 use super::setup::LaserSetup;
@@ -164,7 +164,7 @@ impl LatencyIteration {
         for reliable in reliable_samples {
             let (scan, timed_cells) = (reliable.timed_scan.scan, reliable.with_latency(latency_s));
             let samples = timed_cells.concat();
-            let Some(sphere) = ScanSphere::fit(setup, scan, &samples) else { continue };
+            let Some(sphere) = FittedScanSphere::fit(setup, scan, &samples) else { continue };
             for all in &timed_cells {
                 let rows = all.iter().filter_map(|sample| {
                     let deviation_mm = sphere.deviation_mm(sample)?;

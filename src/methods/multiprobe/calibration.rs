@@ -1,7 +1,7 @@
 //! Gains and angles of the sensors, from the scanned revolutions together with the values declared in the machine
 //! file.
 
-use estimation::revolutions::{DeclaredSensor, HarmonicData, RowRevolutions, SensorCalibration, calibrate_sensors};
+use estimation::revolutions::{ChannelRevolutions, DeclaredSensor, HarmonicData, SensorCalibration, calibrate_sensors};
 use machine::record::estimate::{Parameter, Unit};
 
 use super::model::{ProbeLayout, Surface};
@@ -32,7 +32,7 @@ pub fn calibrate_layout(
     calibration.map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))
 }
 
-pub fn correct_row_gains(calibration: &SensorCalibration, rows: &mut [RowRevolutions]) {
+pub fn correct_row_gains(calibration: &SensorCalibration, rows: &mut [ChannelRevolutions]) {
     for row in rows {
         let gain = 1.0 + calibration.deviations[row.key.channel];
         row.revolutions.iter_mut().flatten().for_each(|value| *value /= gain);

@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use estimation::coverage::chi_square_bounds;
-use estimation::revolutions::{HarmonicData, RowKey, RowRevolutions, estimate_clock_error};
+use estimation::revolutions::{ChannelAtIndex, ChannelRevolutions, HarmonicData, estimate_clock_error};
 
 use super::fit::SeparationFit;
 use super::model::ProbeLayout;
@@ -83,7 +83,7 @@ pub fn check_layout(layout: &ProbeLayout, data: &HarmonicData, expected: f64) ->
         explained.push((SeparationFit::new(&changed, data)?.chi2().0, diagnosis));
     }
     for (first, affects_later_mountings) in (0..indexes).flat_map(|n| [(n, false), (n, true)]) {
-        let is_moved = |row: &RowKey| row.index == first || affects_later_mountings && row.index > first;
+        let is_moved = |row: &ChannelAtIndex| row.index == first || affects_later_mountings && row.index > first;
         if let Some((sum, offset_rad)) = best_index_offset(layout, data, is_moved)? {
             let offset_deg = offset_rad.to_degrees();
             explained.push((sum, Diagnosis::WrongIndex { first_index: first, affects_later_mountings, offset_deg }));
@@ -124,7 +124,7 @@ fn chi2_of_index_shift(layout: &ProbeLayout, data: &HarmonicData, fit: &Separati
 fn best_index_offset(
     layout: &ProbeLayout,
     data: &HarmonicData,
-    is_moved: impl Fn(&RowKey) -> bool,
+    is_moved: impl Fn(&ChannelAtIndex) -> bool,
 ) -> Result<Option<(f64, f64)>, IdentifyError> {
     let kept = data.filter_rows(|row| !is_moved(row));
     let moved = data.filter_rows(&is_moved);
@@ -153,7 +153,7 @@ fn best_index_offset(
 
 /// Channels whose pattern shifts from revolution to revolution. The revolutions of a row are consecutive and in the
 /// same direction.
-pub fn find_clock_errors(layout: &ProbeLayout, measured: &[RowRevolutions]) -> Vec<Diagnosis> {
+pub fn find_clock_errors(layout: &ProbeLayout, measured: &[ChannelRevolutions]) -> Vec<Diagnosis> {
     let channels = layout.channels.iter().enumerate();
     let diagnosis = |(i, channel): (usize, &super::model::Channel)| {
         let relative_error = estimate_clock_error(measured.iter().filter(|row| row.key.channel == i))?;

@@ -14,7 +14,7 @@ use super::{SeparatedMotions, identify_motions};
 use crate::identification::declared::{drift_mm_per_s, linearity_effects_on_harmonics};
 use crate::identification::{MisfitAdvice, TrialPlan, function_over_numbers, function_over_orders};
 use crate::{IdentifyError, MethodRefusal};
-use estimation::revolutions::{HarmonicData, ResampleFilter, RevolutionsError, RowRevolutions};
+use estimation::revolutions::{ChannelRevolutions, HarmonicData, ResampleFilter, RevolutionsError};
 
 use machine::record::estimate::{Estimate, EstimatedFunction, Unit};
 use machine::record::plan::Plan;
@@ -98,16 +98,16 @@ fn describe_aliased_harmonics(positions: usize) -> String {
     )
 }
 
-fn harmonic_data(settings: &MultiprobeSettings, rows: &[RowRevolutions]) -> Result<HarmonicData, RevolutionsError> {
+fn harmonic_data(settings: &MultiprobeSettings, rows: &[ChannelRevolutions]) -> Result<HarmonicData, RevolutionsError> {
     let directions = if settings.both_directions { 2 } else { 1 };
-    let without_drift = |row: &RowRevolutions| row.without_drift(row.revolutions.len() / directions);
+    let without_drift = |row: &ChannelRevolutions| row.without_drift(row.revolutions.len() / directions);
     HarmonicData::from_revolutions(&rows.iter().map(without_drift).collect::<Vec<_>>(), settings.harmonics)
 }
 
 /// Separates motion and artefact. `sizes`: without the linearity of the sensors, which depends on the rows.
 fn separate_motions(
     setup: &MultiprobeSetup<'_>,
-    rows: &[RowRevolutions],
+    rows: &[ChannelRevolutions],
     sizes: &SourceSizes<'_>,
     trials: Option<TrialPlan>,
 ) -> Result<(HarmonicData, SeparatedMotions), IdentifyError> {
@@ -137,9 +137,9 @@ fn gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
 }
 
 /// Mean of each revolution of each sensor, less that of its mounting, in the order of time.
-fn stability_functions(setup: &MultiprobeSetup<'_>, rows: &[RowRevolutions]) -> Vec<EstimatedFunction> {
+fn stability_functions(setup: &MultiprobeSetup<'_>, rows: &[ChannelRevolutions]) -> Vec<EstimatedFunction> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-    let of_row = |row: &RowRevolutions| {
+    let of_row = |row: &ChannelRevolutions| {
         let each: Vec<f64> = row.revolutions.iter().map(|revolution| mean(revolution)).collect();
         each.iter().map(|own| own - mean(&each)).collect::<Vec<f64>>()
     };

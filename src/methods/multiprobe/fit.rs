@@ -2,7 +2,7 @@
 
 use std::ops::Deref;
 
-use estimation::revolutions::{HarmonicData, RowKey};
+use estimation::revolutions::{ChannelAtIndex, HarmonicData};
 
 use super::model::ProbeLayout;
 use crate::IdentifyError;
@@ -43,7 +43,7 @@ impl SeparationFit {
     }
 
     /// Observations that the solution predicts with another layout: the effect of a layout error.
-    pub fn predicted_observations(&self, layout: &ProbeLayout, rows: &[RowKey]) -> Vec<f64> {
+    pub fn predicted_observations(&self, layout: &ProbeLayout, rows: &[ChannelAtIndex]) -> Vec<f64> {
         let block_observations =
             |(order, fit): (usize, &BlockFit)| multiply_vector(&layout.design_matrix(rows, order), &fit.solution.x);
         (1..).zip(&self.blocks).flat_map(block_observations).collect()

@@ -3,7 +3,7 @@
 
 use std::ops::RangeInclusive;
 
-use estimation::revolutions::{AngleRange, HarmonicData, RowKey};
+use estimation::revolutions::{AngleRange, ChannelAtIndex, HarmonicData};
 use faer::c64;
 
 use super::fit::SeparationFit;
@@ -40,7 +40,7 @@ pub fn noise_gains(
     separation: Separation,
     orders: RangeInclusive<usize>,
 ) -> Result<Vec<(usize, f64)>, MethodRefusal> {
-    let is_used = |row: &RowKey| match separation {
+    let is_used = |row: &ChannelAtIndex| match separation {
         Separation::Multiprobe => row.index == 0,
         Separation::Multistep => row.channel < 2,
         Separation::Combined => true,
@@ -62,7 +62,11 @@ pub fn rms_noise_gain(layout: &ProbeLayout, separation: Separation) -> Result<f6
 }
 
 /// Fit of the harmonics 1..=`orders` to zeros, each observation with a standard uncertainty of 1 mm.
-pub fn unit_noise_fit(layout: &ProbeLayout, rows: Vec<RowKey>, orders: usize) -> Result<SeparationFit, MethodRefusal> {
+pub fn unit_noise_fit(
+    layout: &ProbeLayout,
+    rows: Vec<ChannelAtIndex>,
+    orders: usize,
+) -> Result<SeparationFit, MethodRefusal> {
     let means = vec![vec![c64::ZERO; rows.len()]; orders];
     let data = HarmonicData::from_declared_uncertainty(rows, means, 1.0, 2);
     let refused = |why: String| MethodRefusal::new(why, "correct angles and heights of the sensors");

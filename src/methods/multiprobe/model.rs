@@ -14,7 +14,7 @@
 //! X and Y are given at the reference height z0. With X1, X2 of two sections at the distance d this gives B =
 //! (X2−X1)/d, A = −(Y2−Y1)/d.
 
-use estimation::revolutions::RowKey;
+use estimation::revolutions::ChannelAtIndex;
 use faer::{Mat, c64};
 use machine::Axis;
 
@@ -119,14 +119,14 @@ impl ProbeLayout {
     }
 
     /// Rows of every channel at every index.
-    pub fn all_row_keys(&self) -> Vec<RowKey> {
+    pub fn all_row_keys(&self) -> Vec<ChannelAtIndex> {
         let channels = 0..self.channels.len();
         let indexes = 0..self.index_angles_rad.len();
-        indexes.flat_map(|index| channels.clone().map(move |channel| RowKey { index, channel })).collect()
+        indexes.flat_map(|index| channels.clone().map(move |channel| ChannelAtIndex { index, channel })).collect()
     }
 
     /// Derivative of M by the harmonic `order` of the component.
-    fn motion_coefficient(&self, row: RowKey, order: usize, component: Component) -> c64 {
+    fn motion_coefficient(&self, row: ChannelAtIndex, order: usize, component: Component) -> c64 {
         let Channel { surface, angle_rad, .. } = &self.channels[row.channel];
         let (sin, cos) = angle_rad.sin_cos();
         let artefact_angle = angle_rad - self.index_angles_rad[row.index];
@@ -149,7 +149,7 @@ impl ProbeLayout {
 
     /// Design matrix of the harmonic `order`. Rows: the cosine parts of all `rows`, then the sine parts. Columns:
     /// cosine and sine part of each component.
-    pub fn design_matrix(&self, rows: &[RowKey], order: usize) -> Mat<f64> {
+    pub fn design_matrix(&self, rows: &[ChannelAtIndex], order: usize) -> Mat<f64> {
         let components = self.components();
         let mut design = Mat::zeros(2 * rows.len(), 2 * components.len());
         for (i, row) in rows.iter().enumerate() {

@@ -1,7 +1,7 @@
 //! From readings to revolutions at equal angles.
 
 use estimation::revolutions::{
-    AngleSample, RejectedRevolutions, ResampleFilter, Resampler, RowRevolutions, StopScan, append_revolutions,
+    AngleSample, ChannelRevolutions, RejectedRevolutions, ResampleFilter, Resampler, StopScan, append_revolutions,
     common_revolutions, reject_saturated, remove_incomplete_rows,
 };
 use std::collections::BTreeSet;
@@ -17,9 +17,9 @@ use machine::record::reading::{Reading, ReadingFlag};
 #[derive(Default)]
 pub struct ObservedRevolutions {
     /// Revolutions of each channel at each index, in the order of time.
-    pub rows: Vec<RowRevolutions>,
+    pub rows: Vec<ChannelRevolutions>,
     /// Revolutions of the forward turns alone. These are consecutive.
-    pub forward_rows: Vec<RowRevolutions>,
+    pub forward_rows: Vec<ChannelRevolutions>,
     /// Descriptions of omitted data.
     pub omission_descriptions: Vec<String>,
     /// Number of dwell points of a channel without a distance.
@@ -38,7 +38,7 @@ pub fn observe_revolutions(
     let filter = ResampleFilter::new(setup.settings.positions);
     let mut observed = ObservedRevolutions::default();
     for index in 0..setup.settings.indexes {
-        let mut rows: Vec<RowRevolutions> = Vec::new();
+        let mut rows: Vec<ChannelRevolutions> = Vec::new();
         for step in &setup.plan.steps {
             let is_forward = match step.label.parse() {
                 Ok(StepLabel::Forward(number)) if number == index + 1 => true,
@@ -100,7 +100,7 @@ fn scan_revolutions(
     step: &Step,
     index: usize,
     readings: &[&Reading],
-) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
+) -> (Vec<ChannelRevolutions>, Vec<RejectedRevolutions>) {
     let channel = |name: &String| {
         let samples = channel_samples(setup, readings.iter().filter(|reading| reading.sensor == *name));
         let stops = stops_of_scan(setup, step);
@@ -143,7 +143,7 @@ impl ObservedRevolutions {
     }
 
     /// Adds the rows of an index. Channels with missing revolutions are omitted.
-    fn add_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<RowRevolutions>) {
+    fn add_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<ChannelRevolutions>) {
         for row in remove_incomplete_rows(&mut rows) {
             let name = &setup.layout.channels[row.channel].name;
             self.omission_descriptions.push(format!(

@@ -1,7 +1,7 @@
 //! Total and asynchronous error motion values, from the single revolutions.
 
 use estimation::linear::{self, LinearProblem, RANK_THRESHOLD};
-use estimation::revolutions::{RowKey, RowRevolutions};
+use estimation::revolutions::{ChannelAtIndex, ChannelRevolutions};
 use faer::Mat;
 use machine::record::estimate::Parameter;
 
@@ -15,7 +15,7 @@ use crate::identification::{HarmonicFunction, RevolutionRanges, revolution_param
 pub fn error_motion_values(
     layout: &ProbeLayout,
     motions: &ReportedMotions<'_>,
-    measured: &[RowRevolutions],
+    measured: &[ChannelRevolutions],
 ) -> Vec<Parameter> {
     let samples = measured.first().map_or(0, |row| row.revolutions[0].len());
     let parameters = |(component, motion): (Component, HarmonicFunction)| {
@@ -34,7 +34,11 @@ pub fn error_motion_values(
 
 /// The motion in each revolution of one index, except for the form of the artefact, which is the same in all.
 /// `None`: the channels do not determine the motion.
-fn single_revolutions(layout: &ProbeLayout, own: &[&RowRevolutions], component: Component) -> Option<Vec<Vec<f64>>> {
+fn single_revolutions(
+    layout: &ProbeLayout,
+    own: &[&ChannelRevolutions],
+    component: Component,
+) -> Option<Vec<Vec<f64>>> {
     let gain = motion_gain(layout, own, component)?;
     let motion = |r: usize| {
         let mut sum = vec![0.0; own[0].revolutions[r].len()];
@@ -47,8 +51,8 @@ fn single_revolutions(layout: &ProbeLayout, own: &[&RowRevolutions], component: 
 }
 
 /// Factors, one per row, from the deviations of the channels to the motion at one angle.
-fn motion_gain(layout: &ProbeLayout, own: &[&RowRevolutions], component: Component) -> Option<Vec<f64>> {
-    let rows: Vec<RowKey> = own.iter().map(|row| row.key).collect();
+fn motion_gain(layout: &ProbeLayout, own: &[&ChannelRevolutions], component: Component) -> Option<Vec<f64>> {
+    let rows: Vec<ChannelAtIndex> = own.iter().map(|row| row.key).collect();
     let components = layout.components();
     let columns: Vec<usize> = (0..components.len()).filter(|j| !components[*j].is_artefact_form()).collect();
     let design = layout.design_matrix(&rows, 0);

@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use estimation::linear::cholesky_lower;
-use estimation::revolutions::{HarmonicData, RowKey};
+use estimation::revolutions::{ChannelAtIndex, HarmonicData};
 use faer::Mat;
 
 use super::fit::SeparationFit;
@@ -44,7 +44,7 @@ fn change_face_radius(layout: &mut ProbeLayout, by_mm: f64) {
 /// Effect on all observations, mm, of the standard uncertainty `u` of the quantity that `change` changes by mm or rad.
 fn layout_error_effect(
     layout: &ProbeLayout,
-    rows: &[RowKey],
+    rows: &[ChannelAtIndex],
     fit: &SeparationFit,
     u: f64,
     change: impl Fn(&mut ProbeLayout, f64),

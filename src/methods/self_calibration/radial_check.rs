@@ -13,7 +13,7 @@ use estimation::coverage::chi_square_bounds;
 /// Probability that χ² is within its two-sided bounds if all sources are as declared. Only the upper bound is used.
 const CHI_SQUARE_PROBABILITY: f64 = 0.998;
 /// Ratio to the largest eigenvalue of the scaled covariance below which an eigenvalue is a rounding error.
-const MIN_EIGENVALUE_RATIO: f64 = 1e-9;
+const MIN_KEPT_EIGENVALUE_RATIO: f64 = 1e-9;
 /// Order of the harmonic that is scale difference and squareness of X and Y.
 const PARAMETER_ORDER: usize = 2;
 
@@ -122,7 +122,7 @@ fn weighted_square(values: &[f64], covariance: &Mat<f64>) -> Option<(f64, usize)
     let eigen = covariance.self_adjoint_eigen(Side::Lower).ok()?;
     let variances = eigen.S().column_vector();
     let largest = variances.iter().copied().fold(0.0, f64::max);
-    let kept = (0..values.len()).filter(|j| variances[*j] > MIN_EIGENVALUE_RATIO * largest);
+    let kept = (0..values.len()).filter(|j| variances[*j] > MIN_KEPT_EIGENVALUE_RATIO * largest);
     let square = |j: usize| {
         let along: f64 = (0..values.len()).map(|i| eigen.U()[(i, j)] * values[i]).sum();
         along * along / variances[j]

@@ -3,8 +3,8 @@
 use super::rs274::{self, DeclaredCommands, ReadMotion};
 use testing::fuzz::fuzz_parser;
 
-const GRBL: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
-const LINUXCNC: &[u8] = include_bytes!("../../../gcode-templates/linuxcnc/golden.ngc");
+const GRBL_PROGRAM: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
+const LINUXCNC_PROGRAM: &[u8] = include_bytes!("../../../gcode-templates/linuxcnc/golden.ngc");
 
 #[test]
 fn the_reader_accepts_or_refuses_any_text() {
@@ -37,7 +37,7 @@ fn the_reader_accepts_or_refuses_any_text() {
         "\n",
         "\n",
     ];
-    fuzz_parser("gcode-rs274", &[GRBL, LINUXCNC], &words, |input| {
+    fuzz_parser("gcode-rs274", &[GRBL_PROGRAM, LINUXCNC_PROGRAM], &words, |input| {
         let text = String::from_utf8_lossy(input);
         let read = || rs274::read_program(&text, Some("G59.3"), &DeclaredCommands::default());
         assert_eq!(read(), read());

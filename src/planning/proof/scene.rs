@@ -7,7 +7,9 @@ use super::body::{BodyRole, CollisionBody, CollisionShape};
 use super::body_gap::LateralUncertainty;
 use super::pairs::{BodyPair, PairRole, collision_pairs};
 use super::refusal::RefusalReason;
-use super::sweep::{CLEARANCE_TOLERANCE_MM, ClearanceDemand, JointPath, min_distance_on_path, nearest_point_to_origin};
+use super::sweep::{
+    ClearanceDemand, JointPath, REPORTED_CLEARANCE_ACCURACY_MM, min_distance_on_path, nearest_point_to_origin,
+};
 use machine::Axis;
 use machine::artefact::{self, ArtefactBody};
 use machine::frame::Pose;
@@ -173,7 +175,8 @@ fn are_far_apart(pair: &BodyPair, centres: &[[Vector3<f64>; 2]], demand: &Cleara
     let apart = nearest_point_to_origin(other[0] - one[0], other[1] - one[1]).norm();
     let reach = pair.one.shape.bounds().1 + pair.other.shape.bounds().1;
     let uncertainty_mm = demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
-    apart - reach - uncertainty_mm > demand.min_clearance_mm.max(demand.ignored_above_mm - CLEARANCE_TOLERANCE_MM)
+    apart - reach - uncertainty_mm
+        > demand.min_clearance_mm.max(demand.ignored_above_mm - REPORTED_CLEARANCE_ACCURACY_MM)
 }
 
 /// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the

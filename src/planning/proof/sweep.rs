@@ -15,7 +15,7 @@ use machine::frame::unit_vector;
 use machine::kinematics::{AxisCommands, CarrierMotion};
 
 /// Accuracy of the smallest clearance of a step, mm.
-pub(super) const CLEARANCE_TOLERANCE_MM: f64 = 0.02;
+pub(super) const REPORTED_CLEARANCE_ACCURACY_MM: f64 = 0.02;
 /// Distance below which two bodies count as colliding, mm.
 const COLLISION_RESOLUTION_MM: f64 = 1e-3;
 
@@ -93,7 +93,7 @@ pub fn min_distance_on_path(
         let (one_at, one_stray) = sweep(one, &one_goes);
         let (other_at, other_stray) = sweep(other, &other_goes);
         let stray = one_stray + other_stray;
-        let required_mm = demand.min_clearance_mm.max(nearest - CLEARANCE_TOLERANCE_MM);
+        let required_mm = demand.min_clearance_mm.max(nearest - REPORTED_CLEARANCE_ACCURACY_MM);
         let [here, there] = [bounds.0, bounds.1].map(|(centre, _)| Point3::from(centre));
         let centres = nalgebra::distance(&(one_at * here), &(other_at * there));
         if centres - reaches - uncertainty_mm > required_mm + stray {

@@ -37,7 +37,7 @@ impl StylusOperator<'_> {
         Ok(())
     }
 
-    fn release_probe(&self) -> Result<(), Failed> {
+    fn release_control(&self) -> Result<(), Failed> {
         self.rig.reset()?;
         self.rig.home()
     }
@@ -47,7 +47,7 @@ impl OperatorInterface for StylusOperator<'_> {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let done = match question {
             Question::StylusState(stylus) => self.set_stylus_deflected(*stylus == StylusState::Deflected),
-            Question::HoldReleased { .. } => self.release_probe(),
+            Question::HoldReleased { .. } => self.release_control(),
             _ => Ok(()),
         };
         let answer = match (done, question) {

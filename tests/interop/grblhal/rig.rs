@@ -37,8 +37,8 @@ const GRBL_SETTINGS: &str = "$130=300 $131=200 $132=400 $110=9000 $111=9000 $112
 pub const MACHINE_FILE: &str = include_str!("../../../config/grblhal-sim.toml");
 /// Timeout of the start; other trials may keep the computer busy meanwhile.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
-const START_POLL_PERIOD: Duration = Duration::from_millis(500);
-const MAX_STARTS: u32 = 5;
+const START_PAUSE: Duration = Duration::from_millis(500);
+const MAX_ATTEMPTS: u32 = 5;
 
 pub fn firmware_path() -> PathBuf {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap_or(Path::new(""));
@@ -76,7 +76,7 @@ impl GrblHalRig {
     /// During its start the firmware reports an empty memory and loses received settings.
     fn wake_up(&self) -> Result<(), Failed> {
         let started = Instant::now();
-        while self.query_within("", START_POLL_PERIOD).is_err() {
+        while self.query_within("", START_PAUSE).is_err() {
             if started.elapsed() > REPLY_TIMEOUT {
                 return Err("the firmware does not answer".into());
             }
@@ -103,7 +103,7 @@ impl GrblHalRig {
     /// a client may be lost; the line is then not a command and is sent again.
     pub fn query(&self, line: &str) -> Result<String, Failed> {
         let mut answer = self.query_within(line, REPLY_TIMEOUT);
-        for _ in 1..MAX_STARTS {
+        for _ in 1..MAX_ATTEMPTS {
             if answer.is_ok() {
                 break;
             }
@@ -205,7 +205,7 @@ impl GrblHalRig {
 /// Starts the firmware and waits until it listens; returns its port. A client that connects while its threads start
 /// may end it; it is then started again.
 fn start_firmware(folder: &Path) -> Result<(Child, u16), Failed> {
-    for _ in 0..MAX_STARTS {
+    for _ in 0..MAX_ATTEMPTS {
         let port = free_port().map_err(|error| error.to_string())?;
         let mut process = Command::new(firmware_path())
             .args(["-n", "-t", "1", "-p", &port.to_string(), "-e"])
@@ -215,12 +215,12 @@ fn start_firmware(folder: &Path) -> Result<(Child, u16), Failed> {
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()?;
-        sleep(START_POLL_PERIOD);
+        sleep(START_PAUSE);
         let started = Instant::now();
         while TcpStream::connect(("127.0.0.1", port)).is_err() && started.elapsed() < REPLY_TIMEOUT {
             sleep(Duration::from_millis(20));
         }
-        sleep(START_POLL_PERIOD);
+        sleep(START_PAUSE);
         if process.try_wait()?.is_none() {
             return Ok((process, port));
         }

@@ -13,11 +13,11 @@ use super::rig::lock_rig;
 
 /// Answers Z+, and keeps the positions at which the retract direction was requested.
 #[derive(Default)]
-struct JoggingOperator {
+struct RetractUpOperator {
     z_mm: Vec<f64>,
 }
 
-impl OperatorInterface for JoggingOperator {
+impl OperatorInterface for RetractUpOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let answer = match question {
             Question::DisplayedPosition(_) => Answer::Yes,
@@ -38,7 +38,7 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
     control.run_mdi("G53 G0 Z110")?;
     control.run_mdi("G38.3 Z95 F300")?;
     control.run_mdi("G53 G1 Z101.5 F60")?;
-    let before = rig.commanded_position()?;
+    let before = rig.wait_for_rest()?;
     let desk = RunWorkspace::for_rig(&rig)?;
     let text = std::fs::read_to_string(desk.machine_file())?;
     let file = MachineFile::parse("machine.toml", text)?;
@@ -46,7 +46,7 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
         let site = ReopenableMachine::new(&file)?;
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
-        let (mut person, mut tell) = (JoggingOperator::default(), |_: &CheckFinding| {});
+        let (mut person, mut tell) = (RetractUpOperator::default(), |_: &CheckFinding| {});
         let check = MachineCheck::new(
             &file,
             &site,
@@ -59,7 +59,7 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
         let summary = check.run_all_parts().await;
         Ok((summary, person))
     })?;
-    let after = rig.commanded_position()?;
+    let after = rig.wait_for_rest()?;
     let steps = operator.z_mm.len() as f64;
     let is_led_out = (before[2] - 101.5).abs() < 0.01
         && operator.z_mm.len() == 2

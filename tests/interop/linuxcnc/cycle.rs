@@ -66,7 +66,7 @@ pub fn stop_holds_and_keeps_the_readings() -> Result<(), Failed> {
     let rig = lock_rig()?;
     let desk = RunWorkspace::for_rig(&rig)?;
     let mut run = desk.start_self_calibration()?;
-    while rig.joint_position_mm(4)?.abs() < 1.0 {
+    while rig.joint_position(4)?.abs() < 1.0 {
         if run.try_wait()?.is_some() {
             return Err(failure_text(&run.wait_with_output()?).into());
         }
@@ -76,10 +76,10 @@ pub fn stop_holds_and_keeps_the_readings() -> Result<(), Failed> {
     if !stopped.success() || output.status.code() != Some(5) || !output.stdout.is_empty() {
         return Err(failure_text(&output).into());
     }
-    let stands = joint_positions_mm(&rig)?;
+    let stands = joint_positions(&rig)?;
     eprintln!("held at C {:.2} deg", stands[4]);
     sleep(Duration::from_millis(500));
-    if joint_positions_mm(&rig)? != stands {
+    if joint_positions(&rig)? != stands {
         return Err(format!("it moves on from {stands:?}").into());
     }
     desk.check_state("held")?;
@@ -115,6 +115,6 @@ pub fn capture_replays_to_the_same_estimate() -> Result<(), Failed> {
     Ok(())
 }
 
-fn joint_positions_mm(rig: &LinuxCncRig) -> Result<Vec<f64>, Failed> {
-    (0..5).map(|joint| rig.joint_position_mm(joint)).collect()
+fn joint_positions(rig: &LinuxCncRig) -> Result<Vec<f64>, Failed> {
+    (0..5).map(|joint| rig.joint_position(joint)).collect()
 }

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use super::machine::rig_ini;
 use super::rig::LinuxCncRig;
-use super::streams::SimulatorProcess;
+use super::streams::StreamsProcess;
 use crate::support::person;
 
 const MACHINE_FILE: &str = include_str!("../../../config/linuxcnc-sim.toml");
@@ -42,7 +42,7 @@ impl RunWorkspace {
     }
 
     /// A short cycle that is triggered externally: the program serves at `port` of this computer.
-    pub fn with_http(rig: &LinuxCncRig, port: u16) -> Result<Self, Failed> {
+    pub fn with_modbus(rig: &LinuxCncRig, port: u16) -> Result<Self, Failed> {
         let serve = format!(
             "{}\n[tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n[serve]\nmin_interval_s = 1.0\n\
              [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n[serve.modbus]\n\
@@ -72,7 +72,7 @@ impl RunWorkspace {
     }
 
     /// With a laser over one ball, and LinuxCNC's sampler, whose table has this additional line.
-    pub fn with_laser(rig: &LinuxCncRig, streams: &SimulatorProcess, line: &str) -> Result<Self, Failed> {
+    pub fn with_laser(rig: &LinuxCncRig, streams: &StreamsProcess, line: &str) -> Result<Self, Failed> {
         let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let ports = [
             ("[controller.sampler]\ntcp", &*format!("[controller.sampler]\n{line}\ntcp")),
@@ -83,7 +83,7 @@ impl RunWorkspace {
     }
 
     /// With sensors around a datum cylinder at 0°, 90° and 230° (as in rig.hal), and LinuxCNC's sampler.
-    pub fn with_sensors(rig: &LinuxCncRig, streams: &SimulatorProcess) -> Result<Self, Failed> {
+    pub fn with_sensors(rig: &LinuxCncRig, streams: &StreamsProcess) -> Result<Self, Failed> {
         let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let mut file = format!("{head}{MULTIPROBE_SECTIONS}");
         for (device, degrees) in streams.sensor_paths.iter().zip([0.0_f64, 90.0, 230.0]) {
@@ -172,21 +172,21 @@ impl RunWorkspace {
 
     /// Number of exported readings of the first run.
     pub fn stored_reading_count(&self) -> Result<usize, Failed> {
-        let readings = self.export_csv("readings.csv")?;
+        let readings = self.export_file("readings.csv")?;
         Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
     }
 
     /// Number of readings of the first run in steps whose label begins with `label`.
     pub fn reading_count(&self, label: &str) -> Result<usize, Failed> {
-        let plan: Plan = serde_json::from_str(&self.export_csv("plan.json")?)?;
+        let plan: Plan = serde_json::from_str(&self.export_file("plan.json")?)?;
         let steps = plan.steps.iter().filter(|step| step.label.starts_with(label));
         let steps: Vec<String> = steps.map(|step| step.id.to_string()).collect();
-        let readings = self.export_csv("readings.csv")?;
+        let readings = self.export_file("readings.csv")?;
         let rows = readings.lines().filter_map(|line| line.split(',').next());
         Ok(rows.filter(|step| steps.iter().any(|of| of == step)).count())
     }
 
-    fn export_csv(&self, name: &str) -> Result<String, Failed> {
+    fn export_file(&self, name: &str) -> Result<String, Failed> {
         self.stdout(&["export", "1", "--to", &self.0.path().display().to_string()])?;
         Ok(std::fs::read_to_string(self.0.path().join(format!("run-1-{name}")))?)
     }

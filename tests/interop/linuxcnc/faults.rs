@@ -14,7 +14,7 @@ use super::rig::{LinuxCncRig, lock_rig};
 /// Number of touches before the fault.
 const TOUCHES_BEFORE_FAULT: u64 = 5;
 
-const HOLD_TIMEOUT: Duration = Duration::from_secs(60);
+const TOUCH_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// One fault, and the expected message.
 struct RigFault {
@@ -92,15 +92,15 @@ fn run_until_held(rig: &mut LinuxCncRig, fault: &RigFault) -> Result<RunWorkspac
 /// During a touch or its back-off.
 const TOUCHING: fn(&LinuxCncRig) -> Result<bool, Failed> = |_| Ok(true);
 /// Between touches, over the part.
-pub const TRAVELLING: fn(&LinuxCncRig) -> Result<bool, Failed> = |rig| Ok(rig.joint_position_mm(2)? > 101.0);
+pub const TRAVELLING: fn(&LinuxCncRig) -> Result<bool, Failed> = |rig| Ok(rig.joint_position(2)? > 101.0);
 
 /// Waits until the rig has counted this many touches. Fails after a minute without a new one, with the run's
 /// output: the duration of a touch depends on the computer.
 pub fn wait_for_touches(rig: &LinuxCncRig, touches: u64, run: &mut Child) -> Result<(), Failed> {
     let (mut counted, mut since) = (rig.touch_count()?, Instant::now());
     while counted < touches {
-        if run.try_wait()?.is_some() || since.elapsed() > HOLD_TIMEOUT {
-            return Err(wait_for_failure(run, counted)?.into());
+        if run.try_wait()?.is_some() || since.elapsed() > TOUCH_TIMEOUT {
+            return Err(kill_and_describe(run, counted)?.into());
         }
         sleep(Duration::from_millis(5));
         let now = rig.touch_count()?;
@@ -119,14 +119,14 @@ pub fn wait_until(
 ) -> Result<(), Failed> {
     let since = Instant::now();
     while !there(rig)? {
-        if run.try_wait()?.is_some() || since.elapsed() > HOLD_TIMEOUT {
-            return Err(wait_for_failure(run, rig.touch_count()?)?.into());
+        if run.try_wait()?.is_some() || since.elapsed() > TOUCH_TIMEOUT {
+            return Err(kill_and_describe(run, rig.touch_count()?)?.into());
         }
     }
     Ok(())
 }
 
-fn wait_for_failure(run: &mut Child, counted: u64) -> Result<String, Failed> {
+fn kill_and_describe(run: &mut Child, counted: u64) -> Result<String, Failed> {
     run.kill()?;
     let status = run.wait()?;
     let mut said = String::new();
@@ -137,9 +137,9 @@ fn wait_for_failure(run: &mut Child, counted: u64) -> Result<String, Failed> {
 }
 
 fn check_at_rest(rig: &LinuxCncRig) -> Result<(), Failed> {
-    let stands = rig.commanded_position()?;
+    let stands = rig.wait_for_rest()?;
     sleep(Duration::from_millis(500));
-    if rig.commanded_position()? == stands { Ok(()) } else { Err("it moves on".into()) }
+    if rig.wait_for_rest()? == stands { Ok(()) } else { Err("it moves on".into()) }
 }
 
 pub fn emergency_stop() -> Result<(), Failed> {
@@ -268,7 +268,7 @@ pub fn soft_limit() -> Result<(), Failed> {
 pub fn foreign_contact() -> Result<(), Failed> {
     check_held_by(&RigFault {
         is_due: TRAVELLING,
-        cause: |rig| rig.close_probe(),
+        cause: |rig| rig.deflect_stylus_briefly(),
         error_text: "unexpected contact during a positioning move",
         remedy_text: "run `trued check`, which retracts it; then check the position of the part, the fixtures",
         max_seconds: 3.0,

@@ -32,7 +32,7 @@ pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
                 .await?;
             let motions = vec![Motion::Guarded { to: xy_position(200.0, 1.0), feed_mm_min: feed }];
             let far = Block { step: 1, repeat: 0, motions };
-            let before = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
+            let before = rig.joint_position(0)?.hypot(rig.joint_position(1)?);
             let hit = halt.clone();
             let person = std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_millis(delay_ms));
@@ -41,14 +41,14 @@ pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
             let held = driver.execute(prove(&driver, &far)).await;
             person.join().map_err(|_| "the halt panicked")?;
             expect_error(held, |error| matches!(error, ControllerError::Halted))?;
-            let stands = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
+            let stands = rig.joint_position(0)?.hypot(rig.joint_position(1)?);
             eprintln!("halted after {delay_ms} ms at {feed} mm/min: {:.3} mm", stands - before);
             expect_error(driver.execute(prove(&driver, &far)).await, |error| matches!(error, ControllerError::Halted))?;
             if driver.prepare().await.is_ok() || driver.finish().await.is_ok() {
                 return Err("it goes on after a halt".into());
             }
             tokio::time::sleep(Duration::from_millis(300)).await;
-            if (rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?) - stands).abs() > 1e-6 || stands > 199.0 {
+            if (rig.joint_position(0)?.hypot(rig.joint_position(1)?) - stands).abs() > 1e-6 || stands > 199.0 {
                 return Err("it moves after a halt".into());
             }
             let mut person = rig.connect_client()?;
@@ -122,13 +122,13 @@ pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
         let (mut driver, halt) = open_driver_at_port(port, &rig).await?;
         driver.prepare().await?;
         halt_during_motion(&mut driver, halt).await?;
-        let stands = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
+        let stands = rig.joint_position(0)?.hypot(rig.joint_position(1)?);
         eprintln!("held at {stands:.3} mm of 200 after {} aborts", aborts.try_iter().count());
         if stands > 100.0 {
             return Err(format!("it went on to {stands} mm").into());
         }
         tokio::time::sleep(Duration::from_millis(300)).await;
-        if (rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?) - stands).abs() > 1e-6 {
+        if (rig.joint_position(0)?.hypot(rig.joint_position(1)?) - stands).abs() > 1e-6 {
             return Err("it moves after a halt".into());
         }
         rig.connect_client()?.run_mdi("G53 G0 X0 Y0")

@@ -19,7 +19,7 @@ use rand::RngExt;
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 /// Half a unit of the last printed decimal.
-const PRINTED_RESOLUTION_MM: f64 = 0.000_051;
+const PRINTED_TOLERANCE_MM: f64 = 0.000_051;
 /// Back-off of a hundredth of an inch after a probing move without contact.
 const PROBE_BACK_OFF: f64 = 0.255;
 
@@ -93,7 +93,7 @@ impl ModalState {
 fn compare_interpreters(ours: &str, theirs: &str) -> Result<usize, Failed> {
     let ours = read_program(ours, Some("G59.3"), &DeclaredCommands::default())?;
     let mut calls = canonical_calls(theirs)?.into_iter();
-    let (mut at, mut slack) = (vec![0.0; 6], vec![PRINTED_RESOLUTION_MM; 6]);
+    let (mut at, mut slack) = (vec![0.0; 6], vec![PRINTED_TOLERANCE_MM; 6]);
     let mut standing = ModalState::default();
     for motion in &ours {
         let (name, numbers) = standing.next_motion(&mut calls).ok_or("LinuxCNC ends before us")?;
@@ -112,7 +112,7 @@ fn compare_interpreters(ours: &str, theirs: &str) -> Result<usize, Failed> {
         if standing.is_inch || standing.offsets.values().flatten().any(|offset| *offset != 0.0) {
             return Err(differ("not in machine coordinates and mm".to_owned()));
         }
-        if motion.feed_mm_min.is_some_and(|ours| (ours - standing.feed).abs() > PRINTED_RESOLUTION_MM) {
+        if motion.feed_mm_min.is_some_and(|ours| (ours - standing.feed).abs() > PRINTED_TOLERANCE_MM) {
             return Err(differ(format!("their feed is {}", standing.feed)));
         }
         check_same_numbers(motion, &numbers, &mut at, &mut slack).map_err(differ)?;
@@ -128,22 +128,22 @@ fn check_same_numbers(motion: &ReadMotion, numbers: &[f64], at: &mut [f64], slac
     let near = |ours: f64, theirs: f64, tolerance: f64| (ours - theirs).abs() <= tolerance;
     match motion.kind {
         MotionKind::Dwell { seconds } => {
-            return if near(seconds, numbers[0], PRINTED_RESOLUTION_MM) { Ok(()) } else { Err("dwell".into()) };
+            return if near(seconds, numbers[0], PRINTED_TOLERANCE_MM) { Ok(()) } else { Err("dwell".into()) };
         }
         MotionKind::Orient { s } => {
-            let same = near(Axis::S.to_mm_or_deg(s), numbers[1], PRINTED_RESOLUTION_MM);
+            let same = near(Axis::S.to_mm_or_deg(s), numbers[1], PRINTED_TOLERANCE_MM);
             return if same { Ok(()) } else { Err("orientation".into()) };
         }
         _ => {}
     }
     for (i, axis) in AXES.into_iter().enumerate() {
         let named = motion.target.get(axis).map(|value| axis.to_mm_or_deg(value));
-        let (expected, tolerance) = named.map_or((at[i], slack[i]), |value| (value, PRINTED_RESOLUTION_MM));
+        let (expected, tolerance) = named.map_or((at[i], slack[i]), |value| (value, PRINTED_TOLERANCE_MM));
         if !near(expected, numbers[i], tolerance) {
             return Err(format!("{axis} should be {expected}"));
         }
         let probing = matches!(motion.kind, MotionKind::Probe { .. });
-        slack[i] = if probing && named.is_some() { PROBE_BACK_OFF } else { PRINTED_RESOLUTION_MM };
+        slack[i] = if probing && named.is_some() { PROBE_BACK_OFF } else { PRINTED_TOLERANCE_MM };
         at[i] = numbers[i];
     }
     Ok(())

@@ -138,7 +138,7 @@ pub fn a_touch_without_contact_ends_everything_until_it_is_prepared_again() -> R
         driver.prepare().await?;
         let missed = driver.execute(prove(&driver, &touch_block(7, 0.0, 0.0, 55.0, 54.0))).await;
         expect_error(missed, |error| matches!(error, ControllerError::NoContact { step: 7 }))?;
-        if (rig.joint_position_mm(0)? - 54.0).abs() > 1e-3 {
+        if (rig.joint_position(0)? - 54.0).abs() > 1e-3 {
             return Err("it moved on after a missed touch".into());
         }
         let next = driver.execute(prove(&driver, &touch_block(8, 0.0, 0.0, 48.6, 46.0))).await;
@@ -156,7 +156,7 @@ pub fn contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
         driver.prepare().await?;
         let hit = driver.execute(prove(&driver, &touch_block(3, TAU / 3.0, 0.0, 40.0, 35.0))).await;
         expect_error(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
-        let radius = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
+        let radius = rig.joint_position(0)?.hypot(rig.joint_position(1)?);
         if !(CONTACT_RADIUS_MM - 2.0..CONTACT_RADIUS_MM + 0.5).contains(&radius) {
             return Err(format!("it stands at radius {radius}").into());
         }
@@ -252,9 +252,9 @@ pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
         expect_error(hung, |error| matches!(error, ControllerError::ControlFrozen))?;
         // An abort is sent to LinuxCNC meanwhile.
         tokio::time::sleep(Duration::from_millis(500)).await;
-        let stands = rig.joint_position_mm(0)?;
+        let stands = rig.joint_position(0)?;
         tokio::time::sleep(Duration::from_millis(300)).await;
-        if rig.joint_position_mm(0)? == stands { Ok(()) } else { Err("it moves on".into()) }
+        if rig.joint_position(0)? == stands { Ok(()) } else { Err("it moves on".into()) }
     })
 }
 

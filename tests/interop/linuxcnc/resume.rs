@@ -36,13 +36,13 @@ pub fn after_an_emergency_stop() -> Result<(), Failed> {
     let rig = lock_rig()?;
     rig.set_true_value("ecc-x", 1.120)?;
     let desk = run_until_emergency_stop(&rig, 6, TOUCHES_BEFORE_STOP)?;
-    let stands = rig.commanded_position()?;
+    let stands = rig.wait_for_rest()?;
     let early = desk.start_resume()?.wait_with_output()?;
     let said = failure_text(&early);
     if early.status.success() || !said.contains("the emergency stop is pressed") {
         return Err(said.into());
     }
-    if rig.commanded_position()? != stands {
+    if rig.wait_for_rest()? != stands {
         return Err("it moved although the stop was pressed".into());
     }
     release_emergency_stop(&rig)?;

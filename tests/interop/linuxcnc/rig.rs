@@ -116,7 +116,7 @@ pub fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
 
 /// Runs a `halcmd` that loads or unloads a component: as the rig in `directory` itself, so that the component ends
 /// with the rig.
-pub fn load_hal_file(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
+pub fn run_load_command(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
     let log = File::create(directory.join("load.log"))?;
     let done = Command::new("halcmd")
         .args(arguments)
@@ -149,7 +149,7 @@ impl LinuxCncRig {
     }
 
     /// True position of a joint.
-    pub fn joint_position_mm(&self, joint: usize) -> Result<f64, Failed> {
+    pub fn joint_position(&self, joint: usize) -> Result<f64, Failed> {
         Ok(halcmd(&["getp", &format!("joint.{joint}.pos-fb")])?.parse()?)
     }
 
@@ -172,7 +172,7 @@ impl LinuxCncRig {
     }
 
     /// An obstacle deflects the stylus for a moment.
-    pub fn close_probe(&self) -> Result<(), Failed> {
+    pub fn deflect_stylus_briefly(&self) -> Result<(), Failed> {
         self.set_true_value("stuck", 1.0)?;
         sleep(Duration::from_millis(20));
         self.set_true_value("stuck", 0.0)
@@ -245,12 +245,12 @@ impl LinuxCncRig {
         drop(self.process.stdin.take());
         self.process.wait()?;
         *self = start_rig(Some(self.port)).map_err(|error| error.to_string())?;
-        self.reset_true_values()
+        self.restore_start_state()
     }
 
     /// Waits until the machine is at rest; returns the joint positions.
-    pub fn commanded_position(&self) -> Result<Vec<f64>, Failed> {
-        let joints = || (0..5).map(|joint| self.joint_position_mm(joint)).collect::<Result<Vec<_>, _>>();
+    pub fn wait_for_rest(&self) -> Result<Vec<f64>, Failed> {
+        let joints = || (0..5).map(|joint| self.joint_position(joint)).collect::<Result<Vec<_>, _>>();
         let mut last = joints()?;
         for _ in 0..100 {
             sleep(Duration::from_millis(200));
@@ -269,13 +269,13 @@ impl LinuxCncRig {
         if self.pid_of_task()?.is_empty() {
             return self.restart();
         }
-        self.reset_true_values().or_else(|failed| {
+        self.restore_start_state().or_else(|failed| {
             eprintln!("the rig starts anew: {}", failed.message().unwrap_or_default());
             self.restart()
         })
     }
 
-    fn reset_true_values(&self) -> Result<(), Failed> {
+    fn restore_start_state(&self) -> Result<(), Failed> {
         self.signal_task("-CONT")?;
         if self.connect_client().is_err() {
             self.start_linuxcncrsh()?;
@@ -303,7 +303,7 @@ impl LinuxCncRig {
             person.run_mdi("G53 G0 X0 Y0 B0 C0")?;
             let mut off = 0.0_f64;
             for (joint, to) in [0.0, 0.0, 200.0, 0.0, 0.0].into_iter().enumerate() {
-                off = off.max((self.joint_position_mm(joint)? - to).abs());
+                off = off.max((self.joint_position(joint)? - to).abs());
             }
             if off < 1e-3 {
                 return Ok(());

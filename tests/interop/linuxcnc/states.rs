@@ -131,7 +131,7 @@ pub fn contact_in_a_turn_stops_it() -> Result<(), Failed> {
         let turn = Position::new().with(Axis::C, 1.0);
         let motions = vec![Motion::Rapid { to: z_position(150.0) }, Motion::Feed { to: turn, feed_mm_min: 300.0 }];
         let presses = async {
-            while rig.joint_position_mm(4)? < 5.0 {
+            while rig.joint_position(4)? < 5.0 {
                 sleep(Duration::from_millis(2)).await;
             }
             rig.set_true_value("stuck", 1.0)
@@ -140,7 +140,7 @@ pub fn contact_in_a_turn_stops_it() -> Result<(), Failed> {
         let (hit, pressed) = tokio::join!(driver.execute(block), presses);
         pressed?;
         expect_error(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
-        let c = rig.commanded_position()?[4];
+        let c = rig.wait_for_rest()?[4];
         if c < 7.0 { Ok(()) } else { Err(format!("C stands at {c}").into()) }
     })
 }
@@ -157,7 +157,7 @@ pub fn another_speed_is_refused() -> Result<(), Failed> {
         let hurried = driver.execute(prove(&driver, &touch_block(1, 0.0, 0.0, 48.6, 46.0))).await;
         let is_named = |error: &ControllerError| error.to_string().contains("at 120 %");
         expect_error(hurried, is_named)?;
-        if rig.joint_position_mm(2)? < 199.0 { Err("it moved".into()) } else { Ok(()) }
+        if rig.joint_position(2)? < 199.0 { Err("it moved".into()) } else { Ok(()) }
     })
 }
 
@@ -171,7 +171,7 @@ pub fn another_program_is_not_run() -> Result<(), Failed> {
         rig.connect_client()?.send_line(&format!("set open {}", other.display()))?;
         let not_ours = driver.execute(prove(&driver, &touch_block(1, 0.0, 0.0, 48.6, 46.0))).await;
         expect_error(not_ours, |error| error.to_string().contains("another program is open"))?;
-        if rig.joint_position_mm(0)?.abs() > 1e-9 { Err("it moved".into()) } else { Ok(()) }
+        if rig.joint_position(0)?.abs() > 1e-9 { Err("it moved".into()) } else { Ok(()) }
     })
 }
 
@@ -204,10 +204,10 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
             if !matches!(&error, ControllerError::ProgramPaused { reason } if reason.contains(words)) {
                 return Err(format!("{error:?}").into());
             }
-            let stands = rig.commanded_position()?;
+            let stands = rig.wait_for_rest()?;
             lets_go(&rig)?;
             sleep(Duration::from_millis(500)).await;
-            if rig.commanded_position()? != stands {
+            if rig.wait_for_rest()? != stands {
                 return Err("it goes on".into());
             }
             let mut person = rig.connect_client()?;
@@ -262,7 +262,7 @@ pub fn no_motion_between_back_off_and_open_probe() -> Result<(), Failed> {
         let (stuck, done) = tokio::join!(driver.execute(prove(&driver, &block)), sticks);
         done?;
         expect_error(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 1 }))?;
-        let at = rig.commanded_position()?;
+        let at = rig.wait_for_rest()?;
         if (at[0] - 50.0).abs() < 1e-3 && (at[2] - 50.0).abs() < 1e-3 {
             return Ok(());
         }

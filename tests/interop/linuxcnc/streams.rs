@@ -11,7 +11,7 @@ use super::rig::{LinuxCncRig, free_port};
 const SENSOR_COUNT: usize = 3;
 
 /// Streams of positions, laser and sensors, each on its own port, until dropped.
-pub struct SimulatorProcess {
+pub struct StreamsProcess {
     process: Child,
     stdout: BufReader<ChildStdout>,
     stdin: Option<ChildStdin>,
@@ -21,7 +21,7 @@ pub struct SimulatorProcess {
     pub sensor_paths: Vec<String>,
 }
 
-impl SimulatorProcess {
+impl StreamsProcess {
     pub fn start(rig: &LinuxCncRig) -> Result<Self, Failed> {
         let (positions, laser) = (free_port()?, free_port()?);
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/streams.py");
@@ -71,7 +71,7 @@ impl SimulatorProcess {
     }
 }
 
-impl Drop for SimulatorProcess {
+impl Drop for StreamsProcess {
     fn drop(&mut self) {
         drop(self.stdin.take());
         drop(self.process.wait());

@@ -18,7 +18,7 @@ use super::desk::RunWorkspace;
 use super::machine::block_on;
 use super::rig::{LinuxCncRig, lock_rig};
 use super::samba::{BALL_CENTRES_MM, check_finds_in, place_balls};
-use super::streams::SimulatorProcess;
+use super::streams::StreamsProcess;
 
 /// The true position of the ball, its radius, and the laser's zero point from the spindle datum, mm.
 const BALL_CENTRE_MM: Vector3<f64> = Vector3::new(BALL_CENTRES_MM[0][0], BALL_CENTRES_MM[0][1], BALL_CENTRES_MM[0][2]);
@@ -264,7 +264,7 @@ pub fn latency_follows_within_narrow_limits() -> Result<(), Failed> {
 fn check_latency_follows(near: &FitTolerance) -> Result<(), Failed> {
     let rig = lock_rig()?;
     place_laser(&rig, [0.0, 0.0])?;
-    let mut streams = SimulatorProcess::start(&rig)?;
+    let mut streams = StreamsProcess::start(&rig)?;
     let desk = RunWorkspace::with_laser(&rig, &streams, "")?;
     let mut latencies_ms = Vec::new();
     for delay in [0.0, DELAY_MS] {
@@ -300,7 +300,7 @@ fn check_latency_follows(near: &FitTolerance) -> Result<(), Failed> {
 pub fn wrong_pins_are_refused() -> Result<(), Failed> {
     let rig = lock_rig()?;
     place_laser(&rig, [0.0, 0.0])?;
-    let streams = SimulatorProcess::start(&rig)?;
+    let streams = StreamsProcess::start(&rig)?;
     let swapped = "axes = [\"Z\", \"Y\", \"X\", \"B\", \"C\"]";
     let (readings, moved, ended) = block_on(run_passes(&RunWorkspace::with_laser(&rig, &streams, swapped)?))?;
     match ended {
@@ -318,7 +318,7 @@ pub fn wrong_pins_are_refused() -> Result<(), Failed> {
 pub fn finds_the_true_axes() -> Result<(), Failed> {
     let rig = lock_rig()?;
     place_laser(&rig, BEAM_TILT_RAD)?;
-    let mut streams = SimulatorProcess::start(&rig)?;
+    let mut streams = StreamsProcess::start(&rig)?;
     streams.set_delay_ms(DELAY_MS)?;
     check_finds_in(&RunWorkspace::with_laser(&rig, &streams, "")?, "laser-r-test", &TRUE_PARAMETERS)
 }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 
 use super::desk::RunWorkspace;
-use super::rig::{LinuxCncRig, free_port, halcmd, load_hal_file, lock_rig};
+use super::rig::{LinuxCncRig, free_port, halcmd, lock_rig, run_load_command};
 
 const MB2HAL: &str = include_str!("../../peers/linuxcnc/mb2hal.ini");
 const HAL: &str = include_str!("../../peers/linuxcnc/trued.hal");
@@ -38,7 +38,7 @@ impl Drop for WiredButton {
             &["delsig", "trued-auto"],
         ];
         for arguments in undo {
-            if let Err(failed) = load_hal_file(&self.directory, arguments) {
+            if let Err(failed) = run_load_command(&self.directory, arguments) {
                 eprintln!("{}", failed.message().unwrap_or_default());
             }
         }
@@ -49,21 +49,21 @@ impl WiredButton {
     /// Starts the daemon; loads mb2hal and the watchdog.
     fn wired(rig: &LinuxCncRig) -> Result<(Self, RunWorkspace), Failed> {
         let port = free_port().map_err(|error| error.to_string())?;
-        let desk = RunWorkspace::with_http(rig, port)?;
+        let desk = RunWorkspace::with_modbus(rig, port)?;
         let mut button = Self { daemon: desk.start_daemon()?, directory: rig.directory.clone() };
-        wait_for_modbus(&mut button.daemon)?;
+        wait_until_ready(&mut button.daemon)?;
         let ini = MB2HAL.replace("TCP_PORT=1502", &format!("TCP_PORT={port}"));
         std::fs::write(rig.directory.join("mb2hal.ini"), ini)?;
         std::fs::write(rig.directory.join("trued.hal"), HAL)?;
-        load_hal_file(&rig.directory, &["loadusr", "-Wn", "mb2hal", "mb2hal", "config=mb2hal.ini"])?;
-        load_hal_file(&rig.directory, &["-f", "trued.hal"])?;
+        run_load_command(&rig.directory, &["loadusr", "-Wn", "mb2hal", "mb2hal", "config=mb2hal.ini"])?;
+        run_load_command(&rig.directory, &["-f", "trued.hal"])?;
         wait_for_pin("trued.alive", PIN_TIMEOUT, |alive| alive == "TRUE")?;
         Ok((button, desk))
     }
 }
 
 /// Waits until the daemon is ready; then continues to read its log, so that it never blocks.
-fn wait_for_modbus(daemon: &mut Child) -> Result<(), Failed> {
+fn wait_until_ready(daemon: &mut Child) -> Result<(), Failed> {
     let mut told = BufReader::new(daemon.stderr.take().ok_or("no log")?).lines();
     let mut all = String::new();
     for line in told.by_ref() {
@@ -144,7 +144,7 @@ pub fn hal_bit_starts_a_cycle() -> Result<(), Failed> {
     check_status("refusal", 1)?;
     set_pin("start.cycle-1", "0")?;
 
-    page_follows_the_cycle()?;
+    follow_cycle_to_its_end()?;
     wait_for_status("state", 1, PIN_TIMEOUT)?;
     check_status("verdict", 1)?;
     check_status("progress", 100)?;
@@ -163,7 +163,7 @@ pub fn hal_bit_starts_a_cycle() -> Result<(), Failed> {
 }
 
 /// Waits for the end of the run: its progress increases in steps.
-fn page_follows_the_cycle() -> Result<(), Failed> {
+fn follow_cycle_to_its_end() -> Result<(), Failed> {
     let (started, mut seen) = (Instant::now(), vec![0]);
     while status_value("state")? == 2 {
         if started.elapsed() > CYCLE_TIMEOUT {

@@ -10,7 +10,7 @@ use super::desk::{RunWorkspace, failure_text, value_and_u};
 use super::faults::wait_until;
 use super::resume::release_emergency_stop;
 use super::rig::{halcmd, lock_rig};
-use super::streams::SimulatorProcess;
+use super::streams::StreamsProcess;
 
 /// Error motions of C, order, cosine and sine along X and along Y, µm: the rig's pins.
 const TRUE_ERROR_MOTIONS: [(u32, [f64; 4]); 7] = [
@@ -71,7 +71,7 @@ fn check_motions(output: &Output) -> Result<(), Failed> {
 pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
     let rig = lock_rig()?;
     place_cylinder()?;
-    let streams = SimulatorProcess::start(&rig)?;
+    let streams = StreamsProcess::start(&rig)?;
     let desk = RunWorkspace::with_sensors(&rig, &streams)?;
     check_motions(&desk.start_run("multiprobe")?.wait_with_output()?)
 }
@@ -81,13 +81,13 @@ pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
 pub fn stop_within_a_turn_loses_only_that_turn() -> Result<(), Failed> {
     let rig = lock_rig()?;
     place_cylinder()?;
-    let streams = SimulatorProcess::start(&rig)?;
+    let streams = StreamsProcess::start(&rig)?;
     let desk = RunWorkspace::with_sensors(&rig, &streams)?;
     let mut run = desk.start_run("multiprobe")?;
     // The turn for centring, the reference from its beginning to 90° further, the forward turn.
-    wait_until(|rig| Ok(rig.joint_position_mm(4)? > 300.0), &rig, &mut run)?;
-    wait_until(|rig| Ok(rig.joint_position_mm(4)? < 10.0), &rig, &mut run)?;
-    wait_until(|rig| Ok(rig.joint_position_mm(4)? > 180.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint_position(4)? > 300.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint_position(4)? < 10.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint_position(4)? > 180.0), &rig, &mut run)?;
     rig.emergency_stop()?;
     let output = run.wait_with_output()?;
     let said = failure_text(&output);
@@ -95,7 +95,7 @@ pub fn stop_within_a_turn_loses_only_that_turn() -> Result<(), Failed> {
     if output.status.code() != Some(5) || !said.contains("the emergency stop was pressed") {
         return Err(said.into());
     }
-    let stands = rig.joint_position_mm(4)?;
+    let stands = rig.joint_position(4)?;
     if !(180.0..300.0).contains(&stands) {
         return Err(format!("C stands at {stands}").into());
     }

@@ -83,7 +83,7 @@ impl Browser {
     }
 
     /// Console entries since the last call.
-    pub fn console_errors(&self) -> Vec<String> {
+    pub fn console_entries(&self) -> Vec<String> {
         let entries = self.client.console().expect("the log");
         entries.iter().map(|entry| format!("{}: {}", entry["level"], entry["message"])).collect()
     }

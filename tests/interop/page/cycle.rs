@@ -96,7 +96,7 @@ pub fn run_is_held_resumed_and_signed() {
     browser.wait_for_text(".under", |_| true);
     assert!(browser.text("header").contains("Signed by Lise (as it was in May) on "));
     assert_eq!(look::serious_violations(&browser), Vec::<String>::new());
-    assert_eq!(browser.console_errors(), Vec::<String>::new());
+    assert_eq!(browser.console_entries(), Vec::<String>::new());
 
     assert_eq!(shop.run_json(&["runs", "--json"])[0]["signed"], "Lise");
     let told = String::from_utf8(shop.run_trued(&["show", "1"]).stdout).unwrap();

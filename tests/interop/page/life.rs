@@ -23,7 +23,7 @@ fn shop_with_schedule() -> MachineShop {
 }
 
 /// The service computes the schedule a moment after it is ready.
-fn check_planned_time(browser: &Browser, daemon: &DaemonProcess) {
+fn open_page_with_schedule(browser: &Browser, daemon: &DaemonProcess) {
     let at = page_address(daemon);
     browser.client.goto(&at).unwrap();
     for _ in 0..100 {
@@ -37,11 +37,11 @@ fn check_planned_time(browser: &Browser, daemon: &DaemonProcess) {
 }
 
 /// The connection stays open but transmits nothing more.
-pub fn page_without_daemon_shows_no_live_values() {
+pub fn page_of_stalled_daemon_shows_no_live_values() {
     let browser = Browser::open();
     let shop = shop_with_schedule();
     let daemon = shop.start_daemon("real");
-    check_planned_time(&browser, &daemon);
+    open_page_with_schedule(&browser, &daemon);
     browser.submit_form("/start", &[("who", "Ada")]);
     browser.wait_for_text("#live", |text| text.starts_with("measuring") && text.contains("time left"));
     assert!(browser.text("main").contains("dawn"));
@@ -62,12 +62,12 @@ pub fn page_without_daemon_shows_no_live_values() {
 
 /// A schedule is armed elsewhere: an idle page shows it after a minute. Open sections stay open, and typed text is
 /// kept.
-pub fn slow_connection_is_shown() {
+pub fn idle_page_shows_changes_and_keeps_input() {
     let browser = Browser::open();
     let shop = shop_with_schedule();
     let daemon = shop.start_daemon("fast");
     let client = &browser.client;
-    check_planned_time(&browser, &daemon);
+    open_page_with_schedule(&browser, &daemon);
     browser.wait_for_text("#schedule", |text| text.contains("not armed"));
     let touched = "document.querySelector('#arm details').open = true;
         document.querySelector('#arm [name=until]').value = '3d';
@@ -83,5 +83,5 @@ pub fn slow_connection_is_shown() {
         document.querySelector('#arm [name=until]').value]";
     let kept = client.execute(kept, &[]).unwrap();
     assert_eq!(kept, serde_json::json!([true, true, "3d"]));
-    assert_eq!(browser.console_errors(), Vec::<String>::new());
+    assert_eq!(browser.console_entries(), Vec::<String>::new());
 }

@@ -32,10 +32,10 @@ fn missing_browser() -> Option<&'static str> {
 pub fn trials() -> Trials {
     trials![Pool::Browser, 30;
         cycle::run_is_held_resumed_and_signed,
-        states::remote_page_asks_for_a_token,
+        states::disconnected_page_hides_a_result_out_of_tolerance,
         sensors::change_while_a_name_is_typed,
-        life::page_without_daemon_shows_no_live_values,
-        life::slow_connection_is_shown,
+        life::page_of_stalled_daemon_shows_no_live_values,
+        life::idle_page_shows_changes_and_keeps_input,
         states::page_works_without_script,
     ]
     .requires(missing_browser)

@@ -35,5 +35,5 @@ pub fn change_while_a_name_is_typed() {
     let kept = browser.client.execute(kept, &[]).unwrap();
     assert_eq!(kept, serde_json::json!([true, "Lise"]));
     look::check_at_all_sizes(&browser, "centring");
-    assert_eq!(browser.console_errors(), Vec::<String>::new());
+    assert_eq!(browser.console_entries(), Vec::<String>::new());
 }

@@ -7,7 +7,7 @@ use super::cycle::{page_address, served_shop};
 use super::look;
 
 /// Out of tolerance, then disconnected: no earlier value remains visible.
-pub fn remote_page_asks_for_a_token() {
+pub fn disconnected_page_hides_a_result_out_of_tolerance() {
     let browser = Browser::open();
     let shop = served_shop();
     shop.replace_in_machine("EX0C_um = 500.0", "EX0C_um = 5.0");
@@ -26,10 +26,10 @@ pub fn remote_page_asks_for_a_token() {
     browser.client.goto(&format!("{at}compare?a=1&b=7")).unwrap();
     browser.wait_for_text(".glance", |text| text.contains("no run 7"));
     look::check_at_all_sizes(&browser, "refused");
-    browser.console_errors();
+    browser.console_entries();
     browser.client.goto(&at).unwrap();
     browser.wait_for_text("#live", |text| text.contains("out of tolerance"));
-    assert_eq!(browser.console_errors(), Vec::<String>::new());
+    assert_eq!(browser.console_entries(), Vec::<String>::new());
     daemon.child.kill().unwrap();
     // innerText of a parent does not contain hidden text.
     browser.wait_for_text("main", |text| text.contains("no connection") && !text.contains("as of"));

@@ -134,7 +134,7 @@ pub fn hold_overtakes_pending_requests() -> Result<(), Failed> {
     })
 }
 
-pub fn server_restart_is_survived() -> Result<(), Failed> {
+pub fn ended_server_is_reported() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Tcp);
         let link = server.open_client(REPLY_TIMEOUT).await;

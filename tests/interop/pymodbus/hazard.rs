@@ -75,7 +75,7 @@ pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
 }
 
 /// Only one register, so that all replies have the same shape. The line is then kept quiet for the same time again.
-pub fn identical_requests_reject_a_late_reply() -> Result<(), Failed> {
+pub fn indistinguishable_late_reply_is_rejected() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Rtu);
         let one = RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 };

@@ -19,7 +19,7 @@ pub fn trials() -> Trials {
         thermometer::thermometer_over_tcp,
         thermometer::thermometer_over_rtu,
         thermometer::thermometer_lost_during_a_run,
-        thermometer::run_without_thermometer,
+        thermometer::silent_thermometer_delays_no_touch,
     ]
     .with(trials![Pool::Waiting, 0;
         words::number_types_agree_with_pymodbus,
@@ -27,12 +27,12 @@ pub fn trials() -> Trials {
         hazard::own_client_rejects_a_late_reply_over_rtu,
         hazard::own_client_rejects_a_late_reply_over_tcp,
         hazard::not_even_while_it_is_owed,
-        hazard::identical_requests_reject_a_late_reply,
+        hazard::indistinguishable_late_reply_is_rejected,
         faults::each_fault_over_rtu,
         faults::each_fault_over_tcp,
         faults::address_spaces_are_separate,
         faults::hold_overtakes_pending_requests,
-        faults::server_restart_is_survived,
+        faults::ended_server_is_reported,
         window::line_window_executes_lines,
         window::line_window_hold,
         sensor::sensor_over_tcp,

@@ -146,7 +146,7 @@ pub fn thermometer_lost_during_a_run() -> Result<(), Failed> {
 }
 
 /// A thermometer that never answers delays no touch: the readings equal those of a run without it.
-pub fn run_without_thermometer() -> Result<(), Failed> {
+pub fn silent_thermometer_delays_no_touch() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Tcp);
         server.set_faults(&["drop"; 2000]);

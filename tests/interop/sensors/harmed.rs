@@ -83,7 +83,7 @@ pub fn damaged_byte_frames() -> Result<(), Failed> {
     })
 }
 
-pub fn damaged_polled_lines() -> Result<(), Failed> {
+pub fn polled_lines_lose_no_sample() -> Result<(), Failed> {
     block_on(async {
         let peer = PythonSensor::start("asked");
         let mut driver = peer.open_patient_driver(&format!("request = \"M0\\r\"\n{TEXT_LINE_KEYS}")).await;

@@ -23,7 +23,7 @@ pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
         harmed::damaged_text_lines,
         harmed::damaged_byte_frames,
-        harmed::damaged_polled_lines,
+        harmed::polled_lines_lose_no_sample,
     ]
     .with(trials![Pool::Alone, 12; load::nothing_is_lost_for_10_s])
     .with(trials![Pool::Alone, 62; load::nothing_is_lost_for_60_s].ignored())

@@ -23,8 +23,8 @@ pub fn trials() -> Trials {
         abuse::other_addresses_are_refused,
         stops::fault_stops_a_cycle,
         stops::lost_position_is_reported,
-        stops::run_started_elsewhere_is_stopped,
-        stops::stop_before_the_first_motion,
+        stops::button_is_refused_during_a_run_started_elsewhere,
+        stops::stop_at_any_phase_of_a_start,
     ])
     .requires(pymodbus::missing_pymodbus)
 }

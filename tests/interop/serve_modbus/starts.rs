@@ -133,7 +133,7 @@ pub fn stale_heartbeat_refuses_a_start() {
 /// Each run is captured in a separate file, from which it can be replayed.
 pub fn started_run_is_captured() {
     let shop = MachineShop::with_serve(MODBUS_SECTION);
-    let daemon = shop.start_daemon_with(&["--capture", &shop.read_file("talk.capture")]);
+    let daemon = shop.start_daemon_with(&["--capture", &shop.path_text("talk.capture")]);
     let mut client = ModbusClient::new(daemon.modbus_port());
     client.set_enable();
     for run in 1..3 {
@@ -142,9 +142,9 @@ pub fn started_run_is_captured() {
     }
     drop(client);
     assert_eq!(daemon.terminate(), 0);
-    assert!(!std::path::Path::new(&shop.read_file("talk-begun.capture")).exists());
+    assert!(!std::path::Path::new(&shop.path_text("talk-begun.capture")).exists());
     for run in ["1", "2"] {
-        let capture = shop.read_file(&format!("talk-{run}.capture"));
+        let capture = shop.path_text(&format!("talk-{run}.capture"));
         let method = "self-calibration";
         let replay = ["run", method, "--json", "--machine", &shop.machine_path(), "--replay", &capture];
         let (replayed, measured) = (shop.run_json(&replay), shop.run_json(&["show", run, "--json"]));

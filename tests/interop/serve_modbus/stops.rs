@@ -112,7 +112,7 @@ pub fn lost_position_is_reported() {
 }
 
 /// While an operator runs the program directly, the button at the machine is refused.
-pub fn run_started_elsewhere_is_stopped() {
+pub fn button_is_refused_during_a_run_started_elsewhere() {
     let shop = short_cycle_shop();
     let daemon = shop.start_daemon("real");
     let mut client = ModbusClient::new(daemon.modbus_port());
@@ -133,7 +133,7 @@ pub fn run_started_elsewhere_is_stopped() {
 }
 
 /// A stop at any phase: opening, preparing, proving; and during the run.
-pub fn stop_before_the_first_motion() {
+pub fn stop_at_any_phase_of_a_start() {
     for ms in [Some(0), Some(30), None] {
         let shop = short_cycle_shop();
         let daemon = shop.start_daemon("real");

@@ -31,7 +31,7 @@ fn guest_cache() -> Option<PathBuf> {
 }
 
 /// A machine file whose laser has these connection keys.
-fn machine_on_can(reached: &str) -> String {
+fn machine_with_laser(reached: &str) -> String {
     format!(
         "{MACHINE}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\n\
          direction = [0.0, 0.0, -1.0]\nrange_mm = [-100.0, 100.0]\n{reached}"
@@ -39,8 +39,8 @@ fn machine_on_can(reached: &str) -> String {
 }
 
 /// 24 bits, two's complement, 10 nm per count; a counter of 16 bits before the value and a status after it.
-fn can_keys(interface: &str, timeout_s: f64) -> String {
-    machine_on_can(&format!(
+fn machine_with_can_laser(interface: &str, timeout_s: f64) -> String {
+    machine_with_laser(&format!(
         "[sensor.can]\ninterface = \"{interface}\"\nid = 0x181\ntimeout_s = {timeout_s:?}\n\
          order = \"big\"\nlength = 6\n\
          value = {{ byte = 2, width = 24, signed = true, scale_mm = 1e-5 }}\n\
@@ -63,7 +63,7 @@ fn scanning_machine() -> String {
 fn host_without_can_is_reported() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("machine.toml");
-    std::fs::write(&file, can_keys("can-none", 0.1))?;
+    std::fs::write(&file, machine_with_can_laser("can-none", 0.1))?;
     for words in [&["watch", "laser"][..], &["check"]] {
         let mut command = Command::new(TRUED_PROGRAM);
         command.args(words).arg("--machine").arg(&file).arg("--state").arg(folder.path());
@@ -112,12 +112,12 @@ fn scenes_in_the_guest() -> Result<(), Failed> {
         ("after.log", candump_log(1, 200, 250, &[])),
         ("without", SCENES_WITHOUT_CAN.to_owned()),
         ("half.log", candump_log(2, 60_000, 0, &[])),
-        ("half.toml", can_keys("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
-        ("quick.toml", can_keys("vcan0", 0.5)),
-        ("patient.toml", can_keys("vcan0", 30.0)),
-        ("none.toml", can_keys("can7", 0.5)),
-        ("lo.toml", can_keys("lo", 0.5)),
-        ("twin.toml", machine_on_can(twin)),
+        ("half.toml", machine_with_can_laser("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
+        ("quick.toml", machine_with_can_laser("vcan0", 0.5)),
+        ("patient.toml", machine_with_can_laser("vcan0", 30.0)),
+        ("none.toml", machine_with_can_laser("can7", 0.5)),
+        ("lo.toml", machine_with_can_laser("lo", 0.5)),
+        ("twin.toml", machine_with_laser(twin)),
         ("run.toml", scanning_machine()),
     ] {
         std::fs::write(data.join(name), text)?;
@@ -139,10 +139,10 @@ fn scenes_in_the_guest() -> Result<(), Failed> {
         let (key, value) = line.split_once(' ')?;
         key.contains('.').then(|| (key.to_owned(), value.trim().to_owned()))
     };
-    check_scene(&told.lines().filter_map(line).collect(), &told).map_err(Failed::from)
+    check_guest_output(&told.lines().filter_map(line).collect(), &told).map_err(Failed::from)
 }
 
-fn check_scene(said: &GuestOutput, told: &str) -> Result<(), String> {
+fn check_guest_output(said: &GuestOutput, told: &str) -> Result<(), String> {
     let missing = OMITTED_FRAMES.iter().map(|(_, more)| more).sum::<i64>();
     let counts = [
         ("stream.status", 0),
@@ -188,14 +188,14 @@ fn check_scene(said: &GuestOutput, told: &str) -> Result<(), String> {
             return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
         }
     }
-    match SCENE_NAMES.iter().find(|words| !told.contains(**words)) {
+    match EXPECTED_MESSAGES.iter().find(|words| !told.contains(**words)) {
         Some(words) => Err(format!("nobody said: {words}\n{told}")),
         None => Ok(()),
     }
 }
 
 /// Expected messages; output of `trued check` begins with the name of a scene.
-const SCENE_NAMES: [&str; 11] = [
+const EXPECTED_MESSAGES: [&str; 11] = [
     "no CAN interface is named `can7`; available: vcan0",
     "`lo` is not a CAN interface; available: vcan0",
     "without: sensors FAILED         laser (frames 181 on CAN interface vcan0): the kernel of this computer does not support CAN",

@@ -8,7 +8,7 @@ use testing::population::population_size;
 
 use super::bodies::{RandomMachine, SampledBodies, SampledBody, least_distance};
 use super::{
-    Axes, COARSE_SPACING_MM, FINE_SPACING_MM, GUARDED_CLEARANCE_MM, Point, ProofCounts, RandomNumbers, Topology,
+    Axes, COARSE_SPACING_MM, FINE_SPACING_MM, GUARDED_CLEARANCE_MM, Point, ProofCounts, RandomNumbers, TestMachine,
     length, map_point_back, proof_result, subtract,
 };
 
@@ -32,7 +32,7 @@ struct RandomMove {
 impl RandomMove {
     fn new(number: u64) -> Self {
         let mut dice = RandomNumbers(number.wrapping_mul(0x2545_F491_4F6C_DD1D).wrapping_add(77));
-        let kind = if number.is_multiple_of(2) { Topology::Trunnion } else { Topology::Head };
+        let kind = if number.is_multiple_of(2) { TestMachine::Trunnion } else { TestMachine::Head };
         let bench = RandomMachine::new(&mut dice, kind);
         let [b, c] = [dice.uniform_rounded(-40.0, 40.0), dice.uniform_rounded(-180.0, 180.0)];
         let mut place = |low: f64, b: f64, c: f64| {
@@ -132,7 +132,7 @@ const STEPS_PER_TOUCH: usize = 80;
 impl RandomTouch {
     fn new(number: u64) -> Self {
         let mut dice = RandomNumbers(number.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(5));
-        let kind = if number.is_multiple_of(2) { Topology::Trunnion } else { Topology::Head };
+        let kind = if number.is_multiple_of(2) { TestMachine::Trunnion } else { TestMachine::Head };
         let bench = RandomMachine::new(&mut dice, kind);
         let meant = dice.uniform(0.0, bench.balls.len() as f64) as usize;
         let [b, c] = [dice.uniform_rounded(-60.0, 60.0), dice.uniform_rounded(-180.0, 180.0)];

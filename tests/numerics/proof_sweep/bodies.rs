@@ -6,7 +6,7 @@ use machine::record::plan::Plan;
 use serde_json::json;
 
 use super::{
-    Axes, Matrix, Point, RandomNumbers, Solid, Topology, length, map_point, map_point_back, relative_pose, subtract,
+    Axes, Matrix, Point, RandomNumbers, Solid, TestMachine, length, map_point, map_point_back, relative_pose, subtract,
 };
 
 /// A rod with flat ends, or a ball, with its distance function.
@@ -71,7 +71,7 @@ pub struct SampledBodies<'a> {
 
 /// Bodies in the frames of the spindle and of the table.
 pub struct RandomMachine {
-    pub kind: Topology,
+    pub kind: TestMachine,
     /// Ball, stem and body of the probe.
     pub stylus: [Body; 3],
     /// Each ball with its stem.
@@ -83,7 +83,7 @@ pub struct RandomMachine {
 pub const STYLUS_TIP: Point = [0.0, 0.0, -100.0];
 
 impl RandomMachine {
-    pub fn new(dice: &mut RandomNumbers, kind: Topology) -> Self {
+    pub fn new(dice: &mut RandomNumbers, kind: TestMachine) -> Self {
         let [x, y, z] = STYLUS_TIP;
         let stem = dice.uniform_rounded(30.0, 60.0);
         let high = |h: f64| [x, y, z + h];

@@ -167,32 +167,32 @@ type Axes = [f64; 5];
 /// Two machines, written out by hand. ISO 841: an axis that carries the workpiece moves by minus the command;
 /// `reversed` inverts that.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Topology {
+enum TestMachine {
     /// `w-C-B-F-Y-X-Z-t`: trunnion, C reversed; B turns about (5, 0, −20), C about (0, 3, 0).
     Trunnion,
     /// `w-C-Y-F-X-Z-B-t`: the table moves with Y, the head turns about (0, 0, 150), B reversed.
     Head,
 }
 
-impl Topology {
+impl TestMachine {
     fn topology(self) -> &'static str {
         match self {
-            Topology::Trunnion => "w-C-B-F-Y-X-Z-t",
-            Topology::Head => "w-C-Y-F-X-Z-B-t",
+            TestMachine::Trunnion => "w-C-B-F-Y-X-Z-t",
+            TestMachine::Head => "w-C-Y-F-X-Z-B-t",
         }
     }
 
     fn table(self, [_, y, _, b, c]: Axes) -> Matrix {
         match self {
-            Topology::Trunnion => multiply(&rotation(1, [5.0, 0.0, -20.0], -b), &rotation(2, [0.0, 3.0, 0.0], c)),
-            Topology::Head => multiply(&translation([0.0, -y, 0.0]), &rotation(2, [0.0; 3], -c)),
+            TestMachine::Trunnion => multiply(&rotation(1, [5.0, 0.0, -20.0], -b), &rotation(2, [0.0, 3.0, 0.0], c)),
+            TestMachine::Head => multiply(&translation([0.0, -y, 0.0]), &rotation(2, [0.0; 3], -c)),
         }
     }
 
     fn spindle(self, [x, y, z, b, _]: Axes) -> Matrix {
         match self {
-            Topology::Trunnion => translation([x, y, z]),
-            Topology::Head => multiply(&translation([x, 0.0, z]), &rotation(1, [0.0, 0.0, 150.0], -b)),
+            TestMachine::Trunnion => translation([x, y, z]),
+            TestMachine::Head => multiply(&translation([x, 0.0, z]), &rotation(1, [0.0, 0.0, 150.0], -b)),
         }
     }
 
@@ -201,8 +201,8 @@ impl Topology {
         let linear = json!({"min": -1000.0, "max": 1000.0});
         let turn = |positive: &str, point: Point| json!({"min": -720.0, "max": 720.0, "positive": positive, "point_mm": point});
         let (b, c) = match self {
-            Topology::Trunnion => (turn("iso", [5.0, 0.0, -20.0]), turn("reversed", [0.0, 3.0, 0.0])),
-            Topology::Head => (turn("reversed", [0.0, 0.0, 150.0]), turn("iso", [0.0; 3])),
+            TestMachine::Trunnion => (turn("iso", [5.0, 0.0, -20.0]), turn("reversed", [0.0, 3.0, 0.0])),
+            TestMachine::Head => (turn("reversed", [0.0, 0.0, 150.0]), turn("iso", [0.0; 3])),
         };
         json!({"X": linear, "Y": linear, "Z": linear, "B": b, "C": c})
     }
@@ -257,7 +257,7 @@ impl RandomNumbers {
 }
 
 struct RandomMove {
-    kind: Topology,
+    kind: TestMachine,
     solids: [Solid; 3],
     from: Axes,
     to: Axes,
@@ -268,7 +268,7 @@ struct RandomMove {
 impl RandomMove {
     fn new(number: u64) -> Self {
         let mut dice = RandomNumbers(number.wrapping_mul(0x5851_F42D_4C95_7F2D));
-        let kind = if number.is_multiple_of(2) { Topology::Trunnion } else { Topology::Head };
+        let kind = if number.is_multiple_of(2) { TestMachine::Trunnion } else { TestMachine::Head };
         let tool = dice.solid([(-20.0, 20.0), (-20.0, 20.0), (-60.0, 60.0)]);
         let work = dice.solid([(-70.0, 70.0), (-70.0, 70.0), (-40.0, 60.0)]);
         let post = dice.solid([(-150.0, 150.0), (-150.0, 150.0), (-100.0, 150.0)]);

@@ -69,7 +69,7 @@ fn run_recorded_check(
     let world = world_in_contact(&file("127.0.0.1:1"), deeper);
     let z_before = world.position().get_or_zero(Axis::Z);
     let world = Arc::new(Mutex::new(world));
-    let control = RecordingControl::serve_world(world.clone());
+    let control = RecordingControl::start_with_world(world.clone());
     let file = file(&control.address());
     let stop = CheckStop::default();
     let mut person = person(SimulatedOperator::new(world.clone()), stop.clone());

@@ -68,13 +68,13 @@ pub fn a_refusal_by_the_operator_prevents_motion() {
 struct OperatorWithException<'a> {
     simulated_operator: &'a mut SimulatedOperator,
     exception: fn(&Question) -> Option<Answer>,
-    motion_count: usize,
+    motion_question_count: usize,
 }
 
 impl OperatorInterface for OperatorWithException<'_> {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let may = matches!(question, Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. });
-        self.motion_count += usize::from(may);
+        self.motion_question_count += usize::from(may);
         let answer = (self.exception)(question).unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
     }
@@ -86,10 +86,13 @@ fn check_with_exception(but: fn(&Question) -> Option<Answer>) -> (CheckSummary, 
     runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
         let mut simulated_operator = site.simulated_operator().unwrap();
-        let mut person =
-            OperatorWithException { simulated_operator: &mut simulated_operator, exception: but, motion_count: 0 };
+        let mut person = OperatorWithException {
+            simulated_operator: &mut simulated_operator,
+            exception: but,
+            motion_question_count: 0,
+        };
         let summary = check_through_operator(&file, &site, &mut person).await;
-        let moves = person.motion_count;
+        let moves = person.motion_question_count;
         (summary, moves, simulated_operator)
     })
 }

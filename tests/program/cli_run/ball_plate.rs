@@ -3,7 +3,7 @@
 
 use serde_json::json;
 
-use super::resume::{resume, resume_command, run_to_end, value_and_u};
+use super::resume::{end_run_at, resume, resume_command, value_and_u};
 use super::{MachineShop, assert_output_has, estimate_json, machine_with_control, stderr, with_changes};
 use crate::support::grbl_control::GrblControl;
 
@@ -34,8 +34,8 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
     let shop = MachineShop::new(&machine_with_control(&small_machine(), &control));
     let run = shop.trued_command(&["run", "ball-plate", "--json", "--machine", &shop.machine_path()]);
     // The search has 30 touches, the reference 5, each stop 30.
-    run_to_end(&bench, run, "N210 G38.3", "KILL");
-    let (held, _) = run_to_end(&bench, resume_command(&shop), "N700 G38.3", "INT");
+    end_run_at(&bench, run, "N210 G38.3", "KILL");
+    let (held, _) = end_run_at(&bench, resume_command(&shop), "N700 G38.3", "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
     assert_output_has(&held, &["the run was halted on request", " resume 1`"]);
     let estimate = estimate_json(&resume(&shop));

@@ -6,7 +6,7 @@ use super::{MachineShop, estimate_json, result_values, simulated_machine, stderr
 
 /// Runs `trued run` with these arguments; its standard output is JSON.
 fn run_with_arguments(shop: &MachineShop, more: &[&str]) -> std::process::Output {
-    let file = shop.read_file("machine.toml");
+    let file = shop.path_text("machine.toml");
     let arguments = ["run", "self-calibration", "--json", "--machine", &file];
     shop.trued_command(&[&arguments[..], more].concat()).output().unwrap()
 }
@@ -14,14 +14,14 @@ fn run_with_arguments(shop: &MachineShop, more: &[&str]) -> std::process::Output
 pub fn captured_run_replays_to_the_same_result() {
     for wire in ["wire = \"memory\"", "wire = \"pty\""] {
         let shop = MachineShop::new(&with_changes(&simulated_machine(), &[("wire = \"memory\"", wire)]));
-        let capture = shop.read_file("a.capture");
+        let capture = shop.path_text("a.capture");
         let measured = run_with_arguments(&shop, &["--capture", &capture]);
         assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
         // The machine file now describes another machine: the result must be that of the capture.
-        let text = std::fs::read_to_string(shop.read_file("machine.toml")).unwrap();
+        let text = std::fs::read_to_string(shop.path_text("machine.toml")).unwrap();
         let other = text.replace("seed = 1", "seed = 2");
         assert_ne!(text, other);
-        std::fs::write(shop.read_file("machine.toml"), other).unwrap();
+        std::fs::write(shop.path_text("machine.toml"), other).unwrap();
         let unlike = run_with_arguments(&shop, &[]);
         assert!(result_values(&unlike) != result_values(&measured), "the test could not fail");
         let replayed = run_with_arguments(&shop, &["--replay", &capture]);
@@ -38,7 +38,7 @@ pub fn captured_run_replays_to_the_same_result() {
 
 pub fn a_capture_that_does_not_fit_is_told_in_words() {
     let shop = MachineShop::new(&simulated_machine());
-    let capture = shop.read_file("a.capture");
+    let capture = shop.path_text("a.capture");
     let measured = run_with_arguments(&shop, &["--capture", &capture]);
     assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
     let again = run_with_arguments(&shop, &["--capture", &capture]);
@@ -46,8 +46,8 @@ pub fn a_capture_that_does_not_fit_is_told_in_words() {
 
     let text = std::fs::read_to_string(&capture).unwrap();
     let refused = |spoilt: &str, words: &[&str]| {
-        std::fs::write(shop.read_file("b.capture"), spoilt).unwrap();
-        let replayed = run_with_arguments(&shop, &["--replay", &shop.read_file("b.capture")]);
+        std::fs::write(shop.path_text("b.capture"), spoilt).unwrap();
+        let replayed = run_with_arguments(&shop, &["--replay", &shop.path_text("b.capture")]);
         assert_eq!(replayed.status.code(), Some(1), "{}", stderr(&replayed));
         for word in words {
             assert!(stderr(&replayed).contains(word), "{word}: {}", stderr(&replayed));
@@ -68,7 +68,7 @@ pub fn a_capture_that_does_not_fit_is_told_in_words() {
     refused(&text[..at], &["the replay ended", "the capture has no", command, "nothing"]);
     refused(&text[..text.len() / 2], &["b.capture, line", "the last line has no line end"]);
     refused(&text.replacen(" 1 < ok", " 1 < \\ok", 1), &["b.capture, line", "unknown escape"]);
-    let none = run_with_arguments(&shop, &["--replay", &shop.read_file("none")]);
+    let none = run_with_arguments(&shop, &["--replay", &shop.path_text("none")]);
     assert!(stderr(&none).contains("No such file"), "{}", stderr(&none));
 }
 
@@ -81,7 +81,7 @@ pub fn stored_capture_of_linuxcnc_replays_to_its_estimate() {
     };
     let shop = MachineShop::new(&data("machine.toml"));
     let replay = |talk: &str| {
-        let capture = shop.read_file("a.capture");
+        let capture = shop.path_text("a.capture");
         std::fs::write(&capture, talk).unwrap();
         run_with_arguments(&shop, &["--replay", &capture])
     };

@@ -34,7 +34,7 @@ pub fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
 }
 
 /// A seed whose first fault is a cut in the middle of the run, after `from` lines.
-fn check_cut_link(from: u64) -> u64 {
+fn seed_with_cut_after(from: u64) -> u64 {
     let first = |seed: u64, direction: WireDirection| {
         FaultyWire::for_rehearsal(seed).schedule(direction).next().expect("it never ends")
     };
@@ -47,9 +47,9 @@ fn check_cut_link(from: u64) -> u64 {
 
 pub fn regress_a_wire_that_is_cut_leaves_a_held_run_and_says_what_it_did() {
     let shop = MachineShop::new(&simulated_machine());
-    let seed = check_cut_link(60).to_string();
+    let seed = seed_with_cut_after(60).to_string();
     let mut simulator = Command::new(env!("CARGO_BIN_EXE_trued"))
-        .args(["simulate", "--machine", &shop.read_file("machine.toml"), "--faults", &seed])
+        .args(["simulate", "--machine", &shop.path_text("machine.toml"), "--faults", &seed])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()

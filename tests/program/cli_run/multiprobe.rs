@@ -28,7 +28,7 @@ fn machine() -> String {
 }
 
 /// Ends the run by a signal or by `KILL` after it has printed each of `words` in order.
-fn run_to_end(mut command: Command, words: &[&str], name: &str) -> Output {
+fn end_run_at(mut command: Command, words: &[&str], name: &str) -> Output {
     let command = person::confirm_prompts(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut run = command.spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
@@ -49,8 +49,8 @@ fn run_to_end(mut command: Command, words: &[&str], name: &str) -> Output {
 pub fn a_run_that_is_killed_and_stopped_goes_on() {
     let shop = MachineShop::new(&machine());
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
-    drop(run_to_end(shop.trued_command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
-    let resumed = run_to_end(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
+    drop(end_run_at(shop.trued_command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
+    let resumed = end_run_at(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
     assert_eq!(resumed.status.code(), Some(5), "{}", stderr(&resumed));
     let compared = ["the references agree", "remounted after the last reading"];
     assert!(compared.iter().any(|words| stderr(&resumed).contains(words)), "{}", stderr(&resumed));
@@ -70,7 +70,7 @@ pub fn an_artefact_that_stands_off_is_to_be_centred_first() {
     let far = with_changes(&machine(), &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")]);
     let shop = MachineShop::new(&far);
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
-    let run = run_to_end(shop.trued_command(&run), &["centring, once more", "Centre the artefact"], "INT");
+    let run = end_run_at(shop.trued_command(&run), &["centring, once more", "Centre the artefact"], "INT");
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     // The table orientation after whole revolutions, opposite to that of the artefact.
     let told = stderr(&run);

@@ -29,13 +29,13 @@ fn start_waiting_run(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
     (run, told)
 }
 
-fn machine_without_probe_input() -> String {
+fn machine_with_live_check_by_hand() -> String {
     with_changes(&simulated_machine(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
 }
 
 pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
     let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
-    let shop = shop_with_control(&control, &machine_without_probe_input());
+    let shop = shop_with_control(&control, &machine_with_live_check_by_hand());
     let (mut run, mut told) = start_waiting_run(&shop);
     control.wait_for_queries(20);
     assert!(!control.has_moved(), "moved before the stylus was deflected");
@@ -52,7 +52,7 @@ pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
 
 pub fn a_stop_is_heard_while_a_person_is_waited_for() {
     let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
-    let shop = shop_with_control(&control, &machine_without_probe_input());
+    let shop = shop_with_control(&control, &machine_with_live_check_by_hand());
     let (run, _told) = start_waiting_run(&shop);
     let kill = format!("kill -TERM {}", run.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());

@@ -10,7 +10,7 @@ const CLAMP_SECTION: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
 
 pub fn regress_plan_states_the_least_clearance_and_program_is_complete() {
     let shop = MachineShop::new(&simulated_machine());
-    let file = shop.read_file("machine.toml");
+    let file = shop.path_text("machine.toml");
     let plan = ["plan", "self-calibration", "--machine", &file];
     let program = shop.run_trued(&[&plan[..], &["--gcode", "grbl"]].concat());
     assert_eq!(program.status.code(), Some(0), "{}", stderr(&program));
@@ -29,7 +29,7 @@ pub fn regress_plan_states_the_least_clearance_and_program_is_complete() {
 
 pub fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
     let shop = MachineShop::new(&(simulated_machine() + CLAMP_SECTION));
-    let file = shop.read_file("machine.toml");
+    let file = shop.path_text("machine.toml");
     let plan = shop.run_trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
     assert_eq!(plan.status.code(), Some(1));
     assert!(plan.stdout.is_empty());
@@ -50,7 +50,7 @@ pub fn regress_report_draws_clearances_and_lists_unchecked_bodies() {
     let bare = with_changes(&simulated_machine(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
     let shop = MachineShop::new(&bare);
     assert!(estimate_json(&shop.run_cycle())["parameters"].is_array());
-    let report = shop.read_file("report.html");
+    let report = shop.path_text("report.html");
     let shown = shop.run_trued(&["show", "1", "--report", &report]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     let page = std::fs::read_to_string(report).unwrap();

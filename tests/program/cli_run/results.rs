@@ -12,7 +12,7 @@ pub fn regress_exported_readings_identify_to_the_stored_bytes() {
     let run = shop.run_cycle();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
     assert_eq!(shop.exported_steps().len(), 69);
-    let file = |name: &str| shop.read_file(&format!("export/run-1-{name}"));
+    let file = |name: &str| shop.path_text(&format!("export/run-1-{name}"));
     let again = shop.run_trued(&[
         "identify",
         "self-calibration",
@@ -65,7 +65,7 @@ pub fn what_nobody_has_declared_is_assumed_and_marked() {
         "error motions of C",
     ];
     assert_eq!(assumed.collect::<Vec<_>>(), wanted);
-    let report = shop.read_file("report.html");
+    let report = shop.path_text("report.html");
     assert!(shop.run_trued(&["show", "1", "--report", &report]).status.success());
     let report = std::fs::read_to_string(report).unwrap();
     assert!(report.contains("probe lobing (assumed)"), "{report}");
@@ -106,14 +106,14 @@ pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
     let shop = MachineShop::new(&simulated_machine());
     let first = shop.run_cycle();
     let tight = simulated_machine() + "[tolerance]\nEX0C_um = 1.0\n";
-    std::fs::write(shop.read_file("tight.toml"), tight).unwrap();
+    std::fs::write(shop.path_text("tight.toml"), tight).unwrap();
     let again = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(again.stdout, first.stdout, "{}", stderr(&again));
-    let tight = shop.read_file("tight.toml");
+    let tight = shop.path_text("tight.toml");
     let judged = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
     // The axis is 50 µm off: far beyond the tolerance of 1 µm.
     assert_eq!(judged.status.code(), Some(3), "{}", stderr(&judged));
-    let journal = trued::store::Journal::open(Path::new(&shop.read_file("state"))).unwrap();
+    let journal = trued::store::Journal::open(Path::new(&shop.path_text("state"))).unwrap();
     let stored = journal.load_run(trued::store::RunId(1)).unwrap();
     let verdicts: Vec<_> = stored.estimates.iter().map(|e| e.estimate.verdict).collect();
     use machine::record::estimate::Verdict;

@@ -19,11 +19,11 @@ const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 /// A run on `bench` that is ended when it sends `words` (several in order, separated by commas): by a signal, or by
 /// `KILL`.
 fn stop_at(bench: &GrblControl, command: std::process::Command, words: &str, name: &str) -> Output {
-    run_to_end(bench, command, words, name).0
+    end_run_at(bench, command, words, name).0
 }
 
 /// Like [`stopped`], with all bytes that the run has sent.
-pub fn run_to_end(
+pub fn end_run_at(
     bench: &GrblControl,
     mut command: std::process::Command,
     words: &str,
@@ -100,7 +100,7 @@ pub fn resumed_run_keeps_its_priors() {
     let shop = shop_with_control(&bench);
     std::fs::write(shop.path("motions.json"), eighth_harmonic_prior().to_string()).unwrap();
     let mut run = shop.run_command();
-    run.args(["--with", &shop.read_file("motions.json")]);
+    run.args(["--with", &shop.path_text("motions.json")]);
     stop_at(&bench, run, "N25 G38.3", "INT");
     let resumed = estimate_json(&resume(&shop));
     let again = shop.run_json(&["identify", "self-calibration", "--run", "1", "--json"]);
@@ -160,7 +160,7 @@ pub fn stopped_run_resumes_with_references_and_gives_the_same_estimate() {
     // The gap is stored with the plan: the estimate from the journal and from files is the same.
     let again = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(again.stdout, resumed.stdout, "{}", stderr(&again));
-    let file = |name: &str| shop.read_file(&format!("export/run-1-{name}"));
+    let file = |name: &str| shop.path_text(&format!("export/run-1-{name}"));
     let (plan, readings, machine) = (file("plan.json"), file("readings.csv"), file("machine.toml"));
     let again = shop.run_trued(&[
         "identify",
@@ -196,7 +196,7 @@ pub fn run_resumes_after_any_number_of_stops() {
     assert!(warnings.contains("2 readings between interruptions"), "{warnings}");
     // 69 readings of the cycle, two references, then twice four.
     assert_eq!(shop.exported_steps().len(), 69 + 2 + 4 + 4);
-    let plan = std::fs::read_to_string(shop.read_file("export/run-1-plan.json")).unwrap();
+    let plan = std::fs::read_to_string(shop.path_text("export/run-1-plan.json")).unwrap();
     let plan: Value = serde_json::from_str(&plan).unwrap();
     assert_eq!(plan["gaps_s"].as_array().unwrap().len(), 3);
 }
@@ -228,7 +228,7 @@ pub fn moved_part_closes_the_run_and_keeps_its_readings() {
     let bench = GrblControl::start(&simulated_machine());
     let shop = shop_with_control(&bench);
     stop_at(&bench, shop.run_command(), "N62 G38.3", "INT");
-    bench.replace_firmware(&machine_with_pushed_part());
+    bench.replace_machine(&machine_with_pushed_part());
     // Killed after the moved reference was read, before it was compared: it is compared all the same.
     stop_at(&bench, resume_command(&shop), "N56 G38.3", "KILL");
     let refused = resume(&shop);
@@ -285,8 +285,8 @@ pub fn another_machine_file_is_another_run() {
     let bench = GrblControl::start(&simulated_machine());
     let shop = shop_with_control(&bench);
     stop_at(&bench, shop.run_command(), "N25 G38.3", "INT");
-    std::fs::write(shop.read_file("other.toml"), machine_with_pushed_part()).unwrap();
-    let other = shop.read_file("other.toml");
+    std::fs::write(shop.path_text("other.toml"), machine_with_pushed_part()).unwrap();
+    let other = shop.path_text("other.toml");
     let refused = shop.run_trued(&["resume", "1", "--acknowledge", "Ada", "--machine", &other]);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
     assert!(stderr(&refused).contains("differs from the machine file"), "{}", stderr(&refused));
@@ -336,7 +336,7 @@ pub fn references_estimate_their_own_repeatability() {
         let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
         let shop = MachineShop::new(&machine_with_control(&unknown(&simulated_machine()), &control));
         stop_at(&bench, shop.run_command(), "N18 G38.3", "INT");
-        bench.replace_firmware(&after);
+        bench.replace_machine(&after);
         let resumed = resume(&shop);
         assert_eq!(shop.run_states(), [state], "{}", stderr(&resumed));
         assert_eq!(shop.exported_steps().len(), readings);

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-use super::resume::{resume, resume_command, run_to_end, touched_steps, value_and_u};
+use super::resume::{end_run_at, resume, resume_command, touched_steps, value_and_u};
 use super::{MachineShop, assert_output_has, estimate_json, machine_with_control, stderr};
 use crate::support::grbl_control::GrblControl;
 
@@ -23,12 +23,12 @@ fn shop_with_control(bench: &GrblControl) -> MachineShop {
 }
 
 fn run_command(shop: &MachineShop) -> Command {
-    shop.trued_command(&["run", "samba", "--json", "--machine", &shop.read_file("machine.toml")])
+    shop.trued_command(&["run", "samba", "--json", "--machine", &shop.path_text("machine.toml")])
 }
 
 /// Number and label of each step of the printed plan, identical to those of a run.
 fn steps_with_labels(shop: &MachineShop) -> Vec<(u32, String)> {
-    let machine = shop.read_file("machine.toml");
+    let machine = shop.path_text("machine.toml");
     let plan: Value =
         serde_json::from_slice(&shop.run_trued(&["plan", "samba", "--json", "--machine", &machine]).stdout).unwrap();
     let step = |step: &Value| (step["id"].as_u64().unwrap() as u32, step["label"].as_str().unwrap().to_owned());
@@ -43,7 +43,7 @@ fn with_label(steps: &[(u32, String)], begin: &str, first: u32) -> Vec<u32> {
 
 /// Like [`ended`], when the program begins `step`.
 fn end_run_at_step(bench: &GrblControl, command: Command, step: u32, signal: &str) -> (Output, Vec<u32>) {
-    let (output, heard) = run_to_end(bench, command, &format!("N{step} G38.3"), signal);
+    let (output, heard) = end_run_at(bench, command, &format!("N{step} G38.3"), signal);
     (output, touched_steps(&heard))
 }
 
@@ -78,12 +78,12 @@ pub fn samba_run_survives_kills_and_stops() {
     shop.exported_steps().into_iter().for_each(|step| *count.entry(step).or_default() += 1);
     let once = |step: &u32| if references.contains(step) { 4 } else { 1 };
     assert!((0..all).all(|step| count.get(&step) == Some(&once(&step))), "{count:?}");
-    assert_near_truth(&estimate_json(&resumed));
+    assert_near_uninterrupted_run(&estimate_json(&resumed));
     assert_stored_run_is_equal(&shop, &resumed);
 }
 
 /// Compares with an uninterrupted run on the same machine.
-fn assert_near_truth(resumed: &Value) {
+fn assert_near_uninterrupted_run(resumed: &Value) {
     let whole = estimate_json(&run_command(&MachineShop::new(&small_machine())).output().unwrap());
     for parameter in whole["parameters"].as_array().unwrap() {
         let symbol = parameter["symbol"].as_str().unwrap();
@@ -95,7 +95,7 @@ fn assert_near_truth(resumed: &Value) {
 fn assert_stored_run_is_equal(shop: &MachineShop, resumed: &Output) {
     let again = shop.run_trued(&["identify", "samba", "--run", "1", "--json"]);
     assert_eq!(again.stdout, resumed.stdout, "{}", stderr(&again));
-    let report = shop.read_file("report.html");
+    let report = shop.path_text("report.html");
     let shown = shop.run_trued(&["show", "1", "--report", &report]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     let told = String::from_utf8(shown.stdout).unwrap();

@@ -6,7 +6,7 @@ pub fn a_scan_in_motion_is_refused_before_anything_moves_where_nothing_is_stampe
     let file = include_str!("../../../config/laser.toml");
     let settings = "sampling = \"continuous\"\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]";
     let shop = MachineShop::new(&format!("{file}\n[method.laser-r-test]\n{settings}\n"));
-    let machine = shop.read_file("machine.toml");
+    let machine = shop.path_text("machine.toml");
     let run = shop.run_trued(&["run", "laser-r-test", "--json", "--machine", &machine]);
     assert_eq!(run.status.code(), Some(1), "{run:?}");
     assert_output_has(&run, &["does not report time-stamped axis positions", "dwell points", "[controller.sampler]"]);

@@ -11,14 +11,14 @@ pub fn send_signal(process: &Child, name: &str) {
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
-fn slow_machine() -> String {
+fn quick_approach_machine() -> String {
     with_quick_approach(&super::simulated_machine())
 }
 
 /// A run over `control`, in the middle of its second touch: the first reading is acknowledged.
 fn start_and_wait_for_touch(control: &mut RecordedGrbl) -> (MachineShop, Child) {
     let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
-    let shop = MachineShop::new(&machine_with_control(&slow_machine(), &address));
+    let shop = MachineShop::new(&machine_with_control(&quick_approach_machine(), &address));
     let mut run = shop.run_command();
     let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     control.wait_for("N2 G38.3 Y");
@@ -36,7 +36,7 @@ fn stored_reading_count(shop: &MachineShop, sent: &[u8]) -> u32 {
 }
 
 fn check_held_by_signal(name: &str) {
-    let mut control = RecordedGrbl::start(&slow_machine());
+    let mut control = RecordedGrbl::start(&quick_approach_machine());
     let (shop, run) = start_and_wait_for_touch(&mut control);
     send_signal(&run, name);
     let ended = run.wait_with_output().unwrap();
@@ -66,7 +66,7 @@ pub fn regress_sigterm_holds_and_keeps_the_readings() {
 }
 
 pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
-    let mut control = RecordedGrbl::start(&slow_machine());
+    let mut control = RecordedGrbl::start(&quick_approach_machine());
     let (shop, mut run) = start_and_wait_for_touch(&mut control);
 
     // While the process lives, no other process can use the machine.
@@ -80,7 +80,7 @@ pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
     run.wait().unwrap();
     let (bytes, _) = control.end();
     // The next start on the same machine, whatever its result.
-    std::fs::write(shop.read_file("machine.toml"), slow_machine()).unwrap();
+    std::fs::write(shop.path_text("machine.toml"), quick_approach_machine()).unwrap();
     let next = shop.run_cycle();
     assert_eq!(next.status.code(), Some(0), "{}", stderr(&next));
     assert_eq!(shop.run_states(), ["interrupted", "finished"]);
@@ -89,7 +89,7 @@ pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
 
 pub fn regress_a_stop_is_heard_while_the_identification_computes() {
     use std::io::{BufRead as _, BufReader, Read as _};
-    let endless = slow_machine().replace("trials = 1000\n", "trials = 2000000000\n");
+    let endless = quick_approach_machine().replace("trials = 1000\n", "trials = 2000000000\n");
     let shop = MachineShop::new(&endless);
     let mut run = shop.run_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -108,7 +108,7 @@ pub fn regress_a_stop_is_heard_while_the_identification_computes() {
 }
 
 pub fn regress_a_run_continues_when_its_output_is_not_read() {
-    let shop = MachineShop::new(&slow_machine());
+    let shop = MachineShop::new(&quick_approach_machine());
     let mut run = shop.run_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(run.stderr.take());

@@ -16,7 +16,7 @@ struct SimulatorProcess {
 impl SimulatorProcess {
     fn start(shop: &MachineShop) -> Self {
         let mut process = Command::new(env!("CARGO_BIN_EXE_trued"))
-            .args(["simulate", "--machine", &shop.read_file("machine.toml")])
+            .args(["simulate", "--machine", &shop.path_text("machine.toml")])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()

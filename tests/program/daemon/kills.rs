@@ -54,7 +54,7 @@ fn kill_in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64)
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_for_state("waiting");
     assert_eq!(daemon.terminate(), 0);
-    let whole = witness.stop_and_take_record().received_bytes();
+    let whole = witness.stop_and_take_record().transferred_bytes();
     let (mut known, mut in_mid_run) = (1, 0);
     let (mut witness, mut daemon) = start_daemon(&shop);
     for kill in kills {
@@ -69,7 +69,7 @@ fn kill_in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64)
         assert_silent(&witness);
     }
     assert_eq!(daemon.terminate(), 0);
-    assert_eq!(witness.stop_and_take_record().received_bytes(), 0);
+    assert_eq!(witness.stop_and_take_record().transferred_bytes(), 0);
     (known, in_mid_run)
 }
 
@@ -127,7 +127,7 @@ fn check_after_kill(
     assert!(new <= 1 && runs.iter().all(|run| run.state != RunState::Running), "{runs:?}");
     let state = daemon.http().machine_state()["state"].clone();
     let Some(run) = runs.last().filter(|_| new == 1) else {
-        assert_eq!((record.started_touch_count(), record.reported_touches().len()), (0, 0), "moved without a run");
+        assert_eq!((record.last_started_step(), record.reported_touches().len()), (0, 0), "moved without a run");
         assert_eq!((heard.measured, &state), (0, &json!("waiting")));
         return false;
     };
@@ -151,7 +151,7 @@ fn assert_kept(run: RunId, readings: &[Reading], heard: ReceivedEvents, record: 
     if i64::try_from(heard.run) == Ok(run.0) {
         assert!(count as u64 >= heard.measured, "{count} kept, {heard:?} were shown");
     }
-    assert!(count >= record.started_touch_count(), "{count} kept, but step {} was begun", record.started_touch_count());
+    assert!(count >= record.last_started_step(), "{count} kept, but step {} was begun", record.last_started_step());
     assert!(count <= touches.len() && count + 1 >= touches.len(), "{count}, {}", touches.len());
     for (reading, touch) in readings.iter().zip(touches) {
         let at = reading.position.iter().map(|(axis, value)| axis.to_mm_or_deg(value));

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use super::{DurabilityBench, assert_journal_is_valid, assert_readings_kept, output_text};
+use super::{DurabilityBench, assert_journal_is_valid, assert_readings_kept, stderr_text};
 use crate::support::recording_control::Record;
 
 /// The shim, compiled into `folder`.
@@ -17,7 +17,7 @@ pub fn build_fault_library(folder: &Path) -> PathBuf {
         .args([source, "-ldl"])
         .output()
         .unwrap();
-    assert!(compiled.status.success(), "{}", output_text(&compiled));
+    assert!(compiled.status.success(), "{}", stderr_text(&compiled));
     library
 }
 
@@ -42,7 +42,7 @@ fn measure_disk_use() -> (DiskUse, Vec<u8>) {
     let bench = DurabilityBench::new();
     let log = bench.path("disk.log");
     let (output, record) = run_with_faults(&bench, &[("FAULTY_LOG", log.display().to_string())]);
-    assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr_text(&output));
     assert_readings_kept(&bench.readings(1), &record);
     let mut effort = DiskUse { bytes: 0, writes: 0, syncs: 0, touches: record.reported_touches().len() };
     for event in super::image::parse_events(&log) {
@@ -65,7 +65,7 @@ fn measure_disk_use() -> (DiskUse, Vec<u8>) {
 fn check_stops_cleanly(whole: &DiskUse, fault: &str, at: u64, words: &[&str]) {
     let bench = DurabilityBench::new();
     let (output, record) = run_with_faults(&bench, &[(fault, at.to_string())]);
-    let (moved, told) = (!record.reported_touches().is_empty(), output_text(&output));
+    let (moved, told) = (!record.reported_touches().is_empty(), stderr_text(&output));
     println!("{fault}={at}: {:?}, {} touches, {told}", output.status.code(), record.reported_touches().len());
     let code = output.status.code();
     // Everything was measured, but the result cannot be stored: nothing was stopped.
@@ -74,7 +74,7 @@ fn check_stops_cleanly(whole: &DiskUse, fault: &str, at: u64, words: &[&str]) {
     assert!(output.stdout.is_empty(), "{fault}={at}: an estimate in spite of everything");
     assert!(words.iter().any(|word| told.contains(word)), "{fault}={at}: {told}");
     assert!(told.contains("\n  → "), "{fault}={at}: {told}");
-    assert!(moved || record.started_touch_count() == 0);
+    assert!(moved || record.last_started_step() == 0);
     if !bench.state().join("journal.sqlite").exists() {
         return;
     }
@@ -116,11 +116,11 @@ pub fn full_or_failing_disk_stops_the_run_cleanly() {
 
 /// Number of bytes written in the middle of the transaction that stores the estimate of a whole run. The middle,
 /// because another run may write a page more or less before it.
-fn write_number_of_estimate() -> u64 {
+fn bytes_at_middle_of_estimate() -> u64 {
     let bench = DurabilityBench::new();
     let log = bench.path("disk.log");
     let (output, _) = run_with_faults(&bench, &[("FAULTY_LOG", log.display().to_string())]);
-    assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr_text(&output));
     let (mut bytes, mut synced, mut is_it) = (0, 0, false);
     for event in super::image::parse_events(&log) {
         match event {
@@ -143,11 +143,11 @@ const ESTIMATE_HEAD: &[u8] = b"{\"trued_estimate\":";
 /// computed again once there is space.
 pub fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
     let (whole, found) = measure_disk_use();
-    let full = write_number_of_estimate();
+    let full = bytes_at_middle_of_estimate();
     assert!(full < whole.bytes);
     let bench = DurabilityBench::new();
     let (output, record) = run_with_faults(&bench, &[("FAULTY_FULL_AFTER", full.to_string())]);
-    let told = output_text(&output);
+    let told = stderr_text(&output);
     assert_eq!((output.status.code(), record.reported_touches().len()), (Some(1), whole.touches), "{told}");
     assert!(output.stdout.is_empty() && told.contains("the estimate could not be stored"), "{told}");
     for words in ["free space on the disk of the journal", "identify self-calibration --run 1`"] {
@@ -159,7 +159,7 @@ pub fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
     assert_readings_kept(&bench.readings(1), &record);
     let again = ["identify", "self-calibration", "--run", "1", "--json"];
     let again = bench.command(&again).output().unwrap();
-    assert!(again.status.success() && again.stdout == found, "{}", output_text(&again));
+    assert!(again.status.success() && again.stdout == found, "{}", stderr_text(&again));
 }
 
 pub fn partial_and_slow_writes_change_nothing() {
@@ -167,7 +167,7 @@ pub fn partial_and_slow_writes_change_nothing() {
     for (fault, value) in [("FAULTY_SHORT", "1"), ("FAULTY_SLOW_MS", "100")] {
         let bench = DurabilityBench::new();
         let (output, record) = run_with_faults(&bench, &[(fault, value.to_owned())]);
-        assert_eq!(output.status.code(), Some(0), "{fault}: {}", output_text(&output));
+        assert_eq!(output.status.code(), Some(0), "{fault}: {}", stderr_text(&output));
         assert!(output.stdout == estimate, "{fault} changed the estimate");
         assert_journal_is_valid(&bench.state());
         assert_eq!(bench.run_states(), ["finished"]);

@@ -19,12 +19,12 @@ pub fn two_hundred_kills_lose_nothing_that_was_acknowledged() {
 /// All kills in one journal, so that each run starts with the state that the killed one left.
 fn run_kills(count: usize, seed: u64) {
     let (whole, record) = DurabilityBench::new().run_to_end(|_| {});
-    assert_eq!(whole.status.code(), Some(0), "{}", super::output_text(&whole));
+    assert_eq!(whole.status.code(), Some(0), "{}", super::stderr_text(&whole));
     let bench = DurabilityBench::new();
     let (mut begun, mut in_mid_run) = (0, 0);
     for kill in 0..count {
         let mut random = random::seeded_stream(seed, &[kill as u64]);
-        let bytes = random.random_range(0..=record.received_bytes());
+        let bytes = random.random_range(0..=record.transferred_bytes());
         let pause = Duration::from_micros(random.random_range(0..5_000));
         let (ended, touches) = run_until_killed(&bench, bytes, pause, &mut begun);
         in_mid_run += usize::from(ended == "interrupted" && touches > 0);
@@ -55,7 +55,7 @@ fn run_until_killed(bench: &DurabilityBench, bytes: usize, pause: Duration, begu
     let touches = record.reported_touches().len();
     match states.last().filter(|_| new == 1) {
         None => {
-            assert_eq!((record.started_touch_count(), touches), (0, 0), "moved without a run in the journal");
+            assert_eq!((record.last_started_step(), touches), (0, 0), "moved without a run in the journal");
             ("none".to_owned(), 0)
         }
         Some(state) => {

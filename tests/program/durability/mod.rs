@@ -68,13 +68,13 @@ impl DurabilityBench {
     /// The next command that takes the machine's lock. There is no control at its address.
     fn check_next_start(&self) {
         let refused = self.run_command("127.0.0.1:1").output().unwrap();
-        assert_eq!(refused.status.code(), Some(1), "{}", output_text(&refused));
+        assert_eq!(refused.status.code(), Some(1), "{}", stderr_text(&refused));
     }
 
     /// States of all runs, oldest first.
     fn run_states(&self) -> Vec<String> {
         let listed = self.command(&["runs", "--json"]).output().unwrap();
-        assert_eq!(listed.status.code(), Some(0), "{}", output_text(&listed));
+        assert_eq!(listed.status.code(), Some(0), "{}", stderr_text(&listed));
         let runs: serde_json::Value = serde_json::from_slice(&listed.stdout).unwrap();
         let state = |run: &serde_json::Value| run["state"].as_str().unwrap().to_owned();
         runs.as_array().unwrap().iter().map(state).collect()
@@ -84,13 +84,13 @@ impl DurabilityBench {
         let to = self.path("export");
         let arguments = ["export", &run.to_string(), "--to", to.to_str().unwrap()];
         let exported = self.command(&arguments).output().unwrap();
-        assert_eq!(exported.status.code(), Some(0), "{}", output_text(&exported));
+        assert_eq!(exported.status.code(), Some(0), "{}", stderr_text(&exported));
         let csv = std::fs::read(to.join(format!("run-{run}-readings.csv"))).unwrap();
         readings_csv::read_readings(&csv).unwrap()
     }
 }
 
-fn output_text(output: &Output) -> String {
+fn stderr_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -115,7 +115,7 @@ fn assert_readings_kept(readings: &[Reading], record: &Record) {
     let touches = record.reported_touches();
     let (kept, made) = (readings.len(), touches.len());
     assert!(kept <= made, "{kept} kept of {made} touches");
-    assert!(kept >= record.started_touch_count(), "{kept} kept, but step {} was begun", record.started_touch_count());
+    assert!(kept >= record.last_started_step(), "{kept} kept, but step {} was begun", record.last_started_step());
     assert!(kept + 1 >= made, "{kept} kept of {made} touches");
     for ((reading, touch), step) in readings.iter().zip(touches).zip(0..) {
         assert_eq!(reading.step, step);

@@ -9,7 +9,7 @@ use rand::RngExt;
 use trued::store::{Journal, RunState};
 
 use super::image::{DiskEvent, DiskImage, parse_events};
-use super::{DurabilityBench, assert_journal_is_valid, faults, output_text, witness};
+use super::{DurabilityBench, assert_journal_is_valid, faults, stderr_text, witness};
 
 pub fn eighty_power_cuts_lose_no_acknowledged_reading() {
     run_power_cuts(80, 1);
@@ -33,7 +33,7 @@ fn run_power_cuts(count: usize, seed: u64) {
             command.env("LD_PRELOAD", &shim).env("FAULTY_DISK", bench.disk());
             command.env("FAULTY_LOG", &log);
         });
-        assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
+        assert_eq!(output.status.code(), Some(0), "{}", stderr_text(&output));
         let taken = RecordedRun {
             events: parse_events(&log),
             root: bench.disk(),

@@ -17,7 +17,7 @@ use tokio::time::{MissedTickBehavior, interval, sleep};
 pub const SENSOR_NAMES: [&str; 3] = ["x1", "y1", "r1"];
 /// The count decreases while the angle of C increases.
 pub const COUNTS_PER_TURN: i64 = -90_000;
-pub const COUNTER_MODULUS: i64 = 1 << 16;
+pub const ENCODER_COUNT_MODULUS: i64 = 1 << 16;
 /// The count at C = 0.
 const COUNT_AT_ZERO: i64 = 1_000;
 const LINE_NUMBER_MODULUS: u32 = 10_000;
@@ -138,6 +138,6 @@ impl<D: AsyncWriteExt + Unpin> SampleSender<D> {
         self.c_rad = stands.get_or_zero(Axis::C);
         let turns = self.c_rad.to_degrees() / 360.0;
         let count = COUNT_AT_ZERO + (turns * COUNTS_PER_TURN as f64).floor() as i64;
-        format!("{distances}{}", count.rem_euclid(COUNTER_MODULUS))
+        format!("{distances}{}", count.rem_euclid(ENCODER_COUNT_MODULUS))
     }
 }

@@ -8,7 +8,7 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::process::Output;
 use std::sync::Arc;
 
-use amplifier::{Amplifier, COUNTER_MODULUS, COUNTS_PER_TURN, SENSOR_NAMES};
+use amplifier::{Amplifier, COUNTS_PER_TURN, ENCODER_COUNT_MODULUS, SENSOR_NAMES};
 use machine::record::estimate::Estimate;
 
 use crate::support::grbl_control::GrblControl;
@@ -46,7 +46,7 @@ fn channel_section(path: &str, column: usize) -> String {
     format!(
         "serial = {{ serial = \"{path}\", timeout_s = 5.0, line = {{ separator = \",\", columns = 5, \
          value = {{ column = {column}, scale_mm = 1.0, codes = [{{ is = \"OUT\", means = \"range\" }}] }}, \
-         encoder_count = {{ column = 4, round = {COUNTER_MODULUS} }}, \
+         encoder_count = {{ column = 4, round = {ENCODER_COUNT_MODULUS} }}, \
          counter = {{ column = 5, round = 10000 }} }} }}"
     )
 }

@@ -86,7 +86,7 @@ pub struct EndedRun {
     pub driver_side: Vec<TapeEntry>,
     pub control_side: Vec<TapeEntry>,
     /// Length of `near` when the run ended.
-    pub readings_at_fault: usize,
+    pub driver_side_length_at_end: usize,
     pub planned_faults: Vec<PlannedFault>,
     /// Faults of the control that occurred.
     pub occurred_faults: Vec<FaultKind>,
@@ -149,7 +149,7 @@ impl ScheduleBench {
             stored: self.journal.load_run(id).unwrap(),
             driver_side: wired.driver_side.entries(),
             control_side: wired.control_side.entries(),
-            readings_at_fault: mark,
+            driver_side_length_at_end: mark,
             planned_faults: wired.planned_faults.lock().unwrap().clone(),
             occurred_faults: wired.occurred_faults.lock().unwrap().clone(),
         }

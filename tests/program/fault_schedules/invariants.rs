@@ -47,7 +47,7 @@ fn motion_after_a_fault(ended: &EndedRun) -> Option<String> {
     };
     fault
         .and_then(|fault| late(first + fault, &format!("`{}`", near[first + fault].line)))
-        .or_else(|| late(ended.readings_at_fault, "the end of the run"))
+        .or_else(|| late(ended.driver_side_length_at_end, "the end of the run"))
 }
 
 /// A contact as the control reports it, before the wire: line, position, time.

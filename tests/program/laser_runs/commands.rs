@@ -123,7 +123,7 @@ pub fn printed_program_describes_each_dwell() {
 
 /// Report of the simulated control of `method` when the spindle is at a position in which the probe's stylus would
 /// be pressed into the sphere's pole by 3 mm.
-fn first_motion_over_the_pole(desk: &RunWorkspace, method: &str) -> String {
+fn report_over_the_pole(desk: &RunWorkspace, method: &str) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["simulate", method, "--machine", &desk.path("laser.toml")]);
     let mut simulator = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().expect("started");
@@ -149,8 +149,7 @@ fn first_motion_over_the_pole(desk: &RunWorkspace, method: &str) -> String {
 /// A rehearsal of a method with a sensor has no stylus that could touch anything.
 pub fn simulate_goes_without_the_probe_where_a_sensor_is_in_the_spindle() {
     let desk = RunWorkspace::new("");
-    let (looks, touches) =
-        (first_motion_over_the_pole(&desk, METHOD), first_motion_over_the_pole(&desk, "self-calibration"));
+    let (looks, touches) = (report_over_the_pole(&desk, METHOD), report_over_the_pole(&desk, "self-calibration"));
     assert!(looks.starts_with("<Idle|MPos:80.300,-0.200,270.000") && !looks.contains("Pn:"), "{looks}");
     assert!(touches.contains("|Pn:P"), "{touches}");
 }

@@ -98,7 +98,7 @@ pub fn failing_sensor_in_a_scan_holds_the_machine() {
 
 /// The true machine: the sensor is 15 mm lower than stated, so the sphere comes within its range of 10 mm while it
 /// is 25 mm away by the machine file.
-fn lower_sphere_machine() -> String {
+fn lower_sensor_machine() -> String {
     let (stated, lower) = ("zero_offset_um = [210.0, -340.0, 170.0]", "-15000.0]");
     let text = SHORT_DESIGN.file();
     assert!(text.contains(stated));
@@ -108,7 +108,7 @@ fn lower_sphere_machine() -> String {
 /// A simulated sensor without a wire is not monitored; it is read before the machine enters the region where it may
 /// report a distance.
 pub fn early_distance_at_rest_holds_the_machine() {
-    let shop = MachineShop::new(&lower_sphere_machine());
+    let shop = MachineShop::new(&lower_sensor_machine());
     let ended = shop.run_trued(&["run", "laser-r-test", "--machine", &shop.machine_path()]);
     let told = stderr(&ended);
     assert_eq!(ended.status.code(), Some(5), "{told}");

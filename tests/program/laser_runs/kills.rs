@@ -49,7 +49,7 @@ pub fn a_sphere_that_was_moved_meanwhile_is_found_out() {
         [("[0.32, -0.2]", "repeatability of one touch"), ("[0.314, -0.186]", " more; repeatability of one touch")]
     {
         let shop = shop_with_killed_run();
-        shop.bench.replace_firmware(&SOUND_DESIGN.file().replacen("[0.3, -0.2]", moved, 1));
+        shop.bench.replace_machine(&SOUND_DESIGN.file().replacen("[0.3, -0.2]", moved, 1));
         let refused = shop.resume();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
         for words in ["have shifted since the stop", told, "Start a new run"] {

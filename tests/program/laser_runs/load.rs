@@ -88,7 +88,7 @@ impl SensorScript {
     }
 
     /// Sends the current distance to the script every millisecond.
-    fn serve_world(&self, world: Arc<Mutex<SimulatedWorld>>, beside: &BackgroundLoad) {
+    fn follow_world(&self, world: Arc<Mutex<SimulatedWorld>>, beside: &BackgroundLoad) {
         let stdin = self.stdin.clone();
         writeln!(stdin.lock().unwrap(), "follow").unwrap();
         let mut last = Instant::now();
@@ -161,7 +161,7 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let text = include_str!("../../../config/laser.toml").to_owned() + SCAN_SETTINGS;
     let bench = GrblControl::start_at_pace(&text, SimulationPace::Real);
     let (beside, mut script) = (BackgroundLoad::start(), SensorScript::start());
-    script.serve_world(bench.world.clone(), &beside);
+    script.follow_world(bench.world.clone(), &beside);
     start_load(&beside);
 
     let control = format!("tcp = \"{}\"", bench.address);

@@ -22,7 +22,7 @@ pub const SCAN_Z_MM: f64 = 220.0;
 pub const RANGE_ENDS_Z_MM: f64 = 230.0;
 pub const SAMPLE_PERIOD_S: f64 = 1e-3;
 /// Number of stamps that a control loses; time offset of a different clock.
-const LOST_SAMPLE_COUNT: usize = 50;
+const LOST_STAMP_COUNT: usize = 50;
 const OTHER_CLOCK_OFFSET_S: f64 = 1e6;
 
 /// Event during a pass.
@@ -33,7 +33,7 @@ pub enum ScriptedEvent {
     /// This number of samples is lost, and the sensor's counter shows it.
     LostSamples(u32),
     /// The counter skips this number although no sample is missing.
-    CounterRestart(u32),
+    CounterSkips(u32),
     SensorLinkLost,
     ControlLinkLost,
     /// The operator requests a hold.
@@ -49,7 +49,7 @@ pub enum ScriptedEvent {
     /// The sensor sends nothing without a request.
     SilentSensor,
     /// The sensor is this much lower than stated, mm, from the beginning.
-    SphereLower(f64),
+    SensorLower(f64),
 }
 
 /// Step of a scan in motion, index of the sample, and the event at it.
@@ -68,7 +68,7 @@ pub struct SimulatedScene {
     skipped: u32,
     /// Steps of the blocks that were begun, and the machine position when the event occurred.
     pub started_steps: Vec<u32>,
-    pub last_position: Option<Position>,
+    pub position_at_event: Option<Position>,
     /// All values that the sensor has sent.
     pub reported_values: Vec<f64>,
 }
@@ -91,7 +91,7 @@ impl SimulatedScene {
         match self.current_event {
             Some(ScriptedEvent::SensorLinkLost) => return Some(Err(link_lost("the sensor").into())),
             Some(ScriptedEvent::Flag(bad)) => flag = bad,
-            Some(ScriptedEvent::CounterRestart(count)) => {
+            Some(ScriptedEvent::CounterSkips(count)) => {
                 (flag, missing, self.current_event) = (ReadingFlag::Gap, count, None);
             }
             Some(ScriptedEvent::LostSamples(count)) if self.skipped < count => {
@@ -105,7 +105,7 @@ impl SimulatedScene {
             _ => {}
         }
         let lower = match self.plot {
-            Some((_, _, ScriptedEvent::SphereLower(by))) => by,
+            Some((_, _, ScriptedEvent::SensorLower(by))) => by,
             _ => 0.0,
         };
         if self.position.get_or_zero(Axis::Z) > RANGE_ENDS_Z_MM + lower {
@@ -122,7 +122,7 @@ impl SimulatedScene {
         (self.position, self.moving, self.is_sample_due) = (to, true, true);
         if let Some((_, _, event)) = self.plot.filter(|plot| (plot.0, plot.1) == (step, number)) {
             self.current_event = Some(event);
-            self.last_position = Some(self.position.clone());
+            self.position_at_event = Some(self.position.clone());
         }
     }
 }
@@ -132,9 +132,9 @@ fn link_lost(who: &str) -> LinkError {
 }
 
 /// The clock of both.
-pub struct SceneController(pub SharedScene);
+pub struct SceneClock(pub SharedScene);
 
-impl Clock for SceneController {
+impl Clock for SceneClock {
     fn now_s(&self) -> f64 {
         self.0.lock().unwrap().t_s
     }
@@ -200,7 +200,7 @@ pub fn scene_controller(scene: &SharedScene, plot: EventSchedule) -> Controller 
     {
         let mut scene = scene.lock().unwrap();
         (scene.plot, scene.current_event, scene.skipped, scene.moving) = (plot, None, 0, false);
-        scene.last_position = None;
+        scene.position_at_event = None;
         scene.started_steps.clear();
     }
     let halt = HaltHandle::new(|| {});
@@ -228,7 +228,7 @@ fn interpolated_positions(from: &Position, to: &Position, speed: f64) -> Vec<Pos
 
 impl SceneControl {
     /// Waits until the sensor has sent a sample at the position; a sensor that is not monitored sends none.
-    async fn check_control_event(&self) -> Result<(), ControllerError> {
+    async fn wait_for_sample(&self) -> Result<(), ControllerError> {
         loop {
             {
                 let scene = self.scene.lock().unwrap();
@@ -253,12 +253,12 @@ impl SceneControl {
         let mut t_s = scene.t_s;
         match scene.current_event {
             Some(ScriptedEvent::TrackEnds) => return,
-            Some(ScriptedEvent::TrackGap) if *lost < LOST_SAMPLE_COUNT => {
+            Some(ScriptedEvent::TrackGap) if *lost < LOST_STAMP_COUNT => {
                 *lost += 1;
                 return track.record_gap();
             }
             Some(ScriptedEvent::TrackBegins) if *lost == 0 => {
-                *lost = LOST_SAMPLE_COUNT;
+                *lost = LOST_STAMP_COUNT;
                 *track = AxisTrack::new(scene.position.iter().map(|(axis, _)| axis).collect());
             }
             Some(ScriptedEvent::StampsJump) => t_s -= OTHER_CLOCK_OFFSET_S,
@@ -287,7 +287,7 @@ impl SceneControl {
                 number += usize::from(sweeps);
                 self.scene.lock().unwrap().advance(place, (block.step(), number));
                 self.stamp_track(&mut track, &mut lost);
-                self.check_control_event().await?;
+                self.wait_for_sample().await?;
             }
             from = self.scene.lock().unwrap().position.clone();
         }

@@ -89,7 +89,7 @@ pub fn a_layout_that_cannot_be_is_refused_with_its_line() {
 }
 
 /// A sensor on a port that sends these bytes repeatedly.
-fn sender_of_bytes(bytes: Vec<u8>) -> String {
+fn machine_with_sensor_sending(bytes: Vec<u8>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let at = listener.local_addr().unwrap();
     std::thread::spawn(move || {
@@ -110,10 +110,10 @@ pub fn wrong_bit_rate_and_text_values_are_reported_before_motion() {
     let line = b"M0,+01.23450,0001\r\n".repeat(12);
     let noise = link::decode_at_baud(&line, 115_200, 9600);
     let speed = ["mostly noise instead of lines of text", "set the converter to the sensor's baud rate"];
-    assert_refused(&sender_of_bytes(noise), &["run", METHOD], &speed);
+    assert_refused(&machine_with_sensor_sending(noise), &["run", METHOD], &speed);
     let text = b"M0,STANDBY,0001\r\n".to_vec();
     let columns = ["the received lines do not match the layout: `M0,STANDBY", "a number in the column"];
-    assert_refused(&sender_of_bytes(text), &["run", METHOD], &columns);
+    assert_refused(&machine_with_sensor_sending(text), &["run", METHOD], &columns);
 }
 
 pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike() {
@@ -157,7 +157,7 @@ fn identify_readings((text, plan, readings): (&str, &Plan, &[Reading])) -> Outpu
 }
 
 /// Flags the samples for which `lost` is true as out of range.
-fn without_readings(
+fn flag_out_of_range(
     (plan, readings): (&Plan, &[Reading]),
     lost: impl Fn(&Step, &[Reading], &Reading) -> bool,
 ) -> Vec<Reading> {
@@ -190,14 +190,14 @@ pub fn insufficient_readings_are_refused_for_dwell_and_continuous_scans() {
         let whole = identify_readings((&text, &plan, &readings));
         assert_eq!(whole.status.code(), Some(0), "{sampling}: {}", stderr(&whole));
 
-        let one = without_readings((&plan, &readings), |step, _, _| {
+        let one = flag_out_of_range((&plan, &readings), |step, _, _| {
             step.label.starts_with("height/1") || step.label.starts_with("height/2")
         });
         let told = ["needs scans at three heights, the readings have 1", "three heights_mm that are well apart"];
         assert_error_has(&identify_readings((&text, &plan, &one)), &told);
 
         // The scans for the latency are unchanged.
-        let flat = without_readings((&plan, &readings), |step, scan, reading| {
+        let flat = flag_out_of_range((&plan, &readings), |step, scan, reading| {
             !step.label.starts_with("latency") && off_the_first_line(scan, reading)
         });
         assert_error_has(&identify_readings((&text, &plan, &flat)), &["great circle", "two lines that cross"]);

@@ -61,7 +61,7 @@ impl SensorSender {
         let address = listener.local_addr().unwrap();
         let state = Arc::new(Mutex::new(SenderState::Measuring));
         let (later, said) = (Arc::default(), Arc::default());
-        let here = RestTracker { position: Position::new(), samples: 0, is_at_rest: false };
+        let here = RestTracker { position: Position::new(), samples: 0, arrived_after_command: false };
         let sensor = SenderThread {
             world,
             count: 0,
@@ -98,14 +98,15 @@ struct RestTracker {
     position: Position,
     samples: u32,
     /// The machine has arrived here after the command to fail.
-    is_at_rest: bool,
+    arrived_after_command: bool,
 }
 
 impl RestTracker {
     fn update(&mut self, stands: Position, state: SenderState) {
         let moved = stands != self.position;
         self.samples = if moved { 1 } else { self.samples + 1 };
-        self.is_at_rest = matches!(state, SenderState::SilentAtRest(_)) && (self.is_at_rest || moved);
+        self.arrived_after_command =
+            matches!(state, SenderState::SilentAtRest(_)) && (self.arrived_after_command || moved);
         self.position = stands;
     }
 }
@@ -161,7 +162,7 @@ impl SenderThread {
             return Ok(());
         }
         self.rest_tracker.update(world.position(), state);
-        if matches!(state, SenderState::SilentAtRest(most) if self.rest_tracker.is_at_rest && self.rest_tracker.samples > most)
+        if matches!(state, SenderState::SilentAtRest(most) if self.rest_tracker.arrived_after_command && self.rest_tracker.samples > most)
         {
             *self.state.lock().unwrap() = SenderState::Silent;
             return Ok(());

@@ -14,7 +14,7 @@ use trued::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
 
 use super::played::{
-    self, EventSchedule, RANGE_ENDS_Z_MM, SAMPLE_PERIOD_S, SCAN_MIDDLE_MM, SCAN_Z_MM, SceneController, SceneSensor,
+    self, EventSchedule, RANGE_ENDS_Z_MM, SAMPLE_PERIOD_S, SCAN_MIDDLE_MM, SCAN_Z_MM, SceneClock, SceneSensor,
     ScriptedEvent, SharedScene,
 };
 
@@ -108,7 +108,7 @@ impl ScanShop {
         let mut devices =
             setup::open_devices(&self.file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
         devices.controller = played::scene_controller(&self.scene, plot);
-        devices.clock = std::sync::Arc::new(SceneController(self.scene.clone()));
+        devices.clock = std::sync::Arc::new(SceneClock(self.scene.clone()));
         let halt = devices.controller.halt_handle();
         (devices, halt)
     }
@@ -195,7 +195,7 @@ async fn check_failure((at, event, then): ((u32, usize), ScriptedEvent, Expected
         let scene = shop.scene.lock().unwrap();
         // The machine has not moved, and no step after this scan has begun.
         if then == ExpectedEnd::Held {
-            assert_eq!(Some(&scene.position), scene.last_position.as_ref(), "{label}: it moved on");
+            assert_eq!(Some(&scene.position), scene.position_at_event.as_ref(), "{label}: it moved on");
         }
         assert_eq!(scene.started_steps.last(), Some(&at.0), "{label}: something followed");
     }
@@ -294,7 +294,7 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
     assert!((longest(&scan) - 31.0 * SAMPLE_PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
 
     // Only the counter has jumped.
-    let (scan, _) = measured(MIDDLE_OF_PASS, ScriptedEvent::CounterRestart(60_000));
+    let (scan, _) = measured(MIDDLE_OF_PASS, ScriptedEvent::CounterSkips(60_000));
     assert_eq!((scan.len(), gaps(&scan)), (2 * SAMPLES_PER_PASS, 1));
 
     let (scan, told) = measured(MIDDLE_OF_RETURN, ScriptedEvent::TrackGap);
@@ -312,7 +312,7 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
 /// The surface is within the sensor's range from Z 245 down, but out of range down to Z 234 by the machine file.
 pub fn early_distance_holds_the_machine_in_the_approach() {
     let shop = ScanShop::new();
-    let lower = ScriptedEvent::SphereLower(15.0);
+    let lower = ScriptedEvent::SensorLower(15.0);
     let (ended, stored, halt) = block_on(shop.run_with_events(Some((0, 0, lower))));
     let error = ended.unwrap_err();
     let said = format!("{error}\n  -> {}", error.remedy());

@@ -150,7 +150,7 @@ struct EndedRun {
     readings: Vec<Reading>,
     diary: Vec<ControlEvent>,
     /// Length of the diary when the run ended.
-    readings_at_fault: usize,
+    diary_length_at_end: usize,
 }
 
 fn short_machine() -> String {
@@ -221,11 +221,11 @@ fn run_with_faults(way: &ScheduleKind, faults: Vec<Fault>) -> EndedRun {
         tokio::time::sleep(Duration::from_millis(10)).await;
         served.abort();
         let diary = diary.lock().unwrap().clone();
-        EndedRun { readings: measured.all_readings().to_vec(), measured, diary, readings_at_fault: mark }
+        EndedRun { readings: measured.all_readings().to_vec(), measured, diary, diary_length_at_end: mark }
     })
 }
 
-fn wrong_faults(ended: &EndedRun) -> Vec<FaultKind> {
+fn occurred_faults(ended: &EndedRun) -> Vec<FaultKind> {
     let kinds = ended.diary.iter().filter_map(|entry| match entry {
         ControlEvent::FaultOccurred(kind) => Some(*kind),
         _ => None,
@@ -233,7 +233,7 @@ fn wrong_faults(ended: &EndedRun) -> Vec<FaultKind> {
     kinds.collect()
 }
 
-fn executed_lines(ended: &EndedRun) -> Vec<&str> {
+fn accepted_texts(ended: &EndedRun) -> Vec<&str> {
     let taken = ended.diary.iter().filter_map(|entry| match entry {
         ControlEvent::Accepted { text, .. } => Some(text.as_str()),
         _ => None,
@@ -243,14 +243,14 @@ fn executed_lines(ended: &EndedRun) -> Vec<&str> {
 
 /// Every violation, as text.
 fn violations(ended: &EndedRun, clean: &EndedRun) -> Vec<String> {
-    let kinds = wrong_faults(ended);
+    let kinds = occurred_faults(ended);
     let mut all = Vec::new();
     all.extend(check_no_invented_reading(ended));
-    all.extend(check_no_request_after_hold(ended));
-    all.extend(check_no_line_after_fault(ended));
+    all.extend(check_no_chunk_after_hold(ended));
+    all.extend(check_no_chunk_after_fault(ended));
     all.extend(check_no_repeated_write(ended));
     if !kinds.iter().any(|kind| WORLD_CHANGING_FAULTS.contains(kind)) {
-        if !executed_lines(clean).starts_with(&executed_lines(ended)) {
+        if !accepted_texts(clean).starts_with(&accepted_texts(ended)) {
             all.push("the control took other chunks than in a clean run".to_owned());
         }
         if !clean.readings.starts_with(&ended.readings) {
@@ -283,15 +283,15 @@ fn check_no_invented_reading(ended: &EndedRun) -> Option<String> {
 }
 
 /// No chunk is offered after a hold was written, or after the run has ended.
-fn check_no_request_after_hold(ended: &EndedRun) -> Option<String> {
+fn check_no_chunk_after_hold(ended: &EndedRun) -> Option<String> {
     let hold = ended.diary.iter().position(|entry| *entry == ControlEvent::Hold);
-    let from = hold.unwrap_or(ended.readings_at_fault).min(ended.readings_at_fault);
+    let from = hold.unwrap_or(ended.diary_length_at_end).min(ended.diary_length_at_end);
     let late = ended.diary[from..].iter().any(|entry| matches!(entry, ControlEvent::Offered { .. }));
     late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
 }
 
 /// One chunk may be in transit when the control fails; it is not accepted.
-fn check_no_line_after_fault(ended: &EndedRun) -> Option<String> {
+fn check_no_chunk_after_fault(ended: &EndedRun) -> Option<String> {
     let fatal =
         |entry: &ControlEvent| matches!(entry, ControlEvent::FaultOccurred(kind) if FATAL_FAULTS.contains(kind));
     let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
@@ -375,7 +375,7 @@ fn run_all_schedules(way: &ScheduleKind, besides: &str) {
                     let seed = number * stride;
                     let ended = run_with_faults(way, faults_of_schedule(way, seed));
                     let breaches = violations(&ended, &clean);
-                    all.lock().unwrap().push((seed, ending_name(&ended), wrong_faults(&ended), breaches));
+                    all.lock().unwrap().push((seed, ending_name(&ended), occurred_faults(&ended), breaches));
                 }
             });
         }

@@ -14,7 +14,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use schedule_setup::{ScheduleSetup, schedule_json, start_by_hand, wait_for_run};
 use set_clock::READY_INTERLOCKS;
 
-fn schedule_over_a_while() {
+fn wait_a_while() {
     sleep(Duration::from_secs(3));
 }
 
@@ -35,7 +35,7 @@ fn daylight_saving_in_both_directions() {
     daemon.wait_for_log("schedule dawn: slot 2027-10-30T00:30:00Z: missed: the clock was set forward");
     daemon.wait_for_log("schedule dawn: slot 2027-10-31T00:30:00Z: ran: verdict pass");
     setup.clock.set("2027-10-31T01:29:58Z");
-    schedule_over_a_while();
+    wait_a_while();
     let slots = setup.slots();
     assert_eq!(slots[0][0], "2027-10-31T00:30:00Z", "not at the second 02:30 as well");
     assert_eq!(setup.shop.run_states(), ["finished", "finished"]);
@@ -56,8 +56,8 @@ fn clock_set_back_during_a_run() {
     assert_eq!(daemon.http().post_action("hold", &json!({})).0, 202);
     setup.wait_for_single_slot("2026-11-23T04:30:00Z", "failed", "run 1 is held");
     setup.clock.set("2026-11-23T04:29:57Z");
-    schedule_over_a_while();
-    schedule_over_a_while();
+    wait_a_while();
+    wait_a_while();
     assert_eq!(setup.shop.run_states(), ["held"]);
     let told = schedule_json(&daemon);
     assert!(told["armed"][0]["ended"].is_array(), "{told}");
@@ -123,7 +123,7 @@ fn power_failure_at_the_due_time_and_during_the_run() {
     setup.clock.set("2026-11-23T04:30:05Z");
     let daemon = setup.shop.start_daemon("real");
     setup.wait_for_single_slot("2026-11-23T04:30:00Z", "missed", "the service was not running at that time");
-    schedule_over_a_while();
+    wait_a_while();
     assert!(setup.shop.run_states().is_empty());
     setup.clock.set("2026-11-24T04:29:58Z");
     daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
@@ -136,8 +136,8 @@ fn power_failure_at_the_due_time_and_during_the_run() {
     assert_eq!((slots.len(), slots[0][0].as_str()), (2, "2026-11-24T04:30:00Z"), "{slots:?}");
     assert!(slots[0][2].contains("run 1 is interrupted"), "{slots:?}");
     setup.clock.set("2026-11-24T04:29:58Z");
-    schedule_over_a_while();
-    schedule_over_a_while();
+    wait_a_while();
+    wait_a_while();
     assert_eq!(setup.shop.run_states(), ["interrupted"]);
 }
 
@@ -154,7 +154,7 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     };
     assert_eq!(arm("yesterday").0, 400);
     // A second has one slot, and that one was skipped.
-    schedule_over_a_while();
+    wait_a_while();
     let (status, told) = arm("12h");
     let until = told["armed"][0]["until"].as_str().unwrap_or("");
     assert!(status == 202 && until.starts_with("2026-11-24T00:00"), "{told}");

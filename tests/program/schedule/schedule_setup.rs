@@ -11,7 +11,7 @@ use crate::support::http::MACHINE_API_PATH;
 use crate::support::machine_shop::{MachineShop, stderr};
 
 pub const MACHINE_NAME: &str = "simulated five-axis machine";
-const SLOT_TIMEOUT: Duration = Duration::from_secs(300);
+const SCHEDULED_START_TIMEOUT: Duration = Duration::from_secs(300);
 
 pub struct ScheduleSetup {
     pub clock: FakeClock,
@@ -22,7 +22,7 @@ pub struct ScheduleSetup {
 impl ScheduleSetup {
     /// The clock shows `now`; `more`: other keys of the one schedule, `at`: its time in Berlin.
     pub fn new(now: &str, at: &str, more: &str) -> Self {
-        let (wall, machine) = (FakeClock::set_to(now), InterlockServer::new());
+        let (wall, machine) = (FakeClock::with_time(now), InterlockServer::new());
         let port = machine.port;
         let mut shop = MachineShop::with_serve(&format!(
             "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"{at}\"\nzone = \"Europe/Berlin\"\n{more}\n\
@@ -54,7 +54,7 @@ impl ScheduleSetup {
             if slots.first().is_some_and(|[_, became, _]| became == outcome) {
                 return slots;
             }
-            assert!(started.elapsed() < SLOT_TIMEOUT, "{slots:?}");
+            assert!(started.elapsed() < SCHEDULED_START_TIMEOUT, "{slots:?}");
             sleep(Duration::from_millis(100));
         }
     }
@@ -83,7 +83,7 @@ pub fn wait_for_run(daemon: &DaemonProcess) {
         if schedule["last"][0]["run"] == 1 {
             return;
         }
-        assert!(started.elapsed() < SLOT_TIMEOUT, "{schedule}");
+        assert!(started.elapsed() < SCHEDULED_START_TIMEOUT, "{schedule}");
         sleep(Duration::from_millis(100));
     }
 }

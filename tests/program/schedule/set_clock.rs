@@ -18,7 +18,7 @@ pub struct FakeClock {
 
 impl FakeClock {
     /// A clock that shows `now`.
-    pub fn set_to(now: &str) -> Self {
+    pub fn with_time(now: &str) -> Self {
         let wall = Self { folder: tempfile::tempdir().unwrap() };
         let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/clock/shim.c");
         let mut compiler = Command::new("cc");

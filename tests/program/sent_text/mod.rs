@@ -88,7 +88,7 @@ fn motion_row(motion: &Motion) -> String {
 }
 
 /// A whole run of `method` with the machine file `text`.
-async fn measure_and_compare(text: String, method: &str) -> ProvenText {
+async fn measure_proven_text(text: String, method: &str) -> ProvenText {
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
     let (lines, rows) = (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
@@ -118,7 +118,7 @@ fn block_on<T>(work: impl Future<Output = T>) -> T {
 fn check_grbl(method: &str) {
     let control = RecordingControl::start();
     let text = recording_control::machine_with_control(&control.address()) + "positions = 5\n";
-    let proven = block_on(measure_and_compare(text, method));
+    let proven = block_on(measure_proven_text(text, method));
     let received = control.stop_and_take_record().received_lines();
     let is_query = |line: &String| line.is_empty() || line.starts_with('$');
     let received: Vec<String> = received.into_iter().filter(|line| !is_query(line)).collect();
@@ -155,7 +155,7 @@ fn run_register_window(resident: bool) -> (Vec<String>, ProvenText) {
         let keys = format!("kind = \"modbus\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n{program}");
         let text = text.replace("kind = \"simulated\"\n", &keys).replace("wire = \"memory\"\n", "")
             + "\n[method.self-calibration]\npositions = 5\nmonte_carlo_trials = 100\n";
-        let proven = measure_and_compare(text, "self-calibration").await;
+        let proven = measure_proven_text(text, "self-calibration").await;
         let diary = diary.lock().unwrap();
         let took = diary.iter().filter_map(|entry| match entry {
             ControlEvent::Accepted { text, .. } => Some(text.clone()),

@@ -40,7 +40,7 @@ pub fn other_machine_file_is_refused() {
         let output = shop.run_trued(&measure);
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
-    let (own, copy) = (shop.machine_path(), shop.read_file("copy.toml"));
+    let (own, copy) = (shop.machine_path(), shop.path_text("copy.toml"));
     std::fs::copy(&own, &copy).unwrap();
     shop.replace_in_machine("EX0C_um = 500.0", "EX0C_um = 5.0");
     let (code, told) = run(&own);

@@ -96,7 +96,7 @@ pub fn audit_log_is_paged() {
 }
 
 /// A request may state a reason, and it is stored.
-pub fn refusals_are_audited() {
+pub fn reasons_are_audited() {
     let shop = MachineShop::with_serve(&format!("{SCHEDULE_SECTION}{HTTP_SECTION}"));
     let daemon = shop.start_daemon("real");
     let http = daemon.http();

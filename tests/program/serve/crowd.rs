@@ -17,29 +17,29 @@ use super::hostile::{GuardedDaemon, bearer};
 use crate::support::daemon_process::DaemonProcess;
 use crate::support::http::{MACHINE_API_PATH, start_request};
 
-const CROWD_VARIABLE: &str = "TRUED_TEST_CROWD";
+const CLIENT_PROCESS_VARIABLE: &str = "TRUED_TEST_CROWD";
 const CONNECT_VARIABLE: &str = "TRUED_TEST_CONNECTS";
-const CROWD_COUNT: usize = 2;
-const CLIENTS_PER_CROWD: usize = 500;
+const CLIENT_PROCESS_COUNT: usize = 2;
+const CLIENTS_PER_PROCESS: usize = 500;
 /// Maximum additional memory of the daemon, KiB: the limits of docs/page.md, with a margin.
 const MAX_GROWTH_KIB: u64 = 32 * 1024;
 
 /// Port and token for a child process that acts as the crowd.
-pub fn crowd_request() -> Option<(u16, String)> {
-    let asked = std::env::var(CROWD_VARIABLE).ok()?;
+pub fn client_process_request() -> Option<(u16, String)> {
+    let asked = std::env::var(CLIENT_PROCESS_VARIABLE).ok()?;
     let (port, token) = asked.split_once(' ')?;
     Some((port.parse().ok()?, token.to_owned()))
 }
 
 /// Runs the crowd until the process is killed; prints a line once all clients have been connected.
-pub fn run_crowd(port: u16, token: &str) {
+pub fn run_clients(port: u16, token: &str) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let (tell, mut told) = tokio::sync::mpsc::channel(CLIENTS_PER_CROWD);
-        for number in 0..CLIENTS_PER_CROWD {
+        let (tell, mut told) = tokio::sync::mpsc::channel(CLIENTS_PER_PROCESS);
+        for number in 0..CLIENTS_PER_PROCESS {
             tokio::spawn(run_client(port, token.to_owned(), number, tell.clone()));
         }
-        for _ in 0..CLIENTS_PER_CROWD {
+        for _ in 0..CLIENTS_PER_PROCESS {
             told.recv().await.unwrap();
         }
         println!("crowded");
@@ -129,18 +129,18 @@ async fn misbehave(mut stream: TcpStream, port: u16, token: &str, kind: usize) -
 }
 
 /// A child process, killed when dropped.
-struct CrowdProcess(Child);
+struct ClientProcess(Child);
 
-impl Drop for CrowdProcess {
+impl Drop for ClientProcess {
     fn drop(&mut self) {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-impl CrowdProcess {
+impl ClientProcess {
     fn start_at(guarded: &GuardedDaemon) -> Self {
-        Self::start_with_variable(CROWD_VARIABLE, &format!("{} {}", guarded.port, guarded.metrologist))
+        Self::start_with_variable(CLIENT_PROCESS_VARIABLE, &format!("{} {}", guarded.port, guarded.metrologist))
     }
 
     fn start_with_variable(what: &str, words: &str) -> Self {
@@ -163,20 +163,20 @@ fn peak_memory_kib(daemon: &DaemonProcess) -> u64 {
 }
 
 /// The results of the next run.
-fn measure_start(guarded: &GuardedDaemon) -> Value {
+fn measure_next_run(guarded: &GuardedDaemon) -> Value {
     let before = guarded.machine_state()["run"].as_u64().unwrap();
     assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 202);
     let ended = |now: &Value| now["state"] == "waiting" && now["run"].as_u64().unwrap() > before;
     guarded.wait_until(ended)["parameters"].clone()
 }
 
-pub fn crowd_during_a_run() {
+pub fn many_clients_during_a_run() {
     let guarded = GuardedDaemon::new("fast");
-    let wanted = measure_start(&guarded);
+    let wanted = measure_next_run(&guarded);
     let calm_kib = peak_memory_kib(&guarded.daemon);
-    let crowds: Vec<CrowdProcess> = (0..CROWD_COUNT).map(|_| CrowdProcess::start_at(&guarded)).collect();
+    let crowds: Vec<ClientProcess> = (0..CLIENT_PROCESS_COUNT).map(|_| ClientProcess::start_at(&guarded)).collect();
     // The results with the crowd equal those without it, to the last digit.
-    assert_eq!(measure_start(&guarded), wanted);
+    assert_eq!(measure_next_run(&guarded), wanted);
     assert!(wanted.as_array().unwrap().len() > 5);
     let crowd_kib = peak_memory_kib(&guarded.daemon);
     println!("memory: {calm_kib} KiB at most without a crowd, {crowd_kib} KiB with it");
@@ -186,9 +186,9 @@ pub fn crowd_during_a_run() {
 }
 
 /// A hold works in spite of the crowd.
-pub fn crowd_during_a_hold() {
+pub fn many_clients_during_a_hold() {
     let guarded = GuardedDaemon::new("real");
-    let _crowds: Vec<CrowdProcess> = (0..CROWD_COUNT).map(|_| CrowdProcess::start_at(&guarded)).collect();
+    let _crowds: Vec<ClientProcess> = (0..CLIENT_PROCESS_COUNT).map(|_| ClientProcess::start_at(&guarded)).collect();
     assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 202);
     guarded.wait_until(|now| now["measured"].as_u64().unwrap() > 0);
     assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
@@ -197,10 +197,10 @@ pub fn crowd_during_a_hold() {
 }
 
 /// Three processes that only connect, continuously, from other addresses: no hold is lost.
-pub fn idle_connections_are_limited() {
+pub fn idle_connections_delay_no_hold() {
     let guarded = GuardedDaemon::new("fast");
     let crowds = [2, 3, 4].map(|last| {
-        CrowdProcess::start_with_variable(
+        ClientProcess::start_with_variable(
             CONNECT_VARIABLE,
             &format!("{} {}", guarded.port, Ipv4Addr::new(127, 0, 0, last)),
         )

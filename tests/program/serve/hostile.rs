@@ -152,7 +152,7 @@ pub fn roles_limit_actions() {
 
 /// A browser's session: a cookie that no script and no other site's page can read, and that alone is not
 /// sufficient.
-pub fn sessions_end() {
+pub fn session_cookie_is_protected_and_ends() {
     let guarded = GuardedDaemon::new("fast");
     let here = format!("localhost:{}", guarded.port);
     let set = guarded.sign_in(&guarded.operator, &here);

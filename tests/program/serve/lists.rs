@@ -17,7 +17,7 @@ fn page_text(port: u16, path: &str) -> String {
 }
 
 /// A result from before a restart is shown after it, with its time; it becomes outdated.
-pub fn page_shows_the_verdict() {
+pub fn page_shows_the_result_after_a_restart() {
     let shop = MachineShop::with_serve(HTTP_SECTION);
     let daemon = shop.start_daemon("fast");
     let http = daemon.http();
@@ -44,7 +44,7 @@ pub fn page_shows_the_verdict() {
     assert!(!page.contains("sign in"), "{page}");
 
     let long_ago = "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
-    journal_rows::execute_statement(Path::new(&shop.read_file("state")), long_ago);
+    journal_rows::execute_statement(Path::new(&shop.path_text("state")), long_ago);
     // The page is updated without a request.
     let standing = http.wait_until(|standing| standing["result"]["outdated"] == true);
     assert_eq!(standing["result"]["run"], 1);
@@ -71,7 +71,7 @@ pub fn run_list_is_paged() {
                           config_sha256, plan_head, plan_sha256)
         SELECT n, started, ended, method, machine, 'failed', program_version, config,
                config_sha256, plan_head, plan_sha256 FROM many, runs WHERE runs.id = 1";
-    journal_rows::execute_statement(Path::new(&shop.read_file("state")), more);
+    journal_rows::execute_statement(Path::new(&shop.path_text("state")), more);
     let ids = |path: &str| -> Vec<i64> {
         http.get_json(path).as_array().unwrap().iter().map(|run| run["id"].as_i64().unwrap()).collect()
     };
@@ -134,7 +134,7 @@ pub fn input_errors_are_explained() {
 }
 
 /// While nothing changes, a listener still receives signs of life; proxies in between do not delay them.
-pub fn health_answers() {
+pub fn idle_listener_receives_signs_of_life() {
     use std::io::{BufRead, BufReader, Write};
     let shop = MachineShop::with_serve(HTTP_SECTION);
     let daemon = shop.start_daemon("fast");

@@ -22,14 +22,14 @@ use crate::support::harness::{Pool, Trials, trials};
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 40;
         slow::slow_clients_are_disconnected,
-        lists::health_answers,
+        lists::idle_listener_receives_signs_of_life,
     ]
     .with(trials![Pool::Waiting, 20;
-        lists::page_shows_the_verdict,
+        lists::page_shows_the_result_after_a_restart,
         page::page_holds_a_run,
         several::two_machines_run_at_once,
         audited::holds_are_audited,
-        audited::refusals_are_audited,
+        audited::reasons_are_audited,
     ])
     .with(trials![Pool::Waiting, 0;
         line::line_protocol_starts_a_cycle,
@@ -38,7 +38,7 @@ pub fn trials() -> Trials {
         lists::input_errors_are_explained,
         again::resumed_run_in_the_page,
         again::signed_estimate,
-        person::person_stops_at_the_machine,
+        person::page_does_not_override_the_machine,
         person::lost_position_needs_a_person,
         person::run_is_resumed_at_the_command_line,
         page::other_origins_are_refused,
@@ -52,7 +52,7 @@ pub fn trials() -> Trials {
         watched::live_values_at_a_terminal,
         several::invalid_machine_files_are_refused,
         hostile::roles_limit_actions,
-        hostile::sessions_end,
+        hostile::session_cookie_is_protected_and_ends,
         hostile::repeated_wrong_tokens_are_limited,
         people::refusals_for_people_and_programs,
         hostile::hostile_paths_are_refused,
@@ -64,9 +64,9 @@ pub fn trials() -> Trials {
     ])
     // A thousand connections: other trials would disturb the load and the daemon's memory.
     .with(trials![Pool::Alone, 10;
-        crowd::crowd_during_a_run,
-        crowd::crowd_during_a_hold,
-        crowd::idle_connections_are_limited,
+        crowd::many_clients_during_a_run,
+        crowd::many_clients_during_a_hold,
+        crowd::idle_connections_delay_no_hold,
         crowd::event_streams_are_limited,
     ])
 }

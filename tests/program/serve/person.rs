@@ -18,7 +18,7 @@ fn short_cycle_shop(trigger: &str) -> MachineShop {
 }
 
 /// A confirmation of a closed guard at the page does not override the machine's report.
-pub fn person_stops_at_the_machine() {
+pub fn page_does_not_override_the_machine() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let at = listener.local_addr().unwrap();
     let shop = short_cycle_shop(&format!("[serve.line]\ntcp = \"{at}\"\n{HTTP_SECTION}"));

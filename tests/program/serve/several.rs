@@ -36,18 +36,18 @@ fn shop_with_two_machines(names: [&str; 2], more: &str) -> MachineShop {
     let shop = MachineShop::with_serve("");
     let text = std::fs::read_to_string(shop.machine_path()).unwrap();
     for (file, name) in ["one.toml", "two.toml"].iter().zip(names) {
-        std::fs::write(shop.read_file(file), text.replace(MACHINE_NAME_LINE, &format!("name = \"{name}\""))).unwrap();
+        std::fs::write(shop.path_text(file), text.replace(MACHINE_NAME_LINE, &format!("name = \"{name}\""))).unwrap();
     }
     let daemon = "[http]\nlisten = \"127.0.0.1:0\"\n\
                   [[machine]]\nfile = \"one.toml\"\n[[machine]]\nfile = \"two.toml\"\n";
-    std::fs::write(shop.read_file("trued.toml"), format!("{daemon}{more}")).unwrap();
+    std::fs::write(shop.path_text("trued.toml"), format!("{daemon}{more}")).unwrap();
     shop
 }
 
 /// Both machines measure at the same time; a hold of one does not affect the other.
 pub fn two_machines_run_at_once() {
     let shop = shop_with_two_machines(["one", "two"], "");
-    let config = shop.read_file("trued.toml");
+    let config = shop.path_text("trued.toml");
     let daemon = shop.spawn_daemon(&["--config", &config, "--speed", "real"], |_| {});
     let http = daemon.http();
     let port = http.port;
@@ -95,17 +95,17 @@ pub fn invalid_machine_files_are_refused() {
         assert_refused(&shop, words);
     }
     let shop = shop_with_two_machines(["one", "two"], "");
-    let text = std::fs::read_to_string(shop.read_file("two.toml")).unwrap();
-    std::fs::write(shop.read_file("two.toml"), text + page).unwrap();
+    let text = std::fs::read_to_string(shop.path_text("two.toml")).unwrap();
+    std::fs::write(shop.path_text("two.toml"), text + page).unwrap();
     assert_refused(&shop, "one daemon serves one page");
     let shop = shop_with_two_machines(["one", "two"], "");
-    let text = std::fs::read_to_string(shop.read_file("trued.toml")).unwrap();
-    std::fs::write(shop.read_file("trued.toml"), text.replace("[http]", "[http]\nlissen = 1")).unwrap();
+    let text = std::fs::read_to_string(shop.path_text("trued.toml")).unwrap();
+    std::fs::write(shop.path_text("trued.toml"), text.replace("[http]", "[http]\nlissen = 1")).unwrap();
     assert_refused(&shop, "trued.toml:2: unknown key `lissen`");
 }
 
 fn assert_refused(shop: &MachineShop, words: &str) {
-    let output = shop.run_trued(&["serve", "--config", &shop.read_file("trued.toml")]);
+    let output = shop.run_trued(&["serve", "--config", &shop.path_text("trued.toml")]);
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{words}: {told}");
     assert!(told.contains(words), "{words} in {told}");

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 /// More than twice the limit of docs/page.md, because this computer may be busy.
 const MAX_REQUEST_DURATION: Duration = Duration::from_secs(60);
 /// More requests than the socket buffers of both sides hold.
-const REPEATED_HEADERS: usize = 1000;
+const REQUEST_COUNT: usize = 1000;
 
 struct SlowClient {
     stream: TcpStream,
@@ -97,7 +97,7 @@ fn check_client_that_does_not_read(mut caller: SlowClient) {
     let request = format!("GET /api/v1/openapi.json HTTP/1.1\r\n{host}");
     let (_, whole) = HttpClient::new(caller.port).request("GET", "/api/v1/openapi.json", "", "");
     // The buffers are full, because nothing is read.
-    let asked = (0..REPEATED_HEADERS).take_while(|_| caller.stream.write_all(request.as_bytes()).is_ok()).count();
+    let asked = (0..REQUEST_COUNT).take_while(|_| caller.stream.write_all(request.as_bytes()).is_ok()).count();
     sleep(Duration::from_secs(25));
     let told = caller.read_answer().len();
     println!("{told} bytes of {asked} answers of {}", whole.len());

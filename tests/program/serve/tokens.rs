@@ -21,7 +21,7 @@ const START_TIMEOUT: Duration = Duration::from_secs(300);
 /// Root creates the tokens and revokes one; the daemon runs as another user, as under systemd.
 pub fn tokens_created_by_root() {
     let shop = MachineShop::with_serve(&format!("{HTTP_SECTION}tokens = true\n"));
-    let state = shop.read_file("state");
+    let state = shop.path_text("state");
     std::fs::create_dir(&state).unwrap();
     if chown(&state, Some(DAEMON_USER_ID), Some(DAEMON_USER_ID)).is_err() {
         println!("skipped, for this is not root");
@@ -30,7 +30,7 @@ pub fn tokens_created_by_root() {
     chown(Path::new(&state).parent().unwrap(), Some(DAEMON_USER_ID), Some(DAEMON_USER_ID)).unwrap();
     let [gone, stays] = ["gone", "stays"].map(|name| create_token(&shop, name, "operator"));
     // A copy of the program that this user can execute.
-    let program = shop.read_file("trued");
+    let program = shop.path_text("trued");
     std::fs::copy(env!("CARGO_BIN_EXE_trued"), &program).unwrap();
     let mut command = Command::new(program);
     command.args(["serve", "--speed", "fast", "--machine", &shop.machine_path(), "--state", &state]);
@@ -49,7 +49,7 @@ pub fn tokens_created_by_root() {
 /// All requests are refused, the log gives the reason, and a hold still works.
 pub fn unreadable_token_file() {
     let guarded = GuardedDaemon::new("fast");
-    let list = Path::new(&guarded.shop.read_file("state")).join("tokens.json");
+    let list = Path::new(&guarded.shop.path_text("state")).join("tokens.json");
     let sound = std::fs::read(&list).unwrap();
     let said = |words: &str| guarded.daemon.log().matches(words).count();
     std::fs::write(&list, "{").unwrap();

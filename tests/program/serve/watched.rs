@@ -11,7 +11,7 @@ use crate::support::http::{HTTP_SECTION, MACHINE_API_PATH, start_request};
 use crate::support::machine_shop::MachineShop;
 
 /// Number of values that is enough to show that nothing grows.
-const SENSOR_COUNT: usize = 6;
+const VALUE_COUNT: usize = 6;
 
 /// The built-in machine with sensors, under the name that the client uses.
 fn shop_with_sensors() -> MachineShop {
@@ -23,7 +23,7 @@ fn shop_with_sensors() -> MachineShop {
 }
 
 /// Total size of the files in the state folder, bytes.
-fn stored_reading_count(folder: &Path) -> u64 {
+fn state_size_bytes(folder: &Path) -> u64 {
     let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().metadata().unwrap());
     files.filter(|about| about.is_file()).map(|about| about.len()).sum()
 }
@@ -47,7 +47,7 @@ pub fn live_values_over_http() {
     let part = http.get_text(&format!("{}/sensors", &MACHINE_API_PATH[7..]));
     assert!(part.contains("<th scope=\"row\">z1</th>") && !part.contains("<html"), "{part}");
 
-    let bytes = stored_reading_count(&shop.state_folder());
+    let bytes = state_size_bytes(&shop.state_folder());
     let (mut stream, at) = (http.connect(), http.port);
     write!(stream, "GET {MACHINE_API_PATH}/events HTTP/1.1\r\nHost: localhost:{at}\r\n\r\n").unwrap();
     let lines = BufReader::new(stream).lines().map(Result::unwrap);
@@ -56,11 +56,11 @@ pub fn live_values_over_http() {
         let standing: Value = serde_json::from_str(&data).unwrap();
         standing["asked"]["live"]["sensors"][0]["value_mm"].as_f64().unwrap()
     });
-    let mut values: Vec<f64> = values.take(SENSOR_COUNT).collect();
+    let mut values: Vec<f64> = values.take(VALUE_COUNT).collect();
     values.sort_by(f64::total_cmp);
     values.dedup();
-    assert!(values.len() > SENSOR_COUNT / 2, "{values:?}");
-    assert_eq!((stored_reading_count(&shop.state_folder()), daemon.log()), (bytes, log));
+    assert!(values.len() > VALUE_COUNT / 2, "{values:?}");
+    assert_eq!((state_size_bytes(&shop.state_folder()), daemon.log()), (bytes, log));
     assert_eq!(http.post_action("hold", &json!({})).0, 202);
     let held = http.wait_for_state("held");
     assert_eq!(held["asked"], Value::Null);
@@ -95,7 +95,7 @@ fn interrupt_run(shop: &MachineShop) {
     let mut some = [0; 4096];
     while let Ok(count @ 1..) = shown.read(&mut some) {
         seen.push_str(&String::from_utf8_lossy(&some[..count]));
-        if !is_stopped && seen.matches("  r2 ").count() > SENSOR_COUNT {
+        if !is_stopped && seen.matches("  r2 ").count() > VALUE_COUNT {
             is_stopped = true;
             keys.write_all(b"\x03").unwrap();
         }

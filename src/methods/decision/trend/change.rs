@@ -24,7 +24,7 @@ const MAX_SERIES_LENGTH: usize = 100;
 const SIGNIFICANCE_LEVEL: f64 = 0.001;
 const SIMULATED_SERIES_COUNT: u32 = 4999;
 /// Probability of the interval in which a change happened.
-const TIME_INTERVAL_PROBABILITY: f64 = 0.95;
+const CHANGE_TIME_PROBABILITY: f64 = 0.95;
 const SECONDS_PER_DAY: f64 = 86_400.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -170,7 +170,7 @@ fn change_from_candidate(all: &[CandidateChange], best: &CandidateChange, values
         |possible: &CandidateChange| (squared_deviation_sum(values) - possible.explained_squares(values)).max(0.0);
     let least = left(best);
     let u = (least / dof).sqrt() / best.norm;
-    let bound = least * (1.0 + coverage::two_sided_factor(TIME_INTERVAL_PROBABILITY, dof).powi(2) / dof);
+    let bound = least * (1.0 + coverage::two_sided_factor(CHANGE_TIME_PROBABILITY, dof).powi(2) / dof);
     let may = all.iter().filter(|other| other.kind == best.kind && left(other) <= bound);
     let [mut before, mut after] = best.bounding_indices();
     for [earlier, later] in may.map(CandidateChange::bounding_indices) {

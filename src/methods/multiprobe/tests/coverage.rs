@@ -1,7 +1,7 @@
 //! Expanded uncertainties cover the truth: for noise alone, with its size from the scatter between revolutions, and
 //! for all sources together.
 
-use estimation::revolutions::{HarmonicData, RowRevolutions};
+use estimation::revolutions::{ChannelRevolutions, HarmonicData};
 use std::f64::consts::TAU;
 
 use super::super::model::{ProbeLayout, Surface};
@@ -44,7 +44,7 @@ fn source_sizes(settings: &MultiprobeSettings, drift_mm_per_revolution: f64) -> 
     SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity_effects: Vec::new() }
 }
 
-fn identify_measured(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceSizes) -> SeparatedMotions {
+fn identify_measured(layout: &ProbeLayout, measured: &[ChannelRevolutions], sizes: &SourceSizes) -> SeparatedMotions {
     let data = HarmonicData::from_revolutions(measured, MAX_ORDER).unwrap();
     identify_motions(layout, &data, sizes, None).unwrap()
 }
@@ -187,7 +187,7 @@ impl DrawnLayout {
     }
 
     /// The drift starts again in each revolution.
-    fn measured(&self, world: &SimulatedMotions, seed: u64) -> Vec<RowRevolutions> {
+    fn measured(&self, world: &SimulatedMotions, seed: u64) -> Vec<ChannelRevolutions> {
         let rows = self.layout.all_row_keys();
         let mut measured =
             world.revolutions(&self.layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, seed);

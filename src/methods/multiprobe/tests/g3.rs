@@ -5,7 +5,7 @@ use super::super::layout::{Separation, noise_gains, rms_noise_gain};
 use super::super::model::ProbeLayout;
 use super::determinant::{determinant, suppressed_orders, weak_orders};
 use super::generator::{ScanSize, SimulatedMotions};
-use estimation::revolutions::{HarmonicBasis, HarmonicData, RowKey};
+use estimation::revolutions::{ChannelAtIndex, HarmonicBasis, HarmonicData};
 
 const SENSOR_ANGLES_DEG: [f64; 3] = [0.0, 90.0, 230.0];
 const SAMPLES_PER_REVOLUTION: usize = 360;
@@ -42,9 +42,9 @@ fn gate_g3_determinant_and_noise_gain() {
 }
 
 /// The paper's measurement: all three sensors at the first index, then the first two at ten indexes.
-fn paper_rows() -> Vec<RowKey> {
-    let mut rows: Vec<RowKey> = (0..3).map(|channel| RowKey { index: 0, channel }).collect();
-    rows.extend((0..10).flat_map(|n| [0, 1].map(|channel| RowKey { index: n + 1, channel })));
+fn paper_rows() -> Vec<ChannelAtIndex> {
+    let mut rows: Vec<ChannelAtIndex> = (0..3).map(|channel| ChannelAtIndex { index: 0, channel }).collect();
+    rows.extend((0..10).flat_map(|n| [0, 1].map(|channel| ChannelAtIndex { index: n + 1, channel })));
     rows
 }
 

@@ -1,7 +1,7 @@
 //! Simulated table and cylinder as functions of the angle. They use no formula of the estimator, but displacements
 //! of points in space and the form over the angle on the artefact.
 
-use estimation::revolutions::{RowKey, RowRevolutions};
+use estimation::revolutions::{ChannelAtIndex, ChannelRevolutions};
 use std::f64::consts::TAU;
 
 use estimation::random::seeded_stream;
@@ -66,7 +66,7 @@ impl SimulatedMotions {
     }
 
     /// Displacement of the surface towards the sensor at the table angle `q`, without noise.
-    pub fn deviation(&self, layout: &ProbeLayout, row: RowKey, q: f64) -> f64 {
+    pub fn deviation(&self, layout: &ProbeLayout, row: ChannelAtIndex, q: f64) -> f64 {
         let channel = &layout.channels[row.channel];
         let gamma = channel.angle_rad;
         let on_artefact = gamma - layout.turn_sign * q - layout.index_angles_rad[row.index];
@@ -88,11 +88,17 @@ impl SimulatedMotions {
     }
 
     /// Sampled revolutions of the `rows`.
-    pub fn revolutions(&self, layout: &ProbeLayout, rows: &[RowKey], size: ScanSize, seed: u64) -> Vec<RowRevolutions> {
+    pub fn revolutions(
+        &self,
+        layout: &ProbeLayout,
+        rows: &[ChannelAtIndex],
+        size: ScanSize,
+        seed: u64,
+    ) -> Vec<ChannelRevolutions> {
         let ScanSize { samples, revolutions } = size;
         let mut noise = estimation::monte_carlo::DrawStream::from_key(seed, &[77]);
         let normal = [estimation::monte_carlo::DrawDistribution::Normal];
-        let of = |row: &RowKey| {
+        let of = |row: &ChannelAtIndex| {
             let clean: Vec<f64> =
                 (0..samples).map(|i| self.deviation(layout, *row, i as f64 * TAU / samples as f64)).collect();
             let mut revolution = || {
@@ -100,7 +106,7 @@ impl SimulatedMotions {
                 clean.iter().zip(units).map(|(m, unit)| m + self.noise_mm * unit).collect()
             };
             let revolutions: Vec<Vec<f64>> = (0..revolutions).map(|_| revolution()).collect();
-            RowRevolutions { key: *row, revolutions }
+            ChannelRevolutions { key: *row, revolutions }
         };
         rows.iter().map(of).collect()
     }

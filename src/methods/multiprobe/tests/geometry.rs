@@ -1,7 +1,7 @@
 //! Sensors that intersect their line in space with the surface. The tests check the sign of the reading, the
 //! frames, and the size of the terms that the linear equation omits.
 
-use estimation::revolutions::{HarmonicData, RowKey, RowRevolutions};
+use estimation::revolutions::{ChannelAtIndex, ChannelRevolutions, HarmonicData};
 use std::f64::consts::TAU;
 
 use super::super::fit::SeparationFit;
@@ -14,7 +14,7 @@ const STAND_OFF_MM: f64 = 0.5;
 const FACE_HEIGHT_MM: f64 = 150.0;
 
 /// Distance from the zero point of the sensor along its direction to the surface.
-fn reading(world: &SimulatedMotions, layout: &ProbeLayout, row: RowKey, q: f64) -> f64 {
+fn reading(world: &SimulatedMotions, layout: &ProbeLayout, row: ChannelAtIndex, q: f64) -> f64 {
     let channel = &layout.channels[row.channel];
     let [x, y, z, a, b] = [&world.x, &world.y, &world.z, &world.a, &world.b].map(|t| sum_of_terms(t, q));
     let turned = layout.turn_sign * q + layout.index_angles_rad[row.index];
@@ -48,12 +48,12 @@ fn regress_readings_in_space() {
         let layout = layout(7, turn);
         let world = SimulatedMotions::random(3, 6, 2, 0.0);
         let samples = 64;
-        let row = |row: &RowKey| {
+        let row = |row: &ChannelAtIndex| {
             let angle = |i: usize| i as f64 * TAU / samples as f64;
             let own = (0..samples).map(|i| -reading(&world, &layout, *row, angle(i))).collect();
-            RowRevolutions { key: *row, revolutions: vec![own; 2] }
+            ChannelRevolutions { key: *row, revolutions: vec![own; 2] }
         };
-        let measured: Vec<RowRevolutions> = layout.all_row_keys().iter().map(row).collect();
+        let measured: Vec<ChannelRevolutions> = layout.all_row_keys().iter().map(row).collect();
         let data = HarmonicData::from_revolutions(&measured, 6).unwrap();
         let fit = SeparationFit::new(&layout, &data).unwrap();
         let mut worst: f64 = 0.0;

@@ -2,7 +2,7 @@
 
 use super::super::model::{Channel, ProbeLayout, Surface};
 use estimation::linear::{RANK_THRESHOLD, analyse_rank};
-use estimation::revolutions::RowKey;
+use estimation::revolutions::ChannelAtIndex;
 
 pub fn layout(indexes: usize, turn: f64) -> ProbeLayout {
     let channel =
@@ -21,7 +21,7 @@ pub fn layout(indexes: usize, turn: f64) -> ProbeLayout {
     }
 }
 
-fn nullity(layout: &ProbeLayout, rows: &[RowKey], order: usize) -> usize {
+fn nullity(layout: &ProbeLayout, rows: &[ChannelAtIndex], order: usize) -> usize {
     analyse_rank(layout.design_matrix(rows, order).as_ref(), None, RANK_THRESHOLD).unwrap().nullity
 }
 
@@ -30,9 +30,9 @@ fn gate_g3_nullities_of_a_block() {
     for turn in [1.0, -1.0] {
         let layout = layout(10, turn);
         let all = layout.all_row_keys();
-        let multiprobe: Vec<RowKey> = all.iter().copied().filter(|row| row.index == 0).collect();
-        let is_of_pair = |row: &RowKey| ![2, 5].contains(&row.channel);
-        let multistep: Vec<RowKey> = all.iter().copied().filter(is_of_pair).collect();
+        let multiprobe: Vec<ChannelAtIndex> = all.iter().copied().filter(|row| row.index == 0).collect();
+        let is_of_pair = |row: &ChannelAtIndex| ![2, 5].contains(&row.channel);
+        let multistep: Vec<ChannelAtIndex> = all.iter().copied().filter(is_of_pair).collect();
         for order in 1..=40 {
             let expected = if [1, 35, 37].contains(&order) { 6 } else { 2 };
             assert_eq!(nullity(&layout, &multiprobe, order), expected, "multiprobe {order}");

@@ -4,7 +4,7 @@ use super::super::checks::{check_harmonic_orders, check_sensor_angles, check_sur
 use super::super::layout::{RANKED_HARMONICS, Separation, noise_gains, rms_noise_gain, third_sensor_angles};
 use super::super::model::{Component, ProbeLayout, Surface};
 use super::nullities::layout;
-use estimation::revolutions::{AngleRange, HarmonicData, RowKey, RowRevolutions};
+use estimation::revolutions::{AngleRange, ChannelAtIndex, ChannelRevolutions, HarmonicData};
 
 #[test]
 fn regress_coinciding_and_opposed_sensors_are_refused() {
@@ -73,7 +73,7 @@ fn prompt_contains_noise_gain_and_better_angle() {
 
 #[test]
 fn regress_too_few_revolutions_and_samples() {
-    let row = |channel, revolutions| RowRevolutions { key: RowKey { index: 0, channel }, revolutions };
+    let row = |channel, revolutions| ChannelRevolutions { key: ChannelAtIndex { index: 0, channel }, revolutions };
     let samples = vec![0.0; 32];
     let one = HarmonicData::from_revolutions(&[row(0, vec![samples.clone()])], 8).unwrap_err();
     assert!(one.remedy().contains("at least two revolutions"), "{one}");
