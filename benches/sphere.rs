@@ -20,7 +20,7 @@ use peer::{answer, folder, scipy_python};
 
 const SAMPLES: usize = 1_000_000;
 const CENTRE_MM: [f64; 3] = [100.0, -50.0, 300.0];
-const RADIUS_MM: f64 = 10.0;
+const SPHERE_RADIUS_MM: f64 = 10.0;
 const NOISE_MM: f64 = 0.5e-3;
 /// Maximum angle from the pole at which the beam has an echo.
 const CAP_DEG: f64 = 30.0;
@@ -86,7 +86,7 @@ fn samples() -> Vec<[f64; 3]> {
     let sample = |_| {
         let (z, turn) = (stream.random_range(lowest..1.0), stream.random_range(0.0..TAU));
         let noise: f64 = StandardNormal.sample(&mut stream);
-        let (radius, level) = (RADIUS_MM + NOISE_MM * noise, (1.0 - z * z).sqrt());
+        let (radius, level) = (SPHERE_RADIUS_MM + NOISE_MM * noise, (1.0 - z * z).sqrt());
         let direction = [level * turn.cos(), level * turn.sin(), z];
         std::array::from_fn(|k| CENTRE_MM[k] + radius * direction[k])
     };

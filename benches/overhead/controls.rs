@@ -13,7 +13,10 @@ use super::tape::{ASK_FULL, Exchange, STATUS, frame, word};
 const HEARTBEAT: usize = 11;
 
 /// Serves a grbl control on `stream`, on its own thread; the stream is created there.
-pub fn grbl<S: AsyncRead + AsyncWrite + Unpin>(tape: Vec<Exchange>, stream: impl FnOnce() -> S + Send + 'static) {
+pub fn serve_grbl_control<S: AsyncRead + AsyncWrite + Unpin>(
+    tape: Vec<Exchange>,
+    stream: impl FnOnce() -> S + Send + 'static,
+) {
     thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
@@ -49,7 +52,7 @@ pub fn grbl<S: AsyncRead + AsyncWrite + Unpin>(tape: Vec<Exchange>, stream: impl
 }
 
 /// Serves a Modbus TCP control and returns its port. A chunk is complete as soon as its status is read.
-pub fn modbus(tape: BTreeMap<u16, Vec<u16>>) -> u16 {
+pub fn serve_modbus_control(tape: BTreeMap<u16, Vec<u16>>) -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     thread::spawn(move || {

@@ -41,9 +41,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Prints the times; returns the 99th percentile of the median round.
 fn touches(wire: Wire, rounds: &[Round]) -> Duration {
-    let touches: Vec<_> = rounds.iter().flat_map(|round| round.touches.clone()).collect();
-    let stages: Vec<_> = rounds.iter().flat_map(|round| round.stages.clone()).collect();
-    let each: Vec<_> = rounds.iter().map(|round| quantile(&round.touches, 0.99)).collect();
+    let touches: Vec<_> = rounds.iter().flat_map(|round| round.touch_times.clone()).collect();
+    let stages: Vec<_> = rounds.iter().flat_map(|round| round.stage_pauses.clone()).collect();
+    let each: Vec<_> = rounds.iter().map(|round| quantile(&round.touch_times, 0.99)).collect();
     let p99 = quantile(&each, 0.5);
     println!(
         "{}: {} touches, median {:.2} ms, 99 % within {:.2} ms (the middle of {ROUNDS} rounds; {}), \

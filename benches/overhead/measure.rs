@@ -66,8 +66,8 @@ pub struct Prepared {
 /// Times of the touches in their order, and of the pauses between stages, in which the next stage is planned and
 /// proven.
 pub struct Round {
-    pub touches: Vec<Duration>,
-    pub stages: Vec<Duration>,
+    pub touch_times: Vec<Duration>,
+    pub stage_pauses: Vec<Duration>,
     pub readings: Vec<Reading>,
 }
 
@@ -107,16 +107,16 @@ impl Prepared {
         let machine = &self.file.machine;
         let dialect = Dialect::from_name("grbl-m19").unwrap();
         let dialect = dialect.with_options(machine, &self.file.probe).unwrap();
-        let modes = setup::render_modes(&dialect, machine, None).unwrap();
+        let modes = setup::prove_mode_text(&dialect, machine, None).unwrap();
         let link = match self.wire {
             Wire::GrblMemory => {
                 let (near, far) = tokio::io::duplex(4096);
-                controls::grbl(tape::grbl(&self.capture), move || far);
+                controls::serve_grbl_control(tape::grbl(&self.capture), move || far);
                 LineLink::from_stream("the control", near)
             }
             Wire::GrblPty => {
                 let (tell, told) = std::sync::mpsc::channel();
-                controls::grbl(tape::grbl(&self.capture), move || {
+                controls::serve_grbl_control(tape::grbl(&self.capture), move || {
                     let pty = link::create_pty().unwrap();
                     tell.send((pty.path, pty.client_side)).unwrap();
                     pty.device
@@ -127,7 +127,7 @@ impl Prepared {
                 link::open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await.unwrap()
             }
             Wire::ModbusTcp => {
-                let port = controls::modbus(tape::modbus(&self.capture));
+                let port = controls::serve_modbus_control(tape::modbus(&self.capture));
                 let config: ModbusConfig = toml::from_str(&format!("tcp = \"127.0.0.1:{port}\"")).unwrap();
                 let opened = ModbusDriver::open(&config, machine, modes).await;
                 let (driver, halt) = opened.unwrap();
@@ -171,7 +171,7 @@ async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
     run.execute().await.unwrap();
     let readings = run.readings;
     assert!(touches.len() == readings.len() && readings.len() > 200, "{} touches", touches.len());
-    Round { touches, stages, readings }
+    Round { touch_times: touches, stage_pauses: stages, readings }
 }
 
 /// Smallest time that at least `share` of the times do not exceed.

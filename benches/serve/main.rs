@@ -29,14 +29,14 @@ use wire::Wire;
 
 const HOLDS: usize = 50;
 /// Maximum time from the request to the wire, at the 99th percentile: of fifty, the slowest.
-const HOLD: Duration = Duration::from_millis(20);
+const MAX_HOLD_DELAY: Duration = Duration::from_millis(20);
 const TABLETS: usize = 50;
 /// Maximum time from a touch's result to the next line, at the 99th percentile.
-const LINE: Duration = Duration::from_millis(5);
+const MAX_LINE_DELAY: Duration = Duration::from_millis(5);
 /// Number of runs: enough touches for a 99th percentile.
-const RUNS: usize = 4;
+const RUN_COUNT: usize = 4;
 /// Duration of a touch. On a machine it is some seconds; here it is long enough that each touch has its events.
-const TOUCH: Duration = Duration::from_millis(150);
+const TOUCH_DURATION: Duration = Duration::from_millis(150);
 
 fn main() {
     if let Some((address, count)) = readers::asked_for() {
@@ -49,20 +49,20 @@ fn main() {
     let mut late = Vec::new();
     for tablets in [0, TABLETS] {
         let name = format!("hold to wire, {tablets} tablets");
-        late.extend(told(&name, &holds(&tape, tablets, memory), Some(HOLD)));
+        late.extend(print_row(&name, &holds(&tape, tablets, memory), Some(MAX_HOLD_DELAY)));
     }
     for tablets in [0, TABLETS] {
-        let [within, stage] = lines(&tape, tablets, memory);
+        let [within, stage] = line_intervals(&tape, tablets, memory);
         let name = format!("result to next line, {tablets} tablets");
-        late.extend(told(&name, &within, Some(LINE)));
-        late.extend(told("  where a stage is planned and proven", &stage, None));
+        late.extend(print_row(&name, &within, Some(MAX_LINE_DELAY)));
+        late.extend(print_row("  where a stage is planned and proven", &stage, None));
     }
-    let [with_disk, _] = lines(&tape, TABLETS, disk);
-    late.extend(told("  the same, journal on the target's disk", &with_disk, None));
+    let [with_disk, _] = line_intervals(&tape, TABLETS, disk);
+    late.extend(print_row("  the same, journal on the target's disk", &with_disk, None));
     assert!(late.is_empty(), "too late: {late:?}");
 }
 
-fn told(name: &str, times: &[Duration], most: Option<Duration>) -> Option<String> {
+fn print_row(name: &str, times: &[Duration], most: Option<Duration>) -> Option<String> {
     let [median, p99, longest] = [0.5, 0.99, 1.0].map(|share| quantile(times, share));
     let ms = |time: Duration| format!("{:.2} ms", time.as_secs_f64() * 1e3);
     let limit = most.map(|most| format!("  (at most {})", ms(most))).unwrap_or_default();
@@ -96,12 +96,12 @@ fn holds(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
 }
 
 /// Times between lines of whole runs: within a stage, and between stages.
-fn lines(tape: &[Exchange], tablets: usize, folder: &Path) -> [Vec<Duration>; 2] {
-    let wire = Wire::new(tape.to_vec(), TOUCH);
+fn line_intervals(tape: &[Exchange], tablets: usize, folder: &Path) -> [Vec<Duration>; 2] {
+    let wire = Wire::new(tape.to_vec(), TOUCH_DURATION);
     let daemon = Daemon::new(wire.port, folder);
     let _readers = Readers::new(&daemon.address(), tablets);
     let (begun, before) = (Instant::now(), daemon.processor_s());
-    for run in 1..=RUNS {
+    for run in 1..=RUN_COUNT {
         daemon.start();
         daemon.until(|now| now["state"] == "waiting" && now["run"] == run);
     }
@@ -109,7 +109,7 @@ fn lines(tape: &[Exchange], tablets: usize, folder: &Path) -> [Vec<Duration>; 2]
     println!("  ({tablets} tablets: {:.0} % of a core)", 100.0 * used);
     let begins = daemon.begin_stages();
     let seen = wire.seen.lock().unwrap();
-    assert!(seen.between.len() > 50 * RUNS, "{} steps", seen.between.len());
+    assert!(seen.between.len() > 50 * RUN_COUNT, "{} steps", seen.between.len());
     let (stage, within) = seen.between.iter().partition(|(step, _)| begins.contains(step));
     let times = |all: Vec<(u32, Duration)>| all.into_iter().map(|(_, time)| time).collect();
     [times(within), times(stage)]

@@ -14,7 +14,7 @@ use methods::decision::trend::{self, ChangeKind, NamedTrend, Trend, TrendPoint};
 
 /// One parameter of one finished run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Value {
+pub struct RunParameter {
     pub run: RunId,
     pub started: Timestamp,
     pub value: f64,
@@ -33,7 +33,7 @@ pub struct ParameterSeries {
     pub unit: Unit,
     /// Maximum magnitude of the value, by the present machine file.
     pub tolerance: Option<f64>,
-    pub values: Vec<Value>,
+    pub values: Vec<RunParameter>,
     pub trend: Trend,
 }
 
@@ -61,7 +61,7 @@ struct ParameterValues {
     method: String,
     symbol: String,
     unit: Unit,
-    values: Vec<Value>,
+    values: Vec<RunParameter>,
 }
 
 fn add_run_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
@@ -69,7 +69,7 @@ fn add_run_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
     let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
     for parameter in parameters.into_iter().filter(known) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
-        let value = Value { run, started, value, expanded, temperatures_c: temperatures_c.clone() };
+        let value = RunParameter { run, started, value, expanded, temperatures_c: temperatures_c.clone() };
         match all.iter_mut().find(|other| other.method == method && other.symbol == symbol && other.unit == unit) {
             Some(known) => known.values.push(value),
             None => all.push(ParameterValues { method: method.clone(), symbol, unit, values: vec![value] }),
@@ -80,7 +80,8 @@ fn add_run_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
 impl ParameterValues {
     fn into_series(self, tolerance: &[ParameterLimit]) -> ParameterSeries {
         let Self { method, symbol, unit, values } = self;
-        let point = |value: &Value| TrendPoint { t_s: value.started.as_duration().as_secs_f64(), value: value.value };
+        let point =
+            |value: &RunParameter| TrendPoint { t_s: value.started.as_duration().as_secs_f64(), value: value.value };
         let trend = Trend::from_points(values.iter().map(point).collect());
         let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
         ParameterSeries { method, symbol, unit, tolerance: limit.map(|limit| limit.limit), values, trend }
@@ -127,20 +128,20 @@ pub fn draw_series_chart(series: &ParameterSeries, now: Timestamp) -> Option<Str
 }
 
 /// Temperatures of each thermometer with a value in `values`.
-fn thermometer_series(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
+fn thermometer_series(values: &[RunParameter], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
     let named = values.iter().flat_map(|value| value.temperatures_c.iter());
     let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
     let of = |name: &str| {
-        let at = |value: &Value| (before_s(value.started), value.temperatures_c.get(name));
+        let at = |value: &RunParameter| (before_s(value.started), value.temperatures_c.get(name));
         (name.to_owned(), values.iter().map(at).collect())
     };
     names.into_iter().map(of).collect()
 }
 
 /// Values at the times at which they can have been measured, see [`Trend::of`].
-fn values_with_monotonic_times(series: &ParameterSeries) -> Vec<Value> {
+fn values_with_monotonic_times(series: &ParameterSeries) -> Vec<RunParameter> {
     let at =
         |point: &TrendPoint| Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default();
     let both = series.values.iter().zip(&series.trend.points);
-    both.map(|(value, point)| Value { started: at(point), ..value.clone() }).collect()
+    both.map(|(value, point)| RunParameter { started: at(point), ..value.clone() }).collect()
 }

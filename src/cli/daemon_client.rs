@@ -13,7 +13,7 @@ use super::failure::Failure;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
 use super::terminal::{confirm_with_enter, prompt_line};
-use crate::run::{OpenPrompt, PromptAnswers};
+use crate::run::{OpenPrompt, PromptAnswerSource};
 use crate::service::{PageAddressFile, machine_page_path};
 use crate::setup::MachineFile;
 use crate::store::{Journal, LockError, LockHolder, RunId, sha256_text};
@@ -102,7 +102,7 @@ impl DaemonClient {
     }
 
     /// Waits until no run is in progress; reports each stage and passes prompts to `who`.
-    fn wait_for_end(&self, who: &str, answers: &PromptAnswers, progress: &mut Progress) -> Result<Value, Failure> {
+    fn wait_for_end(&self, who: &str, answers: &PromptAnswerSource, progress: &mut Progress) -> Result<Value, Failure> {
         let (mut stage, mut open) = (Value::Null, None);
         let print = progress.line_printer();
         loop {

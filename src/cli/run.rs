@@ -12,7 +12,7 @@ use super::progress::Progress;
 use super::signals::stop_on_signals;
 use super::terminal::{confirm_with_enter, login_name};
 use super::{ExitStatus, add_state_option, show};
-use crate::run::{Cycle, PromptAnswers, check_probe};
+use crate::run::{Cycle, PromptAnswerSource, check_probe};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::{Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
@@ -58,10 +58,10 @@ pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, F
 }
 
 /// Source of the answers: the person at the terminal, or, in a replay, an automatic answer.
-fn prompt_answers(args: &RunArgs, progress: &Progress) -> PromptAnswers {
+fn prompt_answers(args: &RunArgs, progress: &Progress) -> PromptAnswerSource {
     let who = args.acknowledge.clone().unwrap_or_else(login_name);
     match args.replay {
-        Some(_) => PromptAnswers::new(|_| Some("the replay".to_owned())),
+        Some(_) => PromptAnswerSource::new(|_| Some("the replay".to_owned())),
         None => confirm_with_enter(who, progress.line_printer()),
     }
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use tokio::time::sleep;
 
 use crate::commissioning::{AnswerFuture, CheckStop, OperatorInterface, describe_question};
-use crate::run::{OpenPrompt, PromptAnswers};
+use crate::run::{OpenPrompt, PromptAnswerSource};
 use machine::Axis;
 use machine::record::question::{Answer, AxisDirection, ObservedMotion, Question};
 
@@ -38,10 +38,10 @@ fn spawn_line_reader() -> Receiver<String> {
 
 /// Answers of the operator `who`, who confirms prompts with Enter; without a terminal no prompt can be answered.
 /// `show` is called with the text of the prompt.
-pub fn confirm_with_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswers {
+pub fn confirm_with_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswerSource {
     match std::io::stdin().is_terminal() {
         true => enter_confirmations(who, show, spawn_line_reader),
-        false => PromptAnswers::none(),
+        false => PromptAnswerSource::none(),
     }
 }
 
@@ -56,9 +56,9 @@ fn enter_confirmations(
     who: String,
     show: impl Fn(&str) + Send + Sync + 'static,
     listen: impl Fn() -> Receiver<String> + Send + Sync + 'static,
-) -> PromptAnswers {
+) -> PromptAnswerSource {
     let state: Mutex<(Option<Receiver<String>>, Option<OpenPrompt>)> = Mutex::default();
-    PromptAnswers::new(move |asked| {
+    PromptAnswerSource::new(move |asked| {
         let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
         let (typed, shown) = &mut *state;
         let Some(typed) = typed else {

@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::SetupError;
 use crate::setup::machine_file::Control;
-use devices::controllers::{ControllerError, DiagnosisMode, DiagnosisRequest};
+use devices::controllers::{ConnectionDiagnosisRequest, ControllerError, DiagnosisMode};
 use machine::record::question::{Answer, Question};
 
 pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
@@ -40,11 +40,11 @@ pub(super) async fn end_with_link_fault<T>(
     check.devices = None;
     if let Control::Real(control) = &check.file.controller.control {
         let machine = &check.file.machine;
-        let request = DiagnosisRequest { machine, failure: error, mode: DiagnosisMode::Passive };
+        let request = ConnectionDiagnosisRequest { machine, failure: error, mode: DiagnosisMode::Passive };
         let mut diagnoses = control.diagnose(request).await;
         let is_unclear = diagnoses.is_empty() || diagnoses.iter().any(|diagnosis| diagnosis.needs_active_search);
         if is_unclear && check.prompt_operator(diagnosis_question()).await? == Answer::Yes {
-            diagnoses = control.diagnose(DiagnosisRequest { mode: DiagnosisMode::Active, ..request }).await;
+            diagnoses = control.diagnose(ConnectionDiagnosisRequest { mode: DiagnosisMode::Active, ..request }).await;
         }
         for diagnosis in diagnoses {
             check.report_failed(part, since, diagnosis.to_string(), diagnosis.remedy);

@@ -39,7 +39,7 @@ pub use folder::SharedFolder;
 pub use lines::LineEvent;
 pub use mode::LinkMode;
 pub use replay::{CaptureError, CaptureReplay};
-pub use request_capture::RequestCapture;
+pub use request_capture::SensorRequestCapture;
 pub use shared_ports::SharedPorts;
 pub use stream::{LineLink, UrgentSender};
 

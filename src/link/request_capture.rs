@@ -5,12 +5,12 @@ use super::capture::LinkProtocol;
 use super::mode::{LinkBackend, LinkMode};
 
 /// Recorder of one device, or the replay that answers in its place.
-pub struct RequestCapture {
+pub struct SensorRequestCapture {
     name: String,
     backend: LinkBackend,
 }
 
-impl RequestCapture {
+impl SensorRequestCapture {
     /// No capture.
     pub fn disabled() -> Self {
         Self { name: String::new(), backend: LinkBackend::Direct }

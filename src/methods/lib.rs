@@ -50,7 +50,7 @@ pub enum NextStage {
         stage: Stage,
         new_steps: Vec<Step>,
     },
-    Done,
+    NoFurtherStage,
 }
 
 impl NextStage {

@@ -132,9 +132,9 @@ impl Method for OutlierRepeater {
         let ordinary: Vec<Stage> = done.iter().filter(|stage| !is_outlier_repeat(stage.repeat)).cloned().collect();
         let last = readings_of_latest_repeats(readings, u32::MAX);
         match self.method.next_stage(plan, &ordinary, PositionSource::Measured(&last))? {
-            NextStage::Done => Ok(match self.repeat_stage(plan, done, readings) {
+            NextStage::NoFurtherStage => Ok(match self.repeat_stage(plan, done, readings) {
                 Some(stage) => NextStage::Stage { stage, new_steps: Vec::new() },
-                None => NextStage::Done,
+                None => NextStage::NoFurtherStage,
             }),
             next => Ok(next),
         }

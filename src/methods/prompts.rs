@@ -155,7 +155,7 @@ mod tests {
             }
             let id = plan.steps.len() as u32;
             if id == 2 {
-                return Ok(NextStage::Done);
+                return Ok(NextStage::NoFurtherStage);
             }
             let name = id.to_string();
             let stage = Stage { id, name, repeat: 0, steps: (0..=id).collect(), found: None };

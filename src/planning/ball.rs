@@ -77,7 +77,7 @@ impl TouchAccess {
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, BallAccessError> {
         let contacts = self.accessible_touches(task)?;
-        self.build_steps(task, contacts, probe, kind, (first, stage), label)
+        self.build_one_step_per_contact(task, contacts, probe, kind, (first, stage), label)
     }
 
     /// Like [`TouchAccess::touch_steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame
@@ -94,10 +94,10 @@ impl TouchAccess {
     ) -> Result<Vec<Step>, BallAccessError> {
         let BallTask { ball, rotary, approach, .. } = *task;
         let contacts = self.touches_along(ball, rotary, approach.touch_extent(), directions)?;
-        self.build_steps(task, contacts, probe, StepKind::Touch, (0, 0), label)
+        self.build_one_step_per_contact(task, contacts, probe, StepKind::Touch, (0, 0), label)
     }
 
-    fn build_steps(
+    fn build_one_step_per_contact(
         &self,
         task: &BallTask<'_>,
         contacts: Vec<TouchDirection>,

@@ -19,10 +19,10 @@ use machine::{Axis, Position};
 
 /// Minimum length of a probing move, mm. A shorter move is a feed move at the search feed: LinuxCNC refuses probing
 /// moves below 0.254 mm ("start point too close to probe point"), and so short a move does not break a stylus.
-pub(super) const MIN_PROBING_MOVE_MM: f64 = 0.3;
+pub(super) const SHORTEST_PROBED_LENGTH_MM: f64 = 0.3;
 
 /// Number of corners of a round, and distance between two rounds as a share of the stylus length.
-const ROUND_CORNER_COUNT: u32 = 8;
+const OCTAGON_CORNER_COUNT: u32 = 8;
 const ROUND_SPACING_SHARE: f64 = 0.9;
 
 /// Parameters of an approach before the position is confirmed.
@@ -116,9 +116,9 @@ impl<'a> UnconfirmedApproach<'a> {
 
     /// Corners of a round about `over`, limited to the travel of X and Y.
     fn round_corners(&self, over: &Position) -> Vec<Position> {
-        let wide = round_radius_mm(self.plan);
+        let wide = octagon_radius_mm(self.plan);
         let corner = |k: u32| {
-            let (sin, cos) = (TAU * f64::from(k) / f64::from(ROUND_CORNER_COUNT)).sin_cos();
+            let (sin, cos) = (TAU * f64::from(k) / f64::from(OCTAGON_CORNER_COUNT)).sin_cos();
             let aside = [(Axis::X, wide * cos), (Axis::Y, wide * sin)];
             aside.into_iter().fold(over.clone(), |place, (axis, by)| {
                 let to = over.get_or_zero(axis) + by;
@@ -126,7 +126,7 @@ impl<'a> UnconfirmedApproach<'a> {
                 place.with(axis, spec.map_or(to, |spec| to.clamp(spec.min, spec.max)))
             })
         };
-        (0..ROUND_CORNER_COUNT).map(corner).collect()
+        (0..OCTAGON_CORNER_COUNT).map(corner).collect()
     }
 
     /// Feed where nothing declared is near. With a sensor, a hold that follows the first reported distance must
@@ -140,7 +140,7 @@ impl<'a> UnconfirmedApproach<'a> {
     fn move_straight(&self, path: &mut MotionSequence, to: &Position, feed_mm_min: f64) {
         let way = |(axis, to): (Axis, f64)| path.position.get(axis).map(|at| (to - at).powi(2));
         let length = to.iter().map(way).sum::<Option<f64>>().map(f64::sqrt);
-        let is_short = length.is_some_and(|length| length < MIN_PROBING_MOVE_MM);
+        let is_short = length.is_some_and(|length| length < SHORTEST_PROBED_LENGTH_MM);
         path.add_motion(to, |to| match (self.is_guarded, is_short) {
             (true, true) => Motion::Feed { to, feed_mm_min: unconfirmed_search_feed_mm_min(self.plan) },
             (true, false) => Motion::Guarded { to, feed_mm_min },
@@ -159,9 +159,9 @@ impl<'a> UnconfirmedApproach<'a> {
 }
 
 /// Distance of the corners of a round from its middle, mm.
-pub(super) fn round_radius_mm(plan: &Plan) -> f64 {
+pub(super) fn octagon_radius_mm(plan: &Plan) -> f64 {
     let (wide, _) = undetected_tool_envelope(plan).unwrap_or_default();
-    wide / (TAU / f64::from(2 * ROUND_CORNER_COUNT)).cos()
+    wide / (TAU / f64::from(2 * OCTAGON_CORNER_COUNT)).cos()
 }
 
 /// Feed, mm/min, from which a hold stops within `within_mm`, for every linear axis.

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use super::identify::{IdentificationError, identify, judge_estimate, store_identification};
 use super::qualification::{QualificationError, add_qualification};
-use super::{PromptAnswers, Run, RunError};
+use super::{PromptAnswerSource, Run, RunError};
 use crate::setup::{Devices, MachineFile};
 use crate::store::{Journal, NewRun, RunId, StoreError};
 use machine::record::estimate::{Estimate, ParameterLimit};
@@ -60,7 +60,7 @@ pub struct Cycle<'a> {
     /// Plan with machine, probe and priors, but without steps.
     pub plan: Plan,
     /// Source of the answers to prompts.
-    pub answers: PromptAnswers,
+    pub answers: PromptAnswerSource,
 }
 
 impl Cycle<'_> {

@@ -98,7 +98,7 @@ async fn failing_sensor_is_shown_during_a_prompt_and_ends_nothing() {
     };
     let answers = {
         let is_done = is_done.clone();
-        PromptAnswers::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
+        PromptAnswerSource::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
     };
     let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut on_event);
     let ended = run.with_answers(answers).execute().await;

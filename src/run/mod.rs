@@ -36,7 +36,7 @@ pub use identify::{
     IdentificationError, identify_readings, identify_stored, judge_estimate, start_identification, store_identification,
 };
 pub use priority::{HTTP_NICE, lower_priority};
-pub use prompts::{OpenPrompt, PromptAnswers};
+pub use prompts::{OpenPrompt, PromptAnswerSource};
 pub use qualification::{QualificationError, check_probe};
 pub use resumable_run::{ResumableRun, ResumeQuestion, ResumeRefusal, resume_question};
 pub use resume::{InterruptedRun, can_resume};
@@ -78,7 +78,7 @@ pub struct Run<'a> {
     /// Open sensors of the plan.
     open_sensors: Vec<OpenSensor>,
     /// Source of the answers to prompts, and the answered prompts as (step, repeat).
-    answers: PromptAnswers,
+    answers: PromptAnswerSource,
     answered_prompts: Vec<(u32, u32)>,
     temperature_log: TemperatureLog,
     remaining: RemainingStages,
@@ -111,7 +111,7 @@ impl<'a> Run<'a> {
             transmission: Transmission::Rows,
             timeline: Timeline::new(),
             open_sensors: Vec::new(),
-            answers: PromptAnswers::none(),
+            answers: PromptAnswerSource::none(),
             answered_prompts: Vec::new(),
             temperature_log: TemperatureLog::default(),
             remaining: RemainingStages::default(),
@@ -121,7 +121,7 @@ impl<'a> Run<'a> {
     }
 
     /// Sets the source of the answers to prompts.
-    pub fn with_answers(self, answers: PromptAnswers) -> Self {
+    pub fn with_answers(self, answers: PromptAnswerSource) -> Self {
         Self { answers, ..self }
     }
 
@@ -156,7 +156,7 @@ impl<'a> Run<'a> {
 
     async fn measure(&mut self) -> Result<(), RunError> {
         let steps = self.rehearse().await?;
-        self.check_sweep_positions(&steps)?;
+        self.check_scan_in_motion_positions(&steps)?;
         self.check_operator_available(first_prompt_text(&steps))?;
         // The method refuses a plan before the first motion.
         self.next_stage(&[])?;

@@ -33,9 +33,9 @@ type PollAnswer = dyn Fn(&OpenPrompt) -> Option<String> + Send + Sync;
 
 /// Source of the answers to prompts. Cloneable.
 #[derive(Clone)]
-pub struct PromptAnswers(Option<Arc<PollAnswer>>);
+pub struct PromptAnswerSource(Option<Arc<PollAnswer>>);
 
-impl PromptAnswers {
+impl PromptAnswerSource {
     /// `poll` is polled while the run waits and must not block. It returns the name of the person who has
     /// confirmed the prompt, or `None` before that.
     pub fn new(look: impl Fn(&OpenPrompt) -> Option<String> + Send + Sync + 'static) -> Self {

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use super::identify::stored_setup;
 use super::prompts::answered_prompts;
-use super::{CycleError, InterruptedRun, PromptAnswers, Run, can_resume, conclude_run};
+use super::{CycleError, InterruptedRun, PromptAnswerSource, Run, can_resume, conclude_run};
 use crate::archive::run_story;
 use crate::setup::{Devices, EarlierSessions, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState, StoredRun};
@@ -105,7 +105,7 @@ impl ResumableRun {
         self,
         devices: &Devices,
         journal: &Journal,
-        answers: PromptAnswers,
+        answers: PromptAnswerSource,
         on_event: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
         let Self { machine, method, stored, answered_prompts, elapsed_s, .. } = self;

@@ -53,7 +53,7 @@ impl Run<'_> {
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::NoReferences);
         };
-        self.check_sweep_positions(&self.plan.steps)?;
+        self.check_scan_in_motion_positions(&self.plan.steps)?;
         for stage in &stages {
             self.check_operator_available(self.open_prompts(stage)?.first().map(|asked| asked.text.as_str()))?;
         }

@@ -16,7 +16,7 @@ use planning::{out_of_range_block_count, position_after_motions};
 pub(super) struct PositionedSample<'a> {
     pub sensor: &'a str,
     pub sample: Sample,
-    pub t_s: f64,
+    pub run_time_s: f64,
     pub position: Position,
 }
 
@@ -42,7 +42,7 @@ impl Run<'_> {
             Sampling::Continuous { rate_hz, per_revolution } => {
                 // The filter to equal angles needs all samples.
                 let most_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
-                self.run_sweep(step, scan, repeat, most_hz, rest, in_nest).await
+                self.run_scan_in_motion(step, scan, repeat, most_hz, rest, in_nest).await
             }
         }
     }
@@ -116,7 +116,7 @@ impl Run<'_> {
             let sampled = samples.iter().enumerate().map(|(k, sample)| PositionedSample {
                 sensor,
                 sample: *sample,
-                t_s: began + after_s(k),
+                run_time_s: began + after_s(k),
                 position: stands.clone(),
             });
             sampled.map(|sampled| to_reading(step, repeat, sampled)).collect()
@@ -126,7 +126,7 @@ impl Run<'_> {
 }
 
 pub(super) fn to_reading(step: &Step, repeat: u32, sampled: PositionedSample<'_>) -> Reading {
-    let PositionedSample { sensor, sample, t_s, position } = sampled;
+    let PositionedSample { sensor, sample, run_time_s: t_s, position } = sampled;
     Reading {
         step: step.id,
         repeat,

@@ -49,7 +49,7 @@ struct Channel {
 impl Run<'_> {
     /// Checks before any motion that the positions of all samples can be known: the control stamps positions,
     /// or each sample carries the encoder count of the axis that turns.
-    pub(super) fn check_sweep_positions(&self, steps: &[Step]) -> Result<(), RunError> {
+    pub(super) fn check_scan_in_motion_positions(&self, steps: &[Step]) -> Result<(), RunError> {
         let lacks_positions = |step: &&Step| match &step.scan {
             Some(scan) if matches!(scan.sampling, Sampling::Continuous { .. }) => {
                 step.sensors.iter().any(|sensor| self.path_encoder(scan, sensor).is_none())
@@ -72,7 +72,7 @@ impl Run<'_> {
     }
 
     /// Samples from the first point to the last, each with the position at which it was taken.
-    pub(super) async fn run_sweep(
+    pub(super) async fn run_scan_in_motion(
         &mut self,
         step: &Step,
         scan: &Scan,
@@ -87,7 +87,7 @@ impl Run<'_> {
         for way in blocks {
             self.execute_watched(step, way, self.entry_conditions(step, in_nest)).await?;
         }
-        let sweep = self.execute_sweep(step, scan, block).await?;
+        let sweep = self.execute_scan_in_motion(step, scan, block).await?;
         let mut readings = Vec::new();
         for channel in &sweep.channels {
             let placed = sweep.assign_positions(channel, step, scan, most_hz)?;
@@ -107,12 +107,12 @@ impl Run<'_> {
                 }
                 None => placed.samples,
             };
-            readings.extend(self.sweep_readings(step, sensor, repeat, kept));
+            readings.extend(self.scan_in_motion_readings(step, sensor, repeat, kept));
         }
         Ok(readings)
     }
 
-    async fn execute_sweep(&self, step: &Step, scan: &Scan, block: ProvenBlock) -> Result<Sweep, RunError> {
+    async fn execute_scan_in_motion(&self, step: &Step, scan: &Scan, block: ProvenBlock) -> Result<Sweep, RunError> {
         let mut channels = self.open_channels(step, scan).await?;
         let is_counted = channels.iter().any(|channel| channel.encoder.is_some());
         let before = if is_counted { Some(self.rest_position(scan.path.first()).await?) } else { None };
@@ -190,7 +190,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn sweep_readings(
+    fn scan_in_motion_readings(
         &mut self,
         step: &Step,
         sensor: &str,
@@ -202,7 +202,7 @@ impl Run<'_> {
         let placed = samples.into_iter().map(|(sample, position)| PositionedSample {
             sensor,
             sample,
-            t_s: sample.t_s + shift_s,
+            run_time_s: sample.t_s + shift_s,
             position,
         });
         placed.map(|sampled| to_reading(step, repeat, sampled)).collect()

@@ -21,7 +21,7 @@ impl MachineWorker {
                 return;
             }
             Ok(Some(why)) => (why, String::new()),
-            Err(ServeError::Lock(error)) => (Refusal::Elsewhere, format!(" ({error})")),
+            Err(ServeError::Lock(error)) => (Refusal::UsedByOtherProgram, format!(" ({error})")),
             Err(error) => (Refusal::NotReady, format!(" ({error})")),
         };
         let previous_state = self.gate.machine_state().state;

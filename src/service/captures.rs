@@ -11,17 +11,17 @@ use link::{Capture, LinkMode};
 /// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
 /// name is `talk-begun-2.capture`.
 #[derive(Clone)]
-pub(super) struct CaptureNaming(PathBuf);
+pub(super) struct CaptureFiles(PathBuf);
 
 /// The capture of one cycle.
 pub(super) struct RunCapture<'a> {
-    naming: &'a CaptureNaming,
+    naming: &'a CaptureFiles,
     file: PathBuf,
     capture: Capture,
     log: &'a Log,
 }
 
-impl CaptureNaming {
+impl CaptureFiles {
     pub(super) fn new(file: PathBuf) -> Self {
         Self(file)
     }
@@ -44,7 +44,7 @@ impl CaptureNaming {
     }
 
     /// Removes the capture of `run`. Returns whether a file was removed.
-    pub(super) fn remove(&self, run: RunId) -> bool {
+    pub(super) fn delete_capture_file(&self, run: RunId) -> bool {
         std::fs::remove_file(self.path_for(&run.to_string())).is_ok()
     }
 
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn existing_capture_is_kept_and_the_next_has_another_name() {
         let folder = tempfile::tempdir().unwrap();
-        let captures = CaptureNaming::new(folder.path().join("talk.capture"));
+        let captures = CaptureFiles::new(folder.path().join("talk.capture"));
         let left = ["talk-begun.capture", "talk-begun-2.capture"];
         for name in left {
             std::fs::write(folder.path().join(name), name).unwrap();

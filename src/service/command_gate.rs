@@ -17,7 +17,7 @@ use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, ServiceS
 use super::schedule_state::{DueRequest, ReadinessSource};
 use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, WorkerCommand};
 use super::{Log, lock};
-use crate::run::{OpenPrompt, PromptAnswers, RehearsalResult};
+use crate::run::{OpenPrompt, PromptAnswerSource, RehearsalResult};
 use crate::store::{Journal, NewestRuns, RunId, StoreError};
 use devices::controllers::HaltHandle;
 
@@ -207,7 +207,7 @@ impl CommandGate {
             return Err(Refusal::NoSuchCycle);
         }
         if inner.rehearsal_results.get(&cycle).is_some_and(|known| known.has_prompts) && !interlocks.person {
-            return Err(Refusal::AsksPerson);
+            return Err(Refusal::PlanHasPrompts);
         }
         if let Some(why) = interlocks.missing_interlock(&self.required_interlocks) {
             return Err(why);
@@ -259,7 +259,7 @@ impl CommandGate {
         let meant = |asked: &mut OpenPrompt| (asked.step, asked.repeat) == (step, repeat);
         let Some(asked) = inner.machine_state.open_prompt.take_if(meant) else {
             drop(inner);
-            let why = Refusal::NotAsked;
+            let why = Refusal::PromptNotOpen;
             self.record_refusal(why, &format!("answer to step {step} by {who}"));
             return Err(why);
         };
@@ -271,9 +271,9 @@ impl CommandGate {
 
     /// Source of the answers for the run. Each poll beats the heartbeat with `patience`, so that a run that waits
     /// for a person does not count as hung.
-    pub(super) fn prompt_answers(&self, patience: Duration) -> PromptAnswers {
+    pub(super) fn prompt_answer_source(&self, patience: Duration) -> PromptAnswerSource {
         let gate = self.clone();
-        PromptAnswers::new(move |asked| {
+        PromptAnswerSource::new(move |asked| {
             gate.report_progress(patience);
             let given = gate.inner().prompt_answer.take_if(|(to, _)| to == asked);
             given.map(|(_, who)| who)
@@ -312,7 +312,7 @@ impl CommandGate {
         }
         self.notify_change();
         // If the channel is full, the worker checks the state before each command.
-        let _ = self.command_sender.try_send(WorkerCommand::End);
+        let _ = self.command_sender.try_send(WorkerCommand::ShutDown);
     }
 
     pub(super) fn is_ending(&self) -> bool {

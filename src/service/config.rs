@@ -38,7 +38,7 @@ pub struct CycleConfig {
 /// The daemon's own Modbus TCP server.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ModbusConfig {
+pub struct ModbusServerConfig {
     /// Address and port of this computer to listen on.
     pub listen: SocketAddr,
     #[serde(default)]
@@ -124,7 +124,7 @@ struct ServeKeys {
     verdict_h: Option<f64>,
     demand: Option<Vec<StartInterlock>>,
     cycle: Vec<CycleConfig>,
-    modbus: Option<ModbusConfig>,
+    modbus: Option<ModbusServerConfig>,
     line: Option<LineConfig>,
     http: Option<HttpConfig>,
     #[serde(default)]
@@ -144,7 +144,7 @@ pub struct ServeConfig {
     /// Conditions of an external start; always contains [`StartInterlock::Enable`].
     pub required_interlocks: Vec<StartInterlock>,
     pub cycles: Vec<CycleConfig>,
-    pub modbus: Option<ModbusConfig>,
+    pub modbus: Option<ModbusServerConfig>,
     pub line: Option<LineConfig>,
     pub http: Option<HttpConfig>,
     pub schedules: Vec<ScheduleEntry>,
@@ -204,7 +204,7 @@ fn check_cycles(cycles: &[CycleConfig]) -> Result<(), String> {
     }
 }
 
-fn check_modbus(modbus: &ModbusConfig) -> Result<(), String> {
+fn check_modbus(modbus: &ModbusServerConfig) -> Result<(), String> {
     if modbus.listen.ip().is_unspecified() && !modbus.any_interface {
         return Err(format!(
             "modbus.listen is `{}`, every interface of this computer: set the address of the interface to \

@@ -1,6 +1,6 @@
 //! Errors of one cycle, and their messages.
 
-use super::machine_state::Failure;
+use super::machine_state::RunFailure;
 use crate::run::CycleError;
 use crate::setup::SetupError;
 
@@ -15,9 +15,9 @@ pub(super) enum CycleFailure {
 
 impl CycleFailure {
     /// Message and remedy.
-    pub(super) fn describe(&self) -> Failure {
+    pub(super) fn describe(&self) -> RunFailure {
         let (what, remedy) = match self {
-            Self::Setup(error) => return Failure { what: error.to_string(), remedy: error.remedy() },
+            Self::Setup(error) => return RunFailure { what: error.to_string(), remedy: error.remedy() },
             Self::Cycle(CycleError::Run { run, error, .. }) => (format!("run {run}: {error}"), error.remedy()),
             Self::Cycle(CycleError::Identification { run, why }) => (
                 format!("run {run} is measured and stored, but not identified: {why}"),
@@ -27,6 +27,6 @@ impl CycleFailure {
             Self::Cycle(CycleError::Store(error)) => (error.to_string(), error.remedy().to_owned()),
             Self::Cycle(CycleError::Qualification(error)) => (error.to_string(), error.remedy()),
         };
-        Failure { what, remedy: Some(remedy) }
+        RunFailure { what, remedy: Some(remedy) }
     }
 }

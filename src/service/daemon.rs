@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
-use super::captures::CaptureNaming;
+use super::captures::CaptureFiles;
 use super::command_gate::CommandGate;
 use super::config::HttpConfig;
 use super::daemon_file::DaemonFile;
@@ -25,7 +25,7 @@ pub struct Service {
     folder: PathBuf,
     log: Log,
     metrics: Metrics,
-    captures: Option<CaptureNaming>,
+    captures: Option<CaptureFiles>,
     retention: Option<Retention>,
 }
 
@@ -56,7 +56,7 @@ impl Service {
     /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
     /// extension.
     pub fn with_captures(mut self, file: PathBuf) -> Self {
-        let captures = CaptureNaming::new(file);
+        let captures = CaptureFiles::new(file);
         self.workers.iter_mut().for_each(|worker| worker.captures = Some(captures.clone()));
         self.captures = Some(captures);
         self

@@ -1,6 +1,6 @@
 //! State of the machine's last run in the journal: whether it waits for a person.
 
-use super::machine_state::Failure;
+use super::machine_state::RunFailure;
 use crate::archive::run_story::{describe_run_end, is_abandoned, may_have_lost_position};
 use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError};
 
@@ -9,7 +9,7 @@ pub struct UnfinishedRun {
     pub run: RunId,
     /// Whether the axes must be homed first; a physical button cannot confirm that.
     pub position_lost: bool,
-    pub failure: Failure,
+    pub failure: RunFailure,
 }
 
 /// The newest run of `machine`.
@@ -28,7 +28,7 @@ pub fn unfinished_run(journal: &Journal, machine: &str) -> Result<Option<Unfinis
         return Ok(None);
     }
     let (position_lost, what) = (may_have_lost_position(&stored), describe_run_end(&stored));
-    let failure = Failure { what, remedy: Some("inspect the machine".to_owned()) };
+    let failure = RunFailure { what, remedy: Some("inspect the machine".to_owned()) };
     Ok(Some(UnfinishedRun { run: last.id, position_lost, failure }))
 }
 

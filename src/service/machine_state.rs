@@ -72,15 +72,15 @@ pub enum Refusal {
     #[error("the control may have lost its position: home all axes, then run `trued resume`")]
     PositionLost = 13,
     #[error("another program uses the machine")]
-    Elsewhere = 14,
+    UsedByOtherProgram = 14,
     #[error("there is nothing to acknowledge")]
     NothingToAcknowledge = 15,
     #[error("the line is not a valid command")]
     Unreadable = 16,
     #[error("the plan of this cycle has prompts: a person must start it and answer them")]
-    AsksPerson = 17,
+    PlanHasPrompts = 17,
     #[error("this prompt is not open")]
-    NotAsked = 18,
+    PromptNotOpen = 18,
 }
 
 /// All refusals.
@@ -99,11 +99,11 @@ pub const REFUSALS: [Refusal; 18] = [
     Refusal::Several,
     Refusal::NotReady,
     Refusal::PositionLost,
-    Refusal::Elsewhere,
+    Refusal::UsedByOtherProgram,
     Refusal::NothingToAcknowledge,
     Refusal::Unreadable,
-    Refusal::AsksPerson,
-    Refusal::NotAsked,
+    Refusal::PlanHasPrompts,
+    Refusal::PromptNotOpen,
 ];
 
 /// Interlock inputs that the machine reports; they count only while they are fresh.
@@ -176,7 +176,7 @@ pub struct MachineState {
     /// While the machine is held: whether another process holds its lock and may move it.
     pub is_used_elsewhere: bool,
     /// Why the last cycle was not completed, and the remedy; `None` once that is resolved.
-    pub failure: Option<Failure>,
+    pub failure: Option<RunFailure>,
     /// Open prompt; the machine does not move before a person answers it.
     pub open_prompt: Option<OpenPrompt>,
     /// Live values of the sensors that the open prompt names; `None` before the first values.
@@ -234,7 +234,7 @@ pub struct Counters {
 
 /// Error message for a person.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, ToSchema)]
-pub struct Failure {
+pub struct RunFailure {
     pub what: String,
     pub remedy: Option<String>,
 }
@@ -244,7 +244,7 @@ pub(super) struct CycleEnd<'a> {
     /// State of the machine from now on.
     pub state: ServiceState,
     pub estimate: Option<&'a Estimate>,
-    pub failure: Option<Failure>,
+    pub failure: Option<RunFailure>,
     /// `None`: the run is counted when it is identified.
     pub outcome: Option<CycleOutcome>,
     /// Whether a failure of a link ended the cycle.

@@ -41,7 +41,7 @@ impl MachineWorker {
             }
             Err(error) => {
                 let why = match error {
-                    ResumeError::Serve(ServeError::Lock(_)) => Refusal::Elsewhere,
+                    ResumeError::Serve(ServeError::Lock(_)) => Refusal::UsedByOtherProgram,
                     ResumeError::ResumableRun(ResumeRefusal::NotHomed(_)) => Refusal::PositionLost,
                     _ => Refusal::NotReady,
                 };
@@ -86,7 +86,7 @@ impl MachineWorker {
         self.gate.update(|machine_state| {
             machine_state.measured_steps = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
         });
-        let answers = self.gate.prompt_answers(self.event_timeout());
+        let answers = self.gate.prompt_answer_source(self.event_timeout());
         let ended = resumable_run.run(&devices, journal, answers, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)

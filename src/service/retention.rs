@@ -8,7 +8,7 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 use serde::Deserialize;
 
-use super::captures::CaptureNaming;
+use super::captures::CaptureFiles;
 use super::command_gate::CommandGate;
 use super::key_range::check_range;
 use super::machine_state::ServiceState;
@@ -16,7 +16,7 @@ use super::{Log, ServeError, spawn_thread};
 use crate::store::{Journal, StoreError};
 
 /// Time between two searches for old data.
-const SWEEP_PERIOD: Duration = Duration::from_secs(3600);
+const REMOVAL_PERIOD: Duration = Duration::from_secs(3600);
 /// Time between two checks whether all machines wait.
 const IDLE_CHECK_PERIOD: Duration = Duration::from_secs(10);
 
@@ -48,7 +48,7 @@ impl TryFrom<RetentionKeys> for Retention {
 pub(super) fn start_retention(
     retention: Retention,
     journal: Arc<Journal>,
-    captures: Option<CaptureNaming>,
+    captures: Option<CaptureFiles>,
     gates: Vec<CommandGate>,
     log: &Log,
 ) -> Result<(), ServeError> {
@@ -58,19 +58,21 @@ pub(super) fn start_retention(
         while is_any_run_in_progress() {
             sleep(IDLE_CHECK_PERIOD);
         }
-        if let Err(error) = remove_expired_data(retention, &journal, captures.as_ref(), &is_any_run_in_progress, &log) {
+        if let Err(error) =
+            remove_expired_samples(retention, &journal, captures.as_ref(), &is_any_run_in_progress, &log)
+        {
             log.error(&format!("retention: {error}; {}", error.remedy()));
         }
-        sleep(SWEEP_PERIOD);
+        sleep(REMOVAL_PERIOD);
     };
     spawn_thread("retention", move || std::iter::repeat_with(sweep).for_each(drop))
 }
 
 /// Processes one run at a time; after an interruption by a cycle, the next sweep continues.
-fn remove_expired_data(
+fn remove_expired_samples(
     Retention { keep_days }: Retention,
     journal: &Journal,
-    captures: Option<&CaptureNaming>,
+    captures: Option<&CaptureFiles>,
     is_any_run_in_progress: &impl Fn() -> bool,
     log: &Log,
 ) -> Result<(), StoreError> {
@@ -83,7 +85,7 @@ fn remove_expired_data(
         if scans > 0 {
             log.info(&format!("run {run}: the samples of {scans} scans are removed"));
         }
-        if captures.is_some_and(|captures| captures.remove(run)) {
+        if captures.is_some_and(|captures| captures.delete_capture_file(run)) {
             log.info(&format!("run {run}: the capture file is removed"));
         }
     }

@@ -10,14 +10,14 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, info_span};
 
-use super::captures::{CaptureNaming, RunCapture};
+use super::captures::{CaptureFiles, RunCapture};
 use super::command_gate::CommandGate;
 use super::config::{CycleConfig, ServeConfig};
 use super::cycle_failure::CycleFailure;
 use super::http::ServedMachine;
 use super::identify::Identifications;
 use super::last_run::unfinished_run;
-use super::machine_state::{CycleEnd, CycleOutcome, Failure, ServiceState};
+use super::machine_state::{CycleEnd, CycleOutcome, RunFailure, ServiceState};
 use super::run_events::RunEventPublisher;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{ExitState, Log, ServeError, schedule, triggers};
@@ -42,7 +42,7 @@ pub(super) struct MachineWorker {
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
-    pub(super) captures: Option<CaptureNaming>,
+    pub(super) captures: Option<CaptureFiles>,
     /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) lock: Option<MachineLock>,
     /// Identifications of runs that were measured before.
@@ -112,7 +112,7 @@ impl MachineWorker {
             self.gate.report_progress(self.config.event_timeout);
             let exit_state = match command {
                 _ if self.gate.is_ending() => break,
-                WorkerCommand::End => break,
+                WorkerCommand::ShutDown => break,
                 WorkerCommand::Acknowledge(acknowledgement) => {
                     self.handle_acknowledgement(acknowledgement, journal).await;
                     None
@@ -244,7 +244,7 @@ impl MachineWorker {
             CycleFailure::Cycle(error) => (ServiceState::Failed, (!error.is_stop()).then_some(CycleOutcome::Failed)),
             CycleFailure::Setup(_) => (state_if_unopened, Some(CycleOutcome::Failed)),
         };
-        let Failure { what, remedy } = failed.describe();
+        let RunFailure { what, remedy } = failed.describe();
         let message = match &remedy {
             Some(remedy) if state != ServiceState::Waiting => format!("{what}; {remedy}"),
             _ => what.clone(),
@@ -253,7 +253,7 @@ impl MachineWorker {
             CycleFailure::Cycle(error) if error.is_stop() => self.log.info(&message),
             _ => self.log.error(&message),
         }
-        let failure = (state != ServiceState::Waiting).then_some(Failure { what, remedy });
+        let failure = (state != ServiceState::Waiting).then_some(RunFailure { what, remedy });
         let is_link_error = matches!(failed, CycleFailure::Cycle(CycleError::Run { error, .. }) if error.is_of_link());
         CycleEnd { state, estimate: None, failure, outcome, is_link_error }
     }
@@ -274,7 +274,7 @@ impl MachineWorker {
             capture.iter().for_each(|capture| capture.name_after_run(id));
             self.gate.update(|machine_state| machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
-        let answers = self.gate.prompt_answers(self.event_timeout());
+        let answers = self.gate.prompt_answer_source(self.event_timeout());
         let cycle = run::Cycle { machine: &self.machine, method: method.into(), plan, answers };
         let ended = cycle.run(&devices, journal, begun, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);

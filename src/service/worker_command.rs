@@ -11,7 +11,7 @@ pub enum WorkerCommand {
     Start { cycle: u16 },
     Acknowledge(Acknowledgement),
     Resume { run: RunId, acknowledgement: Acknowledgement },
-    End,
+    ShutDown,
 }
 
 /// Acknowledgement: a person has inspected the machine.

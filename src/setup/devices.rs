@@ -12,7 +12,7 @@ use machine::record::machine::Machine;
 use machine::record::plan::ArtefactMount;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
-use planning::proof::{ProvenModes, prove_modes};
+use planning::proof::{ProvenModeText, prove_modes};
 use simulator::SimulatedWorld;
 
 /// The open devices of a machine, as a run needs them.
@@ -80,7 +80,11 @@ pub struct EarlierSessions<'a> {
 ///
 /// # Errors
 /// The text cannot be rendered or proven.
-pub fn render_modes(dialect: &Dialect, machine: &Machine, log: Option<String>) -> Result<ProvenModes, SetupError> {
+pub fn prove_mode_text(
+    dialect: &Dialect,
+    machine: &Machine,
+    log: Option<String>,
+) -> Result<ProvenModeText, SetupError> {
     Ok(prove_modes(dialect, &machine.name, machine.axes.keys().copied(), log.as_deref())?)
 }
 

@@ -17,7 +17,7 @@ mod world;
 
 use std::path::Path;
 
-pub use self::devices::{Devices, EarlierSessions, machine_dialect, render_modes};
+pub use self::devices::{Devices, EarlierSessions, machine_dialect, prove_mode_text};
 pub use built_in::{BuiltInFile, built_in_file};
 pub use controls::{configure_control, control_hints, control_kinds};
 pub use draft::MachineFileDraft;

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
-use super::{Devices, EarlierSessions, SetupError, SimulatedMachine, SimulationPace, machine_dialect, render_modes};
+use super::{Devices, EarlierSessions, SetupError, SimulatedMachine, SimulationPace, machine_dialect, prove_mode_text};
 use devices::controllers::ControllerConfig;
 use link::Clock;
 use link::clock::HostClock;
@@ -53,7 +53,7 @@ impl<'a> ReopenableMachine<'a> {
             MachineKind::Real(control) => {
                 let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
                 let machine = &self.file.machine;
-                let modes = render_modes(&dialect, machine, control.result_log())?;
+                let modes = prove_mode_text(&dialect, machine, control.result_log())?;
                 let opening = control.open(machine, modes, clock.clone());
                 let devices = Devices::with_clock(opening.await?, dialect, clock);
                 Ok(devices.with_sensors(self.file, None))

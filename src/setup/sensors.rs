@@ -7,7 +7,7 @@ use super::machine_file::{Encoder, SensorConnection, SensorEntry};
 use super::{MachineFile, SetupError, build_world};
 use devices::sensors::{Sensor, SensorError};
 use link::clock::HostClock;
-use link::{Clock, LinkMode, RequestCapture, SharedPorts};
+use link::{Clock, LinkMode, SensorRequestCapture, SharedPorts};
 use simulator::SimulatedWorld;
 
 /// Opens the sensor `name` alone, without its machine. A simulated sensor measures the world before any motion.
@@ -75,7 +75,7 @@ impl Sensors {
     async fn connect(&self, name: &str) -> Result<Sensor, SensorError> {
         let SensorEntry { sensor, connection, .. } =
             self.entry(name).ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
-        let capture = RequestCapture::from_mode(&self.wiring, &format!("sensor {name}"));
+        let capture = SensorRequestCapture::from_mode(&self.wiring, &format!("sensor {name}"));
         if capture.is_replayed() {
             return Ok(Sensor::from_capture(name, capture));
         }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::machine_file::{Control, MachineFile};
 use super::simulated::{SimulatedControl, SimulatedControlServer, SimulationSetup};
-use super::{Devices, EarlierSessions, SetupError, SimulationPace, build_world, render_modes};
+use super::{Devices, EarlierSessions, SetupError, SimulationPace, build_world, prove_mode_text};
 
 use planning::gcode::Dialect;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
@@ -41,7 +41,7 @@ impl<'a> SimulatedMachine<'a> {
     }
 
     pub(super) async fn open(&self, dialect: Dialect, pace: SimulationPace) -> Result<Devices, SetupError> {
-        let modes = render_modes(&dialect, &self.file.machine, None)?;
+        let modes = prove_mode_text(&dialect, &self.file.machine, None)?;
         let (controller, served) = self.control.open(self.simulation_setup(pace)?, modes).await?;
         let world = Some(self.world.clone());
         Ok(Devices::new(controller, dialect).with_sensors(self.file, world).with_control_server(served))

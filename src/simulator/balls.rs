@@ -123,7 +123,7 @@ impl TrueBall {
         if self.form == Matrix3::zeros() {
             return nearest;
         }
-        for _ in 0..MAX_FOOT_ITERATIONS {
+        for _ in 0..MAX_PERPENDICULAR_ITERATIONS {
             let form_product = self.form * direction;
             let form_deviation = direction.dot(&form_product);
             let radius = self.radius + form_deviation;
@@ -141,7 +141,7 @@ impl TrueBall {
     }
 }
 
-const MAX_FOOT_ITERATIONS: usize = 30;
+const MAX_PERPENDICULAR_ITERATIONS: usize = 30;
 /// Squared change of angle, rad², below which the foot of a perpendicular has converged.
 const FOOT_TOLERANCE_RAD2: f64 = 1e-28;
 
@@ -163,7 +163,7 @@ impl BallStem {
 fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, truth: &MachineTruth) {
     let ball_indices: BTreeMap<&str, usize> =
         stated.balls.iter().enumerate().map(|(i, ball)| (ball.id.as_str(), i)).collect();
-    for _ in 0..MAX_LENGTH_ITERATIONS {
+    for _ in 0..MAX_CERTIFIED_LENGTH_ITERATIONS {
         let mut max_correction = 0.0_f64;
         for (number, length) in stated.lengths.iter().enumerate() {
             let ends = (ball_indices.get(length.from.as_str()), ball_indices.get(length.to.as_str()));
@@ -181,7 +181,7 @@ fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, tru
     }
 }
 
-const MAX_LENGTH_ITERATIONS: usize = 1000;
+const MAX_CERTIFIED_LENGTH_ITERATIONS: usize = 1000;
 
 fn true_length(number: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
     let draw = |part| draw_normal(truth.seed, RandomSource::CertifiedLength, &[number as u64, part]);

@@ -21,7 +21,7 @@ pub enum SensorOutput {
     /// A distance outside of its range, mm.
     OutOfRange(f64),
     /// Too much light.
-    Saturated,
+    TooMuchLight,
 }
 
 /// A sensor as it is truly mounted in the spindle, at S = 0, in the directions of the machine frame.
@@ -85,7 +85,7 @@ impl Beam {
             return SensorOutput::NoEcho;
         }
         if cosine > self.truth.dazzled_deg.to_radians().cos() {
-            return SensorOutput::Saturated;
+            return SensorOutput::TooMuchLight;
         }
         let output_mm = self.truth.gain * hit.distance
             + self.linearity_error_mm(hit.distance)

@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::SimulatedWorldError;
 use super::cylinder::{FormHarmonic, RadiusProfile, TrueCylinder};
-use super::datum_truth::StageTruth;
+use super::datum_truth::IndexingStageTruth;
 use super::nearest_surface::NearestSurface;
 use super::random_draws::{RandomSource, draw_form, draw_normal};
 use super::truth::MachineTruth;
@@ -23,7 +23,7 @@ pub(super) struct TrueDatumCylinder {
     face_form: Vec<FormHarmonic>,
     foot: Vector3<f64>,
     tilt: [f64; 2],
-    stage: StageTruth,
+    stage: IndexingStageTruth,
     seed: u64,
     /// Number of mountings after the first.
     mounting_count: u32,
@@ -89,7 +89,7 @@ impl TrueDatumCylinder {
         self.mounting_count += 1;
         self.turn_deg = turn_deg;
         let draw = |part| draw_normal(self.seed, RandomSource::MountingError, &[u64::from(self.mounting_count), part]);
-        let StageTruth { index_error_urad, eccentricity_um, tilt_urad, faults } = &self.stage;
+        let IndexingStageTruth { index_error_urad, eccentricity_um, tilt_urad, faults } = &self.stage;
         let matching_faults = faults.iter().filter(|fault| fault.mounting == self.mounting_count);
         let off_deg = matching_faults.map(|fault| fault.off_deg).sum::<f64>();
         let turn = (turn_deg + off_deg).to_radians() + index_error_urad * 1e-6 * draw(0);

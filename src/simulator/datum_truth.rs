@@ -7,7 +7,7 @@ use super::cylinder::FormHarmonic;
 /// `[simulated.datum_cylinder]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct DatumTruth {
+pub struct DatumCylinderTruth {
     /// Standard deviation of the form of each section and of the face, drawn from the seed: harmonics 2 to 20.
     pub form_um: f64,
     /// Stated form of single sections, in addition to the drawn form and to the `form` of all sections.
@@ -34,7 +34,7 @@ pub struct SectionForm {
 /// each new mounting draws from the seed.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct StageTruth {
+pub struct IndexingStageTruth {
     /// Standard deviation of the angle.
     pub index_error_urad: f64,
     /// Standard deviation of the artefact's position along X and along Y.

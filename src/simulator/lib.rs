@@ -45,7 +45,7 @@ use std::collections::BTreeMap;
 
 pub use beam::SensorOutput;
 pub use cylinder::FormHarmonic;
-pub use datum_truth::{DatumTruth, IndexFault, SectionForm, StageTruth};
+pub use datum_truth::{DatumCylinderTruth, IndexFault, IndexingStageTruth, SectionForm};
 pub use error::SimulatedWorldError;
 pub use operator::SimulatedOperator;
 pub use ramp::Speed;

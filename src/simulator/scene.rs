@@ -109,7 +109,7 @@ impl Scene {
 
     /// Distance and outward normal of the surface, the normal in the spindle frame.
     fn distance_and_normal(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
-        let SensorView { pose, growth, .. } = self.view_from_spindle(axes, command, t_s);
+        let SensorView { carrier_and_table: pose, growth, .. } = self.view_from_spindle(axes, command, t_s);
         let nearest = self.surface.nearest(pose.to_table_point(self.true_stylus), growth, t_s);
         (nearest.distance - self.ball_radius, pose.to_spindle_direction(nearest.normal))
     }
@@ -130,11 +130,13 @@ impl Scene {
     /// The sphere in the spindle, as seen from a sensor on the table.
     pub fn view_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let view = self.view_from_spindle(axes, command, t_s);
-        let target =
-            MeasuredObject::Sphere { centre: view.pose.to_table_point(self.true_stylus), radius: self.ball_radius };
-        let table = view.pose.table;
+        let target = MeasuredObject::Sphere {
+            centre: view.carrier_and_table.to_table_point(self.true_stylus),
+            radius: self.ball_radius,
+        };
+        let table = view.carrier_and_table.table;
         let pose = MachinePose { table, spindle: table, shift: Vector3::zeros() };
-        SensorView { pose, target, ..view }
+        SensorView { carrier_and_table: pose, target, ..view }
     }
 
     fn view_from(&self, carrier: Pose, shift: Vector3<f64>, axes: &Position, t_s: f64) -> SensorView<'_> {
@@ -145,7 +147,7 @@ impl Scene {
             shift: shift - self.drift.table_displacement(t_s),
         };
         let target = MeasuredObject::Surface(&self.surface);
-        SensorView { pose, target, growth: self.drift.radius_growth(t_s), t_s }
+        SensorView { carrier_and_table: pose, target, growth: self.drift.radius_growth(t_s), t_s }
     }
 
     /// Stated errors, error motions of the rotary axes at this position, and rotations of the linear axes.

@@ -11,7 +11,7 @@ use super::surface::Surface;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SensorView<'a> {
     /// Pose of the carrier, in place of the spindle.
-    pub pose: MachinePose,
+    pub carrier_and_table: MachinePose,
     pub target: MeasuredObject<'a>,
     /// Growth of the radius of a round part, mm.
     pub growth: f64,
@@ -56,14 +56,14 @@ impl SensorView<'_> {
     pub fn first_hit(&self, origin: Vector3<f64>, along: Vector3<f64>, reach: [f64; 2]) -> Option<SurfaceHit> {
         let [near, far] = reach;
         let length = far - near;
-        let start = self.pose.to_table_point(origin + along * near);
-        let direction = self.pose.to_table_direction(along);
+        let start = self.carrier_and_table.to_table_point(origin + along * near);
+        let direction = self.carrier_and_table.to_table_direction(along);
         let nearest =
             |fraction: f64| self.target.nearest(start + direction * (fraction * length), self.growth, self.t_s);
         // The distance to a surface falls no faster than the line advances.
         let fraction =
             first_crossing(|fraction| nearest(fraction).distance, length, 0.0).filter(|fraction| *fraction > 0.0)?;
-        let normal = self.pose.to_spindle_direction(nearest(fraction).normal);
+        let normal = self.carrier_and_table.to_spindle_direction(nearest(fraction).normal);
         Some(SurfaceHit { distance: near + fraction * length, normal })
     }
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SimulatedWorldError;
 use super::cylinder::FormHarmonic;
-use super::datum_truth::{DatumTruth, StageTruth};
+use super::datum_truth::{DatumCylinderTruth, IndexingStageTruth};
 use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::SensorTruth;
 use super::thermometer_truth::ThermometerTruth;
@@ -32,8 +32,8 @@ pub struct MachineTruth {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rotary_motion: Vec<RotaryMotion>,
     /// Form and tilt of a datum cylinder, and the stage that indexes it.
-    pub datum_cylinder: DatumTruth,
-    pub stage: StageTruth,
+    pub datum_cylinder: DatumCylinderTruth,
+    pub stage: IndexingStageTruth,
     /// True centre of the artefact minus the stated one, table frame X and Y.
     pub centre_offset_mm: [f64; 2],
     /// True mean radius of the artefact minus the stated one.

@@ -3,7 +3,7 @@
 use super::{IMPURE_PATHS, UNSEEDED_RANDOM};
 use super::{import_circles, package, sibling_imports, source, upward_imports, used_paths};
 
-fn parsed(name: &str, files: &[(&str, &str)]) -> super::Package {
+fn parse_package(name: &str, files: &[(&str, &str)]) -> super::Package {
     let files = files.iter().map(|(module, text)| {
         let path = module.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
         (format!("{}/mod.rs", module.replace("::", "/")), path, (*text).to_owned())
@@ -20,7 +20,7 @@ fn an_import_of_a_higher_layer_is_found_in_every_spelling() {
             ("run::inner", "pub struct Run;"),
             ("setup", text),
         ];
-        upward_imports(&parsed("trued", &files)).1.len()
+        upward_imports(&parse_package("trued", &files)).1.len()
     };
     for text in [
         "use crate::run::go;",
@@ -44,12 +44,12 @@ fn import_between_methods_is_found() {
         ("latch_delay", "pub fn fit() {}"),
         ("samba", "use crate::latch_delay::fit; use crate::shared;"),
     ];
-    assert_eq!(sibling_imports(&parsed("methods", &files)).len(), 1);
+    assert_eq!(sibling_imports(&parse_package("methods", &files)).len(), 1);
 }
 
 #[test]
 fn io_behind_an_alias_is_found() {
-    let found = |text: &str| used_paths(&parsed("methods", &[("", text)]), &IMPURE_PATHS).len();
+    let found = |text: &str| used_paths(&parse_package("methods", &[("", text)]), &IMPURE_PATHS).len();
     assert!(found("use std::fs as files; fn f() { files::read(\"x\"); }") > 0);
     assert!(found("fn f() -> std::time::Instant { std::time::Instant::now() }") > 0);
     assert_eq!(found("use std::time::Duration; fn f(d: Duration) {}"), 0);
@@ -57,7 +57,7 @@ fn io_behind_an_alias_is_found() {
 
 #[test]
 fn random_without_a_seed_is_found() {
-    let found = |text: &str| used_paths(&parsed("methods", &[("", text)]), &UNSEEDED_RANDOM).len();
+    let found = |text: &str| used_paths(&parse_package("methods", &[("", text)]), &UNSEEDED_RANDOM).len();
     assert!(found("fn f() -> u8 { rand::random() }") > 0);
     assert!(found("use rand::{rng as any, Rng}; fn f() { any(); }") > 0);
     assert_eq!(found("use rand::Rng; fn f(stream: &mut impl Rng) {}"), 0);
@@ -66,18 +66,19 @@ fn random_without_a_seed_is_found() {
 #[test]
 fn a_module_without_a_layer_is_refused() {
     let files = [("", "mod run; mod extra;"), ("run", "use crate::extra::x;"), ("extra", "pub fn x() {}")];
-    assert_eq!(upward_imports(&parsed("trued", &files)).1.len(), 1);
+    assert_eq!(upward_imports(&parse_package("trued", &files)).1.len(), 1);
 }
 
 #[test]
 fn import_circle_is_found_but_a_reexport_is_not_one() {
-    let circles =
-        |a: &str, b: &str| import_circles(&parsed("methods", &[("", "pub mod a; pub mod b;"), ("a", a), ("b", b)]));
+    let circles = |a: &str, b: &str| {
+        import_circles(&parse_package("methods", &[("", "pub mod a; pub mod b;"), ("a", a), ("b", b)]))
+    };
     let found = circles("use super::b::B; pub struct A(B);", "pub struct B; fn f(_: super::a::A) {}");
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(circles("use super::b::B;", "pub struct B;"), Vec::<String>::new());
     // A module that re-exports a type of its child and defines a trait that the child implements.
     let files =
         [("", "mod child; pub use child::C; pub trait T {}"), ("child", "pub struct C; impl super::T for C {}")];
-    assert_eq!(import_circles(&parsed("methods", &files)), Vec::<String>::new());
+    assert_eq!(import_circles(&parse_package("methods", &files)), Vec::<String>::new());
 }

@@ -30,7 +30,7 @@ impl Method for FirstRoundMethod {
 
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if done.len() == 2 {
-            return Ok(NextStage::Done);
+            return Ok(NextStage::NoFurtherStage);
         }
         let next = self.0.next_stage(plan, done, source)?;
         let NextStage::Stage { mut stage, mut new_steps } = next else { return Ok(next) };

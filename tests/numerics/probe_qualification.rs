@@ -132,7 +132,7 @@ fn qualification_and_truth(seed: u64, turns: bool) -> (Estimate, Vec<(String, f6
 
 /// Coverage standard of METHODS, section 6.
 #[test]
-fn the_map_is_within_its_uncertainty() {
+fn probe_map_uncertainty_has_its_coverage() {
     const FULL_POPULATION: u64 = 1000;
     for turns in [true, false] {
         let worlds = population_size(FULL_POPULATION).max(50);

@@ -142,7 +142,7 @@ impl MethodCase {
             let is_own = |line: &&BudgetLine| sources.iter().any(|own| own.line == line.source);
             let lines = parameter.budget.iter().filter(is_own);
             let stated = lines.map(|line| line.u.powi(2)).sum::<f64>().sqrt();
-            let is_fixed = sources.iter().all(|source| is_fixed(source, &parameter.symbol));
+            let is_fixed = sources.iter().all(|source| has_same_true_value(source, &parameter.symbol));
             if !is_fixed || stated <= MIN_SHARE_OF_U * parameter.u {
                 continue;
             }
@@ -157,7 +157,7 @@ impl MethodCase {
 
 /// Whether the true value is the same with and without the source: drift, and the error of an axis at its zero,
 /// move balls and stylus, and the spindle with them.
-fn is_fixed(source: &SourceCase, symbol: &str) -> bool {
+fn has_same_true_value(source: &SourceCase, symbol: &str) -> bool {
     let moves = [DRIFT.line, LINEAR_MOTIONS.line].contains(&source.line);
     !moves || symbol.starts_with('E') && !symbol.ends_with('S')
 }

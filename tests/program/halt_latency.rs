@@ -106,7 +106,7 @@ fn run_driver(path: String, give: Sender<HaltHandle>) {
     runtime.block_on(async {
         let link = link::open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await.unwrap();
         let dialect = Dialect::from_name("grbl").unwrap();
-        let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
+        let modes = setup::prove_mode_text(&dialect, &file.machine, None).unwrap();
         let (driver, halt) = GrblDriver::new(link, &file.machine, modes);
         let controller = Controller::spawn(driver.with_timeouts(long_timeouts()), halt.clone());
         controller.prepare().await.unwrap();

@@ -43,7 +43,7 @@ fn play_scan(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat: u32) 
         let (value_mm, flag) = match sensed {
             SensorOutput::Distance(mm) => (Some(mm), ReadingFlag::None),
             SensorOutput::NoEcho | SensorOutput::OutOfRange(_) => (None, ReadingFlag::Range),
-            SensorOutput::Saturated => (None, ReadingFlag::Saturated),
+            SensorOutput::TooMuchLight => (None, ReadingFlag::Saturated),
         };
         let (sensor, temperatures_c) = (sensor.to_owned(), Default::default());
         Reading { step: step.id, repeat, position, value_mm, sensor, t_s, flag, temperatures_c }

@@ -72,7 +72,7 @@ pub enum DiagnosisMode {
 
 /// Search for the reason why the control of `machine` could not be opened or prepared.
 #[derive(Clone, Copy)]
-pub struct DiagnosisRequest<'a> {
+pub struct ConnectionDiagnosisRequest<'a> {
     pub machine: &'a Machine,
     pub failure: &'a ControllerError,
     pub mode: DiagnosisMode,
@@ -80,7 +80,7 @@ pub struct DiagnosisRequest<'a> {
 
 /// A possible cause of a fault.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Diagnosis {
+pub struct PossibleCause {
     /// Whether the cause was observed; otherwise it is suspected.
     pub is_confirmed: bool,
     /// Whether an active search could find out more.
@@ -93,7 +93,7 @@ pub struct Diagnosis {
     pub remedy: String,
 }
 
-impl Diagnosis {
+impl PossibleCause {
     pub(in crate::controllers) fn confirmed(
         cause: impl Into<String>,
         evidence: impl Into<String>,
@@ -121,7 +121,7 @@ impl Diagnosis {
     }
 }
 
-impl fmt::Display for Diagnosis {
+impl fmt::Display for PossibleCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { is_confirmed, cause, evidence, .. } = self;
         let grade = if *is_confirmed { "" } else { "suspected: " };

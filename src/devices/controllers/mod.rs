@@ -16,7 +16,7 @@ use machine::Position;
 use machine::record::machine::Machine;
 use machine::record::motion::BlockOutcome;
 use planning::gcode::Transmission;
-use planning::proof::{ProvenBlock, ProvenModes};
+use planning::proof::{ProvenBlock, ProvenModeText};
 
 mod arrival;
 mod control_clock;
@@ -31,7 +31,9 @@ mod port_scan;
 mod readiness;
 mod stall_detector;
 
-pub use device_info::{DeviceInfo, Diagnosis, DiagnosisMode, DiagnosisRequest, ReadinessFinding, ReportedAxis};
+pub use device_info::{
+    ConnectionDiagnosisRequest, DeviceInfo, DiagnosisMode, PossibleCause, ReadinessFinding, ReportedAxis,
+};
 pub use error::ControllerError;
 pub use readiness::{READINESS_ITEMS, ReadinessItem, describe_unreadable_items};
 
@@ -59,15 +61,15 @@ pub trait ControllerConfig: fmt::Debug + Send + Sync {
     fn describe_address(&self) -> String;
     /// Opens the control's links and starts its task. Timestamps have the time of `clock`, unless the
     /// control has a clock of its own. Nothing is commanded yet. Call inside a tokio runtime.
-    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, clock: Arc<dyn Clock>) -> OpenFuture<'a>;
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModeText, clock: Arc<dyn Clock>) -> OpenFuture<'a>;
     /// Possible causes why the control could not be opened or prepared; the most likely first, none if nothing
     /// is found. It opens its own links: earlier links must be closed. Nothing moves. Call inside a tokio runtime.
-    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a>;
+    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a>;
 }
 
 pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
 
-pub type DiagnosisFuture<'a> = Pin<Box<dyn Future<Output = Vec<Diagnosis>> + Send + 'a>>;
+pub type DiagnosisFuture<'a> = Pin<Box<dyn Future<Output = Vec<PossibleCause>> + Send + 'a>>;
 
 /// Properties of a control that is ready to move.
 #[derive(Debug, Clone, PartialEq)]
@@ -158,7 +160,7 @@ enum DriverRequest {
     Execute(ProvenBlock, oneshot::Sender<Result<BlockOutcome, ControllerError>>),
     ReadSnapshot(oneshot::Sender<Result<MachineSnapshot, ControllerError>>),
     IdentifyDevice(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
-    Finish(oneshot::Sender<Result<(), ControllerError>>),
+    RestoreModes(oneshot::Sender<Result<(), ControllerError>>),
 }
 
 /// Handle that the run holds: sends messages to the driver's task.
@@ -208,7 +210,7 @@ impl Controller {
     }
 
     pub async fn finish(&self) -> Result<(), ControllerError> {
-        self.send_request(DriverRequest::Finish).await
+        self.send_request(DriverRequest::RestoreModes).await
     }
 
     async fn send_request<T>(
@@ -239,7 +241,7 @@ async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver
             DriverRequest::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
             DriverRequest::ReadSnapshot(answer) => drop(answer.send(driver.read_snapshot().await)),
             DriverRequest::IdentifyDevice(answer) => drop(answer.send(driver.identify_device().await)),
-            DriverRequest::Finish(answer) => drop(answer.send(driver.finish().await)),
+            DriverRequest::RestoreModes(answer) => drop(answer.send(driver.finish().await)),
         }
     }
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use super::{ControllerError, Diagnosis};
+use super::{ControllerError, PossibleCause};
 use link::modbus::ModbusError;
 use link::{LinkConfig, LinkError, SERIAL_PORTS_BY_ID_DIR};
 
@@ -13,7 +13,7 @@ use link::{LinkConfig, LinkError, SERIAL_PORTS_BY_ID_DIR};
 const SERIAL_PORT_PREFIXES: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
 
 /// Suspected causes if the link `at` could not be opened, from the system's error; none if it could.
-pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &ControllerError) -> Vec<Diagnosis> {
+pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &ControllerError) -> Vec<PossibleCause> {
     let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) = failure else {
         return Vec::new();
     };
@@ -29,8 +29,8 @@ pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &C
     vec![diagnosis]
 }
 
-fn connection_refused_diagnosis(address: &str) -> Diagnosis {
-    Diagnosis::confirmed(
+fn connection_refused_diagnosis(address: &str) -> PossibleCause {
+    PossibleCause::confirmed(
         format!("wrong port, or the control's server is not running: no server answers at {address}"),
         "the computer refuses the connection",
         "start the server on that computer, or set [controller] tcp = \"host:port\" in the machine file to \
@@ -38,10 +38,10 @@ fn connection_refused_diagnosis(address: &str) -> Diagnosis {
     )
 }
 
-fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> Diagnosis {
+fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> PossibleCause {
     use std::io::ErrorKind as Kind;
     match source.kind() {
-        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => Diagnosis::confirmed(
+        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => PossibleCause::confirmed(
             format!(
                 "{address} is not reachable: wrong address, the computer is off, or a firewall blocks the connection"
             ),
@@ -49,7 +49,7 @@ fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> Diagnos
             "switch the computer on, run `ping`, check the cable and the addresses of both computers; then \
              correct [controller] tcp in the machine file",
         ),
-        _ => Diagnosis::confirmed(
+        _ => PossibleCause::confirmed(
             format!("the host name in {address} is unknown"),
             source.to_string(),
             "use the IP address: [controller] tcp = \"192.0.2.10:23\"",
@@ -57,7 +57,7 @@ fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> Diagnos
     }
 }
 
-fn port_missing_diagnosis(address: &str, devices: &Path) -> Diagnosis {
+fn port_missing_diagnosis(address: &str, devices: &Path) -> PossibleCause {
     let there = list_serial_ports(devices);
     let others = match there.as_slice() {
         [] => "no serial port was found".to_owned(),
@@ -70,7 +70,7 @@ fn port_missing_diagnosis(address: &str, devices: &Path) -> Diagnosis {
             "set [controller] serial, or better serial_id with a name from {SERIAL_PORTS_BY_ID_DIR}: these names do not change"
         ),
     };
-    Diagnosis::confirmed(format!("wrong port: this computer has no {address}"), others, remedy)
+    PossibleCause::confirmed(format!("wrong port: this computer has no {address}"), others, remedy)
 }
 
 fn list_serial_ports(devices: &Path) -> Vec<String> {
@@ -82,19 +82,19 @@ fn list_serial_ports(devices: &Path) -> Vec<String> {
     all
 }
 
-fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> Diagnosis {
+fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> PossibleCause {
     let names = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
-    Diagnosis::confirmed(
+    PossibleCause::confirmed(
         format!("wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"),
         format!("{SERIAL_PORTS_BY_ID_DIR} contains {names}"),
         "set [controller] serial_id to a name from that directory, or to a part that occurs in one name only",
     )
 }
 
-fn permission_denied_diagnosis(address: &str) -> Diagnosis {
+fn permission_denied_diagnosis(address: &str) -> PossibleCause {
     let group = fs::metadata(address).ok().and_then(|found| read_group_name(found.gid()));
     let group = group.unwrap_or_else(|| "dialout".to_owned());
-    Diagnosis::confirmed(
+    PossibleCause::confirmed(
         format!("no permission: this user cannot open {address}"),
         format!("{address} belongs to the group `{group}`"),
         format!("run `sudo usermod -aG {group} $USER`, then log out and in again"),
@@ -111,7 +111,7 @@ fn read_group_name(id: u32) -> Option<String> {
     groups.lines().find_map(of)
 }
 
-fn port_in_use_diagnosis(address: &str) -> Diagnosis {
+fn port_in_use_diagnosis(address: &str) -> PossibleCause {
     let (evidence, remedy) = match find_port_owner(Path::new(address)) {
         Some((process, name)) => {
             (format!("`{name}` (process {process}) has the port open"), "close that program".to_owned())
@@ -123,7 +123,7 @@ fn port_in_use_diagnosis(address: &str) -> Diagnosis {
             ),
         ),
     };
-    Diagnosis::confirmed(format!("another program uses {address}"), evidence, remedy)
+    PossibleCause::confirmed(format!("another program uses {address}"), evidence, remedy)
 }
 
 /// Number and name of a process that has `path` open, as far as this user may see it.

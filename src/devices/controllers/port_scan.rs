@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::{Diagnosis, grbl, linuxcnc, modbus};
+use super::{PossibleCause, grbl, linuxcnc, modbus};
 use link::modbus::{
     AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
 };
@@ -28,7 +28,7 @@ const DEFAULT_TCP_UNIT: u8 = 255;
 const DEFAULT_RTU_UNIT: u8 = 1;
 
 /// Searches for a control of another kind than `configured_kind` at a serial port, at `baud` or another usual rate.
-pub(in crate::controllers) async fn scan_serial(path: &str, baud: u32, configured_kind: &str) -> Option<Diagnosis> {
+pub(in crate::controllers) async fn scan_serial(path: &str, baud: u32, configured_kind: &str) -> Option<PossibleCause> {
     for kind in [grbl::CONTROL_KIND, modbus::CONTROL_KIND].into_iter().filter(|kind| *kind != configured_kind) {
         for baud in std::iter::once(baud).chain(BAUD_RATES.into_iter().filter(|rate| *rate != baud)) {
             let at = LinkConfig::Serial { path: path.into(), baud };
@@ -42,7 +42,7 @@ pub(in crate::controllers) async fn scan_serial(path: &str, baud: u32, configure
 }
 
 /// Searches for a control of another kind than `configured_kind` behind a TCP port.
-pub(in crate::controllers) async fn scan_tcp(at: &LinkConfig, configured_kind: &str) -> Option<Diagnosis> {
+pub(in crate::controllers) async fn scan_tcp(at: &LinkConfig, configured_kind: &str) -> Option<PossibleCause> {
     let keys = format!("tcp = \"{}\"", at.resolve_address().ok()?);
     let kinds = [modbus::CONTROL_KIND, linuxcnc::CONTROL_KIND, grbl::CONTROL_KIND];
     for kind in kinds.into_iter().filter(|kind| *kind != configured_kind) {
@@ -75,8 +75,8 @@ async fn query_control(kind: &str, at: &LinkConfig) -> Option<String> {
     reply.map(|reply| format!("the reply `{reply}`"))
 }
 
-fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &str) -> Diagnosis {
-    Diagnosis::confirmed(
+fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &str) -> PossibleCause {
+    PossibleCause::confirmed(
         format!("wrong kind of control: the device is of kind `{kind}`, not `{configured_kind}`"),
         format!("a request in the protocol of `{kind}` got {reply}"),
         format!("in the machine file, set [controller] kind = \"{kind}\" with {keys}"),
@@ -84,8 +84,8 @@ fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &s
 }
 
 /// Suspected cause if no known control answers at `at`.
-pub(in crate::controllers) fn no_known_control_diagnosis(at: &str, evidence: &str) -> Diagnosis {
-    Diagnosis::suspected(
+pub(in crate::controllers) fn no_known_control_diagnosis(at: &str, evidence: &str) -> PossibleCause {
+    PossibleCause::suspected(
         format!("wrong port, or the device at {at} is off, not wired, or not a supported control"),
         evidence,
         "switch the device on and check the cable; unplug the device to see which name disappears (`ls \

@@ -13,7 +13,7 @@
 use tokio::sync::mpsc;
 
 use super::{Sample, SampleCounters, SamplePredicate, SensorError, SensorInfo, SensorRequest};
-use link::RequestCapture;
+use link::SensorRequestCapture;
 use machine::record::reading::ReadingFlag;
 
 pub const PREPARE_REQUEST: &str = "prepare";
@@ -60,7 +60,7 @@ fn parse_sample(line: &str) -> Option<Sample> {
 }
 
 /// Answers requests from a capture, until the handle is dropped.
-pub async fn replay_capture(capture: RequestCapture, mut inbox: mpsc::Receiver<SensorRequest>) {
+pub async fn replay_capture(capture: SensorRequestCapture, mut inbox: mpsc::Receiver<SensorRequest>) {
     let mut rejected = Ok(None);
     while let Some(request) = inbox.recv().await {
         match request {
@@ -90,7 +90,7 @@ pub async fn replay_capture(capture: RequestCapture, mut inbox: mpsc::Receiver<S
 }
 
 /// Returns the first sample of the watch that was not good.
-fn first_rejected(capture: &RequestCapture, is_good: &SamplePredicate) -> Result<Option<Sample>, SensorError> {
+fn first_rejected(capture: &SensorRequestCapture, is_good: &SamplePredicate) -> Result<Option<Sample>, SensorError> {
     Ok(replay_lines(capture, WATCH_REQUEST, parse_sample)?.into_iter().find(|sample| !is_good(sample)))
 }
 
@@ -99,7 +99,7 @@ fn first_or_error<T>(all: Vec<T>) -> Result<T, SensorError> {
 }
 
 fn replay_lines<T>(
-    capture: &RequestCapture,
+    capture: &SensorRequestCapture,
     request: &str,
     read: impl Fn(&str) -> Option<T>,
 ) -> Result<Vec<T>, SensorError> {

@@ -42,7 +42,7 @@ impl CounterTracker {
 
     /// Records that samples between the last one and the next do not count as missing, however many they
     /// are.
-    pub fn skip_long_gap(&mut self) {
+    pub fn skip_gap_with_wrap(&mut self) {
         self.skip_gap();
         self.may_have_wrapped = true;
     }

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot};
 
-use link::{Clock, RequestCapture, SharedPorts};
+use link::{Clock, SensorRequestCapture, SharedPorts};
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 
@@ -126,7 +126,7 @@ type SamplePredicate = Box<dyn Fn(&Sample) -> bool + Send>;
 type RejectionAction = Box<dyn Fn() + Send>;
 
 enum SensorRequest {
-    StartCapture(RequestCapture),
+    StartCapture(SensorRequestCapture),
     Prepare(oneshot::Sender<Result<SensorInfo, SensorError>>),
     ReadSamples(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
     Watch(SamplePredicate, RejectionAction, oneshot::Sender<Result<(), SensorError>>),
@@ -150,7 +150,7 @@ impl Sensor {
     }
 
     /// Creates a sensor that replays a capture. Call inside a tokio runtime.
-    pub fn from_capture(name: impl Into<String>, capture: RequestCapture) -> Self {
+    pub fn from_capture(name: impl Into<String>, capture: SensorRequestCapture) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         tokio::spawn(capture_format::replay_capture(capture, inbox));
         Self { name: name.into(), requests }
@@ -160,7 +160,7 @@ impl Sensor {
     ///
     /// # Errors
     /// The sensor's task has ended.
-    pub async fn with_capture(self, capture: RequestCapture) -> Result<Self, SensorError> {
+    pub async fn with_capture(self, capture: SensorRequestCapture) -> Result<Self, SensorError> {
         self.requests.send(SensorRequest::StartCapture(capture)).await.map_err(|_| SensorError::TaskEnded)?;
         Ok(self)
     }
@@ -216,7 +216,8 @@ impl Sensor {
 
 /// Task of the driver: handles requests one after the other until the handle is dropped.
 async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver<SensorRequest>) {
-    let (mut rejected, mut capture, mut counters) = (Ok(None), RequestCapture::disabled(), SampleCounters::default());
+    let (mut rejected, mut capture, mut counters) =
+        (Ok(None), SensorRequestCapture::disabled(), SampleCounters::default());
     while let Some(request) = inbox.recv().await {
         match request {
             SensorRequest::StartCapture(recorder) => capture = recorder,
@@ -285,7 +286,7 @@ async fn watch_samples(
     inbox: &mpsc::Receiver<SensorRequest>,
     is_good: SamplePredicate,
     on_rejection: RejectionAction,
-    capture: &RequestCapture,
+    capture: &SensorRequestCapture,
     counters: &mut SampleCounters,
 ) -> Result<Option<Sample>, SensorError> {
     while inbox.is_empty() && !inbox.is_closed() {

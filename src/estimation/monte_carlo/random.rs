@@ -22,7 +22,7 @@ const ONE_BITS: u64 = 0x3FF0_0000_0000_0000;
 #[derive(Debug, Clone)]
 pub struct DrawStream {
     lanes: Xoshiro,
-    arch: Arch,
+    simd: Arch,
 }
 
 impl DrawStream {
@@ -30,7 +30,7 @@ impl DrawStream {
     pub fn from_key(seed: u64, key: &[u64]) -> Self {
         let mut seeder = seeded_stream(seed, key);
         let state = std::array::from_fn(|_| std::array::from_fn(|_| seeder.next_u64()));
-        Self { lanes: Xoshiro(state), arch: Arch::new() }
+        Self { lanes: Xoshiro(state), simd: Arch::new() }
     }
 
     /// Trials × draws, column after column; draw `j` has the distribution `shapes[j]`.
@@ -49,14 +49,14 @@ impl DrawStream {
     }
 
     fn fill_rectangular(&mut self, out: &mut [f64]) {
-        let Self { lanes, arch } = self;
+        let Self { lanes, simd: arch } = self;
         for values in out.chunks_mut(PAIRS_PER_BATCH) {
             arch.dispatch(FillRectangular { lanes, values });
         }
     }
 
     fn fill_normal(&mut self, out: &mut [f64]) {
-        let Self { lanes, arch } = self;
+        let Self { lanes, simd: arch } = self;
         let mut pairs = out.chunks_exact_mut(2 * PAIRS_PER_BATCH);
         for pair in &mut pairs {
             let (first, second) = pair.split_at_mut(PAIRS_PER_BATCH);

@@ -49,7 +49,7 @@ fn default_scale() -> f64 {
 }
 
 #[derive(Debug, PartialEq, thiserror::Error)]
-pub enum ValueError {
+pub enum RegisterValueError {
     #[error("{received} registers received, but the number has {expected}: compare `type` with the device's manual")]
     RegisterCount { received: usize, expected: u16 },
     #[error(
@@ -105,10 +105,10 @@ impl NumberFormat {
     ///
     /// # Errors
     /// Wrong number of words, or the number is not finite or not exact.
-    pub fn decode(&self, words: &[u16]) -> Result<f64, ValueError> {
+    pub fn decode(&self, words: &[u16]) -> Result<f64, RegisterValueError> {
         let expected = self.register_count();
         if words.len() != usize::from(expected) {
-            return Err(ValueError::RegisterCount { received: words.len(), expected });
+            return Err(RegisterValueError::RegisterCount { received: words.len(), expected });
         }
         let bits = self.reorder_bytes(words).iter().fold(0_u64, |bits, word| bits << 16 | u64::from(*word));
         let raw = match self.kind {
@@ -121,15 +121,15 @@ impl NumberFormat {
         // means.
         let parts = (1.0 / self.scale).round();
         let value = if parts * self.scale == 1.0 { raw / parts } else { raw * self.scale };
-        if value.is_finite() { Ok(value) } else { Err(ValueError::NotFinite(value)) }
+        if value.is_finite() { Ok(value) } else { Err(RegisterValueError::NotFinite(value)) }
     }
 
     /// Encodes `value` in words; integer types are rounded.
     ///
     /// # Errors
     /// The value does not fit.
-    pub fn encode(&self, value: f64) -> Result<Vec<u16>, ValueError> {
-        let refused = ValueError::OutOfRange { value, kind: self.kind, scale: self.scale };
+    pub fn encode(&self, value: f64) -> Result<Vec<u16>, RegisterValueError> {
+        let refused = RegisterValueError::OutOfRange { value, kind: self.kind, scale: self.scale };
         let raw = value / self.scale;
         if !raw.is_finite() {
             return Err(refused);
@@ -146,7 +146,7 @@ impl NumberFormat {
     }
 
     /// Decodes the integer in the low bits.
-    fn decode_integer(&self, bits: u64) -> Result<f64, ValueError> {
+    fn decode_integer(&self, bits: u64) -> Result<f64, RegisterValueError> {
         let unused = 64 - 16 * u32::from(self.register_count());
         let whole = if self.kind.is_signed() {
             // Shifting up and back extends the sign.
@@ -155,7 +155,7 @@ impl NumberFormat {
             i128::from(bits)
         };
         let number = whole as f64;
-        if number.abs() <= MAX_EXACT_INTEGER { Ok(number) } else { Err(ValueError::Inexact(whole)) }
+        if number.abs() <= MAX_EXACT_INTEGER { Ok(number) } else { Err(RegisterValueError::Inexact(whole)) }
     }
 
     fn encode_integer(&self, whole: f64) -> Option<u64> {
@@ -213,18 +213,18 @@ mod tests {
     fn value_beyond_its_type_is_refused() {
         let short = number(NumberType::I16, ByteOrder::Abcd, 0.001);
         assert_eq!(short.encode(32.767).unwrap(), [0x7FFF]);
-        assert!(matches!(short.encode(32.768), Err(ValueError::OutOfRange { .. })));
+        assert!(matches!(short.encode(32.768), Err(RegisterValueError::OutOfRange { .. })));
         assert_eq!(short.encode(-32.768).unwrap(), [0x8000]);
         assert!(short.encode(f64::NAN).is_err());
         assert!(number(NumberType::U16, ByteOrder::Abcd, 1.0).encode(-1.0).is_err());
         assert!(number(NumberType::U16, ByteOrder::Abcd, 0.0).encode(1.0).is_err());
         assert!(number(NumberType::F32, ByteOrder::Abcd, 1.0).encode(1e39).is_err());
         let nan = number(NumberType::F32, ByteOrder::Abcd, 1.0).decode(&[0x7FC0, 0]).unwrap_err();
-        assert!(matches!(nan, ValueError::NotFinite(_)));
+        assert!(matches!(nan, RegisterValueError::NotFinite(_)));
         let large = number(NumberType::U64, ByteOrder::Abcd, 1.0).decode(&[0xFFFF; 4]).unwrap_err();
-        assert_eq!(large, ValueError::Inexact(i128::from(u64::MAX)));
+        assert_eq!(large, RegisterValueError::Inexact(i128::from(u64::MAX)));
         let count = number(NumberType::I32, ByteOrder::Abcd, 1.0).decode(&[1]).unwrap_err();
-        assert_eq!(count, ValueError::RegisterCount { received: 1, expected: 2 });
+        assert_eq!(count, RegisterValueError::RegisterCount { received: 1, expected: 2 });
     }
 
     #[test]

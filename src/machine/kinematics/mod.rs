@@ -20,7 +20,7 @@ pub use axis_line::AxisLine;
 pub use carrier::{AxisCommands, CarrierChain, CarrierMotion, MachineSide};
 pub use chain::KinematicChain;
 pub use parameter::{ErrorParameter, ErrorShape, ErrorTerm, ParameterError};
-pub use table_axis::TableAxis;
+pub use table_axis::UprightTableAxis;
 pub use topology::{Topology, TopologyError};
 
 use crate::Axis;

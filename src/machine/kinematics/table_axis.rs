@@ -8,7 +8,7 @@ use crate::{Axis, Position};
 const MIN_COSINE_TO_Z: f64 = 0.999;
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct TableAxis {
+pub struct UprightTableAxis {
     pub axis: Axis,
     /// Position with all rotary axes at zero.
     pub zero_position: Position,
@@ -16,7 +16,7 @@ pub struct TableAxis {
     pub turn_sign: f64,
 }
 
-impl TableAxis {
+impl UprightTableAxis {
     /// Returns the innermost rotary axis on the workpiece side that is parallel to Z with all other axes at zero.
     pub fn of_machine(machine: &Machine, chain: &KinematicChain) -> Option<Self> {
         let rotary = machine.axes.keys().filter(|axis| !axis.is_linear());

@@ -18,12 +18,12 @@ use machine::Axis;
 use machine::record::plan::Plan;
 
 /// Minimum standard uncertainty of a coordinate in the weights, mm.
-const MIN_COORDINATE_U_MM: f64 = 1e-6;
+const MIN_COORDINATE_STD_U_MM: f64 = 1e-6;
 
 /// Whitening matrix of each measured centre, from the sources that enter the weights. The correlation between
 /// measurements that a source changes together is ignored.
 pub fn whitening_matrices(sources: &[UncertaintySource], centres: usize) -> impl Iterator<Item = Matrix3<f64>> {
-    let min = Matrix3::from_diagonal_element(MIN_COORDINATE_U_MM.powi(2));
+    let min = Matrix3::from_diagonal_element(MIN_COORDINATE_STD_U_MM.powi(2));
     block_covariances::<3>(sources, centres).into_iter().map(move |covariance| whitening_matrix(min + covariance))
 }
 

@@ -46,7 +46,7 @@ pub fn next_stage(
     };
     let tasks = list_stage_tasks(setup, visits, watch_round_count(setup) + usize::from(one_more));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
-    let Some(task) = tasks.get(passed) else { return Ok(NextStage::Done) };
+    let Some(task) = tasks.get(passed) else { return Ok(NextStage::NoFurtherStage) };
     let (stage, new_steps) = build_stage(setup, visits, task, &known, id)?;
     Ok(NextStage::Stage { stage, new_steps })
 }

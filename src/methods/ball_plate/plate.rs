@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::settings::BallPlateSettings;
 use crate::MethodRefusal;
 use crate::ball_measurement::require_balls;
-use machine::kinematics::{KinematicChain, TableAxis};
+use machine::kinematics::{KinematicChain, UprightTableAxis};
 use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 /// are the same (paper 5, section 2.2).
 pub const MAX_POSITION_OFFSET_MM: f64 = 1.0;
 /// Minimum radius of the circle, mm: a smaller one does not show tilt sufficiently.
-const MIN_RADIUS_MM: f64 = 10.0;
+const MIN_CIRCLE_RADIUS_MM: f64 = 10.0;
 
 pub struct Plate<'a> {
     pub balls: &'a Balls,
@@ -41,8 +41,9 @@ impl<'a> Plate<'a> {
     pub fn new(plan: &'a Plan, settings: &BallPlateSettings) -> Result<Self, MethodRefusal> {
         let set = require_balls(super::METHOD_NAME, &plan.artefact)?;
         let chain = KinematicChain::new(&plan.machine)?;
-        let table = TableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
-        let TableAxis { axis, zero_position: still, turn_sign: turn } = table;
+        let table =
+            UprightTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let UprightTableAxis { axis, zero_position: still, turn_sign: turn } = table;
         let line = chain.axis_line(axis, &still).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let to_table = chain.machine_from_table(&still, &[]).inverse();
         let point = to_table.transform_point(&line.point.into()).coords;
@@ -65,11 +66,11 @@ impl<'a> Plate<'a> {
 
     /// Checks that the balls are on one circle, at one height, each on its step.
     fn check(&self, settings: &BallPlateSettings) -> Result<(), MethodRefusal> {
-        if self.radius_mm < MIN_RADIUS_MM {
+        if self.radius_mm < MIN_CIRCLE_RADIUS_MM {
             let Self { radius_mm, rotary_axis: axis, .. } = self;
             return Err(MethodRefusal::new(
                 format!("the circle of the balls has a radius of {radius_mm:.1} mm about the axis {axis}"),
-                format!("centre the plate on the axis, and choose a radius of at least {MIN_RADIUS_MM} mm"),
+                format!("centre the plate on the axis, and choose a radius of at least {MIN_CIRCLE_RADIUS_MM} mm"),
             ));
         }
         let first = self.radial_directions.first().copied().unwrap_or_default();

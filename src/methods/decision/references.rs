@@ -77,7 +77,7 @@ pub struct ShiftLimits {
     u_mm: f64,
     /// Coverage factor of one reference among all that are compared.
     coverage_factor: f64,
-    drift_mm_per_s: f64,
+    drift_rate_sd_mm_per_s: f64,
 }
 
 impl ShiftLimits {
@@ -91,7 +91,7 @@ impl ShiftLimits {
             TouchScatter::Unknown => (0.0, f64::INFINITY),
         };
         let inside = AGREEMENT_PROBABILITY.powf(1.0 / reference_count.max(1) as f64);
-        Self { u_mm, coverage_factor: coverage::two_sided_factor(inside, dof), drift_mm_per_s }
+        Self { u_mm, coverage_factor: coverage::two_sided_factor(inside, dof), drift_rate_sd_mm_per_s: drift_mm_per_s }
     }
 
     /// k·√(2·u_touch² + u_drift²) plus one step of resolution, mm; u_drift is bounded.
@@ -99,7 +99,7 @@ impl ShiftLimits {
         let rounding = pair.resolution_mm / 12f64.sqrt();
         let [before, after] = pair.t_s;
         let touches = (2.0 * (self.u_mm.powi(2) + rounding.powi(2))).sqrt();
-        let drift = (self.drift_mm_per_s * (after - before).max(0.0)).min(MAX_DRIFT_RATIO * touches);
+        let drift = (self.drift_rate_sd_mm_per_s * (after - before).max(0.0)).min(MAX_DRIFT_RATIO * touches);
         self.coverage_factor * touches.hypot(drift) + pair.resolution_mm
     }
 }

@@ -17,7 +17,7 @@ use estimation::schur::BlockRows;
 /// Number of unknowns of the beam: its tilt along two perpendicular directions, and its gain less 1.
 pub const BEAM_UNKNOWN_COUNT: usize = 3;
 /// Index of the gain among the unknowns of the beam.
-pub const GAIN_INDEX: usize = 2;
+pub const BEAM_GAIN_INDEX: usize = 2;
 
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]

@@ -13,7 +13,7 @@ use machine::record::reading::Reading;
 /// Largest distance of the zero point from its stated position before it is measured, mm.
 const MAX_ZERO_POINT_ERROR_MM: f64 = 1.0;
 /// Assumed standard uncertainty of a centre during the measurement, mm.
-const PROVISIONAL_CENTRE_U_MM: f64 = 1e-3;
+const PROVISIONAL_CENTRE_STD_U_MM: f64 = 1e-3;
 
 /// Positions as stated in the plan.
 pub fn nominal_geometry(setup: &LaserSetup<'_>) -> ExpectedGeometry {
@@ -40,7 +40,7 @@ pub fn measured_geometry(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result
     let fitted = centres.solve().map_err(|why| refused(why.to_string()))?;
     let centre_observations = groups.iter().enumerate().map(|(i, group)| {
         let axis_positions = group.axis_positions(centres.group_centre(&fitted.x, i));
-        CentreObservation { axis_positions, weight: Matrix3::identity() / PROVISIONAL_CENTRE_U_MM }
+        CentreObservation { axis_positions, weight: Matrix3::identity() / PROVISIONAL_CENTRE_STD_U_MM }
     });
     let problem = CentresLeastSquares {
         model: SphereModel { chain: setup.chain.clone(), parameters: Vec::new() },

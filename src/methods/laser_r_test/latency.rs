@@ -19,9 +19,9 @@ use estimation::schur::{BlockFactorisation, BlockRows, factorise};
 use machine::Axis;
 
 /// Assumed standard uncertainty of one sample, mm. The result is scaled to the observed scatter.
-const ASSUMED_SAMPLE_U_MM: f64 = 1e-3;
+const ASSUMED_SAMPLE_STD_U_MM: f64 = 1e-3;
 /// Smallest standard uncertainty of a sample, mm.
-const MIN_SAMPLE_U_MM: f64 = 1e-6;
+const MIN_SAMPLE_STD_U_MM: f64 = 1e-6;
 /// Maximum number of iterations. Each one interpolates the positions again.
 const MAX_LATENCY_ITERATIONS: usize = 30;
 /// The iteration ends when the latency changes by less than this, s, or by less than the fraction
@@ -197,10 +197,10 @@ impl LatencyIteration {
         let block = |rows: &Vec<LatencyRow>| {
             let mut block = BlockRows::zeros(rows.len(), 1, self.unknown_count());
             for (i, row) in rows.iter().enumerate() {
-                block.set_own(i, 0, 1.0 / ASSUMED_SAMPLE_U_MM);
-                block.set_right_side(i, row.deviation_mm / ASSUMED_SAMPLE_U_MM);
+                block.set_own(i, 0, 1.0 / ASSUMED_SAMPLE_STD_U_MM);
+                block.set_right_side(i, row.deviation_mm / ASSUMED_SAMPLE_STD_U_MM);
                 let columns = row.deviation_derivatives.iter().enumerate();
-                columns.for_each(|(j, by)| block.set_common(i, j, by / ASSUMED_SAMPLE_U_MM));
+                columns.for_each(|(j, by)| block.set_common(i, j, by / ASSUMED_SAMPLE_STD_U_MM));
             }
             block
         };
@@ -208,7 +208,7 @@ impl LatencyIteration {
     }
 
     fn weighted_deviations(&self) -> Vec<f64> {
-        self.rows_by_cell.iter().flatten().map(|row| row.deviation_mm / ASSUMED_SAMPLE_U_MM).collect()
+        self.rows_by_cell.iter().flatten().map(|row| row.deviation_mm / ASSUMED_SAMPLE_STD_U_MM).collect()
     }
 
     /// # Errors
@@ -238,7 +238,7 @@ impl LatencyIteration {
         let samples: usize = self.rows_by_cell.iter().map(Vec::len).sum();
         let chi2: f64 = factored.residuals(&self.weighted_deviations()).iter().map(|rest| rest * rest).sum();
         let dof = samples.saturating_sub(factored.unknown_count()).max(1) as f64;
-        let scale = (chi2 / dof).max((MIN_SAMPLE_U_MM / ASSUMED_SAMPLE_U_MM).powi(2));
+        let scale = (chi2 / dof).max((MIN_SAMPLE_STD_U_MM / ASSUMED_SAMPLE_STD_U_MM).powi(2));
         let (covariance, count) = (factored.covariance(), self.unknown_count());
         let own = Mat::from_fn(count, count, |i, j| scale * covariance[(i, j)]);
         let lags = self.moved_axes.iter().zip(x.iter().skip(1));

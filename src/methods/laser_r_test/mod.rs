@@ -67,7 +67,7 @@ impl Method for LaserRTest {
         let setup = LaserSetup::new(plan, &self.settings)?;
         let stage_plans = stages::plan_stages(&setup)?;
         let stage_count = done.iter().filter(|stage| stage.repeat == 0).count();
-        let Some(stage_plan) = stage_plans.get(stage_count) else { return Ok(NextStage::Done) };
+        let Some(stage_plan) = stage_plans.get(stage_count) else { return Ok(NextStage::NoFurtherStage) };
         let geometry = match source {
             PositionSource::Nominal => geometry::nominal_geometry(&setup),
             PositionSource::Measured(readings) => geometry::measured_geometry(&setup, readings)?,

@@ -1,6 +1,6 @@
 //! Warnings and notes of the estimate.
 
-use super::centres::GAIN_INDEX;
+use super::centres::BEAM_GAIN_INDEX;
 use super::observe::ObservedScans;
 use super::paper_estimator;
 use super::result::IdentificationResult;
@@ -44,7 +44,7 @@ fn gain_warning(result: &IdentificationResult<'_>) -> Option<String> {
     if result.setup.uses_touch_probe() {
         return None;
     }
-    let index = result.unknown_names.len() + GAIN_INDEX;
+    let index = result.unknown_names.len() + BEAM_GAIN_INDEX;
     let gain = result.identification.outputs.parameters.get(index)?.value;
     let u = result.identification.uncertainty(index)?.u;
     (gain.abs() > MIN_REPORTED_GAIN_RATIO * u && gain.abs() > MIN_REPORTED_GAIN).then(|| {

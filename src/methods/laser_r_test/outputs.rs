@@ -4,7 +4,7 @@ use std::iter::{once, repeat};
 
 use nalgebra::Vector3;
 
-use super::centres::{BEAM_UNKNOWN_COUNT, GAIN_INDEX, gain_deviation};
+use super::centres::{BEAM_GAIN_INDEX, BEAM_UNKNOWN_COUNT, gain_deviation};
 use super::latency::LatencyEstimate;
 use super::model::{CentresLeastSquares, with_linear_axes};
 use super::notes;
@@ -50,8 +50,8 @@ pub fn build_outputs(
     let all = machine_names.chain(beam_names).chain(latency).enumerate();
     let parameters = all.map(|(i, (name, unit))| OutputParameter::from_unknown(&name, unit, i, x));
     let mut parameters: Vec<OutputParameter> = parameters.collect();
-    if beam > GAIN_INDEX {
-        let gain = &mut parameters[names.len() + GAIN_INDEX];
+    if beam > BEAM_GAIN_INDEX {
+        let gain = &mut parameters[names.len() + BEAM_GAIN_INDEX];
         gain.value = gain_deviation(gain.value);
         gain.slope.iter_mut().flatten().for_each(|slope| *slope = -*slope);
     }

@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 /// Assumed standard deviation of one sample if none is declared or observed, mm.
 const DEFAULT_SAMPLE_NOISE_MM: f64 = 1e-3;
 /// Smallest standard uncertainty of a dwell point, which limits its weight, mm.
-const MIN_DWELL_POINT_U_MM: f64 = 1e-6;
+const MIN_DWELL_POINT_STD_U_MM: f64 = 1e-6;
 
 /// Scans of the sphere at one pose.
 #[derive(Debug, Clone)]
@@ -132,7 +132,7 @@ fn assemble_dwell_points(
         most = most.max(count_heights(&poles));
         for (number, scan) in scans {
             for (point, spot) in scan.sample_means.iter().enumerate() {
-                let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_DWELL_POINT_U_MM);
+                let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_DWELL_POINT_STD_U_MM);
                 let SampleMean { displacement_mm, reading_mm, .. } = *spot;
                 let (group, machine_from_spindle) = (groups.len(), scan.machine_from_spindle);
                 rows.push(DwellPoint { group, displacement_mm, machine_from_spindle, reading_mm, u_mm });

@@ -73,7 +73,7 @@ impl Method for LatchDelay {
                 let name = format!("{} and {} mm/min", feeds.measuring_mm_min, feeds.fast_mm_min);
                 (name, touch_path.alternating_steps(&feeds, self.settings.touches))
             }
-            _ => return Ok(NextStage::Done),
+            _ => return Ok(NextStage::NoFurtherStage),
         };
         Ok(NextStage::from_new_steps(plan, done, name, steps))
     }

@@ -6,7 +6,7 @@ use super::model::{Channel, Component, ProbeLayout, Surface, equal_index_angles_
 use super::settings::MultiprobeSettings;
 use crate::MethodRefusal;
 use machine::artefact::{ObservedCylinder, ObservedSurface};
-use machine::kinematics::{KinematicChain, TableAxis};
+use machine::kinematics::{KinematicChain, UprightTableAxis};
 use machine::record::artefact::{Artefact, DatumCylinder};
 use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
@@ -29,7 +29,8 @@ impl<'a> MultiprobeSetup<'a> {
     /// There is no table axis along Z, the artefact is of another kind, or a sensor does not point at the artefact.
     pub fn new(plan: &'a Plan, settings: &'a MultiprobeSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let table = TableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let table =
+            UprightTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let cylinder = find_datum_cylinder(plan)?;
         let at = position_at_zero(plan, settings, &table)?;
         let line = chain.axis_line(table.axis, &at).ok_or_else(MethodRefusal::missing_rotary_table)?;
@@ -107,7 +108,11 @@ fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
 }
 
 /// Positions of the axes with the measured one at zero.
-fn position_at_zero(plan: &Plan, settings: &MultiprobeSettings, table: &TableAxis) -> Result<Position, MethodRefusal> {
+fn position_at_zero(
+    plan: &Plan,
+    settings: &MultiprobeSettings,
+    table: &UprightTableAxis,
+) -> Result<Position, MethodRefusal> {
     let axis = table.axis;
     MethodRefusal::require(
         settings.at.get(axis).is_none(),

@@ -56,7 +56,7 @@ pub fn next_stage(
             let count = setup.settings.indexes;
             (format!("mounting {} of {count}", mounted + 1), mounting_steps(setup, &turn, mounted + 1)?)
         }
-        _ => return Ok(NextStage::Done),
+        _ => return Ok(NextStage::NoFurtherStage),
     };
     Ok(NextStage::from_new_steps(setup.plan, done, name, steps))
 }

@@ -25,7 +25,7 @@ pub fn next_stage(
     let orientations = setup.orientations_deg();
     match ordinary {
         0 => Ok(NextStage::from_new_steps(setup.plan, done, SEARCH_LABEL, search_steps(setup)?)),
-        _ if ordinary > orientations.len() => Ok(NextStage::Done),
+        _ if ordinary > orientations.len() => Ok(NextStage::NoFurtherStage),
         number => {
             let index = number - 1;
             let found = setup.measured_balls(source)?;

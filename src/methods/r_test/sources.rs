@@ -17,7 +17,7 @@ use machine::{Axis, Position};
 /// Assumed standard deviation of one sample if none is declared, mm. The residuals rescale it.
 const DEFAULT_NOISE_MM: f64 = 1e-4;
 /// Smallest standard uncertainty of an observation, which limits its weight, mm.
-const MIN_OBSERVATION_U_MM: f64 = 1e-6;
+const MIN_OBSERVATION_STD_U_MM: f64 = 1e-6;
 
 /// All sources at the solution `x`.
 pub fn uncertainty_sources(equation: &SensorEquations<'_>, x: &[f64]) -> Vec<UncertaintySource> {
@@ -47,7 +47,7 @@ pub fn standard_uncertainties(equation: &SensorEquations<'_>) -> Vec<f64> {
     ];
     let independent = independent.map(|source| UncertaintySource { is_in_weights: true, ..source });
     let variances = block_covariances::<1>(&independent, equation.observation_count());
-    variances.iter().map(|variance| variance[(0, 0)].sqrt().max(MIN_OBSERVATION_U_MM)).collect()
+    variances.iter().map(|variance| variance[(0, 0)].sqrt().max(MIN_OBSERVATION_STD_U_MM)).collect()
 }
 
 struct SourceBuilder<'a> {

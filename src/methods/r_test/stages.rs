@@ -34,7 +34,7 @@ pub fn next_stage(
             }
             ("turns", turn_scans(nest)?)
         }
-        _ => return Ok(NextStage::Done),
+        _ => return Ok(NextStage::NoFurtherStage),
     };
     Ok(NextStage::from_new_steps(nest.plan, done, name, steps))
 }

@@ -162,7 +162,7 @@ impl GeometryProblem {
             x[first + i] = self.stylus[*k];
         }
         let mut counts = vec![0.0; self.ball_unknowns.len()];
-        for (measurement, tip) in self.measurements.iter().zip(self.measured_positions(&x, measured)) {
+        for (measurement, tip) in self.measurements.iter().zip(self.centres_from_measured_axes(&x, measured)) {
             counts[measurement.ball] += 1.0;
             let first = self.ball_unknowns[measurement.ball];
             let mean = vector_at(&x, first) + (tip - vector_at(&x, first)) / counts[measurement.ball];
@@ -180,7 +180,7 @@ impl GeometryProblem {
     }
 
     /// Position of the ball in each measurement from the machine with these errors, table frame, mm.
-    pub fn measured_positions(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
+    pub fn centres_from_measured_axes(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
         let tip_functions = self.tip_functions(x);
         let value = |(of, xyz): (&BallMeasurement, &Vector3<f64>)| tip_functions[of.position_index].value_at(*xyz);
         self.measurements.iter().zip(&measured.xyz).map(value).collect()
@@ -204,7 +204,7 @@ impl GeometryProblem {
     /// Weighted residuals, measured minus model, in the order of the rows.
     pub fn residuals(&self, x: &[f64], measured: &ObservedValues) -> Vec<f64> {
         let mut residuals = vec![0.0; self.row_count()];
-        for (i, tip) in self.measured_positions(x, measured).into_iter().enumerate() {
+        for (i, tip) in self.centres_from_measured_axes(x, measured).into_iter().enumerate() {
             let ball = vector_at(x, self.ball_unknowns[self.measurements[i].ball]);
             set_vector(&mut residuals, self.first_rows[i], self.weights[i] * (ball - tip));
         }

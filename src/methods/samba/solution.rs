@@ -72,7 +72,7 @@ impl GeometrySolution<'_> {
     /// table frame, mm.
     pub fn position_residuals(&self) -> Vec<Vector3<f64>> {
         let Self { problem, minimum, .. } = self;
-        let tips = problem.measured_positions(&minimum.x, &self.measured);
+        let tips = problem.centres_from_measured_axes(&minimum.x, &self.measured);
         let ball = |ball| vector_at(&minimum.x, problem.ball_unknown(ball));
         self.observed.centres.iter().zip(tips).map(|(centre, tip)| tip - ball(centre.ball)).collect()
     }

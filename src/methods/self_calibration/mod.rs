@@ -34,7 +34,7 @@ pub use settings::SelfCalibrationSettings;
 use std::cmp::Ordering;
 
 use self::setup::{CycleSetup, PartGeometry};
-use self::table_axis::TableAxis;
+use self::table_axis::MeasuredTableAxis;
 use super::identification::KnownMotions;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::circle;
@@ -123,10 +123,10 @@ impl Method for SelfCalibration {
                 let steps = forecast::unchecked_steps(&setup.with_known_motions()?).map_err(refusal_from_error)?;
                 (UNCHECKED_TOUCHES_STAGE_NAME.to_owned(), steps)
             }
-            Ordering::Greater => return Ok(NextStage::Done),
+            Ordering::Greater => return Ok(NextStage::NoFurtherStage),
         };
         if steps.is_empty() {
-            return Ok(NextStage::Done);
+            return Ok(NextStage::NoFurtherStage);
         }
         let id = done.last().map_or(0, |stage| stage.id + 1);
         let stage = Stage { id, name, repeat: pass, steps, found: first.found.clone() };
@@ -139,7 +139,7 @@ impl Method for SelfCalibration {
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
-        let axis = TableAxis::new(plan, &self.settings)?;
+        let axis = MeasuredTableAxis::new(plan, &self.settings)?;
         KnownMotions::new(axis.axis, &plan.priors).map(drop)
     }
 

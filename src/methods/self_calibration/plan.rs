@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::design::{CalibrationTest, GridTouch};
 use super::settings::SpindleMode;
 use super::setup::{CycleSetup, PartGeometry};
-use super::table_axis::TableAxis;
+use super::table_axis::MeasuredTableAxis;
 use crate::MethodRefusal;
 use machine::record::plan::{Step, StepKind};
 use machine::{Axis, Position};
@@ -153,7 +153,7 @@ impl CycleSetup<'_> {
     /// Command of the axis for a grid index, rad: with the sense of the axis, and shifted by a full turn if the
     /// limits require it.
     fn axis_command_rad(&self, index: usize) -> Result<f64, MethodRefusal> {
-        let TableAxis { axis, spec, rotation_sense: sense, .. } = &self.axis;
+        let MeasuredTableAxis { axis, spec, rotation_sense: sense, .. } = &self.axis;
         let commanded_rad = self.design.grid_angle(index) * sense;
         let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
         let turn = std::f64::consts::TAU;

@@ -46,7 +46,7 @@ impl SecondOrderCorrection {
     /// Adds τW′/L + τ²/2L, τ = (E − E_lin)·t − lateral, L = R, to `radii` (trials × observations, mm) at
     /// the unknowns `x` (trials × unknowns).
     pub fn add_second_order_terms(&self, x: &Mat<f64>, radii: &mut Mat<f64>) {
-        let heights: Vec<HeightTrials> = self.heights.iter().map(|height| height.evaluate_trials(x)).collect();
+        let heights: Vec<TrialValuesAtHeight> = self.heights.iter().map(|height| height.evaluate_trials(x)).collect();
         for (i, contact) in self.contacts.iter().enumerate() {
             contact.add_second_order_terms(x, &heights[contact.height], radii.col_as_slice_mut(i));
         }
@@ -54,12 +54,12 @@ impl SecondOrderCorrection {
 }
 
 /// Values that all contacts of a height share, one entry per trial.
-struct HeightTrials {
+struct TrialValuesAtHeight {
     /// Values of the forms, trials × forms.
     forms: Mat<f64>,
     /// Curvature 1/R, 1/mm.
     curvature: Vec<f64>,
-    arch: Arch,
+    simd: Arch,
 }
 
 impl Contact {
@@ -74,10 +74,10 @@ impl Contact {
         }
     }
 
-    fn add_second_order_terms(&self, x: &Mat<f64>, shared: &HeightTrials, radii: &mut [f64]) {
+    fn add_second_order_terms(&self, x: &Mat<f64>, shared: &TrialValuesAtHeight, radii: &mut [f64]) {
         let form = |j: usize| shared.forms.col_as_slice(j);
         let scale = shared.forms.ncols() - 2;
-        shared.arch.dispatch(SecondOrderTerms {
+        shared.simd.dispatch(SecondOrderTerms {
             cos: self.normal.x,
             sin: self.normal.y,
             lateral_mm: self.lateral_mm,
@@ -145,8 +145,8 @@ impl HeightForms {
         Self { radius_index: layout.radius_index(height), forms }
     }
 
-    fn evaluate_trials(&self, x: &Mat<f64>) -> HeightTrials {
+    fn evaluate_trials(&self, x: &Mat<f64>) -> TrialValuesAtHeight {
         let curvature = x.col_as_slice(self.radius_index).iter().map(|radius| 1.0 / radius).collect();
-        HeightTrials { forms: x * &self.forms, curvature, arch: Arch::new() }
+        TrialValuesAtHeight { forms: x * &self.forms, curvature, simd: Arch::new() }
     }
 }

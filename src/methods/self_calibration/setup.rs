@@ -2,7 +2,7 @@
 
 use super::design::Design;
 use super::settings::{SelfCalibrationSettings, SpindleMode};
-use super::table_axis::TableAxis;
+use super::table_axis::MeasuredTableAxis;
 use crate::MethodRefusal;
 use crate::identification::KnownMotions;
 use machine::Axis;
@@ -13,7 +13,7 @@ pub struct CycleSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a SelfCalibrationSettings,
     pub design: Design,
-    pub axis: TableAxis,
+    pub axis: MeasuredTableAxis,
     /// The part of the plan at its position with the axis at zero.
     pub stated_part: Cylinder,
     /// Heights of the touches in the machine frame, mm.
@@ -38,7 +38,7 @@ impl<'a> CycleSetup<'a> {
     /// # Errors
     /// The machine has no axis to measure, or the design is not well-posed.
     pub fn new(plan: &'a Plan, settings: &'a SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
-        let axis = TableAxis::new(plan, settings)?;
+        let axis = MeasuredTableAxis::new(plan, settings)?;
         let stated_part = axis.part_in_machine_frame(artefact_cylinder(&plan.artefact)?);
         settings.check(&stated_part, plan.probe.ball_radius_mm)?;
         let design = Design::new(settings)?;

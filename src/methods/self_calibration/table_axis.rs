@@ -14,7 +14,7 @@ use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
 
-pub struct TableAxis {
+pub struct MeasuredTableAxis {
     pub axis: Axis,
     pub spec: AxisSpec,
     /// 1 if a positive command turns the table clockwise seen from +Z, otherwise −1.
@@ -28,7 +28,7 @@ pub struct TableAxis {
     table_pose: Pose,
 }
 
-impl TableAxis {
+impl MeasuredTableAxis {
     /// # Errors
     /// No axis of the table is along Z at the configured positions, or a position is not possible on this machine.
     pub fn new(plan: &Plan, settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {

@@ -54,13 +54,13 @@ fn way(from: f64, to: f64) -> (Plan, String) {
     (plan, lines)
 }
 
-fn proven(plan: &Plan) -> Result<Proof, ProofRefusal> {
+fn prove_plan(plan: &Plan) -> Result<Proof, ProofRefusal> {
     proven_from(plan, &way(15.0, 11.0).1, Some(&beside()))
 }
 
 #[track_caller]
 fn assert_near(plan: &Plan, line: usize, pair: [&str; 2]) -> String {
-    let refusal = proven(plan).unwrap_err();
+    let refusal = prove_plan(plan).unwrap_err();
     match &refusal.reason {
         RefusalReason::ClearanceTooSmall { between, .. } => assert_eq!(between, &pair, "{refusal}"),
         _ => panic!("{refusal}"),
@@ -74,7 +74,7 @@ const TOUCH: usize = 6;
 
 #[test]
 fn a_touch_of_one_ball_among_others_is_proven() {
-    let proof = proven(&plan(|_| {})).unwrap();
+    let proof = prove_plan(&plan(|_| {})).unwrap();
     // At contact, the distance of the stylus stem is the stylus ball's radius minus its own radius. The ball moves
     // on by 0.1 mm of pre-travel, and by the amount that a ball 0.5 mm aside allows: 13 − √(13² − 0.5²) = 0.01 mm.
     let nearest = proof.nearest.unwrap();
@@ -83,7 +83,7 @@ fn a_touch_of_one_ball_among_others_is_proven() {
     assert_eq!(nearest.line, TOUCH);
     assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
     let bare = plan(|plan| plan["artefact"]["balls"][1]["stem_radius_mm"] = 0.0.into());
-    let told = proven(&bare).unwrap().not_looked_at;
+    let told = prove_plan(&bare).unwrap().not_looked_at;
     assert_eq!(told, ["stem of ball 2", "spindle nose", "table"]);
 }
 
@@ -103,7 +103,7 @@ fn a_touch_meets_its_ball_at_every_position_and_on_the_stated_side() {
     assert_eq!(refusal.line, DOWN, "{refusal}");
     let normal = |degrees: f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        proven(&plan(|plan| plan["steps"][0]["normal"] = json!([cos, 0.0, sin])))
+        prove_plan(&plan(|plan| plan["steps"][0]["normal"] = json!([cos, 0.0, sin])))
     };
     assert!(normal(24.0).is_ok());
     match normal(180.0).unwrap_err().reason {
@@ -115,7 +115,7 @@ fn a_touch_meets_its_ball_at_every_position_and_on_the_stated_side() {
     assert!(matches!(normal(26.0).unwrap_err().reason, RefusalReason::WrongContactSide { .. }));
     // A plan without a touch direction.
     let none = plan(|plan| plan["steps"][0]["normal"] = json!([0.0, 0.0, 0.0]));
-    assert!(matches!(proven(&none).unwrap_err().reason, RefusalReason::WrongContactSide { .. }));
+    assert!(matches!(prove_plan(&none).unwrap_err().reason, RefusalReason::WrongContactSide { .. }));
 }
 
 /// The touch must avoid the other balls and stems: its full length stays half a millimetre, plus their uncertainty,
@@ -124,7 +124,7 @@ fn a_touch_meets_its_ball_at_every_position_and_on_the_stated_side() {
 fn a_touch_stays_clear_of_other_balls_and_stems() {
     let at = |y: f64| with_third(|third| third["centre_mm"] = json!([13.0, y, 60.0]));
     // Limit: the radii (10 + 3 mm), the uncertainty (0.5 mm) and the clearance (0.5 mm).
-    assert!(proven(&at(14.01)).is_ok());
+    assert!(prove_plan(&at(14.01)).is_ok());
     let said = assert_near(&at(13.99), TOUCH, ["stylus ball", "ball 3"]);
     assert!(said.contains("does not detect this contact: 0.50 mm"), "{said}");
     // The approach at X = 15, which the probe detects, keeps the uncertainty only: √(2² + 13.3²) < 10 + 3 + 0.5.
@@ -137,7 +137,7 @@ fn a_touch_stays_clear_of_other_balls_and_stems() {
             third["stem_length_mm"] = length.into();
         })
     };
-    assert!(proven(&lying(35.99)).is_ok());
+    assert!(prove_plan(&lying(35.99)).is_ok());
     assert_near(&lying(36.01), TOUCH, ["stylus ball", "stem of ball 3"]);
 }
 
@@ -146,7 +146,7 @@ fn a_touch_stays_clear_of_other_balls_and_stems() {
 fn the_stem_of_the_touched_ball_is_checked_up_to_contact() {
     let thick = |radius: f64| plan(|plan| plan["artefact"]["balls"][0]["stem_radius_mm"] = radius.into());
     // Limit of the stem's radius: 13 − 0.11 − 3 mm at contact, not 11 − 3 mm at the end of the touch.
-    assert!(proven(&thick(9.8)).is_ok());
+    assert!(prove_plan(&thick(9.8)).is_ok());
     assert_near(&thick(9.95), TOUCH, ["stylus ball", "stem of ball 1"]);
 }
 
@@ -155,7 +155,7 @@ fn the_stem_of_the_touched_ball_is_checked_up_to_contact() {
 fn the_probe_body_keeps_its_clearance_from_balls() {
     let high = |y: f64| with_third(|third| third["centre_mm"] = json!([15.0, y, 170.0]));
     // Limit: the radii (20 + 10 mm), the uncertainty (0.5 mm) and the clearance (0.5 mm).
-    assert!(proven(&high(31.01)).is_ok());
+    assert!(prove_plan(&high(31.01)).is_ok());
     assert_near(&high(30.99), DOWN, ["probe body", "ball 3"]);
 }
 

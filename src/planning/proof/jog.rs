@@ -84,7 +84,7 @@ pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> C
     let motion = read_single_move(request, programs)?;
     let refusal = |reason: RefusalReason| reason.at_line(motion.line);
     check_axis(request, &motion, MAX_JOG_LENGTH_MM_OR_DEG)
-        .and_then(|()| check_guard_or_feed(request, &motion))
+        .and_then(|()| check_guard_and_feed(request, &motion))
         .map_err(refusal)?;
     check_clearance(request, &motion).map_err(refusal)
 }
@@ -132,7 +132,7 @@ fn check_axis(request: &JogProofRequest<'_>, motion: &ReadMotion, longest: f64) 
 }
 
 /// Checks that contact stops the move, or that its feed is limited.
-fn check_guard_or_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<(), RefusalReason> {
+fn check_guard_and_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<(), RefusalReason> {
     let JogProofRequest { plan, axis, .. } = *request;
     match motion.kind {
         // Moves of linear axes are guarded: contact stops them.

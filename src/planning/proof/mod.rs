@@ -69,7 +69,7 @@ mod unconfirmed_rules_tests;
 
 pub use jog::{JogProofRequest, prove_jog, prove_retract};
 pub use proven::{AlteredBlock, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};
-pub use proven_modes::{ProvenModes, prove_modes};
+pub use proven_modes::{ProvenModeText, prove_modes};
 pub use refusal::{ProofRefusal, RefusalReason};
 
 use crate::ConfirmedDirections;

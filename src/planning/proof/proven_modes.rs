@@ -8,7 +8,7 @@ use machine::Axis;
 /// Text that a driver sends before the first and after the last block, including the options of the machine file.
 /// It was read back and moves nothing.
 #[derive(Debug, Clone)]
-pub struct ProvenModes {
+pub struct ProvenModeText {
     head: Vec<String>,
     foot: Vec<String>,
     switch_on_program: String,
@@ -18,7 +18,7 @@ pub struct ProvenModes {
     health_inputs: Vec<(String, ProbeFault)>,
 }
 
-impl ProvenModes {
+impl ProvenModeText {
     /// The lines that set all modal state.
     pub fn head(&self) -> &[String] {
         &self.head
@@ -64,7 +64,7 @@ pub fn prove_modes(
     title: &str,
     axes: impl IntoIterator<Item = Axis>,
     log: Option<&str>,
-) -> Result<ProvenModes, StageProofError> {
+) -> Result<ProvenModeText, StageProofError> {
     let axes: Vec<Axis> = axes.into_iter().filter(|axis| *axis != Axis::S).collect();
     let program = ProgramHeader { title, axes: &axes, log };
     let always_on = dialect.without_probe_off();
@@ -72,7 +72,7 @@ pub fn prove_modes(
     let whole = dialect.render_program(&program, &[])?;
     check_no_motion(dialect, &[switch_on_program.clone(), whole.clone()])?;
     let inputs = dialect.health_inputs();
-    Ok(ProvenModes {
+    Ok(ProvenModeText {
         head: dialect.render_head(&program)?,
         foot: dialect.render_foot(&program)?,
         switch_on_program,

@@ -59,7 +59,7 @@ pub(super) fn proven_as(
 
 /// Reason for which the first lines are refused; `None` if the only fault is the missing touch.
 #[track_caller]
-fn refused(plan: &Plan, lines: &str) -> Option<RefusalReason> {
+fn refusal_reason(plan: &Plan, lines: &str) -> Option<RefusalReason> {
     let refusal = proven_from(plan, lines, Some(&beside())).unwrap_err();
     assert!(!refusal.remedy().is_empty());
     match refusal.reason {
@@ -70,7 +70,7 @@ fn refused(plan: &Plan, lines: &str) -> Option<RefusalReason> {
 
 #[track_caller]
 fn assert_near(plan: &Plan, lines: &str, pair: [&str; 2], expected: f64) {
-    match refused(plan, lines) {
+    match refusal_reason(plan, lines) {
         Some(RefusalReason::ClearanceTooSmall { between, clearance, .. }) => {
             assert_eq!(between, pair);
             // The first position found that is too near, not necessarily the nearest.
@@ -122,13 +122,13 @@ fn rapids_keep_the_margin_from_a_box_and_guarded_moves_do_not_touch_it() {
     };
     // The ball centre passes at 180 mm, and its radius is 3 mm.
     let over = "N0 G53 G0 X-100\n";
-    assert_eq!(refused(&with_box(-60.0, 174.99), over), None);
+    assert_eq!(refusal_reason(&with_box(-60.0, 174.99), over), None);
     assert_near(&with_box(-60.0, 175.01), over, ["stylus ball", "clamp"], 1.99);
     let guarded = "N0 G38.3 X-100 F1500\n";
-    assert_eq!(refused(&with_box(-60.0, 176.49), guarded), None);
+    assert_eq!(refusal_reason(&with_box(-60.0, 176.49), guarded), None);
     assert_near(&with_box(-60.0, 176.51), guarded, ["stylus ball", "clamp"], 0.49);
     // Down beside the box: 100 − 3 − 2.
-    assert_eq!(refused(&with_box(94.99, 200.0), "N0 G53 G0 Z200\n"), None);
+    assert_eq!(refusal_reason(&with_box(94.99, 200.0), "N0 G53 G0 Z200\n"), None);
     assert_near(&with_box(95.01, 200.0), "N0 G53 G0 Z200\n", ["stylus ball", "clamp"], 1.99);
 }
 
@@ -142,16 +142,16 @@ fn rotary_motions_are_checked_between_their_ends() {
                 "to_mm": [-95.0, 5.0, top]}]);
         })
     };
-    assert_eq!(refused(&post(200.0), "N0 G53 G0 C90\n"), None);
+    assert_eq!(refusal_reason(&post(200.0), "N0 G53 G0 C90\n"), None);
     assert_near(&post(200.0), "N0 G53 G0 C180\n", ["stylus ball", "post"], 2.0);
     // Almost a full turn: the post passes the ball and is far away at the end.
     assert_near(&post(200.0), "N0 G53 G0 C350\n", ["stylus ball", "post"], 2.0);
     // Limit of the height: 180 mm minus the ball's radius (3 mm) and the margin (2 mm).
-    assert_eq!(refused(&post(174.9), "N0 G53 G0 C350\n"), None);
+    assert_eq!(refusal_reason(&post(174.9), "N0 G53 G0 C350\n"), None);
     // B turns the part about Y towards the ball at X = 100: its upper rim reaches √(100² + 45²) = 109.7 mm from the
     // axis. With a required 3 + 1 + 2 mm, this is 115.7 mm, at a height of 58.1 mm.
     let bare = plan(|_| {});
-    assert_eq!(refused(&bare, "N0 G53 G0 Z178.5\nN0 G53 G0 B-90\n"), None);
+    assert_eq!(refusal_reason(&bare, "N0 G53 G0 Z178.5\nN0 G53 G0 B-90\n"), None);
     let low = "N0 G53 G0 Z177.5\nN0 G53 G0 B-90\n";
     assert_near(&bare, low, ["stylus ball", "artefact"], 2.0);
     // Workpiece side against bed.
@@ -161,7 +161,7 @@ fn rotary_motions_are_checked_between_their_ends() {
             {"name": "column", "on": "bed", "from_mm": [-220.0, -20.0, -80.0],
              "to_mm": [-120.0, 20.0, -60.0]}]);
     });
-    assert_eq!(refused(&fenced, "N0 G53 G0 B-5\n"), None);
+    assert_eq!(refusal_reason(&fenced, "N0 G53 G0 B-5\n"), None);
     assert_near(&fenced, "N0 G53 G0 B30\n", ["arm", "column"], 2.0);
 }
 
@@ -177,7 +177,7 @@ fn parts_above_the_stylus_ball_are_checked() {
         })
     };
     // The ball passes the pillar at 37 mm; the nose, 50 mm in radius, passes above it at 300 + lowest.
-    assert_eq!(refused(&nose(-7.9), "N0 G53 G0 X99\n"), None);
+    assert_eq!(refusal_reason(&nose(-7.9), "N0 G53 G0 X99\n"), None);
     assert_near(&nose(-8.1), "N0 G53 G0 X99\n", ["nose", "pillar"], 1.9);
 }
 
@@ -222,13 +222,13 @@ fn moves_from_an_unknown_position_are_listed_as_unchecked() {
 fn feeds_must_let_the_machine_stop_within_the_overtravel() {
     // 90 mm/s against 1000 mm/s² is 4.05 mm.
     let fast = plan(|plan| plan["probe"]["guarded_feed_mm_min"] = 9000.0.into());
-    match refused(&fast, "N0 G38.3 X120 F5400\n") {
+    match refusal_reason(&fast, "N0 G38.3 X120 F5400\n") {
         Some(RefusalReason::BrakingTooLong { distance_mm: way, .. }) => {
             assert!((way - 4.05).abs() < 1e-9)
         }
         other => panic!("{other:?}"),
     }
-    assert_eq!(refused(&fast, "N0 G38.3 X120 F5360\n"), None);
+    assert_eq!(refusal_reason(&fast, "N0 G38.3 X120 F5360\n"), None);
 }
 
 /// The ball was stopped 0.3 mm from a part with an uncertainty of 1 mm. A straight move up is allowed if it is
@@ -238,14 +238,14 @@ fn feeds_must_let_the_machine_stop_within_the_overtravel() {
 fn a_machine_stopped_beside_the_part_may_rise() {
     let plan = plan(|_| {});
     let low = |x: f64| beside().updated_by(&[(Axis::X, x), (Axis::Z, 170.0)].into_iter().collect());
-    let refused = |x: f64, lines: &str| {
+    let is_refused = |x: f64, lines: &str| {
         matches!(proven_from(&plan, lines, Some(&low(x))).unwrap_err().reason, RefusalReason::ClearanceTooSmall { .. })
     };
-    assert!(!refused(48.3, "N0 G38.3 Z300 F1500\n"));
-    assert!(refused(48.3, "N0 G53 G0 Z300\n"));
-    assert!(refused(48.3, "N0 G38.3 X48.1 F1500\n"));
-    assert!(refused(48.3, "N0 G38.3 Z171 F1500\nN0 G38.3 Z300 F1500\n"));
-    assert!(refused(47.9, "N0 G38.3 Z300 F1500\n"));
+    assert!(!is_refused(48.3, "N0 G38.3 Z300 F1500\n"));
+    assert!(is_refused(48.3, "N0 G53 G0 Z300\n"));
+    assert!(is_refused(48.3, "N0 G38.3 X48.1 F1500\n"));
+    assert!(is_refused(48.3, "N0 G38.3 Z171 F1500\nN0 G38.3 Z300 F1500\n"));
+    assert!(is_refused(47.9, "N0 G38.3 Z300 F1500\n"));
 }
 
 /// B carries an arm at +X; above it, C carries the table with a clamp at −X.
@@ -264,7 +264,7 @@ fn bodies_of_one_side_that_turn_relative_to_each_other_are_checked() {
         })
     };
     let bare = carrying(json!([]));
-    assert_eq!(refused(&bare, "N0 G53 G0 C90\nN0 G53 G0 B20\n"), None);
+    assert_eq!(refusal_reason(&bare, "N0 G53 G0 C90\nN0 G53 G0 B20\n"), None);
     assert_near(&bare, "N0 G53 G0 C180\n", ["clamp", "arm"], 2.0);
     assert_near(&bare, "N0 G53 G0 B20 C350\n", ["clamp", "arm"], 2.0);
     // A table 1.9 mm above its cradle is built close, so it is reported; at 2.1 mm it is checked and passes.
@@ -294,7 +294,7 @@ fn bodies_of_the_tool_side_that_move_relative_to_each_other_are_checked() {
              "radius_mm": 50.0},
             {"name": "rack", "on": "X", "from_mm": [20.0, -5.0, 110.0], "to_mm": [30.0, 5.0, 150.0]}]);
     });
-    assert_eq!(refused(&racked, "N0 G53 G0 Z152.1\nN0 G53 G0 X110\n"), None);
+    assert_eq!(refusal_reason(&racked, "N0 G53 G0 Z152.1\nN0 G53 G0 X110\n"), None);
     assert_near(&racked, "N0 G53 G0 Z151.9\n", ["nose", "rack"], 2.0);
 }
 

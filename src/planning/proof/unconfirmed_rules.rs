@@ -8,7 +8,7 @@ use super::refusal::RefusalReason;
 use super::rules;
 use super::scene::ClearanceRule;
 use crate::gcode::rs274::ReadMotion;
-use crate::unconfirmed_approach::{MIN_PROBING_MOVE_MM, round_radius_mm, unconfirmed_search_feed_mm_min};
+use crate::unconfirmed_approach::{SHORTEST_PROBED_LENGTH_MM, octagon_radius_mm, unconfirmed_search_feed_mm_min};
 use machine::{Axis, Position};
 
 /// Rounding tolerance of the text, mm.
@@ -31,10 +31,10 @@ impl ProgramCheck<'_> {
     }
 
     /// Whether X and Y make a round above the step before the first touch.
-    fn is_probing_round(&self, motion: &ReadMotion) -> bool {
+    fn is_feeler_octagon(&self, motion: &ReadMotion) -> bool {
         let Some(step) = self.step() else { return false };
         let plan = self.request.plan;
-        let reach = round_radius_mm(plan) + TEXT_ROUNDING_MM;
+        let reach = octagon_radius_mm(plan) + TEXT_ROUNDING_MM;
         let over = |at: &Position| {
             let off = |axis| at.get_or_zero(axis) - step.from.get_or_zero(axis);
             let known = at.get(Axis::X).is_some() && at.get(Axis::Y).is_some();
@@ -65,7 +65,7 @@ impl ProgramCheck<'_> {
         if turns
             || !known
             || replaces_touch
-            || rules::check_touch_length(&self.position, &ends, MIN_PROBING_MOVE_MM).is_err()
+            || rules::check_touch_length(&self.position, &ends, SHORTEST_PROBED_LENGTH_MM).is_err()
         {
             return Err(RefusalReason::UnexpectedFeedMove);
         }
@@ -75,7 +75,7 @@ impl ProgramCheck<'_> {
 
     /// Required clearance of a guarded move without rotary axes.
     pub(super) fn unconfirmed_guarded_rule(&self, motion: &ReadMotion) -> Result<ClearanceRule, RefusalReason> {
-        if !self.is_probing_round(motion) {
+        if !self.is_feeler_octagon(motion) {
             self.check_z_at_top(&motion.target)?;
         }
         let slow = rules::check_max_feed("", motion, unconfirmed_search_feed_mm_min(self.request.plan)).is_ok();

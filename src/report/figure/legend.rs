@@ -12,7 +12,7 @@ const SAMPLE_LENGTH: i32 = 70;
 const SAMPLE_GAP: i32 = 14;
 /// Mean width of a letter, as a share of the font size.
 const LETTER_WIDTH_RATIO: f64 = 0.54;
-const MARKER_SIZE: i32 = 9;
+const MARKER_RADIUS: i32 = 9;
 /// Opacity of a shaded area.
 pub(super) const SHADE_OPACITY: f64 = 0.6;
 /// Length and gap of the dashes of a line.
@@ -76,10 +76,10 @@ fn draw_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) -> Draw
 /// Draws the marker of the thermometer with this number; markers differ in shape.
 pub(super) fn draw_marker(area: &Area<'_>, number: usize, at: (i32, i32)) -> DrawResult {
     match number % 4 {
-        0 => area.draw(&TriangleMarker::new(at, MARKER_SIZE + 3, LINE_COLOUR.filled()))?,
-        1 => area.draw(&Cross::new(at, MARKER_SIZE, LINE_COLOUR.stroke_width(3)))?,
-        2 => area.draw(&Circle::new(at, MARKER_SIZE, LINE_COLOUR.stroke_width(3)))?,
-        _ => area.draw(&Circle::new(at, MARKER_SIZE - 4, LINE_COLOUR.filled()))?,
+        0 => area.draw(&TriangleMarker::new(at, MARKER_RADIUS + 3, LINE_COLOUR.filled()))?,
+        1 => area.draw(&Cross::new(at, MARKER_RADIUS, LINE_COLOUR.stroke_width(3)))?,
+        2 => area.draw(&Circle::new(at, MARKER_RADIUS, LINE_COLOUR.stroke_width(3)))?,
+        _ => area.draw(&Circle::new(at, MARKER_RADIUS - 4, LINE_COLOUR.filled()))?,
     }
     Ok(())
 }

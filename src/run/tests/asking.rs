@@ -75,7 +75,7 @@ async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
     let looks = Mutex::new(0);
     let answers = |_| {
         let note = note.clone();
-        PromptAnswers::new(move |_| {
+        PromptAnswerSource::new(move |_| {
             note();
             let mut looks = looks.lock().unwrap();
             *looks += 1;
@@ -106,13 +106,13 @@ async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
 async fn halt_ends_the_wait_and_no_run_starts_without_operator() {
     let shop = RunWorkspace::new(TWO_PROMPTS);
     let (method, _) = shop.method();
-    let nobody = |_| PromptAnswers::none();
+    let nobody = |_| PromptAnswerSource::none();
     let (refused, stored) = shop.run_method(method.as_ref(), nobody, |_, _| {}).await;
     assert!(matches!(refused, Err(RunError::NoOperator { .. })), "{refused:?}");
     assert_eq!((shop.calls(), stored.summary.state), (vec![], RunState::Failed));
 
     let stops = |halt: HaltHandle| {
-        PromptAnswers::new(move |_| {
+        PromptAnswerSource::new(move |_| {
             halt.trigger();
             None
         })
@@ -139,7 +139,7 @@ async fn answered_prompts_are_not_repeated_after_a_stop() {
     let shop = RunWorkspace::new("");
     let method = TurningMethod { inner: shop.method().0, late: false };
     let stops = |halt: HaltHandle| {
-        PromptAnswers::new(move |asked| {
+        PromptAnswerSource::new(move |asked| {
             if asked.repeat == 1 {
                 halt.trigger();
             }

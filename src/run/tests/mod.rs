@@ -87,7 +87,7 @@ impl RunWorkspace {
     async fn run_method(
         &self,
         method: &dyn Method,
-        answers: impl FnOnce(HaltHandle) -> PromptAnswers,
+        answers: impl FnOnce(HaltHandle) -> PromptAnswerSource,
         tell: impl Fn(&Event, &HaltHandle),
     ) -> (Result<(), RunError>, StoredRun) {
         let (_, plan) = self.method();
@@ -147,6 +147,6 @@ fn unreachable_controller() -> Controller {
     Controller::spawn(NoMethod, HaltHandle::new(|| {}))
 }
 
-fn answers_by_operator() -> PromptAnswers {
-    PromptAnswers::new(|_| Some("Ada".to_owned()))
+fn answers_by_operator() -> PromptAnswerSource {
+    PromptAnswerSource::new(|_| Some("Ada".to_owned()))
 }

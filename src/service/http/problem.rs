@@ -72,10 +72,10 @@ impl From<Refusal> for Problem {
             Refusal::Failed => "read the reason in the log, then acknowledge",
             Refusal::NoSuchCycle => "start one of the cycles of [serve] in the machine file",
             Refusal::TooSoon => "wait for min_interval_s of [serve]",
-            Refusal::Elsewhere => "end the other program that uses the machine",
+            Refusal::UsedByOtherProgram => "end the other program that uses the machine",
             Refusal::NothingToAcknowledge => "no acknowledgement is needed",
-            Refusal::AsksPerson => "start the cycle at the page or with `trued run`, and answer its prompts there",
-            Refusal::NotAsked => "read on the page which prompt is open",
+            Refusal::PlanHasPrompts => "start the cycle at the page or with `trued run`, and answer its prompts there",
+            Refusal::PromptNotOpen => "read on the page which prompt is open",
             Refusal::NotReady => "wait until the service is ready",
             _ => "correct the condition at the machine, then repeat the request",
         };

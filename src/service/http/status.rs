@@ -8,7 +8,7 @@ use super::ServedMachine;
 use super::newest_result::NewestResult;
 use super::openapi::views::{LiveValuesView, ParameterView, VerdictView};
 use crate::run::OpenPrompt;
-use crate::service::machine_state::Failure;
+use crate::service::machine_state::RunFailure;
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::watch::LiveValues;
 
@@ -36,7 +36,7 @@ pub struct MachineStatus {
     pub measured: u32,
     pub refusal: Option<String>,
     /// Why the last cycle was not completed.
-    pub failure: Option<Failure>,
+    pub failure: Option<RunFailure>,
     /// While the machine is held: whether another process holds its lock and may move it.
     pub elsewhere: bool,
     /// Open prompt: the run waits until a person has done this.

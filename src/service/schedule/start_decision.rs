@@ -57,7 +57,7 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartCond
     }
     match conditions.gate_refusal {
         // Waiting does not help: no person will be at the machine later either.
-        Some(Refusal::AsksPerson) => StartDecision::Skip(why),
+        Some(Refusal::PlanHasPrompts) => StartDecision::Skip(why),
         Some(Refusal::Busy) if requirements.overlap == OverlapPolicy::Skip => StartDecision::Skip(why),
         _ => StartDecision::Wait(why),
     }
@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn cycle_with_prompts_is_not_started() {
         let (kind, why) =
-            decision_text(decide_with(|_, conditions, _| conditions.gate_refusal = Some(Refusal::AsksPerson)));
+            decision_text(decide_with(|_, conditions, _| conditions.gate_refusal = Some(Refusal::PlanHasPrompts)));
         assert!(kind == 's' && why.contains("has prompts"), "{kind} {why}");
     }
 

@@ -317,7 +317,7 @@ fn regress_cycle_with_prompts_does_not_start_unattended() {
     assert_eq!(bench.start_count(), 0);
     let last = bench.journal.newest_slots(MACHINE_NAME, 1).unwrap().remove(0);
     assert!(last.outcome == SlotOutcome::Skipped && last.why.contains("has prompts"), "{last:?}");
-    assert_eq!(bench.gate.start(1, full_readiness().interlocks, "a button"), Err(Refusal::AsksPerson));
+    assert_eq!(bench.gate.start(1, full_readiness().interlocks, "a button"), Err(Refusal::PlanHasPrompts));
     bench.gate.start(1, Interlocks { person: true, ..full_readiness().interlocks }, "Ada").unwrap();
     assert_eq!(bench.start_count(), 1);
 }

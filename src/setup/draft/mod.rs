@@ -8,9 +8,10 @@ use std::sync::Arc;
 use minijinja::value::Value;
 use minijinja::{Environment, context};
 
-use super::{SetupError, controls, render_modes};
+use super::{SetupError, controls, prove_mode_text};
 use devices::controllers::{
-    ControllerConfig, ControllerError, DeviceInfo, Diagnosis, DiagnosisMode, DiagnosisRequest, ReportedAxis,
+    ConnectionDiagnosisRequest, ControllerConfig, ControllerError, DeviceInfo, DiagnosisMode, PossibleCause,
+    ReportedAxis,
 };
 use link::clock::HostClock;
 use machine::Axis;
@@ -46,7 +47,7 @@ impl MachineFileDraft {
     /// # Errors
     /// The control cannot be opened or does not answer.
     pub async fn query_device_info(&self, control: &dyn ControllerConfig) -> Result<DeviceInfo, SetupError> {
-        let modes = render_modes(&Dialect::from_name(control.dialect())?, &empty_machine(), control.result_log())?;
+        let modes = prove_mode_text(&Dialect::from_name(control.dialect())?, &empty_machine(), control.result_log())?;
         let controller = control.open(&empty_machine(), modes, Arc::new(HostClock::start())).await?;
         Ok(controller.identify_device().await?)
     }
@@ -57,8 +58,8 @@ impl MachineFileDraft {
         control: &dyn ControllerConfig,
         failed: &ControllerError,
         leave: DiagnosisMode,
-    ) -> Vec<Diagnosis> {
-        control.diagnose(DiagnosisRequest { machine: &empty_machine(), failure: failed, mode: leave }).await
+    ) -> Vec<PossibleCause> {
+        control.diagnose(ConnectionDiagnosisRequest { machine: &empty_machine(), failure: failed, mode: leave }).await
     }
 
     /// Text of the machine file.

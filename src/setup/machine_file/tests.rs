@@ -21,7 +21,7 @@ fn line(after: &str, head: &str) -> usize {
 }
 
 #[track_caller]
-fn refused(from: &str, to: &str, message: &str) {
+fn assert_refused(from: &str, to: &str, message: &str) {
     let error = edited(from, to).expect_err("accepted").to_string();
     assert_eq!(error, message);
 }
@@ -68,45 +68,45 @@ fn a_wrong_unit_names_the_right_key() {
     let at = line("[artefact]", "radius_mm");
     let expected =
         format!("shop.toml:{at}: unknown key `radius_um` in [artefact]; did you mean `radius_mm` (in mm, not µm)?");
-    refused("\nradius_mm", "\nradius_um", &expected);
+    assert_refused("\nradius_mm", "\nradius_um", &expected);
 }
 
 #[test]
 fn typing_errors_are_reported_with_their_line() {
     let at = line("[machine]", "topology");
     let expected = format!("shop.toml:{at}: unknown key `topolgy` in [machine]; did you mean `topology`?");
-    refused("\ntopology", "\ntopolgy", &expected);
+    assert_refused("\ntopology", "\ntopolgy", &expected);
 
     let at = line("", "[artefact]");
     let expected = format!("shop.toml:{at}: unknown section [artifact]; did you mean `artefact`?");
-    refused("\n[artefact]", "\n[artifact]", &expected);
+    assert_refused("\n[artefact]", "\n[artifact]", &expected);
 
     let at = line("[axes.B]", "positive");
     let expected = format!("shop.toml:{at}: `positive` in [axes.B] is `isso`; known: iso, reversed");
-    refused("positive = \"iso\"", "positive = \"isso\"", &expected);
+    assert_refused("positive = \"iso\"", "positive = \"isso\"", &expected);
 
     let at = line("", "[axes.B]");
     let expected = format!("shop.toml:{at}: unknown key `Q` in [axes]; known keys: X, Y, Z, A, B, C, S");
-    refused("[axes.B]", "[axes.Q]", &expected);
+    assert_refused("[axes.B]", "[axes.Q]", &expected);
 }
 
 #[test]
 fn types_and_missing_keys_have_lines() {
     let at = line("[artefact]", "radius_mm");
     let expected = format!("shop.toml:{at}: `radius_mm` in [artefact] must be a number, not string \"45\"");
-    refused("radius_mm = 45.0", "radius_mm = \"45\"", &expected);
+    assert_refused("radius_mm = 45.0", "radius_mm = \"45\"", &expected);
 
     let at = line("[machine]", "tool_mm");
     let expected = format!("shop.toml:{at}: `tool_mm` in [machine] has 2 elements, must be an array of length 3");
-    refused("[0.0, 0.0, -120.0]", "[0.0, -120.0]", &expected);
+    assert_refused("[0.0, 0.0, -120.0]", "[0.0, -120.0]", &expected);
 
     let at = line("", "[axes.B]");
     let expected = format!("shop.toml:{at}: the key `min` is missing in [axes.B]; add it");
-    refused("min = -110.0", "", &expected);
+    assert_refused("min = -110.0", "", &expected);
 
     let at = line("", "[artefact]");
     let expected = format!("shop.toml:{at}: the key `radius_mm` is missing in [artefact]; add it");
-    refused("radius_mm = 45.0", "", &expected);
+    assert_refused("radius_mm = 45.0", "", &expected);
 
     let without = EMBEDDED.split("[artefact]").next().unwrap().to_owned();
     let error = MachineFile::parse("shop.toml", without).unwrap_err().to_string();
@@ -117,20 +117,20 @@ fn types_and_missing_keys_have_lines() {
 fn impossible_values_are_refused() {
     let at = line("[axes.X]", "max");
     let expected = format!("shop.toml:{at}: `max` in [axes.X] is -260; it must be greater than min = -250");
-    refused("max = 250.0", "max = -260.0", &expected);
+    assert_refused("max = 250.0", "max = -260.0", &expected);
 
     let at = line("[probe]", "ball_radius_mm");
     let expected = format!("shop.toml:{at}: `ball_radius_mm` in [probe] is -3; it must be greater than 0");
-    refused("ball_radius_mm = 3.0", "ball_radius_mm = -3.0", &expected);
+    assert_refused("ball_radius_mm = 3.0", "ball_radius_mm = -3.0", &expected);
 
     let at = line("[machine]", "drift_um_per_h");
     let expected = format!("shop.toml:{at}: `drift_um_per_h` in [machine] must be a finite number");
-    refused("drift_um_per_h = 5.0", "drift_um_per_h = nan", &expected);
-    refused("drift_um_per_h = 5.0", "drift_um_per_h = -inf", &expected);
+    assert_refused("drift_um_per_h = 5.0", "drift_um_per_h = nan", &expected);
+    assert_refused("drift_um_per_h = 5.0", "drift_um_per_h = -inf", &expected);
 
     let at = line("", "[axes.B]");
     let topology = line("[machine]", "topology");
-    refused(
+    assert_refused(
         "[axes.B]",
         "[axes.A]",
         &format!(
@@ -138,7 +138,7 @@ fn impossible_values_are_refused() {
             add the section with the limits of the axis"
         ),
     );
-    refused(
+    assert_refused(
         "[axes.B]\n",
         "[axes.A]\nmin = 0\nmax = 1\n[axes.B]\n",
         &format!(
@@ -290,13 +290,17 @@ fn switches_of_probe_and_clamps_are_checked_with_their_place() {
 fn solids_and_the_stylus_must_be_possible() {
     let at = |name: &str, key: &str| line(&format!("name = \"{name}\""), key);
     let solid = |key: &str, why: &str, line: usize| format!("shop.toml:{line}: `{key}` in [solid] {why}");
-    refused(
+    assert_refused(
         "name = \"cradle\"",
         "name = \"table\"",
         &solid("name", "is `table`, which occurs twice: use different names", at("spindle nose", "name = \"table\"")),
     );
-    refused("on = \"B\"", "on = \"A\"", &solid("on", "is A, but this machine has no axis A", at("cradle", "on")));
-    refused(
+    assert_refused(
+        "on = \"B\"",
+        "on = \"A\"",
+        &solid("on", "is A, but this machine has no axis A", at("cradle", "on")),
+    );
+    assert_refused(
         "to_mm = [170.0, 130.0, -45.0]",
         "to_mm = [170.0, 130.0, -110.0]",
         &solid(
@@ -305,7 +309,7 @@ fn solids_and_the_stylus_must_be_possible() {
             at("cradle", "to_mm"),
         ),
     );
-    refused(
+    assert_refused(
         "radius_mm = 130.0",
         "radius_mm = -130.0",
         &solid("radius_mm", "is -130; it must be greater than 0", at("table", "radius_mm")),
@@ -315,7 +319,7 @@ fn solids_and_the_stylus_must_be_possible() {
     assert!(unknown.starts_with(&format!("shop.toml:{cradle}: ")), "{unknown}");
 
     let stem = line("[probe]", "stem_radius_mm");
-    refused(
+    assert_refused(
         "stem_radius_mm = 1.5",
         "stem_radius_mm = 3.0",
         &format!(
@@ -324,7 +328,7 @@ fn solids_and_the_stylus_must_be_possible() {
         ),
     );
     let body = line("[probe]", "body_length_mm");
-    refused(
+    assert_refused(
         "stem_length_mm = 95.0",
         "stem_length_mm = 0.0",
         &format!(

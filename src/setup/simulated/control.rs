@@ -15,7 +15,7 @@ use devices::controllers::{Controller, ControllerConfig as _, ControllerError, g
 use link::clock::HostClock;
 use link::{LineLink, LinkError};
 use machine::record::machine::Machine;
-use planning::proof::ProvenModes;
+use planning::proof::ProvenModeText;
 use simulator::SimulatedWorld;
 use simulator::controls;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
@@ -212,7 +212,7 @@ impl SimulatedControl {
     pub async fn open(
         &self,
         setup: SimulationSetup<'_>,
-        modes: ProvenModes,
+        modes: ProvenModeText,
     ) -> Result<(Controller, Option<SimulatedControlServer>), ControllerError> {
         let machine = setup.machine;
         if (self.wire, self.protocol) == (ControlWire::Memory, ControlProtocol::Grbl) {

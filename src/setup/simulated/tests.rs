@@ -47,7 +47,7 @@ fn sense() -> SampleSource {
         match place % 13 {
             10 => SensorOutput::NoEcho,
             11 => SensorOutput::OutOfRange(12.5),
-            12 => SensorOutput::Saturated,
+            12 => SensorOutput::TooMuchLight,
             digit => SensorOutput::Distance(f64::from(digit) - 4.87654),
         }
     })
@@ -102,7 +102,7 @@ async fn a_modbus_sensor_measures_when_it_is_read() {
             match place {
                 4 => SensorOutput::NoEcho,
                 5 => SensorOutput::OutOfRange(11.0),
-                6 => SensorOutput::Saturated,
+                6 => SensorOutput::TooMuchLight,
                 _ => SensorOutput::Distance(-0.5 * f64::from(place)),
             }
         };

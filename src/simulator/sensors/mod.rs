@@ -17,7 +17,7 @@ fn distance_and_status(output: SensorOutput) -> (f64, u8) {
         SensorOutput::Distance(mm) => (mm, 0),
         SensorOutput::NoEcho => (0.0, 1),
         SensorOutput::OutOfRange(mm) => (mm, STATUS_OUT_OF_RANGE),
-        SensorOutput::Saturated => (0.0, 4),
+        SensorOutput::TooMuchLight => (0.0, 4),
     }
 }
 

@@ -150,7 +150,7 @@ fn text_line(output: SensorOutput, count: u16) -> Vec<u8> {
         SensorOutput::Distance(mm) => format!("{mm:+.5}"),
         SensorOutput::NoEcho => "NOECHO".to_owned(),
         SensorOutput::OutOfRange(_) => "RANGE".to_owned(),
-        SensorOutput::Saturated => "SATURATED".to_owned(),
+        SensorOutput::TooMuchLight => "SATURATED".to_owned(),
     };
     format!("D{value},{count};\r\n").into_bytes()
 }

@@ -74,7 +74,7 @@ fn steep_surface_gives_no_echo_and_a_square_one_saturates() {
     assert_says(look(&limited, &at(29.99)), expected(29.99));
     assert_eq!(look(&limited, &at(30.01)), SensorOutput::NoEcho);
     assert_says(look(&limited, &at(6.01)), expected(6.01));
-    assert_eq!(look(&limited, &at(5.99)), SensorOutput::Saturated);
+    assert_eq!(look(&limited, &at(5.99)), SensorOutput::TooMuchLight);
     assert_says(look(&bench(""), &at(39.99)), expected(39.99));
     assert_eq!(look(&bench(""), &at(40.01)), SensorOutput::NoEcho);
 }

@@ -152,13 +152,13 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
     let form = [(2, 80.0, -40.0), (3, 900.0, 0.0), (7, 30.0, 60.0), (31, 0.0, 8.0)]
         .map(|(n, cos_um, sin_um)| FormHarmonic { n, cos_um, sin_um });
     let radius = |psi: f64| {
-        form.iter().fold(RADIUS + 0.2, |r, h| {
+        form.iter().fold(PART_RADIUS_MM + 0.2, |r, h| {
             let angle = f64::from(h.n) * psi;
             r + 1e-3 * (h.cos_um * angle.cos() + h.sin_um * angle.sin())
         })
     };
     let towards = |angle: f64| Vector2::new(angle.cos(), angle.sin());
-    let cylinder = TrueCylinder::new(Vector3::zeros(), Vector3::z(), 100.0, RadiusProfile::new(RADIUS, form));
+    let cylinder = TrueCylinder::new(Vector3::zeros(), Vector3::z(), 100.0, RadiusProfile::new(PART_RADIUS_MM, form));
     for step in 0..20 {
         let angle = 0.314 * f64::from(step);
         let rho = [48.2, 45.9, 60.0, 44.0][step as usize % 4];
@@ -185,13 +185,13 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
 
 #[test]
 fn regress_the_part_ends_at_its_height() {
-    let cylinder = TrueCylinder::new(Vector3::zeros(), Vector3::z(), 100.0, RadiusProfile::new(RADIUS, []));
+    let cylinder = TrueCylinder::new(Vector3::zeros(), Vector3::z(), 100.0, RadiusProfile::new(PART_RADIUS_MM, []));
     let at = |x: f64, z: f64| cylinder.nearest(Vector3::new(x, 0.0, z), 0.0);
     assert_eq!(at(0.0, 104.0).distance, 4.0);
     assert_eq!(at(10.0, 104.0).normal, Vector3::z());
-    assert!((at(RADIUS + 3.0, 104.0).distance - 5.0).abs() < 1e-12);
-    assert!((at(RADIUS - 2.0, 50.0).distance + 2.0).abs() < 1e-12);
-    assert!((at(RADIUS + 2.0, -0.0).normal - Vector3::x()).norm() < 1e-12);
+    assert!((at(PART_RADIUS_MM + 3.0, 104.0).distance - 5.0).abs() < 1e-12);
+    assert!((at(PART_RADIUS_MM - 2.0, 50.0).distance + 2.0).abs() < 1e-12);
+    assert!((at(PART_RADIUS_MM + 2.0, -0.0).normal - Vector3::x()).norm() < 1e-12);
 }
 
 #[test]

@@ -18,9 +18,9 @@ pub(super) struct Bench {
 }
 
 /// Radius of the part, of the ball, and of the ball centre's circle, mm.
-pub(super) const RADIUS: f64 = 45.0;
+pub(super) const PART_RADIUS_MM: f64 = 45.0;
 pub(super) const BALL: f64 = 3.0;
-pub(super) const CIRCLE: f64 = RADIUS + BALL;
+pub(super) const CIRCLE: f64 = PART_RADIUS_MM + BALL;
 
 impl Bench {
     pub fn ideal() -> Self {
@@ -30,7 +30,8 @@ impl Bench {
             "name = 'bench'\ntopology = 'w-C-B-X-F-Z-Y-S-t'\ntool_mm = [0, 0, -100]\n[axes]\n\
              X = {linear}\nY = {linear}\nZ = {linear}\nB = {rotary}\nC = {rotary}\nS = {rotary}"
         );
-        let artefact = format!("kind = 'cylinder'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\nradius_mm = {RADIUS}");
+        let artefact =
+            format!("kind = 'cylinder'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\nradius_mm = {PART_RADIUS_MM}");
         Self {
             machine: toml::from_str(&machine).unwrap(),
             probe: toml::from_str(&format!("ball_radius_mm = {BALL}")).unwrap(),

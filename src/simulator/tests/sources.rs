@@ -190,7 +190,7 @@ fn regress_a_truth_that_makes_no_sense_is_refused_by_name() {
     let unknown = toml::from_str::<MachineTruth>("centre_offset_um = [1, 2]").unwrap_err();
     assert!(unknown.to_string().contains("centre_offset_mm"));
     let mut bench = Bench::ideal();
-    bench.truth.radius_offset_mm = -RADIUS;
+    bench.truth.radius_offset_mm = -PART_RADIUS_MM;
     let error = SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
     assert_eq!(error.unwrap_err(), SimulatedWorldError::InvalidArtefact);
 }

@@ -16,7 +16,7 @@ use super::machine::{block_on, expect_error, open_driver, open_driver_at_port, p
 use super::rig::lock_rig;
 
 /// Maximum time from the request to the wire.
-const MAX_HALT_LATENCY: Duration = Duration::from_millis(20);
+const MAX_HALT_REQUEST_TO_WIRE_TIME: Duration = Duration::from_millis(20);
 
 pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
     let rig = lock_rig()?;
@@ -153,5 +153,5 @@ pub fn it_is_on_the_wire_at_once() -> Result<(), Failed> {
     }
     delays.sort();
     eprintln!("on the wire after {delays:.1?}");
-    if delays[2] <= MAX_HALT_LATENCY { Ok(()) } else { Err(format!("{delays:?}").into()) }
+    if delays[2] <= MAX_HALT_REQUEST_TO_WIRE_TIME { Ok(()) } else { Err(format!("{delays:?}").into()) }
 }

@@ -159,7 +159,7 @@ pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
 }
 
 /// Runs `trued run samba` with the errors of the rig.
-pub fn finds_the_true_axes() -> Result<(), Failed> {
+pub fn samba_finds_the_true_axes() -> Result<(), Failed> {
     check_finds("samba", &TRUE_PARAMETERS)
 }
 

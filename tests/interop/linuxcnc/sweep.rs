@@ -109,7 +109,7 @@ impl Method for PassesMethod {
 
     fn next_stage(&self, _: &Plan, done: &[Stage], _: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
-            return Ok(NextStage::Done);
+            return Ok(NextStage::NoFurtherStage);
         }
         let new_steps = Self::steps();
         let steps = new_steps.iter().map(|step| step.id).collect();
@@ -315,7 +315,7 @@ pub fn wrong_pins_are_refused() -> Result<(), Failed> {
 }
 
 /// Runs `trued run laser-r-test` with scans in motion.
-pub fn finds_the_true_axes() -> Result<(), Failed> {
+pub fn laser_r_test_in_motion_finds_the_true_axes() -> Result<(), Failed> {
     let rig = lock_rig()?;
     place_laser(&rig, BEAM_TILT_RAD)?;
     let mut streams = StreamsProcess::start(&rig)?;

@@ -206,7 +206,11 @@ impl Method for FirstStages {
     }
 
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
-        if done.len() < self.stages { self.method.next_stage(plan, done, source) } else { Ok(NextStage::Done) }
+        if done.len() < self.stages {
+            self.method.next_stage(plan, done, source)
+        } else {
+            Ok(NextStage::NoFurtherStage)
+        }
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {

@@ -79,41 +79,41 @@ pub const SENSOR_MISTAKES: &[Mistake] = &[
     mistake(
         "CAN: a counter of another thing",
         || {
-            fn of_thirds(number: u64) -> CanFrame {
+            fn frame_with_tripled_counter(number: u64) -> CanFrame {
                 can_frame(number, RATE_HZ, 3 * number, distance_counts(number, 1.2345))
             }
-            check_on_can(&[], || receiver_of_frames(of_thirds))
+            check_on_can(&[], || receiver_of_frames(frame_with_tripled_counter))
         },
         COUNTER_LEAPS_TEXT,
     ),
     mistake(
         "CAN: samples that are lost",
         || {
-            fn lossy(number: u64) -> CanFrame {
+            fn frame_after_losses(number: u64) -> CanFrame {
                 sound_frame(number + number / 10)
             }
-            check_on_can(&[], || receiver_of_frames(lossy))
+            check_on_can(&[], || receiver_of_frames(frame_after_losses))
         },
         "loses samples: ",
     ),
     mistake(
         "CAN: half the rate",
         || {
-            fn slow(number: u64) -> CanFrame {
+            fn frame_at_half_rate(number: u64) -> CanFrame {
                 can_frame(number, 500.0, number, distance_counts(number, 1.2345))
             }
-            check_on_can(&[], || receiver_of_frames(slow))
+            check_on_can(&[], || receiver_of_frames(frame_at_half_rate))
         },
         "sends 500 samples/s; the machine file states rate_hz = 1000",
     ),
     mistake(
         "CAN: frames of another length",
         || {
-            fn short(number: u64) -> CanFrame {
+            fn shortened_frame(number: u64) -> CanFrame {
                 let whole = sound_frame(number);
                 CanFrame::new(whole.t_s, whole.id, &whole.data()[..4])
             }
-            check_on_can(&[], || receiver_of_frames(short))
+            check_on_can(&[], || receiver_of_frames(shortened_frame))
         },
         "the frame has 4 bytes, but the layout needs 6",
     ),

@@ -121,7 +121,7 @@ impl ScheduleBench {
     async fn measure(&self, schedule: &FaultSchedule) -> EndedRun {
         let wired = self.open_faulty_link(schedule);
         let dialect = Dialect::from_name("grbl").unwrap();
-        let modes = setup::render_modes(&dialect, &self.file.machine, None).unwrap();
+        let modes = setup::prove_mode_text(&dialect, &self.file.machine, None).unwrap();
         let (driver, halt) = GrblDriver::new(wired.link, &self.file.machine, modes);
         let controller = Controller::spawn(driver.with_timeouts(short_timeouts()), halt.clone());
         let devices = Devices::new(controller, dialect);

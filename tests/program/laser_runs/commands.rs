@@ -99,7 +99,7 @@ pub fn same_machine_can_be_measured_by_touches() {
 }
 
 /// There is no stylus that could be freed.
-pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
+pub fn closed_probe_input_refuses_a_laser_run_without_advice_on_the_stylus() {
     let desk = RunWorkspace::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
     let (file, state) = (desk.path("laser.toml"), desk.path("state"));
     let output = desk.output(&["run", METHOD, "--machine", &file, "--state", &state]);
@@ -110,7 +110,7 @@ pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
     assert!(!said.contains("free the stylus"), "{said}");
 }
 
-pub fn printed_program_describes_each_dwell() {
+pub fn printed_program_states_the_samples_of_a_dwell() {
     let desk = RunWorkspace::new(SHORT_SETTINGS);
     for dialect in ["grbl-m19", "linuxcnc"] {
         let file = desk.path("laser.toml");

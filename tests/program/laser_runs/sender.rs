@@ -169,7 +169,7 @@ impl SenderThread {
         }
         let value = match (state, sensed) {
             (SenderState::OutOfRange, _) => "+10.40000".to_owned(),
-            (SenderState::Saturated, _) | (_, SensorOutput::Saturated) => "+FFFFFFF".to_owned(),
+            (SenderState::Saturated, _) | (_, SensorOutput::TooMuchLight) => "+FFFFFFF".to_owned(),
             (_, SensorOutput::NoEcho | SensorOutput::OutOfRange(_)) => "-FFFFFFF".to_owned(),
             (_, SensorOutput::Distance(mm)) => {
                 let text = format!("{mm:+09.5}");

@@ -76,7 +76,7 @@ impl Method for PassesMethod {
 
     fn next_stage(&self, _: &Plan, done: &[Stage], _: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
-            return Ok(NextStage::Done);
+            return Ok(NextStage::NoFurtherStage);
         }
         let (steps, new_steps) = ((0..STEP_COUNT).collect(), (0..STEP_COUNT).map(pass_step).collect());
         let stage = Stage { id: 0, name: "passes".to_owned(), repeat: 0, steps, found: None };
@@ -181,7 +181,7 @@ enum ExpectedEnd {
     Over,
 }
 
-async fn check_failure((at, event, then): ((u32, usize), ScriptedEvent, ExpectedEnd), words: &[&str]) {
+async fn check_failure_and_resume((at, event, then): ((u32, usize), ScriptedEvent, ExpectedEnd), words: &[&str]) {
     let label = format!("{event:?}");
     let shop = ScanShop::new();
     let (ended, stored, halt) = shop.run_with_events(Some((at.0, at.1, event))).await;
@@ -265,7 +265,7 @@ pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
     ];
     std::thread::scope(|scope| {
         for (case, words) in &cases {
-            scope.spawn(move || block_on(check_failure(*case, words)));
+            scope.spawn(move || block_on(check_failure_and_resume(*case, words)));
         }
     });
 }

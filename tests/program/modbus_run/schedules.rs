@@ -208,7 +208,7 @@ fn run_with_faults(way: &ScheduleKind, faults: Vec<Fault>) -> EndedRun {
         let keys = format!("{at}\ntimeout_s = 0.3\n{program}");
         let config: ModbusConfig = toml::from_str(&keys).unwrap();
         let dialect = Dialect::from_name("grbl-m19").unwrap();
-        let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
+        let modes = setup::prove_mode_text(&dialect, &file.machine, None).unwrap();
         let opened = ModbusDriver::open(&config, &file.machine, modes).await;
         let (driver, halt) = opened.unwrap();
         let controller = Controller::spawn(driver.with_timeouts(timeouts_for(wire)), halt);

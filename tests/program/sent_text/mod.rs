@@ -31,7 +31,7 @@ pub fn trials() -> Trials {
 struct RecordingController {
     inner: Controller,
     lines: Arc<Mutex<Vec<String>>>,
-    rows: Arc<Mutex<Vec<String>>>,
+    motion_tables: Arc<Mutex<Vec<String>>>,
 }
 
 impl ControllerDriver for RecordingController {
@@ -45,7 +45,7 @@ impl ControllerDriver for RecordingController {
         }
         let rows: Vec<String> = block.motions().map(motion_row).collect();
         let table = format!("step {}: {}", block.step(), rows.join("; "));
-        self.rows.lock().unwrap().push(table);
+        self.motion_tables.lock().unwrap().push(table);
         self.inner.execute(block).await
     }
 
@@ -68,7 +68,7 @@ struct ProvenText {
     head: Vec<String>,
     lines: Vec<String>,
     foot: Vec<String>,
-    rows: Vec<String>,
+    motion_tables: Vec<String>,
 }
 
 /// A motion as a row of a table, in the format of the diary.
@@ -95,8 +95,8 @@ async fn measure_proven_text(text: String, method: &str) -> ProvenText {
     let halt = devices.controller.halt_handle();
     let halting = HaltHandle::new(move || halt.trigger());
     let Devices { controller: inner, sensors, thermometers, dialect, clock, .. } = devices;
-    let recorded = RecordingController { inner, lines: lines.clone(), rows: rows.clone() };
-    let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
+    let recorded = RecordingController { inner, lines: lines.clone(), motion_tables: rows.clone() };
+    let modes = setup::prove_mode_text(&dialect, &file.machine, None).unwrap();
     let mut devices = Devices::new(Controller::spawn(recorded, halting), dialect);
     (devices.sensors, devices.thermometers, devices.clock) = (sensors, thermometers, clock);
     let folder = tempfile::tempdir().unwrap();
@@ -107,7 +107,7 @@ async fn measure_proven_text(text: String, method: &str) -> ProvenText {
     let mut tell = |_: &Event| {};
     Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell).execute().await.unwrap();
     let (lines, rows) = (lines.lock().unwrap().clone(), rows.lock().unwrap().clone());
-    ProvenText { head: modes.head().to_vec(), lines, foot: modes.foot().to_vec(), rows }
+    ProvenText { head: modes.head().to_vec(), lines, foot: modes.foot().to_vec(), motion_tables: rows }
 }
 
 fn block_on<T>(work: impl Future<Output = T>) -> T {
@@ -174,6 +174,6 @@ pub fn a_window_of_registers_receives_the_proven_lines() {
 
 pub fn a_resident_program_receives_a_row_for_each_proven_motion() {
     let (took, proven) = run_register_window(true);
-    assert_eq!(took, proven.rows);
+    assert_eq!(took, proven.motion_tables);
     assert!(took.len() > 10, "{}", took.len());
 }

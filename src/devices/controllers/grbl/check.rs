@@ -3,7 +3,7 @@
 
 use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
-use planning::proof::ProvenModes;
+use planning::proof::ProvenModeText;
 
 /// Modal groups; one word of each group is in force.
 const MODAL_GROUPS: [&[&str]; 5] = [
@@ -20,7 +20,7 @@ pub(super) fn require_open_probe(status: &GrblStatus) -> Result<(), ControllerEr
 }
 
 /// Checks the probe's health inputs that the machine file declares, by their letters.
-pub(super) fn check_probe_health(status: &GrblStatus, modes: &ProvenModes) -> Result<(), ControllerError> {
+pub(super) fn check_probe_health(status: &GrblStatus, modes: &ProvenModeText) -> Result<(), ControllerError> {
     let mut inputs = modes.health_inputs();
     match inputs.find(|(input, _)| status.active_inputs.contains(input)) {
         Some((_, fault)) => Err(ControllerError::ProbeFault { fault }),

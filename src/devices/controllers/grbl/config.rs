@@ -7,12 +7,12 @@ use serde::Deserialize;
 
 use super::{CONTROL_KIND, GrblDriver};
 use crate::controllers::{
-    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
+    ConnectionDiagnosisRequest, ControlDescription, Controller, ControllerConfig, DiagnosisFuture, OpenFuture,
 };
 use link::Clock;
 use link::{HostPort, LinkKeys};
 use machine::record::machine::Machine;
-use planning::proof::ProvenModes;
+use planning::proof::ProvenModeText;
 
 const DEFAULT_BAUD: u32 = 115_200;
 
@@ -66,7 +66,7 @@ impl ControllerConfig for GrblConfig {
         self.link.describe()
     }
 
-    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModeText, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
             let link = link::open_line_link(&self.link.resolve_address()?).await?;
             let (driver, halt) = GrblDriver::new(link, machine, modes);
@@ -74,7 +74,7 @@ impl ControllerConfig for GrblConfig {
         })
     }
 
-    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_failure(request))
+    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_missing_answer(request))
     }
 }

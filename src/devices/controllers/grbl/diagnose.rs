@@ -1,12 +1,14 @@
 //! Finds out why no Grbl answers: the port, its baud rate, or another control at the port.
 
 use super::{CONTROL_KIND, GrblConfig};
-use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
+use crate::controllers::{
+    ConnectionDiagnosisRequest, ControllerError, DiagnosisMode, PossibleCause, port_diagnosis, port_scan,
+};
 use link::{LinkAddress, LinkError};
 
 impl GrblConfig {
-    pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
-        let DiagnosisRequest { failure, mode, .. } = request;
+    pub(super) async fn diagnose_missing_answer(&self, request: ConnectionDiagnosisRequest<'_>) -> Vec<PossibleCause> {
+        let ConnectionDiagnosisRequest { failure, mode, .. } = request;
         let link_findings = port_diagnosis::diagnose_open_failure(&self.link, failure);
         let Some(received) = describe_received(failure) else { return link_findings };
         let Ok(address) = self.link.resolve_address() else { return link_findings };
@@ -19,7 +21,7 @@ impl GrblConfig {
         }
     }
 
-    async fn diagnose_serial(&self, path: &str, baud: u32, received: &str) -> Vec<Diagnosis> {
+    async fn diagnose_serial(&self, path: &str, baud: u32, received: &str) -> Vec<PossibleCause> {
         for other in port_scan::BAUD_RATES.into_iter().filter(|rate| *rate != baud) {
             let address = LinkAddress::Serial { path: path.to_owned(), baud: other };
             if let Some(reply) = port_scan::query_grbl(&address).await {
@@ -31,7 +33,7 @@ impl GrblConfig {
         vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(path, &evidence()))]
     }
 
-    async fn diagnose_tcp(&self, address: &LinkAddress, received: &str) -> Vec<Diagnosis> {
+    async fn diagnose_tcp(&self, address: &LinkAddress, received: &str) -> Vec<PossibleCause> {
         let other = port_scan::scan_tcp(&self.link, CONTROL_KIND).await;
         let evidence = || format!("{received}; requests in the protocols of other controls also had no valid reply");
         vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence()))]
@@ -50,7 +52,7 @@ fn describe_received(failure: &ControllerError) -> Option<String> {
 }
 
 /// Suspected causes that need no further request to the device.
-fn passive_diagnosis(address: &LinkAddress, received: &str) -> Vec<Diagnosis> {
+fn passive_diagnosis(address: &LinkAddress, received: &str) -> Vec<PossibleCause> {
     let (cause, remedy) = match address {
         LinkAddress::Serial { baud, .. } => (
             format!("wrong baud rate ({baud}), wrong port, or another kind of control"),
@@ -61,11 +63,11 @@ fn passive_diagnosis(address: &LinkAddress, received: &str) -> Vec<Diagnosis> {
             "compare [controller] tcp and kind with the control's manual, or permit the search for other controls",
         ),
     };
-    vec![Diagnosis::preliminary(cause, received, remedy)]
+    vec![PossibleCause::preliminary(cause, received, remedy)]
 }
 
-fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> Diagnosis {
-    Diagnosis::confirmed(
+fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> PossibleCause {
+    PossibleCause::confirmed(
         format!("wrong baud rate: the control communicates at {actual_baud} baud, not at {baud}"),
         format!("at {actual_baud} baud the control replies `{reply}`"),
         format!("in the machine file, set [controller] baud = {actual_baud}"),

@@ -15,12 +15,12 @@ use link::LineLink;
 use machine::record::machine::{Homing, Machine};
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
-use planning::proof::{ProvenBlock, ProvenModes};
+use planning::proof::{ProvenBlock, ProvenModeText};
 
 /// Driver of one Grbl control.
 pub struct GrblDriver {
     pub(super) connection: GrblConnection,
-    pub(super) modes: ProvenModes,
+    pub(super) modes: ProvenModeText,
     pub(super) monitor: AxisMonitor,
     /// Axes of the machine that the control must have homed.
     pub(super) homed_axes: Vec<Axis>,
@@ -36,7 +36,7 @@ pub struct GrblDriver {
 impl GrblDriver {
     /// Creates a driver for `machine` on `link` that sets `modes`, and the halt that holds the machine.
     /// After a halt the link accepts no more lines: a new run opens a new link.
-    pub fn new(link: LineLink, machine: &Machine, modes: ProvenModes) -> (Self, HaltHandle) {
+    pub fn new(link: LineLink, machine: &Machine, modes: ProvenModeText) -> (Self, HaltHandle) {
         let (connection, halt) = GrblConnection::new(link);
         let monitor = AxisMonitor::new(machine);
         let has_switch = |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);

@@ -8,13 +8,13 @@ use serde::Deserialize;
 use super::files::result_log_path;
 use super::{CONTROL_KIND, LinuxCncDriver, LinuxCncSettings, Sampler, sampler};
 use crate::controllers::{
-    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
+    ConnectionDiagnosisRequest, ControlDescription, Controller, ControllerConfig, DiagnosisFuture, OpenFuture,
 };
 use link::Clock;
 use link::{HostPort, LinkAddress};
 use machine::Axis;
 use machine::record::machine::Machine;
-use planning::proof::ProvenModes;
+use planning::proof::ProvenModeText;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -63,7 +63,7 @@ impl ControllerConfig for LinuxCncConfig {
         format!("{}, with files in {}", LinkAddress::from(&self.tcp), self.program_dir.display())
     }
 
-    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, clock: Arc<dyn Clock>) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModeText, clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
             let axes: Vec<Axis> = machine.axes.keys().copied().collect();
             let sampler = match &self.sampler {
@@ -77,7 +77,7 @@ impl ControllerConfig for LinuxCncConfig {
         })
     }
 
-    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
         Box::pin(self.diagnose_failure(request))
     }
 }

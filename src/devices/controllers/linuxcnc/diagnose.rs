@@ -1,15 +1,17 @@
 //! Finds out why no linuxcncrsh answers: the port, or another control at the port.
 
 use super::{CONTROL_KIND, LinuxCncConfig};
-use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
+use crate::controllers::{
+    ConnectionDiagnosisRequest, ControllerError, DiagnosisMode, PossibleCause, port_diagnosis, port_scan,
+};
 use link::{LinkAddress, LinkConfig};
 
 /// Default TCP port of linuxcncrsh.
 const DEFAULT_PORT: u16 = 5007;
 
 impl LinuxCncConfig {
-    pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
-        let DiagnosisRequest { failure, mode, .. } = request;
+    pub(super) async fn diagnose_failure(&self, request: ConnectionDiagnosisRequest<'_>) -> Vec<PossibleCause> {
+        let ConnectionDiagnosisRequest { failure, mode, .. } = request;
         let named_address = LinkConfig::Tcp(self.tcp.clone());
         let Ok(address) = named_address.resolve_address() else { return Vec::new() };
         if let Err(error) = link::open_line_link(&address).await {
@@ -28,7 +30,7 @@ impl LinuxCncConfig {
                     format!("{failure}; requests in the protocols of other controls also had no valid reply");
                 vec![found.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence))]
             }
-            DiagnosisMode::Passive if is_foreign => vec![Diagnosis::preliminary(
+            DiagnosisMode::Passive if is_foreign => vec![PossibleCause::preliminary(
                 "wrong port, or another kind of control",
                 failure.to_string(),
                 "compare [controller] tcp and kind with the start command of the control",
@@ -38,14 +40,14 @@ impl LinuxCncConfig {
     }
 
     /// Suspected cause: linuxcncrsh listens at its default port on the same computer.
-    async fn diagnose_default_port(&self, address: &LinkAddress, mode: DiagnosisMode) -> Option<Diagnosis> {
+    async fn diagnose_default_port(&self, address: &LinkAddress, mode: DiagnosisMode) -> Option<PossibleCause> {
         let LinkAddress::Tcp { host, port } = address else { return None };
         let default_address = LinkAddress::Tcp { host: host.clone(), port: DEFAULT_PORT };
         if mode != DiagnosisMode::Active || *port == DEFAULT_PORT {
             return None;
         }
         let reply = port_scan::query_linuxcncrsh(&default_address).await?;
-        Some(Diagnosis::confirmed(
+        Some(PossibleCause::confirmed(
             format!("wrong port: linuxcncrsh listens at {default_address}, not at {address}"),
             format!("linuxcncrsh replied `{reply}`"),
             format!("in the machine file, set [controller] tcp = \"{default_address}\""),

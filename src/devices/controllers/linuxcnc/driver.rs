@@ -22,7 +22,7 @@ use machine::record::motion::{BlockOutcome, Motion};
 use machine::record::track::AxisTrack;
 use machine::{Axis, Position};
 use planning::gcode::{Transmission, TransmissionUnit};
-use planning::proof::{ProvenBlock, ProvenModes};
+use planning::proof::{ProvenBlock, ProvenModeText};
 
 /// Maximum time until the link's task has written a line.
 pub(super) const LINK_WRITE_TIME: Duration = Duration::from_millis(20);
@@ -47,7 +47,7 @@ pub struct LinuxCncSettings {
 
 pub struct LinuxCncDriver {
     pub(super) settings: LinuxCncSettings,
-    modes: ProvenModes,
+    modes: ProvenModeText,
     pub(super) rsh: RshClient,
     /// Connection that carries only halts; kept open for them.
     halt_connection: RshClient,
@@ -66,7 +66,10 @@ impl LinuxCncDriver {
     ///
     /// # Errors
     /// No linuxcncrsh at the address; an unusable directory.
-    pub async fn open(settings: LinuxCncSettings, modes: ProvenModes) -> Result<(Self, HaltHandle), ControllerError> {
+    pub async fn open(
+        settings: LinuxCncSettings,
+        modes: ProvenModeText,
+    ) -> Result<(Self, HaltHandle), ControllerError> {
         let files = SharedFiles::open(&settings.directory)?;
         let mut rsh = RshClient::open(&settings.address).await?;
         let halt_connection = RshClient::open(&settings.address).await?;

@@ -106,7 +106,7 @@ pub(super) async fn run_program(
             "PAUSED" => return Err(paused_error("pause was pressed")),
             _ => {
                 (idle_since, is_refreshed) = (None, false);
-                progress.check_progress(rsh, log.line_count, standstill_time).await?;
+                progress.check_not_stalled(rsh, log.line_count, standstill_time).await?;
             }
         }
         sleep(POLL_INTERVAL).await;
@@ -137,7 +137,7 @@ impl ProgressMonitor {
         Self { since: Instant::now(), last: (String::new(), 0), last_sign_of_life: Instant::now() }
     }
 
-    async fn check_progress(
+    async fn check_not_stalled(
         &mut self,
         rsh: &mut RshClient,
         line_count: usize,

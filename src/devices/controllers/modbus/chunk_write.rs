@@ -5,7 +5,7 @@ use tokio::time::sleep;
 
 use super::fault::is_transient;
 use super::map::MAX_WRITE_REGISTERS;
-use super::window::{RegisterWindow, encoding_error, next_heartbeat};
+use super::window::{WindowConnection, encoding_error, next_heartbeat};
 use crate::controllers::ControllerError;
 use link::modbus::{ModbusError, RegisterSpace};
 
@@ -13,7 +13,7 @@ use link::modbus::{ModbusError, RegisterSpace};
 const MAX_ATTEMPTS: usize = 4;
 const CHUNK_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MODBUS);
 
-impl RegisterWindow {
+impl WindowConnection {
     /// Writes the chunk and all that belongs to it, and reads each item back. The control does not act
     /// before the sequence number is written: an unanswered write is repeated.
     pub(super) async fn write_chunk(&self, chunk: &[u8]) -> Result<(), ControllerError> {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::program::{self, ResidentProgram};
-use super::{RegisterMap, map};
+use super::{WindowRegisterMap, map};
 use link::HostPort;
 use link::modbus::{Framing, ModbusDevice, ModbusDeviceKeys, Parity};
 
@@ -35,7 +35,7 @@ fn default_dialect() -> String {
 #[serde(try_from = "ModbusConfigKeys")]
 pub struct ModbusConfig {
     pub(super) device: ModbusDevice,
-    pub(super) map: RegisterMap,
+    pub(super) map: WindowRegisterMap,
     /// Resident program behind the window, used instead of lines.
     pub(super) program: Option<Arc<ResidentProgram>>,
     pub(super) dialect: String,

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use super::{CONTROL_KIND, ModbusConfig, ModbusDriver};
 use crate::controllers::{
-    ControlDescription, Controller, ControllerConfig, DiagnosisFuture, DiagnosisRequest, OpenFuture,
+    ConnectionDiagnosisRequest, ControlDescription, Controller, ControllerConfig, DiagnosisFuture, OpenFuture,
 };
 use link::Clock;
 use machine::record::machine::Machine;
-use planning::proof::ProvenModes;
+use planning::proof::ProvenModeText;
 
 impl ModbusConfig {
     pub const DESCRIPTION: ControlDescription = ControlDescription {
@@ -28,14 +28,14 @@ impl ControllerConfig for ModbusConfig {
         self.device.describe()
     }
 
-    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModeText, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
             let (driver, halt) = ModbusDriver::open(self, machine, modes).await?;
             Ok(Controller::spawn(driver, halt))
         })
     }
 
-    fn diagnose<'a>(&'a self, request: DiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_failure(request))
+    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_missing_answer(request))
     }
 }

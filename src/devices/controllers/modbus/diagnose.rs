@@ -6,10 +6,12 @@ use std::time::Duration;
 
 use tokio::time::sleep;
 
-use super::map::RegisterMap;
+use super::map::WindowRegisterMap;
 use super::status::{LINE_WINDOW_VERSION, PROGRAM_WINDOW_VERSION};
 use super::{CONTROL_KIND, ModbusConfig, format_diagnosis};
-use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, DiagnosisRequest, port_diagnosis, port_scan};
+use crate::controllers::{
+    ConnectionDiagnosisRequest, ControllerError, DiagnosisMode, PossibleCause, port_diagnosis, port_scan,
+};
 use link::modbus::{
     AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
 };
@@ -23,8 +25,8 @@ const TCP_UNIT_CANDIDATES: [u8; 4] = [255, 1, 0, 2];
 const HEARTBEAT_CHECK_TIME: Duration = Duration::from_millis(1200);
 
 impl ModbusConfig {
-    pub(super) async fn diagnose_failure(&self, request: DiagnosisRequest<'_>) -> Vec<Diagnosis> {
-        let DiagnosisRequest { machine, failure, mode } = request;
+    pub(super) async fn diagnose_missing_answer(&self, request: ConnectionDiagnosisRequest<'_>) -> Vec<PossibleCause> {
+        let ConnectionDiagnosisRequest { machine, failure, mode } = request;
         use ControllerError as E;
         let link_findings = port_diagnosis::diagnose_open_failure(&self.device.line.link, failure);
         match failure {
@@ -56,7 +58,7 @@ impl ModbusConfig {
         ModbusClient::open(self.device.line.clone(), settings).await
     }
 
-    async fn diagnose_values(&self, machine: &Machine, mode: DiagnosisMode) -> Vec<Diagnosis> {
+    async fn diagnose_values(&self, machine: &Machine, mode: DiagnosisMode) -> Vec<PossibleCause> {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let block = read_status_block(&modbus, &self.map).await;
         if let Some(block) = block.filter(|block| format_diagnosis::is_valid_status(&self.map, block)) {
@@ -71,7 +73,7 @@ impl ModbusConfig {
             return vec![other];
         }
         if mode == DiagnosisMode::Passive {
-            return vec![Diagnosis { needs_active_search: true, ..wrong_address_diagnosis() }];
+            return vec![PossibleCause { needs_active_search: true, ..wrong_address_diagnosis() }];
         }
         for (shift, in_other_space) in format_diagnosis::STATUS_SHIFTS {
             let shifted = format_diagnosis::shifted_block(&self.map.status, shift, in_other_space);
@@ -85,7 +87,7 @@ impl ModbusConfig {
     }
 
     /// Finds the registers that change in a status whose heartbeat does not.
-    async fn diagnose_heartbeat(&self) -> Vec<Diagnosis> {
+    async fn diagnose_heartbeat(&self) -> Vec<PossibleCause> {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let Some(before) = read_status_block(&modbus, &self.map).await else { return Vec::new() };
         sleep(HEARTBEAT_CHECK_TIME).await;
@@ -103,7 +105,7 @@ impl ModbusConfig {
         }]
     }
 
-    fn passive_diagnosis(&self, failure: &ControllerError) -> Diagnosis {
+    fn passive_diagnosis(&self, failure: &ControllerError) -> PossibleCause {
         let (cause, remedy) = match self.device.line.link {
             LinkConfig::Tcp(_) => (
                 format!("wrong unit ({}), wrong port, or another kind of control", self.device.unit),
@@ -115,11 +117,11 @@ impl ModbusConfig {
                  search for other settings",
             ),
         };
-        Diagnosis::preliminary(cause, failure.to_string(), remedy.to_owned())
+        PossibleCause::preliminary(cause, failure.to_string(), remedy.to_owned())
     }
 
     /// Searches for other units, settings and protocols that answer.
-    async fn search_device(&self, failure: &ControllerError) -> Vec<Diagnosis> {
+    async fn search_device(&self, failure: &ControllerError) -> Vec<PossibleCause> {
         let found = match self.device.line.link.resolve_address() {
             Ok(LinkAddress::Serial { path, baud }) => self.search_serial(&path, baud).await,
             Ok(LinkAddress::Tcp { .. }) => self.search_tcp().await,
@@ -131,7 +133,7 @@ impl ModbusConfig {
         vec![found.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&at, &evidence()))]
     }
 
-    async fn search_serial(&self, path: &str, baud: u32) -> Option<Diagnosis> {
+    async fn search_serial(&self, path: &str, baud: u32) -> Option<PossibleCause> {
         for unit in RTU_UNIT_CANDIDATES.filter(|unit| *unit != self.device.unit) {
             if port_scan::has_modbus_unit(&self.device.line, unit).await {
                 return Some(wrong_unit_diagnosis(self.device.unit, unit));
@@ -158,7 +160,7 @@ impl ModbusConfig {
         port_scan::scan_serial(path, baud, CONTROL_KIND).await
     }
 
-    async fn search_tcp(&self) -> Option<Diagnosis> {
+    async fn search_tcp(&self) -> Option<PossibleCause> {
         for unit in TCP_UNIT_CANDIDATES.into_iter().filter(|unit| *unit != self.device.unit) {
             if port_scan::has_modbus_unit(&self.device.line, unit).await {
                 return Some(wrong_unit_diagnosis(self.device.unit, unit));
@@ -174,13 +176,13 @@ impl ModbusConfig {
     }
 }
 
-async fn read_status_block(modbus: &ModbusClient, map: &RegisterMap) -> Option<Vec<u16>> {
+async fn read_status_block(modbus: &ModbusClient, map: &WindowRegisterMap) -> Option<Vec<u16>> {
     let (first, count) = map.status.block_range();
     modbus.read(map.status.space, first, count).await.ok()
 }
 
 /// Suspected cause: lines are configured, but a resident program is behind the window; or the reverse.
-async fn diagnose_window_kind(modbus: &ModbusClient, map: &RegisterMap) -> Option<Diagnosis> {
+async fn diagnose_window_kind(modbus: &ModbusClient, map: &WindowRegisterMap) -> Option<PossibleCause> {
     let at = &map.status.version;
     let block = modbus.read(map.status.space, at.address, at.count()).await.ok()?;
     let version = at.read(&block, at.address).ok()?;
@@ -199,27 +201,27 @@ async fn diagnose_window_kind(modbus: &ModbusClient, map: &RegisterMap) -> Optio
         return None;
     };
     let evidence = format!("the window reports version {version}");
-    Some(Diagnosis::suspected(cause, evidence, remedy))
+    Some(PossibleCause::suspected(cause, evidence, remedy))
 }
 
-fn wrong_unit_diagnosis(configured: u8, actual: u8) -> Diagnosis {
-    Diagnosis::confirmed(
+fn wrong_unit_diagnosis(configured: u8, actual: u8) -> PossibleCause {
+    PossibleCause::confirmed(
         format!("wrong unit: a device replies as unit {actual}, no device as unit {configured}"),
         format!("unit {actual} replied to a read of one register"),
         format!("if that device is the control, set [controller] unit = {actual}"),
     )
 }
 
-fn wrong_line_diagnosis(cause: &str, keys: &str) -> Diagnosis {
-    Diagnosis::confirmed(
+fn wrong_line_diagnosis(cause: &str, keys: &str) -> PossibleCause {
+    PossibleCause::confirmed(
         cause.to_owned(),
         format!("with {keys} the device replies"),
         format!("in the machine file, set [controller] {keys}"),
     )
 }
 
-fn wrong_address_diagnosis() -> Diagnosis {
-    Diagnosis::suspected(
+fn wrong_address_diagnosis() -> PossibleCause {
+    PossibleCause::suspected(
         "wrong addresses, wrong space, or a program in the control that provides another window",
         "the registers contain no valid status: head and tail, version or state do not agree",
         "compare [controller.registers] with the control's program (docs/line-window.md); addresses \
@@ -228,18 +230,18 @@ fn wrong_address_diagnosis() -> Diagnosis {
     )
 }
 
-fn stopped_program_diagnosis(heartbeat_address: u16) -> Diagnosis {
-    Diagnosis::confirmed(
+fn stopped_program_diagnosis(heartbeat_address: u16) -> PossibleCause {
+    PossibleCause::confirmed(
         "the control's program is stopped: only its Modbus server replies",
         format!("the status does not change, and the heartbeat (register {heartbeat_address}) has stopped"),
         "start the program in the control or PLC (RUN), then try again",
     )
 }
 
-fn wrong_heartbeat_diagnosis(heartbeat_address: u16, changed: &[u16]) -> Diagnosis {
+fn wrong_heartbeat_diagnosis(heartbeat_address: u16, changed: &[u16]) -> PossibleCause {
     let list: Vec<String> = changed.iter().map(u16::to_string).collect();
     let list = list.join(", ");
-    Diagnosis::suspected(
+    PossibleCause::suspected(
         format!("wrong address of the heartbeat: register {heartbeat_address} does not change, but the control runs"),
         format!("register {list} changes without a command"),
         format!(

@@ -10,7 +10,7 @@ use super::fault::{ALARM_PROBE_CLOSED, require_open_probe};
 use super::program::ResidentProgram;
 use super::status::WindowStatus;
 use super::timeouts::ModbusTimeouts;
-use super::window::RegisterWindow;
+use super::window::WindowConnection;
 use crate::controllers::arrival::{self, AxisMonitor};
 use crate::controllers::control_clock::ReportedTime;
 use crate::controllers::motion_lines::{self, MotionLines};
@@ -20,15 +20,15 @@ use crate::controllers::{
 use machine::Position;
 use machine::record::machine::Machine;
 use machine::record::motion::{BlockOutcome, Motion};
-use planning::proof::{ProvenBlock, ProvenModes};
+use planning::proof::{ProvenBlock, ProvenModeText};
 
 /// Maximum time that a probe bounces after it has come free.
 const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
 
 /// Driver of one control behind a Modbus window.
 pub struct ModbusDriver {
-    pub(super) window: RegisterWindow,
-    pub(super) modes: ProvenModes,
+    pub(super) window: WindowConnection,
+    pub(super) modes: ProvenModeText,
     pub(super) machine: Machine,
     /// Address of the control, for the record.
     pub(super) address_label: String,
@@ -48,7 +48,7 @@ impl ModbusDriver {
     pub async fn open(
         config: &ModbusConfig,
         machine: &Machine,
-        modes: ProvenModes,
+        modes: ProvenModeText,
     ) -> Result<(Self, HaltHandle), ControllerError> {
         let monitor = AxisMonitor::new(machine);
         if let Some(axis) = config.map.axis_without_registers(&monitor.axes) {
@@ -65,7 +65,7 @@ impl ModbusDriver {
                     .to_owned(),
             });
         }
-        let (window, halt) = RegisterWindow::open(&config.device, config.map.clone()).await?;
+        let (window, halt) = WindowConnection::open(&config.device, config.map.clone()).await?;
         let driver = Self {
             window,
             modes,

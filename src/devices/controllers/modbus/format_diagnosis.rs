@@ -1,9 +1,9 @@
 //! Reads the same registers with other settings: another word order, type, scale or address. If the values
 //! then make sense, a suspicion names the one setting that would have to be changed.
 
-use super::map::{Register, RegisterMap, StatusRegisters};
+use super::map::{Register, StatusRegisters, WindowRegisterMap};
 use super::status::WindowStatus;
-use crate::controllers::Diagnosis;
+use crate::controllers::PossibleCause;
 use link::modbus::RegisterSpace;
 use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
@@ -56,12 +56,16 @@ pub(super) fn is_misread_integer(value: f64) -> bool {
 }
 
 /// Whether the positions in `block` are possible for `machine`: each within its travel.
-pub(super) fn are_positions_plausible(map: &RegisterMap, block: &[u16], machine: &Machine) -> bool {
+pub(super) fn are_positions_plausible(map: &WindowRegisterMap, block: &[u16], machine: &Machine) -> bool {
     read_positions(&map.status, block, machine, None).is_some_and(|positions| are_within_travel(&positions, machine))
 }
 
 /// Suspected causes, one for each single change that would bring all axes into their travel.
-pub(super) fn diagnose_position_format(map: &RegisterMap, block: &[u16], machine: &Machine) -> Vec<Diagnosis> {
+pub(super) fn diagnose_position_format(
+    map: &WindowRegisterMap,
+    block: &[u16],
+    machine: &Machine,
+) -> Vec<PossibleCause> {
     let Some(number) = map.status.position.values().next().map(|register| register.number) else {
         return Vec::new();
     };
@@ -88,10 +92,10 @@ pub(super) fn diagnose_position_format(map: &RegisterMap, block: &[u16], machine
     candidates.iter().map(|(change, positions)| format_diagnosis(*change, number, positions)).collect()
 }
 
-fn format_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Axis, f64)]) -> Diagnosis {
+fn format_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Axis, f64)]) -> PossibleCause {
     let (cause, key) = change.describe(number);
     let position_list: Vec<String> = positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
-    Diagnosis::suspected(
+    PossibleCause::suspected(
         format!("{cause} of the positions"),
         format!("with {key} every axis is within its travel: {}", position_list.join(", ")),
         format!(
@@ -152,12 +156,12 @@ pub(super) fn shifted_block(status: &StatusRegisters, shift: i16, in_other_space
 }
 
 /// Whether `block` is a valid status according to `map`.
-pub(super) fn is_valid_status(map: &RegisterMap, block: &[u16]) -> bool {
+pub(super) fn is_valid_status(map: &WindowRegisterMap, block: &[u16]) -> bool {
     matches!(WindowStatus::parse(map, block), Ok(Some(_)))
 }
 
 /// Cause if the status was found at `block`, which is a [`shifted_block`].
-pub(super) fn shifted_status_diagnosis(block: &StatusBlockRange, shift: i16, in_other_space: bool) -> Diagnosis {
+pub(super) fn shifted_status_diagnosis(block: &StatusBlockRange, shift: i16, in_other_space: bool) -> PossibleCause {
     let (space, first) = (block.space, block.first);
     let space = if space == RegisterSpace::Input { "input" } else { "holding" };
     let cause = match (shift, in_other_space) {
@@ -175,7 +179,7 @@ pub(super) fn shifted_status_diagnosis(block: &StatusBlockRange, shift: i16, in_
             if in_other_space { format!("space = \"{space}\", and ") } else { String::new() }
         ),
     };
-    Diagnosis::confirmed(
+    PossibleCause::confirmed(
         cause,
         format!("read from {space} register {first} on, head, tail, version and state agree"),
         format!("in the machine file: {keys}"),
@@ -197,14 +201,14 @@ mod tests {
     }
 
     /// The published window with other keys for the positions.
-    fn map(keys: &str) -> RegisterMap {
+    fn map(keys: &str) -> WindowRegisterMap {
         let axis = |(axis, at): (&str, u16)| format!("{axis} = {{ address = {at}, {keys} }}");
         let axes = [("X", 32), ("Z", 36), ("C", 42)].map(axis).join(", ");
         toml::from_str(&format!("[status]\nposition = {{ {axes} }}")).unwrap()
     }
 
     /// X -12.5, Z 100, C 45, as a control with the published window stores them.
-    fn block() -> Vec<u16> {
+    fn status_registers() -> Vec<u16> {
         let mut block = vec![0; 45];
         for (at, steps) in [(32, -12_500_i32), (36, 100_000), (42, 45_000)] {
             let bits = steps as u32;
@@ -215,7 +219,7 @@ mod tests {
 
     #[test]
     fn single_wrong_format_is_identified() {
-        assert!(are_positions_plausible(&map("type = \"i32\""), &block(), &machine()));
+        assert!(are_positions_plausible(&map("type = \"i32\""), &status_registers(), &machine()));
         for (wrong, named, right) in [
             ("order = \"cdab\"", "wrong word order", "order = \"abcd\""),
             ("order = \"dcba\"", "wrong word order", "order = \"abcd\""),
@@ -224,8 +228,8 @@ mod tests {
             ("scale = 0.1", "wrong scale", "scale = 0.001"),
         ] {
             let map = map(wrong);
-            assert!(!are_positions_plausible(&map, &block(), &machine()), "{wrong}");
-            let candidates = diagnose_position_format(&map, &block(), &machine());
+            assert!(!are_positions_plausible(&map, &status_registers(), &machine()), "{wrong}");
+            let candidates = diagnose_position_format(&map, &status_registers(), &machine());
             let first = candidates.first().unwrap_or_else(|| panic!("{wrong}: nothing"));
             assert!(first.cause.starts_with(named), "{wrong}: {candidates:?}");
             assert!(candidates.iter().any(|candidate| candidate.remedy.contains(right)), "{wrong}: {candidates:?}");
@@ -235,8 +239,8 @@ mod tests {
 
     #[test]
     fn shifted_addresses_are_recognised() {
-        let published: RegisterMap = toml::from_str("").unwrap();
-        let mut block = block();
+        let published: WindowRegisterMap = toml::from_str("").unwrap();
+        let mut block = status_registers();
         (block[0], block[1], block[2], block[44]) = (7, 1, 1, 7);
         assert!(is_valid_status(&published, &block));
         let later = shifted_block(&published.status, 1, false).unwrap();

@@ -33,7 +33,7 @@ mod window;
 
 pub use config::ModbusConfig;
 pub use driver::ModbusDriver;
-use map::RegisterMap;
+use map::WindowRegisterMap;
 pub use timeouts::ModbusTimeouts;
 
 pub const CONTROL_KIND: &str = "modbus";

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::map::{Register, RegisterMap, ResultRegisters};
+use super::map::{Register, ResultRegisters, WindowRegisterMap};
 use crate::controllers::ControllerError;
-use link::modbus::value::ValueError;
+use link::modbus::value::RegisterValueError;
 use machine::{Axis, Position};
 
 /// Version of the window's layout with lines; `PROGRAM_WINDOW_VERSION`: with a resident program.
@@ -63,7 +63,7 @@ impl WindowStatus {
     ///
     /// # Errors
     /// A register has an invalid value.
-    pub(super) fn parse(map: &RegisterMap, block: &[u16]) -> Result<Option<Self>, ControllerError> {
+    pub(super) fn parse(map: &WindowRegisterMap, block: &[u16]) -> Result<Option<Self>, ControllerError> {
         let (first, _) = map.status.block_range();
         let block = StatusBlock { block, first };
         let status = &map.status;
@@ -115,7 +115,7 @@ struct StatusBlock<'a> {
 
 impl StatusBlock<'_> {
     fn read_number(&self, name: &str, register: &Register) -> Result<f64, ControllerError> {
-        let value_error = |error: ValueError| window_error(format!("`status.{name}`: {error}"));
+        let value_error = |error: RegisterValueError| window_error(format!("`status.{name}`: {error}"));
         register.read(self.block, self.first).map_err(value_error)
     }
 

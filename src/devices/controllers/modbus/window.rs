@@ -9,12 +9,12 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
 use super::fault::{check_state, is_transient, refusal_error, reset_error, unexpected_reply_error};
-use super::map::RegisterMap;
+use super::map::WindowRegisterMap;
 use super::status::{WindowState, WindowStatus};
 use super::timeouts::{HeartbeatMonitor, ModbusTimeouts};
 use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, HaltHandle};
-use link::modbus::value::ValueError;
+use link::modbus::value::RegisterValueError;
 use link::modbus::{DeviceSettings, ModbusClient, ModbusDevice, ModbusError, UrgentWriteSender};
 use machine::Position;
 
@@ -52,13 +52,13 @@ impl PendingChunk {
     }
 }
 
-pub(super) struct RegisterWindow {
+pub(super) struct WindowConnection {
     pub(super) link: Arc<ModbusClient>,
-    pub(super) map: RegisterMap,
+    pub(super) map: WindowRegisterMap,
     hold_sender: UrgentWriteSender,
     halt: HaltHandle,
     pub(super) own_heartbeat: Arc<AtomicU16>,
-    /// Task that writes the heartbeat; [`RegisterWindow::wait_for_heartbeat`] starts it.
+    /// Task that writes the heartbeat; [`WindowConnection::wait_for_heartbeat`] starts it.
     heartbeat_task: OnceLock<JoinHandle<()>>,
     /// Sequence number of the last chunk that the control has accepted.
     pub(super) sequence: u16,
@@ -73,7 +73,7 @@ pub(super) struct RegisterWindow {
     heartbeat_monitor: HeartbeatMonitor,
 }
 
-impl Drop for RegisterWindow {
+impl Drop for WindowConnection {
     /// Stops the heartbeat: the control then stops by itself what still moves.
     fn drop(&mut self) {
         if let Some(heartbeat_task) = self.heartbeat_task.get() {
@@ -87,16 +87,19 @@ pub(super) fn sequence_after(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)
 }
 
-pub(super) fn encoding_error(error: ValueError) -> ControllerError {
+pub(super) fn encoding_error(error: RegisterValueError) -> ControllerError {
     ControllerError::UnsupportedByControl {
         reason: error.to_string(),
         remedy: "compare [controller.registers.command] with docs/line-window.md".to_owned(),
     }
 }
 
-impl RegisterWindow {
+impl WindowConnection {
     /// Opens the line; the halt writes `hold`, and nothing is written after it.
-    pub(super) async fn open(device: &ModbusDevice, map: RegisterMap) -> Result<(Self, HaltHandle), ControllerError> {
+    pub(super) async fn open(
+        device: &ModbusDevice,
+        map: WindowRegisterMap,
+    ) -> Result<(Self, HaltHandle), ControllerError> {
         let settings = DeviceSettings { unit: device.unit, timeout: device.timeout, allowed: map.access_ranges() };
         let (at, words) = map.command.hold.write(1).map_err(encoding_error)?;
         let link = Arc::new(ModbusClient::open(device.line.clone(), settings).await?);
@@ -330,7 +333,7 @@ pub(super) fn next_heartbeat(heartbeat: &AtomicU16) -> u16 {
 
 /// Writes heartbeats until the task is aborted, or a hold closes the link. A lost beat is followed by
 /// another.
-async fn write_heartbeats(link: Arc<ModbusClient>, map: RegisterMap, own_heartbeat: Arc<AtomicU16>) {
+async fn write_heartbeats(link: Arc<ModbusClient>, map: WindowRegisterMap, own_heartbeat: Arc<AtomicU16>) {
     loop {
         sleep(HEARTBEAT_INTERVAL).await;
         let Ok((at, words)) = map.command.heartbeat.write(next_heartbeat(&own_heartbeat)) else {

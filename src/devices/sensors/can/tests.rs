@@ -96,7 +96,7 @@ async fn frames_of_the_simulated_sensor_are_read() {
     let sees = [
         SensorOutput::Distance(1.234_56),
         SensorOutput::NoEcho,
-        SensorOutput::Saturated,
+        SensorOutput::TooMuchLight,
         SensorOutput::OutOfRange(11.0),
         SensorOutput::Distance(-0.5),
         // A distance beyond the range of 24 bits.

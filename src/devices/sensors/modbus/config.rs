@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::map::{EncoderCountKeys, RegisterCounterKeys, RegisterMap, RegisterStatusKeys, RegisterValueKeys};
+use super::map::{EncoderCountKeys, RegisterCounterKeys, RegisterStatusKeys, RegisterValueKeys, SensorRegisterMap};
 use link::HostPort;
 use link::modbus::{AccessList, DeviceSettings, Framing, ModbusDevice, ModbusDeviceKeys, Parity, RegisterSpace};
 
@@ -43,7 +43,7 @@ pub struct ModbusSensorConfig {
     pub(super) device: ModbusDevice,
     /// Time between two reads.
     pub(super) read_interval: Duration,
-    pub(super) map: RegisterMap,
+    pub(super) map: SensorRegisterMap,
 }
 
 impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
@@ -61,7 +61,7 @@ impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
         }
         let read_interval = Duration::from_secs_f64(1.0 / keys.rate_hz);
         let ModbusSensorKeys { space, value, counter, encoder_count, status, .. } = keys;
-        let map = RegisterMap::new(space, value, counter, encoder_count, status)?;
+        let map = SensorRegisterMap::new(space, value, counter, encoder_count, status)?;
         Ok(Self { device, read_interval, map })
     }
 }

@@ -3,7 +3,7 @@
 
 use tokio::time::{Duration, Instant};
 
-use super::map::RegisterMap;
+use super::map::SensorRegisterMap;
 use machine::record::sensor::Sensor;
 
 /// Number of equal values after which a value counts as unchanged, if the timeout has passed too.
@@ -23,7 +23,7 @@ pub(super) struct FrozenValueDetector {
 
 impl FrozenValueDetector {
     /// Returns the detector; `None` if detection is impossible, or if there is a counter.
-    pub fn for_sensor(map: &RegisterMap, sensor: &Sensor, timeout: Duration) -> Option<Self> {
+    pub fn for_sensor(map: &SensorRegisterMap, sensor: &Sensor, timeout: Duration) -> Option<Self> {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
         let is_detectable = map.sample.counter_modulus().is_none() && MIN_NOISE_COUNTS * map.count_mm() <= noise_mm;
         let (value_mm, unchanged_since) = (f64::NAN, Instant::now());

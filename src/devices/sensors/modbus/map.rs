@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::sensors::encoder;
 use crate::sensors::sample_layout::{InvalidReason, NumberLocation, SampleLayout, check_scale};
-use link::modbus::value::{ByteOrder, NumberFormat, NumberType, ValueError};
+use link::modbus::value::{ByteOrder, NumberFormat, NumberType, RegisterValueError};
 use link::modbus::{RegisterRange, RegisterSpace};
 use machine::record::reading::ReadingFlag;
 
@@ -80,7 +80,7 @@ fn default_width() -> u16 {
 
 /// A register map that has passed the checks.
 #[derive(Debug, Clone)]
-pub(super) struct RegisterMap {
+pub(super) struct SensorRegisterMap {
     /// All registers that are read, in one request.
     pub span: RegisterRange,
     pub sample: SampleLayout<RegisterLocation>,
@@ -114,16 +114,16 @@ pub(super) struct StatusBits {
 impl NumberLocation for RegisterLocation {
     /// Registers of the span.
     type Data<'d> = &'d [u16];
-    type Error = ValueError;
+    type Error = RegisterValueError;
     type Condition = RegisterCondition;
 
-    fn read_number(self, words: &[u16]) -> Result<f64, ValueError> {
+    fn read_number(self, words: &[u16]) -> Result<f64, RegisterValueError> {
         let end = self.offset + usize::from(self.number.register_count());
         self.number.decode(words.get(self.offset..end).unwrap_or_default())
     }
 
     /// The conversion is exact: the types of counter and encoder are integers of 32 bits at most.
-    fn read_integer(self, words: &[u16]) -> Result<i128, ValueError> {
+    fn read_integer(self, words: &[u16]) -> Result<i128, RegisterValueError> {
         self.read_number(words).map(|number| number as i128)
     }
 
@@ -134,7 +134,7 @@ impl NumberLocation for RegisterLocation {
                 is.map_or(bits != 0, |is| bits == is)
             }
             RegisterCondition::NotFinite(value) => {
-                matches!(value.read_number(words), Err(ValueError::NotFinite(_)))
+                matches!(value.read_number(words), Err(RegisterValueError::NotFinite(_)))
             }
             RegisterCondition::Code(value, code) => value.read_number(words).is_ok_and(|v| v == *code),
         }
@@ -144,7 +144,7 @@ impl NumberLocation for RegisterLocation {
 /// Maximum number of registers in one request.
 const MAX_READ_REGISTERS: u16 = 125;
 
-impl RegisterMap {
+impl SensorRegisterMap {
     /// # Errors
     /// The map is invalid; the message names the keys.
     pub fn new(

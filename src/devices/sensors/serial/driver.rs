@@ -251,7 +251,7 @@ impl SensorDriver for SerialDriver {
     }
 
     async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
-        self.counter.skip_long_gap();
+        self.counter.skip_gap_with_wrap();
         self.discard_received_data().await
     }
 

@@ -2,14 +2,14 @@
 
 use super::PLAUSIBLE_RANGE_C;
 use link::modbus::ModbusError;
-use link::modbus::value::ValueError;
+use link::modbus::value::RegisterValueError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ThermometerError {
     #[error(transparent)]
     Modbus(#[from] ModbusError),
     #[error(transparent)]
-    InvalidNumber(#[from] ValueError),
+    InvalidNumber(#[from] RegisterValueError),
     #[error("the temperature {celsius:.1} °C is not plausible")]
     ImplausibleValue { celsius: f64 },
     #[error("no reply from the thermometer yet")]

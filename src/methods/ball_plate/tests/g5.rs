@@ -16,7 +16,7 @@ use estimation::random::seeded_stream;
 const ARCSECOND: f64 = TAU / (360.0 * 3600.0);
 pub const ORDER: usize = 8;
 /// Sections 3.1 and 4.1 of the paper, mm: the radius of the circle, and 0.5·(E_L,MPE − R_0,MPL).
-const RADIUS_MM: f64 = 200.0;
+const CIRCLE_RADIUS_MM: f64 = 200.0;
 const SYSTEMATIC_MM: f64 = 0.5 * (1.8 + 200.0 / 500.0 - 0.6) * 1e-3;
 /// Eccentricity, mm, and tilt, rad, of the plate; Table 1 of the paper.
 const ECCENTRICITY_MM: [f64; 2] = [24e-3, -18e-3];
@@ -27,7 +27,7 @@ const SIZES: [f64; 6] = [0.1e-3, 0.1e-3, 0.1e-3, 0.1 * ARCSECOND, 0.1 * ARCSECON
 
 pub fn setting() -> Setting {
     let steps = (0..12).map(|ball| ball * 4).collect();
-    Setting { positions: 48, revolutions: 3, radius_mm: RADIUS_MM, steps }
+    Setting { positions: 48, revolutions: 3, radius_mm: CIRCLE_RADIUS_MM, steps }
 }
 
 /// True values of one draw.
@@ -70,7 +70,7 @@ impl Truth {
 
     /// Paper 5, Eq. (1): measured position of a ball minus its position on the nominal plate.
     fn deviation(&self, setting: &Setting, (angle, ball, place): (f64, usize, usize)) -> Vector3<f64> {
-        let nominal = setting.radial()[ball] * RADIUS_MM;
+        let nominal = setting.radial()[ball] * CIRCLE_RADIUS_MM;
         let tilt = Rotation3::new(Vector3::new(TILT[0], TILT[1], 0.0));
         let on_table = Vector3::new(ECCENTRICITY_MM[0], ECCENTRICITY_MM[1], 0.0) + tilt * (nominal + self.balls[ball]);
         let [x, y, z, a, b, c] = std::array::from_fn(|k| self.motion_index(k, angle));

@@ -89,7 +89,7 @@ fn points_are_linear_between_and_fully_correlated() {
 }
 
 #[test]
-fn unusable_priors_are_refused_with_a_reason() {
+fn estimates_without_usable_error_motions_are_refused() {
     let reason = |priors: &[Estimate]| KnownMotions::new(Axis::C, priors).unwrap_err().reason;
     let of_b = estimate(&[function("EXB", "B", "um")]);
     assert!(reason(&[of_b]).ends_with("the function EXB is of the axis B"));

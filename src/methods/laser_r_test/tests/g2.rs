@@ -189,7 +189,7 @@ fn regress_noise_scatters_as_predicted() {
 /// The paper's own estimator. Without noise its error is only of second order, and it is reported beside the
 /// estimate.
 #[test]
-fn paper_estimator_agrees_with_the_estimate() {
+fn paper_estimator_gives_the_table_and_is_reported() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5_machine(0.0, 1), 9).unwrap();
     let own = settings();
     let setup = LaserSetup::new(&plan, &own).unwrap();

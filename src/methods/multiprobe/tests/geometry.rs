@@ -9,7 +9,7 @@ use super::super::model::{ProbeLayout, Surface};
 use super::generator::{SimulatedMotions, sum_of_terms};
 use super::nullities::layout;
 
-const RADIUS_MM: f64 = 40.0;
+const SECTION_RADIUS_MM: f64 = 40.0;
 const STAND_OFF_MM: f64 = 0.5;
 const FACE_HEIGHT_MM: f64 = 150.0;
 
@@ -25,10 +25,10 @@ fn reading(world: &SimulatedMotions, layout: &ProbeLayout, row: ChannelAtIndex, 
             let height = layout.section_z_mm[section] - layout.reference_z_mm;
             let centre = [x + b * height, y - a * height];
             for _ in 0..20 {
-                let reach = RADIUS_MM + STAND_OFF_MM - distance;
+                let reach = SECTION_RADIUS_MM + STAND_OFF_MM - distance;
                 let point = [reach * cos - centre[0], reach * sin - centre[1]];
                 let on_artefact = point[1].atan2(point[0]) - turned;
-                let radius = RADIUS_MM + sum_of_terms(&world.sections[section], on_artefact);
+                let radius = SECTION_RADIUS_MM + sum_of_terms(&world.sections[section], on_artefact);
                 distance += point[0].hypot(point[1]) - radius;
             }
         }

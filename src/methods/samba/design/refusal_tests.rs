@@ -16,7 +16,7 @@ fn with_balls(change: impl FnOnce(&mut Balls)) -> Plan {
 }
 
 #[track_caller]
-fn refused(plan: &Plan, settings: SambaSettings, words: &[&str]) {
+fn assert_refused(plan: &Plan, settings: SambaSettings, words: &[&str]) {
     let answer = Samba::new(settings).next_stage(plan, &[], PositionSource::Measured(&[]));
     let Err(refused) = answer else { panic!("not refused") };
     for word in words {
@@ -28,38 +28,38 @@ fn refused(plan: &Plan, settings: SambaSettings, words: &[&str]) {
 #[test]
 fn unmeasurable_artefacts_are_refused() {
     let twice = with_balls(|set| set.balls[3].id = "2".into());
-    refused(&twice, SambaSettings::default(), &["ball 2: `id` is `2`, as for another ball"]);
+    assert_refused(&twice, SambaSettings::default(), &["ball 2: `id` is `2`, as for another ball"]);
     let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
-    refused(
+    assert_refused(
         &touching,
         SambaSettings::default(),
         &["ball 2: `centre_mm` is", "from ball `1`; the two balls would touch"],
     );
     let in_stem = with_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
-    refused(&in_stem, SambaSettings::default(), &["puts ball `2` into the stem of ball `3`"]);
+    assert_refused(&in_stem, SambaSettings::default(), &["puts ball `2` into the stem of ball `3`"]);
     let two = with_balls(|set| {
         set.balls.truncate(2);
     });
-    refused(&two, SambaSettings::default(), &["2 ball(s): samba requires three"]);
+    assert_refused(&two, SambaSettings::default(), &["2 ball(s): samba requires three"]);
     let slash = with_balls(|set| set.balls[0].id = "1/2".into());
-    refused(&slash, SambaSettings::default(), &["`id` is `1/2`"]);
+    assert_refused(&slash, SambaSettings::default(), &["`id` is `1/2`"]);
     let no_pair = with_balls(|set| set.lengths[0].to = "9".into());
-    refused(&no_pair, SambaSettings::default(), &["the length 1–9: `to` is `9`"]);
+    assert_refused(&no_pair, SambaSettings::default(), &["the length 1–9: `to` is `9`"]);
     let other_length = with_balls(|set| set.lengths[0].mm = 300.0);
-    refused(&other_length, SambaSettings::default(), &["`mm` is 300", "304.8"]);
+    assert_refused(&other_length, SambaSettings::default(), &["`mm` is 300", "304.8"]);
     let mut cylinder = plan(&SambaSettings::default());
     cylinder.artefact =
         serde_json::from_str(r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#).unwrap();
-    refused(&cylinder, SambaSettings::default(), &["samba measures balls"]);
+    assert_refused(&cylinder, SambaSettings::default(), &["samba measures balls"]);
 }
 
 #[test]
 fn ball_accessible_at_no_indexation_is_named() {
     let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
-    refused(&far, SambaSettings::default(), &["ball 5 is accessible at none of", "outside"]);
+    assert_refused(&far, SambaSettings::default(), &["ball 5 is accessible at none of", "outside"]);
     let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
     let upright = SambaSettings { tilt_deg: vec![-30.0, 0.0, 30.0], ..SambaSettings::default() };
-    refused(&hanging, upright, &["ball 5", "stem"]);
+    assert_refused(&hanging, upright, &["ball 5", "stem"]);
 }
 
 #[test]
@@ -68,9 +68,9 @@ fn indexations_outside_the_limits_are_refused() {
     let b = narrow.machine.axes.get_mut(&Axis::B).unwrap();
     (b.min, b.max) = (-45.0, 100.0);
     let asked = SambaSettings { tilt_deg: vec![-60.0, 0.0, 60.0], ..SambaSettings::default() };
-    refused(&narrow, asked, &["B at -60°", "[-45, 100]"]);
+    assert_refused(&narrow, asked, &["B at -60°", "[-45, 100]"]);
     let paper = SambaSettings { design: Design::Paper, ..SambaSettings::default() };
-    refused(&narrow, paper, &["does not reach B-90"]);
+    assert_refused(&narrow, paper, &["does not reach B-90"]);
     // The defaults are restricted to the limits of the axis.
     let answer = Samba::new(SambaSettings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
@@ -81,9 +81,9 @@ fn missing_spindle_orientation_is_refused() {
     let mut fixed = plan(&SambaSettings::default());
     fixed.machine.axes.remove(&Axis::S);
     let orient = SambaSettings { spindle: Spindle::Orient, ..SambaSettings::default() };
-    refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
+    assert_refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
     let asked = SambaSettings { parameters: vec!["EA0C".into(), "EX0S".into()], ..SambaSettings::default() };
-    refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
+    assert_refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
     let answer = Samba::new(SambaSettings::default()).next_stage(&fixed, &[], PositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
@@ -100,17 +100,17 @@ fn tilting_head_stays_upright_and_its_errors_are_refused() {
     let parameters = vec!["EA0B".into(), "EC0A".into()];
     let asked = SambaSettings { parameters, ..SambaSettings::default() };
     let words = ["EA0B was requested", "the spindle must be upright", "B other than 0"];
-    refused(&fork, asked, &words);
+    assert_refused(&fork, asked, &words);
     let b = fork.machine.axes.get_mut(&Axis::B).unwrap();
     (b.min, b.max) = (10.0, 50.0);
-    refused(&fork, SambaSettings::default(), &["must be upright", "[10, 50]"]);
+    assert_refused(&fork, SambaSettings::default(), &["must be upright", "[10, 50]"]);
 }
 
 #[test]
 fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
     let no_bar = with_balls(|set| set.lengths.clear());
     let words = ["has no certified length", "EXX1", "EYY1", "EZZ1"];
-    refused(&no_bar, SambaSettings::default(), &words);
+    assert_refused(&no_bar, SambaSettings::default(), &words);
     let names = "EA0B EC0B EX0C EA0C EB0C EB0Z EA0Y EC0Y EY0S EX0S EYY1 EZZ1";
     let parameters = names.split(' ').map(str::to_owned).collect();
     let relative = SambaSettings { parameters, ..SambaSettings::default() };
@@ -122,20 +122,20 @@ fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
 fn senseless_settings_are_refused() {
     let plan = plan(&SambaSettings::default());
     let unknown = SambaSettings { parameters: vec!["EX0Q".into()], ..SambaSettings::default() };
-    refused(&plan, unknown, &["`EX0Q` is not an error parameter"]);
+    assert_refused(&plan, unknown, &["`EX0Q` is not an error parameter"]);
     let poor = SambaSettings { balls: 17, ..SambaSettings::default() };
-    refused(&plan, poor, &["budget of 17 ball", "18 measurements"]);
+    assert_refused(&plan, poor, &["budget of 17 ball", "18 measurements"]);
     let short = SambaSettings { minutes: 2.0, ..SambaSettings::default() };
-    refused(&plan, short, &["minutes = 2 is too short"]);
+    assert_refused(&plan, short, &["minutes = 2 is too short"]);
     let few = SambaSettings { indexations: 2, ..SambaSettings::default() };
-    refused(&plan, few, &["at 2 indexations"]);
+    assert_refused(&plan, few, &["at 2 indexations"]);
     let still = SambaSettings { tilt_deg: vec![0.0], turn_deg: vec![0.0], ..SambaSettings::default() };
-    refused(&plan, still, &["not determined", "EX0C"]);
+    assert_refused(&plan, still, &["not determined", "EX0C"]);
     let tilted = SambaSettings {
         tilt_deg: vec![0.0],
         parameters: ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C"].map(String::from).to_vec(),
         ..SambaSettings::default()
     };
-    refused(&plan, tilted, &["not determined", "EA0B"]);
-    refused(&plan, SambaSettings { touches: 3, ..SambaSettings::default() }, &["touches = 3"]);
+    assert_refused(&plan, tilted, &["not determined", "EA0B"]);
+    assert_refused(&plan, SambaSettings { touches: 3, ..SambaSettings::default() }, &["touches = 3"]);
 }

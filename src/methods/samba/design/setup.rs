@@ -20,7 +20,7 @@ use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 const ANGLE_UNIT_RAD: f64 = 2e-6;
 const GAIN_UNIT: f64 = 2.5e-6;
 /// Standard uncertainty of a coordinate of a ball centre if none is declared, mm.
-const DEFAULT_U_MM: f64 = 1e-3;
+const DEFAULT_CENTRE_STD_U_MM: f64 = 1e-3;
 
 pub struct DesignSetup<'a> {
     pub plan: &'a Plan,
@@ -94,7 +94,7 @@ impl<'a> DesignSetup<'a> {
 
     /// Standard uncertainty of a coordinate of a ball centre, mm.
     pub fn centre_u_mm(&self) -> f64 {
-        self.plan.probe.repeatability_um.map_or(DEFAULT_U_MM, |um| um.max(0.01) * 1e-3)
+        self.plan.probe.repeatability_um.map_or(DEFAULT_CENTRE_STD_U_MM, |um| um.max(0.01) * 1e-3)
     }
 
     /// Units of the machine's parameters.

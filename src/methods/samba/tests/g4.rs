@@ -22,7 +22,7 @@ use testing::population::{population_size, ratio_bounds};
 
 /// Standard deviation of each coordinate of a measurement, and standard uncertainty of the bar, mm.
 const NOISE_MM: f64 = 1e-3;
-const U_BAR_MM: f64 = 1e-4;
+const BAR_STD_U_MM: f64 = 1e-4;
 
 fn truth() -> Truth {
     Truth { errors: paper_errors().into_iter().collect(), tool: TOOL }
@@ -57,7 +57,7 @@ fn measured(kind: DesignKind, bar: bool, spindle: bool) -> (GeometryProblem, Obs
         });
         seen.push(BallMeasurement { position_index: place, ball: *ball, whitening: Matrix3::identity() / NOISE_MM });
     }
-    let bars = if bar { vec![LengthConstraint { from_ball: 0, to_ball: 1, u_mm: U_BAR_MM }] } else { Vec::new() };
+    let bars = if bar { vec![LengthConstraint { from_ball: 0, to_ball: 1, u_mm: BAR_STD_U_MM }] } else { Vec::new() };
     let truth = truth();
     let measured = ObservedValues {
         xyz: visits.iter().map(|(triple, ball)| truth.axes_at(balls[*ball], *triple)).collect(),
@@ -221,7 +221,7 @@ fn check_scatter(kind: DesignKind, problem: &GeometryProblem, exact: &ObservedVa
         for xyz in &mut noisy.xyz {
             *xyz += Vector3::new(next(), next(), next()) * NOISE_MM;
         }
-        noisy.lengths[0] += next() * U_BAR_MM;
+        noisy.lengths[0] += next() * BAR_STD_U_MM;
         let start = problem.initial_values(&noisy);
         let found = problem.solve(&noisy, start).unwrap();
         chi2 += found.residuals.iter().map(|r| r * r).sum::<f64>();

@@ -154,7 +154,7 @@ async fn finish_hold(
     let JsonOrFormBody { body: HoldRequest { who, why }, is_form } = body;
     let held = match effect {
         // This service cannot hold motion of another process.
-        HoldEffect::OtherProcess => Err(Refusal::Elsewhere),
+        HoldEffect::OtherProcess => Err(Refusal::UsedByOtherProgram),
         HoldEffect::RunHeld | HoldEffect::NoRun => Ok(()),
     };
     let audit = audit_entry(&machine, caller.log_name(&who), "hold".to_owned(), &why, &held);

@@ -63,7 +63,7 @@ pub struct ParameterView {
     #[schema(required = false)]
     interval_monte_carlo: Option<[f64; 2]>,
     #[schema(required = false)]
-    budget: Vec<BudgetView>,
+    budget: Vec<BudgetLineView>,
     /// Judgement by the limit of the parameter; absent without a limit.
     #[schema(required = false)]
     judged: Option<JudgementView>,
@@ -84,7 +84,7 @@ pub struct JudgementView {
 /// Source of uncertainty.
 #[derive(ToSchema)]
 #[schema(as = Budget)]
-pub struct BudgetView {
+pub struct BudgetLineView {
     source: String,
     /// A: by statistics of repeated readings; B: by other means. Absent in estimates of earlier versions.
     #[schema(rename = "type", required = false)]
@@ -344,7 +344,7 @@ mod tests {
             judged: Some(LimitVerdict { limit: 5.0, verdict: Verdict::Pass, conformance: Some(1.0) }),
         };
         assert_same_properties::<JudgementView>(parameter.judged);
-        assert_same_properties::<BudgetView>(&parameter.budget[0]);
+        assert_same_properties::<BudgetLineView>(&parameter.budget[0]);
         assert_same_properties::<ParameterView>(parameter);
         assert_same_properties::<RunView>(summary());
         let section = LiveSection { number: 1, eccentricity_um: Some([0.5; 2]) };

@@ -17,7 +17,7 @@ use crate::service::http::newest_result::NewestResult;
 use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
 use crate::service::http::{AppState, ServedMachine};
-use crate::service::machine_state::Failure;
+use crate::service::machine_state::RunFailure;
 use crate::service::schedule_state::load_agenda;
 use crate::store::{Journal, RunFilter, RunId, StoredRun};
 use machine::record::estimate::Verdict;
@@ -103,7 +103,7 @@ pub fn status_values(machine: &ServedMachine) -> Value {
         progress_percent => status.progress_percent,
         measured => status.measured,
         refusal => status.refusal.as_deref(),
-        failure => status.failure.as_ref().map(|Failure { what, remedy }| context! { what, remedy }),
+        failure => status.failure.as_ref().map(|RunFailure { what, remedy }| context! { what, remedy }),
         cycles => cycles.collect::<Vec<_>>(),
         result => result.map(|newest| context! { run => newest.run, at => local_time(newest.measured) }),
         asked => status.asked.as_ref().map(|asked| context! {

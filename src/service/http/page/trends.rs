@@ -35,7 +35,7 @@ pub fn trend_values(series: &[ParameterSeries]) -> Value {
     }
 }
 
-fn has_temperature(value: &history::Value) -> bool {
+fn has_temperature(value: &history::RunParameter) -> bool {
     value.temperatures_c.iter().next().is_some()
 }
 

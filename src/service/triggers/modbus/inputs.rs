@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use super::map::{
-    ACKNOWLEDGE_COIL, ARTEFACT_COIL, AUTO_COIL, COIL_COUNT, DOOR_COIL, ENABLE_COIL, IDLE_COIL, PROBE_COIL,
-    START_COIL_BASE, STOP_COIL, TEMPERATURE_COIL,
+    ACKNOWLEDGE_COIL, ARTEFACT_IN_PLACE_COIL, AUTO_COIL, COIL_COUNT, CONTROL_IDLE_COIL, DOOR_COIL, ENABLE_COIL,
+    PROBE_READY_COIL, START_COIL_BASE, STOP_COIL, TEMPERATURE_IN_RANGE_COIL,
 };
 use crate::service::config::MAX_CYCLES;
 use crate::service::machine_state::Interlocks;
@@ -19,7 +19,7 @@ pub enum CoilCommand {
     Start(u16),
     /// More than one start in one write.
     SeveralStarts,
-    Stop,
+    StopCycle,
     Acknowledge,
 }
 
@@ -95,10 +95,10 @@ impl ControlInputs {
     pub fn readiness(&self, now: Instant) -> Readiness {
         Readiness {
             interlocks: self.interlocks(now),
-            probe: self.coil_level(PROBE_COIL),
-            artefact: self.coil_level(ARTEFACT_COIL),
-            temperature: self.coil_level(TEMPERATURE_COIL),
-            idle: self.coil_level(IDLE_COIL),
+            probe: self.coil_level(PROBE_READY_COIL),
+            artefact: self.coil_level(ARTEFACT_IN_PLACE_COIL),
+            temperature: self.coil_level(TEMPERATURE_IN_RANGE_COIL),
+            idle: self.coil_level(CONTROL_IDLE_COIL),
         }
     }
 
@@ -113,7 +113,7 @@ fn coil_commands(rises: &[u16]) -> Vec<CoilCommand> {
     debug_assert!(starts.iter().all(|k| *k <= MAX_CYCLES));
     let mut coil_commands = Vec::new();
     if rises.contains(&STOP_COIL) {
-        coil_commands.push(CoilCommand::Stop);
+        coil_commands.push(CoilCommand::StopCycle);
     }
     if rises.contains(&ACKNOWLEDGE_COIL) {
         coil_commands.push(CoilCommand::Acknowledge);
@@ -157,7 +157,7 @@ mod tests {
     fn stop_acts_at_once_and_two_start_coils_are_ambiguous() {
         let t = Instant::now();
         let mut inputs = ControlInputs::new(Duration::from_secs(1));
-        assert_eq!(inputs.write_coils(3, &[true], t), [CoilCommand::Stop]);
+        assert_eq!(inputs.write_coils(3, &[true], t), [CoilCommand::StopCycle]);
         assert_eq!(inputs.write_coils(0, &[false; COIL_COUNT], ms(t, 10)), []);
         let mut both = [false; COIL_COUNT];
         (both[11], both[18], both[4]) = (true, true, true);

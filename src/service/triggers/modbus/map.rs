@@ -12,10 +12,10 @@ pub const DOOR_COIL: u16 = 2;
 pub const STOP_COIL: u16 = 3;
 pub const ACKNOWLEDGE_COIL: u16 = 4;
 /// Conditions of an unattended cycle: see docs/schedule.md.
-pub const PROBE_COIL: u16 = 5;
-pub const ARTEFACT_COIL: u16 = 6;
-pub const TEMPERATURE_COIL: u16 = 7;
-pub const IDLE_COIL: u16 = 8;
+pub const PROBE_READY_COIL: u16 = 5;
+pub const ARTEFACT_IN_PLACE_COIL: u16 = 6;
+pub const TEMPERATURE_IN_RANGE_COIL: u16 = 7;
+pub const CONTROL_IDLE_COIL: u16 = 8;
 /// Cycle `k` is started by coil `START_COIL_BASE + k`.
 pub const START_COIL_BASE: u16 = 10;
 pub const COIL_COUNT: usize = (START_COIL_BASE + MAX_CYCLES + 1) as usize;
@@ -55,10 +55,10 @@ pub const REGISTER_TABLE: [(&str, usize, &str); 25] = [
     ("coil", DOOR_COIL as usize, "door"),
     ("coil", STOP_COIL as usize, "stop"),
     ("coil", ACKNOWLEDGE_COIL as usize, "acknowledge"),
-    ("coil", PROBE_COIL as usize, "probe"),
-    ("coil", ARTEFACT_COIL as usize, "artefact"),
-    ("coil", TEMPERATURE_COIL as usize, "temperature"),
-    ("coil", IDLE_COIL as usize, "idle"),
+    ("coil", PROBE_READY_COIL as usize, "probe"),
+    ("coil", ARTEFACT_IN_PLACE_COIL as usize, "artefact"),
+    ("coil", TEMPERATURE_IN_RANGE_COIL as usize, "temperature"),
+    ("coil", CONTROL_IDLE_COIL as usize, "idle"),
     ("coil", START_COIL_BASE as usize + 1, "start 1"),
     ("coil", (START_COIL_BASE + MAX_CYCLES) as usize, "start 8"),
     ("holding", ALIVE_REGISTER as usize, "alive"),

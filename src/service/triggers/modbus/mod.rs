@@ -21,7 +21,7 @@ use self::connection_slots::{ConnectionSlots, GuardedStream};
 use self::inputs::{CoilCommand, ControlInputs};
 use self::map::{COIL_COUNT, HOLDING_REGISTER_COUNT, INPUT_REGISTER_COUNT};
 use crate::service::command_gate::CommandGate;
-use crate::service::config::ModbusConfig;
+use crate::service::config::ModbusServerConfig;
 use crate::service::machine_state::Refusal;
 use crate::service::worker_command::Inspection;
 use crate::service::{Log, ServeError, lock, spawn_thread};
@@ -40,7 +40,7 @@ const MAX_COILS_PER_REQUEST: u16 = 2000;
 ///
 /// # Errors
 /// The address cannot be listened on, or the thread cannot be started.
-pub fn start_modbus_server(config: &ModbusConfig, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
+pub fn start_modbus_server(config: &ModbusServerConfig, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
     let failed = |source| ServeError::Listen { server: "the Modbus server", listen: config.listen, source };
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
@@ -129,7 +129,7 @@ impl ModbusState {
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Start(cycle) => drop(self.gate.start(cycle, interlocks, by)),
                 CoilCommand::SeveralStarts => self.gate.record_refusal(Refusal::Several, &format!("request of {by}")),
-                CoilCommand::Stop => drop(self.gate.stop(by)),
+                CoilCommand::StopCycle => drop(self.gate.stop(by)),
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Acknowledge => {
                     drop(self.gate.acknowledge(Inspection { who: by, ..Inspection::default() }));

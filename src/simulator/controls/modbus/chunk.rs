@@ -36,7 +36,7 @@ impl Firmware {
 
     /// Accepts lines to execute, or a table; returns the text for the diary.
     fn accept_chunk(&mut self, sequence: u16, bytes: Vec<u8>) -> Result<String, u16> {
-        if self.resident.is_some() {
+        if self.resident_program.is_some() {
             return self.start_program(sequence, &register_words(&bytes));
         }
         let text = String::from_utf8(bytes).map_err(|_| ERROR_BAD_TEXT)?;
@@ -52,7 +52,7 @@ impl Firmware {
         if !self.is_heartbeat_current(self.now) {
             return Err(ERROR_NO_HEARTBEAT);
         }
-        let is_acknowledged = match &self.resident {
+        let is_acknowledged = match &self.resident_program {
             Some(resident) => !resident.slot.valid,
             None => self.holding_registers[ACKNOWLEDGE_REGISTER] == accepted_before,
         };

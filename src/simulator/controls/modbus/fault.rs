@@ -152,7 +152,8 @@ impl Firmware {
         }
         let (request_count, accepted_chunk_count, contact_count) =
             (self.request_count, self.accepted_chunk_count, self.contact_count);
-        let has_previous_result = self.resident.as_ref().is_some_and(|resident| resident.previous_slot.is_some());
+        let has_previous_result =
+            self.resident_program.as_ref().is_some_and(|resident| resident.previous_slot.is_some());
         let due = |fault: &Fault| {
             fault.at_request <= request_count
                 && fault.at_line <= accepted_chunk_count
@@ -238,7 +239,7 @@ impl Firmware {
             }
             _ => {}
         }
-        let Some(resident) = &mut self.resident else { return };
+        let Some(resident) = &mut self.resident_program else { return };
         match kind {
             FaultKind::RepeatedResult => resident.ignores_acknowledgement = true,
             FaultKind::SkippedResult => resident.skips_result = true,

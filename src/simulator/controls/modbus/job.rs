@@ -118,7 +118,7 @@ impl Firmware {
 
     pub(super) fn stop_at_current_position(&mut self) {
         self.pending_lines.clear();
-        if let Some(resident) = &mut self.resident {
+        if let Some(resident) = &mut self.resident_program {
             resident.stop();
         }
         self.executor.hold_job(self.now);

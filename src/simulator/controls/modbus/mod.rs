@@ -21,7 +21,7 @@ use std::time::Duration;
 pub use fault::{Fault, FaultKind};
 pub use serve::{serve_rtu, serve_tcp};
 
-use resident::ResidentProgram;
+use resident::SimulatedResidentProgram;
 
 use super::job_executor::JobExecutor;
 use crate::SimulatedWorld;
@@ -100,7 +100,7 @@ pub struct Firmware {
     holding_registers: Vec<u16>,
     /// Lines of the current chunk that have not been started.
     pending_lines: VecDeque<String>,
-    resident: Option<ResidentProgram>,
+    resident_program: Option<SimulatedResidentProgram>,
     accepted_sequence: u16,
     executed_sequence: u16,
     error_code: u16,
@@ -134,7 +134,7 @@ pub struct Firmware {
 impl Firmware {
     pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: SimulatedModbusOptions) -> Self {
         let (resident, size) = match options.has_resident_program {
-            true => (Some(ResidentProgram::default()), layout::PROGRAM_BLOCK_REGISTERS),
+            true => (Some(SimulatedResidentProgram::default()), layout::PROGRAM_BLOCK_REGISTERS),
             false => (None, layout::LINE_BLOCK_REGISTERS),
         };
         Self {
@@ -143,7 +143,7 @@ impl Firmware {
             mode: OperatingState::Ready,
             holding_registers: vec![0; size],
             pending_lines: VecDeque::new(),
-            resident,
+            resident_program: resident,
             accepted_sequence: 0,
             executed_sequence: 0,
             error_code: 0,
@@ -182,12 +182,12 @@ impl Firmware {
         self.holding_registers.fill(0);
         (self.accepted_sequence, self.executed_sequence, self.error_code, self.latch_count) = (0, 0, 0, 0);
         self.last_heartbeat = None;
-        self.resident = self.resident.take().map(|_| ResidentProgram::default());
+        self.resident_program = self.resident_program.take().map(|_| SimulatedResidentProgram::default());
         self.mode = OperatingState::NotReady;
     }
 
     fn is_moving(&self) -> bool {
-        let begun = self.resident.as_ref().is_some_and(ResidentProgram::is_running);
+        let begun = self.resident_program.as_ref().is_some_and(SimulatedResidentProgram::is_running);
         self.mode == OperatingState::Ready
             && (begun || self.executor.active.is_some() || !self.pending_lines.is_empty())
     }

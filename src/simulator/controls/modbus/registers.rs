@@ -50,7 +50,7 @@ impl Firmware {
         block.extend(register_words(&t_s.to_be_bytes()));
         block.extend(position_words(latch));
         block.extend(position_words(&position));
-        if let (Some(slot), Some(resident)) = (slot, &self.resident) {
+        if let (Some(slot), Some(resident)) = (slot, &self.resident_program) {
             let at = u16::try_from(resident.current_row).unwrap_or(u16::MAX);
             block.extend([at, slot.sequence, slot.row]);
             block.extend([slot.contact, slot.valid].map(u16::from));
@@ -67,7 +67,7 @@ impl Firmware {
 
     /// Result shown by the resident program; the previous one for [`FaultKind::StaleResult`].
     fn reported_slot(&mut self) -> Option<ResultSlot> {
-        let resident = self.resident.as_ref()?;
+        let resident = self.resident_program.as_ref()?;
         match self.shows_previous_result.then(|| resident.previous_slot.clone()).flatten() {
             Some(before) => Some(ResultSlot { valid: true, ..before }),
             None => Some(resident.slot.clone()),
@@ -110,7 +110,7 @@ impl Firmware {
         if self.holding_registers[HEARTBEAT_REGISTER] != before[1] {
             self.last_heartbeat = Some(self.now);
         }
-        if let Some(resident) = self.resident.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER)) {
+        if let Some(resident) = self.resident_program.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER)) {
             resident.on_acknowledge_written(self.holding_registers[ACKNOWLEDGE_REGISTER]);
         }
         if range.contains(&SEQUENCE_REGISTER) {

@@ -54,7 +54,7 @@ pub(super) struct ResultSlot {
 }
 
 #[derive(Debug, Default)]
-pub(super) struct ResidentProgram {
+pub(super) struct SimulatedResidentProgram {
     rows: Vec<TableRow>,
     step: u32,
     /// Current row, from 1; 0: none.
@@ -69,7 +69,7 @@ pub(super) struct ResidentProgram {
     pub restarts: bool,
 }
 
-impl ResidentProgram {
+impl SimulatedResidentProgram {
     pub(super) fn is_running(&self) -> bool {
         self.current_row > 0
     }
@@ -125,7 +125,7 @@ impl Firmware {
         }
         let step = u32::from(*high) << 16 | u32::from(*low);
         let descriptions: Vec<String> = rows.iter().map(describe_row).collect();
-        if let Some(resident) = &mut self.resident {
+        if let Some(resident) = &mut self.resident_program {
             (resident.rows, resident.step, resident.current_row) = (rows, step, 1);
         }
         Ok(format!("step {step}: {}", descriptions.join("; ")))
@@ -139,7 +139,7 @@ impl Firmware {
 
     /// Starts the current row; `false` where no row can start now.
     pub(super) fn start_current_row(&mut self) -> bool {
-        let Some(resident) = &self.resident else { return false };
+        let Some(resident) = &self.resident_program else { return false };
         let (Some(row), step) = (resident.row().cloned(), resident.step) else { return false };
         if row.kind == RowKind::Touch && resident.slot.valid {
             // The slot holds a result that is not acknowledged.
@@ -162,7 +162,7 @@ impl Firmware {
 
     /// Handles the end of the current row.
     pub(super) fn finish_row(&mut self, contact: Option<bool>) {
-        let Some(resident) = &self.resident else { return };
+        let Some(resident) = &self.resident_program else { return };
         let Some(row) = resident.row() else { return };
         let ends = matches!((row.kind, contact), (RowKind::Guarded, Some(true)) | (RowKind::Touch, Some(false)));
         if row.kind == RowKind::Feed && self.executor.is_probe_closed() {
@@ -171,7 +171,7 @@ impl Firmware {
         if resident.is_touch_row() || ends {
             self.publish_result(contact == Some(true));
         }
-        let Some(resident) = &mut self.resident else { return };
+        let Some(resident) = &mut self.resident_program else { return };
         if ends {
             resident.stop();
         } else if !resident.advance() && std::mem::take(&mut resident.restarts) {
@@ -182,7 +182,7 @@ impl Firmware {
 
     fn publish_result(&mut self, contact: bool) {
         let (latch, t_s, sequence) = (self.latch.clone(), self.latch_time_s, self.accepted_sequence);
-        let Some(resident) = &mut self.resident else { return };
+        let Some(resident) = &mut self.resident_program else { return };
         let before = resident.slot.clone();
         let skipped = std::mem::take(&mut resident.skips_result);
         let count = 1 + u16::from(skipped);

@@ -49,14 +49,14 @@ async fn serve_peer(
             }
         };
         let said = said.unwrap_or_default();
-        if said == "HANG UP" || stream.write_all(&bytes(&said)).await.is_err() {
+        if said == "HANG UP" || stream.write_all(&latin1_bytes(&said)).await.is_err() {
             return;
         }
     }
 }
 
 /// Converts text to Latin-1, so that a script may contain any byte.
-fn bytes(text: &str) -> Vec<u8> {
+fn latin1_bytes(text: &str) -> Vec<u8> {
     text.chars().map(|c| c as u8).collect()
 }
 

@@ -200,7 +200,7 @@ async fn regress_travel_of_a_homed_control_follows_its_homing_settings() {
 }
 
 #[tokio::test]
-async fn moving_control_is_not_identified_until_it_is_at_rest() {
+async fn moving_control_is_refused_with_the_advice_to_wait() {
     let (link, _) = peer_with_overrides(|line| match line {
         "?" => Some(status("Run|MPos:{at}|FS:500,0")),
         "$I" => Some("error:8\r\n".to_owned()),

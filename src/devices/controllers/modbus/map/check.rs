@@ -1,6 +1,6 @@
 //! Validity of a register map.
 
-use super::{ChunkRegisters, MAX_READ_REGISTERS, MAX_WRITE_REGISTERS, RegisterMap};
+use super::{ChunkRegisters, MAX_READ_REGISTERS, MAX_WRITE_REGISTERS, WindowRegisterMap};
 use link::modbus::RegisterSpace;
 use link::modbus::value::ByteOrder;
 
@@ -9,7 +9,7 @@ const MAX_PROGRAM_REGISTERS: usize = 2000;
 
 /// # Errors
 /// The map is invalid; the message names the items.
-pub(super) fn check_map(map: &RegisterMap) -> Result<(), String> {
+pub(super) fn check_map(map: &WindowRegisterMap) -> Result<(), String> {
     if !matches!(map.status.space, RegisterSpace::Input | RegisterSpace::Holding) {
         return Err("`status.space` must be `input` or `holding`: coils and discrete inputs are single bits".to_owned());
     }
@@ -43,7 +43,7 @@ pub(super) fn check_map(map: &RegisterMap) -> Result<(), String> {
 
 /// Checks that one request writes a line and all that belongs to it. Then a late request of the line before
 /// cannot leave values next to those of the next line.
-fn check_line_block(map: &RegisterMap) -> Result<(), String> {
+fn check_line_block(map: &WindowRegisterMap) -> Result<(), String> {
     const LINE_ITEMS: [&str; 4] = ["acknowledge", "crc", "length", "chunk"];
     let mut spans = map.command.register_spans();
     spans.retain(|(name, ..)| LINE_ITEMS.contains(name));
@@ -65,7 +65,7 @@ fn check_line_block(map: &RegisterMap) -> Result<(), String> {
     ))
 }
 
-fn check_scales(map: &RegisterMap) -> Result<(), String> {
+fn check_scales(map: &WindowRegisterMap) -> Result<(), String> {
     let status = &map.status;
     let axes = status.latch.values().chain(status.position.values());
     let times = [status.time_s, status.latch_time_s];
@@ -76,7 +76,7 @@ fn check_scales(map: &RegisterMap) -> Result<(), String> {
 }
 
 /// Checks that one request can read the status, head first, tail last.
-fn check_status_block(map: &RegisterMap) -> Result<(), String> {
+fn check_status_block(map: &WindowRegisterMap) -> Result<(), String> {
     let (first, count) = map.status.block_range();
     let last = map.status.sequence_tail.address;
     for (name, address, length) in map.status.register_spans() {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::{ChunkRegisters, CommandRegisters, Register, RegisterMap, ResultRegisters, StatusRegisters, check};
+use super::{ChunkRegisters, CommandRegisters, Register, ResultRegisters, StatusRegisters, WindowRegisterMap, check};
 use link::modbus::RegisterSpace;
 use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
@@ -132,7 +132,7 @@ fn axis_registers(
     keys.into_iter().map(register).collect()
 }
 
-impl TryFrom<RegisterMapKeys> for RegisterMap {
+impl TryFrom<RegisterMapKeys> for WindowRegisterMap {
     type Error = String;
 
     fn try_from(RegisterMapKeys { command, status }: RegisterMapKeys) -> Result<Self, String> {
@@ -155,10 +155,10 @@ impl RegisterMapKeys {
     ///
     /// # Errors
     /// The map is invalid; the message names the items.
-    pub(in super::super) fn into_program_map(self) -> Result<RegisterMap, String> {
+    pub(in super::super) fn into_program_map(self) -> Result<WindowRegisterMap, String> {
         let Self { command, mut status } = self;
         let result = status.result.take().unwrap_or_default();
-        let mut map = RegisterMap {
+        let mut map = WindowRegisterMap {
             command: command.into_registers(&PROGRAM_WINDOW_DEFAULTS),
             status: status.into_registers(&PROGRAM_WINDOW_DEFAULTS)?,
         };

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use link::modbus::value::{ByteOrder, NumberFormat, ValueError};
+use link::modbus::value::{ByteOrder, NumberFormat, RegisterValueError};
 use link::modbus::{AccessList, RegisterRange, RegisterSpace};
 use machine::Axis;
 
@@ -83,7 +83,7 @@ pub(super) struct ResultRegisters {
 /// Register map of the whole window.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "keys::RegisterMapKeys")]
-pub struct RegisterMap {
+pub struct WindowRegisterMap {
     pub(super) command: CommandRegisters,
     pub(super) status: StatusRegisters,
 }
@@ -94,15 +94,15 @@ impl Register {
     }
 
     /// Reads the number from a block of registers that begins at `first`.
-    pub(super) fn read(&self, block: &[u16], first: u16) -> Result<f64, ValueError> {
+    pub(super) fn read(&self, block: &[u16], first: u16) -> Result<f64, RegisterValueError> {
         let wanted = self.count();
         let start = usize::from(self.address.saturating_sub(first));
         let words = block.get(start..start + usize::from(wanted));
-        self.number.decode(words.ok_or(ValueError::RegisterCount { received: block.len(), expected: wanted })?)
+        self.number.decode(words.ok_or(RegisterValueError::RegisterCount { received: block.len(), expected: wanted })?)
     }
 
     /// Returns the address and the words of `value`.
-    pub(super) fn write(&self, value: u16) -> Result<(u16, Vec<u16>), ValueError> {
+    pub(super) fn write(&self, value: u16) -> Result<(u16, Vec<u16>), RegisterValueError> {
         Ok((self.address, self.number.encode(f64::from(value))?))
     }
 }
@@ -192,7 +192,7 @@ impl ResultRegisters {
     }
 }
 
-impl RegisterMap {
+impl WindowRegisterMap {
     /// Ranges that the link may access: the status to read, the command block to write.
     pub(super) fn access_ranges(&self) -> AccessList {
         let (first, count) = self.status.block_range();

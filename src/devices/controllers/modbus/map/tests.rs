@@ -1,7 +1,7 @@
 use super::*;
 
-fn map(text: &str) -> Result<RegisterMap, String> {
-    toml::from_str::<RegisterMap>(text).map_err(|error| error.message().to_owned())
+fn map(text: &str) -> Result<WindowRegisterMap, String> {
+    toml::from_str::<WindowRegisterMap>(text).map_err(|error| error.message().to_owned())
 }
 
 #[test]

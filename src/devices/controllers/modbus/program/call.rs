@@ -11,7 +11,7 @@ use crate::controllers::ControllerError;
 use crate::controllers::modbus::driver::ModbusDriver;
 use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
 use crate::controllers::modbus::status::{ReportedResult, WindowStatus};
-use crate::controllers::modbus::window::{PendingChunk, RegisterWindow, sequence_after};
+use crate::controllers::modbus::window::{PendingChunk, WindowConnection, sequence_after};
 use crate::controllers::motion_lines::{MAX_ORIENT_TIME, to_duration};
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
@@ -198,7 +198,7 @@ impl ModbusDriver {
 }
 
 fn result_kind(
-    window: &RegisterWindow,
+    window: &WindowConnection,
     status: &WindowStatus,
     slot: &ReportedResult,
     sequence: u16,

@@ -8,7 +8,7 @@ use crate::controllers::modbus::map::Register;
 use crate::controllers::modbus::map::check::{RegisterSpan, check_overlaps};
 use crate::controllers::modbus::map::keys::RegisterKeys;
 use link::modbus::RegisterSpace;
-use link::modbus::value::{NumberType, ValueError};
+use link::modbus::value::{NumberType, RegisterValueError};
 use machine::Axis;
 
 const ROW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
@@ -156,7 +156,7 @@ impl ParameterLayout {
         }
         // Compares each number with the one that the control will read.
         for (register, value) in &items {
-            let read = register.read(&words, 0).map_err(|error: ValueError| error.to_string())?;
+            let read = register.read(&words, 0).map_err(|error: RegisterValueError| error.to_string())?;
             if (read - value).abs() > ROUNDING_TOLERANCE {
                 return Err(format!(
                     "the registers would contain {read} instead of {value} in the program text: set a finer \

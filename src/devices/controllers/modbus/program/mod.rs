@@ -21,7 +21,7 @@ use serde::Deserialize;
 
 use layout::{ParameterKeys, ParameterLayout, RowKeys};
 
-use super::map::RegisterMap;
+use super::map::WindowRegisterMap;
 
 /// Keys of `[controller.program]`.
 #[derive(Debug, Default, Deserialize)]
@@ -45,7 +45,7 @@ pub(super) struct ResidentProgram {
 impl ResidentProgram {
     /// # Errors
     /// The parameters do not fit the chunk of `map`, or overlap.
-    pub(super) fn from_keys(keys: ProgramKeys, map: &RegisterMap) -> Result<Self, String> {
+    pub(super) fn from_keys(keys: ProgramKeys, map: &WindowRegisterMap) -> Result<Self, String> {
         let ProgramKeys { number, tool, parameters, row } = keys;
         let layout = ParameterLayout::from_keys(parameters, row, map.command.chunk.registers)?;
         Ok(Self { number: number.unwrap_or(1), tool, layout })
