@@ -140,9 +140,8 @@ impl Surroundings {
     /// Z command from which on the tool is `margin` clear of everything that Z can pass over, on the straight path
     /// in X and Y between two positions with the same rotary axes. Heights below `to` are not considered.
     pub fn path_clearance_z(&self, from: &Position, to: &Position, margin: f64) -> f64 {
-        let needed = self.clearance_heights(&self.tool, &self.obstacles, [from, to], margin);
-        let needed = needed.into_iter().map(|(z, _)| z);
-        needed.filter(|z| *z <= self.max_z).fold(f64::NEG_INFINITY, f64::max)
+        let highest = self.highest_clearance_z(&self.tool, &self.obstacles, [from, to], margin, self.max_z);
+        highest.map_or(f64::NEG_INFINITY, |(z, _)| z)
     }
 
     /// Z command from which on no declared body is within the range of a displacement sensor in the spindle, and
@@ -152,46 +151,51 @@ impl Surroundings {
     /// # Errors
     /// Z does not reach that height; the value is the sensor and the body within its range.
     pub fn out_of_range_z(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, Proximity> {
-        let mut needed = self.clearance_heights(&self.sensor_ranges, &self.obstacles, [from, to], margin);
         let ball = self.tool.get(..1).unwrap_or_default();
-        let of_table = self.clearance_heights(ball, &self.measuring_lines, [from, to], margin);
-        needed.extend(
-            of_table
-                .into_iter()
-                .map(|(z, Proximity { tool, obstacle })| (z, Proximity { tool: obstacle, obstacle: tool })),
-        );
-        let (z, near) =
-            needed.into_iter().fold(
-                (f64::NEG_INFINITY, None),
-                |highest, (z, near)| {
-                    if z > highest.0 { (z, Some(near)) } else { highest }
-                },
-            );
-        near.filter(|_| z > self.max_z).map_or(Ok(z), Err)
+        let clearance =
+            |parts, obstacles| self.highest_clearance_z(parts, obstacles, [from, to], margin, f64::INFINITY);
+        let of_spindle = clearance(&self.sensor_ranges, &self.obstacles);
+        let of_table = clearance(ball, &self.measuring_lines).map(|(z, [ball, line])| (z, [line, ball]));
+        let both = of_spindle.into_iter().chain(of_table);
+        let Some((z, [tool, obstacle])) = both.reduce(|one, other| if other.0 > one.0 { other } else { one }) else {
+            return Ok(f64::NEG_INFINITY);
+        };
+        if z <= self.max_z {
+            return Ok(z);
+        }
+        Err(Proximity { tool: tool.to_owned(), obstacle: obstacle.to_owned() })
     }
 
-    /// Z commands from which on each of `parts` is `margin` clear of each of `obstacles` on the path.
-    fn clearance_heights(
+    /// Highest Z command, at most `max_z`, that is needed for one of `parts` to be `margin` clear of one of
+    /// `obstacles` on the path, with the names of the two.
+    fn highest_clearance_z<'a>(
         &self,
-        parts: &[ToolPart],
-        obstacles: &[Obstacle],
+        parts: &'a [ToolPart],
+        obstacles: &'a [Obstacle],
         [from, to]: [&Position; 2],
         margin: f64,
-    ) -> Vec<(f64, Proximity)> {
+        max_z: f64,
+    ) -> Option<(f64, [&'a str; 2])> {
         let level = from.updated_by(&to.filter_axes(|axis| !matches!(axis, Axis::X | Axis::Y)));
         let (begin, (end, higher)) = (self.carrier_positions(&level), self.present_and_raised_positions(to));
-        let mut heights = Vec::new();
+        let mut highest = None;
         for obstacle in obstacles {
             let path_ends = [&begin, &end].map(|at| at.tip_from_carrier(obstacle));
             let (body, margin) = (end.in_machine_directions(obstacle), margin + obstacle.uncertainty_mm);
+            let z_after_rise =
+                |rise: f64| z_command(to.get_or_zero(Axis::Z), [&end, &higher], obstacle, path_ends[1].z + rise);
             for part in parts.iter().filter(|part| part.may_collide(&path_ends, &body, margin)) {
-                let height = path_ends[1].z + part.clearance_rise_mm(&path_ends, &body, margin);
-                let near = Proximity { tool: part.name.clone(), obstacle: obstacle.name.clone() };
-                let z = z_command(to.get_or_zero(Axis::Z), [&end, &higher], obstacle, height);
-                heights.extend(z.map(|z| (z, near)));
+                let is_higher = |z: &f64| highest.is_none_or(|(highest, _)| *z > highest);
+                // The exact rise takes a search: it is needed only where the bound exceeds the highest so far.
+                let bound = z_after_rise(part.max_clearance_rise_mm(&path_ends, &body, margin));
+                let exact = || z_after_rise(part.clearance_rise_mm(&path_ends, &body, margin));
+                let z = bound.filter(is_higher).and_then(|_| exact()).filter(is_higher).filter(|z| *z <= max_z);
+                if let Some(z) = z {
+                    highest = Some((z, [part.name.as_str(), obstacle.name.as_str()]));
+                }
             }
         }
-        heights
+        highest
     }
 
     /// First obstacle to which the tool is nearer than `margin` on the straight path in X, Y, Z between two

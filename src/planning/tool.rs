@@ -52,13 +52,17 @@ impl ToolPart {
         !self.may_collide(&path_ends, body, margin) || are_apart_by(&self.swept_space(path_ends, 0.0), body, margin)
     }
 
+    /// Rise at which the lower end of the part is `margin` above the top of the body, mm; 0 if it is there already.
+    pub fn max_clearance_rise_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
+        (body.top_z() + margin - self.bottom_height_mm - path_ends[0].z.min(path_ends[1].z)).max(0.0)
+    }
+
     /// Rise at which the part is clear of the body by `margin`, mm; found by bisection and rounded up.
     pub fn clearance_rise_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
         if are_apart_by(&self.swept_space(*path_ends, 0.0), body, margin) {
             return f64::NEG_INFINITY;
         }
-        let over = body.top_z() + margin - self.bottom_height_mm - path_ends[0].z.min(path_ends[1].z);
-        let (mut low, mut high) = (0.0, over.max(0.0));
+        let (mut low, mut high) = (0.0, self.max_clearance_rise_mm(path_ends, body, margin));
         while high - low > HEIGHT_ACCURACY_MM {
             let middle = (low + high) / 2.0;
             let clear = are_apart_by(&self.swept_space(*path_ends, middle), body, margin);
