@@ -18,7 +18,7 @@ use planning::proof::for_tests;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use trued::setup;
 
-const HALT_COUNT: usize = 50;
+const HALT_COUNT: usize = 20;
 
 /// Events at the port.
 enum PeerEvent {
@@ -169,10 +169,10 @@ fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
     let one = renderer.join().unwrap();
     took.sort();
     println!("one rendering: {one:?}");
-    let (median, worst) = (took[HALT_COUNT / 2], took[HALT_COUNT - 1]);
-    println!("halt to port: median {median:?}, 48th {:?}, worst {worst:?}", took[47]);
+    let [median, second_worst, worst] = [HALT_COUNT / 2, HALT_COUNT - 2, HALT_COUNT - 1].map(|index| took[index]);
+    println!("halt to port: median {median:?}, second worst {second_worst:?}, worst {worst:?}");
     assert!(median <= (one / 5).max(Duration::from_millis(5)), "median {median:?}");
-    assert!(took[47] <= (one / 3).max(Duration::from_millis(20)), "48th of 50: {:?}", took[47]);
+    assert!(second_worst <= (one / 3).max(Duration::from_millis(20)), "second worst {second_worst:?}");
 }
 
 pub fn trials() -> Trials {
