@@ -21,17 +21,17 @@ use trued::setup::{self, MachineFile};
 #[path = "../tests/support/plan_player.rs"]
 mod plan_player;
 
-const TRIALS: usize = 1_000_000;
-/// Minimum ratio of the peer's time to ours.
-const MIN_RATIO: f64 = 3.0;
-const SCRIPT: &str = include_str!("monte_carlo_numpy.py");
+const MONTE_CARLO_TRIALS: usize = 1_000_000;
+/// Minimum ratio of the time of numpy to the time of `trued`.
+const MIN_SPEEDUP_OVER_NUMPY: f64 = 3.0;
+const NUMPY_SCRIPT: &str = include_str!("monte_carlo_numpy.py");
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let (method, plan, readings) = measured()?;
-    let (ours_s, estimate) = ours(&method, &plan, &readings)?;
-    println!("trued: {ours_s:.3} s for {TRIALS} trials on {} threads", rayon::current_num_threads());
-    let problem = problem(&method.fit_cycle(&plan, &readings)?);
-    let (numpy_s, theirs) = match numpy_python().and_then(|python| numpy(&python, &problem)) {
+    let (method, plan, readings) = measure_built_in_machine()?;
+    let (ours_s, estimate) = time_identification(&method, &plan, &readings)?;
+    println!("trued: {ours_s:.3} s for {MONTE_CARLO_TRIALS} trials on {} threads", rayon::current_num_threads());
+    let problem = trial_input_json(&method.fit_cycle(&plan, &readings)?);
+    let (numpy_s, theirs) = match numpy_python().and_then(|python| time_numpy_trials(&python, &problem)) {
         Ok(found) => found,
         Err(why) if std::env::var_os("TRUED_REQUIRE_PEERS").is_none() => {
             println!("numpy: skipped, {why}");
@@ -51,15 +51,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("numpy: {numpy_s:.3} s");
     let ratio = numpy_s / ours_s;
     println!("ratio: {ratio:.1}");
-    if ratio < MIN_RATIO {
-        return Err(format!("less than {MIN_RATIO} times as fast as numpy").into());
+    if ratio < MIN_SPEEDUP_OVER_NUMPY {
+        return Err(format!("less than {MIN_SPEEDUP_OVER_NUMPY} times as fast as numpy").into());
     }
     Ok(())
 }
 
 /// The readings of the built-in machine's default run.
-fn measured() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
-    let settings = format!("\n[method.self-calibration]\nmonte_carlo_trials = {TRIALS}\n");
+fn measure_built_in_machine() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
+    let settings = format!("\n[method.self-calibration]\nmonte_carlo_trials = {MONTE_CARLO_TRIALS}\n");
     let text = include_str!("../config/simulated.toml").to_owned() + &settings;
     let file = MachineFile::parse("simulated.toml", text)?;
     let (method, plan) = setup::configure_method_and_plan(&file, "self-calibration", None)?;
@@ -69,7 +69,11 @@ fn measured() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
 }
 
 /// Best of nine runs: seconds, and the estimate.
-fn ours(method: &SelfCalibration, plan: &Plan, readings: &[Reading]) -> Result<(f64, Estimate), Box<dyn Error>> {
+fn time_identification(
+    method: &SelfCalibration,
+    plan: &Plan,
+    readings: &[Reading],
+) -> Result<(f64, Estimate), Box<dyn Error>> {
     let (mut best, mut estimate) = (f64::INFINITY, method.identify(plan, readings)?);
     for _ in 0..9 {
         let start = Instant::now();
@@ -80,22 +84,22 @@ fn ours(method: &SelfCalibration, plan: &Plan, readings: &[Reading]) -> Result<(
 }
 
 /// Input of the trials, in the format of the script.
-fn problem(fitted: &FittedCycle) -> Value {
+fn trial_input_json(fitted: &FittedCycle) -> Value {
     let fit = &fitted.fit;
     let unknowns = fit.x.len();
     json!({
-        "trials": TRIALS,
-        "sensitivity": rows(&LinearisedFit::new(fit).sensitivity),
-        "gain": rows(&fit.solution.gain),
+        "trials": MONTE_CARLO_TRIALS,
+        "sensitivity": matrix_rows(&LinearisedFit::new(fit).sensitivity),
+        "gain": matrix_rows(&fit.solution.gain),
         "x": fit.x,
         "radii": fit.observations.iter().map(|seen| seen.radius_mm).collect::<Vec<_>>(),
-        "slopes": rows(&fitted.outputs.slopes(unknowns)),
-        "sources": fitted.sources.iter().map(source).collect::<Vec<_>>(),
-        "bend": fit.second_order.as_ref().map(bend),
+        "slopes": matrix_rows(&fitted.outputs.linear_parameter_slopes(unknowns)),
+        "sources": fitted.sources.iter().map(source_json).collect::<Vec<_>>(),
+        "bend": fit.second_order.as_ref().map(second_order_json),
     })
 }
 
-fn source(source: &UncertaintySource) -> Value {
+fn source_json(source: &UncertaintySource) -> Value {
     let is_normal = source.draw_distribution == DrawDistribution::Normal;
     match &source.effect {
         ObservationEffect::Independent(sizes) => json!({"normal": is_normal, "each": sizes}),
@@ -104,11 +108,11 @@ fn source(source: &UncertaintySource) -> Value {
     }
 }
 
-fn bend(bend: &SecondOrderCorrection) -> Value {
+fn second_order_json(bend: &SecondOrderCorrection) -> Value {
     let contacts = bend.contacts.iter();
     let contacts = contacts.map(|contact| {
         json!([
-            contact.height,
+            contact.height_index,
             contact.normal.x,
             contact.normal.y,
             contact.ex_index,
@@ -118,38 +122,38 @@ fn bend(bend: &SecondOrderCorrection) -> Value {
         ])
     });
     let heights = bend.heights.iter();
-    let heights = heights.map(|height| json!({"radius": height.radius_index, "forms": rows(&height.forms)}));
+    let heights = heights.map(|height| json!({"radius": height.radius_index, "forms": matrix_rows(&height.forms)}));
     json!({"contacts": contacts.collect::<Vec<_>>(), "heights": heights.collect::<Vec<_>>()})
 }
 
-fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
+fn matrix_rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }
 
-fn folder() -> PathBuf {
+fn numpy_folder() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench-numpy")
 }
 
 /// The python of a venv with numpy; the venv is created if it does not exist.
 fn numpy_python() -> Result<PathBuf, Box<dyn Error>> {
-    let python = folder().join("bin/python");
+    let python = numpy_folder().join("bin/python");
     if !python.exists() {
-        run(Command::new("python3").args(["-m", "venv"]).arg(folder()))?;
+        run_and_read_stdout(Command::new("python3").args(["-m", "venv"]).arg(numpy_folder()))?;
     }
-    if run(Command::new(&python).args(["-c", "import numpy"])).is_err() {
-        run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "numpy"]))?;
+    if run_and_read_stdout(Command::new(&python).args(["-c", "import numpy"])).is_err() {
+        run_and_read_stdout(Command::new(&python).args(["-m", "pip", "install", "--quiet", "numpy"]))?;
     }
     Ok(python)
 }
 
-/// Seconds, and the standard deviations of the parameters, mm and rad.
-fn numpy(python: &Path, problem: &Value) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
-    let (script, input) = (folder().join("bench.py"), folder().join("problem.json"));
-    std::fs::write(&script, SCRIPT)?;
+/// Seconds that numpy takes for the trials, and the standard deviations of the parameters, mm and rad.
+fn time_numpy_trials(python: &Path, problem: &Value) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
+    let (script, input) = (numpy_folder().join("bench.py"), numpy_folder().join("problem.json"));
+    std::fs::write(&script, NUMPY_SCRIPT)?;
     std::fs::write(&input, problem.to_string())?;
-    let output = run(Command::new(python)
-        .args([&script, &input])
-        .envs([("OPENBLAS_NUM_THREADS", "1"), ("OMP_NUM_THREADS", "1")]))?;
+    let output = run_and_read_stdout(
+        Command::new(python).args([&script, &input]).envs([("OPENBLAS_NUM_THREADS", "1"), ("OMP_NUM_THREADS", "1")]),
+    )?;
     let mut numbers = Vec::new();
     for line in output.lines() {
         match line.strip_prefix('#') {
@@ -161,7 +165,7 @@ fn numpy(python: &Path, problem: &Value) -> Result<(f64, Vec<f64>), Box<dyn Erro
     Ok((*seconds, deviations.to_vec()))
 }
 
-fn run(command: &mut Command) -> Result<String, Box<dyn Error>> {
+fn run_and_read_stdout(command: &mut Command) -> Result<String, Box<dyn Error>> {
     let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
     if output.status.success() {
         Ok(String::from_utf8(output.stdout)?)

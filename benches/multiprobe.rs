@@ -10,7 +10,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use estimation::random;
-use estimation::revolutions::{AngleSample, ResampleFilter, Resampled, Resampler, common_revolutions};
+use estimation::revolutions::{AngleSample, ResampleFilter, ResampledChannel, Resampler, common_revolutions};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
@@ -22,56 +22,57 @@ use trued::setup::{self, MachineFile};
 
 mod peer;
 
-use peer::{answer, folder, scipy_python};
+use peer::{run_and_read_numbers, scipy_folder, scipy_python};
 
 /// Number of equal angles in one revolution.
-const POSITIONS: usize = 360;
+const POSITIONS_PER_REVOLUTION: usize = 360;
 /// Number of revolutions at each of the two mountings: 30 s at 120°/s.
-const REVOLUTIONS: i64 = 10;
-const RATE_HZ: f64 = 1e4;
+const REVOLUTIONS_PER_MOUNTING: i64 = 10;
+const SAMPLE_RATE_HZ: f64 = 1e4;
 const FEED_DEG_MIN: f64 = 7200.0;
-const NOISE_MM: f64 = 5e-5;
+const NOISE_STD_MM: f64 = 5e-5;
 const MAX_IDENTIFICATION_S: f64 = 1.0;
-/// Largest difference of resampled values from numpy's, which interpolates the same kernel, mm.
-const TOLERANCE_MM: f64 = 1e-10;
-const SCRIPT: &str = include_str!("multiprobe_numpy.py");
+/// Maximum difference of the resampled values from those of numpy, which interpolates the same kernel, mm.
+const MAX_NUMPY_DIFFERENCE_MM: f64 = 1e-10;
+const NUMPY_SCRIPT: &str = include_str!("multiprobe_numpy.py");
 
-/// Samples of one channel in one rotation.
-struct Turn<'a> {
+/// Samples of one sensor in one rotation step of the plan.
+struct RotationSamples<'a> {
     step: &'a Step,
-    /// Number of the channel, and of the mounting.
-    channel: usize,
-    index: usize,
+    /// Index of the sensor in the plan.
+    channel_index: usize,
+    /// Index of the mounting of the artefact on its stage.
+    mounting_index: usize,
     samples: Vec<AngleSample>,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let file = machine_file()?;
+    let file = eight_sensor_machine_file()?;
     let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None)?;
     let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
-    let turns = turns(&plan);
+    let turns = simulate_rotations(&plan);
     let samples: usize = turns.iter().map(|turn| turn.samples.len()).sum();
     let channels = plan.sensors.len();
     println!("{channels} channels, {} samples each", samples / channels);
 
-    let filter = ResampleFilter::new(POSITIONS);
+    let filter = ResampleFilter::new(POSITIONS_PER_REVOLUTION);
     let start = Instant::now();
-    let all: Vec<Resampled> = turns.iter().map(|turn| resampled(&filter, turn)).collect();
+    let all: Vec<ResampledChannel> = turns.iter().map(|turn| resample_rotation(&filter, turn)).collect();
     let resampling_s = start.elapsed().as_secs_f64();
     println!("trued: {resampling_s:.3} s to filter");
-    let kept = turns.iter().zip(&all).flat_map(|(turn, of)| readings(&plan, turn, of));
+    let kept = turns.iter().zip(&all).flat_map(|(turn, of)| rotation_readings(&plan, turn, of));
     let kept: Vec<Reading> = kept.collect();
     println!("{} readings of {samples} samples", kept.len());
 
-    let (seconds, estimate) = identified(method.as_ref(), &plan, &kept)?;
+    let (seconds, estimate) = time_identification(method.as_ref(), &plan, &kept)?;
     println!("trued: {seconds:.3} s to identify {} parameters", estimate.parameters.len());
     if seconds > MAX_IDENTIFICATION_S {
         return Err(format!("the identification takes more than {MAX_IDENTIFICATION_S} s").into());
     }
-    match scipy_python().and_then(|python| numpy(&python, &turns)) {
+    match scipy_python().and_then(|python| time_numpy_resampling(&python, &turns)) {
         Ok((numpy_s, theirs)) => {
             println!("numpy: {numpy_s:.3} s to filter, ratio {:.1}", numpy_s / resampling_s);
-            compare(&all, &theirs)
+            check_against_numpy(&all, &theirs)
         }
         Err(why) if std::env::var_os("TRUED_REQUIRE_PEERS").is_none() => {
             println!("numpy: skipped, {why}");
@@ -81,13 +82,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
-fn resampled(filter: &ResampleFilter, turn: &Turn) -> Resampled {
+fn resample_rotation(filter: &ResampleFilter, turn: &RotationSamples) -> ResampledChannel {
     let ends_rad = [&turn.step.from, &turn.step.to].map(|end| end.get_or_zero(Axis::C));
-    Resampler::resample_all(filter, ends_rad, &turn.samples)
+    Resampler::resample_scan(filter, ends_rad, &turn.samples)
 }
 
 /// Best of three runs: seconds, and the estimate.
-fn identified(method: &dyn Method, plan: &Plan, readings: &[Reading]) -> Result<(f64, Estimate), Box<dyn Error>> {
+fn time_identification(
+    method: &dyn Method,
+    plan: &Plan,
+    readings: &[Reading],
+) -> Result<(f64, Estimate), Box<dyn Error>> {
     let (mut best, mut last) = (f64::INFINITY, None);
     for _ in 0..3 {
         let start = Instant::now();
@@ -98,7 +103,7 @@ fn identified(method: &dyn Method, plan: &Plan, readings: &[Reading]) -> Result<
 }
 
 /// The built-in machine with an eighth sensor, fast turns and two mountings.
-fn machine_file() -> Result<MachineFile, Box<dyn Error>> {
+fn eight_sensor_machine_file() -> Result<MachineFile, Box<dyn Error>> {
     let mut table: Table = include_str!("../config/multiprobe.toml").parse()?;
     let sensors = table["sensor"].as_array_mut().ok_or("no sensors")?;
     let mut eighth = sensors[0].as_table().ok_or("no sensor")?.clone();
@@ -113,11 +118,11 @@ fn machine_file() -> Result<MachineFile, Box<dyn Error>> {
     let settings = table["method"]["multiprobe"].as_table_mut().ok_or("no settings")?;
     let changes: [(&str, Value); 8] = [
         ("indexes", 2.into()),
-        ("revolutions", REVOLUTIONS.into()),
+        ("revolutions", REVOLUTIONS_PER_MOUNTING.into()),
         ("both_directions", false.into()),
-        ("positions", (POSITIONS as i64).into()),
+        ("positions", (POSITIONS_PER_REVOLUTION as i64).into()),
         ("sampling", "continuous".into()),
-        ("rate_hz", RATE_HZ.into()),
+        ("rate_hz", SAMPLE_RATE_HZ.into()),
         ("feed_deg_min", FEED_DEG_MIN.into()),
         ("monte_carlo_trials", 0.into()),
     ];
@@ -125,31 +130,31 @@ fn machine_file() -> Result<MachineFile, Box<dyn Error>> {
     Ok(MachineFile::parse("multiprobe.toml", toml::to_string(&table)?)?)
 }
 
-/// Every rotation, for each channel.
-fn turns(plan: &Plan) -> Vec<Turn<'_>> {
+/// Simulated samples of every rotation step, for each sensor.
+fn simulate_rotations(plan: &Plan) -> Vec<RotationSamples<'_>> {
     let mut normal = StandardNormal.sample_iter(random::seeded_stream(1, &[1]));
     let steps = plan.steps.iter().filter(|step| step.label.starts_with("index/"));
     let mut turns = Vec::new();
     for (index, step) in steps.enumerate() {
         let [from, to] = [&step.from, &step.to].map(|end| end.get_or_zero(Axis::C));
-        let angle_per_sample = (step.feed_mm_min / 60.0).to_radians() / RATE_HZ;
+        let angle_per_sample = (step.feed_mm_min / 60.0).to_radians() / SAMPLE_RATE_HZ;
         let count = ((to - from) / angle_per_sample) as usize;
         for (channel, sensor) in plan.sensors.iter().enumerate() {
             let sample = |i: usize| {
                 let angle_rad = from + i as f64 * angle_per_sample;
-                let deviation = deviation(sensor.zero_mm, sensor.direction, angle_rad, index);
+                let deviation = displacement_towards_sensor_mm(sensor.zero_mm, sensor.direction, angle_rad, index);
                 let noise: f64 = normal.next().unwrap_or_default();
-                AngleSample { angle_rad, value: NOISE_MM * noise - deviation, is_valid: true }
+                AngleSample { angle_rad, value: NOISE_STD_MM * noise - deviation, is_valid: true }
             };
             let samples = (0..=count).map(sample).collect();
-            turns.push(Turn { step, channel, index, samples });
+            turns.push(RotationSamples { step, channel_index: channel, mounting_index: index, samples });
         }
     }
     turns
 }
 
 /// The readings that a run stores of a rotation.
-fn readings(plan: &Plan, turn: &Turn, of: &Resampled) -> Vec<Reading> {
+fn rotation_readings(plan: &Plan, turn: &RotationSamples, of: &ResampledChannel) -> Vec<Reading> {
     let angle_per_s = (turn.step.feed_mm_min / 60.0).to_radians();
     let from = turn.step.from.get_or_zero(Axis::C);
     let reading = |(angle, value_mm): (f64, Option<f64>)| Reading {
@@ -157,17 +162,17 @@ fn readings(plan: &Plan, turn: &Turn, of: &Resampled) -> Vec<Reading> {
         repeat: 0,
         position: turn.step.from.clone().with(Axis::C, angle),
         value_mm,
-        sensor: plan.sensors[turn.channel].name.clone(),
-        t_s: (angle - from) / angle_per_s + 40.0 * turn.index as f64,
+        sensor: plan.sensors[turn.channel_index].name.clone(),
+        t_s: (angle - from) / angle_per_s + 40.0 * turn.mounting_index as f64,
         flag: ReadingFlag::None,
         temperatures_c: Default::default(),
     };
-    of.points().map(reading).collect()
+    of.angles_and_values().map(reading).collect()
 }
 
 /// Displacement of the surface towards a sensor, mm: motions of the table, which rotates clockwise, and form of the
-/// artefact.
-fn deviation(zero_mm: [f64; 3], direction: [f64; 3], q: f64, index: usize) -> f64 {
+/// artefact. `q`: angle of the table, rad; `index`: index of the mounting.
+fn displacement_towards_sensor_mm(zero_mm: [f64; 3], direction: [f64; 3], q: f64, index: usize) -> f64 {
     let gamma = zero_mm[1].atan2(zero_mm[0]);
     let on_artefact = gamma + q - index as f64 * std::f64::consts::PI;
     if direction[2] < -0.5 {
@@ -180,23 +185,23 @@ fn deviation(zero_mm: [f64; 3], direction: [f64; 3], q: f64, index: usize) -> f6
 }
 
 /// Seconds of numpy, and the first revolution of each rotation of each channel.
-fn numpy(python: &Path, turns: &[Turn]) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
+fn time_numpy_resampling(python: &Path, turns: &[RotationSamples]) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
     let mut bytes = Vec::new();
     for turn in turns {
         bytes.extend((turn.samples.len() as f64).to_le_bytes());
         turn.samples.iter().for_each(|sample| bytes.extend(sample.angle_rad.to_le_bytes()));
         turn.samples.iter().for_each(|sample| bytes.extend(sample.value.to_le_bytes()));
     }
-    let (script, input) = (folder().join("multiprobe.py"), folder().join("multiprobe.bin"));
-    std::fs::write(&script, SCRIPT)?;
+    let (script, input) = (scipy_folder().join("multiprobe.py"), scipy_folder().join("multiprobe.bin"));
+    std::fs::write(&script, NUMPY_SCRIPT)?;
     std::fs::write(&input, bytes)?;
     let mut command = Command::new(python);
-    let mut numbers = answer(command.arg(&script).arg(&input).arg(POSITIONS.to_string()))?;
+    let mut numbers = run_and_read_numbers(command.arg(&script).arg(&input).arg(POSITIONS_PER_REVOLUTION.to_string()))?;
     let seconds = numbers.remove(0);
     Ok((seconds, numbers))
 }
 
-fn compare(all: &[Resampled], theirs: &[f64]) -> Result<(), Box<dyn Error>> {
+fn check_against_numpy(all: &[ResampledChannel], theirs: &[f64]) -> Result<(), Box<dyn Error>> {
     let blocks = all.iter().flat_map(|of| common_revolutions(0, std::slice::from_ref(of)).0);
     let ours: Vec<f64> = blocks.flat_map(|row| row.revolutions[0].clone()).collect();
     let differences: Vec<f64> = ours.iter().zip(theirs).map(|(a, b)| (a - b).abs()).collect();
@@ -205,8 +210,8 @@ fn compare(all: &[Resampled], theirs: &[f64]) -> Result<(), Box<dyn Error>> {
     }
     let worst = differences.iter().copied().fold(0.0, f64::max);
     println!("largest difference from numpy: {worst:.1e} mm");
-    match worst <= TOLERANCE_MM {
+    match worst <= MAX_NUMPY_DIFFERENCE_MM {
         true => Ok(()),
-        false => Err(format!("more than {TOLERANCE_MM:e} mm from numpy").into()),
+        false => Err(format!("more than {MAX_NUMPY_DIFFERENCE_MM:e} mm from numpy").into()),
     }
 }

@@ -10,40 +10,40 @@ use std::process::Command;
 use std::time::Instant;
 
 use estimation::random;
-use estimation::sphere::{Sphere, fit_sphere};
+use estimation::sphere::{FittedSphere, fit_sphere};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 mod peer;
 
-use peer::{answer, folder, scipy_python};
+use peer::{run_and_read_numbers, scipy_folder, scipy_python};
 
-const SAMPLES: usize = 1_000_000;
-const CENTRE_MM: [f64; 3] = [100.0, -50.0, 300.0];
+const SAMPLE_COUNT: usize = 1_000_000;
+const SPHERE_CENTRE_MM: [f64; 3] = [100.0, -50.0, 300.0];
 const SPHERE_RADIUS_MM: f64 = 10.0;
-const NOISE_MM: f64 = 0.5e-3;
+const NOISE_STD_MM: f64 = 0.5e-3;
 /// Maximum angle from the pole at which the beam has an echo.
-const CAP_DEG: f64 = 30.0;
-/// Minimum ratio of the peer's time to ours.
-const LEAST_RATIO: f64 = 10.0;
-const SCRIPT: &str = include_str!("sphere_scipy.py");
+const CAP_HALF_ANGLE_DEG: f64 = 30.0;
+/// Minimum ratio of the time of scipy to the time of `trued`.
+const MIN_SPEEDUP_OVER_SCIPY: f64 = 10.0;
+const SCIPY_SCRIPT: &str = include_str!("sphere_scipy.py");
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let points = samples();
-    let (ours_s, ours) = ours(&points)?;
-    println!("trued: {:.2} ms for the sphere of {SAMPLES} samples", ours_s * 1e3);
+    let points = generate_cap_samples();
+    let (ours_s, ours) = time_sphere_fit(&points)?;
+    println!("trued: {:.2} ms for the sphere of {SAMPLE_COUNT} samples", ours_s * 1e3);
     let found = scipy_python().and_then(|python| {
         let bytes: Vec<u8> = points.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
-        let (script, input) = (folder().join("sphere.py"), folder().join("sphere.f64"));
-        std::fs::write(&script, SCRIPT)?;
+        let (script, input) = (scipy_folder().join("sphere.py"), scipy_folder().join("sphere.f64"));
+        std::fs::write(&script, SCIPY_SCRIPT)?;
         std::fs::write(&input, bytes)?;
         let command = || {
             let mut command = Command::new(&python);
             command.arg(&script).arg(&input);
             command
         };
-        let one = answer(command().env("OPENBLAS_NUM_THREADS", "1"))?;
-        let all = answer(&mut command())?;
+        let one = run_and_read_numbers(command().env("OPENBLAS_NUM_THREADS", "1"))?;
+        let all = run_and_read_numbers(&mut command())?;
         Ok(if one[0] < all[0] { one } else { all })
     });
     let theirs = match found {
@@ -62,14 +62,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let ratio = theirs[0] / ours_s;
     println!("scipy: {:.1} ms\nratio: {ratio:.1}", theirs[0] * 1e3);
-    if ratio < LEAST_RATIO {
-        return Err(format!("less than {LEAST_RATIO} times as fast as scipy").into());
+    if ratio < MIN_SPEEDUP_OVER_SCIPY {
+        return Err(format!("less than {MIN_SPEEDUP_OVER_SCIPY} times as fast as scipy").into());
     }
     Ok(())
 }
 
 /// Best of twenty runs: seconds, and the sphere.
-fn ours(points: &[[f64; 3]]) -> Result<(f64, Sphere), Box<dyn Error>> {
+fn time_sphere_fit(points: &[[f64; 3]]) -> Result<(f64, FittedSphere), Box<dyn Error>> {
     let (mut best, sphere) = (f64::INFINITY, fit_sphere(points)?);
     for _ in 0..20 {
         let start = Instant::now();
@@ -80,15 +80,15 @@ fn ours(points: &[[f64; 3]]) -> Result<(f64, Sphere), Box<dyn Error>> {
 }
 
 /// Samples distributed evenly over the cap.
-fn samples() -> Vec<[f64; 3]> {
+fn generate_cap_samples() -> Vec<[f64; 3]> {
     let mut stream = random::seeded_stream(1, &[3]);
-    let lowest = CAP_DEG.to_radians().cos();
+    let lowest = CAP_HALF_ANGLE_DEG.to_radians().cos();
     let sample = |_| {
         let (z, turn) = (stream.random_range(lowest..1.0), stream.random_range(0.0..TAU));
         let noise: f64 = StandardNormal.sample(&mut stream);
-        let (radius, level) = (SPHERE_RADIUS_MM + NOISE_MM * noise, (1.0 - z * z).sqrt());
+        let (radius, level) = (SPHERE_RADIUS_MM + NOISE_STD_MM * noise, (1.0 - z * z).sqrt());
         let direction = [level * turn.cos(), level * turn.sin(), z];
-        std::array::from_fn(|k| CENTRE_MM[k] + radius * direction[k])
+        std::array::from_fn(|k| SPHERE_CENTRE_MM[k] + radius * direction[k])
     };
-    (0..SAMPLES).map(sample).collect()
+    (0..SAMPLE_COUNT).map(sample).collect()
 }

@@ -1,24 +1,25 @@
-//! Answers of a control, from a capture of a run, for a control that computes nothing.
+//! Reads the answers of a control from a capture of a run, for a control that replays them.
 
 use std::collections::BTreeMap;
 
-/// Length of the status block, registers; index of the chunk's sequence in the command block (docs/line-window.md).
-pub const STATUS: usize = 45;
-const SEQUENCE: usize = 1;
+/// Length of the status block, registers (docs/line-window.md).
+pub const STATUS_REGISTER_COUNT: usize = 45;
+/// Register of the chunk's sequence number in the command block.
+const CHUNK_SEQUENCE_REGISTER: usize = 1;
 
-/// Bytes with their direction: `>` to the control, `<` from the control.
-fn passed(capture: &str) -> Vec<(char, Vec<u8>)> {
+/// Bytes of a capture with their direction: `>` to the control, `<` from the control.
+fn bytes_with_direction(capture: &str) -> Vec<(char, Vec<u8>)> {
     let lines = capture.lines().filter(|line| !line.starts_with('#'));
     let cut = lines.filter_map(|line| {
         let mut parts = line.splitn(4, ' ').skip(2);
         let mark = parts.next()?.chars().next()?;
-        Some((mark, bytes(parts.next()?)))
+        Some((mark, unescape_ascii(parts.next()?)))
     });
     cut.filter(|(mark, _)| *mark != '=').collect()
 }
 
 /// The inverse of `u8::escape_ascii`.
-fn bytes(text: &str) -> Vec<u8> {
+fn unescape_ascii(text: &str) -> Vec<u8> {
     let mut rest = text.bytes();
     let mut found = Vec::new();
     while let Some(byte) = rest.next() {
@@ -40,32 +41,32 @@ fn bytes(text: &str) -> Vec<u8> {
 }
 
 /// Requests a report with all fields from a grbl control.
-pub const ASK_FULL: u8 = 0x87;
+pub const FULL_REPORT_REQUEST: u8 = 0x87;
 
-/// A line to a grbl control and the answers to it; then the reports, which `?` and [`ASK_FULL`] request.
+/// A line to a grbl control, the answers to it, and the status reports that `?` and 0x87 request after it.
 #[derive(Clone, Default)]
-pub struct Exchange {
+pub struct GrblExchange {
     pub line: Vec<u8>,
     pub replies: Vec<u8>,
     pub report: Vec<u8>,
     pub full_report: Vec<u8>,
 }
 
-/// The first exchange has no line: it is the control's identification.
-pub fn grbl(capture: &str) -> Vec<Exchange> {
-    let mut all = vec![Exchange::default()];
+/// Exchanges with a grbl control. The first has no line: its replies are the control's identification.
+pub fn grbl_exchanges(capture: &str) -> Vec<GrblExchange> {
+    let mut all = vec![GrblExchange::default()];
     let (mut sent, mut came) = (Vec::new(), Vec::new());
-    for (mark, bytes) in passed(capture) {
+    for (mark, bytes) in bytes_with_direction(capture) {
         if mark == '>' {
             for byte in bytes {
-                if matches!(byte, b'?' | ASK_FULL) && sent.is_empty() {
+                if matches!(byte, b'?' | FULL_REPORT_REQUEST) && sent.is_empty() {
                     continue;
                 }
                 sent.push(byte);
                 if byte == b'\n' {
                     let line = std::mem::take(&mut sent);
                     let before = all.last().unwrap().clone();
-                    all.push(Exchange { line, replies: Vec::new(), ..before });
+                    all.push(GrblExchange { line, replies: Vec::new(), ..before });
                 }
             }
             continue;
@@ -87,25 +88,25 @@ pub fn grbl(capture: &str) -> Vec<Exchange> {
     all
 }
 
-/// Status of a Modbus control after each chunk; key 0: before the first chunk.
-pub fn modbus(capture: &str) -> BTreeMap<u16, Vec<u16>> {
+/// Status block of a Modbus control by the sequence number of the last chunk; 0: before the first chunk.
+pub fn modbus_status_by_sequence(capture: &str) -> BTreeMap<u16, Vec<u16>> {
     let (mut sent, mut came) = (Vec::new(), Vec::new());
     let (mut sequence, mut found) = (0, BTreeMap::new());
-    for (mark, bytes) in passed(capture) {
+    for (mark, bytes) in bytes_with_direction(capture) {
         if mark == '>' {
             sent.extend(bytes);
-            while let Some(frame) = frame(&mut sent) {
+            while let Some(frame) = take_modbus_frame(&mut sent) {
                 let values = frame.get(13..).unwrap_or_default();
-                if frame[7] == 16 && word(&frame, 8) == SEQUENCE as u16 && values.len() == 2 {
-                    sequence = word(values, 0);
+                if frame[7] == 16 && read_u16_be(&frame, 8) == CHUNK_SEQUENCE_REGISTER as u16 && values.len() == 2 {
+                    sequence = read_u16_be(values, 0);
                 }
             }
             continue;
         }
         came.extend(bytes);
-        while let Some(frame) = frame(&mut came) {
-            if frame[7] == 4 && usize::from(frame[8]) == 2 * STATUS {
-                let words = frame[9..].chunks(2).map(|pair| word(pair, 0));
+        while let Some(frame) = take_modbus_frame(&mut came) {
+            if frame[7] == 4 && usize::from(frame[8]) == 2 * STATUS_REGISTER_COUNT {
+                let words = frame[9..].chunks(2).map(|pair| read_u16_be(pair, 0));
                 found.insert(sequence, words.collect());
             }
         }
@@ -113,13 +114,13 @@ pub fn modbus(capture: &str) -> BTreeMap<u16, Vec<u16>> {
     found
 }
 
-/// A complete Modbus TCP frame from the beginning of `bytes`: a header of six bytes, of which the last two give the
-/// number of bytes that follow.
-pub fn frame(bytes: &mut Vec<u8>) -> Option<Vec<u8>> {
+/// Removes a complete Modbus TCP frame from the beginning of `bytes`: a header of six bytes, of which the last two
+/// give the number of bytes that follow.
+pub fn take_modbus_frame(bytes: &mut Vec<u8>) -> Option<Vec<u8>> {
     let end = 6 + usize::from(u16::from_be_bytes([*bytes.get(4)?, *bytes.get(5)?]));
     (bytes.len() >= end).then(|| bytes.drain(..end).collect())
 }
 
-pub fn word(bytes: &[u8], at: usize) -> u16 {
+pub fn read_u16_be(bytes: &[u8], at: usize) -> u16 {
     u16::from_be_bytes([bytes[at], bytes[at + 1]])
 }

@@ -5,8 +5,8 @@ use serde::Serialize;
 use crate::store::{Journal, RunId, RunSummary, StoreError, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step, StepKind};
-use methods::decision::difference::{ParameterDifference, common_sources, parameter_differences};
 use methods::decision::function_difference::{FunctionDifference, function_differences};
+use methods::decision::parameter_difference::{ParameterDifference, common_sources, parameter_differences};
 
 #[derive(Debug, thiserror::Error)]
 pub enum CompareError {
@@ -63,27 +63,27 @@ pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<Co
     let (of_one, of_other) = (last(&one)?, last(&other)?);
     let common_sources = if is_same_setup(&one, &other) { common_sources(&of_one, &of_other) } else { Vec::new() };
     let differences = parameter_differences(&of_one, &of_other, &common_sources);
-    let functions = function_differences(&of_one, &of_other, largest_k([&of_one, &of_other]));
-    let unit_differences = unit_differences(&of_one, &of_other);
-    let mut besides = setup_differences(&one, &other);
+    let functions = function_differences(&of_one, &of_other, largest_coverage_factor([&of_one, &of_other]));
+    let unit_differences = symbols_with_different_units(&of_one, &of_other);
+    let mut besides = describe_setup_differences(&one, &other);
     let runs = [one.summary, other.summary];
     if differences.is_empty() && functions.is_empty() {
-        return Err(not_comparable(runs, &unit_differences));
+        return Err(not_comparable_error(runs, &unit_differences));
     }
     if !functions.is_empty() && of_one.gauge != of_other.gauge {
         let gauges = [(first, &of_one), (second, &of_other)];
         let line = |(run, of): (RunId, &Estimate)| format!("convention of run {run}: {}", of.gauge.join("; "));
         besides.extend(gauges.map(line));
     }
-    besides.extend(height_differences(&of_one, &of_other));
+    besides.extend(describe_height_differences(&of_one, &of_other));
     if !unit_differences.is_empty() {
         besides.push(format!("the two runs have different units for {}", unit_differences.join(", ")));
     }
     Ok(Comparison { runs, differences, functions, common_sources, besides })
 }
 
-/// Maximum difference of equal heights, mm.
-const SAME_HEIGHT_MM: f64 = 0.5;
+/// Maximum difference of two heights that count as equal, mm.
+const SAME_HEIGHT_TOLERANCE_MM: f64 = 0.5;
 
 /// Whether both runs have the same set-up. A sensor or sphere that a person mounts has another offset each
 /// time.
@@ -99,14 +99,14 @@ fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
 }
 
 /// Largest coverage factor of the parameters, as in the report: functions state u alone.
-fn largest_k(estimates: [&Estimate; 2]) -> f64 {
+fn largest_coverage_factor(estimates: [&Estimate; 2]) -> f64 {
     let parameters = estimates.into_iter().flat_map(|estimate| &estimate.parameters);
     let finite = parameters.filter(|p| p.identifiable && p.k.is_finite());
     finite.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0)
 }
 
 /// Symbols of parameters and functions of both estimates whose units differ.
-fn unit_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
+fn symbols_with_different_units(one: &Estimate, other: &Estimate) -> Vec<String> {
     let parameters = one
         .parameters
         .iter()
@@ -118,13 +118,13 @@ fn unit_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
     parameters.map(|p| p.symbol.clone()).chain(functions.map(|f| f.symbol.clone())).collect()
 }
 
-/// Functions at different heights: displacements of a tilting axis depend on the height.
-fn height_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
+/// Sentences about functions at different heights: displacements of a tilting axis depend on the height.
+fn describe_height_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
     let differing = one.functions.iter().filter_map(|function| {
         let same = other.functions.iter().find(|other| other.symbol == function.symbol)?;
         let [a, b] = [function, same].map(|function| function.at_mm.map(|at_mm| at_mm[2]));
         let is_same = match (a, b) {
-            (Some(a), Some(b)) => (a - b).abs() <= SAME_HEIGHT_MM,
+            (Some(a), Some(b)) => (a - b).abs() <= SAME_HEIGHT_TOLERANCE_MM,
             (a, b) => a == b,
         };
         let height = |z: Option<f64>| z.map_or("point_mm".to_owned(), |z| format!("Z = {z:.1} mm"));
@@ -139,7 +139,7 @@ fn height_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
     differing.collect()
 }
 
-fn not_comparable([one, other]: [RunSummary; 2], unit_differences: &[String]) -> CompareError {
+fn not_comparable_error([one, other]: [RunSummary; 2], unit_differences: &[String]) -> CompareError {
     if unit_differences.is_empty() {
         return CompareError::NothingInCommon(Box::new(one), Box::new(other));
     }
@@ -147,11 +147,11 @@ fn not_comparable([one, other]: [RunSummary; 2], unit_differences: &[String]) ->
     CompareError::DifferentUnits { first: one.id, second: other.id, symbols }
 }
 
-fn setup_differences(one: &StoredRun, other: &StoredRun) -> Vec<String> {
+fn describe_setup_differences(one: &StoredRun, other: &StoredRun) -> Vec<String> {
     let differences = [
         (one.summary.machine != other.summary.machine, "the runs are from different machines"),
         (one.summary.method != other.summary.method, "the runs have different methods"),
-        (one.config != other.config, "the machine file was changed between the runs"),
+        (one.machine_file_text != other.machine_file_text, "the machine file was changed between the runs"),
         (one.plan.settings != other.plan.settings, "the runs have different settings of the method"),
         (one.plan.artefact != other.plan.artefact, "the runs have different data of the artefact"),
     ];
@@ -164,7 +164,7 @@ mod tests {
 
     use super::*;
 
-    fn estimate(at_mm: Option<[f64; 3]>) -> Estimate {
+    fn estimate_with_displacement_point(at_mm: Option<[f64; 3]>) -> Estimate {
         let estimate: Estimate = serde_json::from_value(json!({
             "trued_estimate": 1, "method": "r-test", "parameters": [], "gauge": [], "warnings": [],
             "functions": [{"symbol": "EXC", "argument": "C", "argument_unit": "deg", "x": [0.0], "unit": "um",
@@ -178,15 +178,21 @@ mod tests {
     }
 
     #[test]
-    fn different_heights_are_reported() {
-        let [here, near, high] = [60.0, 60.3, 120.0].map(|z| estimate(Some([0.0, 0.0, z])));
-        assert!(height_differences(&here, &near).is_empty());
-        assert!(height_differences(&estimate(None), &estimate(None)).is_empty());
-        let said = height_differences(&here, &high);
+    fn functions_at_different_heights_are_reported() {
+        let [here, near, high] = [60.0, 60.3, 120.0].map(|z| estimate_with_displacement_point(Some([0.0, 0.0, z])));
+        assert!(describe_height_differences(&here, &near).is_empty());
+        assert!(
+            describe_height_differences(
+                &estimate_with_displacement_point(None),
+                &estimate_with_displacement_point(None)
+            )
+            .is_empty()
+        );
+        let said = describe_height_differences(&here, &high);
         assert!(
             said[0].starts_with("EXC refers to Z = 60.0 mm in one run and to Z = 120.0 mm in the other"),
             "{said:?}"
         );
-        assert!(height_differences(&here, &estimate(None))[0].contains("point_mm"));
+        assert!(describe_height_differences(&here, &estimate_with_displacement_point(None))[0].contains("point_mm"));
     }
 }

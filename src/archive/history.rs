@@ -1,4 +1,4 @@
-//! Values of a machine over its runs.
+//! Identified parameters of a machine over its runs, with their trends and charts.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
 use crate::report::{self, IndividualsChart};
-use crate::store::{Journal, MeasuredRun, RunId, StoreError};
+use crate::store::{FinishedRunResult, Journal, RunId, StoreError};
 use machine::record::estimate::{Parameter, ParameterLimit, Unit};
 use machine::record::reading::Temperatures;
 use methods::decision::trend::{self, ChangeKind, NamedTrend, Trend, TrendPoint};
@@ -38,22 +38,22 @@ pub struct ParameterSeries {
 }
 
 /// Maximum number of runs of each method in a history: twice the number that is searched for changes.
-const MAX_RUNS: u32 = 200;
+const MAX_RUNS_PER_METHOD: u32 = 200;
 
-/// All series of `machine` over the newest `MAX_RUNS` finished runs of each method, grouped by method, in the
-/// order of their first value.
+/// All series of `machine` over the newest `MAX_RUNS_PER_METHOD` finished runs of each method, grouped by method, in
+/// the order of their first value.
 ///
 /// # Errors
 /// The journal cannot be read.
 pub fn machine_history(
     journal: &Journal,
     machine: &str,
-    tolerance: &[ParameterLimit],
+    limits: &[ParameterLimit],
 ) -> Result<Vec<ParameterSeries>, StoreError> {
     let mut all: Vec<ParameterValues> = Vec::new();
-    journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_run_values(&mut all, measured))?;
+    journal.visit_finished_run_results(machine, MAX_RUNS_PER_METHOD, |measured| add_run_values(&mut all, measured))?;
     all.sort_by(|one, other| one.method.cmp(&other.method));
-    Ok(all.into_iter().map(|parameter| parameter.into_series(tolerance)).collect())
+    Ok(all.into_iter().map(|parameter| parameter.into_series(limits)).collect())
 }
 
 /// Values of one parameter so far.
@@ -64,8 +64,8 @@ struct ParameterValues {
     values: Vec<RunParameter>,
 }
 
-fn add_run_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
-    let MeasuredRun { run, started, method, parameters, temperatures_c } = measured;
+fn add_run_values(all: &mut Vec<ParameterValues>, measured: FinishedRunResult) {
+    let FinishedRunResult { run, started, method, parameters, temperatures_c } = measured;
     let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
     for parameter in parameters.into_iter().filter(known) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
@@ -78,12 +78,14 @@ fn add_run_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
 }
 
 impl ParameterValues {
-    fn into_series(self, tolerance: &[ParameterLimit]) -> ParameterSeries {
+    fn into_series(self, limits: &[ParameterLimit]) -> ParameterSeries {
         let Self { method, symbol, unit, values } = self;
-        let point =
-            |value: &RunParameter| TrendPoint { t_s: value.started.as_duration().as_secs_f64(), value: value.value };
+        let point = |value: &RunParameter| TrendPoint {
+            measurement_time_s: value.started.as_duration().as_secs_f64(),
+            value: value.value,
+        };
         let trend = Trend::from_points(values.iter().map(point).collect());
-        let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
+        let limit = limits.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
         ParameterSeries { method, symbol, unit, tolerance: limit.map(|limit| limit.limit), values, trend }
     }
 }
@@ -115,12 +117,12 @@ pub fn draw_series_chart(series: &ParameterSeries, now: Timestamp) -> Option<Str
     let from = steps.clone().map(|step| step.first).max().unwrap_or(0);
     let figure = IndividualsChart {
         symbol: series.symbol.clone(),
-        values: values.iter().map(|v| [before_s(v.started), v.value, v.expanded]).collect(),
-        limits: series.trend.individuals.map(|chart| {
-            let [lower, upper] = chart.limits();
+        times_values_and_expanded_u: values.iter().map(|v| [before_s(v.started), v.value, v.expanded]).collect(),
+        control_limits_and_first_index: series.trend.individuals.map(|chart| {
+            let [lower, upper] = chart.control_limits();
             ([lower, chart.centre, upper], from)
         }),
-        steps: steps.filter_map(|step| between(step.first)).collect(),
+        step_times_s: steps.filter_map(|step| between(step.first)).collect(),
         tolerance: series.tolerance,
         temperatures: thermometer_series(values, before_s),
     };
@@ -128,7 +130,7 @@ pub fn draw_series_chart(series: &ParameterSeries, now: Timestamp) -> Option<Str
 }
 
 /// Temperatures of each thermometer with a value in `values`.
-fn thermometer_series(values: &[RunParameter], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
+fn thermometer_series(values: &[RunParameter], before_s: impl Fn(Timestamp) -> f64) -> report::TemperatureCurves {
     let named = values.iter().flat_map(|value| value.temperatures_c.iter());
     let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
     let of = |name: &str| {
@@ -138,10 +140,11 @@ fn thermometer_series(values: &[RunParameter], before_s: impl Fn(Timestamp) -> f
     names.into_iter().map(of).collect()
 }
 
-/// Values at the times at which they can have been measured, see [`Trend::of`].
+/// Values at the times at which they can have been measured, see [`Trend::from_points`].
 fn values_with_monotonic_times(series: &ParameterSeries) -> Vec<RunParameter> {
-    let at =
-        |point: &TrendPoint| Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default();
+    let at = |point: &TrendPoint| {
+        Timestamp::from_duration(SignedDuration::from_secs_f64(point.measurement_time_s)).unwrap_or_default()
+    };
     let both = series.values.iter().zip(&series.trend.points);
     both.map(|(value, point)| RunParameter { started: at(point), ..value.clone() }).collect()
 }

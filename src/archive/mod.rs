@@ -5,7 +5,7 @@ pub mod compare;
 pub mod history;
 pub mod report;
 pub mod run_story;
-mod volume;
+mod volumetric_error;
 
 #[cfg(test)]
 mod tests;

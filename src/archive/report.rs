@@ -1,7 +1,7 @@
 //! Report of a stored run.
 
-use super::run_story::{describe_signatures, run_story};
-use super::volume::volumetric_error_maps;
+use super::run_story::{describe_events_with_times, describe_signatures};
+use super::volumetric_error::volumetric_error_maps;
 use crate::report::{page, temperature};
 use crate::store::{Journal, RunId, StoreError};
 use machine::record::event::Event;
@@ -36,23 +36,23 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
     let stored = journal.load_run(run)?;
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
     let facts = page::ReportFacts {
-        run: run.to_string(),
-        started: stored.summary.started.to_string(),
+        run_id: run.to_string(),
+        start_time: stored.summary.started.to_string(),
         program_version: last.program_version.clone(),
-        hashes: vec![
+        sha256_by_item: vec![
             ("machine file".to_owned(), stored.summary.config_sha256.clone()),
             ("plan".to_owned(), stored.summary.plan_sha256.clone()),
             ("estimate".to_owned(), last.sha256.clone()),
         ],
-        readings: stored.readings.len(),
-        temperatures: temperature::temperature_rows(&stored.readings),
-        state: stored.summary.state.as_str().to_owned(),
-        story: run_story(&stored),
-        signed: Some(describe_signatures(&stored)),
-        volume: volumetric_error_maps(&stored.plan.machine, &last.estimate),
-        proofs: stored.events.iter().filter_map(|(_, event)| stage_proof(event)).collect(),
+        reading_count: stored.readings.len(),
+        temperature_rows: temperature::temperature_rows(&stored.readings),
+        run_state: stored.summary.state.as_str().to_owned(),
+        events_with_times: describe_events_with_times(&stored),
+        signatures: Some(describe_signatures(&stored)),
+        volume_texts_and_maps: volumetric_error_maps(&stored.plan.machine, &last.estimate),
+        stage_proofs: stored.events.iter().filter_map(|(_, event)| stage_proof(event)).collect(),
     };
-    Ok(page::render(&stored.plan, &last.estimate, &facts)?)
+    Ok(page::render_result_page(&stored.plan, &last.estimate, &facts)?)
 }
 
 fn stage_proof(event: &Event) -> Option<Proof> {

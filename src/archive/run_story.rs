@@ -1,11 +1,11 @@
-//! Events of a stored run, in words.
+//! Describes the events of a stored run, its end and the next possible action, in words.
 
 use crate::store::{RunId, RunState, RunSummary, Signature, StoredRun};
 use machine::record::event::Event;
 use machine::record::machine::Homing;
 
-/// Stops, faults and acknowledgements of a run, each with its time.
-pub fn run_story(stored: &StoredRun) -> Vec<(String, String)> {
+/// Stops, faults, prompts, acknowledgements and signatures of a run: the time and the text of each.
+pub fn describe_events_with_times(stored: &StoredRun) -> Vec<(String, String)> {
     let told = |event: &Event| match event {
         Event::Held { reason } => Some(format!("held: {reason}")),
         Event::Faulted { what, .. } => Some(format!("fault: {what}")),

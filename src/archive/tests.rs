@@ -1,7 +1,7 @@
 use super::compare::{CompareError, compare_runs};
 use super::history::{draw_series_chart, machine_history};
 use super::report::render_report;
-use super::run_story::{describe_signatures, may_have_lost_position, run_story};
+use super::run_story::{describe_events_with_times, describe_signatures, may_have_lost_position};
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
 use machine::record::estimate::{Estimate, Parameter, ParameterLimit, Unit};
 use machine::record::plan::Plan;
@@ -16,7 +16,7 @@ pub fn plan(method: &str, machine: &str) -> Plan {
     .unwrap()
 }
 
-fn estimate(values: &[(&str, f64, bool)]) -> Estimate {
+fn estimate_with_parameters(values: &[(&str, f64, bool)]) -> Estimate {
     let parameter = |(symbol, value, identifiable): &(&str, f64, bool)| Parameter {
         symbol: (*symbol).to_owned(),
         value: *value,
@@ -48,14 +48,14 @@ fn history_has_the_last_estimate_of_each_finished_run() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = |method: &str, machine: &str, state, estimates: &[Estimate]| -> RunId {
-        let new = NewRun { config: String::new(), plan: plan(method, machine) };
+        let new = NewRun { machine_file_text: String::new(), plan: plan(method, machine) };
         let id = journal.begin_run(&new).wait().unwrap();
         estimates.iter().for_each(|it| drop(journal.add_estimate(id, it).wait().unwrap()));
         journal.set_state(id, state).wait().unwrap();
         id
     };
     let finished = RunState::Finished;
-    let one = |value| estimate(&[("EX0C", value, true), ("EZ0C", 9.0, false)]);
+    let one = |value| estimate_with_parameters(&[("EX0C", value, true), ("EZ0C", 9.0, false)]);
     let first = run("samba", "mill", finished, &[one(1.0), one(2.0)]);
     run("samba", "lathe", finished, &[one(3.0)]);
     run("samba", "mill", RunState::Held, &[one(4.0)]);
@@ -79,7 +79,7 @@ fn history_has_the_last_estimate_of_each_finished_run() {
     assert_eq!(told, ["laser-r-test EX0C 5:5", wanted.as_str()]);
     // The newest runs of each method, limited in number.
     let mut newest = Vec::new();
-    journal.visit_measured_runs("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
+    journal.visit_finished_run_results("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
     let laser = RunId(last.0 - 1);
     assert_eq!(newest, [("laser-r-test".to_owned(), laser), ("samba".to_owned(), last)]);
 }
@@ -91,17 +91,17 @@ fn run_with_a_wrong_date_keeps_its_order_of_measurement() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     for number in 0..13 {
-        let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
+        let new = NewRun { machine_file_text: String::new(), plan: plan("samba", "mill") };
         let id = journal.begin_run(&new).wait().unwrap();
         let value = if number == 12 { 400.0 } else { 3.0 + 0.1 * f64::from(number % 3) };
-        journal.add_estimate(id, &estimate(&[("EX0C", value, true)])).wait().unwrap();
+        journal.add_estimate(id, &estimate_with_parameters(&[("EX0C", value, true)])).wait().unwrap();
         journal.set_state(id, RunState::Finished).wait().unwrap();
     }
     let raw = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();
     raw.execute("UPDATE runs SET started = '1970-01-01T00:01:00Z' WHERE id = 13", []).unwrap();
     let series = machine_history(&journal, "mill", &[]).unwrap().remove(0);
-    assert_eq!(series.trend.is_outside_limits(), Some(true));
-    assert!(series.trend.individuals.unwrap().limits()[1] < 10.0, "{:?}", series.trend.individuals);
+    assert_eq!(series.trend.is_newest_value_outside_limits(), Some(true));
+    assert!(series.trend.individuals.unwrap().control_limits()[1] < 10.0, "{:?}", series.trend.individuals);
     let svg = draw_series_chart(&series, jiff::Timestamp::now()).unwrap();
     // Not 56 years wide: all runs were measured within this test.
     assert!(svg.contains("seconds before now") || svg.contains("minutes before now"), "{svg}");
@@ -112,7 +112,7 @@ fn run_with_a_wrong_date_keeps_its_order_of_measurement() {
 fn signature_applies_to_the_signed_estimate_only() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
+    let new = NewRun { machine_file_text: String::new(), plan: plan("samba", "mill") };
     let run = journal.begin_run(&new).wait().unwrap();
     let sign = |who: &str, hash: &str| {
         let signature =
@@ -121,15 +121,15 @@ fn signature_applies_to_the_signed_estimate_only() {
     };
     let by = || journal.runs().unwrap()[0].signed.clone();
     let told = || describe_signatures(&journal.load_run(run).unwrap());
-    let first = journal.add_estimate(run, &estimate(&[("EX0C", 1.0, true)])).wait().unwrap();
+    let first = journal.add_estimate(run, &estimate_with_parameters(&[("EX0C", 1.0, true)])).wait().unwrap();
     assert_eq!((by(), told()), (None, Vec::new()));
     sign("Ada", &first);
     sign("Lise", &first);
     assert_eq!(by().as_deref(), Some("Lise"));
     assert!(told().len() == 2 && told()[0].starts_with("by Ada (as ever) on 20"), "{:?}", told());
-    journal.add_estimate(run, &estimate(&[("EX0C", 2.0, true)])).wait().unwrap();
+    journal.add_estimate(run, &estimate_with_parameters(&[("EX0C", 2.0, true)])).wait().unwrap();
     assert_eq!((by(), told()), (None, Vec::new()));
-    let story = run_story(&journal.load_run(run).unwrap());
+    let story = describe_events_with_times(&journal.load_run(run).unwrap());
     assert!(story[1].1.starts_with("signed (an earlier estimate) by Lise"), "{story:?}");
     let html = render_report(&journal, run).unwrap();
     assert!(html.contains("Not signed."));
@@ -146,10 +146,10 @@ fn runs_are_compared_in_common_parameters() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = |method: &str, config: &str, value: Option<f64>| -> RunId {
-        let new = NewRun { config: config.to_owned(), plan: plan(method, "mill") };
+        let new = NewRun { machine_file_text: config.to_owned(), plan: plan(method, "mill") };
         let id = journal.begin_run(&new).wait().unwrap();
         if let Some(value) = value {
-            let estimate = estimate(&[("EX0C", value, true), ("EY0C", 3.0, true)]);
+            let estimate = estimate_with_parameters(&[("EX0C", value, true), ("EY0C", 3.0, true)]);
             journal.add_estimate(id, &estimate).wait().unwrap();
         }
         id
@@ -164,18 +164,18 @@ fn runs_are_compared_in_common_parameters() {
     assert_eq!(methods.differences.len(), 2);
     assert_eq!(methods.besides, ["the runs have different methods"]);
     let add = |estimate: &Estimate| -> RunId {
-        let new = NewRun { config: "a".to_owned(), plan: plan("samba", "mill") };
+        let new = NewRun { machine_file_text: "a".to_owned(), plan: plan("samba", "mill") };
         let id = journal.begin_run(&new).wait().unwrap();
         journal.add_estimate(id, estimate).wait().unwrap();
         id
     };
-    let nothing = add(&estimate(&[("EA0B", 1.0, true)]));
+    let nothing = add(&estimate_with_parameters(&[("EA0B", 1.0, true)]));
     assert!(matches!(compare_runs(&journal, one, nothing), Err(CompareError::NothingInCommon(..))));
-    let mut mm = estimate(&[("EX0C", 1.0, true)]);
+    let mut mm = estimate_with_parameters(&[("EX0C", 1.0, true)]);
     mm.parameters[0].unit = Unit::Mm;
     let units = compare_runs(&journal, one, add(&mm)).unwrap_err();
     assert!(units.to_string().ends_with("have different units: EX0C"), "{units}");
-    mm.parameters.push(estimate(&[("EY0C", 3.0, true)]).parameters.remove(0));
+    mm.parameters.push(estimate_with_parameters(&[("EY0C", 3.0, true)]).parameters.remove(0));
     let some = compare_runs(&journal, one, add(&mm)).unwrap();
     assert_eq!(some.differences.len(), 1);
     assert_eq!(some.besides, ["the two runs have different units for EX0C"]);
@@ -193,7 +193,7 @@ fn axis_without_homing_switch_may_lose_its_zero_at_any_stop() {
             "acceleration_per_s2": 1.0, "homing": homing});
         let mut plan = plan("samba", "mill");
         plan.machine.axes.insert(machine::Axis::C, serde_json::from_value(axis).unwrap());
-        let id = journal.begin_run(&NewRun { config: String::new(), plan }).wait().unwrap();
+        let id = journal.begin_run(&NewRun { machine_file_text: String::new(), plan }).wait().unwrap();
         may_have_lost_position(&journal.load_run(id).unwrap())
     };
     assert_eq!([lost("none"), lost("switch")], [true, false]);

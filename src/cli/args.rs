@@ -71,7 +71,7 @@ pub enum Command {
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub enum Speed {
+pub enum SimulationSpeed {
     /// The simulated machine runs in real time.
     Real,
     /// The simulated machine runs as fast as the computer allows.
@@ -120,7 +120,7 @@ pub struct OutputArgs {
     pub capture: Option<PathBuf>,
     /// Speed of the simulated machine, by default `fast`; without effect on a real machine.
     #[arg(long, value_enum)]
-    pub speed: Option<Speed>,
+    pub speed: Option<SimulationSpeed>,
 }
 
 #[derive(Debug, Args)]
@@ -133,7 +133,7 @@ pub struct CheckArgs {
     pub json: bool,
     /// Speed of the simulated machine; without effect on a real machine.
     #[arg(long, value_enum, default_value = "fast")]
-    pub speed: Speed,
+    pub speed: SimulationSpeed,
 }
 
 #[derive(Debug, Args)]
@@ -149,7 +149,7 @@ pub struct ServeArgs {
     #[arg(long)]
     pub check: bool,
     #[arg(long, value_enum, default_value = "fast")]
-    pub speed: Speed,
+    pub speed: SimulationSpeed,
     /// Write every byte of the device links to one file per run: FILE with the number of the run before the
     /// file extension.
     #[arg(long, value_name = "FILE")]
@@ -287,7 +287,7 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "SEED")]
     pub faults: Option<u64>,
     #[arg(long, value_enum, default_value = "fast")]
-    pub speed: Speed,
+    pub speed: SimulationSpeed,
 }
 
 #[derive(Debug, Args)]

@@ -7,11 +7,11 @@ use super::args::CheckArgs;
 use super::failure::Failure;
 use super::files::state_folder;
 use super::run::build_runtime;
-use super::signals::stop_on_signals;
+use super::signals::start_signal_halt_thread;
 use super::terminal::TerminalOperator;
 use super::{ExitStatus, show};
 use crate::commissioning::{
-    CheckFinding, CheckStop, CheckSummary, MachineCheck, NoOperator, OperatorInterface, Verdict,
+    CheckFinding, CheckStop, CheckSummary, CheckVerdict, MachineCheck, NoOperator, OperatorInterface,
 };
 use crate::setup::{self, ReopenableMachine};
 use crate::store::{Journal, MachineLock};
@@ -24,24 +24,25 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     let folder = state_folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
-    journal.mark_interrupted(&lock).wait()?;
-    let site = ReopenableMachine::new(&machine)?;
+    journal.mark_running_runs_interrupted(&lock).wait()?;
+    let reopenable_machine = ReopenableMachine::new(&machine)?;
     let stop = CheckStop::default();
-    stop_on_signals(stop.halt())?;
-    let mut person = select_operator(&site, &stop);
-    let mut tell = |finding: &CheckFinding| {
+    start_signal_halt_thread(stop.halt_handle())?;
+    let mut operator = select_operator(&reopenable_machine, &stop);
+    let mut on_finding = |finding: &CheckFinding| {
         if args.json { errln!("{finding}") } else { outln!("{finding}") }
     };
     let pace = args.speed.into();
-    let check = MachineCheck::new(&machine, &site, pace, &journal, person.as_mut(), stop, &mut tell);
+    let operator = operator.as_mut();
+    let check = MachineCheck::new(&machine, &reopenable_machine, pace, &journal, operator, stop, &mut on_finding);
     let summary = build_runtime()?.block_on(check.run_all_parts());
     print_summary(&summary, args.json)?;
     Ok(exit_code(&summary))
 }
 
 /// The simulated operator of a simulated machine, the operator at the terminal, or no operator.
-fn select_operator(site: &ReopenableMachine<'_>, stop: &CheckStop) -> Box<dyn OperatorInterface> {
-    match site.simulated_operator() {
+fn select_operator(reopenable_machine: &ReopenableMachine<'_>, stop: &CheckStop) -> Box<dyn OperatorInterface> {
+    match reopenable_machine.simulated_operator() {
         Some(simulated_operator) => Box::new(simulated_operator),
         None if std::io::stdin().is_terminal() => Box::new(TerminalOperator::new(stop.clone())),
         None => {
@@ -62,7 +63,7 @@ fn print_summary(summary: &CheckSummary, json: bool) -> Result<(), Failure> {
 fn exit_code(summary: &CheckSummary) -> ExitStatus {
     match summary {
         _ if summary.stopped => ExitStatus::Stopped,
-        _ if summary.finding_count(Verdict::Failed) > 0 => ExitStatus::Error,
+        _ if summary.finding_count(CheckVerdict::Failed) > 0 => ExitStatus::Error,
         _ => ExitStatus::Pass,
     }
 }

@@ -8,8 +8,8 @@ use super::result_args::CompareArgs;
 use super::{ExitStatus, show};
 use crate::archive::compare::{CompareError, Comparison, compare_runs};
 use crate::store::{Journal, RunId};
-use methods::decision::difference::ParameterDifference;
 use methods::decision::function_difference::FunctionDifference;
+use methods::decision::parameter_difference::ParameterDifference;
 
 impl From<CompareError> for Failure {
     fn from(error: CompareError) -> Self {
@@ -35,8 +35,8 @@ fn print_comparison(comparison: &Comparison) {
     for words in besides {
         outln!("note: {words}");
     }
-    print_parameters(differences);
-    print_functions(functions);
+    print_parameter_differences(differences);
+    print_function_differences(functions);
     let common = match common_sources.as_slice() {
         [] => "none: the results are treated as independent".to_owned(),
         names => format!("{} (fully correlated in both runs)", names.join(", ")),
@@ -52,12 +52,14 @@ fn print_comparison(comparison: &Comparison) {
     );
 }
 
-fn print_parameters(differences: &[ParameterDifference]) {
+fn print_parameter_differences(differences: &[ParameterDifference]) {
     if differences.is_empty() {
         return;
     }
     outln!("{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit", "parameter", "first", "second", "difference", "U", "E_n");
-    for ParameterDifference { symbol, unit, first, second, by, expanded, normalized, significant } in differences {
+    for ParameterDifference { symbol, unit, first, second, by, expanded, normalized_error: normalized, significant } in
+        differences
+    {
         let mark = if *significant { "  differs" } else { "" };
         let unit = unit.symbol();
         outln!("{symbol:<16} {first:>12.3} {second:>12.3} {by:>11.3} {expanded:>9.3} {normalized:>6.2}  {unit}{mark}");
@@ -65,13 +67,13 @@ fn print_parameters(differences: &[ParameterDifference]) {
 }
 
 /// Prints the point with the largest E_n of each function.
-fn print_functions(functions: &[FunctionDifference]) {
+fn print_function_differences(functions: &[FunctionDifference]) {
     if functions.is_empty() {
         return;
     }
     outln!("{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit", "function", "points", "worst at", "difference", "U", "E_n");
     for function in functions {
-        let Some(worst) = function.worst_index() else { continue };
+        let Some(worst) = function.worst_point_index() else { continue };
         let (agreeing, count) = (function.agreeing_point_count(), function.x.len());
         outln!(
             "{:<16} {:>12} {:>12} {:>11.3} {:>9.3} {:>6.2}  {}{}",
@@ -80,7 +82,7 @@ fn print_functions(functions: &[FunctionDifference]) {
             format!("{:.1} {}", function.x[worst], function.argument_unit).trim_end(),
             function.by[worst],
             function.expanded[worst],
-            function.normalized[worst],
+            function.normalized_errors[worst],
             function.unit.symbol(),
             if agreeing < count { "  differs" } else { "" }
         );

@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use super::ExitStatus;
 use super::args::RunArgs;
 use super::failure::Failure;
-use super::progress::Progress;
-use super::signals::stop_on_signals;
+use super::progress::ProgressDisplay;
+use super::signals::start_signal_halt_thread;
 use super::terminal::{confirm_with_enter, prompt_line};
 use crate::run::{OpenPrompt, PromptAnswerSource};
 use crate::service::{PageAddressFile, machine_page_path};
@@ -40,9 +40,9 @@ pub struct DaemonClient {
 }
 
 impl DaemonClient {
-    /// The daemon that holds the machine, if the holder of the lock serves a page.
+    /// Client of the daemon that holds the machine's lock; `None` if the holder of the lock serves no page.
     pub fn from_lock_error(error: &LockError, folder: &Path) -> Option<Self> {
-        let LockError::Held { holder: Some(LockHolder { machine, pid, .. }), .. } = error else {
+        let LockError::MachineInUse { holder: Some(LockHolder { machine, pid, .. }), .. } = error else {
             return None;
         };
         let PageAddressFile { page, machine_files, .. } = PageAddressFile::read(*pid, folder)?;
@@ -58,30 +58,35 @@ impl DaemonClient {
     }
 
     /// Starts the cycle that `args` name and waits for its end. A signal holds the machine.
-    pub fn run(&self, args: &RunArgs, machine: &MachineFile, journal: &Journal) -> Result<(RunId, Estimate), Failure> {
-        check_options(args)?;
-        self.check_machine_file(args, machine)?;
+    pub fn run_cycle(
+        &self,
+        args: &RunArgs,
+        machine: &MachineFile,
+        journal: &Journal,
+    ) -> Result<(RunId, Estimate), Failure> {
+        refuse_unsupported_options(args)?;
+        self.check_same_machine_file(args, machine)?;
         let state = self.machine_state()?;
         let cycles = state["cycles"].as_array().map_or(&[][..], Vec::as_slice);
         let cycle = cycles.iter().find(|cycle| cycle["method"] == *args.method);
-        let cycle = cycle.ok_or_else(|| unknown_cycle(&args.method, cycles))?;
+        let cycle = cycle.ok_or_else(|| unknown_cycle_error(&args.method, cycles))?;
         let who = operator_name(args)?;
         let daemon = self.clone();
-        stop_on_signals(HaltHandle::new(move || drop(daemon.post("hold", &json!({})))))?;
+        start_signal_halt_thread(HaltHandle::new(move || drop(daemon.post("hold", &json!({})))))?;
         let request = json!({
             "cycle": cycle["number"], "who": who, "enable": true, "auto": true, "door": true,
         });
         self.post("start", &request)?;
-        let mut progress = Progress::start(args.output.json);
+        let mut progress = ProgressDisplay::start(args.output.json);
         let answers = confirm_with_enter(who.clone(), progress.line_printer());
-        let ended = self.wait_for_end(&who, &answers, &mut progress)?;
+        let ended = self.wait_for_run_end(&who, &answers, &mut progress)?;
         let run = RunId(ended["run"].as_i64().unwrap_or(0));
         match ended["state"].as_str() {
             Some("waiting") => {}
             Some("held") => {
                 let next_action = format!("check the machine, then `trued resume {run}`");
                 return Err(Failure {
-                    exit: ExitStatus::Stopped,
+                    exit_status: ExitStatus::Stopped,
                     ..Failure::new(format!("run {run} is held"), next_action)
                 });
             }
@@ -102,7 +107,12 @@ impl DaemonClient {
     }
 
     /// Waits until no run is in progress; reports each stage and passes prompts to `who`.
-    fn wait_for_end(&self, who: &str, answers: &PromptAnswerSource, progress: &mut Progress) -> Result<Value, Failure> {
+    fn wait_for_run_end(
+        &self,
+        who: &str,
+        answers: &PromptAnswerSource,
+        progress: &mut ProgressDisplay,
+    ) -> Result<Value, Failure> {
         let (mut stage, mut open) = (Value::Null, None);
         let print = progress.line_printer();
         loop {
@@ -116,7 +126,8 @@ impl DaemonClient {
             }
             let values = serde_json::from_value(state["asked"]["live"].clone());
             progress.show_event(&Event::Watched { values: values.unwrap_or_default() });
-            if let Some(OpenPrompt { step, repeat, .. }) = asked.as_ref().filter(|asked| answers.poll(asked).is_some())
+            if let Some(OpenPrompt { step_id: step, repeat_number: repeat, .. }) =
+                asked.as_ref().filter(|asked| answers.poll(asked).is_some())
                 && let Err(refused) = self.post("answer", &json!({"step": step, "repeat": repeat, "who": who}))
             {
                 // Another person has confirmed the prompt on the page first.
@@ -135,7 +146,7 @@ impl DaemonClient {
     }
 
     /// Checks that the daemon uses the same machine file; it keeps the one that it read at its start.
-    fn check_machine_file(&self, args: &RunArgs, machine: &MachineFile) -> Result<(), Failure> {
+    fn check_same_machine_file(&self, args: &RunArgs, machine: &MachineFile) -> Result<(), Failure> {
         if sha256_text(machine.text()) == self.machine_file_sha256 {
             return Ok(());
         }
@@ -154,9 +165,9 @@ impl DaemonClient {
         parse_response(self.with_token(self.agent.get(&self.machine_url)).call())
     }
 
-    fn post(&self, what: &str, words: &Value) -> Result<Value, Failure> {
-        let request = self.agent.post(format!("{}/{what}", self.machine_url));
-        parse_response(self.with_token(request).send_json(words))
+    fn post(&self, action: &str, body: &Value) -> Result<Value, Failure> {
+        let request = self.agent.post(format!("{}/{action}", self.machine_url));
+        parse_response(self.with_token(request).send_json(body))
     }
 
     fn with_token<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
@@ -167,13 +178,14 @@ impl DaemonClient {
     }
 }
 
-/// The open prompt of the run.
+/// The open prompt of the run, from the field `asked` of the machine's state.
 fn open_prompt(asked: &Value) -> Option<OpenPrompt> {
     let number = |key: &str| u32::try_from(asked[key].as_u64()?).ok();
     let (step, repeat) = (number("step")?, number("repeat")?);
-    Some(OpenPrompt { step, repeat, text: asked["text"].as_str()?.to_owned() })
+    Some(OpenPrompt { step_id: step, repeat_number: repeat, text: asked["text"].as_str()?.to_owned() })
 }
 
+/// Body of a successful response; an error for a refusal or if there is no response.
 fn parse_response(answered: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Result<Value, Failure> {
     let lost = |error: ureq::Error| {
         Failure::new(
@@ -199,7 +211,7 @@ fn parse_response(answered: Result<ureq::http::Response<ureq::Body>, ureq::Error
 }
 
 /// Refuses options that a cycle of the daemon does not support.
-fn check_options(args: &RunArgs) -> Result<(), Failure> {
+fn refuse_unsupported_options(args: &RunArgs) -> Result<(), Failure> {
     let only = [
         ("--with", !args.with.is_empty()),
         ("--repeat", args.repeat.is_some()),
@@ -215,7 +227,7 @@ fn check_options(args: &RunArgs) -> Result<(), Failure> {
     }
 }
 
-fn unknown_cycle(method: &str, cycles: &[Value]) -> Failure {
+fn unknown_cycle_error(method: &str, cycles: &[Value]) -> Failure {
     let known: Vec<&str> = cycles.iter().filter_map(|cycle| cycle["method"].as_str()).collect();
     Failure::new(
         format!("a daemon controls the machine, and none of its cycles has the method {method}"),
@@ -223,7 +235,7 @@ fn unknown_cycle(method: &str, cycles: &[Value]) -> Failure {
     )
 }
 
-/// Name of the person who confirms the conditions that the page would ask for.
+/// Name of the operator who confirms that the machine may move; without `--acknowledge` it is read from the terminal.
 fn operator_name(args: &RunArgs) -> Result<String, Failure> {
     const START_CONDITIONS: &str = "the machine may move, the control is in automatic mode, the guards are closed";
     let who = match &args.acknowledge {
@@ -237,7 +249,7 @@ fn operator_name(args: &RunArgs) -> Result<String, Failure> {
     match who.is_empty() {
         false => Ok(who),
         true => Err(Failure {
-            exit: ExitStatus::Usage,
+            exit_status: ExitStatus::UsageError,
             ..Failure::new(
                 "no operator has confirmed that the machine may move; nothing has moved",
                 format!("check the machine ({START_CONDITIONS}), then add `--acknowledge YOUR_NAME`"),

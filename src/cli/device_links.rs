@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use super::failure::Failure;
 use super::files::state_folder;
 use crate::setup::Devices;
-use link::{Capture, CaptureReplay, LinkMode};
+use link::{CaptureReplay, CaptureWriter, LinkMode};
 
 pub struct DeviceLinks<'a> {
-    wiring: LinkMode,
+    link_mode: LinkMode,
     capture_file: Option<&'a Path>,
     /// State directory of a replay; deleted at its end.
     replay_folder: Option<TemporaryFolder>,
@@ -25,10 +25,10 @@ impl<'a> DeviceLinks<'a> {
             }
             (None, None) => (LinkMode::Direct, None),
         };
-        Ok(Self { wiring, capture_file, replay_folder })
+        Ok(Self { link_mode: wiring, capture_file, replay_folder })
     }
 
-    /// Whether the journal outlives the program.
+    /// Whether the journal is kept after the program ends; that of a replay is deleted.
     pub fn is_journal_kept(&self) -> bool {
         self.replay_folder.is_none()
     }
@@ -44,8 +44,8 @@ impl<'a> DeviceLinks<'a> {
 
     /// Opens the devices over these links.
     pub async fn connect(&self, opening: impl Future<Output = Result<Devices, Failure>>) -> Result<Devices, Failure> {
-        let mut devices = self.wiring.clone().apply_to(opening).await?;
-        if let LinkMode::Replayed(replay) = &self.wiring {
+        let mut devices = self.link_mode.clone().apply_to(opening).await?;
+        if let LinkMode::Replayed(replay) = &self.link_mode {
             devices.clock = replay.clock();
         }
         Ok(devices)
@@ -55,8 +55,8 @@ impl<'a> DeviceLinks<'a> {
     ///
     /// # Errors
     /// The error of the run; in a replay with a message for replays.
-    pub fn finish<T>(&self, ended: Result<T, Failure>) -> Result<T, Failure> {
-        if let (LinkMode::Captured(capture), Some(file)) = (&self.wiring, self.capture_file) {
+    pub fn end_capture_and_map_error<T>(&self, ended: Result<T, Failure>) -> Result<T, Failure> {
+        if let (LinkMode::Captured(capture), Some(file)) = (&self.link_mode, self.capture_file) {
             match capture.finish() {
                 Ok(()) => errln!("capture written: {}", file.display()),
                 Err(error) => errln!("{}: the capture is incomplete: {error}", file.display()),
@@ -75,13 +75,13 @@ fn replay_failure(failure: Failure) -> Failure {
     )
 }
 
-fn create_capture(file: &Path) -> Result<Capture, Failure> {
-    Capture::create(file).map_err(|error| match error.kind() {
+fn create_capture(file: &Path) -> Result<CaptureWriter, Failure> {
+    CaptureWriter::create(file).map_err(|error| match error.kind() {
         std::io::ErrorKind::AlreadyExists => Failure::new(
             format!("the file {} exists already", file.display()),
             "a capture is never overwritten: choose another name, or move the existing file",
         ),
-        _ => Failure::file(file, &error),
+        _ => Failure::from_file_error(file, &error),
     })
 }
 
@@ -90,7 +90,7 @@ struct TemporaryFolder(PathBuf);
 impl TemporaryFolder {
     fn new() -> Result<Self, Failure> {
         let folder = std::env::temp_dir().join(format!("trued-replay-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).map_err(|error| Failure::file(&folder, &error))?;
+        std::fs::create_dir_all(&folder).map_err(|error| Failure::from_file_error(&folder, &error))?;
         Ok(Self(folder))
     }
 }

@@ -17,27 +17,27 @@ use planning::gcode::RenderError;
 pub struct Failure {
     pub message: String,
     pub remedy: Option<String>,
-    pub exit: ExitStatus,
+    pub exit_status: ExitStatus,
 }
 
 impl Failure {
     pub fn new(message: impl ToString, remedy: impl Into<String>) -> Self {
-        Self { message: message.to_string(), remedy: Some(remedy.into()), exit: ExitStatus::Error }
+        Self { message: message.to_string(), remedy: Some(remedy.into()), exit_status: ExitStatus::Error }
     }
 
     pub fn without_remedy(message: impl ToString) -> Self {
-        Self { message: message.to_string(), remedy: None, exit: ExitStatus::Error }
+        Self { message: message.to_string(), remedy: None, exit_status: ExitStatus::Error }
     }
 
     /// The error of a file that cannot be read or written.
-    pub fn file(path: &Path, error: &std::io::Error) -> Self {
+    pub fn from_file_error(path: &Path, error: &std::io::Error) -> Self {
         Self::without_remedy(format!("{}: {error}", path.display()))
     }
 }
 
 impl From<SetupError> for Failure {
     fn from(error: SetupError) -> Self {
-        Self { message: error.to_string(), remedy: error.remedy(), exit: ExitStatus::Error }
+        Self { message: error.to_string(), remedy: error.remedy(), exit_status: ExitStatus::Error }
     }
 }
 
@@ -49,7 +49,7 @@ impl From<SensorError> for Failure {
 
 impl From<ServeError> for Failure {
     fn from(error: ServeError) -> Self {
-        Self { message: error.to_string(), remedy: error.remedy(), exit: ExitStatus::Error }
+        Self { message: error.to_string(), remedy: error.remedy(), exit_status: ExitStatus::Error }
     }
 }
 
@@ -104,17 +104,18 @@ impl From<PlanningError> for Failure {
 impl Failure {
     /// The error of a cycle of `method`, with the command that continues the run if there is one.
     pub fn from_cycle_error(error: &CycleError, method: &str) -> Self {
-        let is_stopped = error.holds_machine() || error.is_stop();
+        let is_stopped = error.holds_machine() || error.is_requested_stop();
         let exit = if is_stopped { ExitStatus::Stopped } else { ExitStatus::Error };
         match error {
-            CycleError::Run { run, error, has_moved, can_resume, .. } => {
+            CycleError::MeasurementIncomplete { run, error, has_moved, can_resume, .. } => {
                 let prefix = if *has_moved { "" } else { "nothing has moved; " };
                 let remedy = Some(format!("{prefix}{}", error.remedy()));
-                let failure = Self { message: error.to_string(), remedy, exit };
-                failure.with_resume_hint(*run, *can_resume, error.position_lost())
+                let failure = Self { message: error.to_string(), remedy, exit_status: exit };
+                failure.with_resume_hint(*run, *can_resume, error.may_have_lost_position())
             }
-            CycleError::Identification { run, why } => {
-                Self { message: why.to_string(), remedy: why.remedy(), exit }.with_stored_run_hint(*run, method)
+            CycleError::NotIdentified { run, why } => {
+                Self { message: why.to_string(), remedy: why.remedy(), exit_status: exit }
+                    .with_stored_run_hint(*run, method)
             }
             CycleError::Store(error) => Self::new(error, error.remedy()),
             CycleError::Qualification(error) => Self::new(error, error.remedy()),
@@ -123,7 +124,7 @@ impl Failure {
 
     /// Adds the command of [`resume_hint`].
     fn with_resume_hint(mut self, run: RunId, can_resume: bool, position_lost: bool) -> Self {
-        if let (ExitStatus::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
+        if let (ExitStatus::Stopped, Some(remedy)) = (self.exit_status, &mut self.remedy) {
             remedy.push_str(&format!("; {}", resume_hint(run, can_resume, position_lost)));
         }
         self

@@ -17,7 +17,7 @@ pub fn read_estimates(files: &[PathBuf]) -> Result<Vec<Estimate>, Failure> {
 }
 
 pub fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
+    let text = std::fs::read_to_string(file).map_err(|error| Failure::from_file_error(file, &error))?;
     serde_json::from_str(&text).map_err(|error| {
         Failure::new(format!("{}: {error}", file.display()), "use an estimate in the format of `trued run --json`")
     })

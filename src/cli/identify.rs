@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::files::{read_estimates, state_folder};
 use super::{ExitStatus, show};
 use crate::report::readings_csv;
-use crate::run::{check_probe, identify_readings, judge_estimate};
+use crate::run::{check_qualifications_match_probe, identify_readings, judge_estimate};
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
 use machine::record::estimate::Estimate;
@@ -17,7 +17,7 @@ use machine::record::reading::Reading;
 pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let estimate = match (args.run, &args.readings) {
         (Some(run), _) => identify_stored_run(args, RunId(run), state)?,
-        (None, Some(file)) => identify_files(args, file)?,
+        (None, Some(file)) => identify_readings_file(args, file)?,
         (None, None) => {
             return Err(Failure::without_remedy("one of the options --readings and --run is required"));
         }
@@ -30,20 +30,20 @@ pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exi
     Ok(estimate.verdict.into())
 }
 
-fn identify_files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> {
+fn identify_readings_file(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan) = match &args.plan {
-        Some(file) => read_plan(file, &args.method)?,
+        Some(file) => read_plan_and_method(file, &args.method)?,
         None => {
             let (method, header) = setup::configure_method_and_plan(&machine, &args.method, None)?;
             let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
             (method, plan)
         }
     };
-    let bytes = std::fs::read(csv).map_err(|error| Failure::file(csv, &error))?;
+    let bytes = std::fs::read(csv).map_err(|error| Failure::from_file_error(csv, &error))?;
     let readings = readings_csv::read_readings(&bytes)
         .map_err(|error| Failure::without_remedy(format!("{}: {error}", csv.display())))?;
-    replace_priors(args, &mut plan)?;
+    replace_priors_and_check_probe(args, &mut plan)?;
     Ok(judge_estimate(identify_readings(method.as_ref(), &plan, &readings)?, &machine.parameter_limits))
 }
 
@@ -61,13 +61,14 @@ fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) ->
         Some(file) => setup::load_machine_file(Some(file), &args.method)?,
         None => {
             let file = format!("machine file of run {run}");
-            MachineFile::from_stored(&file, stored.config, &stored.plan.artefact).map_err(SetupError::from)?
+            MachineFile::from_stored_run(&file, stored.machine_file_text, &stored.plan.artefact)
+                .map_err(SetupError::from)?
         }
     };
     let method =
         methods::configure_method(&args.method, stored.plan.settings.clone()).map_err(Failure::without_remedy)?;
     let (mut plan, skipped_steps) = keep_measured_steps(stored.plan, stored.summary.state, &stored.readings);
-    replace_priors(args, &mut plan)?;
+    replace_priors_and_check_probe(args, &mut plan)?;
     let estimate = identify_readings(method.as_ref(), &plan, &stored.readings)?;
     let mut estimate = judge_estimate(estimate, &machine.parameter_limits);
     estimate.warnings.extend(skipped_steps);
@@ -75,12 +76,13 @@ fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) ->
     Ok(estimate)
 }
 
-/// Replaces the priors of the plan by those of `--with`, if given.
-fn replace_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
+/// Replaces the priors of the plan by those of `--with`, if given, and checks that they were qualified
+/// with the probe of the plan.
+fn replace_priors_and_check_probe(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
     if !args.with.is_empty() {
         plan.priors = read_estimates(&args.with)?;
     }
-    Ok(check_probe(plan)?)
+    Ok(check_qualifications_match_probe(plan)?)
 }
 
 /// Reduces the plan of an incomplete run to the measured steps; also returns a message about the steps left
@@ -98,8 +100,8 @@ fn keep_measured_steps(mut plan: Plan, state: RunState, readings: &[Reading]) ->
     (plan, (missing > 0).then_some(message))
 }
 
-fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
+fn read_plan_and_method(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {
+    let text = std::fs::read_to_string(file).map_err(|error| Failure::from_file_error(file, &error))?;
     let wrong = |why: String| {
         Failure::new(format!("{}: {why}", file.display()), "use a plan in the format of `trued plan --json`")
     };

@@ -16,16 +16,16 @@ pub fn init_command(args: &InitArgs) -> Result<ExitStatus, Failure> {
         return Err(file_exists_error(file));
     }
     let draft = MachineFileDraft {
-        controller: controller_table(args, ini_file(args.ini.as_deref())?),
-        name: args.name.clone(),
+        controller_keys: controller_table(args, absolute_ini_path(args.ini.as_deref())?),
+        machine_name: args.name.clone(),
         topology: args.topology.clone(),
     };
-    let control = draft.control()?;
+    let control = draft.control_config()?;
     let info = build_runtime()?.block_on(query_device_info(&draft, control.as_ref(), args.search))?;
     let text = draft.render(&info)?;
     match &args.to {
         None => outln!("{}", text.trim_end()),
-        Some(file) => write_new_file(file, &text)?,
+        Some(file) => write_new_machine_file(file, &text)?,
     }
     for remark in &info.findings {
         errln!("{}\n  → {}", remark.description, remark.remedy);
@@ -34,11 +34,11 @@ pub fn init_command(args: &InitArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Absolute path of LinuxCNC's INI file, as the machine file may be read from another folder.
-fn ini_file(path: Option<&Path>) -> Result<Option<String>, Failure> {
+fn absolute_ini_path(path: Option<&Path>) -> Result<Option<String>, Failure> {
     let Some(path) = path else { return Ok(None) };
     match path.canonicalize() {
         Ok(path) if path.is_file() => Ok(Some(path.display().to_string())),
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::file(path, &error)),
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::from_file_error(path, &error)),
         _ => Err(Failure::new(
             format!("--ini: the file {} does not exist", path.display()),
             "use the path of the INI file of the running LinuxCNC",
@@ -46,7 +46,7 @@ fn ini_file(path: Option<&Path>) -> Result<Option<String>, Failure> {
     }
 }
 
-/// `[controller_table]` from the arguments, with the path of the INI file.
+/// Table `[controller]` from the arguments, with the path of the INI file.
 fn controller_table(args: &InitArgs, ini: Option<String>) -> toml::Table {
     let text = |value: &Option<String>| value.clone().map(toml::Value::String);
     let number = |value: Option<u32>| value.map(|value| toml::Value::Integer(value.into()));
@@ -66,31 +66,32 @@ fn controller_table(args: &InitArgs, ini: Option<String>) -> toml::Table {
     keys.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
 }
 
+/// Device information of the control. If the control cannot be identified, possible causes are printed.
 async fn query_device_info(
     draft: &MachineFileDraft,
     control: &dyn ControllerConfig,
-    search: bool,
+    searches_actively: bool,
 ) -> Result<DeviceInfo, Failure> {
     let error = match draft.query_device_info(control).await {
         Err(SetupError::Controller(error)) => error,
         info => return Ok(info?),
     };
-    let leave = if search { DiagnosisMode::Active } else { DiagnosisMode::Passive };
-    for suspicion in draft.diagnose(control, &error, leave).await {
+    let mode = if searches_actively { DiagnosisMode::Active } else { DiagnosisMode::Passive };
+    for suspicion in draft.diagnose_connection_failure(control, &error, mode).await {
         errln!("{suspicion}\n  → {}", suspicion.remedy);
     }
-    if !search {
+    if !searches_actively {
         errln!("`trued init --search` also tries other baud rates and protocols");
     }
     Err(SetupError::Controller(error).into())
 }
 
-fn write_new_file(file: &Path, text: &str) -> Result<(), Failure> {
+fn write_new_machine_file(file: &Path, text: &str) -> Result<(), Failure> {
     let created = OpenOptions::new().write(true).create_new(true).open(file);
     let written = created.and_then(|mut created| created.write_all(text.as_bytes()));
     written.map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => file_exists_error(file),
-        _ => Failure::file(file, &error),
+        _ => Failure::from_file_error(file, &error),
     })?;
     errln!("written: {}. Correct the values that are marked YOURS, then run:", file.display());
     errln!("  trued check --machine {}", file.display());
@@ -110,10 +111,10 @@ mod tests {
 
     #[test]
     fn ini_path_is_absolute_and_must_exist() {
-        let here = ini_file(Some(Path::new("tests/peers/linuxcnc/rig.ini"))).unwrap().unwrap();
+        let here = absolute_ini_path(Some(Path::new("tests/peers/linuxcnc/rig.ini"))).unwrap().unwrap();
         assert!(Path::new(&here).is_absolute() && here.ends_with("/rig.ini"), "{here}");
-        let failure = ini_file(Some(Path::new("tests/peers"))).unwrap_err();
+        let failure = absolute_ini_path(Some(Path::new("tests/peers"))).unwrap_err();
         assert!(failure.message.starts_with("--ini: the file tests/peers does not exist"), "{}", failure.message);
-        assert_eq!(ini_file(None).unwrap(), None);
+        assert_eq!(absolute_ini_path(None).unwrap(), None);
     }
 }

@@ -1,9 +1,9 @@
 //! Live values of a prompt's sensors, as lines for a terminal.
 
-use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
+use machine::record::watched_sensors::{LiveSectionValue, LiveSensorValue, LiveValues};
 
 /// Width of the drawn range, characters.
-const BAR_WIDTH: usize = 17;
+const RANGE_BAR_WIDTH_CHARS: usize = 17;
 
 pub fn live_value_lines(values: &LiveValues) -> String {
     let sensors = values.sensors.iter().map(sensor_line);
@@ -12,29 +12,29 @@ pub fn live_value_lines(values: &LiveValues) -> String {
     sensors.chain(sections).chain(tilt).collect::<Vec<_>>().join("\n")
 }
 
-fn sensor_line(live: &LiveSensor) -> String {
+fn sensor_line(live: &LiveSensorValue) -> String {
     let value = match (live.value_mm, &live.failure) {
         (Some(mm), _) => format!("{mm:+.5} mm"),
         (None, failure) => failure.clone().unwrap_or_default(),
     };
     let target = live.target_mm.map_or(String::new(), |mm| format!("target {mm:+.5}"));
-    let to_go = live.distance_to_target_um().map_or(String::new(), |um| format!("to go {um:+.1} µm"));
+    let to_go = live.change_to_target_um().map_or(String::new(), |um| format!("to go {um:+.1} µm"));
     format!("  {:<5} {value:>12}  {target:<15}  {to_go:<16} {}", live.sensor, range_bar(live))
 }
 
 /// Bar of the range from its minimum to its maximum: `|` is the target, `o` the value.
-fn range_bar(live: &LiveSensor) -> String {
-    let place = |mm: f64| (live.relative_position(mm) * (BAR_WIDTH - 1) as f64).round() as usize;
+fn range_bar(live: &LiveSensorValue) -> String {
+    let place = |mm: f64| (live.fraction_of_range(mm) * (RANGE_BAR_WIDTH_CHARS - 1) as f64).round() as usize;
     let [target, value] = [live.target_mm, live.value_mm].map(|mm| mm.map(place));
     let mark = |at: usize| match at {
         at if value == Some(at) => 'o',
         at if target == Some(at) => '|',
         _ => '-',
     };
-    format!("[{}]", (0..BAR_WIDTH).map(mark).collect::<String>())
+    format!("[{}]", (0..RANGE_BAR_WIDTH_CHARS).map(mark).collect::<String>())
 }
 
-fn section_line(live: &LiveSection) -> String {
+fn section_line(live: &LiveSectionValue) -> String {
     let at = match live.eccentricity_um {
         Some([x, y]) => format!("X {x:+.1} µm, Y {y:+.1} µm from the axis"),
         None => "not known, as too few of its sensors report a value".to_owned(),
@@ -46,13 +46,13 @@ fn section_line(live: &LiveSection) -> String {
 mod tests {
     use super::*;
 
-    fn live_sensor(value_mm: Option<f64>, target_mm: Option<f64>) -> LiveSensor {
+    fn live_sensor(value_mm: Option<f64>, target_mm: Option<f64>) -> LiveSensorValue {
         let failure = value_mm.is_none().then(|| "out of range".to_owned());
-        LiveSensor { sensor: "x1".to_owned(), range_mm: [-0.3, 0.3], target_mm, value_mm, failure }
+        LiveSensorValue { sensor: "x1".to_owned(), range_mm: [-0.3, 0.3], target_mm, value_mm, failure }
     }
 
     #[test]
-    fn sensor_lines_have_equal_width() {
+    fn sensor_line_shows_value_target_and_bar() {
         let lines = [
             (
                 live_sensor(Some(0.3), Some(0.0)),

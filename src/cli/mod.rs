@@ -55,8 +55,8 @@ use machine::record::estimate::Verdict;
 enum ExitStatus {
     Pass = 0,
     Error = 1,
-    Usage = 2,
-    Fail = 3,
+    UsageError = 2,
+    OutOfTolerance = 3,
     Undecided = 4,
     Stopped = 5,
 }
@@ -65,7 +65,7 @@ impl From<Verdict> for ExitStatus {
     fn from(verdict: Verdict) -> Self {
         match verdict {
             Verdict::Pass | Verdict::None => ExitStatus::Pass,
-            Verdict::Fail => ExitStatus::Fail,
+            Verdict::Fail => ExitStatus::OutOfTolerance,
             Verdict::Undecided | Verdict::UndecidedModel => ExitStatus::Undecided,
         }
     }
@@ -75,13 +75,13 @@ impl From<Verdict> for ExitStatus {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let state = cli.state.clone();
-    match run_command(cli) {
+    match dispatch_command(cli) {
         Ok(exit) => ExitCode::from(exit as u8),
         Err(failure) => {
             let remedy = failure.remedy.map(|remedy| add_state_option(&remedy, state.as_deref()));
             let remedy = remedy.map(|remedy| format!("\n  → {remedy}"));
             errln!("error: {}{}", failure.message, remedy.unwrap_or_default());
-            ExitCode::from(failure.exit as u8)
+            ExitCode::from(failure.exit_status as u8)
         }
     }
 }
@@ -103,10 +103,10 @@ fn print_to_stderr(text: std::fmt::Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-fn run_command(cli: Cli) -> Result<ExitStatus, Failure> {
+fn dispatch_command(cli: Cli) -> Result<ExitStatus, Failure> {
     let state = cli.state.as_deref();
     match cli.command {
-        Command::Run(args) => run::run_command(&args, state),
+        Command::Run(args) => run::measurement_run_command(&args, state),
         Command::Check(args) => check::commissioning_check_command(&args, state),
         Command::Serve(args) => serve::serve_command(&args, state),
         Command::Resume(args) => resume::resume_command(&args, state),
@@ -130,9 +130,9 @@ fn run_command(cli: Cli) -> Result<ExitStatus, Failure> {
 }
 
 /// Prints to standard output. A closed pipe is no error; any other failed write ends the program.
-fn print_to_stdout(words: std::fmt::Arguments<'_>) {
+fn print_to_stdout(text: std::fmt::Arguments<'_>) {
     use std::io::{ErrorKind, Write as _};
-    match writeln!(std::io::stdout(), "{words}") {
+    match writeln!(std::io::stdout(), "{text}") {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
             errln!("error: standard output: {error}");
             std::process::exit(ExitStatus::Error as i32);

@@ -9,7 +9,7 @@ use machine::Axis;
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Sampling, Stage};
 use machine::record::proof::Proof;
-use planning::gcode::{Dialect, ProgramHeader};
+use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{ConfirmedDirections, MachineTime};
 
@@ -21,12 +21,12 @@ pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
     if args.json {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
-        let (text, proof) = render_checked_program(&plan, &once, dialect)?;
+        let (text, proof) = render_and_prove_program(&plan, &once, dialect)?;
         outln!("{}", text.trim_end_matches('\n'));
-        for line in check_summary(&proof, &plan) {
+        for line in describe_proof(&proof, &plan) {
             errln!("{line}");
         }
-        match dwell_note(&plan) {
+        match describe_dwell_sampling(&plan) {
             Some(what) => errln!(
                 "this program is for reading only: {what}; another G-code sender takes no samples and does \
                 not monitor the range of the sensor"
@@ -37,12 +37,12 @@ pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
             ),
         }
     } else {
-        let machine_s = print_plan(&plan, &stages)?;
+        let machine_s = print_plan_and_return_time_s(&plan, &stages)?;
         for line in method.forecast(&plan, machine_s)? {
             outln!("{line}");
         }
-        let (_, proof) = render_checked_program(&plan, &once, machine.controller.control.dialect())?;
-        for line in check_summary(&proof, &plan) {
+        let (_, proof) = render_and_prove_program(&plan, &once, machine.controller.control.dialect())?;
+        for line in describe_proof(&proof, &plan) {
             outln!("{line}");
         }
         if !plan.assumed.is_empty() {
@@ -57,16 +57,17 @@ pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// The whole program, each step once, and its proof. The start position of the machine is unknown.
-fn render_checked_program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof), Failure> {
-    let dialect = Dialect::from_name(name).and_then(|named| named.with_options(&plan.machine, &plan.probe));
+fn render_and_prove_program(plan: &Plan, stages: &[Stage], dialect_name: &str) -> Result<(String, Proof), Failure> {
+    let dialect =
+        Dialect::from_name(dialect_name).and_then(|named| named.with_machine_options(&plan.machine, &plan.probe));
     let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
     let (blocks, _) = planning::plan_blocks_by_stage(plan, stages)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-    let title = match dwell_note(plan) {
+    let title = match describe_dwell_sampling(plan) {
         Some(what) => format!("{}, {what}", plan.method),
         None => plan.method.clone(),
     };
-    let program = ProgramHeader { title: &title, axes: &axes, log: None };
+    let program = HeadAndFootValues { title: &title, axes: &axes, result_log_path: None };
     let text = render_program_text(&dialect, &program, plan, stages, &blocks)?;
     let staged: Vec<StageSteps> = stages
         .iter()
@@ -84,7 +85,7 @@ fn render_checked_program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(
 /// Text of the program stage by stage; before each stage its prompts, each with a stop.
 fn render_program_text(
     dialect: &Dialect,
-    program: &ProgramHeader<'_>,
+    program: &HeadAndFootValues<'_>,
     plan: &Plan,
     stages: &[Stage],
     blocks: &[Block],
@@ -104,8 +105,8 @@ fn render_program_text(
     Ok(lines.into_iter().map(|line| line + "\n").collect())
 }
 
-/// Description of the sampling during dwells, if the plan has any.
-fn dwell_note(plan: &Plan) -> Option<String> {
+/// Description of the sampling during dwells; `None` if the plan has no sampling dwell.
+fn describe_dwell_sampling(plan: &Plan) -> Option<String> {
     let scans = plan.steps.iter().filter_map(|step| Some((step, step.scan.as_ref()?.sampling)));
     let mut dwells = scans.filter_map(|(step, sampling)| match sampling {
         Sampling::Dwell { samples, .. } => Some((step, samples)),
@@ -116,7 +117,7 @@ fn dwell_note(plan: &Plan) -> Option<String> {
 }
 
 /// Summary of the proof for the user.
-fn check_summary(proof: &Proof, plan: &Plan) -> Vec<String> {
+fn describe_proof(proof: &Proof, plan: &Plan) -> Vec<String> {
     let nearest = proof.nearest.as_ref().map_or(String::new(), |near| {
         let [one, other] = &near.between;
         let label = plan.steps.iter().find(|step| step.id == near.step).map(|step| &step.label);
@@ -134,7 +135,7 @@ fn check_summary(proof: &Proof, plan: &Plan) -> Vec<String> {
 }
 
 /// Prints the plan; returns the machine time of all stages, s.
-fn print_plan(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
+fn print_plan_and_return_time_s(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
     let (blocks, machine_s) = planning::plan_blocks_by_stage(plan, stages)?;
     outln!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {

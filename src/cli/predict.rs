@@ -37,9 +37,9 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
     }
     let (axes, poses) = match &args.at {
         Some(file) => {
-            let (axes, poses) = read_poses(file, &machine)?;
+            let (axes, poses) = read_pose_table(file, &machine)?;
             if !args.extrapolate {
-                check_measured_ranges(&predictor, file, &poses)?;
+                check_poses_in_measured_ranges(&predictor, file, &poses)?;
             }
             (axes, poses.into_iter().map(|(at, _)| at).collect())
         }
@@ -55,16 +55,16 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
     }
     if let Some(corrected) = &args.corrected {
         let symbols: Vec<&str> = match corrected.as_str() {
-            "all" => predictor.symbols().to_vec(),
+            "all" => predictor.axis_error_symbols().to_vec(),
             some => some.split(',').collect(),
         };
-        errln!("{}", predictor.describe_corrected_error(&symbols, &poses)?);
+        errln!("{}", predictor.describe_error_after_correction(&symbols, &poses)?);
     }
     Ok(ExitStatus::Pass)
 }
 
 /// Checks that no pose is outside the measured ranges.
-fn check_measured_ranges(
+fn check_poses_in_measured_ranges(
     predictor: &ErrorPredictor<'_>,
     file: &Path,
     poses: &[(Position, u64)],
@@ -79,7 +79,7 @@ fn check_measured_ranges(
 }
 
 /// Parses a pose such as `X100 Y0 Z300 B0 C90`; axes that are not named are at 0.
-fn parse_pose(words: &str) -> Result<Position, Failure> {
+fn parse_pose(text: &str) -> Result<Position, Failure> {
     let wrong = |word: &str| {
         Failure::new(
             format!("--zero: `{word}` is not an axis position"),
@@ -92,13 +92,14 @@ fn parse_pose(words: &str) -> Result<Position, Failure> {
         let value: f64 = number.parse().ok()?;
         value.is_finite().then(|| (axis, axis.to_mm_or_rad(value)))
     };
-    words.split_whitespace().map(|word| value(word).ok_or_else(|| wrong(word))).collect()
+    text.split_whitespace().map(|word| value(word).ok_or_else(|| wrong(word))).collect()
 }
 
+/// Axes with the names of their columns, and poses with their line numbers.
 type PoseTable = (Vec<(&'static str, Axis)>, Vec<(Position, u64)>);
 
 /// Reads the poses: the axes in the order of the columns, and each pose with its line.
-fn read_poses(file: &Path, machine: &Machine) -> Result<PoseTable, Failure> {
+fn read_pose_table(file: &Path, machine: &Machine) -> Result<PoseTable, Failure> {
     let wrong = |line: u64, why: String| {
         Failure::new(
             format!("{}, line {line}: {why}", file.display()),
@@ -106,7 +107,7 @@ fn read_poses(file: &Path, machine: &Machine) -> Result<PoseTable, Failure> {
             line",
         )
     };
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
+    let text = std::fs::read_to_string(file).map_err(|error| Failure::from_file_error(file, &error))?;
     let mut rows = csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
     let head = rows.headers().map_err(|error| wrong(1, error.to_string()))?;
     let known = |name: &str| POSE_COLUMNS.into_iter().find(|(column, _)| *column == name);

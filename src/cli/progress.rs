@@ -5,24 +5,25 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use super::live_values::live_value_lines;
 use machine::record::event::Event;
 
-/// Templates of the progress bar: while steps are measured, and while sensors are watched.
-const STEP_TEMPLATE: &str = "  {bar:14} {pos:>2}/{len}  {wide_msg}";
-const SENSOR_TEMPLATE: &str = "{msg}";
+/// Template of the progress bar while steps are measured.
+const STEP_BAR_TEMPLATE: &str = "  {bar:14} {pos:>2}/{len}  {wide_msg}";
+/// Template of the progress bar while sensors are watched.
+const SENSOR_BAR_TEMPLATE: &str = "{msg}";
 
-pub struct Progress {
+pub struct ProgressDisplay {
     bar: ProgressBar,
-    last_reading: String,
+    last_reading_text: String,
 }
 
-impl Progress {
+impl ProgressDisplay {
     /// Starts the display; with `quiet`, no bar is drawn (the estimate goes to standard output as JSON).
     pub fn start(quiet: bool) -> Self {
         let bar = ProgressBar::new(0);
         if quiet {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        let progress = Self { bar, last_reading: String::new() };
-        progress.set_template(STEP_TEMPLATE);
+        let progress = Self { bar, last_reading_text: String::new() };
+        progress.set_template(STEP_BAR_TEMPLATE);
         progress
     }
 
@@ -53,8 +54,8 @@ impl Progress {
             Event::Acknowledged { who, what, .. } => self.print_line(&format!("confirmed by {who}: {what}")),
             Event::Resumed { .. } => self.print_line("the run is resumed; the references are measured first"),
             Event::StepStarted { label, remaining_s, .. } => {
-                let left = format_minutes(*remaining_s);
-                self.bar.set_message(format!("{label:<12} remaining {left:>5}  {}", self.last_reading));
+                let left = format_minutes_and_seconds(*remaining_s);
+                self.bar.set_message(format!("{label:<12} remaining {left:>5}  {}", self.last_reading_text));
             }
             Event::ReadingStored { reading } => {
                 // The current touch is named by its rotary positions; they are left out here.
@@ -64,22 +65,22 @@ impl Progress {
                     .filter(|(axis, _)| axis.is_linear())
                     .map(|(axis, value)| format!("{axis}{:.3}", axis.to_mm_or_deg(value)))
                     .collect();
-                self.last_reading = format!("last {}", edge.join(" "));
+                self.last_reading_text = format!("last {}", edge.join(" "));
                 self.bar.inc(1);
             }
             Event::ScanStored { samples, flagged, .. } => {
-                self.last_reading = format!("last {samples} samples, {flagged} flagged");
+                self.last_reading_text = format!("last {samples} samples, {flagged} flagged");
                 self.bar.inc(1);
             }
             // The source of the answer shows the prompt.
             Event::Asked { .. } => self.bar.set_message("waiting for the operator"),
             // On a terminal only: a log would grow for as long as the operator works.
             Event::Watched { values } => {
-                self.set_template(SENSOR_TEMPLATE);
+                self.set_template(SENSOR_BAR_TEMPLATE);
                 self.bar.set_message(live_value_lines(values));
             }
             Event::Answered { who, .. } => {
-                self.set_template(STEP_TEMPLATE);
+                self.set_template(STEP_BAR_TEMPLATE);
                 self.bar.set_message("");
                 self.print_line(&format!("confirmed by {who}"));
                 self.bar.inc(1);
@@ -109,8 +110,8 @@ impl Progress {
     }
 }
 
-/// m:ss, rounded up, so that a remaining time is never shown as zero.
-fn format_minutes(seconds: f64) -> String {
+/// Formats a time as m:ss, rounded up, so that a remaining time is never shown as zero.
+fn format_minutes_and_seconds(seconds: f64) -> String {
     let whole = seconds.ceil();
     format!("{:.0}:{:02.0}", (whole / 60.0).floor(), whole % 60.0)
 }

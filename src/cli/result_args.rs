@@ -70,14 +70,14 @@ pub struct ExportArgs {
     pub to: PathBuf,
     /// Also write the readings as points in workpiece coordinates, computed with the nominal machine model.
     #[arg(long, value_enum)]
-    pub frame: Option<Frame>,
+    pub frame: Option<ExportFrame>,
     /// Compute these points with the machine errors of this estimate.
     #[arg(long, value_name = "EST.json", requires = "frame")]
     pub with: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Frame {
+pub enum ExportFrame {
     /// Frame of the table: the machine frame when all axes are at zero.
     Workpiece,
 }

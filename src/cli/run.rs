@@ -3,29 +3,29 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::args::{OutputArgs, RunArgs, Speed};
+use super::args::{OutputArgs, RunArgs, SimulationSpeed};
 use super::daemon_client::DaemonClient;
 use super::device_links::DeviceLinks;
 use super::failure::Failure;
 use super::files::read_estimates;
-use super::progress::Progress;
-use super::signals::stop_on_signals;
+use super::progress::ProgressDisplay;
+use super::signals::start_signal_halt_thread;
 use super::terminal::{confirm_with_enter, login_name};
 use super::{ExitStatus, add_state_option, show};
-use crate::run::{Cycle, PromptAnswerSource, check_probe};
+use crate::run::{Cycle, PromptAnswerSource, check_qualifications_match_probe};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::{Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 use methods::Method;
 
-pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan) = setup::configure_method_and_plan(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
     plan.priors = read_estimates(&args.with)?;
     method.check_priors(&plan)?;
-    check_probe(&plan)?;
+    check_qualifications_match_probe(&plan)?;
     check_report_folder(&args.output)?;
     let links = DeviceLinks::from_options(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = links.state_folder(state)?;
@@ -35,30 +35,30 @@ pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, F
         Ok(lock) => lock,
         Err(error) => {
             let daemon = DaemonClient::from_lock_error(&error, &folder).ok_or(error)?;
-            let (id, estimate) = daemon.run(args, &machine, &journal)?;
-            return print_result(&journal, state, id, estimate, &args.output, true);
+            let (id, estimate) = daemon.run_cycle(args, &machine, &journal)?;
+            return print_result_and_write_report(&journal, state, id, estimate, &args.output, true);
         }
     };
-    journal.mark_interrupted(&lock).wait()?;
+    journal.mark_running_runs_interrupted(&lock).wait()?;
 
-    let mut progress = Progress::start(args.output.json);
-    let answers = prompt_answers(args, &progress);
+    let mut progress = ProgressDisplay::start(args.output.json);
+    let answers = prompt_answer_source(args, &progress);
     let mut tell = |event: &Event| progress.show_event(event);
     let result = build_runtime()?.block_on(async {
         // The run begins after its machine is open.
         let opening = open_devices(&machine, args.output.speed, EarlierSessions::default());
         let devices = links.connect(opening).await?;
-        stop_on_signals(devices.controller.halt_handle())?;
-        let cycle = Cycle { machine: &machine, method, plan, answers };
+        start_signal_halt_thread(devices.controller.halt_handle())?;
+        let cycle = Cycle { machine_file: &machine, method, plan_without_steps: plan, prompt_answer_source: answers };
         let ended = cycle.run(&devices, &journal, |_| (), &mut tell).await;
         ended.map_err(|error| Failure::from_cycle_error(&error, &args.method))
     });
-    let (id, estimate) = links.finish(result)?;
-    print_result(&journal, state, id, estimate, &args.output, links.is_journal_kept())
+    let (id, estimate) = links.end_capture_and_map_error(result)?;
+    print_result_and_write_report(&journal, state, id, estimate, &args.output, links.is_journal_kept())
 }
 
 /// Source of the answers: the person at the terminal, or, in a replay, an automatic answer.
-fn prompt_answers(args: &RunArgs, progress: &Progress) -> PromptAnswerSource {
+fn prompt_answer_source(args: &RunArgs, progress: &ProgressDisplay) -> PromptAnswerSource {
     let who = args.acknowledge.clone().unwrap_or_else(login_name);
     match args.replay {
         Some(_) => PromptAnswerSource::new(|_| Some("the replay".to_owned())),
@@ -66,14 +66,14 @@ fn prompt_answers(args: &RunArgs, progress: &Progress) -> PromptAnswerSource {
     }
 }
 
-/// One thread for all tasks that wait.
+/// Runtime with one thread for all tasks.
 pub fn build_runtime() -> Result<tokio::runtime::Runtime, Failure> {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_all().build().map_err(Failure::without_remedy)
 }
 
-/// Prints the result and the command that shows it; `is_journal_kept`: the journal outlives the program.
-pub fn print_result(
+/// Prints the estimate, and writes the report if `--report` is given; `is_journal_kept` is false for a replay.
+pub fn print_result_and_write_report(
     journal: &Journal,
     state: Option<&Path>,
     id: RunId,
@@ -118,17 +118,17 @@ pub fn check_parent_folder(file: &Path, what: &str, option: &str) -> Result<(), 
 
 pub async fn open_devices(
     machine: &MachineFile,
-    speed: Option<Speed>,
-    past: EarlierSessions<'_>,
+    speed: Option<SimulationSpeed>,
+    earlier_sessions: EarlierSessions<'_>,
 ) -> Result<Devices, Failure> {
-    Ok(setup::open_devices(machine, speed.unwrap_or_default().into(), past).await?)
+    Ok(setup::open_devices(machine, speed.unwrap_or_default().into(), earlier_sessions).await?)
 }
 
-impl From<Speed> for SimulationPace {
-    fn from(speed: Speed) -> Self {
+impl From<SimulationSpeed> for SimulationPace {
+    fn from(speed: SimulationSpeed) -> Self {
         match speed {
-            Speed::Real => Self::Real,
-            Speed::Fast => Self::Fast,
+            SimulationSpeed::Real => Self::RealTime,
+            SimulationSpeed::Fast => Self::Immediate,
         }
     }
 }

@@ -1,25 +1,25 @@
-//! `trued runs`, `show_run`, `export_run`.
+//! `trued runs`, `trued show`, `trued export`.
 
 use std::path::Path;
 
 use super::failure::Failure;
 use super::files::{read_estimate, state_folder};
-use super::result_args::{ExportArgs, Frame, RunsArgs, ShowArgs};
+use super::result_args::{ExportArgs, ExportFrame, RunsArgs, ShowArgs};
 use super::{ExitStatus, add_state_option, show};
-use crate::archive::run_story::{self, describe_run_end, run_story};
+use crate::archive::run_story::{self, describe_events_with_times, describe_run_end};
 use crate::report::{readings_csv, temperature};
 use crate::run::can_resume;
 use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::{Reading, ReadingFlag};
-use methods::prediction::WorkpieceFrame;
+use methods::prediction::WorkpieceTransform;
 
 pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     let mut runs = journal.runs()?;
-    runs.iter_mut().for_each(|run| run.state = current_state(run, &folder));
+    runs.iter_mut().for_each(|run| run.state = current_run_state(run, &folder));
     if args.json {
         show::print_json(&runs)?;
         return Ok(ExitStatus::Pass);
@@ -51,7 +51,7 @@ pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Fa
 
 /// Present state of a run. A run in state `running` whose machine is held by no process is interrupted; the
 /// next process that acquires the machine writes that to the journal.
-fn current_state(run: &RunSummary, folder: &Path) -> RunState {
+fn current_run_state(run: &RunSummary, folder: &Path) -> RunState {
     let is_dead = || MachineLock::holder(folder, &run.machine).is_none();
     match run.state {
         RunState::Running if is_dead() => RunState::Interrupted,
@@ -64,7 +64,7 @@ pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, Fai
     let journal = Journal::open(&folder)?;
     let run = RunId(args.run);
     let mut stored = journal.load_run(run)?;
-    stored.summary.state = current_state(&stored.summary, &folder);
+    stored.summary.state = current_run_state(&stored.summary, &folder);
     if let Some(file) = &args.report {
         show::write_report(&journal, run, file)?;
         errln!("written: {}", file.display());
@@ -82,7 +82,7 @@ pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, Fai
         stored.summary.state.as_str(),
         stored.readings.len()
     );
-    print_interruptions(&stored, state);
+    print_events_and_next_action(&stored, state);
     match last {
         Some(estimate) => {
             show::print_estimate(estimate);
@@ -103,8 +103,8 @@ pub fn next_action(stored: &StoredRun) -> Option<String> {
     run_story::next_action(stored, can_resume(&stored.plan, &stored.readings))
 }
 
-fn print_interruptions(stored: &StoredRun, state: Option<&Path>) {
-    for (at, told) in run_story(stored) {
+fn print_events_and_next_action(stored: &StoredRun, state: Option<&Path>) {
+    for (at, told) in describe_events_with_times(stored) {
         outln!("{at}  {told}");
     }
     let summary = &stored.summary;
@@ -120,10 +120,10 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
     let journal = Journal::open(&state_folder(state)?)?;
     let run = RunId(args.run);
     let stored = journal.load_run(run)?;
-    std::fs::create_dir_all(&args.to).map_err(|error| Failure::file(&args.to, &error))?;
+    std::fs::create_dir_all(&args.to).map_err(|error| Failure::from_file_error(&args.to, &error))?;
     let write = |name: String, content: &[u8]| {
         let file = args.to.join(name);
-        std::fs::write(&file, content).map_err(|error| Failure::file(&file, &error))?;
+        std::fs::write(&file, content).map_err(|error| Failure::from_file_error(&file, &error))?;
         outln!("{}", file.display());
         Ok::<(), Failure>(())
     };
@@ -132,10 +132,10 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
     let comments = [format!("run {run}: {} on {}", stored.plan.method, stored.plan.machine.name)];
     readings_csv::write_readings(&stored.readings, &comments, &mut csv).map_err(Failure::without_remedy)?;
     write(format!("run-{run}-readings.csv"), &csv)?;
-    write(format!("run-{run}-machine.toml"), stored.config.as_bytes())?;
-    if args.frame == Some(Frame::Workpiece) {
+    write(format!("run-{run}-machine.toml"), stored.machine_file_text.as_bytes())?;
+    if args.frame == Some(ExportFrame::Workpiece) {
         let estimate = args.with.as_deref().map(read_estimate).transpose()?;
-        let points = points_csv(&stored.plan, &stored.readings, estimate.as_ref())?;
+        let points = workpiece_points_csv(&stored.plan, &stored.readings, estimate.as_ref())?;
         write(format!("run-{run}-points.csv"), points.as_bytes())?;
     }
     if let Some(last) = stored.estimates.last() {
@@ -146,8 +146,8 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
 }
 
 /// Readings as points of the workpiece, mm, with their standard uncertainties.
-fn points_csv(plan: &Plan, readings: &[Reading], estimate: Option<&Estimate>) -> Result<String, Failure> {
-    let frame = WorkpieceFrame::new(plan, estimate)?;
+fn workpiece_points_csv(plan: &Plan, readings: &[Reading], estimate: Option<&Estimate>) -> Result<String, Failure> {
+    let frame = WorkpieceTransform::new(plan, estimate)?;
     errln!("points: {}", frame.describe_stylus());
     let mut lines = vec!["step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm".to_owned()];
     for reading in readings.iter().filter(|reading| reading.flag == ReadingFlag::None) {

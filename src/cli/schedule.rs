@@ -16,13 +16,13 @@ use crate::service::schedule_state::new_arming;
 use crate::setup::SetupError;
 use crate::store::{Arming, Journal, ScheduleSlot};
 
-/// Number of past slots that are printed.
-const MAX_PAST_SLOTS: usize = 20;
+/// Maximum number of past scheduled starts that are listed.
+const MAX_LISTED_PAST_SLOTS: usize = 20;
 
 #[derive(Serialize)]
 struct ScheduleReport {
     machine: String,
-    /// Next slots; only if the machine file is given.
+    /// Schedules with their next starts; empty if no machine file is given.
     planned: Vec<PlannedSchedule>,
     armed: Vec<Arming>,
     last: Vec<ScheduleSlot>,
@@ -41,7 +41,8 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exi
         (None, None) => journal.machine_names()?.into_iter().map(|name| (name, Vec::new())).collect(),
     };
     let reports = all.into_iter().map(|(machine, planned)| {
-        let (armed, last) = (journal.armings(&machine)?, journal.newest_slots(&machine, MAX_PAST_SLOTS)?);
+        let (armed, last) =
+            (journal.last_arming_of_each_cycle(&machine)?, journal.newest_slots(&machine, MAX_LISTED_PAST_SLOTS)?);
         Ok(ScheduleReport { machine, planned, armed, last })
     });
     let reports = reports.collect::<Result<Vec<_>, Failure>>()?;
@@ -60,8 +61,8 @@ fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<PlannedSchedule>)> {
         .collect()
 }
 
-fn print_schedule(reports: &ScheduleReport) {
-    let ScheduleReport { machine, planned, armed, last } = reports;
+fn print_schedule(report: &ScheduleReport) {
+    let ScheduleReport { machine, planned, armed, last } = report;
     outln!("{machine}");
     for PlannedSchedule { name, cycle, at, zone, next, .. } in planned {
         let next: Vec<_> = next.iter().map(|next| next.strftime("%a %F %H:%M %Z").to_string()).collect();
@@ -86,11 +87,11 @@ pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, F
     let journal = Journal::open(&state_folder(state)?)?;
     let ArmArgs { machine, cycle, who, until, why } = args;
     check_machine_known(&journal, machine)?;
-    let arming = new_arming(machine, *cycle, require_name(who)?, why, until, Timestamp::now());
+    let arming = new_arming(machine, *cycle, require_operator_name(who)?, why, until, Timestamp::now());
     let arming = arming.map_err(|why| {
         Failure::new(why, "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00")
     })?;
-    journal.arm(&arming).wait()?;
+    journal.arm_cycle(&arming).wait()?;
     outln!("the schedule may start cycle {cycle} of {machine} until {}", arming.until);
     Ok(ExitStatus::Pass)
 }
@@ -99,12 +100,12 @@ pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<ExitSta
     let journal = Journal::open(&state_folder(state)?)?;
     let DisarmArgs { machine, cycle, who, why } = args;
     check_machine_known(&journal, machine)?;
-    let ended = journal.disarm(machine, *cycle, require_name(who)?, why).wait()?;
+    let ended = journal.disarm_cycles(machine, *cycle, require_operator_name(who)?, why).wait()?;
     outln!("{ended} armed cycles of {machine} were disarmed");
     Ok(ExitStatus::Pass)
 }
 
-fn require_name(who: &str) -> Result<&str, Failure> {
+fn require_operator_name(who: &str) -> Result<&str, Failure> {
     match who.trim() {
         "" => Err(Failure::new("the name of the operator is missing", "add your name with --who NAME")),
         who => Ok(who),

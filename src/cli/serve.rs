@@ -7,8 +7,8 @@ use super::args::ServeArgs;
 use super::failure::Failure;
 use super::files::state_folder;
 use super::run::check_parent_folder;
-use super::signals::stop_on_signals;
-use crate::service::{DaemonFile, ExitState, Service, telemetry};
+use super::signals::start_signal_halt_thread;
+use crate::service::{DaemonFile, ExitState, Service, log_destination};
 use crate::setup::SetupError;
 
 pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
@@ -18,7 +18,7 @@ pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatu
         (None, None) => DaemonFile::built_in(),
     };
     let file = file.map_err(SetupError::from)?;
-    let log = telemetry::start_log();
+    let log = log_destination::start_log();
     let service = Service::new(file, state_folder(state)?, args.speed.into(), log)?;
     let service = match &args.capture {
         Some(file) => {
@@ -31,9 +31,9 @@ pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatu
         service.check_plans()?;
         return Ok(ExitStatus::Pass);
     }
-    stop_on_signals(service.halt_handle())?;
+    start_signal_halt_thread(service.shut_down_handle())?;
     match service.serve()? {
-        ExitState::Waiting => Ok(ExitStatus::Pass),
-        ExitState::Held => Ok(ExitStatus::Stopped),
+        ExitState::NoRunInProgress => Ok(ExitStatus::Pass),
+        ExitState::RunHeld => Ok(ExitStatus::Stopped),
     }
 }

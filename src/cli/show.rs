@@ -94,5 +94,5 @@ pub fn describe_verdict(verdict: Verdict) -> &'static str {
 /// Writes the report of a stored run's last estimate.
 pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
     let html = render_report(journal, run).map_err(|error| Failure::new(error.to_string(), error.remedy()))?;
-    std::fs::write(file, html).map_err(|error| Failure::file(file, &error))
+    std::fs::write(file, html).map_err(|error| Failure::from_file_error(file, &error))
 }

@@ -10,7 +10,7 @@ use devices::controllers::HaltHandle;
 
 /// Holds the machine at a signal, from the return of this call on. A thread of its own receives the signals, so
 /// that a stop does not wait for a computation of the run.
-pub fn stop_on_signals(halt: HaltHandle) -> Result<(), Failure> {
+pub fn start_signal_halt_thread(halt: HaltHandle) -> Result<(), Failure> {
     let (ready, is_ready) = channel();
     std::thread::Builder::new()
         .name("signals".to_owned())
@@ -20,6 +20,7 @@ pub fn stop_on_signals(halt: HaltHandle) -> Result<(), Failure> {
     listening.map_err(|error| Failure::without_remedy(format!("the signal handler could not be started: {error}")))
 }
 
+/// Body of the signal thread; sends on `ready` once the signals are received, or the error.
 fn run_signal_thread(halt: &HaltHandle, ready: &Sender<io::Result<()>>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let ended = runtime.and_then(|runtime| runtime.block_on(halt_on_signals(halt, ready)));
@@ -33,13 +34,13 @@ async fn halt_on_signals(halt: &HaltHandle, ready: &Sender<io::Result<()>>) -> i
     // Sent when the terminal is closed.
     let mut hang_up = signal(SignalKind::hangup())?;
     let _ = ready.send(Ok(()));
-    while next_signal(&mut interrupt, &mut terminate, &mut hang_up).await.is_some() {
+    while wait_for_any_signal(&mut interrupt, &mut terminate, &mut hang_up).await.is_some() {
         halt.trigger();
     }
     Ok(())
 }
 
-async fn next_signal(first: &mut Signal, second: &mut Signal, third: &mut Signal) -> Option<()> {
+async fn wait_for_any_signal(first: &mut Signal, second: &mut Signal, third: &mut Signal) -> Option<()> {
     // `recv` is cancel safe: no signal is lost.
     tokio::select! {
         received = first.recv() => received,

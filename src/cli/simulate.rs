@@ -24,8 +24,10 @@ pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, Failure> {
             errln!("the sensor `{}` is mounted in the spindle instead of the touch probe", sensor.name);
         }
         let simulator = match args.faults {
-            None => rehearsal.serve(pace)?,
-            Some(seed) => rehearsal.serve_with_faults(pace, FaultyWire::for_rehearsal(seed), print_fault)?,
+            None => rehearsal.serve_control(pace)?,
+            Some(seed) => {
+                rehearsal.serve_control_with_faulty_wire(pace, FaultyWire::for_rehearsal(seed), print_fault)?
+            }
         };
         outln!("{simulator}");
         let orients = machine.machine.axes.contains_key(&Axis::S);
@@ -33,7 +35,7 @@ pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, Failure> {
         errln!(
             "A simulated {} is running on this port. To connect, write in a machine file:\n{}\nPress Ctrl-C \
             to end the simulation.",
-            simulator.description(),
+            simulator.control_description(),
             format!("[controller]\n{}{dialect}", simulator.controller_toml())
                 .lines()
                 .map(|line| format!("  {line}"))
@@ -67,7 +69,7 @@ fn start_stylus_input(mut simulated_operator: SimulatedOperator) {
     });
 }
 
-fn print_fault(at: Duration, harm: PlannedFault) {
-    let PlannedFault { direction, line, byte, fault: harm } = harm;
-    errln!("{:9.3} s  {direction:?}, line {line}, byte {byte}: {harm:?}", at.as_secs_f64());
+fn print_fault(at: Duration, planned_fault: PlannedFault) {
+    let PlannedFault { direction, line_index: line, byte_index: byte, fault } = planned_fault;
+    errln!("{:9.3} s  {direction:?}, line {line}, byte {byte}: {fault:?}", at.as_secs_f64());
 }

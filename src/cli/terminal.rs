@@ -15,17 +15,17 @@ use machine::record::question::{Answer, AxisDirection, ObservedMotion, Question}
 /// Polling period of a stop while the terminal waits for an answer.
 const STOP_POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// A typed line; empty if standard input is no terminal.
-pub fn prompt_line(words: &str) -> std::io::Result<String> {
+/// Prints `prompt` and reads a line; empty if standard input is no terminal.
+pub fn prompt_line(prompt: &str) -> std::io::Result<String> {
     let mut line = String::new();
     if std::io::stdin().is_terminal() {
-        errln!("{words}");
+        errln!("{prompt}");
         std::io::stdin().lock().read_line(&mut line)?;
     }
     Ok(line.trim().to_owned())
 }
 
-/// Typed lines, in their order.
+/// Lines typed on standard input, read on a thread of their own.
 fn spawn_line_reader() -> Receiver<String> {
     let (line, typed) = channel();
     // On a thread of its own that is never joined, so that the links stay active meanwhile.
@@ -40,8 +40,8 @@ fn spawn_line_reader() -> Receiver<String> {
 /// `show` is called with the text of the prompt.
 pub fn confirm_with_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswerSource {
     match std::io::stdin().is_terminal() {
-        true => enter_confirmations(who, show, spawn_line_reader),
-        false => PromptAnswerSource::none(),
+        true => answers_from_enter_key(who, show, spawn_line_reader),
+        false => PromptAnswerSource::without_operator(),
     }
 }
 
@@ -52,7 +52,8 @@ pub fn login_name() -> String {
     known.next().unwrap_or_else(|| "operator at the terminal".to_owned())
 }
 
-fn enter_confirmations(
+/// Answers of `who` by the Enter key; `listen` starts to read the typed lines at the first prompt.
+fn answers_from_enter_key(
     who: String,
     show: impl Fn(&str) + Send + Sync + 'static,
     listen: impl Fn() -> Receiver<String> + Send + Sync + 'static,
@@ -78,18 +79,18 @@ fn enter_confirmations(
 
 pub struct TerminalOperator {
     stop: CheckStop,
-    typed: Receiver<String>,
+    typed_lines: Receiver<String>,
 }
 
 impl TerminalOperator {
     pub fn new(stop: CheckStop) -> Self {
-        Self { stop, typed: spawn_line_reader() }
+        Self { stop, typed_lines: spawn_line_reader() }
     }
 
     async fn read_answer(&self, question: &Question) -> Answer {
         loop {
             // Lines typed before the question do not answer it.
-            while self.typed.try_recv().is_ok() {}
+            while self.typed_lines.try_recv().is_ok() {}
             errln!("\n{}", describe_question(question));
             let Some(line) = self.next_line().await else { return Answer::NoOperator };
             let answer = match question {
@@ -107,7 +108,7 @@ impl TerminalOperator {
     /// The next line. `None`: standard input has ended, or a stop was requested.
     async fn next_line(&self) -> Option<String> {
         loop {
-            match self.typed.try_recv() {
+            match self.typed_lines.try_recv() {
                 Ok(line) => return Some(line.trim().to_owned()),
                 Err(TryRecvError::Disconnected) => return None,
                 Err(TryRecvError::Empty) if self.stop.is_requested() => return None,
@@ -131,7 +132,7 @@ fn parse_yes_no(line: &str) -> Option<Answer> {
     }
 }
 
-/// A linear axis and a sign, or no. Yes alone is not accepted, as it names no direction.
+/// Parses a linear axis with a sign, such as `Z+`, or no. Yes alone is not accepted, as it names no direction.
 fn parse_retract_direction(line: &str) -> Option<Answer> {
     let line = line.to_ascii_uppercase();
     let (letter, is_positive) = match (line.strip_suffix('+'), line.strip_suffix('-')) {
@@ -165,7 +166,7 @@ mod tests {
     #[test]
     fn input_before_the_question_is_ignored() {
         let (line, typed) = channel();
-        let person = TerminalOperator { stop: CheckStop::default(), typed };
+        let person = TerminalOperator { stop: CheckStop::default(), typed_lines: typed };
         (0..3).for_each(|_| line.send("y".to_owned()).unwrap());
         let later = std::thread::spawn(move || {
             std::thread::sleep(4 * STOP_POLL_PERIOD);
@@ -186,8 +187,8 @@ mod tests {
             let shown = shown.clone();
             move |words: &str| shown.lock().unwrap().push(words.to_owned())
         };
-        let answers = enter_confirmations("Ada".to_owned(), show, move || typed.lock().unwrap().take().unwrap());
-        let asked = |step| OpenPrompt { step, repeat: 0, text: format!("do {step}") };
+        let answers = answers_from_enter_key("Ada".to_owned(), show, move || typed.lock().unwrap().take().unwrap());
+        let asked = |step| OpenPrompt { step_id: step, repeat_number: 0, text: format!("do {step}") };
         let enter = || line.send(String::new()).unwrap();
         enter();
         assert_eq!([answers.poll(&asked(1)), answers.poll(&asked(1))], [None, None]);
@@ -213,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn observed_motion_is_entered_as_a_word() {
+    fn observed_motion_is_parsed_from_letter_or_distance() {
         let typed = [
             ("y", Some(ObservedMotion::AsAnnounced)),
             ("R", Some(ObservedMotion::Opposite)),

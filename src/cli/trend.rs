@@ -1,4 +1,4 @@
-//! `trued trend`: values of a machine over its runs.
+//! `trued trend`: prints the parameters of a machine over its runs, and their changes.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatu
         outln!("no runs yet: start one with `trued run self-calibration`");
         return Ok(ExitStatus::Pass);
     };
-    let all = machine_history(&journal, &machine, &newest_tolerance(&journal, &machine)?)?;
+    let all = machine_history(&journal, &machine, &tolerances_of_newest_run(&journal, &machine)?)?;
     if args.json {
         show::print_json(&all)?;
         return Ok(ExitStatus::Pass);
@@ -34,16 +34,17 @@ pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatu
 }
 
 /// Tolerances in the machine file of the newest run; none if this version cannot read that file.
-fn newest_tolerance(journal: &Journal, machine: &str) -> Result<Vec<ParameterLimit>, Failure> {
+fn tolerances_of_newest_run(journal: &Journal, machine: &str) -> Result<Vec<ParameterLimit>, Failure> {
     let runs = journal.runs()?;
     let Some(newest) = runs.iter().rev().find(|run| run.machine == machine) else {
         return Ok(Vec::new());
     };
     let stored = journal.load_run(newest.id)?;
-    let file = MachineFile::from_stored("machine file", stored.config, &stored.plan.artefact);
+    let file = MachineFile::from_stored_run("machine file", stored.machine_file_text, &stored.plan.artefact);
     Ok(file.map(|file| file.parameter_limits).unwrap_or_default())
 }
 
+/// Prints the series of one method.
 fn print_trend(machine: &str, all: &[ParameterSeries], days: u32) {
     outln!("{} on {machine}", all.first().map_or("", |series| series.method.as_str()));
     outln!(
@@ -58,7 +59,7 @@ fn print_trend(machine: &str, all: &[ParameterSeries], days: u32) {
     );
     for series in all {
         let Some(newest) = series.values.last() else { continue };
-        let limits = series.trend.individuals.map(|chart| chart.limits());
+        let limits = series.trend.individuals.map(|chart| chart.control_limits());
         let limits = limits.map_or("too few runs".to_owned(), |[lower, upper]| format!("{lower:.3} to {upper:.3}"));
         let tolerance = series.tolerance.map_or("none".to_owned(), |limit| format!("±{limit}"));
         let warmth = newest.temperatures_c.iter().map(|(name, mean)| format!("{name} {mean:.1}"));

@@ -6,7 +6,7 @@ use super::ExitStatus;
 use super::args::WatchArgs;
 use super::failure::Failure;
 use crate::setup::{self, MachineFile};
-use devices::sensors::{Sample, Sensor};
+use devices::sensors::{Sample, SensorHandle};
 use machine::record::reading::ReadingFlag;
 
 pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
@@ -16,7 +16,7 @@ pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
     runtime.block_on(async {
         let sensor = setup::open_sensor(&file, &args.sensor).await?;
         let connection = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
-        let at = connection.map(|entry| entry.connection.location()).unwrap_or_default();
+        let at = connection.map(|entry| entry.connection.describe_address()).unwrap_or_default();
         let mut printer = SamplePrinter { json: args.json, remaining_samples: args.samples, is_signal_missing: false };
         tokio::select! {
             ended = print_samples(&sensor, &at, &mut printer) => ended,
@@ -27,13 +27,13 @@ pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Shows every sample.
-async fn print_samples(sensor: &Sensor, at: &str, printer: &mut SamplePrinter) -> Result<(), Failure> {
+async fn print_samples(sensor: &SensorHandle, at: &str, printer: &mut SamplePrinter) -> Result<(), Failure> {
     let (tell, mut samples) = mpsc::unbounded_channel();
     let good = move |sample: &Sample| tell.send(*sample).is_ok();
     sensor.watch(good, || {}).await?;
     errln!("reading samples from {at}; press Ctrl-C to end");
     while let Some(sample) = samples.recv().await {
-        if printer.print_is_last(&sample) {
+        if printer.print_and_check_last(&sample) {
             return Ok(());
         }
     }
@@ -41,7 +41,7 @@ async fn print_samples(sensor: &Sensor, at: &str, printer: &mut SamplePrinter) -
     sensor.end_watch().await?;
     loop {
         for sample in sensor.read_samples(1).await? {
-            if printer.print_is_last(&sample) {
+            if printer.print_and_check_last(&sample) {
                 return Ok(());
             }
         }
@@ -57,8 +57,8 @@ struct SamplePrinter {
 
 impl SamplePrinter {
     /// Shows the sample; returns whether it is the last.
-    fn print_is_last(&mut self, sample: &Sample) -> bool {
-        let Sample { t_s, value_mm, flag, missing_count: missing, encoder_count } = *sample;
+    fn print_and_check_last(&mut self, sample: &Sample) -> bool {
+        let Sample { received_s: t_s, value_mm, flag, missing_count: missing, encoder_count } = *sample;
         let is_signal_missing = flag == ReadingFlag::Stale;
         if !(is_signal_missing && self.is_signal_missing) {
             let flag = flag.as_str();

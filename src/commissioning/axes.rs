@@ -12,28 +12,29 @@ use machine::record::question::{Answer, Jog, ObservedMotion, Question};
 
 /// Length of a jog, mm or degrees.
 const JOG_LENGTH_MM_OR_DEG: f64 = 1.0;
-/// Tolerance of an observed distance, mm or degrees.
-const OBSERVATION_TOLERANCE: f64 = 0.2;
+/// Maximum difference of an observed distance from that of the jog, mm or degrees.
+const OBSERVATION_TOLERANCE_MM_OR_DEG: f64 = 0.2;
 
 /// Reason why no axis is jogged.
-pub(super) const NO_PROBE_REASON: &str = "the probe input was not tested, because no operator is present; without a working probe no contact \
+pub(super) const PROBE_UNTESTED_REASON: &str = "the probe input was not tested, because no operator is present; without a working probe no contact \
     stops the machine";
 
-/// Outcome of one axis.
+/// Outcome of the check of one axis.
 enum AxisOutcome {
+    /// A finding is reported.
     Reported,
     /// No operator is present.
-    Nobody,
+    NoOperator,
 }
 
 pub(super) async fn check_axes(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if !check.is_probe_working {
-        check.report_unchecked(CheckPart::Axes, NO_PROBE_REASON);
+        check.report_unchecked(CheckPart::Axes, PROBE_UNTESTED_REASON);
         return Ok(());
     }
-    let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
+    let axes: Vec<Axis> = check.machine_file.machine.axes.keys().copied().collect();
     for axis in axes.iter().copied().filter(|axis| *axis != Axis::S) {
-        if let AxisOutcome::Nobody = check_axis(check, axis).await? {
+        if let AxisOutcome::NoOperator = check_axis(check, axis).await? {
             check.report_unchecked(CheckPart::Axes, "no operator is present to permit and to observe the jogs");
             return Ok(());
         }
@@ -54,17 +55,17 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
     let Some(jog) = plan_jog(check, axis) else { return Ok(AxisOutcome::Reported) };
     loop {
         let since = Instant::now();
-        // The operator is asked only about a jog that is proven to be free of collision.
+        // The operator is prompted only for a jog that is proven to be free of collision.
         if let Err(error) = jog::prove_planned_jog(check, &jog) {
             report_failed_jog(check, &jog, since, &error).await?;
             return Ok(AxisOutcome::Reported);
         }
         let stands = check.position.clone().unwrap_or_default();
-        let expected = visible_motion(&check.file.machine, &stands, &jog).unwrap_or_default();
+        let expected = visible_motion(&check.machine_file.machine, &stands, &jog).unwrap_or_default();
         let may = Question::AllowJog { jog, visible_motion: expected.clone() };
         match check.prompt_operator(may).await? {
             Answer::Yes => {}
-            Answer::NoOperator => return Ok(AxisOutcome::Nobody),
+            Answer::NoOperator => return Ok(AxisOutcome::NoOperator),
             _ => {
                 check.report_unchecked(CheckPart::Axes, format!("{axis}: the operator did not permit the jog"));
                 return Ok(AxisOutcome::Reported);
@@ -85,7 +86,7 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
             return Ok(AxisOutcome::Reported);
         }
         if seen != ObservedMotion::Unclear {
-            judge_axis(check, &jog, seen, since, &expected);
+            judge_observed_motion(check, &jog, seen, since, &expected);
             return Ok(AxisOutcome::Reported);
         }
     }
@@ -109,7 +110,7 @@ fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, since: Inst
 
 /// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
 fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
-    let (since, machine) = (Instant::now(), &check.file.machine);
+    let (since, machine) = (Instant::now(), &check.machine_file.machine);
     let spec = machine.axes.get(&axis)?;
     let stands = check.position.as_ref()?;
     let jog = jog::jog_away_from_limit(axis, JOG_LENGTH_MM_OR_DEG, spec, stands);
@@ -136,7 +137,7 @@ async fn report_failed_jog(
     since: Instant,
     error: &JogError,
 ) -> Result<(), CheckEnd> {
-    check.check_stop()?;
+    check.require_no_stop_request()?;
     check.has_axis_fault = true;
     let reported = if error.has_changed_nothing() { None } else { describe_reported_motion(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, format_jog(jog), reported.unwrap_or_default());
@@ -148,7 +149,7 @@ async fn report_failed_jog(
 async fn describe_reported_motion(check: &MachineCheck<'_>, jog: &Jog) -> Option<String> {
     let (before, now) = (check.position.as_ref()?, check.controller().ok()?.read_snapshot().await.ok()?);
     let gone = |axis: Axis| -> Option<f64> { Some(axis.to_mm_or_deg(now.position.get(axis)? - before.get(axis)?)) };
-    let moved = check.file.machine.axes.keys().copied();
+    let moved = check.machine_file.machine.axes.keys().copied();
     let moved = moved.filter_map(|axis| Some((axis, gone(axis)?)));
     let (axis, by) = moved.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))?;
     if by.abs() < 1e-3 {
@@ -158,22 +159,33 @@ async fn describe_reported_motion(check: &MachineCheck<'_>, jog: &Jog) -> Option
     Some(format!("; the control reports a motion of {axis} by {}{of}", format_amount(axis, format_args!("{by:+.3}"))))
 }
 
-fn judge_axis(check: &mut MachineCheck<'_>, jog: &Jog, seen: ObservedMotion, since: Instant, expected: &str) {
+/// Reports whether the observed motion agrees with the jog.
+fn judge_observed_motion(
+    check: &mut MachineCheck<'_>,
+    jog: &Jog,
+    observed: ObservedMotion,
+    since: Instant,
+    expected: &str,
+) {
     let (axis, by) = (jog.axis, format_jog(jog));
-    let seen = match seen {
-        ObservedMotion::Distance(seen) if (seen - jog.by).abs() <= OBSERVATION_TOLERANCE => ObservedMotion::AsAnnounced,
-        ObservedMotion::Distance(seen) if (seen + jog.by).abs() <= OBSERVATION_TOLERANCE => ObservedMotion::Opposite,
+    let observed = match observed {
+        ObservedMotion::Distance(distance) if (distance - jog.by).abs() <= OBSERVATION_TOLERANCE_MM_OR_DEG => {
+            ObservedMotion::AsAnnounced
+        }
+        ObservedMotion::Distance(distance) if (distance + jog.by).abs() <= OBSERVATION_TOLERANCE_MM_OR_DEG => {
+            ObservedMotion::Opposite
+        }
         ObservedMotion::Distance(0.0) => ObservedMotion::NoMotion,
         ObservedMotion::OtherAxis(other) if other == axis => ObservedMotion::AsAnnounced,
-        seen => seen,
+        other => other,
     };
-    let (what, remedy) = match seen {
+    let (what, remedy) = match observed {
         ObservedMotion::AsAnnounced | ObservedMotion::Unclear => {
             return check.report_ok(CheckPart::Axes, since, format!("{axis} {by}: {expected}, as expected"));
         }
         ObservedMotion::Opposite => (
             format!("{axis} {by}: the axis moved in the opposite direction: the sense of {axis} is wrong"),
-            sense_remedy(axis, check.file.machine.axes.get(&axis).map(|spec| spec.positive)),
+            sense_remedy(axis, check.machine_file.machine.axes.get(&axis).map(|spec| spec.positive)),
         ),
         ObservedMotion::OtherAxis(other) => (
             format!("{axis} {by}: {other} moved instead: {axis} and {other} are swapped"),
@@ -190,7 +202,7 @@ fn judge_axis(check: &mut MachineCheck<'_>, jog: &Jog, seen: ObservedMotion, sin
                 axis_unit(axis)
             ),
         ),
-        ObservedMotion::Distance(seen) => gain_fault(jog, seen),
+        ObservedMotion::Distance(distance) => gain_fault(jog, distance),
     };
     check.has_axis_fault = true;
     check.report_failed(CheckPart::Axes, since, what, remedy);
@@ -211,16 +223,17 @@ fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {
     )
 }
 
-fn gain_fault(jog: &Jog, seen: f64) -> (String, String) {
-    let (axis, unit, gain) = (jog.axis, axis_unit(jog.axis), (seen / jog.by).abs());
+/// Description and remedy of a wrong number of steps per unit. `observed_distance`: mm or degrees.
+fn gain_fault(jog: &Jog, observed_distance: f64) -> (String, String) {
+    let (axis, unit, gain) = (jog.axis, axis_unit(jog.axis), (observed_distance / jog.by).abs());
     let inches = if axis.is_linear() && (gain - 25.4).abs() < 1.5 { ": is the control set to inches?" } else { "" };
     // Rounded to a hundredth, the resolution of the eye.
-    let seen = (seen * 100.0).round() / 100.0;
-    let turned = if seen * jog.by < 0.0 { ", in the opposite direction" } else { "" };
+    let rounded = (observed_distance * 100.0).round() / 100.0;
+    let turned = if rounded * jog.by < 0.0 { ", in the opposite direction" } else { "" };
     let what = format!(
         "{axis} {}: the axis moved by {}{turned}: the gain of {axis} is {gain:.3}{inches}",
         format_jog(jog),
-        format_amount(axis, format_args!("{seen:+}"))
+        format_amount(axis, format_args!("{rounded:+}"))
     );
     let remedy = format!(
         "divide the steps per {unit} of {axis} at the control by {gain:.3} ({}); for a more accurate value, \

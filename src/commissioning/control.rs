@@ -3,7 +3,10 @@
 use std::time::Instant;
 
 use super::question_text::format_position;
-use super::{CheckEnd, CheckPart, MachineCheck, compare::Difference, compare::machine_file_differences, links};
+use super::{
+    CheckEnd, CheckPart, MachineCheck, links, machine_file_comparison::MachineFileDifference,
+    machine_file_comparison::machine_file_differences,
+};
 use devices::controllers::{ControllerError, DeviceInfo, MachineSnapshot, describe_unreadable_items};
 use machine::Position;
 use machine::record::question::{Answer, Question};
@@ -11,30 +14,31 @@ use machine::record::question::{Answer, Question};
 pub(super) async fn check_control(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let result = check.controller()?.identify_device().await;
-    check.check_stop()?;
+    check.require_no_stop_request()?;
     let may_move = match result {
-        Ok(info) => compare_device_info(check, info, since),
+        Ok(info) => compare_device_info_and_permit_motion(check, info, since),
         Err(error) => {
             // If the control cannot be prepared either, that error explains more.
-            prepare_control(check).await?;
+            prepare_and_confirm_position(check).await?;
             let what = format!("the control does not report travel, speeds and axes: {error}");
             check.report_failed(CheckPart::Control, since, what, error.remedy());
             return Ok(());
         }
     };
     if may_move {
-        return prepare_control(check).await;
+        return prepare_and_confirm_position(check).await;
     }
     // If its positions are in doubt, a small jog may go anywhere.
-    prepare_and_report(check).await?;
+    prepare_and_report_position(check).await?;
     Err(CheckEnd::Unsafe)
 }
 
-/// Compares its device information with the machine file; returns whether it may move.
-fn compare_device_info(check: &mut MachineCheck<'_>, info: DeviceInfo, since: Instant) -> bool {
+/// Compares the control's device information with the machine file, and reports the differences and the remarks of the
+/// control. Returns false if a remark forbids motion; differences do not.
+fn compare_device_info_and_permit_motion(check: &mut MachineCheck<'_>, info: DeviceInfo, since: Instant) -> bool {
     check.summary.control = Some(info.identity.clone());
-    check.polarity_setting.clone_from(&info.probe_polarity_hint);
-    let differences = machine_file_differences(&check.file.machine, &info);
+    check.probe_polarity_hint.clone_from(&info.probe_polarity_hint);
+    let differences = machine_file_differences(&check.machine_file.machine, &info);
     if differences.is_empty() && !info.axes.is_empty() {
         let reports_speeds = info.axes.values().any(|axis| axis.rapid_per_min.is_some());
         let agreement = if reports_speeds {
@@ -44,7 +48,7 @@ fn compare_device_info(check: &mut MachineCheck<'_>, info: DeviceInfo, since: In
         };
         check.report_ok(CheckPart::Control, since, format!("{}: {agreement}", info.identity));
     }
-    for Difference { beyond_limits, what, remedy } in differences {
+    for MachineFileDifference { axis_beyond_limits: beyond_limits, description: what, remedy } in differences {
         check.axes_beyond_limits.extend(beyond_limits);
         check.report_failed(CheckPart::Control, since, what, remedy);
     }
@@ -60,14 +64,15 @@ fn compare_device_info(check: &mut MachineCheck<'_>, info: DeviceInfo, since: In
 }
 
 /// Prepares the control; the first time, the operator compares its display with the reported position.
-pub(super) async fn prepare_control(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
+pub(super) async fn prepare_and_confirm_position(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let first = check.position.is_none();
-    prepare_and_report(check).await?;
-    if first && check.position.is_some() { compare_display(check).await } else { Ok(()) }
+    prepare_and_report_position(check).await?;
+    if first && check.position.is_some() { confirm_displayed_position(check).await } else { Ok(()) }
 }
 
-/// Probe and position, for the part `probe`. A control that does not report them is no fault of the probe.
-pub(super) async fn read_probe_status(
+/// State of the probe input and position. If the control does not report them, the check ends with a finding of the
+/// part `probe`.
+pub(super) async fn read_snapshot_for_probe_part(
     check: &mut MachineCheck<'_>,
     since: Instant,
 ) -> Result<MachineSnapshot, CheckEnd> {
@@ -84,14 +89,14 @@ pub(super) async fn prepare_in_contact(check: &mut MachineCheck<'_>) -> Result<P
             Ok(prepared.position)
         }
         Err(error) => {
-            check.check_stop()?;
+            check.require_no_stop_request()?;
             links::end_with_link_fault(check, CheckPart::Control, since, &error).await
         }
     }
 }
 
-/// Prepares the control. A closed probe input is left to the next part.
-async fn prepare_and_report(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
+/// Prepares the control and reports its position. A closed probe input is left to the next part.
+async fn prepare_and_report_position(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
         Ok(prepared) => {
@@ -113,15 +118,16 @@ async fn prepare_and_report(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd
             Err(CheckEnd::Unsafe)
         }
         Err(error) => {
-            check.check_stop()?;
+            check.require_no_stop_request()?;
             links::end_with_link_fault(check, CheckPart::Control, since, &error).await
         }
     }
 }
 
-/// Only an operator can detect a wrong scale or a wrong order of registers that leaves all axes within their
-/// travel; an absolute move of one millimetre could then go anywhere.
-async fn compare_display(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
+/// Prompts the operator to compare the reported position with the display. Only an operator can detect a wrong scale
+/// or a wrong order of registers that leaves all axes within their travel; an absolute move of one millimetre could
+/// then go anywhere.
+async fn confirm_displayed_position(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let position = check.position.clone().unwrap_or_default();
     let reported = format_position(&position);

@@ -19,7 +19,7 @@ pub enum CheckPart {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum CheckVerdict {
     Ok,
     Failed,
     /// Not checked, with the reason.
@@ -30,7 +30,7 @@ pub enum Verdict {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckFinding {
     pub part: CheckPart,
-    pub verdict: Verdict,
+    pub verdict: CheckVerdict,
     pub what: String,
     pub took_s: f64,
     /// Remedy of a failure.
@@ -41,15 +41,15 @@ pub struct CheckFinding {
 impl fmt::Display for CheckFinding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let verdict = match self.verdict {
-            Verdict::Ok => "ok",
-            Verdict::Failed => "FAILED",
-            Verdict::NotLookedAt => "not checked",
+            CheckVerdict::Ok => "ok",
+            CheckVerdict::Failed => "FAILED",
+            CheckVerdict::NotLookedAt => "not checked",
         };
         let (part, what) = (format!("{:?}", self.part).to_lowercase(), &self.what);
         write!(f, "{part:<8}{verdict:<14} {what}")?;
         if self.took_s >= 0.1 {
             write!(f, " ({:.1} s)", self.took_s)?;
-        } else if self.verdict != Verdict::NotLookedAt {
+        } else if self.verdict != CheckVerdict::NotLookedAt {
             write!(f, " ({:.1} ms)", 1e3 * self.took_s)?;
         }
         match &self.remedy {
@@ -59,7 +59,7 @@ impl fmt::Display for CheckFinding {
     }
 }
 
-/// All findings. The summary contains the machine's name and no other private data.
+/// All findings of a check. The summary contains the machine's name and no other private data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckSummary {
     pub program_version: String,
@@ -85,7 +85,7 @@ impl CheckSummary {
         }
     }
 
-    pub fn finding_count(&self, verdict: Verdict) -> usize {
+    pub fn finding_count(&self, verdict: CheckVerdict) -> usize {
         self.findings.iter().filter(|finding| finding.verdict == verdict).count()
     }
 }
@@ -100,8 +100,8 @@ impl fmt::Display for CheckSummary {
         for finding in &self.findings {
             writeln!(f, "{finding}")?;
         }
-        let [ok, failed, open] =
-            [Verdict::Ok, Verdict::Failed, Verdict::NotLookedAt].map(|verdict| self.finding_count(verdict));
+        let [ok, failed, open] = [CheckVerdict::Ok, CheckVerdict::Failed, CheckVerdict::NotLookedAt]
+            .map(|verdict| self.finding_count(verdict));
         let stopped = if self.stopped { "; stopped by the operator" } else { "" };
         write!(f, "{ok} ok, {failed} failed, {open} not checked{stopped}")?;
         if self.held {

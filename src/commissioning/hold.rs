@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tokio::time::timeout;
 
-use super::axes::NO_PROBE_REASON;
+use super::axes::PROBE_UNTESTED_REASON;
 use super::jog::{self, ProvenJog};
 use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::{SetupError, SimulationPace, control_hints};
@@ -15,22 +15,23 @@ use machine::record::motion::BlockOutcome;
 use machine::record::question::{Answer, Jog, Question};
 
 /// Length of the path that is held, mm.
-const HELD_JOG_MM: f64 = 5.0;
+const HELD_JOG_LENGTH_MM: f64 = 5.0;
 /// Time from the start of the motion to the halt.
-const HALT_DELAY: Duration = Duration::from_millis(1500);
+const TIME_FROM_START_TO_HALT: Duration = Duration::from_millis(1500);
 /// Maximum travel after the halt, mm; one second at the slow feed of a jog.
 const MAX_TRAVEL_AFTER_HALT_MM: f64 = 1.0;
 /// Maximum number of questions to the operator, who may answer too early.
 const MAX_RELEASE_QUESTIONS: usize = 3;
-/// Maximum distance from the end at which the axis has reached it, mm.
-const END_TOLERANCE_MM: f64 = 0.05;
+/// Maximum distance from the end of the jog at which the axis counts as arrived there, mm.
+const JOG_END_TOLERANCE_MM: f64 = 0.05;
+
 /// Result of the held jog.
 struct HeldJog {
     /// Time from the start to the halt, s; `None`: the motion had ended before.
     time_to_halt_s: Option<f64>,
     /// Time from the halt to the end of the motion, s.
     stopping_time_s: f64,
-    ended: Result<BlockOutcome, ControllerError>,
+    block_result: Result<BlockOutcome, ControllerError>,
 }
 
 pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
@@ -39,54 +40,54 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
         return Ok(());
     }
     if !check.is_probe_working {
-        check.report_unchecked(CheckPart::Hold, NO_PROBE_REASON);
+        check.report_unchecked(CheckPart::Hold, PROBE_UNTESTED_REASON);
         return Ok(());
     }
-    let Some(jog) = longest_jog(check) else {
+    let Some(jog) = jog_of_axis_with_most_travel(check) else {
         check.report_unchecked(
             CheckPart::Hold,
             format!(
-                "for no linear axis a path of {HELD_JOG_MM} mm is free of collision: \
+                "for no linear axis a path of {HELD_JOG_LENGTH_MM} mm is free of collision: \
             raise Z above the declared bodies"
             ),
         );
         return Ok(());
     };
-    if check.prompt_operator(Question::AllowHold(jog)).await? != Answer::Yes {
+    if check.prompt_operator(Question::AllowJogWithHold(jog)).await? != Answer::Yes {
         check.report_unchecked(CheckPart::Hold, "the operator did not permit the motion");
         return Ok(());
     }
     let since = Instant::now();
     if check.reopenable_machine.simulated_operator().is_some() {
         // At real pace, otherwise the motion ends before the halt.
-        if let Err(error) = reopen_control(check, SimulationPace::Real).await {
+        if let Err(error) = reopen_and_prepare_control(check, SimulationPace::RealTime).await {
             check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     }
-    let proven = match jog::prove_unmoved_jog(check, &jog).await {
+    let proven = match jog::prove_jog_and_check_unmoved(check, &jog).await {
         Ok(proven) => proven,
         Err(error) => {
-            check.check_stop()?;
+            check.require_no_stop_request()?;
             check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy());
             return if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) };
         }
     };
-    let held = run_held_jog(check, proven).await?;
+    let held = run_and_halt_jog(check, proven).await?;
     check.summary.held = held.time_to_halt_s.is_some();
-    check.check_stop()?;
-    if judge_hold(check, &jog, held, since).await? { wait_for_release(check).await } else { Ok(()) }
+    check.require_no_stop_request()?;
+    if judge_hold_and_return_held(check, &jog, held, since).await? { wait_for_release(check).await } else { Ok(()) }
 }
 
-/// A jog of the linear axis with the most travel.
-fn longest_jog(check: &MachineCheck<'_>) -> Option<Jog> {
+/// A jog of the linear axis that has the most travel in the direction of the jog.
+fn jog_of_axis_with_most_travel(check: &MachineCheck<'_>) -> Option<Jog> {
     let stands = check.position.as_ref()?;
     let room = |axis: Axis| {
         if check.axes_beyond_limits.contains(&axis) {
             return None;
         }
-        let spec = check.file.machine.axes.get(&axis)?;
-        let jog = jog::jog_away_from_limit(axis, HELD_JOG_MM, spec, stands)?;
+        let spec = check.machine_file.machine.axes.get(&axis)?;
+        let jog = jog::jog_away_from_limit(axis, HELD_JOG_LENGTH_MM, spec, stands)?;
         let here = axis.to_mm_or_deg(stands.get_or_zero(axis));
         jog::prove_planned_jog(check, &jog).ok()?;
         Some((jog, if jog.by > 0.0 { spec.max - here } else { here - spec.min }))
@@ -95,31 +96,36 @@ fn longest_jog(check: &MachineCheck<'_>) -> Option<Jog> {
     all.max_by(|one, other| one.1.total_cmp(&other.1)).map(|(jog, _)| jog)
 }
 
-async fn run_held_jog(check: &MachineCheck<'_>, proven: ProvenJog) -> Result<HeldJog, CheckEnd> {
+async fn run_and_halt_jog(check: &MachineCheck<'_>, proven: ProvenJog) -> Result<HeldJog, CheckEnd> {
     let controller = check.controller()?;
     let _motion = check.stop.begin_motion().ok_or(CheckEnd::Stopped)?;
     let mut executing = pin!(controller.execute(proven.block));
     let begun = Instant::now();
     // The motion continues after the timeout.
-    if let Ok(ended) = timeout(HALT_DELAY, &mut executing).await {
-        return Ok(HeldJog { time_to_halt_s: None, stopping_time_s: 0.0, ended });
+    if let Ok(ended) = timeout(TIME_FROM_START_TO_HALT, &mut executing).await {
+        return Ok(HeldJog { time_to_halt_s: None, stopping_time_s: 0.0, block_result: ended });
     }
     let time_to_halt_s = Some(begun.elapsed().as_secs_f64());
     controller.halt_handle().trigger();
     let halted = Instant::now();
     let ended = executing.await;
-    Ok(HeldJog { time_to_halt_s, stopping_time_s: halted.elapsed().as_secs_f64(), ended })
+    Ok(HeldJog { time_to_halt_s, stopping_time_s: halted.elapsed().as_secs_f64(), block_result: ended })
 }
 
-/// Judges the jog; returns whether the control is held.
 /// Remedy for the person who configures the hold of the control.
 fn hold_remedy() -> String {
     format!("check how the control receives a hold. {}", control_hints(|control| Some(control.hold_hint)))
 }
 
-async fn judge_hold(check: &mut MachineCheck<'_>, jog: &Jog, held: HeldJog, since: Instant) -> Result<bool, CheckEnd> {
+/// Judges the jog and reports the finding; returns whether the control is held.
+async fn judge_hold_and_return_held(
+    check: &mut MachineCheck<'_>,
+    jog: &Jog,
+    held: HeldJog,
+    since: Instant,
+) -> Result<bool, CheckEnd> {
     let axis = jog.axis;
-    let time_to_halt_s = match (&held.ended, held.time_to_halt_s) {
+    let time_to_halt_s = match (&held.block_result, held.time_to_halt_s) {
         (Err(ControllerError::Halted), Some(time_to_halt_s)) => time_to_halt_s,
         (Ok(_), _) => {
             let by = jog.by.abs();
@@ -147,10 +153,10 @@ async fn judge_hold(check: &mut MachineCheck<'_>, jog: &Jog, held: HeldJog, sinc
     };
     let gone = (now.position.get_or_zero(axis) - before.get_or_zero(axis)).abs();
     let went_on = (gone - time_to_halt_s * jog.feed_per_min / 60.0).max(0.0);
-    if gone > HELD_JOG_MM - END_TOLERANCE_MM || went_on > MAX_TRAVEL_AFTER_HALT_MM {
+    if gone > HELD_JOG_LENGTH_MM - JOG_END_TOLERANCE_MM || went_on > MAX_TRAVEL_AFTER_HALT_MM {
         let what = format!(
             "the hold has no effect: {axis} moved on by {went_on:.1} mm after the halt, to {gone:.2} of \
-            {HELD_JOG_MM} mm"
+            {HELD_JOG_LENGTH_MM} mm"
         );
         check.report_failed(
             CheckPart::Hold,
@@ -161,7 +167,7 @@ async fn judge_hold(check: &mut MachineCheck<'_>, jog: &Jog, held: HeldJog, sinc
         return Err(CheckEnd::Unsafe);
     }
     let what = format!(
-        "the hold stopped the jog: {axis} stopped after {gone:.2} of {HELD_JOG_MM} mm, {:.2} s after the halt",
+        "the hold stopped the jog: {axis} stopped after {gone:.2} of {HELD_JOG_LENGTH_MM} mm, {:.2} s after the halt",
         held.stopping_time_s
     );
     check.report_ok(CheckPart::Hold, since, what);
@@ -178,10 +184,10 @@ async fn wait_for_release(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> 
         if check.prompt_operator(Question::HoldReleased { last_failure: not_yet }).await? != Answer::Yes {
             return Ok(());
         }
-        match reopen_control(check, check.pace).await {
+        match reopen_and_prepare_control(check, check.pace).await {
             Ok(()) => {
                 check.summary.held = false;
-                return check.check_stop();
+                return check.require_no_stop_request();
             }
             Err(error) => not_yet = Some(error.to_string()),
         }
@@ -192,7 +198,7 @@ async fn wait_for_release(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> 
 }
 
 /// Opens the control again and prepares it.
-async fn reopen_control(check: &mut MachineCheck<'_>, pace: SimulationPace) -> Result<(), SetupError> {
+async fn reopen_and_prepare_control(check: &mut MachineCheck<'_>, pace: SimulationPace) -> Result<(), SetupError> {
     check.open_devices(pace).await?;
     let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
     let prepared = controller.prepare().await?;

@@ -15,9 +15,9 @@ const MAX_JOG_FEED_PER_MIN: f64 = 60.0;
 pub(super) const RETRACT_STEP_MM: f64 = 1.0;
 /// Maximum distance of a homed axis beyond its limit, mm or degrees.
 const LIMIT_TOLERANCE_MM_OR_DEG: f64 = 0.01;
-/// Maximum difference between two reported positions at rest, mm or degrees.
-const REST_TOLERANCE_MM_OR_DEG: f64 = 0.02;
-/// Step number in the N words.
+/// Maximum difference between two reported positions of a machine that was not moved, mm or degrees.
+const UNMOVED_TOLERANCE_MM_OR_DEG: f64 = 0.02;
+/// Step number of a jog in the N words of its lines.
 const JOG_STEP_NUMBER: u32 = 1;
 
 /// Reason why a jog did not reach its end.
@@ -64,16 +64,16 @@ pub(super) fn jog_away_from_limit(axis: Axis, by: f64, spec: &AxisSpec, position
     (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE_MM_OR_DEG).then_some(Jog { axis, by, feed_per_min })
 }
 
-/// The jog back.
+/// The jog back to the start position.
 pub(super) fn reversed_jog(jog: &Jog) -> Jog {
     Jog { by: -jog.by, ..*jog }
 }
 
-/// A proven jog.
+/// A proven jog or retract step.
 pub(super) struct ProvenJog {
     pub block: ProvenBlock,
-    /// End position, mm or rad.
-    pub to: f64,
+    /// End position of the axis, mm or rad.
+    pub target_mm_or_rad: f64,
 }
 
 /// Proves a jog.
@@ -105,10 +105,17 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
     };
     let block = Block { step: JOG_STEP_NUMBER, repeat: 0, motions: vec![motion] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
-    let plan = setup::plan_without_steps(check.file, "check", serde_json::Value::Null);
-    let request = JogProofRequest { plan: &plan, position, axis, target: to, max_feed: MAX_JOG_FEED_PER_MIN, dialect };
+    let plan = setup::plan_without_steps(check.machine_file, "check", serde_json::Value::Null);
+    let request = JogProofRequest {
+        plan: &plan,
+        start_position: position,
+        axis,
+        target_mm_or_rad: to,
+        max_feed_mm_or_deg_per_min: MAX_JOG_FEED_PER_MIN,
+        dialect,
+    };
     let prove = if kind == MoveKind::Jog { prove_jog } else { prove_retract };
-    Ok(ProvenJog { block: prove(&request, transmission, &block)?, to })
+    Ok(ProvenJog { block: prove(&request, transmission, &block)?, target_mm_or_rad: to })
 }
 
 /// Proves a jog and checks that the machine is still at the start position of the proof: from elsewhere the
@@ -116,7 +123,7 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
 ///
 /// # Errors
 /// See [`prove_planned_jog`]; or the machine was moved, or the control does not report its position.
-pub(super) async fn prove_unmoved_jog(check: &MachineCheck<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
+pub(super) async fn prove_jog_and_check_unmoved(check: &MachineCheck<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
     let proven = prove_planned_jog(check, jog)?;
     check_unmoved(check).await?;
     Ok(proven)
@@ -125,9 +132,9 @@ pub(super) async fn prove_unmoved_jog(check: &MachineCheck<'_>, jog: &Jog) -> Re
 /// Executes a jog and updates the position.
 ///
 /// # Errors
-/// See [`prove_unmoved_jog`]; or the error of the control that stopped the jog.
+/// See [`prove_jog_and_check_unmoved`]; or the error of the control that stopped the jog.
 pub(super) async fn run_jog(check: &mut MachineCheck<'_>, jog: &Jog) -> Result<(), JogError> {
-    let ProvenJog { block, to } = prove_unmoved_jog(check, jog).await?;
+    let ProvenJog { block, target_mm_or_rad: to } = prove_jog_and_check_unmoved(check, jog).await?;
     execute_block(check, block).await?;
     if let Some(position) = &mut check.position {
         position.set(jog.axis, to);
@@ -135,7 +142,7 @@ pub(super) async fn run_jog(check: &mut MachineCheck<'_>, jog: &Jog) -> Result<(
     Ok(())
 }
 
-/// Makes one step out of contact from `position`, which the driver compares with the control's report.
+/// Executes one retract step out of contact from `position`, which the driver compares with the control's report.
 ///
 /// # Errors
 /// As `run_jog`; `ProbeStillClosed`: the step is complete, and the probe input is still closed.
@@ -146,8 +153,8 @@ pub(super) async fn run_retract_step(
 ) -> Result<(), JogError> {
     let AxisDirection { axis, is_positive } = direction;
     let by = if is_positive { RETRACT_STEP_MM } else { -RETRACT_STEP_MM };
-    let rapid = check.file.machine.axes.get(&axis).map_or(MAX_JOG_FEED_PER_MIN, |spec| spec.rapid_per_min);
-    let feed_per_min = MAX_JOG_FEED_PER_MIN.min(rapid).min(check.file.probe.search_feed_mm_min);
+    let rapid = check.machine_file.machine.axes.get(&axis).map_or(MAX_JOG_FEED_PER_MIN, |spec| spec.rapid_per_min);
+    let feed_per_min = MAX_JOG_FEED_PER_MIN.min(rapid).min(check.machine_file.probe.search_feed_mm_min);
     let ProvenJog { block, .. } = prove_move(check, position, &Jog { axis, by, feed_per_min }, MoveKind::Retract)?;
     execute_block(check, block).await
 }
@@ -165,7 +172,7 @@ async fn check_unmoved(check: &MachineCheck<'_>) -> Result<(), JogError> {
     let now = controller.read_snapshot().await?.position;
     for (axis, at) in check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S) {
         let (was, now) = (axis.to_mm_or_deg(at), axis.to_mm_or_deg(now.get_or_zero(axis)));
-        if (now - was).abs() > REST_TOLERANCE_MM_OR_DEG {
+        if (now - was).abs() > UNMOVED_TOLERANCE_MM_OR_DEG {
             return Err(JogError::PositionChanged { axis, was, now });
         }
     }

@@ -4,9 +4,9 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::axes::NO_PROBE_REASON;
+use super::axes::PROBE_UNTESTED_REASON;
 use super::{CheckEnd, CheckPart, MachineCheck};
-use crate::run::{CycleError, IdentificationError, Run, RunError, conclude_run};
+use crate::run::{CycleError, IdentificationError, Run, RunError, identify_judge_and_store};
 use crate::setup;
 use crate::store::NewRun;
 use devices::controllers::ControllerError;
@@ -17,8 +17,8 @@ use machine::record::question::{Answer, Question};
 use methods::latch_delay::{self, LatchDelayResult, LatchDiagnosis};
 use methods::{IdentifyError, Method, MethodRefusal};
 
-/// Maximum share of the declared repeatability that the scan period may add to a touch.
-const MAX_SCAN_ERROR_SHARE: f64 = 0.1;
+/// Maximum share of the declared repeatability that the PLC scan may add to a touch; the advised feed follows from it.
+const MAX_PLC_SCAN_SHARE_OF_REPEATABILITY: f64 = 0.1;
 
 pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault || check.position.is_none() {
@@ -26,14 +26,15 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
         return Ok(());
     }
     if !check.is_probe_working {
-        check.report_unchecked(CheckPart::Latch, NO_PROBE_REASON);
+        check.report_unchecked(CheckPart::Latch, PROBE_UNTESTED_REASON);
         return Ok(());
     }
     let since = Instant::now();
     // The check itself asks the operator.
-    let file = check.file.without_prompts();
+    let file = check.machine_file.without_prompts();
     let header = setup::configure_method_and_plan(&file, latch_delay::METHOD_NAME, None);
-    let described = header.and_then(|(method, plan)| Ok((describe_run(method.as_ref(), plan.clone())?, method, plan)));
+    let described =
+        header.and_then(|(method, plan)| Ok((describe_latch_run(method.as_ref(), plan.clone())?, method, plan)));
     let (action, method, plan) = match described {
         Ok(described) => described,
         Err(error) => {
@@ -42,7 +43,7 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
         }
     };
     let why = match check.prompt_operator(Question::AllowAction { action }).await? {
-        Answer::Yes => return touch_part(check, method.into(), plan).await,
+        Answer::Yes => return touch_part_and_report_latch(check, method.into(), plan).await,
         Answer::NoOperator => "no operator is present to permit touches of the part",
         _ => "the operator did not permit touches of the part",
     };
@@ -51,7 +52,7 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
 }
 
 /// Description of the run, for the operator's permission.
-fn describe_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal> {
+fn describe_latch_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal> {
     let (plan, stages) = methods::plan_nominal_stages(method, plan)?;
     let planned = planning::plan_blocks_by_stage(&plan, &stages);
     let (_, seconds) = planned.map_err(|error| MethodRefusal { reason: error.to_string(), remedy: error.remedy() })?;
@@ -68,14 +69,18 @@ fn describe_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal
     ))
 }
 
-async fn touch_part(check: &mut MachineCheck<'_>, method: Arc<dyn Method>, plan: Plan) -> Result<(), CheckEnd> {
+async fn touch_part_and_report_latch(
+    check: &mut MachineCheck<'_>,
+    method: Arc<dyn Method>,
+    plan: Plan,
+) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let probe = plan.probe.clone();
-    let measured = run_latch_delay(check, method, plan).await?;
-    check.check_stop()?;
+    let measured = run_latch_delay_method(check, method, plan).await?;
+    check.require_no_stop_request()?;
     match measured {
         Ok(result) => report_latch(check, &result, &probe, since),
-        Err(CycleError::Run { error, .. }) if is_no_contact(&error) => check.report_failed(
+        Err(CycleError::MeasurementIncomplete { error, .. }) if is_no_contact(&error) => check.report_failed(
             CheckPart::Latch,
             since,
             format!("{error}: the part is not at the position in the machine file"),
@@ -83,15 +88,15 @@ async fn touch_part(check: &mut MachineCheck<'_>, method: Arc<dyn Method>, plan:
             there; if the position is right, correct tool_mm of [machine] or the zero of the axes",
         ),
         Err(error) => {
-            let remedy = cycle_remedy(&error);
+            let remedy = failed_cycle_remedy(&error);
             check.report_failed(CheckPart::Latch, since, error.to_string(), remedy);
         }
     }
     Ok(())
 }
 
-/// Makes the run as any other run.
-async fn run_latch_delay(
+/// Measures with the method `latch-delay` and stores the run as any other run.
+async fn run_latch_delay_method(
     check: &MachineCheck<'_>,
     method: Arc<dyn Method>,
     mut plan: Plan,
@@ -99,7 +104,7 @@ async fn run_latch_delay(
     let devices = check.devices.as_ref().ok_or(CheckEnd::Unsafe)?;
     // The operator has deflected the stylus already.
     plan.probe.live_check = LiveCheck::Touch;
-    let new = NewRun { config: check.file.text().to_owned(), plan: plan.clone() };
+    let new = NewRun { machine_file_text: check.machine_file.text().to_owned(), plan: plan.clone() };
     let id = match check.journal.begin_run(&new).await {
         Ok(id) => id,
         Err(error) => return Ok(Err(error.into())),
@@ -110,19 +115,19 @@ async fn run_latch_delay(
     let ended = run.execute().await;
     drop(motion);
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
-    let concluded = conclude_run(run, ended, &method, &check.file.parameter_limits).await;
+    let concluded = identify_judge_and_store(run, ended, &method, &check.machine_file.parameter_limits).await;
     let result = concluded.and_then(|_| {
-        let refused = |why: IdentifyError| CycleError::Identification { run: id, why: why.into() };
+        let refused = |why: IdentifyError| CycleError::NotIdentified { run: id, why: why.into() };
         LatchDelayResult::from_readings(&plan, &readings).map_err(refused)
     });
     Ok(result)
 }
 
 fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
-    match result.latch {
-        LatchDiagnosis::NoScan { .. } => check.report_ok(CheckPart::Latch, since, &result.latch_text),
-        LatchDiagnosis::Scan(time) => {
-            check.report_failed(CheckPart::Latch, since, &result.latch_text, latch_remedy(probe, time.duration_s));
+    match result.latch_diagnosis {
+        LatchDiagnosis::NoPlcScan { .. } => check.report_ok(CheckPart::Latch, since, &result.latch_text),
+        LatchDiagnosis::PlcScan(time) => {
+            check.report_failed(CheckPart::Latch, since, &result.latch_text, plc_scan_remedy(probe, time.duration_s));
         }
         LatchDiagnosis::ExcessScatter(_) => check.report_failed(
             CheckPart::Latch,
@@ -158,11 +163,11 @@ fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe
             format!(
                 "clean the stylus and the part and check that both are tight; if the scatter stays the \
                 same, write [probe] repeatability_um = {:.2}",
-                result.scatter_mm * 1e3
+                result.slow_touch_std_dev_mm * 1e3
             ),
         ),
-        (None, Some(um)) if !matches!(result.latch, LatchDiagnosis::Scan(_)) => {
-            let scatter_um = result.scatter_mm * 1e3;
+        (None, Some(um)) if !matches!(result.latch_diagnosis, LatchDiagnosis::PlcScan(_)) => {
+            let scatter_um = result.slow_touch_std_dev_mm * 1e3;
             let mut what = format!(
                 "the touches have a standard deviation of {scatter_um:.2} µm; declared are \
                 {um} µm"
@@ -180,8 +185,8 @@ fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe
     }
 }
 
-/// Remedy for a latch that the control reads once per scan period `t_s`, s.
-fn latch_remedy(probe: &Probe, t_s: f64) -> String {
+/// Remedy for a latch that the control reads once per scan of its PLC.
+fn plc_scan_remedy(probe: &Probe, scan_period_s: f64) -> String {
     let wire = "connect the probe to the probe (skip) input of the control, a fast or interrupt input, \
         instead of a PLC input";
     match probe.repeatability_um {
@@ -189,13 +194,13 @@ fn latch_remedy(probe: &Probe, t_s: f64) -> String {
         Some(um) => format!(
             "{wire}; until then use a feed_mm_min of at most {:.2}: the PLC scan then adds less than a \
             tenth of repeatability_um to a touch",
-            MAX_SCAN_ERROR_SHARE * um * 1e-3 * 12f64.sqrt() / t_s * 60.0
+            MAX_PLC_SCAN_SHARE_OF_REPEATABILITY * um * 1e-3 * 12f64.sqrt() / scan_period_s * 60.0
         ),
         None => format!("{wire}; a lower feed reduces the error that the PLC scan adds to a touch"),
     }
 }
 
-/// Whether a touch ended without contact.
+/// Whether the run failed because a touch ended without contact.
 fn is_no_contact(error: &RunError) -> bool {
     match error {
         RunError::NoFirstContact { .. } => true,
@@ -204,17 +209,17 @@ fn is_no_contact(error: &RunError) -> bool {
     }
 }
 
-fn cycle_remedy(error: &CycleError) -> String {
+fn failed_cycle_remedy(error: &CycleError) -> String {
     match error {
-        CycleError::Run { error, .. } => error.remedy(),
-        CycleError::Identification { why: IdentificationError::Refused(error), .. } => {
+        CycleError::MeasurementIncomplete { error, .. } => error.remedy(),
+        CycleError::NotIdentified { why: IdentificationError::Refused(error), .. } => {
             match error {
                 IdentifyError::Refused(_) | IdentifyError::IdentificationFailed(_) => error.remedy(),
                 // The other errors refer to a plan of the user or to a run that can be resumed.
                 _ => "repeat the check".to_owned(),
             }
         }
-        CycleError::Identification { .. } => "repeat the check".to_owned(),
+        CycleError::NotIdentified { .. } => "repeat the check".to_owned(),
         CycleError::Store(error) => error.remedy().to_owned(),
         CycleError::Qualification(error) => error.remedy(),
     }

@@ -1,10 +1,10 @@
-//! Checks that each device answers. If the answer makes no sense, the driver of the control diagnoses the link.
+//! Checks that the control answers. If it does not, the driver of the control diagnoses the link.
 
 use std::time::Instant;
 
 use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::SetupError;
-use crate::setup::machine_file::Control;
+use crate::setup::machine_file::ControlConfig;
 use devices::controllers::{ConnectionDiagnosisRequest, ControllerError, DiagnosisMode};
 use machine::record::question::{Answer, Question};
 
@@ -12,12 +12,12 @@ pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), Chec
     let since = Instant::now();
     let error = match check.open_devices(check.pace).await {
         Ok(()) => {
-            let at = match &check.file.controller.control {
-                Control::Real(control) => control.describe_address(),
-                Control::Simulated(_) => "simulated".to_owned(),
+            let at = match &check.machine_file.controller.control {
+                ControlConfig::Real(control) => control.describe_address(),
+                ControlConfig::Simulated(_) => "simulated".to_owned(),
             };
             check.report_ok(CheckPart::Links, since, format!("the link to the control is open: {at}"));
-            return check.check_stop();
+            return check.require_no_stop_request();
         }
         Err(SetupError::Controller(error)) => error,
         Err(SetupError::Link(error)) => error.into(),
@@ -29,7 +29,7 @@ pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), Chec
     end_with_link_fault(check, CheckPart::Links, since, &error).await
 }
 
-/// Reports the failure and its possible causes, and closes the link: an error in every case.
+/// Reports `error` and its possible causes, closes the link and returns the end of the check.
 pub(super) async fn end_with_link_fault<T>(
     check: &mut MachineCheck<'_>,
     part: CheckPart,
@@ -38,23 +38,25 @@ pub(super) async fn end_with_link_fault<T>(
 ) -> Result<T, CheckEnd> {
     check.report_failed(part, since, error.to_string(), error.remedy());
     check.devices = None;
-    if let Control::Real(control) = &check.file.controller.control {
-        let machine = &check.file.machine;
+    if let ControlConfig::Real(control) = &check.machine_file.controller.control {
+        let machine = &check.machine_file.machine;
         let request = ConnectionDiagnosisRequest { machine, failure: error, mode: DiagnosisMode::Passive };
-        let mut diagnoses = control.diagnose(request).await;
+        let mut diagnoses = control.diagnose_connection(request).await;
         let is_unclear = diagnoses.is_empty() || diagnoses.iter().any(|diagnosis| diagnosis.needs_active_search);
-        if is_unclear && check.prompt_operator(diagnosis_question()).await? == Answer::Yes {
-            diagnoses = control.diagnose(ConnectionDiagnosisRequest { mode: DiagnosisMode::Active, ..request }).await;
+        if is_unclear && check.prompt_operator(active_diagnosis_question()).await? == Answer::Yes {
+            diagnoses = control
+                .diagnose_connection(ConnectionDiagnosisRequest { mode: DiagnosisMode::Active, ..request })
+                .await;
         }
         for diagnosis in diagnoses {
             check.report_failed(part, since, diagnosis.to_string(), diagnosis.remedy);
         }
     }
-    check.check_stop()?;
+    check.require_no_stop_request()?;
     Err(CheckEnd::Unsafe)
 }
 
-fn diagnosis_question() -> Question {
+fn active_diagnosis_question() -> Question {
     let what = "The cause is not clear. The check can send requests at other baud rates, with the protocols \
         of other controls and to other unit identifiers. These requests are not commands to a control, but \
         another device on the link may misinterpret them. Make sure that nothing can move. Send the \

@@ -5,13 +5,13 @@
 //! A failed part ends the check if it would not be safe to continue; otherwise the next part follows.
 
 mod axes;
-mod compare;
 mod control;
 mod finding;
 mod hold;
 mod jog;
 mod latch;
 mod links;
+mod machine_file_comparison;
 mod operator_interface;
 mod probe;
 mod question_text;
@@ -23,7 +23,7 @@ mod thermometers;
 use std::pin::Pin;
 use std::time::Instant;
 
-pub use finding::{CheckFinding, CheckPart, CheckSummary, Verdict};
+pub use finding::{CheckFinding, CheckPart, CheckSummary, CheckVerdict};
 pub use operator_interface::{AnswerFuture, NoOperator, OperatorInterface};
 pub use question_text::describe_question;
 pub use stop::CheckStop;
@@ -33,7 +33,7 @@ use crate::store::Journal;
 use devices::controllers::Controller;
 use machine::record::question::{Answer, Question};
 use machine::{Axis, Position};
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 
 /// Reason why the remaining parts are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,11 +44,11 @@ enum CheckEnd {
     Stopped,
 }
 
-type PartFuture<'c> = Pin<Box<dyn Future<Output = Result<(), CheckEnd>> + 'c>>;
-type PartCheck = for<'c, 'a> fn(&'c mut MachineCheck<'a>) -> PartFuture<'c>;
+type PartCheckFuture<'c> = Pin<Box<dyn Future<Output = Result<(), CheckEnd>> + 'c>>;
+type PartCheckFn = for<'c, 'a> fn(&'c mut MachineCheck<'a>) -> PartCheckFuture<'c>;
 
-/// The parts in their order. A new part is a line here.
-const CHECK_PARTS: [(CheckPart, PartCheck); 7] = [
+/// The parts in their order, each with the function that checks it.
+const CHECK_PARTS: [(CheckPart, PartCheckFn); 7] = [
     (CheckPart::Links, |check| Box::pin(links::check_links(check))),
     (CheckPart::Sensors, |check| Box::pin(sensors::check_sensors(check))),
     (CheckPart::Control, |check| Box::pin(control::check_control(check))),
@@ -60,10 +60,10 @@ const CHECK_PARTS: [(CheckPart, PartCheck); 7] = [
 
 /// State of a check, with its machine and its operator.
 pub struct MachineCheck<'a> {
-    file: &'a MachineFile,
+    machine_file: &'a MachineFile,
     reopenable_machine: &'a ReopenableMachine<'a>,
     pace: SimulationPace,
-    /// Stores the run that the last part makes.
+    /// Stores the run that the part `latch` measures.
     journal: &'a Journal,
     operator: &'a mut dyn OperatorInterface,
     /// Called with each finding.
@@ -71,12 +71,12 @@ pub struct MachineCheck<'a> {
     stop: CheckStop,
     /// The open devices, once the links are checked.
     devices: Option<Devices>,
-    /// Position of the machine, once the control is checked.
+    /// Last known position of the machine; `None` before the control is prepared.
     position: Option<Position>,
     /// How the control receives blocks; known after it was prepared.
-    transmission: Option<Transmission>,
+    transmission: Option<TransmissionForm>,
     /// Setting that inverts the probe input at the control, in its own terms.
-    polarity_setting: Option<String>,
+    probe_polarity_hint: Option<String>,
     /// Whether the probe input was seen both open and closed.
     is_probe_working: bool,
     /// Whether an axis did not follow its command.
@@ -90,7 +90,7 @@ impl<'a> MachineCheck<'a> {
     /// A new check; `stop` holds the open control.
     pub fn new(
         file: &'a MachineFile,
-        site: &'a ReopenableMachine<'a>,
+        reopenable_machine: &'a ReopenableMachine<'a>,
         pace: SimulationPace,
         journal: &'a Journal,
         operator: &'a mut dyn OperatorInterface,
@@ -98,8 +98,8 @@ impl<'a> MachineCheck<'a> {
         on_finding: &'a mut dyn FnMut(&CheckFinding),
     ) -> Self {
         Self {
-            file,
-            reopenable_machine: site,
+            machine_file: file,
+            reopenable_machine,
             pace,
             journal,
             operator,
@@ -108,7 +108,7 @@ impl<'a> MachineCheck<'a> {
             devices: None,
             position: None,
             transmission: None,
-            polarity_setting: None,
+            probe_polarity_hint: None,
             is_probe_working: false,
             has_axis_fault: false,
             axes_beyond_limits: Vec::new(),
@@ -129,59 +129,60 @@ impl<'a> MachineCheck<'a> {
             }
         }
         self.summary.stopped = ended == Some(CheckEnd::Stopped) || self.stop.is_requested();
-        self.summary.held |= self.stop.has_held();
-        self.restore_modes().await;
+        self.summary.held |= self.stop.has_held_control();
+        self.restore_modes_unless_failed().await;
         self.summary
     }
 
     /// Restores the control's modes. After a fault or a stop nothing more is sent.
-    async fn restore_modes(&self) {
-        let sound = self.summary.finding_count(Verdict::Failed) == 0 && !self.summary.stopped;
+    async fn restore_modes_unless_failed(&self) {
+        let sound = self.summary.finding_count(CheckVerdict::Failed) == 0 && !self.summary.stopped;
         if let (Ok(controller), Some(_), true) = (self.controller(), &self.position, sound) {
             // An error is ignored: the check is over, and the next one sets the modes again.
-            drop(controller.finish().await);
+            drop(controller.restore_modes().await);
         }
     }
 
-    /// Asks the operator.
+    /// Shows the question to the operator and waits for the answer.
     ///
     /// # Errors
     /// A stop was requested.
     async fn prompt_operator(&mut self, question: Question) -> Result<Answer, CheckEnd> {
-        self.check_stop()?;
+        self.require_no_stop_request()?;
         let answer = self.operator.wait_for_answer(&question).await;
-        self.check_stop()?;
+        self.require_no_stop_request()?;
         Ok(answer)
     }
 
-    fn check_stop(&self) -> Result<(), CheckEnd> {
+    /// Returns an error if a stop was requested.
+    fn require_no_stop_request(&self) -> Result<(), CheckEnd> {
         if self.stop.is_requested() { Err(CheckEnd::Stopped) } else { Ok(()) }
     }
 
-    /// The open control.
+    /// The open control; an error if no link is open.
     fn controller(&self) -> Result<&Controller, CheckEnd> {
         self.devices.as_ref().map(|devices| &devices.controller).ok_or(CheckEnd::Unsafe)
     }
 
-    /// Opens the control, also again after a hold.
+    /// Opens the devices, also again after a hold.
     async fn open_devices(&mut self, pace: SimulationPace) -> Result<(), SetupError> {
         // A port can be open only once.
         self.devices = None;
         let devices = self.reopenable_machine.open(pace).await?;
-        self.stop.set_control(devices.controller.halt_handle());
+        self.stop.set_control_halt(devices.controller.halt_handle());
         self.devices = Some(devices);
         Ok(())
     }
 
     fn report_ok(&mut self, part: CheckPart, since: Instant, what: impl Into<String>) {
-        self.add_finding(part, Verdict::Ok, since, what.into(), None);
+        self.add_finding(part, CheckVerdict::Ok, since, what.into(), None);
     }
 
     fn report_failed(&mut self, part: CheckPart, since: Instant, what: impl Into<String>, remedy: impl Into<String>) {
-        self.add_finding(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
+        self.add_finding(part, CheckVerdict::Failed, since, what.into(), Some(remedy.into()));
     }
 
-    /// Reports a fault after which it would not be safe to continue: an error in every case.
+    /// Reports a fault after which it would not be safe to continue, and returns the end of the check.
     fn end_with_fault<T>(
         &mut self,
         part: CheckPart,
@@ -189,7 +190,7 @@ impl<'a> MachineCheck<'a> {
         what: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Result<T, CheckEnd> {
-        self.check_stop()?;
+        self.require_no_stop_request()?;
         self.report_failed(part, since, what, remedy);
         Err(CheckEnd::Unsafe)
     }
@@ -197,14 +198,21 @@ impl<'a> MachineCheck<'a> {
     /// Whether `what` was reported as a failure already.
     fn is_reported_failed(&self, what: &str) -> bool {
         let mut findings = self.summary.findings.iter();
-        findings.any(|finding| finding.verdict == Verdict::Failed && finding.what == what)
+        findings.any(|finding| finding.verdict == CheckVerdict::Failed && finding.what == what)
     }
 
     fn report_unchecked(&mut self, part: CheckPart, why: impl Into<String>) {
-        self.add_finding(part, Verdict::NotLookedAt, Instant::now(), why.into(), None);
+        self.add_finding(part, CheckVerdict::NotLookedAt, Instant::now(), why.into(), None);
     }
 
-    fn add_finding(&mut self, part: CheckPart, verdict: Verdict, since: Instant, what: String, remedy: Option<String>) {
+    fn add_finding(
+        &mut self,
+        part: CheckPart,
+        verdict: CheckVerdict,
+        since: Instant,
+        what: String,
+        remedy: Option<String>,
+    ) {
         let took_s = since.elapsed().as_secs_f64();
         let finding = CheckFinding { part, what, took_s, verdict, remedy };
         (self.on_finding)(&finding);

@@ -12,7 +12,7 @@ pub type AnswerFuture<'a> = Pin<Box<dyn Future<Output = Answer> + 'a>>;
 /// must not block the runtime.
 pub trait OperatorInterface {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a>;
-    /// Maximum time from an answer to the end of the manual action.
+    /// Maximum time from an answer to the end of the operator's action at the machine.
     fn max_action_time(&self) -> Duration {
         Duration::from_secs(20)
     }
@@ -32,7 +32,7 @@ impl OperatorInterface for SimulatedOperator {
         Box::pin(std::future::ready(self.answer(question)))
     }
 
-    /// The simulated operator acts before the answer; the control may report it late.
+    /// The simulated operator acts before the answer; the control may report the action late.
     fn max_action_time(&self) -> Duration {
         Duration::from_millis(300)
     }

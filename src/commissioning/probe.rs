@@ -9,10 +9,10 @@ use super::{CheckEnd, CheckPart, MachineCheck, control, retract};
 use machine::record::question::{Answer, Question, StylusState};
 
 const NO_OPERATOR_REASON: &str = "no operator is present to deflect the stylus";
-const POLL_PERIOD: Duration = Duration::from_millis(20);
+const PROBE_POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// Observed behaviour of the probe input.
-struct ProbeInputTest {
+struct ProbeInputBehaviour {
     /// The input is closed at rest.
     is_closed_at_rest: bool,
     /// The input changes while the stylus is deflected.
@@ -27,7 +27,7 @@ pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), Chec
     let Some(test) = test_probe_input(check, since).await? else {
         return if check.position.is_some() { update_position(check, since).await } else { Err(CheckEnd::Unsafe) };
     };
-    if let Some((what, remedy)) = test.fault(check.polarity_setting.as_deref()) {
+    if let Some((what, remedy)) = test.fault(check.probe_polarity_hint.as_deref()) {
         check.report_failed(CheckPart::Probe, since, what, remedy);
         // With a faulty probe nothing would stop at a contact.
         return Err(CheckEnd::Unsafe);
@@ -37,34 +37,37 @@ pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), Chec
     match check.position {
         Some(_) => update_position(check, since).await,
         // The stylus was deflected while the control was prepared.
-        None => control::prepare_control(check).await,
+        None => control::prepare_and_confirm_position(check).await,
     }
 }
 
-/// Watches the probe input; `None`, with a finding, if it cannot be checked.
-async fn test_probe_input(check: &mut MachineCheck<'_>, since: Instant) -> Result<Option<ProbeInputTest>, CheckEnd> {
+/// Observes the probe input while the operator deflects the stylus; `None`, with a finding, if it cannot be checked.
+async fn test_probe_input(
+    check: &mut MachineCheck<'_>,
+    since: Instant,
+) -> Result<Option<ProbeInputBehaviour>, CheckEnd> {
     let is_mounted = is_probe_mounted(check).await?;
-    let is_free = is_mounted && is_stylus_confirmed(check, StylusState::Free).await?;
-    let is_closed_at_rest = control::read_probe_status(check, since).await?.is_probe_closed;
-    if !is_free || !is_stylus_confirmed(check, StylusState::Deflected).await? {
+    let is_free = is_mounted && is_stylus_state_confirmed(check, StylusState::Free).await?;
+    let is_closed_at_rest = control::read_snapshot_for_probe_part(check, since).await?.is_probe_closed;
+    if !is_free || !is_stylus_state_confirmed(check, StylusState::Deflected).await? {
         let why = if is_mounted { NO_OPERATOR_REASON } else { "the touch probe is not in the spindle" };
         report_untested_probe(check, since, is_closed_at_rest, why);
         return Ok(None);
     }
-    let follows_stylus = wait_for_input(check, since, !is_closed_at_rest).await?;
-    let is_released = is_stylus_confirmed(check, StylusState::Free).await?;
-    let returns_to_rest = is_released && wait_for_input(check, since, is_closed_at_rest).await?;
-    Ok(Some(ProbeInputTest { is_closed_at_rest, follows_stylus, returns_to_rest }))
+    let follows_stylus = wait_for_probe_input(check, since, !is_closed_at_rest).await?;
+    let is_released = is_stylus_state_confirmed(check, StylusState::Free).await?;
+    let returns_to_rest = is_released && wait_for_probe_input(check, since, is_closed_at_rest).await?;
+    Ok(Some(ProbeInputBehaviour { is_closed_at_rest, follows_stylus, returns_to_rest }))
 }
 
 /// Whether the operator confirms the state of the stylus.
-async fn is_stylus_confirmed(check: &mut MachineCheck<'_>, state: StylusState) -> Result<bool, CheckEnd> {
+async fn is_stylus_state_confirmed(check: &mut MachineCheck<'_>, state: StylusState) -> Result<bool, CheckEnd> {
     Ok(check.prompt_operator(Question::StylusState(state)).await? == Answer::Yes)
 }
 
 /// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.
 async fn is_probe_mounted(check: &mut MachineCheck<'_>) -> Result<bool, CheckEnd> {
-    let swapped = check.file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
+    let swapped = check.machine_file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
     Ok(!swapped || check.prompt_operator(Question::StylusState(StylusState::Mounted)).await? != Answer::No)
 }
 
@@ -82,27 +85,31 @@ fn report_untested_probe(check: &mut MachineCheck<'_>, since: Instant, is_closed
 
 /// Updates the position: the operator may have moved the machine to reach the stylus.
 async fn update_position(check: &mut MachineCheck<'_>, since: Instant) -> Result<(), CheckEnd> {
-    check.position = Some(control::read_probe_status(check, since).await?.position);
+    check.position = Some(control::read_snapshot_for_probe_part(check, since).await?.position);
     Ok(())
 }
 
-/// Waits for the state `closed` of the probe input; returns whether it came in time.
-async fn wait_for_input(check: &mut MachineCheck<'_>, since: Instant, closed: bool) -> Result<bool, CheckEnd> {
+/// Waits until the probe input is closed (`expects_closed`) or open; returns whether that happened in time.
+async fn wait_for_probe_input(
+    check: &mut MachineCheck<'_>,
+    since: Instant,
+    expects_closed: bool,
+) -> Result<bool, CheckEnd> {
     let deadline = Instant::now() + check.operator.max_action_time();
     loop {
-        check.check_stop()?;
-        if control::read_probe_status(check, since).await?.is_probe_closed == closed {
+        check.require_no_stop_request()?;
+        if control::read_snapshot_for_probe_part(check, since).await?.is_probe_closed == expects_closed {
             return Ok(true);
         }
         if Instant::now() > deadline {
             return Ok(false);
         }
-        sleep(POLL_PERIOD).await;
+        sleep(PROBE_POLL_PERIOD).await;
     }
 }
 
-impl ProbeInputTest {
-    /// Fault and remedy. `polarity`: the setting that inverts the input at the control.
+impl ProbeInputBehaviour {
+    /// Fault and remedy; `None` if the input works. `polarity`: the setting that inverts the input at the control.
     fn fault(&self, polarity: Option<&str>) -> Option<(String, String)> {
         let (what, remedy) = match (self.is_closed_at_rest, self.follows_stylus) {
             (false, true) if self.returns_to_rest => return None,

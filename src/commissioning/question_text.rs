@@ -42,7 +42,7 @@ pub fn describe_question(question: &Question) -> String {
         Question::StylusState(StylusState::Deflected) => {
             "Deflect the stylus with a finger and hold it deflected. Is the stylus deflected now? yes / no".to_owned()
         }
-        Question::AllowHold(jog) => format!(
+        Question::AllowJogWithHold(jog) => format!(
             "{} will move by {} at {}/min, and the check sends a hold during the motion: the axis should \
             stop about half-way and stay there.\nIs the path free, and is the emergency stop within reach? \
             yes / no",
@@ -78,7 +78,7 @@ fn retract_question(position: &Position, visible_motions: &[String], last_result
     )
 }
 
-/// Positions in mm and degrees.
+/// Formats a position in mm and degrees.
 pub(super) fn format_position(position: &Position) -> String {
     let position = position.iter().map(|(axis, at)| format!("{axis} {:.3}", axis.to_mm_or_deg(at)));
     position.collect::<Vec<_>>().join(" ")
@@ -98,8 +98,8 @@ pub(super) fn format_jog(jog: &Jog) -> String {
     format_amount(jog.axis, format_args!("{:+}", jog.by))
 }
 
-/// What moves, and in which direction, if the machine file is correct and the machine is at `position`; `None`
-/// for a chain that cannot be built.
+/// Description of the part that moves and its direction, if the machine file is correct and the machine is at
+/// `position`; `None` for a chain that cannot be built.
 pub(super) fn visible_motion(machine: &Machine, position: &Position, jog: &Jog) -> Option<String> {
     let carried = KinematicChain::new(machine).ok()?.carrier_chain(Carrier::Axis(jog.axis))?;
     let mut commands = Axis::ALL.map(|axis| position.get_or_zero(axis));
@@ -120,8 +120,8 @@ pub(super) fn visible_motion(machine: &Machine, position: &Position, jog: &Jog) 
 }
 
 /// The machine axis nearest to a direction, and the component along it.
-fn dominant_axis(way: Vector3<f64>) -> Option<(Axis, f64)> {
-    let named = Axis::LINEAR.into_iter().zip(way.iter().copied());
+fn dominant_axis(direction: Vector3<f64>) -> Option<(Axis, f64)> {
+    let named = Axis::LINEAR.into_iter().zip(direction.iter().copied());
     named.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
 }
 
@@ -130,12 +130,12 @@ mod tests {
     use super::*;
     use crate::setup::MachineFile;
 
-    fn motion_text(change: (&str, &str), axis: Axis, by: f64) -> String {
-        motion_text_at(&Position::new(), change, axis, by)
+    fn motion_text_at_zero(toml_replacement: (&str, &str), axis: Axis, by: f64) -> String {
+        motion_text_at(&Position::new(), toml_replacement, axis, by)
     }
 
-    fn motion_text_at(position: &Position, change: (&str, &str), axis: Axis, by: f64) -> String {
-        let text = include_str!("../../config/simulated.toml").replacen(change.0, change.1, 1);
+    fn motion_text_at(position: &Position, toml_replacement: (&str, &str), axis: Axis, by: f64) -> String {
+        let text = include_str!("../../config/simulated.toml").replacen(toml_replacement.0, toml_replacement.1, 1);
         let file = MachineFile::parse("machine.toml", text).unwrap();
         visible_motion(&file.machine, position, &Jog { axis, by, feed_per_min: 60.0 }).unwrap()
     }
@@ -143,18 +143,18 @@ mod tests {
     #[test]
     fn expected_motion_is_described_in_machine_directions() {
         let plain = ("", "");
-        assert_eq!(motion_text(plain, Axis::X, 1.0), "the spindle moves 1 mm towards +X");
-        assert_eq!(motion_text(plain, Axis::Z, -1.0), "the spindle moves 1 mm towards −Z");
+        assert_eq!(motion_text_at_zero(plain, Axis::X, 1.0), "the spindle moves 1 mm towards +X");
+        assert_eq!(motion_text_at_zero(plain, Axis::Z, -1.0), "the spindle moves 1 mm towards −Z");
         // As in config/simulated.toml: seen from above, C+ turns an ISO table clockwise.
-        assert_eq!(motion_text(plain, Axis::C, 1.0), "the table turns 1° clockwise, seen from +Z");
+        assert_eq!(motion_text_at_zero(plain, Axis::C, 1.0), "the table turns 1° clockwise, seen from +Z");
         let reversed = ("[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
-        assert_eq!(motion_text(reversed, Axis::C, 1.0), "the table turns 1° anticlockwise, seen from +Z");
+        assert_eq!(motion_text_at_zero(reversed, Axis::C, 1.0), "the table turns 1° anticlockwise, seen from +Z");
         // After a quarter turn of the cradle the table faces sideways.
         let swung = Position::new().with(Axis::B, Axis::B.to_mm_or_rad(90.0));
         let turned = motion_text_at(&swung, plain, Axis::C, 1.0);
         assert_eq!(turned, "the table turns 1° anticlockwise, seen from +X");
         // An axis that carries the workpiece moves against the sign of its command.
         let carried = ("V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-Y-F-X-Z-S-t");
-        assert_eq!(motion_text(carried, Axis::Y, 1.0), "the table moves 1 mm towards −Y");
+        assert_eq!(motion_text_at_zero(carried, Axis::Y, 1.0), "the table moves 1 mm towards −Y");
     }
 }

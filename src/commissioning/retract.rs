@@ -14,7 +14,7 @@ use machine::{Axis, Position};
 /// Maximum number of answers in one check.
 const MAX_RETRACT_ANSWERS: usize = 20;
 
-/// Asks for a direction and makes a step, until the probe input is open or the operator leaves it closed.
+/// Prompts for a direction and executes a step, until the probe input is open or the operator leaves it closed.
 ///
 /// # Errors
 /// The stylus was retracted out of contact, a stop was requested, or the control cannot continue.
@@ -22,7 +22,7 @@ pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result
     let since = Instant::now();
     let mut last_result = None;
     for answers in 0..=MAX_RETRACT_ANSWERS {
-        let snapshot = control::read_probe_status(check, since).await?;
+        let snapshot = control::read_snapshot_for_probe_part(check, since).await?;
         if !snapshot.is_probe_closed {
             return if answers > 0 { Err(report_released_stylus(check, since)) } else { Ok(()) };
         }
@@ -42,8 +42,8 @@ pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result
     Err(CheckEnd::Unsafe)
 }
 
-/// Ends the check: jogs are proven from the position that the control reports, but the stylus met something at
-/// an unexpected place.
+/// Reports that the stylus is out of contact, and ends the check: jogs are proven from the position that the control
+/// reports, but the stylus met something at an unexpected place.
 fn report_released_stylus(check: &mut MachineCheck<'_>, since: Instant) -> CheckEnd {
     let what = "the stylus is out of contact and the probe reads open; the position of the machine may differ from \
         the display of the control";
@@ -55,7 +55,7 @@ fn report_released_stylus(check: &mut MachineCheck<'_>, since: Instant) -> Check
 
 /// Visible motion of each linear axis at a positive command.
 fn visible_motions(check: &MachineCheck<'_>, position: &Position) -> Vec<String> {
-    let machine = &check.file.machine;
+    let machine = &check.machine_file.machine;
     let motions = Axis::LINEAR.into_iter().filter_map(|axis| {
         let jog = Jog { axis, by: RETRACT_STEP_MM, feed_per_min: 0.0 };
         Some(format!("{axis}+: {}", visible_motion(machine, position, &jog)?))
@@ -63,7 +63,7 @@ fn visible_motions(check: &MachineCheck<'_>, position: &Position) -> Vec<String>
     motions.collect()
 }
 
-/// Makes one step and describes its result. A step without a proof is not made.
+/// Executes one retract step and describes its result. A step that cannot be proven is not executed.
 async fn retract_step(check: &mut MachineCheck<'_>, direction: AxisDirection) -> Result<String, CheckEnd> {
     let since = Instant::now();
     let position = control::prepare_in_contact(check).await?;

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use devices::controllers::HaltHandle;
 
+/// Stop of a check, on request of the operator.
 #[derive(Clone)]
 pub struct CheckStop {
     halt: HaltHandle,
@@ -14,17 +15,18 @@ pub struct CheckStop {
 #[derive(Default)]
 struct StopState {
     /// Halt handle of the open control.
-    control: Option<HaltHandle>,
+    control_halt: Option<HaltHandle>,
     /// Whether a motion may be in progress.
     is_moving: bool,
-    /// Whether the hold was sent.
-    is_held: bool,
+    /// Whether this stop has sent a hold to the control.
+    has_sent_hold: bool,
 }
 
 impl StopState {
-    fn hold(&mut self) {
-        if let (Some(control), true) = (&self.control, self.is_moving) {
-            self.is_held = true;
+    /// Holds the control if a motion may be in progress.
+    fn hold_if_moving(&mut self) {
+        if let (Some(control), true) = (&self.control_halt, self.is_moving) {
+            self.has_sent_hold = true;
             control.trigger();
         }
     }
@@ -34,7 +36,7 @@ impl Default for CheckStop {
     fn default() -> Self {
         let state: Arc<Mutex<StopState>> = Arc::default();
         let of_now = state.clone();
-        let halt = HaltHandle::new(move || lock_state(&of_now).hold());
+        let halt = HaltHandle::new(move || lock_state(&of_now).hold_if_moving());
         Self { halt, state }
     }
 }
@@ -46,22 +48,22 @@ fn lock_state(state: &Mutex<StopState>) -> MutexGuard<'_, StopState> {
 
 impl CheckStop {
     /// Halt handle for signals.
-    pub fn halt(&self) -> HaltHandle {
+    pub fn halt_handle(&self) -> HaltHandle {
         self.halt.clone()
     }
 
     pub fn is_requested(&self) -> bool {
-        self.halt.is_halted()
+        self.halt.is_halt_requested()
     }
 
     /// Whether the stop has held the control.
-    pub(super) fn has_held(&self) -> bool {
-        lock_state(&self.state).is_held
+    pub(super) fn has_held_control(&self) -> bool {
+        lock_state(&self.state).has_sent_hold
     }
 
     /// Sets the control that the stop holds.
-    pub(super) fn set_control(&self, control: HaltHandle) {
-        lock_state(&self.state).control = Some(control);
+    pub(super) fn set_control_halt(&self, control: HaltHandle) {
+        lock_state(&self.state).control_halt = Some(control);
     }
 
     /// Begins a motion, which a stop holds until the guard is dropped. `None`: a stop was requested, and no
@@ -73,6 +75,7 @@ impl CheckStop {
     }
 }
 
+/// A motion that a stop would hold; dropped at the end of the motion.
 pub(super) struct MotionGuard(Arc<Mutex<StopState>>);
 
 impl Drop for MotionGuard {

@@ -24,5 +24,5 @@ pub(super) async fn check_thermometers(check: &mut MachineCheck<'_>) -> Result<(
             }
         }
     }
-    check.check_stop()
+    check.require_no_stop_request()
 }

@@ -1,7 +1,7 @@
-//! The least-squares circle of plane points (ISO 230-7: LSC). It minimises the sum of the squared radial
+//! Fit of the least-squares circle to plane points (ISO 230-7: LSC): it minimises the sum of the squared radial
 //! deviations.
 
-use super::radial::{self, RadialError, RadialFit};
+use super::radial_fit::{self, RadialError, RadialFit};
 
 /// Least-squares circle, in the unit of its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,7 +27,7 @@ pub enum CircleError {
 /// # Errors
 /// Fewer points, points on one line, or points that resemble no circle.
 pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
-    let RadialFit { centre, radius, .. } = radial::fit_radial(points).map_err(|error| match error {
+    let RadialFit { centre, radius, .. } = radial_fit::fit_circle_or_sphere(points).map_err(|error| match error {
         RadialError::TooFewPoints(count) => CircleError::TooFewPoints(count),
         RadialError::Flat => CircleError::Collinear,
         RadialError::NotFinite => CircleError::NotFinite,
@@ -40,27 +40,27 @@ pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
 mod tests {
     use super::*;
 
-    fn on_circle(centre: [f64; 2], radius: f64, angles: &[f64]) -> Vec<[f64; 2]> {
+    fn points_on_circle(centre: [f64; 2], radius: f64, angles: &[f64]) -> Vec<[f64; 2]> {
         angles.iter().map(|a| [centre[0] + radius * a.cos(), centre[1] + radius * a.sin()]).collect()
     }
 
     #[test]
-    fn regress_exact_points_give_the_circle_back() {
+    fn regress_circle_is_recovered_from_exact_points() {
         for (centre, radius, angles) in [
             ([0.003, 0.0051], 0.0059, vec![0.0, 0.8, 1.6, 2.4, 3.2, 4.0, 4.8, 5.6]),
             ([250.0, -400.0], 12.0, vec![0.0, 2.0, 4.0]),
             ([0.0, 0.0], 100.0, vec![0.1, 0.15, 0.2, 0.25, 0.3]),
         ] {
-            let found = fit_circle(&on_circle(centre, radius, &angles)).unwrap();
+            let found = fit_circle(&points_on_circle(centre, radius, &angles)).unwrap();
             let error = (found.centre[0] - centre[0]).hypot(found.centre[1] - centre[1]);
             assert!(error < 1e-10 * (radius + 400.0), "{error}");
             assert!((found.radius - radius).abs() < 1e-9 * (radius + 1.0));
         }
     }
 
-    /// The minimum of the same sum, found by search on successively finer grids.
+    /// The reference is the minimum of the sum of squares, found by search on successively finer grids.
     #[test]
-    fn regress_noisy_points_against_brute_force() {
+    fn regress_fit_of_noisy_points_agrees_with_grid_search() {
         let points = [[1.0, 0.0], [0.1, 1.2], [-0.9, 0.1], [0.2, -1.3], [0.8, 0.5], [-0.5, -0.9]];
         let squares = |x: f64, y: f64| {
             let d: Vec<f64> = points.iter().map(|p| (p[0] - x).hypot(p[1] - y)).collect();
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_no_circle_is_refused() {
+    fn regress_points_without_a_circle_are_refused() {
         assert_eq!(fit_circle(&[[0.0, 0.0], [1.0, 0.0]]), Err(CircleError::TooFewPoints(2)));
         let line: Vec<[f64; 2]> = (0..7).map(|i| [1e3 + 0.1 * f64::from(i), 0.3 * f64::from(i)]).collect();
         assert_eq!(fit_circle(&line), Err(CircleError::Collinear));

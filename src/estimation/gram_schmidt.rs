@@ -3,61 +3,62 @@
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::linear::RANK_THRESHOLD;
+use super::linear_least_squares::RANK_THRESHOLD;
 
-/// Partial sums of a dot product, added in a fixed order: the result is the same with and without vector registers.
+/// Number of partial sums of a dot product. They are added in a fixed order: the result is the same with and without
+/// vector registers.
 const LANE_COUNT: usize = 8;
 
 /// A matrix stored column by column.
 #[derive(Debug, Clone)]
 pub(super) struct ColumnMatrix {
-    rows: usize,
-    count: usize,
+    row_count: usize,
+    column_count: usize,
     values: Vec<f64>,
 }
 
 impl ColumnMatrix {
     pub fn zeros(rows: usize, count: usize) -> Self {
-        Self { rows, count, values: vec![0.0; rows * count] }
+        Self { row_count: rows, column_count: count, values: vec![0.0; rows * count] }
     }
 
     pub fn row_count(&self) -> usize {
-        self.rows
+        self.row_count
     }
 
     pub fn column_count(&self) -> usize {
-        self.count
+        self.column_count
     }
 
     pub fn set(&mut self, row: usize, column: usize, value: f64) {
-        self.values[column * self.rows + row] = value;
+        self.values[column * self.row_count + row] = value;
     }
 
     pub fn column(&self, column: usize) -> &[f64] {
-        &self.values[column * self.rows..][..self.rows]
+        &self.values[column * self.row_count..][..self.row_count]
     }
 
     pub fn column_mut(&mut self, column: usize) -> &mut [f64] {
-        &mut self.values[column * self.rows..][..self.rows]
+        &mut self.values[column * self.row_count..][..self.row_count]
     }
 
-    /// Appends `more` rows of zeros.
-    pub fn add_rows(&mut self, more: usize) {
-        let mut larger = Self::zeros(self.rows + more, self.count);
-        for j in 0..self.count {
-            larger.column_mut(j)[..self.rows].copy_from_slice(self.column(j));
+    /// Appends `added_count` rows of zeros.
+    pub fn append_zero_rows(&mut self, added_count: usize) {
+        let mut larger = Self::zeros(self.row_count + added_count, self.column_count);
+        for j in 0..self.column_count {
+            larger.column_mut(j)[..self.row_count].copy_from_slice(self.column(j));
         }
         *self = larger;
     }
 
-    pub fn truncate(&mut self, count: usize) {
-        self.values.truncate(count * self.rows);
-        self.count = count;
+    pub fn truncate_columns(&mut self, count: usize) {
+        self.values.truncate(count * self.row_count);
+        self.column_count = count;
     }
 
     /// Makes the first `pivots` columns orthonormal and subtracts their components from all other columns. Returns
-    /// R (pivots × columns) and whether a column is a linear combination of the columns before it.
-    pub fn orthonormalise(&mut self, pivots: usize) -> (Mat<f64>, bool) {
+    /// R (pivots × columns), and whether one of the first `pivots` columns is a linear combination of those before it.
+    pub fn orthonormalise_leading(&mut self, pivots: usize) -> (Mat<f64>, bool) {
         Arch::new().dispatch(OrthonormaliseColumns { columns: self, pivots })
     }
 
@@ -68,9 +69,9 @@ impl ColumnMatrix {
     }
 
     /// Sum of the squares of each row.
-    pub fn square_sums(&self) -> Vec<f64> {
-        let mut sums = vec![0.0; self.rows];
-        for column in (0..self.count).map(|j| self.column(j)) {
+    pub fn row_square_sums(&self) -> Vec<f64> {
+        let mut sums = vec![0.0; self.row_count];
+        for column in (0..self.column_count).map(|j| self.column(j)) {
             sums.iter_mut().zip(column).for_each(|(sum, value)| *sum += value * value);
         }
         sums
@@ -87,7 +88,7 @@ impl WithSimd for OrthonormaliseColumns<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let Self { columns: ColumnMatrix { rows, count, values }, pivots } = self;
+        let Self { columns: ColumnMatrix { row_count: rows, column_count: count, values }, pivots } = self;
         let (rows, count) = (*rows, *count);
         let mut r = Mat::zeros(pivots, count);
         let mut is_rank_deficient = false;
@@ -124,8 +125,8 @@ impl WithSimd for SubtractProjections<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Self { columns, y } = self;
-        let mut shares = Vec::with_capacity(columns.count);
-        for j in 0..columns.count {
+        let mut shares = Vec::with_capacity(columns.column_count);
+        for j in 0..columns.column_count {
             let column = columns.column(j);
             let share = dot_product(column, y);
             subtract_multiple(y, column, share);
@@ -149,6 +150,6 @@ fn dot_product(a: &[f64], b: &[f64]) -> f64 {
 }
 
 #[inline(always)]
-fn subtract_multiple(y: &mut [f64], column: &[f64], share: f64) {
-    y.iter_mut().zip(column).for_each(|(y, value)| *y -= share * value);
+fn subtract_multiple(y: &mut [f64], column: &[f64], factor: f64) {
+    y.iter_mut().zip(column).for_each(|(y, value)| *y -= factor * value);
 }

@@ -8,20 +8,20 @@ pub mod circle;
 pub mod coverage;
 mod gram_schmidt;
 pub mod independence;
-pub mod linear;
+pub mod linear_least_squares;
 pub mod misfit;
 pub mod monte_carlo;
-pub mod nonlinear;
-pub mod null_names;
-mod radial;
+pub mod nonlinear_least_squares;
+pub mod null_space_names;
+mod radial_fit;
 pub mod random;
 pub mod revolutions;
-pub mod rigid;
+pub mod rigid_fit;
 pub mod schur;
-pub mod smooth;
+pub mod smooth_functions;
 pub mod sphere;
 pub mod thin_svd;
-pub mod trigonometric;
+pub mod trigonometric_interpolation;
 pub mod whitening;
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ pub struct Misfit {
     pub chi2: f64,
     /// Expectation of χ² if all sources are as declared: the degrees of freedom, or less if declared sources change
     /// many measurements together.
-    pub expected: f64,
+    pub expected_chi2: f64,
     /// Effective degrees of freedom of χ².
     pub effective_dof: f64,
     /// Factor on the standard uncertainties of the sources that contribute to the residuals.
@@ -24,15 +24,15 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// Compares `residuals` with what the sources predict. `left`: for each independent draw of one standard
+    /// Compares `residuals` with what the sources predict. `residual_draws`: for each independent draw of one standard
     /// uncertainty, the part that remains in the residuals (a vector of the same length as `residuals`). The bounds
     /// are those of a scaled χ² distribution with the mean and the variance that the draws cause (Satterthwaite).
-    /// Declared sizes are kept unless the residuals contradict them. If the sources are not `declared`, the factor
-    /// follows from the residuals. `dof`: rows less rank. With 0 the expectation is only rounding error: the factor
-    /// is 1 and no bound is exceeded.
-    pub fn from_residuals(residuals: &[f64], left: &[Vec<f64>], dof: usize, declared: bool) -> Self {
+    /// If `is_declared`, the uncertainty factor is 1 unless χ² is above its upper bound; otherwise the factor follows
+    /// from the residuals. `dof`: rows less rank. If `dof` is 0, the expectation is only rounding error: the factor is
+    /// 1 and no bound is exceeded.
+    pub fn from_residuals(residuals: &[f64], residual_draws: &[Vec<f64>], dof: usize, is_declared: bool) -> Self {
         let rows = residuals.len();
-        let left = Mat::from_fn(rows, left.len(), |i, j| left[j][i]);
+        let left = Mat::from_fn(rows, residual_draws.len(), |i, j| residual_draws[j][i]);
         let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
         let joint = if rows < left.ncols() { &left * left.transpose() } else { left.transpose() * &left };
         let effective = expected * expected / joint.squared_norm_l2();
@@ -40,11 +40,18 @@ impl Misfit {
         let bounds = (dof > 0).then(|| coverage::chi_square_bounds(effective, CHI2_BOUND_PROBABILITY)).flatten();
         let ratio = chi2 / expected;
         let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
-        let is_above_bound = declared && beyond(&|(_, upper)| ratio * effective > upper);
-        let is_below_bound = declared && beyond(&|(lower, _)| ratio * effective < lower);
-        let has_factor = is_above_bound || (!declared && bounds.is_some());
+        let is_above_bound = is_declared && beyond(&|(_, upper)| ratio * effective > upper);
+        let is_below_bound = is_declared && beyond(&|(lower, _)| ratio * effective < lower);
+        let has_factor = is_above_bound || (!is_declared && bounds.is_some());
         let uncertainty_factor = if has_factor { ratio.sqrt() } else { 1.0 };
-        Self { chi2, expected, effective_dof: effective, uncertainty_factor, is_above_bound, is_below_bound }
+        Self {
+            chi2,
+            expected_chi2: expected,
+            effective_dof: effective,
+            uncertainty_factor,
+            is_above_bound,
+            is_below_bound,
+        }
     }
 }
 
@@ -53,33 +60,33 @@ mod tests {
     use super::*;
 
     /// Unit draws of six rows after subtraction of their mean: the columns of I − 1/6.
-    fn left_beside_the_mean() -> Vec<Vec<f64>> {
+    fn unit_draws_less_their_mean() -> Vec<Vec<f64>> {
         let entry = |i: usize, j: usize| f64::from(u8::from(i == j)) - 1.0 / 6.0;
         (0..6).map(|j| (0..6).map(|i| entry(i, j)).collect()).collect()
     }
 
-    /// Six readings and their mean: χ² has five degrees of freedom, and without a declaration the
-    /// factor is their sample standard deviation (GUM 4.2.2), here √(70/5).
+    /// Residuals of six readings from their mean: χ² has five degrees of freedom, and without a declaration the factor
+    /// is the sample standard deviation of the readings (GUM 4.2.2), here √(70/5).
     #[test]
-    fn regress_readings_and_their_mean() {
+    fn regress_misfit_of_six_readings_from_their_mean() {
         let residuals = [-5.0, -3.0, -1.0, 1.0, 3.0, 5.0];
-        let misfit = Misfit::from_residuals(&residuals, &left_beside_the_mean(), 5, false);
-        assert!((misfit.expected - 5.0).abs() < 1e-12 && (misfit.effective_dof - 5.0).abs() < 1e-12);
+        let misfit = Misfit::from_residuals(&residuals, &unit_draws_less_their_mean(), 5, false);
+        assert!((misfit.expected_chi2 - 5.0).abs() < 1e-12 && (misfit.effective_dof - 5.0).abs() < 1e-12);
         assert!(
             (misfit.uncertainty_factor - 14f64.sqrt()).abs() < 1e-12
                 && !misfit.is_above_bound
                 && !misfit.is_below_bound
         );
-        let declared = Misfit::from_residuals(&residuals, &left_beside_the_mean(), 5, true);
+        let declared = Misfit::from_residuals(&residuals, &unit_draws_less_their_mean(), 5, true);
         assert!(declared.is_above_bound && (declared.uncertainty_factor - 14f64.sqrt()).abs() < 1e-12);
         let plausible = residuals.map(|residual| 0.3 * residual);
-        let declared = Misfit::from_residuals(&plausible, &left_beside_the_mean(), 5, true);
+        let declared = Misfit::from_residuals(&plausible, &unit_draws_less_their_mean(), 5, true);
         assert!(!declared.is_above_bound && declared.uncertainty_factor == 1.0);
     }
 
     /// As many rows as unknowns: residuals and expectation are rounding errors, so their ratio is arbitrary.
     #[test]
-    fn regress_no_degrees_of_freedom_judge_nothing() {
+    fn regress_no_bound_is_exceeded_without_degrees_of_freedom() {
         let left = [vec![1e-16, 0.0], vec![0.0, -2e-16]];
         for declared in [false, true] {
             let misfit = Misfit::from_residuals(&[3e-13, -1e-13], &left, 0, declared);

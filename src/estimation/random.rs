@@ -4,7 +4,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// The stream of `seed` for `key`, e.g. `[step, repeat]`. The same arguments give the same stream;
+/// Random stream of `seed` for `key`, e.g. `[step, repeat number]`. The same arguments give the same stream;
 /// different keys give independent ones.
 pub fn seeded_stream(seed: u64, key: &[u64]) -> ChaCha8Rng {
     let mixed =

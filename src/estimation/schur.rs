@@ -11,27 +11,27 @@
 use faer::Mat;
 
 use super::gram_schmidt::ColumnMatrix;
-use super::linear::{LinearError, RANK_THRESHOLD, RankAnalysis, analyse_rank};
+use super::linear_least_squares::{LinearError, RANK_THRESHOLD, RankAnalysis, analyse_rank};
 
 /// The rows of one block, each divided by its standard uncertainty.
 #[derive(Debug, Clone)]
 pub struct BlockRows {
-    own_count: usize,
+    own_unknown_count: usize,
     columns: ColumnMatrix,
 }
 
 impl BlockRows {
-    /// Creates `count` rows of zeros over `own_count` unknowns of the block and `common` unknowns.
-    pub fn zeros(count: usize, own_count: usize, common: usize) -> Self {
-        Self { own_count, columns: ColumnMatrix::zeros(count, own_count + common + 1) }
+    /// Creates `row_count` rows of zeros over `own_count` unknowns of the block and `common_count` unknowns.
+    pub fn zeros(row_count: usize, own_count: usize, common_count: usize) -> Self {
+        Self { own_unknown_count: own_count, columns: ColumnMatrix::zeros(row_count, own_count + common_count + 1) }
     }
 
-    pub fn set_own(&mut self, row: usize, unknown: usize, value: f64) {
+    pub fn set_own_coefficient(&mut self, row: usize, unknown: usize, value: f64) {
         self.columns.set(row, unknown, value);
     }
 
-    pub fn set_common(&mut self, row: usize, unknown: usize, value: f64) {
-        self.columns.set(row, self.own_count + unknown, value);
+    pub fn set_common_coefficient(&mut self, row: usize, unknown: usize, value: f64) {
+        self.columns.set(row, self.own_unknown_count + unknown, value);
     }
 
     /// Sets the right-hand side of a row: measured, or measured less model.
@@ -43,17 +43,17 @@ impl BlockRows {
 /// Adds one damping row for each unknown, weight·unknown = 0 (Levenberg 1944). The damping rows of a block's own
 /// unknowns follow its rows. Those of the common unknowns are at the end.
 pub(super) fn add_damping_rows(mut blocks: Vec<BlockRows>, weights: &[f64]) -> Vec<BlockRows> {
-    let common = weights.len() - blocks.iter().map(|rows| rows.own_count).sum::<usize>();
+    let common = weights.len() - blocks.iter().map(|rows| rows.own_unknown_count).sum::<usize>();
     let (of_common, mut weights) = weights.split_at(common);
     for rows in &mut blocks {
-        let (own_part, after) = weights.split_at(rows.own_count);
+        let (own_part, after) = weights.split_at(rows.own_unknown_count);
         let first = rows.columns.row_count();
-        rows.columns.add_rows(rows.own_count);
-        own_part.iter().enumerate().for_each(|(j, weight)| rows.set_own(first + j, j, *weight));
+        rows.columns.append_zero_rows(rows.own_unknown_count);
+        own_part.iter().enumerate().for_each(|(j, weight)| rows.set_own_coefficient(first + j, j, *weight));
         weights = after;
     }
     let mut last = BlockRows::zeros(common, 0, common);
-    of_common.iter().enumerate().for_each(|(j, weight)| last.set_common(j, j, *weight));
+    of_common.iter().enumerate().for_each(|(j, weight)| last.set_common_coefficient(j, j, *weight));
     blocks.push(last);
     blocks
 }
@@ -63,9 +63,9 @@ pub(super) fn add_damping_rows(mut blocks: Vec<BlockRows>, weights: &[f64]) -> V
 pub struct BlockFactorisation {
     blocks: Vec<FactorBlock>,
     /// Orthonormal columns of the common unknowns over all rows, orthogonal to the blocks.
-    common: ColumnMatrix,
+    common_columns: ColumnMatrix,
     /// R of the common unknowns: common × common, upper triangle.
-    triangle: Mat<f64>,
+    common_triangle: Mat<f64>,
     is_rank_deficient: bool,
 }
 
@@ -73,7 +73,7 @@ pub struct BlockFactorisation {
 struct FactorBlock {
     orthonormal_columns: ColumnMatrix,
     /// R of the own unknowns: own × own, upper triangle.
-    triangle: Mat<f64>,
+    own_triangle: Mat<f64>,
     /// Part of R that couples own and common unknowns: own × common.
     coupling: Mat<f64>,
 }
@@ -81,44 +81,47 @@ struct FactorBlock {
 /// Factorises the rows of all blocks. Returns the factorisation and the coordinates of the right-hand side along
 /// the orthonormal columns. All blocks have the same common unknowns.
 pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
-    let common = blocks.first().map_or(0, |rows| rows.columns.column_count() - rows.own_count - 1);
+    let common = blocks.first().map_or(0, |rows| rows.columns.column_count() - rows.own_unknown_count - 1);
     let total = blocks.iter().map(|rows| rows.columns.row_count()).sum();
     let mut rest = ColumnMatrix::zeros(total, common + 1);
     let (mut factored, mut coordinates) = (Vec::with_capacity(blocks.len()), Vec::new());
     let (mut is_rank_deficient, mut first) = (false, 0);
-    for BlockRows { own_count, mut columns } in blocks {
-        let (r, is_dependent) = columns.orthonormalise(own_count);
+    for BlockRows { own_unknown_count: own_count, mut columns } in blocks {
+        let (r, is_dependent) = columns.orthonormalise_leading(own_count);
         is_rank_deficient |= is_dependent;
         for j in 0..=common {
             rest.column_mut(j)[first..][..columns.row_count()].copy_from_slice(columns.column(own_count + j));
         }
         first += columns.row_count();
         coordinates.extend((0..own_count).map(|i| r[(i, own_count + common)]));
-        columns.truncate(own_count);
+        columns.truncate_columns(own_count);
         factored.push(FactorBlock {
             orthonormal_columns: columns,
-            triangle: r.get(.., ..own_count).to_owned(),
+            own_triangle: r.get(.., ..own_count).to_owned(),
             coupling: r.get(.., own_count..own_count + common).to_owned(),
         });
     }
-    let (r, is_dependent) = rest.orthonormalise(common);
+    let (r, is_dependent) = rest.orthonormalise_leading(common);
     let of_common: Vec<f64> = (0..common).map(|i| r[(i, common)]).collect();
     coordinates.splice(0..0, of_common);
-    rest.truncate(common);
+    rest.truncate_columns(common);
     let triangle = r.get(.., ..common).to_owned();
     let is_rank_deficient = is_rank_deficient || is_dependent;
-    (BlockFactorisation { blocks: factored, common: rest, triangle, is_rank_deficient }, coordinates)
+    (
+        BlockFactorisation { blocks: factored, common_columns: rest, common_triangle: triangle, is_rank_deficient },
+        coordinates,
+    )
 }
 
 impl BlockFactorisation {
     pub fn unknown_count(&self) -> usize {
-        self.common.column_count()
+        self.common_columns.column_count()
             + self.blocks.iter().map(|block| block.orthonormal_columns.column_count()).sum::<usize>()
     }
 
     /// Computes the least-squares solution for the values `y` of all rows.
     pub fn solve(&self, y: &[f64]) -> Vec<f64> {
-        self.unknowns_at(&self.coordinates(&mut y.to_vec()))
+        self.unknowns_from_coordinates(&self.subtract_projections(&mut y.to_vec()))
     }
 
     /// Computes the least-squares solution of damped rows (see [`add_damping_rows`]). `y` holds the values without the
@@ -132,26 +135,26 @@ impl BlockFactorisation {
             extended.resize(extended.len() + more, 0.0);
             rest = after;
         }
-        extended.resize(self.common.row_count(), 0.0);
+        extended.resize(self.common_columns.row_count(), 0.0);
         self.solve(&extended)
     }
 
     /// Part of `y` that the unknowns do not explain: (I − H)·y.
     pub fn residuals(&self, y: &[f64]) -> Vec<f64> {
         let mut rest = y.to_vec();
-        self.coordinates(&mut rest);
+        self.subtract_projections(&mut rest);
         rest
     }
 
-    /// Computes [`solve`](Self::solve) and [`remainder`](Self::remainder) for the values `y` of all rows in one
+    /// Computes [`solve`](Self::solve) and [`residuals`](Self::residuals) for the values `y` of all rows in one
     /// pass over the rows.
     pub fn solution_and_remainder(&self, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
-        let coordinates = self.coordinates(&mut y);
-        (self.unknowns_at(&coordinates), y)
+        let coordinates = self.subtract_projections(&mut y);
+        (self.unknowns_from_coordinates(&coordinates), y)
     }
 
     /// Computes Qᵀ·y and replaces `y` by its remainder.
-    pub(super) fn coordinates(&self, y: &mut [f64]) -> Vec<f64> {
+    pub(super) fn subtract_projections(&self, y: &mut [f64]) -> Vec<f64> {
         let mut own = Vec::with_capacity(self.unknown_count());
         let mut rest = &mut *y;
         for block in &self.blocks {
@@ -159,36 +162,36 @@ impl BlockFactorisation {
             own.extend(block.orthonormal_columns.subtract_projections(rows));
             rest = after;
         }
-        let mut all = self.common.subtract_projections(y);
+        let mut all = self.common_columns.subtract_projections(y);
         all.extend(own);
         all
     }
 
     /// Computes R⁻¹·coordinates.
-    pub(super) fn unknowns_at(&self, coordinates: &[f64]) -> Vec<f64> {
-        let (common, mut own) = coordinates.split_at(self.common.column_count());
-        let mut x = back_substitute(&self.triangle, common.to_vec());
+    pub(super) fn unknowns_from_coordinates(&self, coordinates: &[f64]) -> Vec<f64> {
+        let (common, mut own) = coordinates.split_at(self.common_columns.column_count());
+        let mut x = back_substitute(&self.common_triangle, common.to_vec());
         let count = x.len();
         for block in &self.blocks {
-            let (own_part, after) = own.split_at(block.triangle.nrows());
+            let (own_part, after) = own.split_at(block.own_triangle.nrows());
             let reduced = own_part
                 .iter()
                 .enumerate()
                 .map(|(i, z)| z - (0..count).map(|j| block.coupling[(i, j)] * x[j]).sum::<f64>());
-            let solved = back_substitute(&block.triangle, reduced.collect());
+            let solved = back_substitute(&block.own_triangle, reduced.collect());
             x.extend(solved);
             own = after;
         }
         x
     }
 
-    /// R as a square matrix. It has the rank, the singular values and the null space of all rows.
-    fn square_factor(&self) -> Mat<f64> {
-        let (common, all) = (self.common.column_count(), self.unknown_count());
+    /// R as a square matrix, with the rank, the singular values and the null space of all rows.
+    fn r_factor(&self) -> Mat<f64> {
+        let (common, all) = (self.common_columns.column_count(), self.unknown_count());
         let mut square = Mat::zeros(all, all);
-        square.get_mut(..common, ..common).copy_from(&self.triangle);
+        square.get_mut(..common, ..common).copy_from(&self.common_triangle);
         let mut first = common;
-        for FactorBlock { triangle, coupling, .. } in &self.blocks {
+        for FactorBlock { own_triangle: triangle, coupling, .. } in &self.blocks {
             let last = first + triangle.nrows();
             square.get_mut(first..last, first..last).copy_from(triangle);
             square.get_mut(first..last, ..common).copy_from(coupling);
@@ -202,7 +205,7 @@ impl BlockFactorisation {
     /// # Errors
     /// A row is not finite.
     pub fn analyse_rank(&self) -> Result<RankAnalysis, LinearError> {
-        analyse_rank(self.square_factor().as_ref(), None, RANK_THRESHOLD)
+        analyse_rank(self.r_factor().as_ref(), None, RANK_THRESHOLD)
     }
 
     /// Covariance of the unknowns (unknowns × unknowns), for rows of unit variance.
@@ -212,7 +215,7 @@ impl BlockFactorisation {
         for j in 0..all {
             let mut unit = vec![0.0; all];
             unit[j] = 1.0;
-            let column = self.unknowns_at(&unit);
+            let column = self.unknowns_from_coordinates(&unit);
             column.into_iter().enumerate().for_each(|(i, value)| root[(i, j)] = value);
         }
         &root * root.transpose()
@@ -221,18 +224,20 @@ impl BlockFactorisation {
     /// Column norms of the rows. Multiplied by the standard uncertainties of the unknowns they do not depend on the
     /// units.
     pub fn column_norms(&self) -> Vec<f64> {
-        let square = self.square_factor();
+        let square = self.r_factor();
         (0..square.ncols()).map(|j| square.col(j).norm_l2()).collect()
     }
 
     /// Leverage of each row: the diagonal of the hat matrix H.
     pub fn leverage(&self) -> Vec<f64> {
-        let mut leverage = self.common.square_sums();
-        let own = self.blocks.iter().flat_map(|block| block.orthonormal_columns.square_sums());
+        let mut leverage = self.common_columns.row_square_sums();
+        let own = self.blocks.iter().flat_map(|block| block.orthonormal_columns.row_square_sums());
         leverage.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
         leverage
     }
 
+    /// Returns the factorisation unchanged.
+    ///
     /// # Errors
     /// The rows do not determine the unknowns.
     pub(super) fn require_full_rank(self) -> Result<Self, LinearError> {

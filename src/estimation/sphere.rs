@@ -1,18 +1,18 @@
-//! The least-squares sphere of points in space. It minimises the sum of the squared radial deviations. It is used
-//! for a few touches on a ball and for the samples of a scan.
+//! The least-squares sphere of points in space. The fit minimises the sum of the squared radial deviations.
+//! The points are a few touches on a ball or the samples of a scan.
 
-use super::radial::{self, RadialError, RadialFit};
+use super::radial_fit::{self, RadialError, RadialFit};
 
 /// Least-squares sphere, in the unit of its points.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sphere {
+pub struct FittedSphere {
     pub centre: [f64; 3],
     pub radius: f64,
     /// Distance of each point from the centre less radius, positive outside.
     pub residuals: Vec<f64>,
     /// Covariance of x, y, z and radius for unit variance of a radial reading. It depends only on the directions of
     /// the readings. Multiplied by u² it is the covariance for the standard uncertainty u.
-    pub covariance: [[f64; 4]; 4],
+    pub unit_variance_covariance: [[f64; 4]; 4],
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -31,22 +31,24 @@ pub enum SphereError {
 ///
 /// # Errors
 /// Fewer points, points in one plane, or points that resemble no sphere.
-pub fn fit_sphere(points: &[[f64; 3]]) -> Result<Sphere, SphereError> {
+pub fn fit_sphere(points: &[[f64; 3]]) -> Result<FittedSphere, SphereError> {
     let RadialFit { centre, radius, residuals, covariance } =
-        radial::fit_radial(points).map_err(|error| match error {
+        radial_fit::fit_circle_or_sphere(points).map_err(|error| match error {
             RadialError::TooFewPoints(count) => SphereError::TooFewPoints(count),
             RadialError::Flat => SphereError::Coplanar,
             RadialError::NotFinite => SphereError::NotFinite,
             RadialError::NotConverged => SphereError::NotConverged,
         })?;
     let covariance = std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)]));
-    Ok(Sphere { centre, radius, residuals, covariance })
+    Ok(FittedSphere { centre, radius, residuals, unit_variance_covariance: covariance })
 }
 
-impl Sphere {
-    /// Covariance of the centre when each radial reading has the standard uncertainty `u`.
-    pub fn centre_covariance(&self, u: f64) -> [[f64; 3]; 3] {
-        std::array::from_fn(|i| std::array::from_fn(|j| u * u * self.covariance[i][j]))
+impl FittedSphere {
+    /// Covariance of the centre when each radial reading has the standard uncertainty `reading_std_u`.
+    pub fn centre_covariance(&self, reading_std_u: f64) -> [[f64; 3]; 3] {
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| reading_std_u * reading_std_u * self.unit_variance_covariance[i][j])
+        })
     }
 
     /// Largest less smallest residual, unit of the points.
@@ -72,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_five_exact_touches_give_the_ball_back() {
+    fn regress_five_exact_touches_return_centre_and_radius() {
         for (centre, radius, elevation) in
             [([1e4, -3e3, 250.0], 15.0, 0.0), ([0.0, 0.0, 0.0], 1e-2, 0.5), ([1.0, 2.0, 3.0], 1e3, -0.2)]
         {
@@ -88,12 +90,12 @@ mod tests {
     /// Touches on the equator and the pole, computed by hand: Σ u uᵀ = diag(2, 2, 1), Σu = (0, 0, 1). The radius is
     /// the mean of four touches, z is the pole less the radius.
     #[test]
-    fn regress_covariance_of_the_five_touches_by_hand() {
+    fn regress_covariance_of_five_touches_equals_hand_calculation() {
         let points = five_touches([10.0, 20.0, 30.0], 12.5, 0.0);
         let free = fit_sphere(&points).unwrap();
         let expected = [[0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.25, -0.25], [0.0, 0.0, -0.25, 0.25]];
-        for (found, expected) in free.covariance.iter().flatten().zip(expected.iter().flatten()) {
-            assert!((found - expected).abs() < 1e-12, "{:?}", free.covariance);
+        for (found, expected) in free.unit_variance_covariance.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((found - expected).abs() < 1e-12, "{:?}", free.unit_variance_covariance);
         }
         let centre = free.centre_covariance(0.002);
         for (i, expected) in [2e-6, 2e-6, 5e-6].into_iter().enumerate() {
@@ -102,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_no_sphere_is_refused() {
+    fn regress_points_that_define_no_sphere_are_refused() {
         let points = five_touches([5.0, 6.0, 7.0], 10.0, 0.3);
         assert_eq!(fit_sphere(&points[..3]), Err(SphereError::TooFewPoints(3)));
         assert_eq!(fit_sphere(&points[..4]), Err(SphereError::Coplanar));

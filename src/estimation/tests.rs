@@ -4,51 +4,53 @@ use std::f64::consts::TAU;
 
 use faer::Mat;
 
-use super::linear::{LinearError, LinearProblem, analyse_rank, solve_least_squares};
+use super::linear_least_squares::{LinearError, LinearProblem, analyse_rank, solve_least_squares};
 
-const N: usize = 8;
+const ANGLE_COUNT: usize = 8;
 /// Unknowns in blocks: E_x(C_i), E_y(C_i), E_r(φ_i), W(θ_i), i = 0..8.
-const UNKNOWNS: usize = 4 * N;
+const UNKNOWN_COUNT: usize = 4 * ANGLE_COUNT;
 
 /// Coefficients of r = R + E(C)·n(φ) + W(φ+C) − E_r(φ) without R, angles in steps of 45°.
-fn reading(phi: usize, c: usize) -> [f64; UNKNOWNS] {
-    let mut row = [0.0; UNKNOWNS];
-    let angle = phi as f64 * TAU / N as f64;
+fn reading_coefficients(phi: usize, c: usize) -> [f64; UNKNOWN_COUNT] {
+    let mut row = [0.0; UNKNOWN_COUNT];
+    let angle = phi as f64 * TAU / ANGLE_COUNT as f64;
     row[c] += angle.cos();
-    row[N + c] += angle.sin();
-    row[2 * N + phi] -= 1.0;
-    row[3 * N + (phi + c) % N] += 1.0;
+    row[ANGLE_COUNT + c] += angle.sin();
+    row[2 * ANGLE_COUNT + phi] -= 1.0;
+    row[3 * ANGLE_COUNT + (phi + c) % ANGLE_COUNT] += 1.0;
     row
 }
 
-/// Tests 1a, 1b, 2, 3 with probe angle `k_b`·45°, each row less r_1a(0): 32 × 32.
-pub(super) fn paper_design(k_b: usize) -> Mat<f64> {
-    let one_a = (0..N).map(|i| (0, i));
-    let one_b = (0..N).map(|i| (k_b, i));
-    let two = (0..N).map(|i| (i, 0));
-    let three = (0..N).map(|i| ((N - i) % N, i));
+/// Tests 1a, 1b, 2, 3 with probe angle `probe_angle_steps`·45°, each row less r_1a(0): 32 × 32.
+pub(super) fn paper_design(probe_angle_steps: usize) -> Mat<f64> {
+    let one_a = (0..ANGLE_COUNT).map(|i| (0, i));
+    let one_b = (0..ANGLE_COUNT).map(|i| (probe_angle_steps, i));
+    let two = (0..ANGLE_COUNT).map(|i| (i, 0));
+    let three = (0..ANGLE_COUNT).map(|i| ((ANGLE_COUNT - i) % ANGLE_COUNT, i));
     let rows: Vec<_> = one_a.chain(one_b).chain(two).chain(three).collect();
-    let origin = reading(0, 0);
-    Mat::from_fn(rows.len(), UNKNOWNS, |i, j| reading(rows[i].0, rows[i].1)[j] - origin[j])
+    let origin = reading_coefficients(0, 0);
+    Mat::from_fn(rows.len(), UNKNOWN_COUNT, |i, j| reading_coefficients(rows[i].0, rows[i].1)[j] - origin[j])
 }
 
 /// Gauge of the paper: E(0)=0, E_r(0)=W(0)=0, E_r(180)=0, E_r(90)=E_r(−90).
 pub(super) fn paper_gauge() -> Mat<f64> {
-    let mut c = Mat::zeros(6, UNKNOWNS);
-    for (row, unknown) in [0, N, 2 * N, 3 * N, 2 * N + 4].into_iter().enumerate() {
+    let mut c = Mat::zeros(6, UNKNOWN_COUNT);
+    for (row, unknown) in
+        [0, ANGLE_COUNT, 2 * ANGLE_COUNT, 3 * ANGLE_COUNT, 2 * ANGLE_COUNT + 4].into_iter().enumerate()
+    {
         c[(row, unknown)] = 1.0;
     }
-    c[(5, 2 * N + 2)] = 1.0;
-    c[(5, 2 * N + 6)] = -1.0;
+    c[(5, 2 * ANGLE_COUNT + 2)] = 1.0;
+    c[(5, 2 * ANGLE_COUNT + 6)] = -1.0;
     c
 }
 
 /// The same gauge by hand: the columns of the fixed unknowns are removed, E_r(90) and E_r(−90) are merged.
-fn columns_removed(a: &Mat<f64>) -> Mat<f64> {
-    let fixed = [0, N, 2 * N, 3 * N, 2 * N + 4, 2 * N + 6];
-    let kept: Vec<usize> = (0..UNKNOWNS).filter(|j| !fixed.contains(j)).collect();
+fn without_gauge_columns(a: &Mat<f64>) -> Mat<f64> {
+    let fixed = [0, ANGLE_COUNT, 2 * ANGLE_COUNT, 3 * ANGLE_COUNT, 2 * ANGLE_COUNT + 4, 2 * ANGLE_COUNT + 6];
+    let kept: Vec<usize> = (0..UNKNOWN_COUNT).filter(|j| !fixed.contains(j)).collect();
     Mat::from_fn(a.nrows(), kept.len(), |i, j| match kept[j] {
-        j if j == 2 * N + 2 => a[(i, j)] + a[(i, 2 * N + 6)],
+        j if j == 2 * ANGLE_COUNT + 2 => a[(i, j)] + a[(i, 2 * ANGLE_COUNT + 6)],
         j => a[(i, j)],
     })
 }
@@ -63,7 +65,7 @@ fn gate_g1_rank_26_and_condition_21_88_at_eight_angles() {
     assert!((unscaled - 21.88).abs() < 0.01, "{unscaled}");
     assert!((constrained.condition - 14.203).abs() < 1e-3, "{}", constrained.condition);
 
-    let removed = analyse_rank(columns_removed(&a).as_ref(), None, 1e-9).unwrap();
+    let removed = analyse_rank(without_gauge_columns(&a).as_ref(), None, 1e-9).unwrap();
     assert_eq!((removed.rank, removed.nullity), (26, 0));
     assert!((removed.condition - constrained.condition).abs() < 1e-9, "{}", removed.condition);
 
@@ -86,15 +88,15 @@ fn gate_g1_deficient_probe_angles_lose_gcd_less_one_directions() {
 }
 
 #[test]
-fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
+fn regress_constrained_solution_is_exact_and_rank_deficiency_is_refused() {
     let a = paper_design(1);
     let gauge = paper_gauge();
-    let mut truth: Vec<f64> = (0..UNKNOWNS).map(|j| (0.7 * j as f64).sin() * 1e-3).collect();
-    for fixed in [0, N, 2 * N, 3 * N, 2 * N + 4] {
+    let mut truth: Vec<f64> = (0..UNKNOWN_COUNT).map(|j| (0.7 * j as f64).sin() * 1e-3).collect();
+    for fixed in [0, ANGLE_COUNT, 2 * ANGLE_COUNT, 3 * ANGLE_COUNT, 2 * ANGLE_COUNT + 4] {
         truth[fixed] = 0.0;
     }
-    truth[2 * N + 6] = truth[2 * N + 2];
-    let y: Vec<f64> = (0..a.nrows()).map(|i| (0..UNKNOWNS).map(|j| a[(i, j)] * truth[j]).sum()).collect();
+    truth[2 * ANGLE_COUNT + 6] = truth[2 * ANGLE_COUNT + 2];
+    let y: Vec<f64> = (0..a.nrows()).map(|i| (0..UNKNOWN_COUNT).map(|j| a[(i, j)] * truth[j]).sum()).collect();
     let sigma: Vec<f64> = (0..a.nrows()).map(|i| 1e-3 * (1.0 + (i % 3) as f64)).collect();
     let mut problem =
         LinearProblem { a: a.as_ref(), y: &y, sigma: &sigma, constraints: Some(gauge.as_ref()), rank_threshold: 1e-9 };
@@ -116,7 +118,7 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
 /// Straight line through (−1, 1), (0, 2), (1, 4) with sigma 1, 1, 2. The normal equations by hand are 9/4·a − 3/4·b
 /// = 4, −3/4·a + 5/4·b = 0, so a = 20/9, b = 4/3, and the covariance is the inverse.
 #[test]
-fn regress_weighted_line_against_normal_equations_by_hand() {
+fn regress_weighted_line_fit_equals_hand_calculation() {
     let a = Mat::from_fn(3, 2, |i, j| if j == 0 { 1.0 } else { i as f64 - 1.0 });
     let solution = solve_least_squares(&LinearProblem {
         a: a.as_ref(),

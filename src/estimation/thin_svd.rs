@@ -6,7 +6,7 @@ use faer::Mat;
 const MAX_ORTHOGONAL_COSINE: f64 = 1e-15;
 /// Maximum number of sweeps over all pairs of columns. Rotations converge quadratically after a few sweeps, down to
 /// rounding.
-const MAX_SWEEP_COUNT: usize = 60;
+const MAX_JACOBI_SWEEP_COUNT: usize = 60;
 
 /// A = U·diag(s)·Vᵀ with s descending and a square V. If A has fewer rows than columns, rows of zeros are added.
 #[derive(Debug, Clone)]
@@ -29,15 +29,15 @@ impl ThinSvd {
                 v: svd.V().to_owned(),
             },
             // faer's iteration does not converge for some matrices with entries of rounding errors.
-            Err(_) => Self::by_jacobi_rotations(padded),
+            Err(_) => Self::decompose_by_jacobi_rotations(padded),
         }
     }
 
     /// One-sided Jacobi method: rotates pairs of columns until all columns are orthogonal.
-    fn by_jacobi_rotations(mut a: Mat<f64>) -> Self {
+    fn decompose_by_jacobi_rotations(mut a: Mat<f64>) -> Self {
         let count = a.ncols();
         let mut v = Mat::identity(count, count);
-        for _ in 0..MAX_SWEEP_COUNT {
+        for _ in 0..MAX_JACOBI_SWEEP_COUNT {
             let mut is_orthogonal = true;
             for q in 1..count {
                 for p in 0..q {
@@ -93,7 +93,7 @@ mod tests {
     use crate::random::seeded_stream;
 
     /// Largest entry of U·diag(s)·Vᵀ − `a`, and of VᵀV − 1.
-    fn off(a: &Mat<f64>, svd: &ThinSvd) -> [f64; 2] {
+    fn max_decomposition_errors(a: &Mat<f64>, svd: &ThinSvd) -> [f64; 2] {
         let ThinSvd { u, s, v } = svd;
         let scaled = Mat::from_fn(u.nrows(), s.len(), |i, j| u[(i, j)] * s[j]);
         let left = &scaled * v.transpose() - a;
@@ -104,7 +104,7 @@ mod tests {
     /// Weighted equations of multiprobe (28 rows, 16 unknowns, groups of equal singular values) for which the
     /// decomposition of faer 0.24 does not converge. The file holds the bits of the entries, row by row.
     #[test]
-    fn regress_a_matrix_without_convergence_is_decomposed() {
+    fn regress_matrix_without_faer_convergence_is_decomposed() {
         let rows: Vec<Vec<f64>> = include_str!("without_convergence.txt")
             .lines()
             .skip(1)
@@ -115,13 +115,17 @@ mod tests {
             .collect();
         let a = Mat::from_fn(28, 16, |i, j| rows[i][j]);
         let svd = ThinSvd::decompose(&a);
-        assert!(off(&a, &svd).into_iter().all(|off| off < 1e-14), "{:?}", off(&a, &svd));
+        assert!(
+            max_decomposition_errors(&a, &svd).into_iter().all(|off| off < 1e-14),
+            "{:?}",
+            max_decomposition_errors(&a, &svd)
+        );
         assert!(svd.s.is_sorted_by(|one, other| one >= other));
     }
 
     /// Matrices of all ranks with columns of very different sizes, compared with faer.
     #[test]
-    fn rotations_agree_with_the_other_decomposition() {
+    fn jacobi_rotations_agree_with_faer_decomposition() {
         let mut random = seeded_stream(7, &[]);
         for rank in 1..=6 {
             let mut draw =
@@ -129,9 +133,9 @@ mod tests {
             let low = &draw(9, rank) * &draw(rank, 6);
             let a = Mat::from_fn(9, 6, |i, j| low[(i, j)] * 10f64.powi(j as i32));
             let size = a.norm_max();
-            let (own, other) = (ThinSvd::by_jacobi_rotations(a.clone()), ThinSvd::decompose(&a));
+            let (own, other) = (ThinSvd::decompose_by_jacobi_rotations(a.clone()), ThinSvd::decompose(&a));
             for svd in [&own, &other] {
-                let [left, square] = off(&a, svd);
+                let [left, square] = max_decomposition_errors(&a, svd);
                 assert!(left < 1e-14 * size && square < 1e-14, "{rank}: {left} {square}");
             }
             for (one, other) in own.s.iter().zip(&other.s) {

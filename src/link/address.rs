@@ -13,7 +13,7 @@ use super::boxed_stream::BoxedStream;
 use super::{ByteStreamHandle, LineLink, LinkError};
 
 /// Maximum time until a host accepts a TCP connection.
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+const TCP_CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Maximum wait for a serial port that another client has not closed yet: the last request of that client may still
 /// run until its timeout.
@@ -70,7 +70,7 @@ pub const SERIAL_PORTS_BY_ID_DIR: &str = "/dev/serial/by-id";
 ///
 /// # Errors
 /// No name matches, or more than one name matches.
-pub fn find_port_by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
+pub fn find_serial_port_by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
     // A missing folder counts as a folder without ports.
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
@@ -99,7 +99,7 @@ async fn open_serial(path: String, baud: u32, parity: Parity) -> Result<SerialSt
 
 async fn connect_tcp(host: String, port: u16) -> Result<TcpStream, LinkError> {
     // Dropping a connection attempt is harmless: nothing was sent yet.
-    timeout(CONNECT_TIMEOUT, TcpStream::connect((host.as_str(), port)))
+    timeout(TCP_CONNECT_TIMEOUT, TcpStream::connect((host.as_str(), port)))
         .await
         .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
         .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
@@ -112,8 +112,8 @@ fn map_serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
         // The serial crate reports `NoDevice` for a port that another process holds, and `NotFound` for a missing
         // port.
         ErrorKind::NoDevice => LinkError::Busy { address },
-        ErrorKind::Io(io::ErrorKind::NotFound) => LinkError::Missing { address },
-        ErrorKind::Io(io::ErrorKind::PermissionDenied) => LinkError::Denied { address },
+        ErrorKind::Io(io::ErrorKind::NotFound) => LinkError::NoSuchPort { address },
+        ErrorKind::Io(io::ErrorKind::PermissionDenied) => LinkError::PermissionDenied { address },
         _ => LinkError::OpenFailed { address, source: io::Error::other(error) },
     }
 }
@@ -121,7 +121,7 @@ fn map_serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
 fn map_tcp_error(address: String, source: io::Error) -> LinkError {
     match source.kind() {
         io::ErrorKind::ConnectionRefused => LinkError::NotListening { address },
-        io::ErrorKind::PermissionDenied => LinkError::Denied { address },
+        io::ErrorKind::PermissionDenied => LinkError::PermissionDenied { address },
         _ => LinkError::OpenFailed { address, source },
     }
 }

@@ -12,7 +12,7 @@ use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
 use super::boxed_stream::BoxedStream;
-use super::owner::{ByteSink, OwnerChannels, StreamOwner, start_owner_thread};
+use super::stream_owner::{ByteSink, OwnerChannels, StreamOwner, start_stream_owner_thread};
 
 /// Maximum number of reads in the queue: more than eight seconds of a device that sends 1000 times per second.
 const MAX_QUEUED_READS: usize = 8192;
@@ -39,7 +39,7 @@ pub struct ByteStreamHandle {
 /// State that all handles of one stream share.
 pub(super) struct SharedStream {
     name: String,
-    reads: broadcast::WeakSender<ReadResult>,
+    read_sender: broadcast::WeakSender<ReadResult>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
     drain_requests: mpsc::UnboundedSender<oneshot::Sender<()>>,
     request_turn: Arc<Mutex<RequestTurn>>,
@@ -49,7 +49,7 @@ pub(super) struct SharedStream {
 #[derive(Default)]
 pub struct RequestTurn {
     /// Whether a reply that is late may still arrive.
-    pub is_reply_pending: bool,
+    pub is_late_reply_pending: bool,
 }
 
 impl ByteStreamHandle {
@@ -66,7 +66,7 @@ impl ByteStreamHandle {
         open: impl Future<Output = Result<BoxedStream, LinkError>> + Send + 'static,
     ) -> Result<Self, LinkError> {
         let (handle, channels) = Self::create_channels(name);
-        start_owner_thread(&handle.stream.name, channels, open).await?;
+        start_stream_owner_thread(&handle.stream.name, channels, open).await?;
         Ok(handle)
     }
 
@@ -77,14 +77,14 @@ impl ByteStreamHandle {
         let (_, urgent_queue) = mpsc::unbounded_channel();
         let (drain_requests, drain_queue) = mpsc::unbounded_channel();
         let (reads_weak, request_turn) = (reads.downgrade(), Arc::default());
-        let stream = Arc::new(SharedStream { name, reads: reads_weak, outgoing, drain_requests, request_turn });
+        let stream = Arc::new(SharedStream { name, read_sender: reads_weak, outgoing, drain_requests, request_turn });
         let handle = Self { stream, incoming, loss_reason: None };
         (handle, OwnerChannels { sink: ReadSink(reads), outgoing: queued, urgent_queue, drain_requests: drain_queue })
     }
 
     /// Returns one more handle, which receives the bytes from now on; `None` if the stream is lost.
-    pub(super) fn on_open_stream(stream: Arc<SharedStream>) -> Option<Self> {
-        let incoming = stream.reads.upgrade()?.subscribe();
+    pub(super) fn from_open_stream(stream: Arc<SharedStream>) -> Option<Self> {
+        let incoming = stream.read_sender.upgrade()?.subscribe();
         Some(Self { stream, incoming, loss_reason: None })
     }
 
@@ -177,7 +177,7 @@ mod tests {
 
     use super::*;
 
-    async fn next(flow: &mut ByteStreamHandle) -> Option<Vec<u8>> {
+    async fn next_bytes(flow: &mut ByteStreamHandle) -> Option<Vec<u8>> {
         match flow.recv_deadline(Instant::now() + Duration::from_secs(5)).await.unwrap() {
             Some(StreamRead::Bytes(_, bytes)) => Some(bytes.to_vec()),
             _ => None,
@@ -193,11 +193,11 @@ mod tests {
             tokio::task::yield_now().await;
         }
         // `None` reports that bytes are missing.
-        assert_eq!(next(&mut flow).await, None);
-        assert_eq!(next(&mut flow).await.unwrap(), b"old");
+        assert_eq!(next_bytes(&mut flow).await, None);
+        assert_eq!(next_bytes(&mut flow).await.unwrap(), b"old");
         flow.discard_received().await.unwrap();
         far.write_all(b"new").await.unwrap();
-        assert_eq!(next(&mut flow).await.unwrap(), b"new");
+        assert_eq!(next_bytes(&mut flow).await.unwrap(), b"new");
     }
 
     /// The owner has not run since these bytes arrived: they are still in the duplex buffer, which stands in for the
@@ -209,7 +209,7 @@ mod tests {
         far.write_all(&[7; 20_000]).await.unwrap();
         flow.discard_received().await.unwrap();
         far.write_all(b"new").await.unwrap();
-        assert_eq!(next(&mut flow).await.unwrap(), b"new");
+        assert_eq!(next_bytes(&mut flow).await.unwrap(), b"new");
     }
 
     #[tokio::test]

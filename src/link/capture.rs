@@ -36,30 +36,35 @@ pub(super) const CAPTURE_HEADER: &str = "# trued-capture 1";
 pub(super) enum LinkProtocol {
     Lines,
     Modbus(Framing),
-    Files,
-    Samples,
+    SharedFiles,
+    SensorRequests,
 }
 
 impl LinkProtocol {
-    pub(super) const ALL: [Self; 5] =
-        [Self::Lines, Self::Modbus(Framing::Rtu), Self::Modbus(Framing::Tcp), Self::Files, Self::Samples];
+    pub(super) const ALL: [Self; 5] = [
+        Self::Lines,
+        Self::Modbus(Framing::Rtu),
+        Self::Modbus(Framing::Tcp),
+        LinkProtocol::SharedFiles,
+        LinkProtocol::SensorRequests,
+    ];
 
     pub(super) fn keyword(self) -> &'static str {
         match self {
             Self::Lines => "lines",
             Self::Modbus(Framing::Rtu) => "modbus-rtu",
             Self::Modbus(Framing::Tcp) => "modbus-tcp",
-            Self::Files => "files",
-            Self::Samples => "samples",
+            LinkProtocol::SharedFiles => "files",
+            LinkProtocol::SensorRequests => "samples",
         }
     }
 }
 
 /// Capture file that is being written.
 #[derive(Clone)]
-pub struct Capture {
-    start: Instant,
-    out: Arc<Mutex<CaptureOutput>>,
+pub struct CaptureWriter {
+    start_time: Instant,
+    output: Arc<Mutex<CaptureOutput>>,
 }
 
 struct CaptureOutput {
@@ -68,7 +73,7 @@ struct CaptureOutput {
     first_error: Option<io::Error>,
 }
 
-impl Capture {
+impl CaptureWriter {
     /// Creates a new file.
     ///
     /// # Errors
@@ -81,7 +86,7 @@ impl Capture {
             return Err(error);
         }
         let out = Arc::new(Mutex::new(CaptureOutput { file, link_count: 0, first_error: None }));
-        Ok(Self { start: Instant::now(), out })
+        Ok(Self { start_time: Instant::now(), output: out })
     }
 
     /// Whether all lines are in the file. A run continues after a write error.
@@ -89,24 +94,24 @@ impl Capture {
     /// # Errors
     /// The first write error.
     pub fn finish(&self) -> io::Result<()> {
-        let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut out = self.output.lock().unwrap_or_else(PoisonError::into_inner);
         out.first_error.take().map_or_else(|| out.file.sync_all(), Err)
     }
 
-    pub(super) fn recorder(&self, name: &str, protocol: LinkProtocol) -> LinkRecorder {
-        let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
+    pub(super) fn create_link_recorder(&self, name: &str, protocol: LinkProtocol) -> LinkRecorder {
+        let mut out = self.output.lock().unwrap_or_else(PoisonError::into_inner);
         out.link_count += 1;
         let opening_text = format!("{} {name}", protocol.keyword());
         LinkRecorder { capture: self.clone(), link_number: out.link_count, opening_text }
     }
 
     fn write_line(&self, link_number: u32, mark: char, text: impl fmt::Display) {
-        let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut out = self.output.lock().unwrap_or_else(PoisonError::into_inner);
         if out.first_error.is_some() {
             return;
         }
         // The lock is held, so that the lines are in the order of their times.
-        let seconds = self.start.elapsed().as_secs_f64();
+        let seconds = self.start_time.elapsed().as_secs_f64();
         let line = format!("{seconds:.6} {link_number} {mark} {text}\n");
         // One write per line: after a crash, all lines are complete.
         out.first_error = out.file.write_all(line.as_bytes()).err();
@@ -116,14 +121,14 @@ impl Capture {
 /// Recorder of one link.
 #[derive(Clone)]
 pub(super) struct LinkRecorder {
-    capture: Capture,
+    capture: CaptureWriter,
     link_number: u32,
     opening_text: String,
 }
 
 impl LinkRecorder {
     /// Wraps `stream`, so that its bytes are recorded.
-    pub(super) fn record_stream(&self, stream: BoxedStream) -> RecordedStream {
+    pub(super) fn wrap_stream(&self, stream: BoxedStream) -> RecordedStream {
         self.record_opening();
         RecordedStream { stream, recorder: self.clone() }
     }
@@ -132,7 +137,7 @@ impl LinkRecorder {
         self.capture.write_line(self.link_number, '=', &self.opening_text);
     }
 
-    pub(super) fn record(&self, mark: char, bytes: &[u8]) {
+    pub(super) fn record_bytes(&self, mark: char, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.capture.write_line(self.link_number, mark, bytes.escape_ascii());
         }
@@ -152,7 +157,7 @@ impl AsyncRead for RecordedStream {
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
         ready!(self.stream.as_mut().poll_read(context, buffer))?;
-        self.recorder.record('<', buffer.filled().get(before..).unwrap_or_default());
+        self.recorder.record_bytes('<', buffer.filled().get(before..).unwrap_or_default());
         Poll::Ready(Ok(()))
     }
 }
@@ -160,7 +165,7 @@ impl AsyncRead for RecordedStream {
 impl AsyncWrite for RecordedStream {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let count = ready!(self.stream.as_mut().poll_write(context, bytes))?;
-        self.recorder.record('>', bytes.get(..count).unwrap_or_default());
+        self.recorder.record_bytes('>', bytes.get(..count).unwrap_or_default());
         Poll::Ready(Ok(count))
     }
 

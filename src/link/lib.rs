@@ -6,48 +6,48 @@
 use std::io;
 
 mod address;
-mod baud;
+mod baud_mismatch;
 mod boxed_stream;
 mod byte_stream;
 pub mod can;
 mod capture;
 pub mod clock;
-mod config;
-mod folder;
 #[cfg(test)]
 mod fuzz;
-mod lines;
+mod line_assembler;
+mod line_link;
+mod link_config;
+mod link_mode;
 pub mod modbus;
-mod mode;
-mod owner;
 mod replay;
-mod request_capture;
+mod sensor_request_capture;
+mod shared_folder;
 mod shared_ports;
-mod stream;
+mod stream_owner;
 #[cfg(test)]
 mod tests;
 
 pub use address::{
-    LinkAddress, Pty, SERIAL_PORTS_BY_ID_DIR, create_pty, find_port_by_id, open_byte_stream, open_line_link,
+    LinkAddress, Pty, SERIAL_PORTS_BY_ID_DIR, create_pty, find_serial_port_by_id, open_byte_stream, open_line_link,
 };
-pub use baud::{create_pty_at_baud, decode_at_baud};
+pub use baud_mismatch::{create_pty_at_baud, decode_at_baud};
 pub use byte_stream::{ByteStreamHandle, RequestTurn, StreamRead};
-pub use capture::Capture;
+pub use capture::CaptureWriter;
 pub use clock::Clock;
-pub use config::{HostPort, LinkConfig, LinkKeys, parse_timeout_s};
-pub use folder::SharedFolder;
-pub use lines::LineEvent;
-pub use mode::LinkMode;
+pub use line_assembler::LineEvent;
+pub use line_link::{LineLink, UrgentSender};
+pub use link_config::{HostPort, LinkConfig, LinkKeys, parse_timeout_s};
+pub use link_mode::LinkMode;
 pub use replay::{CaptureError, CaptureReplay};
-pub use request_capture::SensorRequestCapture;
+pub use sensor_request_capture::SensorRequestCapture;
+pub use shared_folder::SharedFolder;
 pub use shared_ports::SharedPorts;
-pub use stream::{LineLink, UrgentSender};
 
 /// Errors of a link.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     #[error("{address} does not exist")]
-    Missing { address: String },
+    NoSuchPort { address: String },
     /// The computer at `address` refuses the connection.
     #[error("no server listens at {address}")]
     NotListening { address: String },
@@ -56,7 +56,7 @@ pub enum LinkError {
     #[error("{address} is in use by another program")]
     Busy { address: String },
     #[error("no permission to open {address}")]
-    Denied { address: String },
+    PermissionDenied { address: String },
     #[error("{address} could not be opened: {source}")]
     OpenFailed { address: String, source: io::Error },
     #[error("the link to {address} is lost: {why}")]
@@ -71,12 +71,12 @@ impl LinkError {
     /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Missing { .. } => "check the cable and the address in the machine file".to_owned(),
+            LinkError::NoSuchPort { .. } => "check the cable and the address in the machine file".to_owned(),
             Self::NotListening { .. } => {
                 "start the control's server and check the address in the machine file".to_owned()
             }
             Self::Busy { .. } => "close the other program (a G-code sender, a terminal), then start again".to_owned(),
-            Self::Denied { .. } => "add this user to the device's group (often dialout)".to_owned(),
+            LinkError::PermissionDenied { .. } => "add this user to the device's group (often dialout)".to_owned(),
             Self::OpenFailed { .. } => "check the address in the machine file".to_owned(),
             Self::NoUniquePort { .. } => "plug the device in and switch it on; set serial_id to a name from `ls \
                  /dev/serial/by-id`, or to a part of one name that is unique"

@@ -8,7 +8,7 @@ use std::sync::{Arc, Weak};
 use tokio::sync::Mutex;
 
 use super::byte_stream::SharedStream;
-use super::modbus::{DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, OpenLine};
+use super::modbus::{DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLineConfig, OpenLine};
 use super::{ByteStreamHandle, LinkAddress, LinkError, open_byte_stream};
 
 /// The open ports. A port is closed when its last handle is dropped; the next device that uses a lost port reopens
@@ -31,7 +31,7 @@ impl SharedPorts {
         let mut open = self.0.lock().await;
         let key = port_key(address);
         let stream = open.streams.get(&key).and_then(Weak::upgrade);
-        if let Some(handle) = stream.and_then(ByteStreamHandle::on_open_stream) {
+        if let Some(handle) = stream.and_then(ByteStreamHandle::from_open_stream) {
             return Ok(handle);
         }
         let handle = open_byte_stream(address).await?;
@@ -46,7 +46,7 @@ impl SharedPorts {
     /// The line cannot be opened.
     pub async fn open_modbus_client(
         &self,
-        line: ModbusLine,
+        line: ModbusLineConfig,
         settings: DeviceSettings,
     ) -> Result<ModbusClient, ModbusError> {
         if line.framing == Framing::Tcp {
@@ -56,7 +56,7 @@ impl SharedPorts {
         let port = line.link.resolve_address().map_or_else(|_| line.to_string(), |at| port_key(&at));
         let key = format!("{port} {:?}", line.parity);
         if let Some(line) = open.modbus_lines.get(&key).and_then(Weak::upgrade) {
-            return Ok(ModbusClient::on_open_line(line, settings));
+            return Ok(ModbusClient::from_open_line(line, settings));
         }
         let client = ModbusClient::open(line, settings).await?;
         open.modbus_lines.insert(key, client.weak_line());

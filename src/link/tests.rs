@@ -5,7 +5,7 @@ use tokio::time::Instant;
 
 use super::*;
 
-fn soon() -> Instant {
+fn deadline_in_five_seconds() -> Instant {
     Instant::now() + Duration::from_secs(5)
 }
 
@@ -14,7 +14,7 @@ fn line(text: &str) -> Option<LineEvent> {
 }
 
 #[tokio::test]
-async fn lines_pass_in_both_directions_and_the_end_is_reported() {
+async fn lines_pass_in_both_directions_and_a_lost_link_is_reported() {
     let (ours, mut theirs) = tokio::io::duplex(64);
     let mut link = LineLink::from_stream("peer", ours);
     link.send_line("?").unwrap();
@@ -22,12 +22,12 @@ async fn lines_pass_in_both_directions_and_the_end_is_reported() {
     theirs.read_exact(&mut bytes).await.unwrap();
     assert_eq!(&bytes, b"?\n");
     theirs.write_all(b"ok\r\n").await.unwrap();
-    assert_eq!(link.recv_deadline(soon()).await.unwrap(), line("ok"));
+    assert_eq!(link.recv_deadline(deadline_in_five_seconds()).await.unwrap(), line("ok"));
     let passed = link.recv_deadline(Instant::now()).await.unwrap();
     assert_eq!(passed, None);
     drop(theirs);
     for _ in 0..2 {
-        let error = link.recv_deadline(soon()).await.unwrap_err();
+        let error = link.recv_deadline(deadline_in_five_seconds()).await.unwrap_err();
         assert_eq!(error.to_string(), "the link to peer is lost: the device closed the connection");
     }
 }
@@ -56,7 +56,7 @@ async fn after_a_hold_only_urgent_bytes_follow() {
     let mut start = [0; 1];
     theirs.read_exact(&mut start).await.unwrap();
     link.send(b"queued\n").unwrap();
-    link.urgent_sender().send_and_drop_ordinary(b"!");
+    link.urgent_sender().send_and_drop_non_urgent(b"!");
     link.send(b"too late\n").unwrap();
     link.urgent_sender().send(b"?");
     drop(link);
@@ -69,7 +69,7 @@ async fn after_a_hold_only_urgent_bytes_follow() {
 }
 
 #[tokio::test]
-async fn a_hold_goes_out_although_the_handle_is_dropped() {
+async fn a_hold_is_sent_although_the_handle_is_dropped() {
     let (ours, mut theirs) = tokio::io::duplex(64);
     let link = LineLink::from_stream("peer", ours);
     link.urgent_sender().send(b"!");
@@ -90,15 +90,15 @@ async fn a_pty_is_opened_by_one_client_at_a_time() {
     pty.device.read_exact(&mut bytes).await.unwrap();
     assert_eq!(&bytes, b"$I\n");
     pty.device.write_all(b"[AXS:5:XYZBC]\r\nok\r\n").await.unwrap();
-    assert_eq!(link.recv_deadline(soon()).await.unwrap(), line("[AXS:5:XYZBC]"));
-    assert_eq!(link.recv_deadline(soon()).await.unwrap(), line("ok"));
+    assert_eq!(link.recv_deadline(deadline_in_five_seconds()).await.unwrap(), line("[AXS:5:XYZBC]"));
+    assert_eq!(link.recv_deadline(deadline_in_five_seconds()).await.unwrap(), line("ok"));
 }
 
 #[tokio::test]
 async fn missing_port_is_reported() {
     let path = "/dev/no-such-port".to_owned();
     let serial = open_line_link(&LinkAddress::Serial { path, baud: 115_200 }).await;
-    assert!(matches!(serial, Err(LinkError::Missing { .. })));
+    assert!(matches!(serial, Err(LinkError::NoSuchPort { .. })));
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     drop(listener);
@@ -108,9 +108,9 @@ async fn missing_port_is_reported() {
 }
 
 #[tokio::test]
-async fn port_is_found_by_its_stable_name() {
+async fn serial_port_is_found_by_its_stable_name() {
     let folder = tempfile::tempdir().unwrap();
-    let found = |id: &str| find_port_by_id(folder.path(), id);
+    let found = |id: &str| find_serial_port_by_id(folder.path(), id);
     let none = found("board-1").unwrap_err();
     assert_eq!(none.to_string(), "no unique serial port matches `board-1`; available: none");
     let (before, mut after) = (create_pty().unwrap(), create_pty().unwrap());

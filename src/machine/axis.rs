@@ -30,7 +30,7 @@ impl Axis {
 
     /// Nominal direction of travel, or of the axis of rotation, after ISO 841: A, B and C rotate about X, Y and Z. The
     /// spindle rotates about Z.
-    pub fn direction(self) -> Vector3<f64> {
+    pub fn nominal_direction(self) -> Vector3<f64> {
         match self {
             Axis::X | Axis::A => Vector3::x(),
             Axis::Y | Axis::B => Vector3::y(),
@@ -122,7 +122,7 @@ impl Position {
     }
 
     /// X, Y and Z, mm; 0 for an axis that is not contained.
-    pub fn xyz(&self) -> Vector3<f64> {
+    pub fn xyz_or_zero(&self) -> Vector3<f64> {
         Axis::LINEAR.map(|axis| self.get_or_zero(axis)).into()
     }
 

@@ -30,8 +30,8 @@ pub mod self_calibration;
 pub use prompts::with_prompts;
 pub use registry::{METHOD_DESCRIPTIONS, configure_method, method_description, method_names};
 
-use estimation::linear::{LinearError, RankAnalysis};
-use estimation::nonlinear::NonlinearError;
+use estimation::linear_least_squares::{LinearError, RankAnalysis};
+use estimation::nonlinear_least_squares::NonlinearError;
 use estimation::revolutions::RevolutionsError;
 use identification::probe_map;
 use machine::kinematics::KinematicsError;
@@ -46,10 +46,8 @@ use planning::PlanningError;
 pub enum NextStage {
     /// A new stage. The new steps are numbered after the last step of the plan and run in this order;
     /// `stage.steps` may also name earlier steps of the plan, to repeat them.
-    Stage {
-        stage: Stage,
-        new_steps: Vec<Step>,
-    },
+    Stage { stage: Stage, new_steps: Vec<Step> },
+    /// All stages are done.
     NoFurtherStage,
 }
 
@@ -86,13 +84,13 @@ impl MethodRefusal {
     }
 
     /// Minimum number of Monte Carlo trials.
-    pub const MIN_TRIALS: usize = 100;
+    pub const MIN_MONTE_CARLO_TRIALS: usize = 100;
 
     /// # Errors
-    /// The number of Monte Carlo trials is too small; 0 stands for the adaptive rule of JCGM 101.
-    pub fn check_trials(count: usize) -> Result<(), Self> {
+    /// The number of Monte Carlo trials is below the minimum and not 0. 0 selects the adaptive rule of JCGM 101.
+    pub fn check_monte_carlo_trials(count: usize) -> Result<(), Self> {
         Self::require(
-            count == 0 || count >= Self::MIN_TRIALS,
+            count == 0 || count >= Self::MIN_MONTE_CARLO_TRIALS,
             format!("{count} Monte Carlo trials are too few for an uncertainty"),
             "choose at least 100, better 10 000; 0 selects the adaptive rule of JCGM 101",
         )
@@ -219,7 +217,7 @@ impl IdentifyError {
         Self::MissingReading { step: step.id, label: step.label.clone() }
     }
 
-    /// What the user can do about the error.
+    /// What the user must do about the error.
     pub fn remedy(&self) -> String {
         match self {
             Self::Refused(refused) => refused.remedy.clone(),
@@ -279,14 +277,13 @@ pub trait Method: Send + Sync {
         false
     }
 
-    /// Expected uncertainty of a run and what the run cannot separate, one line each, for the user before the
-    /// first motion. All steps of `plan` have nominal positions; the plan takes `machine_s` seconds of
-    /// machine time.
+    /// Expected uncertainty of a run and what the run cannot separate, one line each, for the user before the first
+    /// motion. All steps of `plan` have nominal positions; the plan takes `machine_time_s` seconds of machine time.
     ///
     /// # Errors
     /// The plan cannot be identified.
-    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        let _ = machine_s;
+    fn forecast(&self, plan: &Plan, machine_time_s: f64) -> Result<Vec<String>, MethodRefusal> {
+        let _ = machine_time_s;
         Ok(identification::describe_plan_aliasing(plan))
     }
 

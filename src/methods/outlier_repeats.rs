@@ -5,36 +5,36 @@ use std::borrow::Cow;
 
 use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
 use machine::record::estimate::{Estimate, Outlier};
-use machine::record::plan::{FIRST_OUTLIER_REPEAT, FIRST_REPEAT_AFTER_STOP, Plan, Stage, Step, StepKind};
+use machine::record::plan::{FIRST_OUTLIER_REPEAT_NUMBER, FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-/// Maximum number of repeated measurements of one step.
-const MAX_REPEATS: usize = 2;
+/// Maximum number of repeats of one step because of an outlier.
+const MAX_OUTLIER_REPEATS: usize = 2;
 
 pub(super) struct OutlierRepeater {
     pub method: Box<dyn Method>,
     /// The same method with the minimum number of Monte Carlo trials.
-    pub fast_method: Box<dyn Method>,
+    pub method_with_few_trials: Box<dyn Method>,
 }
 
-fn is_outlier_repeat(repeat: u32) -> bool {
-    (FIRST_OUTLIER_REPEAT..FIRST_REPEAT_AFTER_STOP).contains(&repeat)
+fn is_outlier_repeat(repeat_number: u32) -> bool {
+    (FIRST_OUTLIER_REPEAT_NUMBER..FIRST_REPEAT_NUMBER_AFTER_STOP).contains(&repeat_number)
 }
 
-/// Readings with only the last of the repeats below `before` of each step that was measured again; it
-/// replaces the earlier ones.
-fn readings_of_latest_repeats(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
+/// Readings in which the last outlier repeat of each step, among those with numbers below `end_repeat`, replaces the
+/// earlier measurements of the step.
+fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, [Reading]> {
     if !readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
         return Cow::Borrowed(readings);
     }
-    let counts = |reading: &&Reading| !is_outlier_repeat(reading.repeat) || reading.repeat < before;
+    let counts = |reading: &&Reading| !is_outlier_repeat(reading.repeat) || reading.repeat < end_repeat;
     let last = |step: u32| {
         let repeats = readings.iter().filter(counts).filter(|reading| is_outlier_repeat(reading.repeat));
         repeats.filter(|reading| reading.step == step).map(|reading| reading.repeat).max()
     };
     let is_kept = |reading: &&Reading| match last(reading.step) {
-        Some(last) => reading.repeat == last || reading.repeat >= FIRST_REPEAT_AFTER_STOP,
+        Some(last) => reading.repeat == last || reading.repeat >= FIRST_REPEAT_NUMBER_AFTER_STOP,
         None => true,
     };
     let renumbered = |reading: &Reading| match is_outlier_repeat(reading.repeat) {
@@ -44,9 +44,9 @@ fn readings_of_latest_repeats(readings: &[Reading], before: u32) -> Cow<'_, [Rea
     readings.iter().filter(counts).filter(is_kept).map(renumbered).collect::<Vec<_>>().into()
 }
 
-/// Whether the step is part of the measurement `label`, or is that measurement.
-fn is_part_of_measurement(step: &Step, label: &str) -> bool {
-    let rest = step.label.strip_prefix(label);
+/// Whether the step belongs to the measurement `measurement_label`: has its label, or a label below it.
+fn is_part_of_measurement(step: &Step, measurement_label: &str) -> bool {
+    let rest = step.label.strip_prefix(measurement_label);
     step.kind != StepKind::Prompt && rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
@@ -58,22 +58,23 @@ fn outlier_steps<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = 
 impl OutlierRepeater {
     /// The stage that repeats the suspects of the earliest stage that has any. They are of one stage because
     /// the proof of a repeated stage uses what was known when that stage was planned.
-    fn repeat_stage(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
+    fn outlier_repeat_stage(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
         // An error is reported when the run is identified.
-        let estimate = self.fast_method.identify(plan, &readings_of_latest_repeats(readings, u32::MAX)).ok()?;
+        let estimate =
+            self.method_with_few_trials.identify(plan, &readings_of_latest_repeats(readings, u32::MAX)).ok()?;
         let times = |step: &Step| {
             let repeat_stages = done.iter().filter(|stage| is_outlier_repeat(stage.repeat));
             repeat_stages.filter(|stage| stage.steps.contains(&step.id)).count()
         };
         let suspects = estimate.outliers.iter().flat_map(|outlier| outlier_steps(plan, outlier));
-        let suspects: Vec<&Step> = suspects.filter(|step| times(step) < MAX_REPEATS).collect();
+        let suspects: Vec<&Step> = suspects.filter(|step| times(step) < MAX_OUTLIER_REPEATS).collect();
         let is_suspect = |id: &u32| suspects.iter().any(|step| step.id == *id);
         let first = done.iter().find(|stage| stage.steps.iter().any(is_suspect))?;
         let rounds = done.iter().filter(|stage| is_outlier_repeat(stage.repeat)).count() as u32;
         Some(Stage {
             id: done.last().map_or(0, |stage| stage.id + 1),
             name: "outliers measured again".to_owned(),
-            repeat: FIRST_OUTLIER_REPEAT + rounds,
+            repeat: FIRST_OUTLIER_REPEAT_NUMBER + rounds,
             steps: first.steps.iter().copied().filter(is_suspect).collect(),
             found: first.found.clone(),
         })
@@ -95,7 +96,8 @@ impl OutlierRepeater {
             outlier.resolution = Some("measured again: still an outlier".to_owned());
         }
         for before in rounds {
-            let Ok(earlier) = self.fast_method.identify(plan, &readings_of_latest_repeats(readings, before)) else {
+            let Ok(earlier) = self.method_with_few_trials.identify(plan, &readings_of_latest_repeats(readings, before))
+            else {
                 continue;
             };
             for outlier in earlier.outliers {
@@ -132,7 +134,7 @@ impl Method for OutlierRepeater {
         let ordinary: Vec<Stage> = done.iter().filter(|stage| !is_outlier_repeat(stage.repeat)).cloned().collect();
         let last = readings_of_latest_repeats(readings, u32::MAX);
         match self.method.next_stage(plan, &ordinary, PositionSource::Measured(&last))? {
-            NextStage::NoFurtherStage => Ok(match self.repeat_stage(plan, done, readings) {
+            NextStage::NoFurtherStage => Ok(match self.outlier_repeat_stage(plan, done, readings) {
                 Some(stage) => NextStage::Stage { stage, new_steps: Vec::new() },
                 None => NextStage::NoFurtherStage,
             }),

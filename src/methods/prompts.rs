@@ -11,31 +11,31 @@ use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
 /// Prefix of the labels of prompts from the machine file; the prompts of a method have other labels.
-const LABEL_PREFIX: &str = "ask/";
+const MACHINE_PROMPT_LABEL_PREFIX: &str = "ask/";
 
 /// Returns `method` with a prompt for each of `texts` before its first stage.
 pub fn with_prompts(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Method> {
-    Box::new(PromptedMethod { method, texts })
+    Box::new(PromptedMethod { wrapped_method: method, prompt_texts: texts })
 }
 
 pub(super) struct PromptedMethod {
-    method: Box<dyn Method>,
-    texts: Vec<String>,
+    wrapped_method: Box<dyn Method>,
+    prompt_texts: Vec<String>,
 }
 
 impl PromptedMethod {
     /// Adds no prompts, but handles the prompts that a plan already has.
-    pub(super) fn without_texts(method: Box<dyn Method>) -> Self {
-        Self { method, texts: Vec::new() }
+    pub(super) fn without_new_prompts(method: Box<dyn Method>) -> Self {
+        Self { wrapped_method: method, prompt_texts: Vec::new() }
     }
 
     /// Adds the prompts before the steps of the first stage.
-    fn with_prompts(&self, next: NextStage) -> NextStage {
+    fn add_prompts_to_stage(&self, next: NextStage) -> NextStage {
         let NextStage::Stage { mut stage, new_steps } = next else { return next };
-        let prompts = (0..).zip(&self.texts).map(|(id, text)| Step {
+        let prompts = (0..).zip(&self.prompt_texts).map(|(id, text)| Step {
             id,
             stage: stage.id,
-            ..Step::prompt(format!("{LABEL_PREFIX}{}", id + 1), text.clone())
+            ..Step::prompt(format!("{MACHINE_PROMPT_LABEL_PREFIX}{}", id + 1), text.clone())
         });
         let mut steps: Vec<Step> = prompts.collect();
         let count = steps.len() as u32;
@@ -48,7 +48,8 @@ impl PromptedMethod {
 
 /// Number of steps at the head of `plan` that are prompts of the machine file.
 fn machine_prompt_count(plan: &Plan) -> usize {
-    let is_machine_prompt = |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL_PREFIX);
+    let is_machine_prompt =
+        |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(MACHINE_PROMPT_LABEL_PREFIX);
     plan.steps.iter().take_while(is_machine_prompt).count()
 }
 
@@ -60,7 +61,7 @@ fn without_first_steps(plan: &Plan, count: u32) -> Plan {
 
 impl Method for PromptedMethod {
     fn settings(&self) -> serde_json::Value {
-        self.method.settings()
+        self.wrapped_method.settings()
     }
 
     fn next_stage(
@@ -70,8 +71,8 @@ impl Method for PromptedMethod {
         readings: PositionSource<'_>,
     ) -> Result<NextStage, MethodRefusal> {
         let count = match (machine_prompt_count(plan) as u32, done) {
-            (_, []) => return Ok(self.with_prompts(self.method.next_stage(plan, done, readings)?)),
-            (0, _) => return self.method.next_stage(plan, done, readings),
+            (_, []) => return Ok(self.add_prompts_to_stage(self.wrapped_method.next_stage(plan, done, readings)?)),
+            (0, _) => return self.wrapped_method.next_stage(plan, done, readings),
             (count, _) => count,
         };
         let without_prompt_ids = |stage: &Stage| {
@@ -88,7 +89,7 @@ impl Method for PromptedMethod {
                 PositionSource::Measured(&measured)
             }
         };
-        let next = self.method.next_stage(&without_first_steps(plan, count), &stages, readings)?;
+        let next = self.wrapped_method.next_stage(&without_first_steps(plan, count), &stages, readings)?;
         let NextStage::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
         new_steps.iter_mut().for_each(|step| step.id += count);
         stage.steps.iter_mut().for_each(|id| *id += count);
@@ -96,30 +97,30 @@ impl Method for PromptedMethod {
     }
 
     fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
-        self.method.required_sensors(sensors)
+        self.wrapped_method.required_sensors(sensors)
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
-        self.method.check_priors(plan)
+        self.wrapped_method.check_priors(plan)
     }
 
     fn accepts_probe_map(&self) -> bool {
-        self.method.accepts_probe_map()
+        self.wrapped_method.accepts_probe_map()
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        self.method.forecast(&without_prompts(plan), machine_s)
+        self.wrapped_method.forecast(&without_machine_prompts(plan), machine_s)
     }
 
     /// The steps keep their numbers, so that messages name the steps by the numbers of the plan.
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        self.method.check_priors(plan)?;
-        self.method.identify(&without_prompts(plan), readings)
+        self.wrapped_method.check_priors(plan)?;
+        self.wrapped_method.identify(&without_machine_prompts(plan), readings)
     }
 }
 
 /// The plan without the prompts of the machine file; the other steps keep their numbers.
-fn without_prompts(plan: &Plan) -> Cow<'_, Plan> {
+fn without_machine_prompts(plan: &Plan) -> Cow<'_, Plan> {
     match machine_prompt_count(plan) {
         0 => Cow::Borrowed(plan),
         count => Cow::Owned(Plan { steps: plan.steps[count..].to_vec(), ..plan.clone() }),
@@ -159,7 +160,7 @@ mod tests {
             }
             let name = id.to_string();
             let stage = Stage { id, name, repeat: 0, steps: (0..=id).collect(), found: None };
-            Ok(NextStage::Stage { stage, new_steps: vec![touch(id)] })
+            Ok(NextStage::Stage { stage, new_steps: vec![touch_step(id)] })
         }
 
         fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
@@ -169,13 +170,13 @@ mod tests {
         }
     }
 
-    fn touch(id: u32) -> Step {
+    fn touch_step(id: u32) -> Step {
         let step = json!({"id": id, "stage": id, "kind": "touch", "label": "t", "from": {}, "to": {},
             "feed_mm_min": 1.0, "sensor": "probe", "normal": [1.0, 0.0, 0.0]});
         serde_json::from_value(step).unwrap()
     }
 
-    fn reading(step: u32) -> Reading {
+    fn reading_of_step(step: u32) -> Reading {
         serde_json::from_value(json!({"step": step, "repeat": 0, "position": {}, "sensor": "probe",
             "t_s": 0.0, "flag": "", "value_mm": null, "temperatures_c": {}}))
         .unwrap()
@@ -194,7 +195,7 @@ mod tests {
     fn prompts_are_invisible_to_the_method() {
         let method = with_prompts(Box::new(TwoStageMethod), vec!["clean it".to_owned(), "cap off".to_owned()]);
         // A process that resumes the run gets the prompts from the plan alone.
-        let later = PromptedMethod::without_texts(Box::new(TwoStageMethod));
+        let later = PromptedMethod::without_new_prompts(Box::new(TwoStageMethod));
         let (mut plan, mut done, mut readings) = (plan_without_steps(), Vec::new(), Vec::new());
         let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
         for method in method {
@@ -203,7 +204,7 @@ mod tests {
                 break;
             };
             let touches = new_steps.iter().filter(|step| step.kind == StepKind::Touch);
-            readings.extend(touches.map(|step| reading(step.id)));
+            readings.extend(touches.map(|step| reading_of_step(step.id)));
             plan.steps.extend(new_steps);
             done.push(stage);
         }

@@ -57,9 +57,10 @@ pub fn configure_method<'de, D: Deserializer<'de>>(name: &str, settings: D) -> R
     let mut settings = method.settings();
     if let Some(trials) = settings.get_mut("monte_carlo_trials") {
         // Only the residuals of this copy are used, so the minimum number of trials suffices.
-        *trials = crate::MethodRefusal::MIN_TRIALS.into();
+        *trials = crate::MethodRefusal::MIN_MONTE_CARLO_TRIALS.into();
     }
     let fast_method = ProbeMapMethod(method_by_name(name, settings).map_err(D::Error::custom)?);
-    let suspecting = OutlierRepeater { method: Box::new(ProbeMapMethod(method)), fast_method: Box::new(fast_method) };
-    Ok(Box::new(PromptedMethod::without_texts(Box::new(suspecting))))
+    let suspecting =
+        OutlierRepeater { method: Box::new(ProbeMapMethod(method)), method_with_few_trials: Box::new(fast_method) };
+    Ok(Box::new(PromptedMethod::without_new_prompts(Box::new(suspecting))))
 }

@@ -14,20 +14,20 @@ pub struct RevolutionSteps {
     pub positions_per_revolution: usize,
     pub revolutions: usize,
     /// Steps before the first revolution and after the last.
-    pub lead_steps: usize,
+    pub lead_steps_per_end: usize,
 }
 
 impl RevolutionSteps {
-    /// The whole travel in multiples of 360°/`positions`. The revolutions start at zero or end at zero if the
-    /// limits of the axis allow it; otherwise the travel starts at the lower limit.
+    /// The whole travel in multiples of 360°/`positions_per_revolution`. The revolutions start at zero or end at
+    /// zero if the limits of the axis allow it; otherwise the travel starts at the lower limit.
     ///
     /// # Errors
     /// The limits of the axis do not allow so many revolutions.
-    pub fn range_within_limits(self, plan: &Plan, axis: Axis) -> Result<RangeInclusive<i64>, MethodRefusal> {
+    pub fn step_range_within_limits(self, plan: &Plan, axis: Axis) -> Result<RangeInclusive<i64>, MethodRefusal> {
         let spec = plan.machine.axes.get(&axis).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let step_deg = 360.0 / self.positions_per_revolution as f64;
-        let [low, high] = spec.multiples_within(step_deg);
-        let (lead, positions) = (self.lead_steps as i64, self.positions_per_revolution as i64);
+        let [low, high] = spec.first_and_last_multiple_within_limits(step_deg);
+        let (lead, positions) = (self.lead_steps_per_end as i64, self.positions_per_revolution as i64);
         let whole = positions * self.revolutions as i64;
         let starts = [-lead, -whole - lead, low];
         let fits = |first: &i64| *first >= low && first + whole + 2 * lead <= high;

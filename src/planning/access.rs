@@ -31,10 +31,10 @@ const ALTERNATIVE_OFFSETS_DEG: [(f64, f64); 12] = [
     (0.0, 45.0),
 ];
 /// Names and azimuths, degrees, of the four touches round the ball; paper 4, section 3.
-const SIDE_TOUCHES_DEG: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
+const SIDE_TOUCH_AZIMUTHS_DEG: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
 pub const POLE_TOUCH_NAME: &str = "pole";
 /// Number of candidate points, spread over the upper half, for touches beyond the five.
-const SPREAD_POINT_COUNT: u32 = 90;
+const SPREAD_TOUCH_CANDIDATE_COUNT: u32 = 90;
 /// Maximum standard deviation of the fitted centre in its worst direction, relative to that of one touch; with all
 /// five touches it is 1.1.
 const MAX_CENTRE_SD_RATIO: f64 = 3.0;
@@ -85,6 +85,7 @@ pub enum BallAccessError {
 /// Start and end of a touch along the normal, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TouchExtent {
+    /// Distance before the expected contact at which the touch starts.
     pub before_mm: f64,
     /// Distance beyond the expected contact at which the touch ends.
     pub beyond_mm: f64,
@@ -97,7 +98,7 @@ pub(super) struct TouchExtent {
 pub struct TouchAccess {
     pub(super) surroundings: Surroundings,
     pub(super) machine: Machine,
-    ball_radius: f64,
+    stylus_ball_radius_mm: f64,
 }
 
 impl TouchAccess {
@@ -107,35 +108,35 @@ impl TouchAccess {
     /// The machine has no kinematics.
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let surroundings = Surroundings::new(plan, artefact)?;
-        Ok(Self { surroundings, machine: plan.machine.clone(), ball_radius: plan.probe.ball_radius_mm })
+        Ok(Self { surroundings, machine: plan.machine.clone(), stylus_ball_radius_mm: plan.probe.ball_radius_mm })
     }
 
     /// Distance between the centres of ball and stylus ball in contact, mm.
     pub(super) fn contact_distance_mm(&self, ball: &Ball) -> f64 {
-        ball.radius_mm + self.ball_radius
+        ball.radius_mm + self.stylus_ball_radius_mm
     }
 
-    /// Free touches of `ball` with the rotary axes as in `rotary`: `touches` of them, the five of the paper first;
+    /// Free touches of `ball` with the rotary axes as in `rotary`: `touch_count` of them, the five of the paper first;
     /// at least four, including the pole, and well distributed.
     pub(super) fn select_touches(
         &self,
         ball: &Ball,
         rotary: &Position,
         extent: TouchExtent,
-        touches: usize,
+        touch_count: usize,
     ) -> Result<Vec<TouchDirection>, BallAccessError> {
-        self.check_rotary(rotary)?;
+        self.check_rotary_position(rotary)?;
         // Same rule as in the proof: a touch is long enough to meet the ball at every possible position.
-        let (beyond_mm, uncertainty_mm) = (extent.beyond_mm, self.surroundings.uncertainty_mm);
+        let (beyond_mm, uncertainty_mm) = (extent.beyond_mm, self.surroundings.max_artefact_misplacement_mm);
         if beyond_mm < uncertainty_mm {
             return Err(BallAccessError::SearchTooShort { beyond_mm, uncertainty_mm });
         }
-        let spindle = self.spindle_pose(rotary)?;
+        let spindle = self.spindle_pose_without_s(rotary)?;
         let normal = |azimuth: f64, elevation: f64| spindle.transform_vector(&unit_direction(azimuth, elevation));
-        let free = |contact: &TouchDirection| self.check_free(ball, rotary, contact, extent);
+        let free = |contact: &TouchDirection| self.check_touch_is_free(ball, rotary, contact, extent);
         let mut blocked = None;
         let mut contacts = Vec::new();
-        for (name, azimuth) in SIDE_TOUCHES_DEG {
+        for (name, azimuth) in SIDE_TOUCH_AZIMUTHS_DEG {
             let at = |(turn, up): &(f64, f64)| new_touch_direction(name, normal(azimuth + turn, *up));
             match ALTERNATIVE_OFFSETS_DEG.iter().map(at).find(|contact| free(contact).is_ok()) {
                 Some(contact) => contacts.push(contact),
@@ -151,12 +152,13 @@ impl TouchAccess {
         }
         let more =
             spread_touch_directions().map(|(name, azimuth, up)| TouchDirection { name, normal: normal(azimuth, up) });
-        let more: Vec<TouchDirection> = if touches > contacts.len() && touches > SIDE_TOUCHES_DEG.len() + 1 {
-            more.filter(|contact| free(contact).is_ok()).collect()
-        } else {
-            Vec::new()
-        };
-        add_farthest_touches(&mut contacts, more, touches);
+        let more: Vec<TouchDirection> =
+            if touch_count > contacts.len() && touch_count > SIDE_TOUCH_AZIMUTHS_DEG.len() + 1 {
+                more.filter(|contact| free(contact).is_ok()).collect()
+            } else {
+                Vec::new()
+            };
+        add_farthest_touches(&mut contacts, more, touch_count);
         // Neighbours are adjacent; the pole comes last.
         contacts.sort_by(|one, other| one.sort_key().total_cmp(&other.sort_key()));
         Ok(contacts)
@@ -164,26 +166,26 @@ impl TouchAccess {
 
     /// Touches of `ball` along `directions`: azimuth and elevation, degrees, in the spindle frame without the
     /// rotation of S. The directions give the names.
-    pub(super) fn touches_along(
+    pub(super) fn touches_along_directions(
         &self,
         ball: &Ball,
         rotary: &Position,
         extent: TouchExtent,
         directions: &[[f64; 2]],
     ) -> Result<Vec<TouchDirection>, BallAccessError> {
-        self.check_rotary(rotary)?;
-        let spindle = self.spindle_pose(rotary)?;
+        self.check_rotary_position(rotary)?;
+        let spindle = self.spindle_pose_without_s(rotary)?;
         let contact = |[azimuth, elevation]: &[f64; 2]| {
             let normal = spindle.transform_vector(&unit_direction(*azimuth, *elevation));
             let contact = TouchDirection { name: format!("{azimuth:+}^{elevation}"), normal };
-            self.check_free(ball, rotary, &contact, extent)?;
+            self.check_touch_is_free(ball, rotary, &contact, extent)?;
             Ok(contact)
         };
         directions.iter().map(contact).collect()
     }
 
     /// Spindle frame without the rotation of S.
-    fn spindle_pose(&self, rotary: &Position) -> Result<Pose, BallAccessError> {
+    fn spindle_pose_without_s(&self, rotary: &Position) -> Result<Pose, BallAccessError> {
         if !self.surroundings.is_spindle_upright(rotary) {
             return Err(BallAccessError::SpindleTilted);
         }
@@ -192,15 +194,15 @@ impl TouchAccess {
         Ok(carried.map_or(Pose::identity(), |carried| carried.pose(&commands)))
     }
 
-    fn check_rotary(&self, rotary: &Position) -> Result<(), BallAccessError> {
+    fn check_rotary_position(&self, rotary: &Position) -> Result<(), BallAccessError> {
         let turning = self.machine.axes.keys().filter(|axis| !axis.is_linear());
         for axis in turning.filter(|axis| **axis != Axis::S) {
             rotary.get(*axis).ok_or(BallAccessError::MissingAxisPosition { axis: *axis })?;
         }
-        self.check_travel(&rotary.filter_axes(|axis| !axis.is_linear()))
+        self.check_within_travel(&rotary.filter_axes(|axis| !axis.is_linear()))
     }
 
-    fn check_travel(&self, position: &Position) -> Result<(), BallAccessError> {
+    fn check_within_travel(&self, position: &Position) -> Result<(), BallAccessError> {
         for (axis, value) in position.iter() {
             let spec = self.machine.axes.get(&axis).ok_or(BallAccessError::UnknownAxis { axis })?;
             let (value, min, max) = (axis.to_mm_or_deg(value), spec.min, spec.max);
@@ -228,7 +230,7 @@ impl TouchAccess {
         Ok(rotary.updated_by(&linear))
     }
 
-    fn check_free(
+    fn check_touch_is_free(
         &self,
         ball: &Ball,
         rotary: &Position,
@@ -239,20 +241,20 @@ impl TouchAccess {
         let place =
             |distance_mm| self.position_beside_ball(ball, rotary, contact.normal, contact_distance_mm + distance_mm);
         let (from, touched) = (place(extent.before_mm)?, place(0.0)?);
-        self.check_travel(&from)?;
-        self.check_travel(&place(-extent.uncertainty_mm)?)?;
+        self.check_within_travel(&from)?;
+        self.check_within_travel(&place(-extent.uncertainty_mm)?)?;
         let over = self.surroundings.path_clearance_z(&from, &from, MIN_TOOL_CLEARANCE_MM);
         // Nothing is below: no height is needed.
         if over > f64::NEG_INFINITY {
-            self.check_travel(&from.clone().with(Axis::Z, over))?;
+            self.check_within_travel(&from.clone().with(Axis::Z, over))?;
         }
         let own = format!("ball {}", ball.id);
         match self.surroundings.find_near_obstacle(&from, &touched, MIN_TOOL_CLEARANCE_MM, &own) {
             None => Ok(()),
             Some(near) => Err(BallAccessError::ObstacleTooNear {
                 touch: contact.name.clone(),
-                tool: near.tool,
-                obstacle: near.obstacle,
+                tool: near.tool_or_sensor_name,
+                obstacle: near.obstacle_name,
             }),
         }
     }
@@ -262,18 +264,18 @@ fn new_touch_direction(name: &str, normal: Vector3<f64>) -> TouchDirection {
     TouchDirection { name: name.to_owned(), normal }
 }
 
-/// Unit vector from angles in degrees, spindle frame: azimuth from X towards Y, elevation from the equator to the
+/// Unit vector in the spindle frame: azimuth from X towards Y, elevation from the equator to the
 /// pole.
-fn unit_direction(azimuth: f64, elevation: f64) -> Vector3<f64> {
-    let ((sin, cos), (up, out)) = (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
+fn unit_direction(azimuth_deg: f64, elevation_deg: f64) -> Vector3<f64> {
+    let ((sin, cos), (up, out)) = (azimuth_deg.to_radians().sin_cos(), elevation_deg.to_radians().sin_cos());
     Vector3::new(out * cos, out * sin, up)
 }
 
 /// Points spread evenly from the equator up to 75°: a spiral with the golden angle.
 fn spread_touch_directions() -> impl Iterator<Item = (String, f64, f64)> {
     let golden = 180.0 * (3.0 - 5.0_f64.sqrt());
-    (0..SPREAD_POINT_COUNT).map(move |k| {
-        let height = 75.0_f64.to_radians().sin() * f64::from(k) / f64::from(SPREAD_POINT_COUNT);
+    (0..SPREAD_TOUCH_CANDIDATE_COUNT).map(move |k| {
+        let height = 75.0_f64.to_radians().sin() * f64::from(k) / f64::from(SPREAD_TOUCH_CANDIDATE_COUNT);
         let azimuth = (golden * f64::from(k) + 180.0).rem_euclid(360.0) - 180.0;
         let (azimuth, up) = (azimuth.round(), (height.asin() * 180.0 / PI).round());
         (format!("{azimuth:+}^{up}"), azimuth, up)
@@ -281,8 +283,8 @@ fn spread_touch_directions() -> impl Iterator<Item = (String, f64, f64)> {
 }
 
 /// Adds contacts one after the other, each time the one farthest from all present contacts.
-fn add_farthest_touches(contacts: &mut Vec<TouchDirection>, mut more: Vec<TouchDirection>, touches: usize) {
-    while contacts.len() < touches {
+fn add_farthest_touches(contacts: &mut Vec<TouchDirection>, mut more: Vec<TouchDirection>, touch_count: usize) {
+    while contacts.len() < touch_count {
         let nearest = |one: &TouchDirection| {
             let angles = contacts.iter().map(|other| other.normal.dot(&one.normal));
             angles.fold(f64::NEG_INFINITY, f64::max)

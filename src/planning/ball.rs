@@ -93,7 +93,7 @@ impl TouchAccess {
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, BallAccessError> {
         let BallTask { ball, rotary, approach, .. } = *task;
-        let contacts = self.touches_along(ball, rotary, approach.touch_extent(), directions)?;
+        let contacts = self.touches_along_directions(ball, rotary, approach.touch_extent(), directions)?;
         self.build_one_step_per_contact(task, contacts, probe, StepKind::Touch, (0, 0), label)
     }
 
@@ -139,7 +139,7 @@ impl TouchAccess {
     ///
     /// # Errors
     /// The linear axes of the machine do not span space.
-    pub fn centre_position(&self, ball: &Ball, rotary: &Position) -> Result<Position, BallAccessError> {
+    pub fn axis_positions_at_ball_centre(&self, ball: &Ball, rotary: &Position) -> Result<Position, BallAccessError> {
         let centre = self.position_beside_ball(ball, rotary, nalgebra::Vector3::z(), 0.0)?;
         Ok(centre.filter_axes(Axis::is_linear))
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use estimation::sphere::{Sphere, SphereError, fit_sphere};
+use estimation::sphere::{FittedSphere, SphereError, fit_sphere};
 use machine::kinematics::{KinematicChain, KinematicsError};
 use machine::record::machine::{Machine, Probe};
 use machine::{Position, frame::Point};
@@ -25,9 +25,9 @@ pub struct MeasuredBall {
 /// Limits for an acceptable measurement, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallLimits {
-    pub form_mm: f64,
+    pub max_form_mm: f64,
     /// Maximum deviation from the stated diameter, in either direction.
-    pub diameter_mm: f64,
+    pub max_diameter_deviation_mm: f64,
 }
 
 /// Error: the touches do not fit the ball; the message contains possible causes.
@@ -36,13 +36,13 @@ pub enum BallCheckError {
     #[error(
         "ball {ball} at {at}: the form deviation {form:.3} mm exceeds the limit {limit:.3} mm; check for dirt, a loose ball or a wrong stylus"
     )]
-    Form { ball: String, at: String, form: f64, limit: f64 },
+    FormTooLarge { ball: String, at: String, form: f64, limit: f64 },
     #[error(
         "ball {ball} at {at}: the measured diameter {diameter:.3} mm differs from the expected {stated:.3} mm by more than {limit:.3} mm; check for dirt, a loose ball or a wrong stylus"
     )]
-    Diameter { ball: String, at: String, diameter: f64, stated: f64, limit: f64 },
+    DiameterDeviates { ball: String, at: String, diameter: f64, stated: f64, limit: f64 },
     #[error("ball {ball} at {at}: {source}")]
-    Fit { ball: String, at: String, source: SphereError },
+    SphereFitFailed { ball: String, at: String, source: SphereError },
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
 }
@@ -64,13 +64,13 @@ pub fn evaluate_ball(
     let points: Vec<[f64; 3]> = touches.iter().map(|at| at_table(at).into()).collect();
     let first = touches.first().cloned().unwrap_or_default();
     let rotary = first.filter_axes(|axis| !axis.is_linear());
-    let fitted: Sphere = fit_sphere(&points).map_err(|source| {
+    let fitted: FittedSphere = fit_sphere(&points).map_err(|source| {
         let (ball, at) = (ball.to_owned(), format_rotary_position(&rotary));
-        BallCheckError::Fit { ball, at, source }
+        BallCheckError::SphereFitFailed { ball, at, source }
     })?;
     let centre = Vector3::from(fitted.centre);
     let xyz = chain.solve_linear_axes(Point::from_vec(centre), tip, &rotary, &[])?;
-    let axes_from_table = chain.inverse_linear_jacobian(&rotary, &[])?;
+    let axes_from_table = chain.inverse_linear_axes_jacobian(&rotary, &[])?;
     let of_table = Matrix3::from(fitted.centre_covariance(1.0));
     Ok(MeasuredBall {
         position: rotary.updated_by(&xyz),
@@ -82,30 +82,30 @@ pub fn evaluate_ball(
 }
 
 impl MeasuredBall {
-    /// Checks form and diameter. `stated_mm`: the expected diameter, reduced by the pre-travel.
+    /// Checks form and diameter. `expected_diameter_mm`: stated diameter, reduced by the pre-travel.
     ///
     /// # Errors
     /// The limit that is exceeded.
     pub fn check_form_and_diameter(
         &self,
         ball: &str,
-        stated_mm: f64,
+        expected_diameter_mm: f64,
         limits: &BallLimits,
     ) -> Result<(), BallCheckError> {
-        let (form, limit) = (self.form_mm, limits.form_mm);
+        let (form, limit) = (self.form_mm, limits.max_form_mm);
         let (ball, at) = (ball.to_owned(), format_rotary_position(&self.position));
         if form.is_nan() || form > limit {
-            return Err(BallCheckError::Form { ball, at, form, limit });
+            return Err(BallCheckError::FormTooLarge { ball, at, form, limit });
         }
-        let (diameter, stated, limit) = (self.diameter_mm, stated_mm, limits.diameter_mm);
+        let (diameter, stated, limit) = (self.diameter_mm, expected_diameter_mm, limits.max_diameter_deviation_mm);
         if (diameter - stated).abs() <= limit {
             return Ok(());
         }
-        Err(BallCheckError::Diameter { ball, at, diameter, stated, limit })
+        Err(BallCheckError::DiameterDeviates { ball, at, diameter, stated, limit })
     }
 }
 
-/// `B −30°, C 90°`
+/// Text of the rotary axes, such as `B −30°, C 90°`.
 fn format_rotary_position(position: &Position) -> String {
     let rotary = position.iter().filter(|(axis, _)| !axis.is_linear());
     let words = rotary.map(|(axis, value)| format!("{axis} {}°", axis.to_mm_or_deg(value)).replace('-', "−"));

@@ -4,7 +4,7 @@
 //! each first ball, a nearest-neighbour tour is improved by 2-opt and Or-opt until neither helps. All decisions are
 //! comparisons in a fixed order: the same input gives the same order.
 
-use super::time::motion_time_s;
+use super::machine_time::motion_time_s;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
@@ -28,27 +28,27 @@ impl TravelTimes {
         Self { pairwise_s: places.iter().map(from).collect(), from_start_s: position.map(from) }
     }
 
-    /// Indices of the places in visiting order. With a start position, `firsts` first places are tried, the nearest
-    /// first.
-    pub fn visiting_order(&self, firsts: usize) -> Vec<usize> {
+    /// Indices of the places in visiting order. With a start position, `first_count` first places are tried, the
+    /// nearest first.
+    pub fn visiting_order(&self, first_count: usize) -> Vec<usize> {
         let pairwise_s = &self.pairwise_s;
         let Some(from_start_s) = &self.from_start_s else {
             let all = 0..pairwise_s.len();
             let tours = all.map(|first| improve_tour(nearest_neighbour_tour(pairwise_s, vec![first]), 0, pairwise_s));
-            return shortest_tour(tours, pairwise_s);
+            return fastest_tour(tours, pairwise_s);
         };
         // Node 0 is the position of the machine.
         let mut nodes = vec![[&[0.0], &from_start_s[..]].concat()];
         nodes.extend(pairwise_s.iter().map(|row| [&[0.0], &row[..]].concat()));
         let mut order: Vec<usize> = (1..nodes.len()).collect();
         order.sort_by(|a, b| nodes[0][*a].total_cmp(&nodes[0][*b]));
-        let begun = order.into_iter().take(firsts).map(|first| nearest_neighbour_tour(&nodes, vec![0, first]));
-        let tour = shortest_tour(begun.map(|tour| improve_tour(tour, 1, &nodes)), &nodes);
+        let begun = order.into_iter().take(first_count).map(|first| nearest_neighbour_tour(&nodes, vec![0, first]));
+        let tour = fastest_tour(begun.map(|tour| improve_tour(tour, 1, &nodes)), &nodes);
         tour.into_iter().skip(1).map(|node| node - 1).collect()
     }
 }
 
-fn shortest_tour(tours: impl Iterator<Item = Vec<usize>>, pairwise_s: &[Vec<f64>]) -> Vec<usize> {
+fn fastest_tour(tours: impl Iterator<Item = Vec<usize>>, pairwise_s: &[Vec<f64>]) -> Vec<usize> {
     let better = |a: &Vec<usize>, b: &Vec<usize>| tour_time_s(a, pairwise_s).total_cmp(&tour_time_s(b, pairwise_s));
     tours.min_by(better).unwrap_or_default()
 }
@@ -76,13 +76,13 @@ fn nearest_neighbour_tour(pairwise_s: &[Vec<f64>], mut tour: Vec<usize>) -> Vec<
     tour
 }
 
-/// Applies 2-opt and Or-opt until neither helps; the first `fixed` nodes keep their place.
-fn improve_tour(mut tour: Vec<usize>, fixed: usize, pairwise_s: &[Vec<f64>]) -> Vec<usize> {
+/// Applies 2-opt and Or-opt until neither helps; the first `fixed_count` nodes keep their place.
+fn improve_tour(mut tour: Vec<usize>, fixed_count: usize, pairwise_s: &[Vec<f64>]) -> Vec<usize> {
     let mut best = tour_time_s(&tour, pairwise_s);
     // Minimum gain of a step, s; a smaller gain is rounding.
     const MIN_TIME_SAVING_S: f64 = 1e-9;
     loop {
-        let candidates = neighbour_tours(&tour, fixed);
+        let candidates = neighbour_tours(&tour, fixed_count);
         let better = candidates
             .map(|candidate| (tour_time_s(&candidate, pairwise_s), candidate))
             .find(|(length, _)| *length < best - MIN_TIME_SAVING_S);
@@ -92,10 +92,10 @@ fn improve_tour(mut tour: Vec<usize>, fixed: usize, pairwise_s: &[Vec<f64>]) -> 
 }
 
 /// All tours with one section reversed, or with a section of up to three nodes moved.
-fn neighbour_tours(tour: &[usize], fixed: usize) -> impl Iterator<Item = Vec<usize>> + '_ {
+fn neighbour_tours(tour: &[usize], fixed_count: usize) -> impl Iterator<Item = Vec<usize>> + '_ {
     let count = tour.len();
     let sections = move |longest: usize| {
-        (fixed..count)
+        (fixed_count..count)
             .flat_map(move |from| (from + 1..=count.min(from.saturating_add(longest))).map(move |to| (from, to)))
     };
     let turned = sections(count).map(|(from, to)| {
@@ -107,7 +107,7 @@ fn neighbour_tours(tour: &[usize], fixed: usize) -> impl Iterator<Item = Vec<usi
         let (before, rest) = tour.split_at(from);
         let (section, after) = rest.split_at(to - from);
         let others: Vec<usize> = before.iter().chain(after).copied().collect();
-        (fixed..=others.len()).map(move |at| {
+        (fixed_count..=others.len()).map(move |at| {
             let (before, after) = others.split_at(at);
             before.iter().chain(section).chain(after).copied().collect()
         })

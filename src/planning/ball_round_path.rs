@@ -8,10 +8,10 @@ use std::f64::consts::PI;
 
 use nalgebra::{Rotation3, Unit, Vector3};
 
-use super::limits;
 use super::obstacle_body::ObstacleBody;
-use super::safe_heights::GUARDED_CLEARANCE_MM;
+use super::safe_heights::PLANNED_GUARDED_CLEARANCE_MM;
 use super::surroundings::{Obstacle, Surroundings};
+use super::travel_limits;
 use machine::artefact::BodyShape;
 use machine::frame::unit_vector;
 use machine::kinematics::KinematicsError;
@@ -20,7 +20,7 @@ use machine::{Axis, Position, frame::Point};
 
 /// Maximum angle of a path round the ball, rad; with a larger angle, the corner is so far out that a path over the
 /// ball is as short.
-const MAX_ROUND_ANGLE_RAD: f64 = 2.0 / 3.0 * PI;
+const MAX_PATH_ANGLE_ROUND_BALL_RAD: f64 = 2.0 / 3.0 * PI;
 /// Rounding tolerance of a position, mm.
 const POSITION_TOLERANCE_MM: f64 = 1e-3;
 
@@ -46,16 +46,17 @@ pub(super) fn plan_path_round_ball(
     start: &Position,
 ) -> Option<Vec<Position>> {
     let ball = surroundings.nearest_ball(start)?;
-    let (here, there) = (surroundings.tip_offset(&ball, position), surroundings.tip_offset(&ball, start));
+    let (here, there) =
+        (surroundings.tip_offset_from_ball(&ball, position), surroundings.tip_offset_from_ball(&ball, start));
     let near = ball.contact_distance_mm + ball.uncertainty_mm;
-    let about_it = |off: Vector3<f64>| (near..near + 2.0 * GUARDED_CLEARANCE_MM).contains(&off.norm());
+    let about_it = |off: Vector3<f64>| (near..near + 2.0 * PLANNED_GUARDED_CLEARANCE_MM).contains(&off.norm());
     // Below the ball's centre, the stem of the stylus would come nearer than its ball.
     let upper = here.z.min(there.z) >= -POSITION_TOLERANCE_MM;
     if !(about_it(here) && about_it(there) && upper) {
         return None;
     }
     let corner = tangent_corner(here, there)?.into_iter();
-    let corner = corner.map(|off| position_beside_ball(surroundings, machine, &ball, start, off));
+    let corner = corner.map(|off| reachable_position_beside_ball(surroundings, machine, &ball, start, off));
     let places: Vec<Position> = corner.chain([Some(start.clone())]).collect::<Option<_>>()?;
     let mut from = position;
     for to in &places {
@@ -75,15 +76,16 @@ pub(super) fn block_end_beside_ball(
     start: &Position,
 ) -> Option<Position> {
     let ball = surroundings.nearest_ball(start)?;
-    let there = surroundings.tip_offset(&ball, start);
-    let far = (ball.contact_distance_mm + ball.uncertainty_mm + GUARDED_CLEARANCE_MM + POSITION_TOLERANCE_MM)
+    let there = surroundings.tip_offset_from_ball(&ball, start);
+    let far = (ball.contact_distance_mm + ball.uncertainty_mm + PLANNED_GUARDED_CLEARANCE_MM + POSITION_TOLERANCE_MM)
         .max(there.norm());
-    let end = position_beside_ball(surroundings, machine, &ball, start, unit_vector(there)? * far)?;
-    let free = surroundings.is_path_free(start, &end, &ball.name) && surroundings.is_clear(&end, GUARDED_CLEARANCE_MM);
+    let end = reachable_position_beside_ball(surroundings, machine, &ball, start, unit_vector(there)? * far)?;
+    let free = surroundings.is_path_free(start, &end, &ball.name)
+        && surroundings.is_tool_clear(&end, PLANNED_GUARDED_CLEARANCE_MM);
     free.then_some(end)
 }
 
-fn position_beside_ball(
+fn reachable_position_beside_ball(
     surroundings: &Surroundings,
     machine: &Machine,
     ball: &ArtefactBall,
@@ -91,7 +93,7 @@ fn position_beside_ball(
     off: Vector3<f64>,
 ) -> Option<Position> {
     let place = surroundings.position_at_offset(ball, rotary, off).ok()?;
-    limits::is_within_limits(&place.filter_axes(Axis::is_linear), machine).then_some(place)
+    travel_limits::is_position_within_limits(&place.filter_axes(Axis::is_linear), machine).then_some(place)
 }
 
 /// Corner at which the tangents from two places meet, in the plane of the places and the origin. The tangents touch
@@ -106,28 +108,30 @@ fn tangent_corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3
         return Some(Vec::new());
     }
     let turn = Rotation3::from_axis_angle(&Unit::try_new(u.cross(&v), 0.0)?, to_tangent(here) + left / 2.0);
-    (left <= MAX_ROUND_ANGLE_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
+    (left <= MAX_PATH_ANGLE_ROUND_BALL_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
 }
 
 impl Surroundings {
     /// The ball nearest to the stylus ball.
     fn nearest_ball(&self, at: &Position) -> Option<ArtefactBall> {
         let ball = |obstacle: &Obstacle| match obstacle.body {
-            ObstacleBody::Round(BodyShape::Ball { centre, radius }) if obstacle.is_artefact => Some(ArtefactBall {
-                name: obstacle.name.clone(),
-                centre,
-                contact_distance_mm: radius + self.ball_radius,
-                uncertainty_mm: obstacle.uncertainty_mm,
-            }),
+            ObstacleBody::BallOrCylinder(BodyShape::Ball { centre, radius }) if obstacle.is_artefact_part => {
+                Some(ArtefactBall {
+                    name: obstacle.name.clone(),
+                    centre,
+                    contact_distance_mm: radius + self.stylus_ball_radius_mm,
+                    uncertainty_mm: obstacle.max_misplacement_mm,
+                })
+            }
             _ => None,
         };
-        let gap = |ball: &ArtefactBall| self.tip_offset(ball, at).norm() - ball.contact_distance_mm;
+        let gap = |ball: &ArtefactBall| self.tip_offset_from_ball(ball, at).norm() - ball.contact_distance_mm;
         let balls = self.obstacles.iter().filter_map(ball);
         balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
     }
 
     /// Vector from the centre of a ball to the stylus ball's centre, machine directions.
-    fn tip_offset(&self, ball: &ArtefactBall, at: &Position) -> Vector3<f64> {
+    fn tip_offset_from_ball(&self, ball: &ArtefactBall, at: &Position) -> Vector3<f64> {
         let table = self.chain.machine_from_table(at, &[]).rotation;
         table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
     }

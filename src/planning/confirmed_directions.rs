@@ -7,7 +7,7 @@ use machine::record::plan::{Scan, Step, StepKind};
 
 /// Minimum determinant of the sum of the normals' dyads (1 for three at right angles) at which the normals count as
 /// independent: two at right angles and a third that is inclined to their plane by 18 degrees.
-const MIN_INDEPENDENCE_DETERMINANT: f64 = 0.1;
+const MIN_DETERMINANT_OF_INDEPENDENT_NORMALS: f64 = 0.1;
 
 /// Start of a block that moves to the part.
 #[derive(Debug, Clone, Copy, Default)]
@@ -20,26 +20,26 @@ pub struct BlockStart<'a> {
 
 /// Directions in which touches have met the part at its stated position since the control was prepared. A touch is
 /// not longer than the range in which the part may be, and a run stops when a touch meets nothing or when any other
-/// move meets something. The default: none.
+/// move meets something. By default, no direction is confirmed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ConfirmedDirections {
-    normal_dyads: Matrix3<f64>,
+    normal_dyad_sum: Matrix3<f64>,
 }
 
 impl ConfirmedDirections {
     /// All directions confirmed.
     pub fn all() -> Self {
-        Self { normal_dyads: Matrix3::identity() }
+        Self { normal_dyad_sum: Matrix3::identity() }
     }
 
     /// Whether three independent directions are confirmed.
-    pub fn is_all(&self) -> bool {
-        self.normal_dyads.determinant() >= MIN_INDEPENDENCE_DETERMINANT
+    pub fn has_three_independent_directions(&self) -> bool {
+        self.normal_dyad_sum.determinant() >= MIN_DETERMINANT_OF_INDEPENDENT_NORMALS
     }
 
     /// Whether any direction is confirmed: the probe has shown that it works.
-    pub fn is_any(&self) -> bool {
-        self.normal_dyads.trace() > 0.0
+    pub fn has_any_direction(&self) -> bool {
+        self.normal_dyad_sum.trace() > 0.0
     }
 
     /// Confirmed directions after `step` was measured. A sensor that has measured the artefact within its range at
@@ -52,7 +52,7 @@ impl ConfirmedDirections {
             StepKind::Prompt => Self::default(),
             _ if step.scan.as_ref().is_some_and(Scan::is_rotary_only) => self,
             _ if step.scan.is_some() => Self::all(),
-            _ => Self { normal_dyads: self.normal_dyads + normal * normal.transpose() },
+            _ => Self { normal_dyad_sum: self.normal_dyad_sum + normal * normal.transpose() },
         }
     }
 }

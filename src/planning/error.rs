@@ -30,7 +30,7 @@ pub enum PlanningError {
         "step {step}: with Z at its upper limit, `{body}` is within the range of `{sensor}`; a reading \
          before the scan could then not reveal a wrong machine position"
     )]
-    BodyInRangeAtTop { step: u32, sensor: String, body: String },
+    BodyInSensorRangeAtTopOfZ { step: u32, sensor: String, body: String },
     #[error("step {step} has no position of {axis}")]
     MissingAxisPosition { step: u32, axis: Axis },
     #[error("step {step} moves the rotary axis {axis} during the touch")]
@@ -60,7 +60,7 @@ impl PlanningError {
                 "move the part nearer to the middle of the travel, or correct the limits in [axes]"
             }
             Self::UnknownAxis { .. } => "add the axis to [axes] and to the topology in the machine file",
-            Self::BodyInRangeAtTop { .. } => {
+            PlanningError::BodyInSensorRangeAtTopOfZ { .. } => {
                 "lower the artefact, remove the body, or correct [axes.Z] max, and zero_mm and range_mm of \
                  the [[sensor]]"
             }

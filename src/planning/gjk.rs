@@ -23,13 +23,17 @@ impl<T: SupportMapping> SupportMap for ParryShape<'_, T> {
 
 /// Lower bound of the distance between `one` and `other`, mm: the gap between the two supporting planes across
 /// `direction`, a unit vector from `one` to `other`.
-pub(super) fn gap_across_mm(one: &impl SupportMapping, other: &impl SupportMapping, direction: Vector3<f64>) -> f64 {
+pub(super) fn gap_of_supporting_planes_mm(
+    one: &impl SupportMapping,
+    other: &impl SupportMapping,
+    direction: Vector3<f64>,
+) -> f64 {
     direction.dot(&(other.support(-direction) - one.support(direction)))
 }
 
 /// Unit vectors from `one` to `other` across which the gap may be the widest; none if the bodies intersect. The
 /// search begins across `start` and ends when the distance is known to be at least `sufficient_mm`, mm.
-pub(super) fn separating_directions(
+pub(super) fn candidate_separating_directions(
     one: &impl SupportMapping,
     other: &impl SupportMapping,
     start: Vector3<f64>,

@@ -5,6 +5,7 @@
 
 mod access;
 mod ball;
+mod ball_approach_path;
 mod ball_evaluation;
 mod ball_order;
 mod ball_round_path;
@@ -12,18 +13,17 @@ mod confirmed_directions;
 mod error;
 pub mod gcode;
 mod gjk;
-mod limits;
+mod machine_time;
 mod motion_sequence;
 mod obstacle_body;
-mod over_balls;
-mod prompts;
 pub mod proof;
 mod safe_heights;
 mod scan;
+mod stage_prompts;
 mod surroundings;
-mod time;
-mod tool;
+mod tool_parts;
 mod touch;
+mod travel_limits;
 mod turn_feeds;
 mod unconfirmed_approach;
 
@@ -33,10 +33,10 @@ pub use ball_evaluation::{BallCheckError, BallLimits, MeasuredBall, evaluate_bal
 pub use ball_order::TravelTimes;
 pub use confirmed_directions::{BlockStart, ConfirmedDirections};
 pub use error::PlanningError;
-pub use prompts::split_prompts;
+pub use machine_time::{MachineTime, machine_time_s};
 pub use safe_heights::SafeHeights;
 pub use scan::{out_of_range_block_count, step_blocks};
-pub use time::{MachineTime, machine_time_s};
+pub use stage_prompts::split_prompts;
 pub use touch::touch_block;
 
 use machine::record::motion::{Block, Motion};
@@ -44,10 +44,10 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::{Axis, Position};
 
 /// Blocks of all steps of `plan` in order, once each, from an unknown machine position; and the machine time, s.
-pub fn plan_blocks(plan: &Plan, clearance: &SafeHeights) -> Result<(Vec<Block>, f64), PlanningError> {
+pub fn plan_blocks(plan: &Plan, safe_heights: &SafeHeights) -> Result<(Vec<Block>, f64), PlanningError> {
     let mut program = BlockSequence::default();
     for step in &plan.steps {
-        program.push(plan, step, 0, clearance)?;
+        program.push(plan, step, 0, safe_heights)?;
     }
     Ok((program.blocks, program.duration_s))
 }
@@ -58,16 +58,16 @@ pub fn plan_blocks_by_stage(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>
     let (mut program, mut found) = (BlockSequence::default(), None);
     for stage in stages {
         found = stage.found.as_ref().or(found);
-        let clearance = SafeHeights::above_known_artefact(plan, found)?;
+        let safe_heights = SafeHeights::above_found_or_plan_artefact(plan, found)?;
         let (asked, moves) = split_prompts(plan, &stage.steps)?;
         if !asked.is_empty() {
             // The operator may have moved the machine.
-            program.position = None;
+            program.end_position = None;
             program.confirmed = ConfirmedDirections::default();
         }
         for id in moves {
             let Some(step) = plan.steps.iter().find(|step| step.id == *id) else { continue };
-            program.push(plan, step, stage.repeat, &clearance)?;
+            program.push(plan, step, stage.repeat, &safe_heights)?;
         }
     }
     Ok((program.blocks, program.duration_s))
@@ -78,18 +78,18 @@ pub fn plan_blocks_by_stage(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>
 struct BlockSequence {
     blocks: Vec<Block>,
     duration_s: f64,
-    position: Option<Position>,
+    end_position: Option<Position>,
     confirmed: ConfirmedDirections,
 }
 
 impl BlockSequence {
-    fn push(&mut self, plan: &Plan, step: &Step, repeat: u32, clearance: &SafeHeights) -> Result<(), PlanningError> {
-        let start = BlockStart { position: self.position.as_ref(), confirmed: self.confirmed };
-        let blocks = step_blocks(plan, step, repeat, start, clearance)?;
+    fn push(&mut self, plan: &Plan, step: &Step, repeat: u32, safe_heights: &SafeHeights) -> Result<(), PlanningError> {
+        let start = BlockStart { position: self.end_position.as_ref(), confirmed: self.confirmed };
+        let blocks = step_blocks(plan, step, repeat, start, safe_heights)?;
         for block in blocks {
-            let begins = self.position.take().unwrap_or_default();
+            let begins = self.end_position.take().unwrap_or_default();
             self.duration_s += machine_time_s(&block, &begins, &plan.machine);
-            self.position = Some(position_after_motions(&block.motions, &begins));
+            self.end_position = Some(position_after_motions(&block.motions, &begins));
             self.blocks.push(block);
         }
         self.confirmed = self.confirmed.after_step(step);
@@ -97,9 +97,12 @@ impl BlockSequence {
     }
 }
 
-/// Positions of the axes after `motions`: the last target of each axis.
-pub fn position_after_motions<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Position) -> Position {
-    motions.into_iter().fold(begins.clone(), |position, motion| match motion_target(motion) {
+/// Positions of the axes after `motions`: the last target of each axis. A touch counts as moving to its target.
+pub fn position_after_motions<'a>(
+    motions: impl IntoIterator<Item = &'a Motion>,
+    start_position: &Position,
+) -> Position {
+    motions.into_iter().fold(start_position.clone(), |position, motion| match motion_target(motion) {
         Some(to) => position.updated_by(&to),
         None => position,
     })

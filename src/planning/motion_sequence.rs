@@ -4,7 +4,7 @@ use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
 /// Maximum difference of equal positions, mm or rad.
-pub(super) const EQUAL_POSITION_TOLERANCE: f64 = 1e-9;
+pub(super) const EQUAL_POSITION_TOLERANCE_MM_OR_RAD: f64 = 1e-9;
 
 pub(super) fn z_position(z: f64) -> Position {
     Position::new().with(Axis::Z, z)
@@ -12,7 +12,7 @@ pub(super) fn z_position(z: f64) -> Position {
 
 /// Motions so far, and the position at their end.
 pub(super) struct MotionSequence {
-    pub position: Position,
+    pub end_position: Position,
     pub motions: Vec<Motion>,
     /// Feed of guarded moves, mm/min.
     near_part_feed_mm_min: f64,
@@ -31,33 +31,33 @@ impl MotionSequence {
         self.add_rapid(&z_position(z));
     }
 
-    pub fn add_guarded(&mut self, to: &Position) {
+    pub fn add_guarded_move(&mut self, to: &Position) {
         let feed_mm_min = self.near_part_feed_mm_min;
         self.add_motion(to, |to| Motion::Guarded { to, feed_mm_min });
     }
 
     /// Empty path from `position`.
     pub fn starting_at(position: Option<&Position>, near_part_feed_mm_min: f64) -> Self {
-        Self { position: position.cloned().unwrap_or_default(), motions: Vec::new(), near_part_feed_mm_min }
+        Self { end_position: position.cloned().unwrap_or_default(), motions: Vec::new(), near_part_feed_mm_min }
     }
 
     /// Adds a motion of the axes that are not at their target yet; none if all are.
     pub fn add_motion(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
         let moved: Position = to.iter().filter(|(axis, value)| !self.is_at(*axis, *value)).collect();
         if !moved.is_empty() {
-            self.position = self.position.updated_by(&moved);
+            self.end_position = self.end_position.updated_by(&moved);
             self.motions.push(motion(moved));
         }
     }
 
     pub fn add_orientation(&mut self, s: Option<f64>) {
         if let Some(s) = s.filter(|s| !self.is_at(Axis::S, *s)) {
-            self.position.set(Axis::S, s);
+            self.end_position.set(Axis::S, s);
             self.motions.push(Motion::Orient { s });
         }
     }
 
     pub fn is_at(&self, axis: Axis, value: f64) -> bool {
-        self.position.get(axis).is_some_and(|at| (at - value).abs() <= EQUAL_POSITION_TOLERANCE)
+        self.end_position.get(axis).is_some_and(|at| (at - value).abs() <= EQUAL_POSITION_TOLERANCE_MM_OR_RAD)
     }
 }

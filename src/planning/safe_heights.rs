@@ -9,19 +9,20 @@ use machine::record::plan::{Plan, StepKind};
 use machine::{Axis, Position};
 
 /// Clearance between the tool and bodies that it passes over unguarded, mm.
-pub(super) const UNGUARDED_CLEARANCE_MM: f64 = 10.0;
+pub(super) const PLANNED_UNGUARDED_CLEARANCE_MM: f64 = 10.0;
 /// Clearance of guarded moves over a ball, and at the end of a block, mm. It is larger than the clearance that the
 /// proof requires of rapids, so that the next block may start with a rapid.
-pub(super) const GUARDED_CLEARANCE_MM: f64 = 3.0;
+pub(super) const PLANNED_GUARDED_CLEARANCE_MM: f64 = 3.0;
 /// Maximum interval at which the motion of rotary axes is checked, rad.
-const MAX_ROTARY_STRIDE_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+const MAX_ROTARY_CHECK_INTERVAL_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
-/// Safe heights. Z commands, mm.
+/// Safe heights as Z commands, mm, and the obstacles that they clear.
 #[derive(Debug, Clone)]
 pub struct SafeHeights {
     /// The upper end of Z, where the first block goes if the position of the machine is unknown.
     pub(super) top_z: f64,
-    min_z: f64,
+    /// The lower end of Z.
+    lower_z_limit: f64,
     pub(super) surroundings: Surroundings,
     /// For a round part: height at or above which the stylus ball, and everything above it, passes over the part
     /// and over every solid and kept-out box that Z can pass over, at every rotary position of the plan and during
@@ -45,7 +46,7 @@ impl SafeHeights {
     ///
     /// # Errors
     /// As [`SafeHeights::above_plan_artefact`].
-    pub fn above_known_artefact(plan: &Plan, found: Option<&Artefact>) -> Result<Self, PlanningError> {
+    pub fn above_found_or_plan_artefact(plan: &Plan, found: Option<&Artefact>) -> Result<Self, PlanningError> {
         match found {
             Some(balls @ Artefact::Balls(_)) => Self::above_artefact(plan, balls),
             _ => Self::above_plan_artefact(plan),
@@ -55,52 +56,56 @@ impl SafeHeights {
     /// Like [`SafeHeights::above_plan_artefact`], with the artefact at its found position.
     pub fn above_artefact(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let surroundings = Surroundings::new(plan, artefact)?;
-        if !surroundings.is_z_lifting() {
+        if !surroundings.does_positive_z_lift_tool() {
             return Err(PlanningError::InvertedZ);
         }
         let (min_z, top_z) = z_limits_mm(&plan.machine)?;
-        let mut clearance = Self { top_z, min_z, surroundings, part_clearance_z: None };
+        let mut clearance = Self { top_z, lower_z_limit: min_z, surroundings, part_clearance_z: None };
         if let Artefact::Cylinder(_) = artefact {
-            clearance.part_clearance_z = Some(clearance.clearance_z_over_poses(rotary_poses(plan))?);
+            clearance.part_clearance_z = Some(clearance.clearance_z_over_poses(rotary_positions_along_plan(plan))?);
         }
         Ok(clearance)
     }
 
     /// Height while the rotary axes move straight from one position to the other.
     pub(super) fn turning_clearance_z(&self, one: &Position, next: &Position) -> Result<f64, PlanningError> {
-        let [one, next] = [one, next].map(rotary_axes);
-        let ways = interpolate_rotary(&one, &next);
+        let [one, next] = [one, next].map(rotary_axis_positions);
+        let ways = interpolate_rotary_positions(&one, &next);
         self.clearance_z_over_poses([one].into_iter().chain(ways))
     }
 
     fn clearance_z_over_poses(&self, poses: impl IntoIterator<Item = Position>) -> Result<f64, PlanningError> {
         let max = self.top_z;
         let no_room = |needed| PlanningError::InsufficientZTravel { needed, max };
-        poses.into_iter().try_fold(self.min_z, |needed, pose| {
-            Ok(needed.max(self.surroundings.clearance_z_everywhere(&pose, UNGUARDED_CLEARANCE_MM).map_err(no_room)?))
+        poses.into_iter().try_fold(self.lower_z_limit, |needed, pose| {
+            Ok(needed
+                .max(self.surroundings.clearance_z_everywhere(&pose, PLANNED_UNGUARDED_CLEARANCE_MM).map_err(no_room)?))
         })
     }
 }
 
-fn rotary_axes(position: &Position) -> Position {
+fn rotary_axis_positions(position: &Position) -> Position {
     position.filter_axes(|axis| !axis.is_linear())
 }
 
 /// Rotary positions of the steps and, between them, on the straight path from one to the next.
-fn rotary_poses(plan: &Plan) -> Vec<Position> {
+fn rotary_positions_along_plan(plan: &Plan) -> Vec<Position> {
     // A prompt has no position.
     let mut moving = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt).peekable();
-    let mut poses: Vec<Position> = moving.peek().map(|step| rotary_axes(&step.from)).into_iter().collect();
+    let mut poses: Vec<Position> = moving.peek().map(|step| rotary_axis_positions(&step.from)).into_iter().collect();
     while let (Some(one), Some(next)) = (moving.next(), moving.peek()) {
-        poses.extend(interpolate_rotary(&rotary_axes(&one.from), &rotary_axes(&next.from)));
+        poses.extend(interpolate_rotary_positions(
+            &rotary_axis_positions(&one.from),
+            &rotary_axis_positions(&next.from),
+        ));
     }
     if poses.is_empty() { vec![Position::new()] } else { poses }
 }
 
 /// Positions after `one` up to and including `next`.
-fn interpolate_rotary(one: &Position, next: &Position) -> Vec<Position> {
+fn interpolate_rotary_positions(one: &Position, next: &Position) -> Vec<Position> {
     let farthest = next.iter().map(|(axis, to)| (to - one.get_or_zero(axis)).abs()).fold(0.0_f64, f64::max);
-    let count = (farthest / MAX_ROTARY_STRIDE_RAD).ceil() as u32;
+    let count = (farthest / MAX_ROTARY_CHECK_INTERVAL_RAD).ceil() as u32;
     let at = |k: u32| {
         let share = f64::from(k) / f64::from(count);
         next.iter().map(|(axis, to)| (axis, one.get_or_zero(axis) + share * (to - one.get_or_zero(axis)))).collect()

@@ -2,18 +2,20 @@
 //! its distance.
 
 use super::motion_sequence::{MotionSequence, z_position};
-use super::safe_heights::GUARDED_CLEARANCE_MM;
-use super::surroundings::Proximity;
-use super::unconfirmed_approach::{UnconfirmedApproach, is_in_nest, near_part_feed_mm_min, nest_feed_mm_min};
-use super::{BlockStart, ConfirmedDirections, PlanningError, SafeHeights, limits, touch_block, turn_feeds};
+use super::safe_heights::PLANNED_GUARDED_CLEARANCE_MM;
+use super::surroundings::TooNearPair;
+use super::unconfirmed_approach::{
+    UnconfirmedApproach, are_step_sensors_on_table, max_nest_feed_mm_min, near_part_feed_mm_min,
+};
+use super::{BlockStart, ConfirmedDirections, PlanningError, SafeHeights, touch_block, travel_limits, turn_feeds};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
 use machine::{Axis, Position};
 
 /// Height above the first point at which the descent becomes a feed move, mm.
-const SLOW_DESCENT_MM: f64 = 10.0;
+const SLOW_DESCENT_HEIGHT_MM: f64 = 10.0;
 /// Maximum distance from the first point at which the ball stays in a nest of sensors on the table, mm.
-const MAX_NEST_MOVE_MM: f64 = 1.0;
+const MAX_MOVE_IN_NEST_MM: f64 = 1.0;
 
 /// Blocks of one step. A touch is one block. A scan with dwell points is one block for each section after which
 /// samples are taken, the first with the path to it. A continuous scan is the path to its first point and the scan,
@@ -26,11 +28,11 @@ pub fn step_blocks(
     step: &Step,
     repeat: u32,
     start: BlockStart<'_>,
-    clearance: &SafeHeights,
+    safe_heights: &SafeHeights,
 ) -> Result<Vec<Block>, PlanningError> {
     match &step.scan {
-        None => touch_block(plan, step, repeat, start, clearance).map(|block| vec![block]),
-        Some(scan) => scan_blocks(plan, step, scan, repeat, start, clearance),
+        None => touch_block(plan, step, repeat, start, safe_heights).map(|block| vec![block]),
+        Some(scan) => scan_blocks(plan, step, scan, repeat, start, safe_heights),
     }
 }
 
@@ -45,24 +47,24 @@ fn scan_blocks(
     scan: &Scan,
     repeat: u32,
     start: BlockStart<'_>,
-    clearance: &SafeHeights,
+    safe_heights: &SafeHeights,
 ) -> Result<Vec<Block>, PlanningError> {
-    check_scan(plan, step, scan)?;
-    let in_nest = is_in_nest(plan, step);
-    let approach_feed = if in_nest { nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, start.confirmed) };
+    check_scan_step(plan, step, scan)?;
+    let in_nest = are_step_sensors_on_table(plan, step);
+    let approach_feed = if in_nest { max_nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, start.confirmed) };
     let mut path = MotionSequence::starting_at(start.position, approach_feed);
-    let top_z = clearance.top_z;
+    let top_z = safe_heights.top_z;
     let mut blocks = Vec::new();
-    let begins_in_place = scan.is_rotary_only() && are_still_axes_at_start(&path, scan);
-    if begins_in_place || (in_nest && stays_in_nest(&path, &step.from, start.confirmed)) {
-        turn_to_first_point(&mut path, plan, &step.from, clearance);
-    } else if start.confirmed.is_all() && !in_nest {
+    let begins_in_place = scan.is_rotary_only() && are_unmoved_axes_at_start(&path, scan);
+    if begins_in_place || (in_nest && can_stay_in_nest(&path, &step.from, start.confirmed)) {
+        turn_to_first_point(&mut path, plan, &step.from, safe_heights);
+    } else if start.confirmed.has_three_independent_directions() && !in_nest {
         plan_scan_approach(&mut path, &step.from, top_z);
     } else {
-        let low_z = lowest_out_of_range_z(step, &path, clearance)?;
+        let low_z = lowest_out_of_range_z(step, &path, safe_heights)?;
         let careful = match in_nest {
-            true => UnconfirmedApproach::to_nest(plan, clearance, low_z),
-            false => UnconfirmedApproach::new(plan, clearance, low_z, start.confirmed),
+            true => UnconfirmedApproach::to_nest(plan, safe_heights, low_z),
+            false => UnconfirmedApproach::new(plan, safe_heights, low_z, start.confirmed),
         };
         careful.move_up(&mut path, &step.from);
         blocks.push(std::mem::take(&mut path.motions));
@@ -85,12 +87,12 @@ fn scan_blocks(
     blocks.retain(|motions| !motions.is_empty());
     let block = |motions| Block { step: step.id, repeat, motions };
     let blocks: Vec<Block> = blocks.into_iter().map(block).collect();
-    blocks.iter().try_for_each(|block| limits::check_block(block, &plan.machine))?;
+    blocks.iter().try_for_each(|block| travel_limits::check_block_within_limits(block, &plan.machine))?;
     Ok(blocks)
 }
 
 /// Whether the axes that a scan does not move are at its start.
-fn are_still_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
+fn are_unmoved_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
     let Some(first) = scan.path.first() else { return false };
     let is_still = |axis: Axis, at: f64| scan.path.iter().all(|point| point.get_or_zero(axis) == at);
     let mut still = first.iter().filter(|(axis, at)| is_still(*axis, *at));
@@ -99,63 +101,66 @@ fn are_still_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
 
 /// Whether the ball is so near to the first point of a scan in a nest that it can stay in the nest. Until the
 /// position is confirmed, no axis turns for this.
-fn stays_in_nest(path: &MotionSequence, from: &Position, confirmed: ConfirmedDirections) -> bool {
-    let is_in_place = |(axis, at): (Axis, f64)| match path.position.get(axis) {
-        Some(position) if axis.is_linear() => (position - at).abs() <= MAX_NEST_MOVE_MM,
-        Some(_) if axis != Axis::S && confirmed.is_all() => true,
+fn can_stay_in_nest(path: &MotionSequence, from: &Position, confirmed: ConfirmedDirections) -> bool {
+    let is_in_place = |(axis, at): (Axis, f64)| match path.end_position.get(axis) {
+        Some(position) if axis.is_linear() => (position - at).abs() <= MAX_MOVE_IN_NEST_MM,
+        Some(_) if axis != Axis::S && confirmed.has_three_independent_directions() => true,
         _ => path.is_at(axis, at),
     };
     from.iter().all(is_in_place)
 }
 
 /// Turns to the first point, at the feed that is allowed until the position is confirmed.
-fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, clearance: &SafeHeights) {
+fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, safe_heights: &SafeHeights) {
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
-        let chain = &clearance.surroundings.chain;
-        let feed_mm_min = turn_feeds::max_turn_feed_deg_min(plan, chain, axis, &path.position);
+        let chain = &safe_heights.surroundings.chain;
+        let feed_mm_min = turn_feeds::max_turn_feed_deg_min(plan, chain, axis, &path.end_position);
         path.add_motion(&Position::new().with(axis, at), |to| Motion::Feed { to, feed_mm_min });
     }
 }
 
-/// Number of the `count` blocks of a scan that lead to where no declared body is within the range of its sensor:
+/// Number of the `block_count` blocks of a scan that lead to where no declared body is within the range of its sensor:
 /// straight up, then across and down. None once the position is confirmed; with sensors on the table, none if the
 /// ball is already between them.
-pub fn out_of_range_block_count(scan: &Scan, count: usize) -> usize {
+pub fn out_of_range_block_count(scan: &Scan, block_count: usize) -> usize {
     // The path to the first point is in the first of these blocks.
     let rest = match scan.sampling {
         Sampling::Dwell { .. } => scan.path.len(),
         Sampling::Continuous { .. } => 2,
     };
-    count.saturating_sub(rest)
+    block_count.saturating_sub(rest)
 }
 
 /// Height of Z above the first point from which on no declared body is within the range of a sensor, neither there
 /// nor on the path to it at the upper end of Z.
-fn lowest_out_of_range_z(step: &Step, path: &MotionSequence, clearance: &SafeHeights) -> Result<f64, PlanningError> {
+fn lowest_out_of_range_z(step: &Step, path: &MotionSequence, safe_heights: &SafeHeights) -> Result<f64, PlanningError> {
     let from = &step.from;
-    let position = path.position.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
+    let position = path.end_position.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
     let begins = from.updated_by(&position);
     let out_of_range = |begins: &Position| {
-        let near =
-            |near: Proximity| PlanningError::BodyInRangeAtTop { step: step.id, sensor: near.tool, body: near.obstacle };
-        clearance.surroundings.out_of_range_z(begins, from, GUARDED_CLEARANCE_MM).map_err(near)
+        let near = |near: TooNearPair| PlanningError::BodyInSensorRangeAtTopOfZ {
+            step: step.id,
+            sensor: near.tool_or_sensor_name,
+            body: near.obstacle_name,
+        };
+        safe_heights.surroundings.out_of_range_z(begins, from, PLANNED_GUARDED_CLEARANCE_MM).map_err(near)
     };
     out_of_range(&begins)?;
-    Ok(out_of_range(from)?.max(from.get_or_zero(Axis::Z) + SLOW_DESCENT_MM).min(clearance.top_z))
+    Ok(out_of_range(from)?.max(from.get_or_zero(Axis::Z) + SLOW_DESCENT_HEIGHT_MM).min(safe_heights.top_z))
 }
 
 fn plan_scan_approach(path: &mut MotionSequence, from: &Position, top_z: f64) {
     let z = from.get_or_zero(Axis::Z);
     let still = |(axis, value): (Axis, f64)| axis.is_linear() || path.is_at(axis, value);
-    let level = match path.position.get(Axis::Z) {
-        Some(position) if from.iter().all(still) => position.max(z + SLOW_DESCENT_MM),
+    let level = match path.end_position.get(Axis::Z) {
+        Some(position) if from.iter().all(still) => position.max(z + SLOW_DESCENT_HEIGHT_MM),
         _ => top_z,
     };
     path.add_rapid(&z_position(level.min(top_z)));
-    path.add_rapids_above(from, (z + SLOW_DESCENT_MM).min(top_z));
+    path.add_rapids_above(from, (z + SLOW_DESCENT_HEIGHT_MM).min(top_z));
 }
 
-fn check_scan(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
+fn check_scan_step(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     let id = step.id;
     let invalid = |reason| Err(PlanningError::InvalidScan { step: id, reason });
     let required_axes = plan.machine.axes.keys().copied().filter(|axis| *axis != Axis::S);

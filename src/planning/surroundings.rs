@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::PlanningError;
 use super::obstacle_body::ObstacleBody;
-use super::tool::{ToolPart, sensor_range_part, tool_parts};
+use super::tool_parts::{ToolPart, sensor_range_as_tool_part, tool_parts};
 use machine::artefact;
 use machine::frame::{Point, Pose, SpindleFrame};
 use machine::kinematics::{CarrierChain, KinematicChain, MachineSide};
@@ -20,15 +20,16 @@ use machine::{Axis, Position};
 /// Clearance of the tool from everything that it does not touch, mm. Slightly more than the proof requires.
 pub(super) const MIN_TOOL_CLEARANCE_MM: f64 = 0.6;
 
+/// A body of the artefact, a solid or a keep-out box that the tool must pass.
 #[derive(Debug, Clone)]
 pub(super) struct Obstacle {
     pub name: String,
-    /// Index of the carrier.
+    /// Index in the list of the obstacles' carriers.
     carrier_index: usize,
     pub body: ObstacleBody,
-    pub is_artefact: bool,
+    pub is_artefact_part: bool,
     /// Maximum distance from the expected position, mm.
-    pub uncertainty_mm: f64,
+    pub max_misplacement_mm: f64,
 }
 
 /// All obstacles, and the machine.
@@ -36,49 +37,56 @@ pub(super) struct Obstacle {
 pub(super) struct Surroundings {
     pub chain: KinematicChain,
     pub tip: Point<SpindleFrame>,
-    tool: Vec<ToolPart>,
+    tool_parts: Vec<ToolPart>,
     /// Measuring range of each displacement sensor: a surface there is within its range.
     sensor_ranges: Vec<ToolPart>,
     pub obstacles: Vec<Obstacle>,
     /// Carriers of the obstacles.
-    carriers: Vec<CarrierChain>,
+    obstacle_carriers: Vec<CarrierChain>,
     /// For each sensor on the table, the line from one end of its range to the other.
     measuring_lines: Vec<Obstacle>,
-    pub ball_radius: f64,
+    pub stylus_ball_radius_mm: f64,
     /// Maximum distance of the artefact from its expected position, mm.
-    pub uncertainty_mm: f64,
+    pub max_artefact_misplacement_mm: f64,
     /// Upper end of Z, mm.
     pub max_z: f64,
 }
 
 /// Positions of the stylus ball and of all carriers of obstacles, machine frame.
-struct CarrierPositions {
+struct TipAndCarrierPoses {
     tip: Vector3<f64>,
-    carriers: Vec<Pose>,
+    carrier_poses: Vec<Pose>,
 }
 
 /// An obstacle to which the tool would come too near, or that would be within a sensor's range.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Proximity {
-    pub tool: String,
-    pub obstacle: String,
+pub(super) struct TooNearPair {
+    /// Name of the part of the tool, or of the sensor.
+    pub tool_or_sensor_name: String,
+    pub obstacle_name: String,
 }
 
 impl Surroundings {
     /// Builds the surroundings with `artefact` at its expected position.
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let uncertainty_mm = artefact::position_uncertainty_mm(artefact);
+        let uncertainty_mm = artefact::max_misplacement_mm(artefact);
         let (mut obstacles, mut carriers) = (Vec::new(), Vec::new());
         let mut add = |name: &str, on: Carrier, body: ObstacleBody, is_artefact: bool| {
             if let Some(carried) = chain.carrier_chain(on).filter(|on| on.side != MachineSide::Tool) {
-                let carrier_index = carrier_index(&mut carriers, carried);
+                let carrier_index = find_or_add_carrier(&mut carriers, carried);
                 let (name, uncertainty_mm) = (name.to_owned(), if is_artefact { uncertainty_mm } else { 0.0 });
-                obstacles.push(Obstacle { name, carrier_index, body, is_artefact, uncertainty_mm });
+                obstacles.push(Obstacle {
+                    name,
+                    carrier_index,
+                    body,
+                    is_artefact_part: is_artefact,
+                    max_misplacement_mm: uncertainty_mm,
+                });
             }
         };
         for part in artefact::artefact_bodies(artefact) {
-            add(&part.name, Carrier::Table, ObstacleBody::Round(part.shape), true);
+            add(&part.name, Carrier::Table, ObstacleBody::BallOrCylinder(part.shape), true);
         }
         for solid in &plan.solids {
             add(&solid.name, solid.on, ObstacleBody::from_solid(solid), false);
@@ -91,23 +99,23 @@ impl Surroundings {
         let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
         let (tool, ball_radius) = (tool_parts(plan), plan.probe.ball_radius_mm);
         let in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
-        let sensor_ranges = in_spindle.map(|sensor| sensor_range_part(sensor, &tip.mm)).collect();
+        let sensor_ranges = in_spindle.map(|sensor| sensor_range_as_tool_part(sensor, &tip.mm)).collect();
         let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == SensorMount::Table);
         let mut line = |sensor: &Sensor| {
-            let table = carrier_index(&mut carriers, chain.carrier_chain(Carrier::Table)?);
+            let table = find_or_add_carrier(&mut carriers, chain.carrier_chain(Carrier::Table)?);
             Some(measuring_line(sensor, table))
         };
         let measuring_lines = on_table.filter_map(&mut line).collect();
         Ok(Self {
             chain,
             tip,
-            tool,
+            tool_parts: tool,
             sensor_ranges,
             obstacles,
-            carriers,
+            obstacle_carriers: carriers,
             measuring_lines,
-            ball_radius,
-            uncertainty_mm,
+            stylus_ball_radius_mm: ball_radius,
+            max_artefact_misplacement_mm: uncertainty_mm,
             max_z,
         })
     }
@@ -124,13 +132,13 @@ impl Surroundings {
         let (here, higher) = self.present_and_raised_positions(pose);
         let mut needed = f64::NEG_INFINITY;
         for obstacle in &self.obstacles {
-            let body = here.in_machine_directions(obstacle);
-            let height = body.top_z() + obstacle.uncertainty_mm + margin + self.ball_radius;
-            let z = z_command(pose.get_or_zero(Axis::Z), [&here, &higher], obstacle, height);
+            let body = here.obstacle_in_machine_directions(obstacle);
+            let height = body.top_z() + obstacle.max_misplacement_mm + margin + self.stylus_ball_radius_mm;
+            let z = z_command_for_height(pose.get_or_zero(Axis::Z), [&here, &higher], obstacle, height);
             let Some(z) = z else { continue };
             if z <= self.max_z {
                 needed = needed.max(z);
-            } else if obstacle.is_artefact {
+            } else if obstacle.is_artefact_part {
                 return Err(z);
             }
         }
@@ -140,7 +148,7 @@ impl Surroundings {
     /// Z command from which on the tool is `margin` clear of everything that Z can pass over, on the straight path
     /// in X and Y between two positions with the same rotary axes. Heights below `to` are not considered.
     pub fn path_clearance_z(&self, from: &Position, to: &Position, margin: f64) -> f64 {
-        let highest = self.highest_clearance_z(&self.tool, &self.obstacles, [from, to], margin, self.max_z);
+        let highest = self.highest_clearance_z(&self.tool_parts, &self.obstacles, [from, to], margin, self.max_z);
         highest.map_or(f64::NEG_INFINITY, |(z, _)| z)
     }
 
@@ -150,8 +158,8 @@ impl Surroundings {
     ///
     /// # Errors
     /// Z does not reach that height; the value is the sensor and the body within its range.
-    pub fn out_of_range_z(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, Proximity> {
-        let ball = self.tool.get(..1).unwrap_or_default();
+    pub fn out_of_range_z(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, TooNearPair> {
+        let ball = self.tool_parts.get(..1).unwrap_or_default();
         let clearance =
             |parts, obstacles| self.highest_clearance_z(parts, obstacles, [from, to], margin, f64::INFINITY);
         let of_spindle = clearance(&self.sensor_ranges, &self.obstacles);
@@ -163,7 +171,7 @@ impl Surroundings {
         if z <= self.max_z {
             return Ok(z);
         }
-        Err(Proximity { tool: tool.to_owned(), obstacle: obstacle.to_owned() })
+        Err(TooNearPair { tool_or_sensor_name: tool.to_owned(), obstacle_name: obstacle.to_owned() })
     }
 
     /// Highest Z command, at most `max_z`, that is needed for one of `parts` to be `margin` clear of one of
@@ -177,13 +185,14 @@ impl Surroundings {
         max_z: f64,
     ) -> Option<(f64, [&'a str; 2])> {
         let level = from.updated_by(&to.filter_axes(|axis| !matches!(axis, Axis::X | Axis::Y)));
-        let (begin, (end, higher)) = (self.carrier_positions(&level), self.present_and_raised_positions(to));
+        let (begin, (end, higher)) = (self.tip_and_carrier_poses(&level), self.present_and_raised_positions(to));
         let mut highest = None;
         for obstacle in obstacles {
-            let path_ends = [&begin, &end].map(|at| at.tip_from_carrier(obstacle));
-            let (body, margin) = (end.in_machine_directions(obstacle), margin + obstacle.uncertainty_mm);
-            let z_after_rise =
-                |rise: f64| z_command(to.get_or_zero(Axis::Z), [&end, &higher], obstacle, path_ends[1].z + rise);
+            let path_ends = [&begin, &end].map(|at| at.tip_relative_to_carrier(obstacle));
+            let (body, margin) = (end.obstacle_in_machine_directions(obstacle), margin + obstacle.max_misplacement_mm);
+            let z_after_rise = |rise: f64| {
+                z_command_for_height(to.get_or_zero(Axis::Z), [&end, &higher], obstacle, path_ends[1].z + rise)
+            };
             for part in parts.iter().filter(|part| part.may_collide(&path_ends, &body, margin)) {
                 let is_higher = |z: &f64| highest.is_none_or(|(highest, _)| *z > highest);
                 // The exact rise takes a search: it is needed only where the bound exceeds the highest so far.
@@ -199,19 +208,28 @@ impl Surroundings {
     }
 
     /// First obstacle to which the tool is nearer than `margin` on the straight path in X, Y, Z between two
-    /// positions with the same rotary axes, or on the straight descent to it. The ball with the name `touched` is
+    /// positions with the same rotary axes, or on the straight descent to it. The ball with the name `touched_ball` is
     /// the target: only the parts above the stylus ball must stay clear of it.
-    pub fn find_near_obstacle(&self, from: &Position, to: &Position, margin: f64, touched: &str) -> Option<Proximity> {
-        let ends = [from, to].map(|at| self.carrier_positions(at));
+    pub fn find_near_obstacle(
+        &self,
+        from: &Position,
+        to: &Position,
+        margin: f64,
+        touched_ball: &str,
+    ) -> Option<TooNearPair> {
+        let ends = [from, to].map(|at| self.tip_and_carrier_poses(at));
         self.obstacles.iter().find_map(|obstacle| {
-            let own = obstacle.name == touched;
-            let path_ends = ends.each_ref().map(|at| at.tip_from_carrier(obstacle));
-            let body = ends[1].in_machine_directions(obstacle);
+            let own = obstacle.name == touched_ball;
+            let path_ends = ends.each_ref().map(|at| at.tip_relative_to_carrier(obstacle));
+            let body = ends[1].obstacle_in_machine_directions(obstacle);
             // The offset of this ball also shifts the point at which the touch stops.
-            let margin = if own { 0.0 } else { margin + obstacle.uncertainty_mm };
-            let mut parts = self.tool.iter().skip(usize::from(own));
+            let margin = if own { 0.0 } else { margin + obstacle.max_misplacement_mm };
+            let mut parts = self.tool_parts.iter().skip(usize::from(own));
             let near = parts.find(|part| !part.is_clear(path_ends, &body, margin));
-            near.map(|part| Proximity { tool: part.name.clone(), obstacle: obstacle.name.clone() })
+            near.map(|part| TooNearPair {
+                tool_or_sensor_name: part.name.clone(),
+                obstacle_name: obstacle.name.clone(),
+            })
         })
     }
 
@@ -224,27 +242,29 @@ impl Surroundings {
     }
 
     /// Whether the tool is `margin` clear of everything.
-    pub fn is_clear(&self, at: &Position, margin: f64) -> bool {
+    pub fn is_tool_clear(&self, at: &Position, margin: f64) -> bool {
         self.find_near_obstacle(at, at, margin, "").is_none()
     }
 
     /// Whether the straight path in X, Y, Z between two positions with the same rotary axes is free for a guarded
-    /// move. The ball with the name `round` is not checked against ball and stem of the stylus, because the path
+    /// move. The ball with the name `circled_ball` is not checked against ball and stem of the stylus, because the path
     /// leads round it.
-    pub fn is_path_free(&self, from: &Position, to: &Position, round: &str) -> bool {
-        let ends = [from, to].map(|at| self.carrier_positions(at));
+    pub fn is_path_free(&self, from: &Position, to: &Position, circled_ball: &str) -> bool {
+        let ends = [from, to].map(|at| self.tip_and_carrier_poses(at));
         self.obstacles.iter().all(|obstacle| {
-            let path_ends = ends.each_ref().map(|at| at.tip_from_carrier(obstacle));
-            let (body, margin) =
-                (ends[1].in_machine_directions(obstacle), MIN_TOOL_CLEARANCE_MM + obstacle.uncertainty_mm);
-            let own = obstacle.name == round;
-            let mut parts = self.tool.iter().filter(|part| !(own && part.is_contact_detected));
+            let path_ends = ends.each_ref().map(|at| at.tip_relative_to_carrier(obstacle));
+            let (body, margin) = (
+                ends[1].obstacle_in_machine_directions(obstacle),
+                MIN_TOOL_CLEARANCE_MM + obstacle.max_misplacement_mm,
+            );
+            let own = obstacle.name == circled_ball;
+            let mut parts = self.tool_parts.iter().filter(|part| !(own && part.is_contact_detected));
             parts.all(|part| part.is_clear(path_ends, &body, margin))
         })
     }
 
     /// Whether a positive Z command moves the tool away from the table.
-    pub fn is_z_lifting(&self) -> bool {
+    pub fn does_positive_z_lift_tool(&self) -> bool {
         let at = |z: f64| Position::new().with(Axis::Z, z);
         let over_table = |position: &Position| {
             let table = self.chain.machine_from_table(position, &[]);
@@ -259,41 +279,46 @@ impl Surroundings {
         axis.z > 1.0 - 1e-9
     }
 
-    fn carrier_positions(&self, at: &Position) -> CarrierPositions {
+    fn tip_and_carrier_poses(&self, at: &Position) -> TipAndCarrierPoses {
         let commands = Axis::ALL.map(|axis| at.get_or_zero(axis));
-        let carriers = self.carriers.iter().map(|carried| carried.pose(&commands)).collect();
-        CarrierPositions { tip: self.tip_position(at), carriers }
+        let carriers = self.obstacle_carriers.iter().map(|carried| carried.pose(&commands)).collect();
+        TipAndCarrierPoses { tip: self.tip_position(at), carrier_poses: carriers }
     }
 
     /// State at a position, and with Z 1 mm higher.
-    fn present_and_raised_positions(&self, at: &Position) -> (CarrierPositions, CarrierPositions) {
+    fn present_and_raised_positions(&self, at: &Position) -> (TipAndCarrierPoses, TipAndCarrierPoses) {
         let higher = at.clone().with(Axis::Z, at.get_or_zero(Axis::Z) + 1.0);
-        (self.carrier_positions(at), self.carrier_positions(&higher))
+        (self.tip_and_carrier_poses(at), self.tip_and_carrier_poses(&higher))
     }
 }
 
-impl CarrierPositions {
+impl TipAndCarrierPoses {
     /// Vector from the origin of the obstacle's carrier to the centre of the stylus ball, machine directions.
-    fn tip_from_carrier(&self, obstacle: &Obstacle) -> Vector3<f64> {
-        self.tip - self.carriers[obstacle.carrier_index].translation.vector
+    fn tip_relative_to_carrier(&self, obstacle: &Obstacle) -> Vector3<f64> {
+        self.tip - self.carrier_poses[obstacle.carrier_index].translation.vector
     }
 
     /// The obstacle in machine directions, relative to the origin of its carrier.
-    fn in_machine_directions(&self, obstacle: &Obstacle) -> ObstacleBody {
-        obstacle.body.rotated(&self.carriers[obstacle.carrier_index].rotation)
+    fn obstacle_in_machine_directions(&self, obstacle: &Obstacle) -> ObstacleBody {
+        obstacle.body.rotated(&self.carrier_poses[obstacle.carrier_index].rotation)
     }
 }
 
 /// Z command that holds the stylus ball's centre at `height` above the obstacle's carrier, extrapolated from the
 /// present Z and from 1 mm higher; `None` if Z does not lift the ball off.
-fn z_command(z: f64, [here, higher]: [&CarrierPositions; 2], obstacle: &Obstacle, height: f64) -> Option<f64> {
-    let present_z = here.tip_from_carrier(obstacle).z;
-    let lift = higher.tip_from_carrier(obstacle).z - present_z;
+fn z_command_for_height(
+    z: f64,
+    [here, higher]: [&TipAndCarrierPoses; 2],
+    obstacle: &Obstacle,
+    height: f64,
+) -> Option<f64> {
+    let present_z = here.tip_relative_to_carrier(obstacle).z;
+    let lift = higher.tip_relative_to_carrier(obstacle).z - present_z;
     (lift > 0.5).then(|| z + (height - present_z) / lift)
 }
 
 /// Index of a carrier in the list; a new carrier is appended.
-fn carrier_index(carriers: &mut Vec<CarrierChain>, carried: CarrierChain) -> usize {
+fn find_or_add_carrier(carriers: &mut Vec<CarrierChain>, carried: CarrierChain) -> usize {
     let known = carriers.iter().position(|known| known.has_same_axes_as(&carried));
     known.unwrap_or_else(|| {
         carriers.push(carried);
@@ -301,9 +326,10 @@ fn carrier_index(carriers: &mut Vec<CarrierChain>, carried: CarrierChain) -> usi
     })
 }
 
+/// Line from one end of the range of `sensor` to the other.
 fn measuring_line(sensor: &Sensor, carrier_index: usize) -> Obstacle {
     let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
     let [from, to] = sensor.range_mm.map(|distance| zero + along * distance);
-    let body = ObstacleBody::Round(artefact::BodyShape::Cylinder { from, to, radius: 0.0 });
-    Obstacle { name: sensor.name.clone(), carrier_index, body, is_artefact: false, uncertainty_mm: 0.0 }
+    let body = ObstacleBody::BallOrCylinder(artefact::BodyShape::Cylinder { from, to, radius: 0.0 });
+    Obstacle { name: sensor.name.clone(), carrier_index, body, is_artefact_part: false, max_misplacement_mm: 0.0 }
 }

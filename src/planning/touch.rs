@@ -1,9 +1,9 @@
 //! One touch as a safe sequence of motions.
 
 use super::confirmed_directions::BlockStart;
-use super::motion_sequence::{EQUAL_POSITION_TOLERANCE, MotionSequence, z_position};
+use super::motion_sequence::{EQUAL_POSITION_TOLERANCE_MM_OR_RAD, MotionSequence, z_position};
 use super::unconfirmed_approach::{UnconfirmedApproach, near_part_feed_mm_min};
-use super::{PlanningError, SafeHeights, limits, over_balls};
+use super::{PlanningError, SafeHeights, ball_approach_path, travel_limits};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
@@ -15,8 +15,8 @@ use machine::{Axis, Position};
 /// and near the artefact they use the search feed.
 ///
 /// Between two touches of a round part, the path leads over its top. Between two touches of a ball, it leads round
-/// the ball, or otherwise as high as necessary ([`super::over_balls`]); the block ends beside the ball, or above
-/// all near obstacles.
+/// the ball, or otherwise as high as necessary ([`super::ball_approach_path`]); the block ends beside the ball, or
+/// above all near obstacles.
 ///
 /// The back-off ends at `from`, the only point that is certainly out of contact. So that the back-off is never
 /// longer than the probe's overtravel, the touch must not be longer either.
@@ -29,28 +29,28 @@ pub fn touch_block(
     step: &Step,
     repeat: u32,
     start: BlockStart<'_>,
-    clearance: &SafeHeights,
+    safe_heights: &SafeHeights,
 ) -> Result<Block, PlanningError> {
-    check_step(plan, step)?;
+    check_touch_step(plan, step)?;
     check_guarded_feed(plan)?;
     let (near_part_feed_mm_min, back_feed) =
         (near_part_feed_mm_min(plan, start.confirmed), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
     let mut path = MotionSequence::starting_at(start.position, near_part_feed_mm_min);
-    let end = match clearance.part_clearance_z {
-        Some(safe_z) => plan_part_approach(&mut path, plan, step, start, clearance, safe_z),
-        None => over_balls::plan_ball_approach(&mut path, plan, step, start, clearance)?,
+    let end = match safe_heights.part_clearance_z {
+        Some(safe_z) => plan_part_approach(&mut path, plan, step, start, safe_heights, safe_z),
+        None => ball_approach_path::plan_ball_approach(&mut path, plan, step, start, safe_heights)?,
     };
-    path.add_guarded(&z_position(from.get_or_zero(Axis::Z)));
+    path.add_guarded_move(&z_position(from.get_or_zero(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
         path.motions.push(Motion::Dwell { seconds: plan.probe.settle_s });
     }
     path.add_motion(&to.filter_axes(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
     path.add_motion(&from.filter_axes(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
-    path.add_guarded(&end);
+    path.add_guarded_move(&end);
 
     let block = Block { step: step.id, repeat, motions: path.motions };
-    limits::check_block(&block, &plan.machine)?;
+    travel_limits::check_block_within_limits(&block, &plan.machine)?;
     Ok(block)
 }
 
@@ -60,25 +60,25 @@ fn plan_part_approach(
     plan: &Plan,
     step: &Step,
     start: BlockStart<'_>,
-    clearance: &SafeHeights,
+    safe_heights: &SafeHeights,
     safe_z: f64,
 ) -> Position {
     let (from, to) = (&step.from, &step.to);
     let safe_z = safe_z.max(from.get_or_zero(Axis::Z)).max(to.get_or_zero(Axis::Z));
-    if !start.confirmed.is_all() {
-        UnconfirmedApproach::new(plan, clearance, safe_z, start.confirmed).move_above(path, from);
+    if !start.confirmed.has_three_independent_directions() {
+        UnconfirmedApproach::new(plan, safe_heights, safe_z, start.confirmed).move_above(path, from);
         return z_position(safe_z);
     }
-    match path.position.get(Axis::Z) {
+    match path.end_position.get(Axis::Z) {
         Some(z) if z >= safe_z => {}
-        Some(_) => path.add_guarded(&z_position(safe_z)),
-        None => path.add_rapid(&z_position(clearance.top_z.max(safe_z))),
+        Some(_) => path.add_guarded_move(&z_position(safe_z)),
+        None => path.add_rapid(&z_position(safe_heights.top_z.max(safe_z))),
     }
     path.add_rapids_above(from, safe_z);
     z_position(safe_z)
 }
 
-fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
+fn check_touch_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
     let id = step.id;
     if !matches!(step.kind, StepKind::Touch | StepKind::Reference) {
         return Err(PlanningError::NotATouch { step: id });
@@ -94,16 +94,17 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
         named(&step.from, *axis)?;
     }
     let turned = step.to.iter().find(|(axis, value)| {
-        !axis.is_linear() && step.from.get(*axis).is_none_or(|from| (from - value).abs() > EQUAL_POSITION_TOLERANCE)
+        !axis.is_linear()
+            && step.from.get(*axis).is_none_or(|from| (from - value).abs() > EQUAL_POSITION_TOLERANCE_MM_OR_RAD)
     });
     if let Some((axis, _)) = turned {
         return Err(PlanningError::RotaryMotionInTouch { step: id, axis });
     }
     let (length, overtravel) = (square.sqrt(), plan.probe.overtravel_mm);
-    if length > overtravel + EQUAL_POSITION_TOLERANCE {
+    if length > overtravel + EQUAL_POSITION_TOLERANCE_MM_OR_RAD {
         return Err(PlanningError::TouchTooLong { step: id, length, overtravel });
     }
-    if length > EQUAL_POSITION_TOLERANCE { Ok(()) } else { Err(PlanningError::ZeroLengthTouch { step: id }) }
+    if length > EQUAL_POSITION_TOLERANCE_MM_OR_RAD { Ok(()) } else { Err(PlanningError::ZeroLengthTouch { step: id }) }
 }
 
 /// A guarded move that meets an obstacle must stop within the probe's overtravel, for every linear axis.

@@ -8,9 +8,9 @@
 use std::f64::consts::TAU;
 
 use super::motion_sequence::{MotionSequence, z_position};
-use super::safe_heights::UNGUARDED_CLEARANCE_MM;
+use super::safe_heights::PLANNED_UNGUARDED_CLEARANCE_MM;
 use super::surroundings::Surroundings;
-use super::tool::undetected_tool_envelope;
+use super::tool_parts::undetected_parts_radius_and_height_mm;
 use super::{ConfirmedDirections, SafeHeights, turn_feeds};
 use machine::record::motion::Motion;
 use machine::record::plan::{Plan, Step};
@@ -21,9 +21,10 @@ use machine::{Axis, Position};
 /// moves below 0.254 mm ("start point too close to probe point"), and so short a move does not break a stylus.
 pub(super) const SHORTEST_PROBED_LENGTH_MM: f64 = 0.3;
 
-/// Number of corners of a round, and distance between two rounds as a share of the stylus length.
+/// Number of corners of a round.
 const OCTAGON_CORNER_COUNT: u32 = 8;
-const ROUND_SPACING_SHARE: f64 = 0.9;
+/// Distance between two rounds as a share of the stylus length.
+const OCTAGON_SPACING_TO_STYLUS_LENGTH: f64 = 0.9;
 
 /// Parameters of an approach before the position is confirmed.
 pub(super) struct UnconfirmedApproach<'a> {
@@ -32,51 +33,51 @@ pub(super) struct UnconfirmedApproach<'a> {
     /// The upper end of Z, mm.
     top_z: f64,
     /// Height of Z above which nothing declared is near, below the current step.
-    low_z: f64,
+    lowest_clear_z: f64,
     /// Feed near the part, mm/min.
     near_part_feed_mm_min: f64,
     /// Whether contact stops the moves: true with a probe, false with a sensor.
     is_guarded: bool,
     /// Whether no touch was made yet.
-    is_first_touch: bool,
+    is_before_first_touch: bool,
 }
 
 impl<'a> UnconfirmedApproach<'a> {
-    pub fn new(plan: &'a Plan, clearance: &'a SafeHeights, low_z: f64, confirmed: ConfirmedDirections) -> Self {
-        let (surroundings, top_z) = (&clearance.surroundings, clearance.top_z);
+    pub fn new(plan: &'a Plan, safe_heights: &'a SafeHeights, low_z: f64, confirmed: ConfirmedDirections) -> Self {
+        let (surroundings, top_z) = (&safe_heights.surroundings, safe_heights.top_z);
         let (near_part_feed_mm_min, is_guarded) = (near_part_feed_mm_min(plan, confirmed), plan.sensors.is_empty());
         Self {
             plan,
             surroundings,
             top_z,
-            low_z,
+            lowest_clear_z: low_z,
             near_part_feed_mm_min,
             is_guarded,
-            is_first_touch: !confirmed.is_any(),
+            is_before_first_touch: !confirmed.has_any_direction(),
         }
     }
 
     /// Approach to a nest of sensors on the table: always by way of the upper end of Z.
-    pub fn to_nest(plan: &'a Plan, clearance: &'a SafeHeights, low_z: f64) -> Self {
-        let near_part_feed_mm_min = nest_feed_mm_min(plan);
-        Self { near_part_feed_mm_min, ..Self::new(plan, clearance, low_z, ConfirmedDirections::default()) }
+    pub fn to_nest(plan: &'a Plan, safe_heights: &'a SafeHeights, low_z: f64) -> Self {
+        let near_part_feed_mm_min = max_nest_feed_mm_min(plan);
+        Self { near_part_feed_mm_min, ..Self::new(plan, safe_heights, low_z, ConfirmedDirections::default()) }
     }
 
-    /// Moves to the point above `from`, at `low_z`.
+    /// Moves to the point above `from`, at `lowest_clear_z`.
     pub fn move_above(&self, path: &mut MotionSequence, from: &Position) {
         self.move_up(path, from);
         self.move_across_and_down(path, from);
     }
 
-    /// Moves up to `low_z`, and to the upper end of Z if any axis but Z must move or if no touch was made yet.
+    /// Moves up to `lowest_clear_z`, and to the upper end of Z if any axis but Z must move or if no touch was made yet.
     pub fn move_up(&self, path: &mut MotionSequence, from: &Position) {
         let mut elsewhere = from.iter().filter(|(axis, _)| *axis != Axis::Z);
         let goes_aside = elsewhere.any(|(axis, value)| !path.is_at(axis, value));
-        if path.position.get(Axis::Z).is_some_and(|z| z < self.low_z) {
-            self.move_straight(path, &z_position(self.low_z), self.near_part_feed_mm_min);
+        if path.end_position.get(Axis::Z).is_some_and(|z| z < self.lowest_clear_z) {
+            self.move_straight(path, &z_position(self.lowest_clear_z), self.near_part_feed_mm_min);
         }
-        if goes_aside || self.is_first_touch {
-            self.move_straight(path, &z_position(self.top_z), self.fast_feed_mm_min());
+        if goes_aside || self.is_before_first_touch {
+            self.move_straight(path, &z_position(self.top_z), self.free_space_feed_mm_min());
         }
     }
 
@@ -86,36 +87,39 @@ impl<'a> UnconfirmedApproach<'a> {
             self.turn_axis(path, axis, value);
         }
         let over = from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
-        self.move_straight(path, &over, self.fast_feed_mm_min());
-        if self.is_first_touch && self.is_guarded {
-            self.probe_surroundings(path, from);
+        self.move_straight(path, &over, self.free_space_feed_mm_min());
+        if self.is_before_first_touch && self.is_guarded {
+            self.probe_octagons_on_descent(path, from);
         }
-        self.move_straight(path, &z_position(self.low_z), self.fast_feed_mm_min());
+        self.move_straight(path, &z_position(self.lowest_clear_z), self.free_space_feed_mm_min());
     }
 
     /// Makes rounds during the descent, down to the last necessary height; only the stylus moves below that height.
-    fn probe_surroundings(&self, path: &mut MotionSequence, from: &Position) {
-        let Some((_, length)) = undetected_tool_envelope(self.plan) else { return };
-        let levels = (self.top_z - from.get_or_zero(Axis::Z)) / (ROUND_SPACING_SHARE * length);
+    fn probe_octagons_on_descent(&self, path: &mut MotionSequence, from: &Position) {
+        let Some((_, length)) = undetected_parts_radius_and_height_mm(self.plan) else { return };
+        let levels = (self.top_z - from.get_or_zero(Axis::Z)) / (OCTAGON_SPACING_TO_STYLUS_LENGTH * length);
         for level in 0..levels.max(0.0).ceil() as u32 {
-            let z = (self.top_z - f64::from(level) * ROUND_SPACING_SHARE * length).max(self.low_z);
+            let z =
+                (self.top_z - f64::from(level) * OCTAGON_SPACING_TO_STYLUS_LENGTH * length).max(self.lowest_clear_z);
             let over = from.clone().with(Axis::Z, z);
-            let round = self.round_corners(&over);
-            let free = |place: &Position| self.surroundings.path_clearance_z(&over, place, UNGUARDED_CLEARANCE_MM) <= z;
+            let round = self.octagon_corners(&over);
+            let free = |place: &Position| {
+                self.surroundings.path_clearance_z(&over, place, PLANNED_UNGUARDED_CLEARANCE_MM) <= z
+            };
             // Where a declared body is this high, its position is known, so no round is needed.
             if round.iter().all(free) {
-                self.move_straight(path, &z_position(z), self.fast_feed_mm_min());
+                self.move_straight(path, &z_position(z), self.free_space_feed_mm_min());
                 let middle = over.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
                 for place in round.iter().chain(round.first()).chain([&middle]) {
                     let to = place.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
-                    self.move_straight(path, &to, self.fast_feed_mm_min());
+                    self.move_straight(path, &to, self.free_space_feed_mm_min());
                 }
             }
         }
     }
 
     /// Corners of a round about `over`, limited to the travel of X and Y.
-    fn round_corners(&self, over: &Position) -> Vec<Position> {
+    fn octagon_corners(&self, over: &Position) -> Vec<Position> {
         let wide = octagon_radius_mm(self.plan);
         let corner = |k: u32| {
             let (sin, cos) = (TAU * f64::from(k) / f64::from(OCTAGON_CORNER_COUNT)).sin_cos();
@@ -131,14 +135,14 @@ impl<'a> UnconfirmedApproach<'a> {
 
     /// Feed where nothing declared is near. With a sensor, a hold that follows the first reported distance must
     /// stop the machine within the sensor's range.
-    fn fast_feed_mm_min(&self) -> f64 {
+    fn free_space_feed_mm_min(&self) -> f64 {
         let feed = self.plan.probe.guarded_feed_mm_min;
         let ranges = self.plan.sensors.iter().map(|sensor| sensor.range_mm[1] - sensor.range_mm[0]);
-        ranges.map(|range| stopping_feed_mm_min(self.plan, range)).fold(feed, f64::min)
+        ranges.map(|range| max_stoppable_feed_mm_min(self.plan, range)).fold(feed, f64::min)
     }
 
     fn move_straight(&self, path: &mut MotionSequence, to: &Position, feed_mm_min: f64) {
-        let way = |(axis, to): (Axis, f64)| path.position.get(axis).map(|at| (to - at).powi(2));
+        let way = |(axis, to): (Axis, f64)| path.end_position.get(axis).map(|at| (to - at).powi(2));
         let length = to.iter().map(way).sum::<Option<f64>>().map(f64::sqrt);
         let is_short = length.is_some_and(|length| length < SHORTEST_PROBED_LENGTH_MM);
         path.add_motion(to, |to| match (self.is_guarded, is_short) {
@@ -153,24 +157,25 @@ impl<'a> UnconfirmedApproach<'a> {
             path.add_orientation(Some(value));
             return;
         }
-        let feed_mm_min = turn_feeds::max_turn_feed_deg_min(self.plan, &self.surroundings.chain, axis, &path.position);
+        let feed_mm_min =
+            turn_feeds::max_turn_feed_deg_min(self.plan, &self.surroundings.chain, axis, &path.end_position);
         path.add_motion(&Position::new().with(axis, value), |to| Motion::Feed { to, feed_mm_min });
     }
 }
 
 /// Distance of the corners of a round from its middle, mm.
 pub(super) fn octagon_radius_mm(plan: &Plan) -> f64 {
-    let (wide, _) = undetected_tool_envelope(plan).unwrap_or_default();
+    let (wide, _) = undetected_parts_radius_and_height_mm(plan).unwrap_or_default();
     wide / (TAU / f64::from(2 * OCTAGON_CORNER_COUNT)).cos()
 }
 
 /// Feed, mm/min, from which a hold stops within `within_mm`, for every linear axis.
-fn stopping_feed_mm_min(plan: &Plan, within_mm: f64) -> f64 {
-    60.0 * turn_feeds::stopping_speed_mm_s(plan.machine.min_linear_acceleration_mm_s2(), within_mm)
+fn max_stoppable_feed_mm_min(plan: &Plan, within_mm: f64) -> f64 {
+    60.0 * turn_feeds::max_stoppable_speed_mm_s(plan.machine.min_linear_acceleration_mm_s2(), within_mm)
 }
 
 /// Whether all sensors of `step` are on the table: they measure the ball in the spindle, which is between them.
-pub(super) fn is_in_nest(plan: &Plan, step: &Step) -> bool {
+pub(super) fn are_step_sensors_on_table(plan: &Plan, step: &Step) -> bool {
     let is_on_table = |name: &String| {
         let named = plan.sensors.iter().find(|sensor| sensor.name == *name);
         named.is_some_and(|sensor| sensor.mount == SensorMount::Table)
@@ -181,14 +186,14 @@ pub(super) fn is_in_nest(plan: &Plan, step: &Step) -> bool {
 /// Maximum feed of linear axes while the ball is in a nest of sensors on the table or moves there, mm/min: a hold
 /// at the near end of a range stops the ball before it meets the body of the sensor. Where `stand_off_mm` leaves
 /// less than a quarter of the range, the ball stops within that quarter.
-pub(super) fn nest_feed_mm_min(plan: &Plan) -> f64 {
+pub(super) fn max_nest_feed_mm_min(plan: &Plan) -> f64 {
     let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == SensorMount::Table);
     let within = on_table.map(|sensor| {
         let [least, greatest] = sensor.range_mm;
         let range = greatest - least;
         (sensor.stand_off_mm + least).max(range / 4.0).min(range)
     });
-    within.map(|mm| stopping_feed_mm_min(plan, mm)).fold(unconfirmed_search_feed_mm_min(plan), f64::min)
+    within.map(|mm| max_stoppable_feed_mm_min(plan, mm)).fold(unconfirmed_search_feed_mm_min(plan), f64::min)
 }
 
 /// Feed near the part until a touch has shown that the probe works.
@@ -198,7 +203,7 @@ pub(super) fn unconfirmed_search_feed_mm_min(plan: &Plan) -> f64 {
 
 /// Feed of moves near the part.
 pub(super) fn near_part_feed_mm_min(plan: &Plan, confirmed: ConfirmedDirections) -> f64 {
-    match confirmed.is_any() {
+    match confirmed.has_any_direction() {
         true => plan.probe.guarded_feed_mm_min,
         false => unconfirmed_search_feed_mm_min(plan),
     }

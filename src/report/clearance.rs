@@ -1,12 +1,12 @@
 //! Summary of the proof: in words, and for each touch or scan.
 
 use super::number;
-use machine::record::estimate::{EstimatedFunction, FigureKind, Unit};
+use machine::record::estimate::{EstimatedFunction, FunctionFigureKind, Unit};
 use machine::record::plan::Plan;
 use machine::record::proof::{Clearance, Proof};
 
 /// Minimum clearance of each touch or scan, in the order of the run; `None` without any.
-pub(super) fn clearance_function(proofs: &[Proof]) -> Option<EstimatedFunction> {
+pub(super) fn clearance_of_each_step(proofs: &[Proof]) -> Option<EstimatedFunction> {
     let y: Vec<f64> = step_clearances(proofs).map(|clearance| clearance.clearance_mm).collect();
     (!y.is_empty()).then(|| EstimatedFunction {
         symbol: "clearance".to_owned(),
@@ -16,12 +16,12 @@ pub(super) fn clearance_function(proofs: &[Proof]) -> Option<EstimatedFunction> 
         unit: Unit::Mm,
         u: Vec::new(),
         y,
-        figure: FigureKind::Curve,
+        figure: FunctionFigureKind::Curve,
         at_mm: None,
     })
 }
 
-pub(super) fn proof_rows(plan: &Plan, proofs: &[Proof]) -> Vec<(String, String)> {
+pub(super) fn proof_summary_rows(plan: &Plan, proofs: &[Proof]) -> Vec<(String, String)> {
     if proofs.is_empty() {
         return Vec::new();
     }

@@ -6,15 +6,17 @@ use super::figure;
 use super::number;
 use machine::record::estimate::Covariance;
 
-/// Minimum magnitude of the correlation of a listed pair, and maximum number of listed pairs.
+/// Minimum magnitude of the correlation of a listed pair.
 const MIN_LISTED_CORRELATION: f64 = 0.5;
-const MAX_LISTED_PAIRS: usize = 8;
+/// Maximum number of listed pairs.
+const MAX_LISTED_CORRELATIONS: usize = 8;
 
 /// Template values; `svg` is none if there is nothing to draw.
 pub(super) fn correlation_values(covariance: &Covariance) -> Value {
     let drawn = figure::draw_matrix(covariance);
-    let pairs = if drawn.is_some() { strongest_pairs(covariance) } else { Vec::new() };
-    let named: Vec<Value> = pairs.iter().take(MAX_LISTED_PAIRS).map(|pair| pair_value(covariance, pair)).collect();
+    let pairs = if drawn.is_some() { strongest_correlated_pairs(covariance) } else { Vec::new() };
+    let named: Vec<Value> =
+        pairs.iter().take(MAX_LISTED_CORRELATIONS).map(|pair| pair_template_value(covariance, pair)).collect();
     context! {
         svg => drawn.map_or(Value::from(()), Value::from_safe_string),
         strong => MIN_LISTED_CORRELATION,
@@ -24,7 +26,7 @@ pub(super) fn correlation_values(covariance: &Covariance) -> Value {
 }
 
 /// Pairs at or above [`MIN_LISTED_CORRELATION`], strongest first.
-fn strongest_pairs(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
+fn strongest_correlated_pairs(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
     let count = covariance.symbols.len();
     let all = (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j)));
     let known = all.filter_map(|(i, j)| Some((i, j, figure::correlation_coefficient(covariance, i, j)?)));
@@ -33,12 +35,12 @@ fn strongest_pairs(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
     pairs
 }
 
-fn pair_value(covariance: &Covariance, (i, j, value): &(usize, usize, f64)) -> Value {
+fn pair_template_value(covariance: &Covariance, (i, j, value): &(usize, usize, f64)) -> Value {
     let symbol = |n: usize| {
-        let (base, index) = number::split_symbol(&covariance.symbols[n]);
+        let (base, index) = number::split_into_base_and_index(&covariance.symbols[n]);
         context! { plain => covariance.symbols[n].clone(), base, index }
     };
     // The decimals depend on the difference from 1.
-    let decimals = number::decimals_for(1.0 - value.abs()).max(2);
+    let decimals = number::decimals_for_uncertainty(1.0 - value.abs()).max(2);
     context! { one => symbol(*i), other => symbol(*j), value => number::format_fixed(*value, decimals) }
 }

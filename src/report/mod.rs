@@ -1,4 +1,4 @@
-//! Files for programs and pages for users. This module knows kinds of figures, but no methods.
+//! Report pages with figures, and readings files. This module depends on the kinds of figures, but on no method.
 
 mod captions;
 mod clearance;
@@ -6,7 +6,7 @@ mod correlation;
 mod figure;
 mod number;
 pub mod page;
-mod planned;
+mod plan_summary;
 pub mod readings_csv;
 mod rows;
 pub mod temperature;
@@ -14,4 +14,4 @@ pub mod temperature;
 mod tests;
 mod vectors;
 
-pub use figure::{ErrorMap, IndividualsChart, Temperatures};
+pub use figure::{ErrorMap, IndividualsChart, TemperatureCurves};

@@ -3,43 +3,43 @@
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::captions::{figure_values, svg_value, symbol_value};
-use super::rows::Rows;
-use super::{ErrorMap, clearance, correlation, figure, number, planned, vectors};
+use super::rows::NameTextRows;
+use super::{ErrorMap, clearance, correlation, figure, number, plan_summary, vectors};
 use machine::record::estimate::{BudgetLine, Distribution, Estimate, EvaluationType, LimitVerdict, Parameter, Verdict};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 
 const PAGE_TEMPLATE: &str = include_str!("page.html");
 /// Minimum number of results in large type at the top. A method lists its main results first.
-const HEADLINE_RESULT_COUNT: usize = 2;
+const MIN_HEADLINE_RESULTS: usize = 2;
 
 /// Data of the run besides plan and estimate. Empty fields are left out.
 #[derive(Debug, Clone, Default)]
 pub struct ReportFacts {
-    pub run: String,
-    pub started: String,
-    pub state: String,
+    pub run_id: String,
+    pub start_time: String,
+    pub run_state: String,
     /// Time and text of stops, faults and acknowledgements.
-    pub story: Vec<(String, String)>,
+    pub events_with_times: Vec<(String, String)>,
     /// Signatures of the result; `None` if it cannot be signed.
-    pub signed: Option<Vec<String>>,
-    pub readings: usize,
+    pub signatures: Option<Vec<String>>,
+    pub reading_count: usize,
     /// Temperatures of each thermometer.
-    pub temperatures: Rows,
+    pub temperature_rows: NameTextRows,
     pub program_version: String,
     /// Name of each hashed item (machine file, plan, ..) and its SHA-256.
-    pub hashes: Vec<(String, String)>,
+    pub sha256_by_item: Vec<(String, String)>,
     /// Proof of each stage, in order.
-    pub proofs: Vec<Proof>,
+    pub stage_proofs: Vec<Proof>,
     /// Position error of the tool over the volume, in sentences and as maps.
-    pub volume: Option<(Vec<String>, Vec<ErrorMap>)>,
+    pub volume_texts_and_maps: Option<(Vec<String>, Vec<ErrorMap>)>,
 }
 
 /// Renders the page of `estimate`.
 ///
 /// # Errors
 /// The template is invalid.
-pub fn render(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Result<String, minijinja::Error> {
+pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Result<String, minijinja::Error> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
@@ -54,22 +54,22 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Result<S
             coverage => estimate.coverage_percent,
             trials => estimate.trials,
             parameters => estimate.parameters.iter().map(parameter_value).collect::<Vec<_>>(),
-            key_results => key_results(&estimate.parameters),
+            key_results => headline_result_count(&estimate.parameters),
             figures => figure_values(estimate),
             related => correlation::correlation_values(&estimate.covariance),
-            vectors => estimate.arrows.iter().map(vectors::vector_figure).collect::<Vec<_>>(),
-            volume => facts.volume.as_ref().map(|(lines, maps)| volume_value(lines, maps)),
-            warmth => facts.temperatures.clone(),
+            vectors => estimate.arrows.iter().map(vectors::vector_figure_value).collect::<Vec<_>>(),
+            volume => facts.volume_texts_and_maps.as_ref().map(|(lines, maps)| volume_value(lines, maps)),
+            warmth => facts.temperature_rows.clone(),
             budget => budget_value(&estimate.parameters),
             warnings => estimate.warnings.clone(),
             gauge => estimate.gauge.clone(),
             not_identifiable => estimate.not_identifiable.clone(),
             quality => fit_quality_rows(estimate),
-            plan => planned::plan_rows(plan),
-            proof => proof_value(plan, &facts.proofs),
+            plan => plan_summary::plan_rows(plan),
+            proof => proof_value(plan, &facts.stage_proofs),
             facts => fact_rows(facts, &estimate.priors),
-            story => facts.story.clone(),
-            signed => facts.signed.clone(),
+            story => facts.events_with_times.clone(),
+            signed => facts.signatures.clone(),
             program_version => facts.program_version.as_str(),
         },
     )
@@ -77,12 +77,11 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Result<S
 
 /// Number of results at the top: the first two, or all leading parameters of one quantity, such as `EXC_range`
 /// to `ECC_range`.
-fn key_results(parameters: &[Parameter]) -> usize {
-    let quantity =
-        |parameter_value: &Parameter| parameter_value.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned());
+fn headline_result_count(parameters: &[Parameter]) -> usize {
+    let quantity = |parameter: &Parameter| parameter.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned());
     let first = parameters.first().and_then(quantity);
-    let of_first = |parameter_value: &&Parameter| first.is_some() && quantity(parameter_value) == first;
-    parameters.iter().take_while(of_first).count().max(HEADLINE_RESULT_COUNT)
+    let of_first = |parameter: &&Parameter| first.is_some() && quantity(parameter) == first;
+    parameters.iter().take_while(of_first).count().max(MIN_HEADLINE_RESULTS)
 }
 
 /// CSS class of the badge and its text.
@@ -103,21 +102,21 @@ fn verdict_value(estimate: &Estimate) -> Value {
     context! { class, text, names }
 }
 
-fn parameter_value(parameter_value: &Parameter) -> Value {
-    let decimals = number::decimals_for(parameter_value.expanded);
+fn parameter_value(parameter: &Parameter) -> Value {
+    let decimals = number::decimals_for_uncertainty(parameter.expanded);
     context! {
-        symbol => symbol_value(&parameter_value.symbol),
-        value => number::format_fixed(parameter_value.value, decimals),
-        unit => number::unit_symbol(parameter_value.unit),
-        u => number::format_fixed(parameter_value.u, decimals),
-        expanded => number::format_fixed(parameter_value.expanded, decimals),
-        k => number::format_fixed(parameter_value.k, 2),
-        dof => degrees_of_freedom(parameter_value.dof),
-        interval => parameter_value.interval_monte_carlo.map_or("—".to_owned(), |ends| {
+        symbol => symbol_value(&parameter.symbol),
+        value => number::format_fixed(parameter.value, decimals),
+        unit => number::unit_symbol(parameter.unit),
+        u => number::format_fixed(parameter.u, decimals),
+        expanded => number::format_fixed(parameter.expanded, decimals),
+        k => number::format_fixed(parameter.k, 2),
+        dof => degrees_of_freedom(parameter.dof),
+        interval => parameter.interval_monte_carlo.map_or("—".to_owned(), |ends| {
             ends.map(|end| number::format_fixed(end, decimals)).join(" to ")
         }),
-        identifiable => parameter_value.identifiable,
-        judged => parameter_value.judged.map(judged_value),
+        identifiable => parameter.identifiable,
+        judged => parameter.judged.map(limit_verdict_value),
     }
 }
 
@@ -125,7 +124,7 @@ fn degrees_of_freedom(dof: Option<f64>) -> String {
     dof.map_or("∞".to_owned(), |dof| number::format_fixed(dof, 1))
 }
 
-fn judged_value(LimitVerdict { limit, verdict, conformance }: LimitVerdict) -> Value {
+fn limit_verdict_value(LimitVerdict { limit, verdict, conformance }: LimitVerdict) -> Value {
     context! {
         limit => number::format_fixed(limit, 1),
         verdict => verdict.to_string(),
@@ -144,8 +143,8 @@ fn volume_value(lines: &[String], maps: &[ErrorMap]) -> Value {
 /// Proof of the motions, made before any motion.
 fn proof_value(plan: &Plan, proofs: &[Proof]) -> Value {
     context! {
-        rows => clearance::proof_rows(plan, proofs),
-        svg => svg_value(clearance::clearance_function(proofs).and_then(|f| figure::draw_function(&f, 1.0))),
+        rows => clearance::proof_summary_rows(plan, proofs),
+        svg => svg_value(clearance::clearance_of_each_step(proofs).and_then(|f| figure::draw_function(&f, 1.0))),
         not_looked_at => clearance::unchecked_aspects(proofs),
     }
 }
@@ -153,24 +152,24 @@ fn proof_value(plan: &Plan, proofs: &[Proof]) -> Value {
 /// The uncertainty budget: a row per parameter, a column per source.
 fn budget_value(parameters: &[Parameter]) -> Value {
     let mut sources: Vec<&BudgetLine> = Vec::new();
-    for line in parameters.iter().flat_map(|parameter_value| &parameter_value.budget) {
+    for line in parameters.iter().flat_map(|parameter| &parameter.budget) {
         if sources.iter().all(|known| known.source != line.source) {
             sources.push(line);
         }
     }
     let rows = parameters.iter().filter(|row| row.identifiable && !row.budget.is_empty());
     let rows: Vec<Value> = rows
-        .map(|parameter_value| {
-            let decimals = number::decimals_for(parameter_value.u);
+        .map(|parameter| {
+            let decimals = number::decimals_for_uncertainty(parameter.u);
             let share = |source: &&BudgetLine| {
-                let line = parameter_value.budget.iter().find(|line| line.source == source.source);
+                let line = parameter.budget.iter().find(|line| line.source == source.source);
                 line.map_or(String::new(), |line| number::format_fixed(line.u, decimals))
             };
             context! {
-                symbol => symbol_value(&parameter_value.symbol),
-                unit => number::unit_symbol(parameter_value.unit),
+                symbol => symbol_value(&parameter.symbol),
+                unit => number::unit_symbol(parameter.unit),
                 shares => sources.iter().map(share).collect::<Vec<_>>(),
-                u => number::format_fixed(parameter_value.u, decimals),
+                u => number::format_fixed(parameter.u, decimals),
             }
         })
         .collect();
@@ -191,13 +190,13 @@ fn evaluation_rows(sources: &[&BudgetLine]) -> Vec<Value> {
     };
     let or_nothing = |text: Option<&str>| text.unwrap_or_default().to_owned();
     vec![
-        row("Type", &|line| or_nothing(line.evaluation.map(EvaluationType::as_str))),
+        row("Type", &|line| or_nothing(line.evaluation_type.map(EvaluationType::as_str))),
         row("Distribution", &|line| or_nothing(line.distribution.map(Distribution::as_str))),
         row("Degrees of freedom", &|line| degrees_of_freedom(line.dof)),
     ]
 }
 
-fn fit_quality_rows(estimate: &Estimate) -> Rows {
+fn fit_quality_rows(estimate: &Estimate) -> NameTextRows {
     let mut rows = vec![
         ("Rank", format!("{} of {} unknowns", estimate.rank, estimate.unknowns)),
         ("Scaled condition number", number::format_fixed(estimate.condition, 2)),
@@ -210,16 +209,16 @@ fn fit_quality_rows(estimate: &Estimate) -> Rows {
     rows.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()
 }
 
-fn fact_rows(facts: &ReportFacts, priors: &[String]) -> Rows {
+fn fact_rows(facts: &ReportFacts, priors: &[String]) -> NameTextRows {
     let text = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     let mut rows = vec![
-        text("Run", &facts.run),
-        text("Started", &facts.started),
-        text("State", &facts.state),
-        text("Readings", &facts.readings.to_string()),
+        text("Run", &facts.run_id),
+        text("Started", &facts.start_time),
+        text("State", &facts.run_state),
+        text("Readings", &facts.reading_count.to_string()),
         text("trued", &facts.program_version),
     ];
-    rows.extend(facts.hashes.iter().map(|(what, hash)| (format!("SHA-256 of the {what}"), hash.clone())));
+    rows.extend(facts.sha256_by_item.iter().map(|(what, hash)| (format!("SHA-256 of the {what}"), hash.clone())));
     rows.extend(priors.iter().map(|hash| text("Earlier estimate used as known (SHA-256)", hash)));
     rows.retain(|(_, value)| !value.is_empty());
     rows

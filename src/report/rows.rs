@@ -1,4 +1,4 @@
 //! Rows of a table.
 
 /// Name and text of each row.
-pub type Rows = Vec<(String, String)>;
+pub type NameTextRows = Vec<(String, String)>;

@@ -3,22 +3,22 @@
 use std::collections::BTreeMap;
 
 use super::number::format_fixed;
-use super::rows::Rows;
+use super::rows::NameTextRows;
 use machine::record::reading::Reading;
 
 /// Decimals of a temperature in °C; thermometers at machines are not more accurate.
 const TEMPERATURE_DECIMALS: usize = 2;
 
 /// One row per thermometer with a value.
-pub fn temperature_rows(readings: &[Reading]) -> Rows {
-    let mut said = BTreeMap::<&str, Vec<f64>>::new();
+pub fn temperature_rows(readings: &[Reading]) -> NameTextRows {
+    let mut by_thermometer = BTreeMap::<&str, Vec<f64>>::new();
     // All samples of a scan have the temperature of the scan.
     for one in readings.chunk_by(|one, next| (one.step, one.repeat) == (next.step, next.repeat)) {
         for (name, celsius) in one.iter().take(1).flat_map(|first| first.temperatures_c.iter()) {
-            said.entry(name).or_default().push(celsius);
+            by_thermometer.entry(name).or_default().push(celsius);
         }
     }
-    said.into_iter().map(|(name, all)| (name.to_owned(), describe_temperatures(&all))).collect()
+    by_thermometer.into_iter().map(|(name, all)| (name.to_owned(), describe_temperatures(&all))).collect()
 }
 
 fn describe_temperatures(all: &[f64]) -> String {
@@ -39,7 +39,7 @@ fn describe_temperatures(all: &[f64]) -> String {
 mod tests {
     use super::*;
 
-    fn reading(step: u32, said: &[(&str, f64)]) -> Reading {
+    fn reading_with_temperatures(step: u32, said: &[(&str, f64)]) -> Reading {
         let all: BTreeMap<String, f64> = said.iter().map(|(name, celsius)| ((*name).to_owned(), *celsius)).collect();
         Reading {
             step,
@@ -56,12 +56,12 @@ mod tests {
     #[test]
     fn scan_counts_once_and_missing_temperatures_do_not_count() {
         let touches = [
-            reading(0, &[("spindle", 21.0), ("table", 20.0)]),
-            reading(1, &[("spindle", 24.5)]),
-            reading(2, &[("spindle", 22.0), ("table", 19.25)]),
-            reading(2, &[("spindle", 22.0), ("table", 19.25)]),
-            reading(2, &[("spindle", 22.0), ("table", 19.25)]),
-            reading(3, &[]),
+            reading_with_temperatures(0, &[("spindle", 21.0), ("table", 20.0)]),
+            reading_with_temperatures(1, &[("spindle", 24.5)]),
+            reading_with_temperatures(2, &[("spindle", 22.0), ("table", 19.25)]),
+            reading_with_temperatures(2, &[("spindle", 22.0), ("table", 19.25)]),
+            reading_with_temperatures(2, &[("spindle", 22.0), ("table", 19.25)]),
+            reading_with_temperatures(3, &[]),
         ];
         let rows = temperature_rows(&touches);
         let wanted = [

@@ -1,15 +1,15 @@
 use super::ErrorMap;
-use super::page::{ReportFacts, render};
+use super::page::{ReportFacts, render_result_page};
 use machine::record::estimate::*;
 use machine::record::plan::Plan;
 use machine::record::proof::{Clearance, Proof};
 
-const BUDGET_SOURCES: [(&str, f64); 4] =
+const BUDGET_SOURCES_WITH_U: [(&str, f64); 4] =
     [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
 
-fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
-    let budget = BUDGET_SOURCES.map(|(source, u)| serde_json::json!({"source": source, "u": scale * u}));
-    let u = scale * BUDGET_SOURCES.iter().map(|(_, u)| u * u).sum::<f64>().sqrt();
+fn parameter_with_budget(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
+    let budget = BUDGET_SOURCES_WITH_U.map(|(source, u)| serde_json::json!({"source": source, "u": scale * u}));
+    let u = scale * BUDGET_SOURCES_WITH_U.iter().map(|(_, u)| u * u).sum::<f64>().sqrt();
     serde_json::from_value(serde_json::json!({
         "symbol": symbol, "value": value, "unit": unit, "u": u, "U": 2.13 * u, "k": 2.13,
         "dof": 15.4, "identifiable": true, "budget": budget,
@@ -17,7 +17,7 @@ fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
     .unwrap()
 }
 
-fn harmonic_function(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> EstimatedFunction {
+fn harmonic_function(symbol: &str, harmonics: &[(f64, f64)], figure: FunctionFigureKind) -> EstimatedFunction {
     let x: Vec<f64> = (0..24).map(|n| f64::from(n) * 15.0).collect();
     let at = |x: &f64| {
         let turn = x.to_radians();
@@ -25,7 +25,7 @@ fn harmonic_function(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind)
     };
     EstimatedFunction {
         symbol: symbol.to_owned(),
-        argument: if figure == FigureKind::Polar { "θ" } else { "C" }.to_owned(),
+        argument: if figure == FunctionFigureKind::Polar { "θ" } else { "C" }.to_owned(),
         argument_unit: "deg".to_owned(),
         y: x.iter().map(at).collect(),
         u: x.iter().map(|x| 0.4 + 0.1 * x.to_radians().cos()).collect(),
@@ -39,14 +39,14 @@ fn harmonic_function(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind)
 /// An estimate as from the self-calibration of a rotary axis.
 fn example_estimate() -> Estimate {
     let total = [
-        harmonic_function("EXC_total", &[(0.0, 50.1), (1.0, 31.0), (2.0, 1.2)], FigureKind::Curve),
-        harmonic_function("EYC_total", &[(1.0, 27.0), (3.0, 0.8)], FigureKind::Curve),
+        harmonic_function("EXC_total", &[(0.0, 50.1), (1.0, 31.0), (2.0, 1.2)], FunctionFigureKind::Curve),
+        harmonic_function("EYC_total", &[(1.0, 27.0), (3.0, 0.8)], FunctionFigureKind::Curve),
     ];
     let axis = CircleFigure {
         symbol: "axis_position".to_owned(),
         unit: Unit::Um,
         x: total[0].y.clone(),
-        y: harmonic_function("", &[(1.0, 30.0)], FigureKind::Curve)
+        y: harmonic_function("", &[(1.0, 30.0)], FunctionFigureKind::Curve)
             .x
             .iter()
             .map(|x| 29.8 * x.to_radians().sin() - 30.0)
@@ -55,7 +55,7 @@ fn example_estimate() -> Estimate {
         radius: 30.6,
         centre_expanded: [4.1, 3.2],
     };
-    let mut lost = parameter("scale_xy", 0.0, Unit::UmPerM, 1.0);
+    let mut lost = parameter_with_budget("scale_xy", 0.0, Unit::UmPerM, 1.0);
     lost.identifiable = false;
     Estimate {
         trued_estimate: ESTIMATE_VERSION,
@@ -64,17 +64,17 @@ fn example_estimate() -> Estimate {
         coverage_percent: Some(95.45),
         trials: Some(10_000),
         parameters: vec![
-            parameter("EX0C", 49.873, Unit::Um, 1.0),
-            parameter("EY0C", -30.0041, Unit::Um, 1.05),
-            parameter("EXX1_minus_EYY1", 12.2, Unit::UmPerM, 21.0),
-            parameter("EC0Y", -8.31, Unit::Urad, 9.0),
+            parameter_with_budget("EX0C", 49.873, Unit::Um, 1.0),
+            parameter_with_budget("EY0C", -30.0041, Unit::Um, 1.05),
+            parameter_with_budget("EXX1_minus_EYY1", 12.2, Unit::UmPerM, 21.0),
+            parameter_with_budget("EC0Y", -8.31, Unit::Urad, 9.0),
             lost,
         ],
         functions: total
             .into_iter()
             .chain([
-                harmonic_function("E_radial", &[(2.0, 1.1), (3.0, 0.4)], FigureKind::Curve),
-                harmonic_function("W", &[(2.0, 2.1), (3.0, 0.9), (5.0, 0.3)], FigureKind::Polar),
+                harmonic_function("E_radial", &[(2.0, 1.1), (3.0, 0.4)], FunctionFigureKind::Curve),
+                harmonic_function("W", &[(2.0, 2.1), (3.0, 0.9), (5.0, 0.3)], FunctionFigureKind::Polar),
             ])
             .collect(),
         circles: vec![axis],
@@ -128,17 +128,17 @@ fn proof_of_step(step: u32, clearance_mm: f64) -> Proof {
 
 fn report_facts() -> ReportFacts {
     ReportFacts {
-        run: "12".to_owned(),
-        started: "2025-03-14T09:26:53Z".to_owned(),
-        state: "finished".to_owned(),
-        signed: Some(vec!["by Ada on 2025-03-15".to_owned()]),
-        readings: 96,
-        temperatures: vec![("spindle".to_owned(), "mean 20.13 °C".to_owned())],
-        story: vec![("10:02".to_owned(), "confirmed by Ada: the way is free".to_owned())],
+        run_id: "12".to_owned(),
+        start_time: "2025-03-14T09:26:53Z".to_owned(),
+        run_state: "finished".to_owned(),
+        signatures: Some(vec!["by Ada on 2025-03-15".to_owned()]),
+        reading_count: 96,
+        temperature_rows: vec![("spindle".to_owned(), "mean 20.13 °C".to_owned())],
+        events_with_times: vec![("10:02".to_owned(), "confirmed by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),
-        hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
-        proofs: vec![proof_of_step(0, 2.25), proof_of_step(0, 1.26)],
-        volume: None,
+        sha256_by_item: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
+        stage_proofs: vec![proof_of_step(0, 2.25), proof_of_step(0, 1.26)],
+        volume_texts_and_maps: None,
     }
 }
 
@@ -147,7 +147,7 @@ fn report_facts() -> ReportFacts {
 #[test]
 fn failed_parameters_are_named() {
     let mut estimate = example_estimate();
-    let page = |estimate: &Estimate| render(&plan("mill"), estimate, &report_facts()).unwrap();
+    let page = |estimate: &Estimate| render_result_page(&plan("mill"), estimate, &report_facts()).unwrap();
     assert!(!page(&estimate).contains("Probability of conformity"));
     estimate.verdict = Verdict::Fail;
     estimate.decision_rule = Some("guard bands".to_owned());
@@ -166,8 +166,8 @@ fn failed_parameters_are_named() {
 fn volume_maps_are_drawn() {
     let map = ErrorMap {
         title: "X and Y, at Z 300 mm".to_owned(),
-        horizontal: ("X, mm".to_owned(), vec![-100.0, 0.0, 100.0]),
-        vertical: ("Y, mm".to_owned(), vec![-50.0, 50.0]),
+        horizontal_axis: ("X, mm".to_owned(), vec![-100.0, 0.0, 100.0]),
+        vertical_axis: ("Y, mm".to_owned(), vec![-50.0, 50.0]),
         panels: [
             ("error, µm".to_owned(), vec![vec![11.0, 22.0, 33.0], vec![44.0, 55.0, f64::NAN]]),
             ("left, µm".to_owned(), vec![vec![71.0; 3], vec![72.0; 3]]),
@@ -175,7 +175,12 @@ fn volume_maps_are_drawn() {
     };
     assert_eq!(map.max_value(), 72.0);
     let volume = Some((vec!["largest 55 µm".to_owned()], vec![map]));
-    let page = render(&plan("mill 3"), &example_estimate(), &ReportFacts { volume, ..report_facts() }).unwrap();
+    let page = render_result_page(
+        &plan("mill 3"),
+        &example_estimate(),
+        &ReportFacts { volume_texts_and_maps: volume, ..report_facts() },
+    )
+    .unwrap();
     for words in ["Position error of the tool", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"] {
         assert!(page.contains(words), "{words}");
     }
@@ -187,13 +192,13 @@ fn volume_maps_are_drawn() {
 #[test]
 fn page_has_all_sections() {
     let estimate = example_estimate();
-    let page = render(&plan("mill 3"), &estimate, &report_facts()).unwrap();
+    let page = render_result_page(&plan("mill 3"), &estimate, &report_facts()).unwrap();
     let symbols = estimate.parameters.iter().map(|p| &p.symbol);
     let symbols = symbols.chain(estimate.functions.iter().map(|f| &f.symbol));
     for symbol in symbols.chain(estimate.circles.iter().map(|circle| &circle.symbol)) {
         assert!(page.contains(&format!("title=\"{symbol}\"")), "{symbol}");
     }
-    let hash = report_facts().hashes[0].1.clone();
+    let hash = report_facts().sha256_by_item[0].1.clone();
     for text in [
         "mill 3",
         "<th scope=\"row\">spindle</th><td>mean 20.13 °C</td>",
@@ -244,7 +249,7 @@ fn estimate_with_arrows() -> Estimate {
             symbol: "residuals".to_owned(),
             unit: Unit::Um,
             groups,
-            figure: VectorKind::Arrows,
+            figure: VectorFigureKind::Arrows,
         }],
         weakest: Some("EX0S together with tool_x".to_owned()),
         covariance: Covariance {
@@ -257,7 +262,7 @@ fn estimate_with_arrows() -> Estimate {
 
 #[test]
 fn correlations_and_residuals_are_on_the_page() {
-    let page = render(&plan("mill"), &estimate_with_arrows(), &report_facts()).unwrap();
+    let page = render_result_page(&plan("mill"), &estimate_with_arrows(), &report_facts()).unwrap();
     for text in [
         "EX0S together with tool_x",
         "<h3>Above ±0.5</h3>",
@@ -272,7 +277,7 @@ fn correlations_and_residuals_are_on_the_page() {
     // Six figures as without vectors, the matrix, and a picture of each group, also of the group without
     // arrows.
     assert_eq!(page.matches("<svg").count(), 6 + 1 + 3);
-    let without = render(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
+    let without = render_result_page(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
     for absent in ["Correlation of the results", "Weakest combination of parameters", "Views from above"] {
         assert!(page.contains(absent) && !without.contains(absent), "{absent}");
     }
@@ -283,7 +288,7 @@ fn balls_are_described() {
     let mut plan = plan("mill");
     let ball =
         |id: &str, radius_mm: f64| serde_json::json!({"id": id, "centre_mm": [0, 0, 60], "radius_mm": radius_mm});
-    let told = |plan: &Plan| render(plan, &example_estimate(), &report_facts()).unwrap();
+    let told = |plan: &Plan| render_result_page(plan, &example_estimate(), &report_facts()).unwrap();
     plan.artefact = serde_json::from_value(serde_json::json!({
         "kind": "balls", "balls": [ball("1", 12.5), ball("2", 15.0)],
         "lengths": [{"from": "1", "to": "2", "mm": 304.8, "u_mm": 1e-4}],
@@ -307,7 +312,7 @@ fn sensor_is_described_instead_of_the_stylus() {
     step.kind = machine::record::plan::StepKind::Reference;
     step.scan = Some(serde_json::from_value(scan).unwrap());
     plan.steps = vec![step];
-    let page = render(&plan, &example_estimate(), &report_facts()).unwrap();
+    let page = render_result_page(&plan, &example_estimate(), &report_facts()).unwrap();
     for text in ["Sensor laser", "range -10 to 10 mm, noise 0.5 µm declared", "reference scans: 1"] {
         assert!(page.contains(text), "{text}");
     }
@@ -316,7 +321,7 @@ fn sensor_is_described_instead_of_the_stylus() {
 
 #[test]
 fn page_needs_no_other_file() {
-    let page = render(&plan("mill"), &estimate_with_arrows(), &report_facts()).unwrap();
+    let page = render_result_page(&plan("mill"), &estimate_with_arrows(), &report_facts()).unwrap();
     for foreign in ["{{", "{%", "<script", "src=", "href=", "url(", "@import", "NaN", " inf"] {
         assert!(!page.contains(foreign), "{foreign}");
     }
@@ -335,8 +340,8 @@ fn names_are_escaped() {
     estimate.functions[0].symbol = hostile.to_owned();
     estimate.functions[0].argument = hostile.to_owned();
     estimate.circles[0].symbol = hostile.to_owned();
-    let facts = ReportFacts { run: hostile.to_owned(), ..report_facts() };
-    let page = render(&plan(hostile), &estimate, &facts).unwrap();
+    let facts = ReportFacts { run_id: hostile.to_owned(), ..report_facts() };
+    let page = render_result_page(&plan(hostile), &estimate, &facts).unwrap();
     assert!(!page.contains("<script") && !page.contains("\" onload"));
     assert!(page.contains("&lt;script&gt;"));
 }
@@ -350,18 +355,18 @@ fn empty_estimate_has_a_page() {
     estimate.circles.clear();
     estimate.warnings.clear();
     estimate.verdict = Verdict::Undecided;
-    let page = render(&plan("mill"), &estimate, &ReportFacts::default()).unwrap();
+    let page = render_result_page(&plan("mill"), &estimate, &ReportFacts::default()).unwrap();
     assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
     assert!(!page.contains("Warnings") && !page.contains("Events during the run") && !page.contains("<svg"));
 }
 
 /// All values of the first quantity are at the top, or two values of different quantities.
 #[test]
-fn headline_shows_one_quantity() {
+fn headline_shows_the_first_quantity_or_two_values() {
     let cards = |symbols: &[&str]| {
-        let parameters = symbols.iter().map(|s| parameter(s, 1.0, Unit::Um, 1.0)).collect();
+        let parameters = symbols.iter().map(|s| parameter_with_budget(s, 1.0, Unit::Um, 1.0)).collect();
         let estimate = Estimate { parameters, ..example_estimate() };
-        let page = render(&plan("mill"), &estimate, &report_facts()).unwrap();
+        let page = render_result_page(&plan("mill"), &estimate, &report_facts()).unwrap();
         page.matches("<div class=\"key\">").count()
     };
     assert_eq!(cards(&["EXC_range", "EYC_range", "EZC_range", "EXC_c1", "EXC_s1"]), 3);
@@ -373,12 +378,12 @@ fn headline_shows_one_quantity() {
 /// ±1.1 µm about the least-squares circle centre: the second harmonic alone.
 #[test]
 fn an_error_motion_figure_states_its_value() {
-    let motion = harmonic_function("EXC", &[(2.0, 1.1), (1.0, 5.0)], FigureKind::Polar);
+    let motion = harmonic_function("EXC", &[(2.0, 1.1), (1.0, 5.0)], FunctionFigureKind::Polar);
     let estimate = Estimate { functions: vec![motion], ..example_estimate() };
-    let page = render(&plan("mill"), &estimate, &report_facts()).unwrap();
+    let page = render_result_page(&plan("mill"), &estimate, &report_facts()).unwrap();
     let text = "error motion value 2.20 µm: distance of the circles about the least-squares circle \
                 centre (cross)";
     assert!(page.contains(text), "{page}");
-    let without = render(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
+    let without = render_result_page(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
     assert!(!without.contains("error motion value"));
 }

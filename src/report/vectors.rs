@@ -4,14 +4,14 @@ use minijinja::{Value, context};
 
 use super::figure;
 use super::number;
-use machine::record::estimate::{Arrow, ArrowFigure, VectorKind};
+use machine::record::estimate::{Arrow, ArrowFigure, VectorFigureKind};
 
-pub(super) fn vector_figure(figure: &ArrowFigure) -> Value {
+pub(super) fn vector_figure_value(figure: &ArrowFigure) -> Value {
     let common = figure::ArrowScales::new(figure);
     let groups = figure.groups.iter().map(|group| {
         let drawn = common.as_ref().and_then(|common| match figure.figure {
-            VectorKind::Arrows => common.draw(group),
-            VectorKind::Paths => common.draw_path(group),
+            VectorFigureKind::Arrows => common.draw(group),
+            VectorFigureKind::Paths => common.draw_path(group),
         });
         context! {
             name => group.name.as_str(),
@@ -22,7 +22,7 @@ pub(super) fn vector_figure(figure: &ArrowFigure) -> Value {
         let flagged = group.arrows.iter().filter(|arrow| arrow.flagged);
         flagged.map(|arrow| describe_arrow(figure, &group.name, arrow))
     });
-    let (base, index) = number::split_symbol(&figure.symbol);
+    let (base, index) = number::split_into_base_and_index(&figure.symbol);
     context! {
         symbol => context! { plain => figure.symbol.as_str(), base, index },
         groups => groups.collect::<Vec<_>>(),

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use super::position_assignment::{PositionedSamples, REST_TOLERANCE_MM_OR_RAD, limit_rate};
+use super::position_assignment::{PositionedSamples, REST_TOLERANCE_MM_OR_RAD, limit_sample_rate};
 use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::{Axis, Position};
@@ -14,29 +14,29 @@ const MAX_COUNTED_TURN_DEVIATION_DEG: f64 = 0.05;
 /// Maximum time between the acquisition of a sample and its arrival.
 const MAX_SAMPLE_ARRIVAL_DELAY_S: f64 = 0.1;
 /// Minimum ratio of a jump to the median step between two samples.
-const MIN_JUMP_RATIO: f64 = 20.0;
+const MIN_JUMP_TO_MEDIAN_STEP_RATIO: f64 = 20.0;
 
 /// One turn as one sensor measured it.
 pub(super) struct CountedTurn<'a> {
-    pub scale: EncoderScale,
+    pub encoder_scale: EncoderScale,
     /// Positions that the control reports at rest, before and after the turn.
-    pub rest_positions: [&'a Position; 2],
+    pub rest_positions_before_and_after: [&'a Position; 2],
     /// Sample at rest before the turn.
-    pub first_sample: Sample,
+    pub sample_before_turn: Sample,
     /// Maximum speed of the axis.
-    pub speed_deg_s: f64,
+    pub max_speed_deg_s: f64,
 }
 
 /// Reason why the counts of a turn do not match its axis.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum CountFault {
+pub enum EncoderCountFault {
     #[error("the count of the encoder stayed at {count} while {axis} turned by {turned_deg:.3}°")]
     Stuck { axis: Axis, count: u32, turned_deg: f64 },
     #[error(
         "{axis} turned by {counted_deg:.3}° according to the encoder, but by {turned_deg:.3}° according to \
         the control: a ratio of {:.4}", counted_deg / turned_deg
     )]
-    Ratio { axis: Axis, counted_deg: f64, turned_deg: f64, counts_per_turn: i64 },
+    TurnedAngleMismatch { axis: Axis, counted_deg: f64, turned_deg: f64, counts_per_turn: i64 },
     #[error(
         "the count of the encoder jumps by {jump_deg:.3}° at {axis} = {at_deg:.3}°, more than {axis} turns \
         between two samples"
@@ -44,7 +44,7 @@ pub enum CountFault {
     Jump { axis: Axis, at_deg: f64, jump_deg: f64 },
 }
 
-impl CountFault {
+impl EncoderCountFault {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
@@ -53,7 +53,7 @@ impl CountFault {
                 `encoder_count` of the sensor with the manual of the sensor"
                     .to_owned()
             }
-            Self::Ratio { counted_deg, turned_deg, counts_per_turn, .. } => {
+            EncoderCountFault::TurnedAngleMismatch { counted_deg, turned_deg, counts_per_turn, .. } => {
                 let stated = *counts_per_turn as f64;
                 let is_reversed = (counted_deg + turned_deg).abs() <= MAX_COUNTED_TURN_DEVIATION_DEG;
                 let ratio = if is_reversed { -1.0 } else { counted_deg / turned_deg };
@@ -73,8 +73,8 @@ impl CountFault {
     }
 }
 
-/// Angle by which the axis turned between two consecutive samples, rad.
-pub(super) fn rotation_rad(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<f64> {
+/// Angle by which the axis turned between two consecutive samples, rad; `None` if one of them has no count.
+pub(super) fn rotation_between_samples_rad(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<f64> {
     counts_between(scale, from, to).map(|counts| counts_to_rad(scale, counts))
 }
 
@@ -95,10 +95,10 @@ impl CountedTurn<'_> {
     ///
     /// # Errors
     /// The counts do not match the axis; no sample of the turn gets a position.
-    pub fn assign_positions(&self, samples: &[Sample], rate_hz: f64) -> Result<PositionedSamples, CountFault> {
-        let axis = self.scale.encoder.axis;
-        let [start, end] = self.rest_positions;
-        let angles = self.angles(samples)?;
+    pub fn assign_positions(&self, samples: &[Sample], rate_hz: f64) -> Result<PositionedSamples, EncoderCountFault> {
+        let axis = self.encoder_scale.encoder.axis;
+        let [start, end] = self.rest_positions_before_and_after;
+        let angles = self.samples_with_angles_rad(samples)?;
         let is_off = |(_, angle): &(Sample, f64), rest: &Position| {
             (angle - rest.get_or_zero(axis)).abs() > REST_TOLERANCE_MM_OR_RAD
         };
@@ -106,31 +106,31 @@ impl CountedTurn<'_> {
         let end_index = angles.iter().rposition(|sample| is_off(sample, end)).unwrap_or_default();
         let moving = angles.iter().take(end_index + 2).skip(start_index.saturating_sub(1));
         let place = |(sample, angle): &(Sample, f64)| (*sample, Some(start.clone().with(axis, *angle)));
-        Ok(limit_rate(&moving.map(place).collect::<Vec<_>>(), rate_hz))
+        Ok(limit_sample_rate(&moving.map(place).collect::<Vec<_>>(), rate_hz))
     }
 
     /// Samples that carry a count, with the angle of each, rad.
-    fn angles(&self, samples: &[Sample]) -> Result<Vec<(Sample, f64)>, CountFault> {
-        let start = self.rest_positions[0].get_or_zero(self.scale.encoder.axis);
-        let (mut count, mut last) = (0, self.first_sample);
+    fn samples_with_angles_rad(&self, samples: &[Sample]) -> Result<Vec<(Sample, f64)>, EncoderCountFault> {
+        let start = self.rest_positions_before_and_after[0].get_or_zero(self.encoder_scale.encoder.axis);
+        let (mut count, mut last) = (0, self.sample_before_turn);
         let mut counted = vec![(last, 0)];
         for sample in samples {
-            let Some(step) = counts_between(self.scale, &last, sample) else { continue };
+            let Some(step) = counts_between(self.encoder_scale, &last, sample) else { continue };
             (count, last) = (count + step, *sample);
             counted.push((last, count));
         }
-        self.check_steps(&counted)?;
-        self.check_end_at_standstill(&counted)?;
+        self.check_for_jumps(&counted)?;
+        self.check_turned_angle_at_rest(&counted)?;
         let angle = |(sample, count): (Sample, i64)| (sample, start + self.counts_to_rad(count));
         Ok(counted.into_iter().skip(1).map(angle).collect())
     }
 
     fn counts_to_rad(&self, counts: i64) -> f64 {
-        counts_to_rad(self.scale, counts)
+        counts_to_rad(self.encoder_scale, counts)
     }
 
     /// Checks for jumps. A wrong scale makes all steps longer and is not a jump.
-    fn check_steps(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
+    fn check_for_jumps(&self, counted: &[(Sample, i64)]) -> Result<(), EncoderCountFault> {
         let of_a_sample =
             |step: i64, sample: &Sample| step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing_count));
         let steps = || counted.windows(2).filter_map(|pair| Some((pair.first()?, pair.last()?)));
@@ -138,35 +138,37 @@ impl CountedTurn<'_> {
             steps().map(|(from, to)| of_a_sample(to.1 - from.1, &to.0)).filter(|length| *length > 0.0).collect();
         lengths.sort_by(f64::total_cmp);
         let median = lengths.get(lengths.len() / 2).copied().unwrap_or_default();
-        let axis = self.scale.encoder.axis;
+        let axis = self.encoder_scale.encoder.axis;
         for (from, to) in steps() {
-            let (step, passed_s) = (to.1 - from.1, (to.0.t_s - from.0.t_s).max(0.0));
+            let (step, passed_s) = (to.1 - from.1, (to.0.received_s - from.0.received_s).max(0.0));
             let jump_deg = self.counts_to_rad(step).to_degrees();
-            if jump_deg.abs() > self.speed_deg_s * (passed_s + MAX_SAMPLE_ARRIVAL_DELAY_S)
-                && of_a_sample(step, &to.0) > MIN_JUMP_RATIO * median
+            if jump_deg.abs() > self.max_speed_deg_s * (passed_s + MAX_SAMPLE_ARRIVAL_DELAY_S)
+                && of_a_sample(step, &to.0) > MIN_JUMP_TO_MEDIAN_STEP_RATIO * median
             {
-                let at_deg = axis.to_mm_or_deg(self.rest_positions[0].get_or_zero(axis) + self.counts_to_rad(from.1));
-                return Err(CountFault::Jump { axis, at_deg, jump_deg });
+                let at_deg = axis.to_mm_or_deg(
+                    self.rest_positions_before_and_after[0].get_or_zero(axis) + self.counts_to_rad(from.1),
+                );
+                return Err(EncoderCountFault::Jump { axis, at_deg, jump_deg });
             }
         }
         Ok(())
     }
 
     /// Checks that counts and control agree at rest after the turn.
-    fn check_end_at_standstill(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
-        let axis = self.scale.encoder.axis;
-        let [start, end] = self.rest_positions.map(|rest| rest.get_or_zero(axis));
+    fn check_turned_angle_at_rest(&self, counted: &[(Sample, i64)]) -> Result<(), EncoderCountFault> {
+        let axis = self.encoder_scale.encoder.axis;
+        let [start, end] = self.rest_positions_before_and_after.map(|rest| rest.get_or_zero(axis));
         let turned_deg = (end - start).to_degrees();
         let counted_deg = counted.last().map_or(0.0, |(_, count)| self.counts_to_rad(*count).to_degrees());
         if (counted_deg - turned_deg).abs() <= MAX_COUNTED_TURN_DEVIATION_DEG {
             return Ok(());
         }
         if counted.iter().all(|(_, count)| count.abs() <= 1) {
-            let count = self.first_sample.encoder_count.unwrap_or_default();
-            return Err(CountFault::Stuck { axis, count, turned_deg });
+            let count = self.sample_before_turn.encoder_count.unwrap_or_default();
+            return Err(EncoderCountFault::Stuck { axis, count, turned_deg });
         }
-        let counts_per_turn = self.scale.encoder.counts_per_turn;
-        Err(CountFault::Ratio { axis, counted_deg, turned_deg, counts_per_turn })
+        let counts_per_turn = self.encoder_scale.encoder.counts_per_turn;
+        Err(EncoderCountFault::TurnedAngleMismatch { axis, counted_deg, turned_deg, counts_per_turn })
     }
 }
 
@@ -178,47 +180,51 @@ mod tests {
 
     /// A turn by 400° from -8° within 10 s, with one second at rest before and after it, at 200 samples per
     /// second.
-    fn angle_deg(number: u32) -> f64 {
+    fn angle_of_sample_deg(number: u32) -> f64 {
         -8.0 + (f64::from(number) - 200.0).clamp(0.0, 2000.0) * 0.2
     }
 
-    /// Count of an encoder with `per_turn` counts per turn whose counter wraps at `round`.
-    fn counter_value(angle_deg: f64, per_turn: i64, round: u64) -> u32 {
-        let count = (angle_deg * per_turn as f64 / 360.0).floor() as i64 + 1_000_003;
-        count.rem_euclid(round as i64) as u32
+    /// Count of an encoder with `counts_per_turn` counts per turn whose counter wraps at `wrap_count`.
+    fn counter_value(angle_deg: f64, counts_per_turn: i64, wrap_count: u64) -> u32 {
+        let count = (angle_deg * counts_per_turn as f64 / 360.0).floor() as i64 + 1_000_003;
+        count.rem_euclid(wrap_count as i64) as u32
     }
 
     fn samples_of_turn(count: impl Fn(f64) -> u32) -> Vec<Sample> {
         let sample = |number: u32| Sample {
-            t_s: f64::from(number) / 200.0,
-            value_mm: Some(angle_deg(number)),
+            received_s: f64::from(number) / 200.0,
+            value_mm: Some(angle_of_sample_deg(number)),
             flag: ReadingFlag::None,
             missing_count: 0,
-            encoder_count: Some(count(angle_deg(number))),
+            encoder_count: Some(count(angle_of_sample_deg(number))),
         };
         (0..2400).map(sample).collect()
     }
 
-    /// Result for an encoder declared with `per_turn` and `round`.
-    fn assign_turn_positions(samples: &[Sample], per_turn: i64, round: u64) -> Result<PositionedSamples, CountFault> {
+    /// Result for an encoder declared with `counts_per_turn` and `wrap_count`.
+    fn assign_turn_positions(
+        samples: &[Sample],
+        counts_per_turn: i64,
+        wrap_count: u64,
+    ) -> Result<PositionedSamples, EncoderCountFault> {
         let rest = |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.to_mm_or_rad(deg));
         let turn = CountedTurn {
-            scale: EncoderScale { encoder: Encoder { axis: Axis::C, counts_per_turn: per_turn }, wrap_count: round },
-            rest_positions: [&rest(-8.0), &rest(392.0)],
-            first_sample: samples[0],
-            speed_deg_s: 40.0,
+            encoder_scale: EncoderScale { encoder: Encoder { axis: Axis::C, counts_per_turn }, wrap_count },
+            rest_positions_before_and_after: [&rest(-8.0), &rest(392.0)],
+            sample_before_turn: samples[0],
+            max_speed_deg_s: 40.0,
         };
         turn.assign_positions(&samples[1..], f64::INFINITY)
     }
 
     /// Counters of 16, 24 and 32 bits and of one turn, with both signs.
     #[test]
-    fn restarted_counter_is_followed_in_both_directions() {
+    fn counter_wraps_are_followed_in_both_directions() {
         for round in [1 << 16, 1 << 24, 1 << 32, 90_000] {
             for per_turn in [90_000, -90_000] {
                 let samples = samples_of_turn(|deg| counter_value(deg, per_turn, round));
                 let placed = assign_turn_positions(&samples, per_turn, round).unwrap();
-                assert_eq!((placed.without_position, placed.dropped_by_rate), (0, 0));
+                assert_eq!((placed.without_position_count, placed.dropped_by_rate_count), (0, 0));
                 assert!((1990..2010).contains(&placed.samples.len()), "{}", placed.samples.len());
                 for (sample, position) in &placed.samples {
                     let off_deg = position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();
@@ -230,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_samples_shift_no_other_sample() {
+    fn missing_samples_do_not_shift_the_last_position() {
         let mut samples = samples_of_turn(|deg| counter_value(deg, 90_000, 1 << 16));
         samples.drain(900..960);
         samples[900].missing_count = 60;
@@ -240,7 +246,7 @@ mod tests {
         assert!(off_deg.abs() < 0.005, "{off_deg}");
     }
 
-    fn count_fault(samples: &[Sample], per_turn: i64, round: u64) -> (CountFault, String) {
+    fn fault_and_message(samples: &[Sample], per_turn: i64, round: u64) -> (EncoderCountFault, String) {
         let fault = assign_turn_positions(samples, per_turn, round).unwrap_err();
         (fault.clone(), format!("{fault}\n  -> {}", fault.remedy()))
     }
@@ -248,24 +254,24 @@ mod tests {
     #[test]
     fn wrong_sign_and_wrong_counts_per_turn_are_reported_with_their_ratio() {
         let right = samples_of_turn(|deg| counter_value(deg, -90_000, 1 << 32));
-        let (_, text) = count_fault(&right, 90_000, 1 << 32);
+        let (_, text) = fault_and_message(&right, 90_000, 1 << 32);
         assert!(text.contains("a ratio of -1.0000") && text.contains("= -90000 in"), "{text}");
-        let (_, text) = count_fault(&right, -72_000, 1 << 32);
+        let (_, text) = fault_and_message(&right, -72_000, 1 << 32);
         assert!(text.contains("turned by 500.0") && text.contains("a ratio of 1.2500"), "{text}");
         assert!(text.contains("counts_per_turn = -90000 in [encoder] instead of -72000"), "{text}");
-        let (_, text) = count_fault(&right, -90, 1 << 32);
+        let (_, text) = fault_and_message(&right, -90, 1 << 32);
         assert!(text.contains("a ratio of 1000.0"), "{text}");
         // 100 of 90000 counts are lost.
         let lost = |deg: f64| counter_value(deg, 90_000, 1 << 32) - if deg > 100.0 { 100 } else { 0 };
-        let (_, text) = count_fault(&samples_of_turn(lost), 90_000, 1 << 32);
+        let (_, text) = fault_and_message(&samples_of_turn(lost), 90_000, 1 << 32);
         assert!(text.contains("a ratio of 0.9990") && text.contains("counts are lost"), "{text}");
     }
 
     #[test]
     fn stuck_counter_is_reported() {
         let dither = |deg: f64| 4711 + u32::from(deg.rem_euclid(1.0) > 0.5);
-        let (fault, text) = count_fault(&samples_of_turn(dither), 90_000, 1 << 16);
-        assert!(matches!(fault, CountFault::Stuck { .. }), "{fault:?}");
+        let (fault, text) = fault_and_message(&samples_of_turn(dither), 90_000, 1 << 16);
+        assert!(matches!(fault, EncoderCountFault::Stuck { .. }), "{fault:?}");
         assert!(text.contains("stayed at 4711 while C turned by 400.000°"), "{text}");
     }
 
@@ -275,11 +281,11 @@ mod tests {
             let count = counter_value(deg, 90_000, 1 << 24);
             if (120.0..121.0).contains(&deg) { count + 20_000 } else { count }
         };
-        let (_, text) = count_fault(&samples_of_turn(spike), 90_000, 1 << 24);
+        let (_, text) = fault_and_message(&samples_of_turn(spike), 90_000, 1 << 24);
         assert!(text.contains("jumps by 80.") && text.contains("at C = 119.8"), "{text}");
         // A 16-bit counter declared as 24 bits.
         let narrow = samples_of_turn(|deg| counter_value(deg, 90_000, 1 << 16));
-        let (fault, _) = count_fault(&narrow, 90_000, 1 << 24);
-        assert!(matches!(fault, CountFault::Jump { .. }), "{fault:?}");
+        let (fault, _) = fault_and_message(&narrow, 90_000, 1 << 24);
+        assert!(matches!(fault, EncoderCountFault::Jump { .. }), "{fault:?}");
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::identify::{IdentificationError, identify, judge_estimate, store_identification};
+use super::identify::{IdentificationError, identify_until_halted, judge_estimate, store_identification};
 use super::qualification::{QualificationError, add_qualification};
 use super::{PromptAnswerSource, Run, RunError};
 use crate::setup::{Devices, MachineFile};
@@ -20,10 +20,10 @@ pub enum CycleError {
     /// The measurement is incomplete. `has_moved`: the machine has moved; `is_resumed`: the run was interrupted
     /// before; `can_resume`: its references were measured.
     #[error("{error}")]
-    Run { run: RunId, error: RunError, has_moved: bool, is_resumed: bool, can_resume: bool },
+    MeasurementIncomplete { run: RunId, error: RunError, has_moved: bool, is_resumed: bool, can_resume: bool },
     /// All readings are measured and stored.
     #[error("{why}")]
-    Identification { run: RunId, why: IdentificationError },
+    NotIdentified { run: RunId, why: IdentificationError },
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The probe lacks the qualification that the run requires. The run has not begun.
@@ -35,19 +35,19 @@ impl CycleError {
     /// Whether the machine holds where it was stopped until an operator decides.
     pub fn holds_machine(&self) -> bool {
         match self {
-            Self::Run { error, has_moved, is_resumed, .. } => {
-                !error.closes_run() && (*has_moved || *is_resumed || error.is_stop())
+            CycleError::MeasurementIncomplete { error, has_moved, is_resumed, .. } => {
+                !error.closes_run() && (*has_moved || *is_resumed || error.is_requested_stop())
             }
             // No motion follows the last reading.
-            Self::Identification { .. } | Self::Store(_) | Self::Qualification(_) => false,
+            CycleError::NotIdentified { .. } | Self::Store(_) | Self::Qualification(_) => false,
         }
     }
 
     /// Whether a person requested the stop.
-    pub fn is_stop(&self) -> bool {
+    pub fn is_requested_stop(&self) -> bool {
         match self {
-            Self::Run { error, .. } => error.is_stop(),
-            Self::Identification { why, .. } => matches!(why, IdentificationError::Stopped),
+            CycleError::MeasurementIncomplete { error, .. } => error.is_requested_stop(),
+            CycleError::NotIdentified { why, .. } => matches!(why, IdentificationError::Stopped),
             Self::Store(_) | Self::Qualification(_) => false,
         }
     }
@@ -55,12 +55,12 @@ impl CycleError {
 
 /// Input of a measurement cycle.
 pub struct Cycle<'a> {
-    pub machine: &'a MachineFile,
+    pub machine_file: &'a MachineFile,
     pub method: Arc<dyn Method>,
     /// Plan with machine, probe and priors, but without steps.
-    pub plan: Plan,
+    pub plan_without_steps: Plan,
     /// Source of the answers to prompts.
-    pub answers: PromptAnswerSource,
+    pub prompt_answer_source: PromptAnswerSource,
 }
 
 impl Cycle<'_> {
@@ -76,15 +76,15 @@ impl Cycle<'_> {
         on_start: impl FnOnce(RunId),
         on_event: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
-        let Self { machine, method, plan, answers } = self;
+        let Self { machine_file: machine, method, plan_without_steps: plan, prompt_answer_source: answers } = self;
         let plan = add_qualification(method.as_ref(), plan, journal, Timestamp::now())?;
-        let new = NewRun { config: machine.text().to_owned(), plan: plan.clone() };
+        let new = NewRun { machine_file_text: machine.text().to_owned(), plan: plan.clone() };
         let id = journal.begin_run(&new).await?;
         on_start(id);
         let run = Run::new(id, method.as_ref(), devices, journal, plan, on_event);
-        let mut run = run.with_answers(answers);
+        let mut run = run.with_prompt_answer_source(answers);
         let ended = run.execute().await;
-        let estimate = conclude_run(run, ended, &method, &machine.parameter_limits).await?;
+        let estimate = identify_judge_and_store(run, ended, &method, &machine.parameter_limits).await?;
         Ok((id, estimate))
     }
 }
@@ -94,7 +94,7 @@ impl Cycle<'_> {
 ///
 /// # Errors
 /// The error in `ended`, or the reason why the run is not identified.
-pub async fn conclude_run(
+pub async fn identify_judge_and_store(
     run: Run<'_>,
     ended: Result<(), RunError>,
     method: &Arc<dyn Method>,
@@ -103,12 +103,12 @@ pub async fn conclude_run(
     let can_resume = run.can_resume();
     let Run { id, plan, readings, has_moved, is_resumed, on_event, journal, devices, .. } = run;
     if let Err(error) = ended {
-        return Err(CycleError::Run { run: id, error, has_moved, is_resumed, can_resume });
+        return Err(CycleError::MeasurementIncomplete { run: id, error, has_moved, is_resumed, can_resume });
     }
     let text = format!("computing the estimate from {} readings", readings.len());
     on_event(&Event::Announced { text });
-    let found = identify(method, plan, readings, &devices.controller.halt_handle()).await;
+    let found = identify_until_halted(method, plan, readings, &devices.controller.halt_handle()).await;
     let found = found.map(|estimate| judge_estimate(estimate, tolerance));
     let stored = store_identification(journal, id, found).await;
-    stored.map_err(|why| CycleError::Identification { run: id, why })
+    stored.map_err(|why| CycleError::NotIdentified { run: id, why })
 }

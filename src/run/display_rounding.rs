@@ -3,24 +3,25 @@
 use machine::{Axis, Position};
 
 /// Step of the display of such controls: a thousandth, mm or degrees.
-const DISPLAY_STEP: f64 = 1e-3;
+const DISPLAY_STEP_MM_OR_DEG: f64 = 1e-3;
 /// Maximum distance to a multiple of the step, in steps: the error of binary rounding.
-const ROUNDING_TOLERANCE: f64 = 1e-6;
+const ROUNDING_TOLERANCE_STEPS: f64 = 1e-6;
 /// Maximum difference from the commanded position, in steps: half a step plus the rounding of the written
 /// command.
-const MAX_COMMAND_DIFFERENCE: f64 = 0.56;
+const MAX_COMMAND_DIFFERENCE_STEPS: f64 = 0.56;
 
-/// The position `told` by the control. If the value of an axis is the rounded command, the command replaces it,
+/// The position `displayed` by the control. If the value of an axis is the rounded command, the command replaces it,
 /// as it is more precise. Any other value is kept.
-pub(super) fn undo_display_rounding(told: &Position, commanded: &Position) -> Position {
+pub(super) fn undo_display_rounding(displayed: &Position, commanded: &Position) -> Position {
     let finer = |(axis, at): (Axis, f64)| {
-        let steps = axis.to_mm_or_deg(at) / DISPLAY_STEP;
-        let coarse = (steps - steps.round()).abs() < ROUNDING_TOLERANCE;
-        let near =
-            |meant: &f64| coarse && (axis.to_mm_or_deg(*meant) / DISPLAY_STEP - steps).abs() < MAX_COMMAND_DIFFERENCE;
+        let steps = axis.to_mm_or_deg(at) / DISPLAY_STEP_MM_OR_DEG;
+        let coarse = (steps - steps.round()).abs() < ROUNDING_TOLERANCE_STEPS;
+        let near = |meant: &f64| {
+            coarse && (axis.to_mm_or_deg(*meant) / DISPLAY_STEP_MM_OR_DEG - steps).abs() < MAX_COMMAND_DIFFERENCE_STEPS
+        };
         (axis, commanded.get(axis).filter(near).unwrap_or(at))
     };
-    told.iter().map(finer).collect()
+    displayed.iter().map(finer).collect()
 }
 
 #[cfg(test)]

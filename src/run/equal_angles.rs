@@ -4,13 +4,13 @@
 use std::collections::BTreeMap;
 
 use devices::sensors::Sample;
-use estimation::revolutions::{self, AngleRange, ResampleFilter, Resampler, reject_saturated};
+use estimation::revolutions::{self, AngleRange, ResampleFilter, Resampler, invalidate_saturated_samples};
 use machine::record::plan::{Sampling, Scan};
 use machine::record::reading::ReadingFlag;
 use machine::{Axis, Position};
 
 /// The axis that turns and the angles per revolution, if the plan requests equal angles.
-pub(super) fn equal_angle_request(scan: &Scan) -> Option<(Axis, usize)> {
+pub(super) fn axis_and_angles_per_revolution(scan: &Scan) -> Option<(Axis, usize)> {
     let Sampling::Continuous { per_revolution: Some(count), .. } = scan.sampling else {
         return None;
     };
@@ -21,16 +21,20 @@ pub(super) fn equal_angle_request(scan: &Scan) -> Option<(Axis, usize)> {
 #[derive(Debug)]
 pub(super) struct ResampledTurn {
     /// Samples from the first angle with a value to the last; an angle without a value has [`ReadingFlag::Gap`].
-    pub samples: Vec<(Sample, Position)>,
-    gaps: Vec<AngleRange>,
+    pub samples_with_positions: Vec<(Sample, Position)>,
+    angle_gaps: Vec<AngleRange>,
 }
 
-/// Filters `placed`, the samples in order of time with the positions of the axes.
-pub(super) fn resample_turn(placed: &[(Sample, Position)], axis: Axis, per_revolution: usize) -> ResampledTurn {
-    let (Some((_, first)), Some((_, last))) = (placed.first(), placed.last()) else {
-        return ResampledTurn { samples: Vec::new(), gaps: Vec::new() };
+/// Filters `positioned`, the samples in order of time with the positions of the axes.
+pub(super) fn resample_turn(
+    positioned: &[(Sample, Position)],
+    axis: Axis,
+    angles_per_revolution: usize,
+) -> ResampledTurn {
+    let (Some((_, first)), Some((_, last))) = (positioned.first(), positioned.last()) else {
+        return ResampledTurn { samples_with_positions: Vec::new(), angle_gaps: Vec::new() };
     };
-    let filter = ResampleFilter::new(per_revolution);
+    let filter = ResampleFilter::new(angles_per_revolution);
     let ends_rad = [first, last].map(|position| position.get_or_zero(axis));
     let of_turn = |value: &dyn Fn(&Sample) -> Option<f64>| {
         let sample = |(sample, position): &(Sample, Position)| revolutions::AngleSample {
@@ -38,32 +42,36 @@ pub(super) fn resample_turn(placed: &[(Sample, Position)], axis: Axis, per_revol
             value: value(sample).unwrap_or(f64::NAN),
             is_valid: value(sample).is_some(),
         };
-        placed.iter().map(sample).collect::<Vec<_>>()
+        positioned.iter().map(sample).collect::<Vec<_>>()
     };
     let mut values = of_turn(&|sample| sample.value_mm);
-    reject_saturated(&mut values);
-    let values = Resampler::resample_all(&filter, ends_rad, &values);
+    invalidate_saturated_samples(&mut values);
+    let values = Resampler::resample_scan(&filter, ends_rad, &values);
     // The time passes the same filter, so that it belongs to the angle also where the speed changes.
-    let times = Resampler::resample_all(&filter, ends_rad, &of_turn(&|sample| Some(sample.t_s)));
-    let number = |angle: f64| (angle * per_revolution as f64 / std::f64::consts::TAU).round() as i64;
-    let times: BTreeMap<i64, f64> = times.points().filter_map(|(angle, t_s)| Some((number(angle), t_s?))).collect();
+    let times = Resampler::resample_scan(&filter, ends_rad, &of_turn(&|sample| Some(sample.received_s)));
+    let number = |angle: f64| (angle * angles_per_revolution as f64 / std::f64::consts::TAU).round() as i64;
+    let times: BTreeMap<i64, f64> =
+        times.angles_and_values().filter_map(|(angle, t_s)| Some((number(angle), t_s?))).collect();
     let sample = |(angle, value_mm): (f64, Option<f64>)| {
         let flag = if value_mm.is_some() { ReadingFlag::None } else { ReadingFlag::Gap };
         let t_s = *times.get(&number(angle))?;
-        let sample = Sample { t_s, value_mm, flag, missing_count: 0, encoder_count: None };
+        let sample = Sample { received_s: t_s, value_mm, flag, missing_count: 0, encoder_count: None };
         Some((sample, first.clone().with(axis, angle)))
     };
-    ResampledTurn { samples: values.points().filter_map(sample).collect(), gaps: values.gaps }
+    ResampledTurn {
+        samples_with_positions: values.angles_and_values().filter_map(sample).collect(),
+        angle_gaps: values.gaps,
+    }
 }
 
 impl ResampledTurn {
-    /// Message about angles without a value.
+    /// Message about angles without a value; `None` if there are none.
     pub fn gap_message(&self, label: &str, sensor: &str) -> Option<String> {
-        (!self.gaps.is_empty()).then(|| {
+        (!self.angle_gaps.is_empty()).then(|| {
             format!(
                 "{label}: {sensor} has no sample, or a value at the end of its range, at {}; the equally \
                 spaced angles near there have no value",
-                AngleRange::format_ranges(&self.gaps)
+                AngleRange::format_ranges(&self.angle_gaps)
             )
         })
     }
@@ -86,7 +94,8 @@ mod tests {
             let t_s = f64::from(number) / 2000.0;
             let angle = angle_deg(t_s);
             let value_mm = value(angle, t_s);
-            let sample = Sample { t_s, value_mm, flag: ReadingFlag::None, missing_count: 0, encoder_count: None };
+            let sample =
+                Sample { received_s: t_s, value_mm, flag: ReadingFlag::None, missing_count: 0, encoder_count: None };
             let at = Position::new().with(Axis::X, 3.0).with(Axis::C, angle.to_radians());
             (sample, at)
         };
@@ -99,15 +108,15 @@ mod tests {
         let smooth = |deg: f64| 0.01 * (3.0 * deg.to_radians()).cos();
         let disturbed = |deg: f64, _: f64| Some(smooth(deg) + 0.01 * (150.0 * deg.to_radians()).sin());
         let turn = resample_turn(&positioned_samples(disturbed), Axis::C, SAMPLES_PER_TURN);
-        assert!(turn.samples.len() > 2 * SAMPLES_PER_TURN, "{}", turn.samples.len());
+        assert!(turn.samples_with_positions.len() > 2 * SAMPLES_PER_TURN, "{}", turn.samples_with_positions.len());
         assert_eq!(turn.gap_message("turn", "s1"), None);
-        for (sample, position) in &turn.samples {
+        for (sample, position) in &turn.samples_with_positions {
             let deg = position.get_or_zero(Axis::C).to_degrees();
             assert!((deg / 5.0 - (deg / 5.0).round()).abs() < 1e-9, "{deg}");
             assert_eq!(position.get_or_zero(Axis::X), 3.0);
             let off = sample.value_mm.unwrap() - smooth(deg);
             assert!(off.abs() < 1e-6, "{deg}: {off}");
-            let off_deg = angle_deg(sample.t_s) - deg;
+            let off_deg = angle_deg(sample.received_s) - deg;
             assert!(off_deg.abs() < 0.01, "{deg}: {off_deg}");
         }
     }
@@ -122,7 +131,7 @@ mod tests {
         let turn = resample_turn(&positioned_samples(lost), Axis::C, SAMPLES_PER_TURN);
         let at = |wanted: f64| {
             let near = |position: &Position| (position.get_or_zero(Axis::C).to_degrees() - wanted).abs() < 1e-6;
-            turn.samples.iter().find(|(_, position)| near(position)).map(|(sample, _)| *sample)
+            turn.samples_with_positions.iter().find(|(_, position)| near(position)).map(|(sample, _)| *sample)
         };
         let gap = at(95.0).unwrap();
         assert_eq!((gap.value_mm, gap.flag), (None, ReadingFlag::Gap));

@@ -1,13 +1,13 @@
 //! Errors that end a run early.
 
-use super::counted_turn::CountFault;
+use super::counted_turn::EncoderCountFault;
 use crate::store::StoreError;
 use devices::controllers::ControllerError;
 use devices::sensors::SensorError;
 use machine::record::plan::Step;
 use machine::record::reading::ReadingFlag;
 use methods::MethodRefusal;
-use methods::decision::references::{ReferenceShift, TouchScatter, describe_shifts};
+use methods::decision::reference_shifts::{ReferenceShift, TouchScatter, describe_shifts};
 use planning::PlanningError;
 use planning::gcode::RenderError;
 use planning::proof::ProofRefusal;
@@ -15,15 +15,15 @@ use planning::proof::ProofRefusal;
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     #[error(transparent)]
-    Refused(#[from] MethodRefusal),
+    MethodRefused(#[from] MethodRefusal),
     #[error(transparent)]
     Planning(#[from] PlanningError),
     #[error("the collision check refuses stage `{stage}`: {source}")]
-    StageProofError { stage: String, source: Box<ProofRefusal> },
+    CollisionCheckRefused { stage: String, source: Box<ProofRefusal> },
     #[error("the collision check of stage `{stage}` ended without a result")]
     ProofAborted { stage: String },
     #[error("the program of stage `{stage}` cannot be written for this control: {source}")]
-    Unwritable { stage: String, source: RenderError },
+    ProgramNotWritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
     /// A fault with the label of the step that it names.
@@ -31,7 +31,7 @@ pub enum RunError {
     AtStep { label: String, source: Box<RunError> },
     /// Fault of the probe input while a sensor is mounted instead of the probe.
     #[error("{source}; but the sensor `{sensor}` is mounted instead of the probe")]
-    ProbeInput { sensor: String, source: Box<RunError> },
+    ProbeInputFaultWithSensor { sensor: String, source: Box<RunError> },
     #[error("the run contains a prompt (`{text}`), but no operator can answer it")]
     NoOperator { text: String },
     #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "released" })]
@@ -48,17 +48,17 @@ pub enum RunError {
     )]
     UnexpectedDistance { step: u32, sensor: String, value_mm: f64 },
     #[error("step {step} is sampled in motion, but this control does not report time-stamped axis positions")]
-    NoTimeStamps { step: u32 },
+    NoTimeStampedPositions { step: u32 },
     #[error("step {step} was not sampled in motion: {why}")]
-    SweepFailed { step: u32, why: String },
+    ScanInMotionFailed { step: u32, why: String },
     #[error("step {step}: the samples of `{sensor}` cannot be assigned to axis positions: {source}")]
-    EncoderFault { step: u32, sensor: String, source: CountFault },
+    EncoderFault { step: u32, sensor: String, source: EncoderCountFault },
     #[error("step {step} ended without a contact position")]
     NoContactPosition { step: u32 },
     #[error("not all references were measured before the stop: a shift of the machine cannot be detected")]
-    NoReferences,
+    ReferencesIncompleteBeforeStop,
     #[error("not all references could be measured again after the stop: {places}")]
-    ReferencesNotMeasured { places: String },
+    ReferencesNotRemeasured { places: String },
     #[error(
         "the references have shifted since the stop: {}; {}",
         describe_shifts(shifts), scatter.describe()
@@ -82,14 +82,14 @@ impl RunError {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Refused(refused) => refused.remedy.clone(),
+            RunError::MethodRefused(refused) => refused.remedy.clone(),
             Self::Planning(error) => error.remedy(),
-            Self::StageProofError { source, .. } => source.remedy().to_owned(),
+            RunError::CollisionCheckRefused { source, .. } => source.remedy().to_owned(),
             Self::ProofAborted { .. } => "report this fault to the developers and attach the plan".to_owned(),
-            Self::Unwritable { source, .. } => source.remedy(),
+            RunError::ProgramNotWritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
             Self::AtStep { source, .. } => source.remedy(),
-            Self::ProbeInput { .. } => PROBE_INPUT_REMEDY.to_owned(),
+            RunError::ProbeInputFaultWithSensor { .. } => PROBE_INPUT_REMEDY.to_owned(),
             Self::NoOperator { .. } => {
                 "start or resume the run from the page of `trued serve`, or from a terminal with an \
                 operator"
@@ -109,14 +109,14 @@ impl RunError {
             Self::Sensor { source, .. } => source.remedy(),
             Self::NoValidSample { flag, .. } => flag_remedy(*flag).to_owned(),
             Self::UnexpectedDistance { .. } => UNEXPECTED_DISTANCE_REMEDY.to_owned(),
-            Self::NoTimeStamps { .. } => {
+            RunError::NoTimeStampedPositions { .. } => {
                 "use dwell points (sampling = \"dwell\"); or, on LinuxCNC, add the sampler to the machine \
                 file ([controller.sampler]); or, for one revolution of a rotary axis, use sensors that send \
                 the count of the axis encoder ([encoder])"
                     .to_owned()
             }
             Self::EncoderFault { source, .. } => source.remedy(),
-            Self::SweepFailed { .. } => {
+            RunError::ScanInMotionFailed { .. } => {
                 "`trued resume` measures the step again; if the fault repeats, use dwell points (sampling = \
                 \"dwell\")"
                     .to_owned()
@@ -125,12 +125,14 @@ impl RunError {
                 "report this fault to the developers and attach the export of the run".to_owned()
             }
             Self::Store(error) => error.remedy().to_owned(),
-            Self::ReferencesNotMeasured { .. } => {
+            RunError::ReferencesNotRemeasured { .. } => {
                 "find out why the sensor has no valid value at these positions, then run `trued resume` \
                 again"
                     .to_owned()
             }
-            Self::NoReferences => "the run is closed, its readings are stored; start a new run".to_owned(),
+            RunError::ReferencesIncompleteBeforeStop => {
+                "the run is closed, its readings are stored; start a new run".to_owned()
+            }
             Self::ReferencesShifted { .. } => {
                 "the run is closed, its readings are stored (`trued identify` with --run evaluates them). \
                 Start a new run; after a long stop, thermal drift may be the cause"
@@ -140,21 +142,23 @@ impl RunError {
     }
 
     /// The error of a touch before the probe is known to work.
-    pub(super) fn into_first_touch_error(self) -> Self {
+    pub(super) fn no_contact_into_no_first_contact(self) -> Self {
         match self {
             Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
-            Self::AtStep { label, source } => Self::AtStep { label, source: Box::new(source.into_first_touch_error()) },
+            Self::AtStep { label, source } => {
+                Self::AtStep { label, source: Box::new(source.no_contact_into_no_first_contact()) }
+            }
             other => other,
         }
     }
 
     /// The error of a run that measures with `sensor`: no stylus can be deflected.
-    pub(super) fn into_sensor_error(self, sensor: &str) -> Self {
+    pub(super) fn add_sensor_to_probe_input_error(self, sensor: &str) -> Self {
         use ControllerError::{ProbeClosed, ProbeStillClosed, UnexpectedContact};
         let closed =
             |error: &ControllerError| matches!(error, ProbeClosed | ProbeStillClosed { .. } | UnexpectedContact { .. });
         match self.controller_error().is_some_and(closed) {
-            true => Self::ProbeInput { sensor: sensor.to_owned(), source: Box::new(self) },
+            true => RunError::ProbeInputFaultWithSensor { sensor: sensor.to_owned(), source: Box::new(self) },
             false => self,
         }
     }
@@ -169,7 +173,7 @@ impl RunError {
             Self::NoContactPosition { step: id }
             | Self::NoValidSample { step: id, .. }
             | Self::UnexpectedDistance { step: id, .. }
-            | Self::SweepFailed { step: id, .. }
+            | RunError::ScanInMotionFailed { step: id, .. }
             | Self::EncoderFault { step: id, .. }
                 if *id == step.id =>
             {
@@ -183,23 +187,25 @@ impl RunError {
     pub fn controller_error(&self) -> Option<&ControllerError> {
         match self {
             Self::Controller(error) => Some(error),
-            Self::AtStep { source, .. } | Self::ProbeInput { source, .. } => source.controller_error(),
+            Self::AtStep { source, .. } | RunError::ProbeInputFaultWithSensor { source, .. } => {
+                source.controller_error()
+            }
             _ => None,
         }
     }
 
     /// Whether the run can never be resumed; its readings stay.
     pub fn closes_run(&self) -> bool {
-        matches!(self, Self::NoReferences | Self::ReferencesShifted { .. })
+        matches!(self, RunError::ReferencesIncompleteBeforeStop | Self::ReferencesShifted { .. })
     }
 
     /// Whether the axes must be homed before any other motion.
-    pub fn position_lost(&self) -> bool {
-        self.controller_error().is_some_and(ControllerError::is_position_lost)
+    pub fn may_have_lost_position(&self) -> bool {
+        self.controller_error().is_some_and(ControllerError::may_have_lost_position)
     }
 
     /// Whether the link to the control or to a sensor failed.
-    pub fn is_of_link(&self) -> bool {
+    pub fn is_link_error(&self) -> bool {
         use ControllerError::{Link, Modbus, NoAnswer};
         match self {
             Self::Sensor { source, .. } => source.is_link_error(),
@@ -208,7 +214,7 @@ impl RunError {
     }
 
     /// Whether a person requested the stop.
-    pub fn is_stop(&self) -> bool {
+    pub fn is_requested_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
 }

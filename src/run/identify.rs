@@ -20,7 +20,7 @@ use methods::identification::add_budget_sensitivities;
 use methods::{IdentifyError, Method};
 
 /// Polling period for a stop while the identification runs.
-const STOP_POLL_PERIOD: Duration = Duration::from_millis(50);
+const HALT_POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Reason why a completed measurement has no estimate.
 #[derive(Debug, thiserror::Error)]
@@ -71,7 +71,7 @@ fn spawn_computation<T: Send + 'static>(computation: impl FnOnce() -> T + Send +
 }
 
 /// Identifies the run; a stop ends the wait at once.
-pub(super) async fn identify(
+pub(super) async fn identify_until_halted(
     method: &Arc<dyn Method>,
     plan: Plan,
     readings: Vec<Reading>,
@@ -81,21 +81,21 @@ pub(super) async fn identify(
     let mut result = spawn_computation(move || identify_readings(method.as_ref(), &plan, &readings));
     loop {
         // A timeout leaves the receiver usable.
-        if let Ok(found) = tokio::time::timeout(STOP_POLL_PERIOD, &mut result).await {
+        if let Ok(found) = tokio::time::timeout(HALT_POLL_PERIOD, &mut result).await {
             return Ok(found.map_err(|_| IdentificationError::ThreadFailed)??);
         }
-        if halt.is_halted() {
+        if halt.is_halt_requested() {
             return Err(IdentificationError::Stopped);
         }
     }
 }
 
 /// Machine file and method with which the run was started.
-pub(super) fn stored_setup(stored: &StoredRun) -> Result<(MachineFile, Arc<dyn Method>), SetupError> {
+pub(super) fn setup_of_stored_run(stored: &StoredRun) -> Result<(MachineFile, Arc<dyn Method>), SetupError> {
     let file = format!("machine file of run {}", stored.summary.id);
-    let machine = MachineFile::from_stored(&file, stored.config.clone(), &stored.plan.artefact)?;
+    let machine = MachineFile::from_stored_run(&file, stored.machine_file_text.clone(), &stored.plan.artefact)?;
     let method = methods::configure_method(&stored.plan.method, stored.plan.settings.clone())
-        .map_err(|error| SetupError::Settings { why: error.to_string() })?;
+        .map_err(|error| SetupError::MethodSettings { why: error.to_string() })?;
     Ok((machine, method.into()))
 }
 
@@ -104,16 +104,16 @@ pub(super) fn stored_setup(stored: &StoredRun) -> Result<(MachineFile, Arc<dyn M
 ///
 /// # Errors
 /// The method refuses the readings, or the machine file belongs to another version.
-pub fn identify_stored(stored: StoredRun) -> Result<Estimate, IdentificationError> {
+pub fn identify_stored_run(stored: StoredRun) -> Result<Estimate, IdentificationError> {
     let unreadable = |error| IdentificationError::Setup(Box::new(error));
-    let (machine, method) = stored_setup(&stored).map_err(unreadable)?;
+    let (machine, method) = setup_of_stored_run(&stored).map_err(unreadable)?;
     let estimate = identify_readings(method.as_ref(), &stored.plan, &stored.readings)?;
     Ok(judge_estimate(estimate, &machine.parameter_limits))
 }
 
-/// Runs [`identify_stored`] on a thread of its own. A channel error means that the thread panicked.
+/// Runs [`identify_stored_run`] on a thread of its own. A channel error means that the thread panicked.
 pub fn start_identification(stored: StoredRun) -> oneshot::Receiver<Result<Estimate, IdentificationError>> {
-    spawn_computation(move || identify_stored(stored))
+    spawn_computation(move || identify_stored_run(stored))
 }
 
 /// Stores the result of an identification of `run`: the estimate, or the failure as a fault. A stop is not
@@ -217,7 +217,7 @@ mod tests {
     async fn failed_identification_is_stored_with_its_reason_but_a_stop_is_not() {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
-        let new = NewRun { config: String::new(), plan: plan_for_tests("samba", "mill") };
+        let new = NewRun { machine_file_text: String::new(), plan: plan_for_tests("samba", "mill") };
         let run = journal.begin_run(&new).await.unwrap();
         journal.set_state(run, RunState::NotIdentified).await.unwrap();
         let ended = || describe_run_end(&journal.load_run(run).unwrap());

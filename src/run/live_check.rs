@@ -13,15 +13,15 @@ use machine::record::machine::LiveCheck;
 
 /// Maximum wait for the operator to deflect the stylus, and again to release it.
 const STYLUS_TIMEOUT: Duration = Duration::from_secs(60);
-const POLL_PERIOD: Duration = Duration::from_millis(20);
+const STYLUS_POLL_PERIOD: Duration = Duration::from_millis(20);
 
 impl Run<'_> {
-    /// Tests the probe. Nothing moves here unless an operator who was asked to the machine moves it: then the
-    /// present position is returned.
+    /// Announces that the first touch tests the probe, and returns `None`; or waits until the operator has deflected
+    /// and released the stylus, and returns the position, as the operator may have moved the machine.
     ///
     /// # Errors
     /// The stylus was not deflected and released in time, or the machine is halted.
-    pub(super) async fn live_check(&mut self) -> Result<Option<Position>, RunError> {
+    pub(super) async fn announce_or_await_probe_check(&mut self) -> Result<Option<Position>, RunError> {
         match self.plan.probe.live_check {
             LiveCheck::Touch => {
                 let mut text = "until touches in three directions have confirmed the positions of X, Y and \
@@ -38,8 +38,8 @@ impl Run<'_> {
                 let seconds = STYLUS_TIMEOUT.as_secs();
                 let text = format!("deflect the stylus by hand and release it within {seconds} s");
                 self.record_event(Event::Announced { text }).await?;
-                self.wait_for_stylus(true).await?;
-                self.wait_for_stylus(false).await?;
+                self.wait_for_probe_input(true).await?;
+                self.wait_for_probe_input(false).await?;
                 self.is_probe_confirmed = true;
                 self.record_event(Event::Announced { text: "the probe works".to_owned() }).await?;
                 // The operator may have moved the machine, and changed modes, offsets or overrides.
@@ -49,11 +49,11 @@ impl Run<'_> {
     }
 
     /// Waits until the probe input is `closed`.
-    async fn wait_for_stylus(&mut self, closed: bool) -> Result<(), RunError> {
+    async fn wait_for_probe_input(&mut self, closed: bool) -> Result<(), RunError> {
         let deadline = Instant::now() + STYLUS_TIMEOUT;
         let controller = &self.devices.controller;
         loop {
-            if controller.halt_handle().is_halted() {
+            if controller.halt_handle().is_halt_requested() {
                 return Err(ControllerError::Halted.into());
             }
             if controller.read_snapshot().await?.is_probe_closed == closed {
@@ -62,7 +62,7 @@ impl Run<'_> {
             if Instant::now() > deadline {
                 return Err(RunError::StylusTimeout { closed, seconds: STYLUS_TIMEOUT.as_secs() });
             }
-            sleep(POLL_PERIOD).await;
+            sleep(STYLUS_POLL_PERIOD).await;
         }
     }
 }

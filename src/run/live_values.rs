@@ -9,30 +9,33 @@ use nalgebra::{Matrix2, Vector2};
 use super::Run;
 use super::watched_sensors::is_distance;
 use machine::record::reading::ReadingFlag;
-use machine::record::watch::{LiveSection, LiveSensor, LiveValues, SectionSensor, WatchedSensor};
+use machine::record::watched_sensors::{LiveSectionValue, LiveSensorValue, LiveValues, SectionPoint, WatchedSensor};
 
 /// Minimum determinant of the normal equations of an eccentricity; for two sensors it is the squared sine of
 /// the angle between them.
-const MIN_DETERMINANT: f64 = 0.05;
+const MIN_ECCENTRICITY_DETERMINANT: f64 = 0.05;
 
 impl Run<'_> {
     /// Reads the next sample of each of these sensors. The values are not stored.
     pub(super) async fn read_live_values(&self, watch: &[WatchedSensor]) -> LiveValues {
-        add_artefact_position(watch, join_all(watch.iter().map(|watched| self.read_live_sensor(watched))).await)
+        live_values_with_artefact_position(
+            watch,
+            join_all(watch.iter().map(|watched| self.read_live_sensor(watched))).await,
+        )
     }
 
-    async fn read_live_sensor(&self, watched: &WatchedSensor) -> LiveSensor {
+    async fn read_live_sensor(&self, watched: &WatchedSensor) -> LiveSensorValue {
         let name = watched.sensor.as_str();
         let declared = self.plan.sensors.iter().find(|sensor| sensor.name == name);
-        let read = match self.sensor(name) {
-            Ok(sensor) => sensor.current_sample().await.map_err(|error| error.to_string()),
+        let read = match self.find_open_sensor(name) {
+            Ok(sensor) => sensor.sample_for_display().await.map_err(|error| error.to_string()),
             Err(error) => Err(error.to_string()),
         };
         let read = read.and_then(|sample| match sample.value_mm.filter(|_| is_distance(&sample)) {
             Some(mm) => Ok(mm),
-            None => Err(describe_flag(sample.flag).to_owned()),
+            None => Err(describe_missing_distance(sample.flag).to_owned()),
         });
-        LiveSensor {
+        LiveSensorValue {
             sensor: name.to_owned(),
             range_mm: declared.map_or([0.0; 2], |sensor| sensor.range_mm),
             target_mm: watched.target_mm,
@@ -42,7 +45,7 @@ impl Run<'_> {
     }
 }
 
-fn describe_flag(flag: ReadingFlag) -> &'static str {
+fn describe_missing_distance(flag: ReadingFlag) -> &'static str {
     match flag {
         ReadingFlag::Range => "out of range",
         ReadingFlag::Saturated => "saturated",
@@ -51,61 +54,66 @@ fn describe_flag(flag: ReadingFlag) -> &'static str {
 }
 
 /// Adds the position of the artefact to the values.
-pub(super) fn add_artefact_position(watch: &[WatchedSensor], sensors: Vec<LiveSensor>) -> LiveValues {
+pub(super) fn live_values_with_artefact_position(watch: &[WatchedSensor], sensors: Vec<LiveSensorValue>) -> LiveValues {
     let sections = section_eccentricities(watch, &sensors);
-    let numbered = |section: &Section| LiveSection {
-        number: section.number,
+    let numbered = |section: &SectionEccentricity| LiveSectionValue {
+        number: section.section_number,
         eccentricity_um: section.eccentricity_mm.map(|mm| mm.map(|mm| mm * 1e3)),
     };
-    let tilt_urad = tilt_urad(&sections);
+    let tilt_urad = tilt_of_two_sections_urad(&sections);
     LiveValues { sensors, sections: sections.iter().map(numbered).collect(), tilt_urad }
 }
 
-struct Section {
-    number: usize,
+struct SectionEccentricity {
+    section_number: usize,
     z_mm: f64,
     eccentricity_mm: Option<[f64; 2]>,
 }
 
 /// The sections that `watch` names, in the order of their numbers.
-fn section_eccentricities(watch: &[WatchedSensor], sensors: &[LiveSensor]) -> Vec<Section> {
+fn section_eccentricities(watch: &[WatchedSensor], sensors: &[LiveSensorValue]) -> Vec<SectionEccentricity> {
     let mut deviations: BTreeMap<usize, (f64, Vec<RadialDeviation>)> = BTreeMap::new();
     for (watched, live) in watch.iter().zip(sensors) {
-        let Some(SectionSensor { number, z_mm, angle_deg }) = watched.section else { continue };
+        let Some(SectionPoint { number, z_mm, angle_deg }) = watched.section else { continue };
         let (_, of_section) = deviations.entry(number).or_insert((z_mm, Vec::new()));
-        let to_target_mm = live.distance_to_target_um().map(|um| um * 1e-3);
+        let to_target_mm = live.change_to_target_um().map(|um| um * 1e-3);
         let angle_rad = angle_deg.to_radians();
-        of_section.extend(to_target_mm.map(|to_target_mm| RadialDeviation { angle_rad, to_target_mm }));
+        of_section.extend(
+            to_target_mm.map(|to_target_mm| RadialDeviation {
+                sensor_angle_rad: angle_rad,
+                target_minus_value_mm: to_target_mm,
+            }),
+        );
     }
     let section = |(number, (z_mm, of_section)): (usize, (f64, Vec<RadialDeviation>))| {
-        let eccentricity_mm = eccentricity_mm(&of_section);
-        Section { number, z_mm, eccentricity_mm }
+        let eccentricity_mm = least_squares_eccentricity_mm(&of_section);
+        SectionEccentricity { section_number: number, z_mm, eccentricity_mm }
     };
     deviations.into_iter().map(section).collect()
 }
 
 /// Deviation at one radial sensor.
 struct RadialDeviation {
-    angle_rad: f64,
+    sensor_angle_rad: f64,
     /// Target minus value, mm: the eccentricity's component towards the sensor.
-    to_target_mm: f64,
+    target_minus_value_mm: f64,
 }
 
 /// Eccentricity by least squares, mm. `None`: fewer than two sensors, or two opposite ones.
-fn eccentricity_mm(deviations: &[RadialDeviation]) -> Option<[f64; 2]> {
+fn least_squares_eccentricity_mm(deviations: &[RadialDeviation]) -> Option<[f64; 2]> {
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
-    for RadialDeviation { angle_rad, to_target_mm } in deviations {
+    for RadialDeviation { sensor_angle_rad: angle_rad, target_minus_value_mm: to_target_mm } in deviations {
         let towards = Vector2::new(angle_rad.cos(), angle_rad.sin());
         normal += towards * towards.transpose();
         right += towards * *to_target_mm;
     }
-    let is_determined = normal.determinant() > MIN_DETERMINANT;
+    let is_determined = normal.determinant() > MIN_ECCENTRICITY_DETERMINANT;
     let inverse = normal.try_inverse().filter(|_| is_determined)?;
     Some((inverse * right).into())
 }
 
-/// Tilt from exactly two sections, µrad.
-fn tilt_urad(sections: &[Section]) -> Option<[f64; 2]> {
+/// Tilt from two sections, µrad. `None`: not two sections, or one without an eccentricity.
+fn tilt_of_two_sections_urad(sections: &[SectionEccentricity]) -> Option<[f64; 2]> {
     let [low, high] = sections else { return None };
     let (from, to) = (low.eccentricity_mm?, high.eccentricity_mm?);
     let slope = |k: usize| (to[k] - from[k]) / (high.z_mm - low.z_mm) * 1e6;

@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use super::live_values::add_artefact_position;
+use super::live_values::live_values_with_artefact_position;
 use super::*;
 use crate::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::NewRun;
-use machine::record::watch::{LiveSensor, LiveValues, SectionSensor, WatchedSensor};
+use machine::record::watched_sensors::{LiveSensorValue, LiveValues, SectionPoint, WatchedSensor};
 
 /// Behaviour of the sender.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,11 +19,11 @@ enum SensorSignal {
     Distance,
     NoEcho,
     Silent,
-    Closed,
+    ConnectionClosed,
 }
 
 /// Sends a hundred lines per second until it closes the connection.
-fn start_sensor(signal: Arc<Mutex<SensorSignal>>) -> SocketAddr {
+fn start_tcp_sensor(signal: Arc<Mutex<SensorSignal>>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     std::thread::spawn(move || {
@@ -33,7 +33,7 @@ fn start_sensor(signal: Arc<Mutex<SensorSignal>>) -> SocketAddr {
                 SensorSignal::Distance => b"M0,+0.04000\r\n",
                 SensorSignal::NoEcho => b"M0,-FFFFFFF\r\n",
                 SensorSignal::Silent => b"",
-                SensorSignal::Closed => return,
+                SensorSignal::ConnectionClosed => return,
             };
             if stream.write_all(line).is_err() {
                 return;
@@ -46,7 +46,7 @@ fn start_sensor(signal: Arc<Mutex<SensorSignal>>) -> SocketAddr {
 
 /// The built-in machine with its first sensor on a TCP port.
 fn machine_with_sensor(address: SocketAddr) -> MachineFile {
-    let text = setup::built_in_file("multiprobe").text;
+    let text = setup::built_in_machine_file("multiprobe").text;
     let serial = format!(
         "[sensor.serial]\ntcp = \"{address}\"\ntimeout_s = 0.3\n[sensor.serial.line]\nend = \"\\r\\n\"\n\
          separator = \",\"\ncolumns = 2\n\
@@ -57,12 +57,12 @@ fn machine_with_sensor(address: SocketAddr) -> MachineFile {
 }
 
 /// The signal that the sensor has shown, and the signal to send next.
-fn signal_after(x1: &LiveSensor) -> Option<(SensorSignal, SensorSignal)> {
+fn shown_and_next_signal(x1: &LiveSensorValue) -> Option<(SensorSignal, SensorSignal)> {
     match (x1.value_mm, x1.failure.as_deref()) {
         (Some(0.04), None) => Some((SensorSignal::Distance, SensorSignal::NoEcho)),
         (None, Some("out of range")) => Some((SensorSignal::NoEcho, SensorSignal::Silent)),
-        (None, Some("no signal")) => Some((SensorSignal::Silent, SensorSignal::Closed)),
-        (None, Some(_)) => Some((SensorSignal::Closed, SensorSignal::Closed)),
+        (None, Some("no signal")) => Some((SensorSignal::Silent, SensorSignal::ConnectionClosed)),
+        (None, Some(_)) => Some((SensorSignal::ConnectionClosed, SensorSignal::ConnectionClosed)),
         _ => None,
     }
 }
@@ -70,24 +70,24 @@ fn signal_after(x1: &LiveSensor) -> Option<(SensorSignal, SensorSignal)> {
 /// The operator moves the sensor while the run waits. Every state is shown, nothing is stored, and only the
 /// answer ends the wait. After the answer no sensor is read for display.
 #[tokio::test]
-async fn failing_sensor_is_shown_during_a_prompt_and_ends_nothing() {
+async fn sensor_failures_are_shown_and_do_not_end_a_prompt() {
     let signal = Arc::new(Mutex::new(SensorSignal::Distance));
-    let file = machine_with_sensor(start_sensor(signal.clone()));
+    let file = machine_with_sensor(start_tcp_sensor(signal.clone()));
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let (method, plan) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
-    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await.unwrap();
-    let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
+    let devices = setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
 
     let (mut told, mut kept, mut seen) = (Vec::<LiveValues>::new(), Vec::new(), Vec::new());
     let (is_done, is_answered) = (Arc::new(AtomicBool::new(false)), AtomicBool::new(false));
     let mut on_event = |event: &Event| match event {
         Event::Watched { values } => {
             assert!(!is_answered.load(Ordering::SeqCst), "read after the answer");
-            if let Some((is, next)) = signal_after(&values.sensors[0]) {
+            if let Some((is, next)) = shown_and_next_signal(&values.sensors[0]) {
                 *signal.lock().unwrap() = next;
-                is_done.store(is == SensorSignal::Closed, Ordering::SeqCst);
+                is_done.store(is == SensorSignal::ConnectionClosed, Ordering::SeqCst);
                 seen.extend((seen.last() != Some(&is)).then_some(is));
             }
             kept.push(journal.load_run(id).unwrap().events.len());
@@ -101,13 +101,16 @@ async fn failing_sensor_is_shown_during_a_prompt_and_ends_nothing() {
         PromptAnswerSource::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
     };
     let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut on_event);
-    let ended = run.with_answers(answers).execute().await;
+    let ended = run.with_prompt_answer_source(answers).execute().await;
 
-    assert_eq!(seen, [SensorSignal::Distance, SensorSignal::NoEcho, SensorSignal::Silent, SensorSignal::Closed]);
+    assert_eq!(
+        seen,
+        [SensorSignal::Distance, SensorSignal::NoEcho, SensorSignal::Silent, SensorSignal::ConnectionClosed]
+    );
     assert!(kept.windows(2).all(|pair| pair[0] == pair[1]), "the journal has grown: {kept:?}");
     // The turn needs the sensor.
     let failed = ended.unwrap_err();
-    assert!(!failed.is_stop() && failed.to_string().contains("x1"), "{failed}");
+    assert!(!failed.is_requested_stop() && failed.to_string().contains("x1"), "{failed}");
     let stored = journal.load_run(id).unwrap();
     assert!(stored.readings.is_empty());
     let asked = stored.events.iter().filter(|(_, event)| matches!(event, Event::Watched { .. }));
@@ -121,23 +124,26 @@ async fn failing_sensor_is_shown_during_a_prompt_and_ends_nothing() {
 }
 
 /// Distance from a sensor outside a circle of 30 mm radius to the circle, along the line through the origin.
-fn distance_mm(angle_rad: f64, [x, y]: [f64; 2]) -> f64 {
+fn distance_to_circle_mm(angle_rad: f64, [x, y]: [f64; 2]) -> f64 {
     let (sin, cos) = angle_rad.sin_cos();
     let (along, across) = (x * cos + y * sin, y * cos - x * sin);
     40.0 - along - (30.0_f64.powi(2) - across * across).sqrt()
 }
 
 /// Sections with the distances to the centred circle as targets.
-fn watched_circle_sensors(sections_mm: &[(f64, [f64; 2])], angles_deg: &[f64]) -> Vec<(WatchedSensor, LiveSensor)> {
+fn watched_circle_sensors(
+    sections_mm: &[(f64, [f64; 2])],
+    angles_deg: &[f64],
+) -> Vec<(WatchedSensor, LiveSensorValue)> {
     let numbered = (1..).zip(sections_mm);
     let all = numbered.flat_map(|section| angles_deg.iter().map(move |angle| (section, *angle)));
     let one = |((number, (z_mm, at)), angle_deg): ((usize, &(f64, [f64; 2])), f64)| {
-        let target_mm = Some(distance_mm(angle_deg.to_radians(), [0.0; 2]));
-        let section = Some(SectionSensor { number, z_mm: *z_mm, angle_deg });
+        let target_mm = Some(distance_to_circle_mm(angle_deg.to_radians(), [0.0; 2]));
+        let section = Some(SectionPoint { number, z_mm: *z_mm, angle_deg });
         let sensor = format!("{number}/{angle_deg}");
         let (range_mm, failure) = ([9.0, 11.0], None);
-        let value_mm = Some(distance_mm(angle_deg.to_radians(), *at));
-        let live = LiveSensor { sensor: sensor.clone(), range_mm, target_mm, value_mm, failure };
+        let value_mm = Some(distance_to_circle_mm(angle_deg.to_radians(), *at));
+        let live = LiveSensorValue { sensor: sensor.clone(), range_mm, target_mm, value_mm, failure };
         (WatchedSensor { sensor, target_mm, section }, live)
     };
     all.map(one).collect()
@@ -148,7 +154,7 @@ fn eccentricity_and_tilt_agree_with_displaced_circles() {
     let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
     for angles_deg in [&[0.0, 90.0, 230.0][..], &[10.0, 95.0]] {
         let (watch, live): (Vec<_>, Vec<_>) = watched_circle_sensors(&truth, angles_deg).into_iter().unzip();
-        let LiveValues { sections, tilt_urad, .. } = add_artefact_position(&watch, live);
+        let LiveValues { sections, tilt_urad, .. } = live_values_with_artefact_position(&watch, live);
         for (section, (_, truly_mm)) in sections.iter().zip(truth) {
             let found = section.eccentricity_um.unwrap();
             let off = [0, 1].map(|k| (found[k] - truly_mm[k] * 1e3).abs());
@@ -160,12 +166,12 @@ fn eccentricity_and_tilt_agree_with_displaced_circles() {
 }
 
 #[test]
-fn a_section_with_too_few_sensors_has_no_eccentricity() {
+fn section_with_two_opposite_sensors_has_no_eccentricity() {
     let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
     let (watch, mut live): (Vec<_>, Vec<_>) = watched_circle_sensors(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
     // Two opposite sensors remain in the second section.
     live[4].value_mm = None;
-    let LiveValues { sections, tilt_urad, .. } = add_artefact_position(&watch, live);
+    let LiveValues { sections, tilt_urad, .. } = live_values_with_artefact_position(&watch, live);
     assert!(sections[0].eccentricity_um.is_some());
     assert_eq!((sections[1].eccentricity_um, tilt_urad), (None, None));
 }

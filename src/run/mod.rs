@@ -30,14 +30,15 @@ mod tests;
 mod timeline;
 mod watched_sensors;
 
-pub use cycle::{Cycle, CycleError, conclude_run};
+pub use cycle::{Cycle, CycleError, identify_judge_and_store};
 pub use error::RunError;
 pub use identify::{
-    IdentificationError, identify_readings, identify_stored, judge_estimate, start_identification, store_identification,
+    IdentificationError, identify_readings, identify_stored_run, judge_estimate, start_identification,
+    store_identification,
 };
 pub use priority::{HTTP_NICE, lower_priority};
 pub use prompts::{OpenPrompt, PromptAnswerSource};
-pub use qualification::{QualificationError, check_probe};
+pub use qualification::{QualificationError, check_qualifications_match_probe};
 pub use resumable_run::{ResumableRun, ResumeQuestion, ResumeRefusal, resume_question};
 pub use resume::{InterruptedRun, can_resume};
 pub use stage::{RehearsalResult, rehearse};
@@ -55,7 +56,7 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 use methods::{Method, NextStage, PositionSource};
 use planning::ConfirmedDirections;
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 
 /// One run of one method.
 pub struct Run<'a> {
@@ -71,17 +72,18 @@ pub struct Run<'a> {
     /// Whether the run was resumed after an interruption.
     pub is_resumed: bool,
     /// Directions that touches have confirmed since the control was prepared.
-    confirmed: ConfirmedDirections,
+    confirmed_directions: ConfirmedDirections,
     /// How the control receives blocks; valid after it was prepared.
-    transmission: Transmission,
+    transmission: TransmissionForm,
     timeline: Timeline,
     /// Open sensors of the plan.
     open_sensors: Vec<OpenSensor>,
-    /// Source of the answers to prompts, and the answered prompts as (step, repeat).
-    answers: PromptAnswerSource,
-    answered_prompts: Vec<(u32, u32)>,
+    /// Source of the answers to prompts.
+    prompt_answer_source: PromptAnswerSource,
+    /// Answered prompts as (step id, repeat number).
+    answered_prompt_steps_and_repeats: Vec<(u32, u32)>,
     temperature_log: TemperatureLog,
-    remaining: RemainingStages,
+    remaining_stages: RemainingStages,
     /// Whether the operator, a touch or a sensor has shown since the last preparation that the probe works.
     is_probe_confirmed: bool,
     /// Called with each event after it is durable.
@@ -107,22 +109,22 @@ impl<'a> Run<'a> {
             readings: Vec::new(),
             has_moved: false,
             is_resumed: false,
-            confirmed: ConfirmedDirections::default(),
-            transmission: Transmission::Rows,
+            confirmed_directions: ConfirmedDirections::default(),
+            transmission: TransmissionForm::TableRows,
             timeline: Timeline::new(),
             open_sensors: Vec::new(),
-            answers: PromptAnswerSource::none(),
-            answered_prompts: Vec::new(),
+            prompt_answer_source: PromptAnswerSource::without_operator(),
+            answered_prompt_steps_and_repeats: Vec::new(),
             temperature_log: TemperatureLog::default(),
-            remaining: RemainingStages::default(),
+            remaining_stages: RemainingStages::default(),
             is_probe_confirmed: false,
             on_event,
         }
     }
 
     /// Sets the source of the answers to prompts.
-    pub fn with_answers(self, answers: PromptAnswerSource) -> Self {
-        Self { answers, ..self }
+    pub fn with_prompt_answer_source(self, answers: PromptAnswerSource) -> Self {
+        Self { prompt_answer_source: answers, ..self }
     }
 
     /// Measures the whole run. The plan and the readings stay in `self` after an error.
@@ -131,7 +133,7 @@ impl<'a> Run<'a> {
     /// A fault or a stop: the machine holds, and the state in the journal is `held` (a stop, or a fault after
     /// the first motion), `failed` (refused before the first motion) or `closed` (not resumable).
     pub async fn execute(&mut self) -> Result<(), RunError> {
-        let ended = self.measure().await;
+        let ended = self.rehearse_and_measure().await;
         self.record_end(ended).await
     }
 
@@ -144,9 +146,9 @@ impl<'a> Run<'a> {
             }
             Err(error) => {
                 let error = match self.plan.sensors.first() {
-                    Some(sensor) => error.into_sensor_error(&sensor.name),
+                    Some(sensor) => error.add_sensor_to_probe_input_error(&sensor.name),
                     None if self.is_probe_confirmed => error,
-                    None => error.into_first_touch_error(),
+                    None => error.no_contact_into_no_first_contact(),
                 };
                 self.record_failure(&error).await;
                 Err(error)
@@ -154,71 +156,75 @@ impl<'a> Run<'a> {
         }
     }
 
-    async fn measure(&mut self) -> Result<(), RunError> {
+    async fn rehearse_and_measure(&mut self) -> Result<(), RunError> {
         let steps = self.rehearse().await?;
-        self.check_scan_in_motion_positions(&steps)?;
+        self.check_positions_available_in_motion(&steps)?;
         self.check_operator_available(first_prompt_text(&steps))?;
         // The method refuses a plan before the first motion.
         self.next_stage(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
-        for text in self.method.forecast(&planned, self.remaining.machine_s())? {
+        for text in self.method.forecast(&planned, self.remaining_stages.total_machine_time_s())? {
             self.record_event(Event::Announced { text }).await?;
         }
-        let stands = self.prepare().await?;
-        self.run_stages(Vec::new(), Some(stands)).await
+        let position = self.prepare_devices().await?;
+        self.run_stages(Vec::new(), Some(position)).await
     }
 
     /// Rehearses the run from nominal positions: stores the remaining stages and returns their steps.
     async fn rehearse(&mut self) -> Result<Vec<Step>, RunError> {
         let (remaining, steps) = stage::rehearse_stages(self.method, &self.plan, &self.devices.dialect).await?;
-        self.remaining = remaining;
+        self.remaining_stages = remaining;
         Ok(steps)
     }
 
     /// Prepares control and thermometers; returns the position of the machine.
-    async fn prepare(&mut self) -> Result<Position, RunError> {
+    async fn prepare_devices(&mut self) -> Result<Position, RunError> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop_description);
         self.record_event(Event::Announced { text }).await?;
         if let Some(text) = describe_unreadable_items(&prepared.unreadable_items) {
             self.record_event(Event::Announced { text }).await?;
         }
-        self.temperature_log.begin(&self.devices.thermometers).await;
-        self.confirmed = ConfirmedDirections::default();
+        self.temperature_log.start_polling(&self.devices.thermometers).await;
+        self.confirmed_directions = ConfirmedDirections::default();
         self.transmission = prepared.transmission;
         if !self.plan.sensors.is_empty() {
-            self.open_sensors().await?;
+            self.open_plan_sensors().await?;
             return Ok(prepared.position);
         }
-        Ok(self.live_check().await?.unwrap_or(prepared.position))
+        Ok(self.announce_or_await_probe_check().await?.unwrap_or(prepared.position))
     }
 
     /// Runs all stages after the `done` ones.
-    async fn run_stages(&mut self, mut done: Vec<Stage>, mut stands: Option<Position>) -> Result<(), RunError> {
+    async fn run_stages(
+        &mut self,
+        mut done: Vec<Stage>,
+        mut machine_position: Option<Position>,
+    ) -> Result<(), RunError> {
         let mut next = self.next_stage(&done)?;
         while let NextStage::Stage { stage, new_steps } = next {
             self.plan.steps.extend(new_steps.iter().cloned());
             self.journal.add_stage(self.id, &stage, &new_steps).await?;
             self.record_event(Event::StageStarted { stage: stage.clone() }).await?;
-            self.remaining.begin(&stage.name);
-            stands = self.run_stage(&done, &stage, stands).await?;
+            self.remaining_stages.remove_up_to_begun_stage(&stage.name);
+            machine_position = self.run_stage(&done, &stage, machine_position).await?;
             done.push(stage);
             next = self.next_stage(&done)?;
         }
         self.report_sample_counts().await?;
         self.report_missing_temperatures().await?;
-        Ok(self.devices.controller.finish().await?)
+        Ok(self.devices.controller.restore_modes().await?)
     }
 
     /// Reports for each sensor how many samples came and how many were ignored.
     async fn report_sample_counts(&mut self) -> Result<(), RunError> {
-        let mut told = Vec::new();
+        let mut messages = Vec::new();
         for sensor in &self.open_sensors {
             // A sensor that has failed since then was reported where it was needed.
-            let tally = sensor.counters().await.unwrap_or_default();
-            told.extend((tally.received_count > 0).then(|| format!("{}: {tally}", sensor.name())));
+            let tally = sensor.sample_counters().await.unwrap_or_default();
+            messages.extend((tally.received_count > 0).then(|| format!("{}: {tally}", sensor.name())));
         }
-        for text in told {
+        for text in messages {
             self.record_event(Event::Announced { text }).await?;
         }
         Ok(())
@@ -239,14 +245,16 @@ impl<'a> Run<'a> {
     /// there is nowhere to write.
     async fn record_failure(&mut self, error: &RunError) {
         let event = match error {
-            _ if error.is_stop() => Event::Held { reason: error.to_string() },
-            _ => {
-                Event::Faulted { what: error.to_string(), remedy: error.remedy(), position_lost: error.position_lost() }
-            }
+            _ if error.is_requested_stop() => Event::Held { reason: error.to_string() },
+            _ => Event::Faulted {
+                what: error.to_string(),
+                remedy: error.remedy(),
+                position_lost: error.may_have_lost_position(),
+            },
         };
         let state = match error {
             _ if error.closes_run() => RunState::Closed,
-            _ if self.has_moved || self.is_resumed || error.is_stop() => RunState::Held,
+            _ if self.has_moved || self.is_resumed || error.is_requested_stop() => RunState::Held,
             _ => RunState::Failed,
         };
         drop(self.journal.add_event(self.id, &event).await);

@@ -6,10 +6,10 @@ pub const COMPUTATION_NICE: i32 = 10;
 /// Nice increment of threads that serve pages and other HTTP requests.
 pub const HTTP_NICE: i32 = 5;
 
-/// Lowers the priority of this thread by `the_run`, a nice increment (nice(2); on Linux it applies to the
-/// thread alone). The priority stays the same where the system refuses.
-pub fn lower_priority(the_run: i32) {
-    let _ = rustix::process::nice(the_run);
+/// Lowers the priority of this thread by `nice_increment` (nice(2); on Linux it applies to the thread alone). The
+/// priority stays the same where the system refuses.
+pub fn lower_priority(nice_increment: i32) {
+    let _ = rustix::process::nice(nice_increment);
 }
 
 #[cfg(test)]

@@ -13,19 +13,19 @@ use devices::controllers::ControllerError;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Stage, Step, StepKind};
-use machine::record::watch::WatchedSensor;
+use machine::record::watched_sensors::WatchedSensor;
 use planning::{ConfirmedDirections, split_prompts};
 
 /// Polling period for an answer and for a halt.
-const POLL_PERIOD: Duration = Duration::from_millis(50);
+const ANSWER_POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Minimum time between two readings of the watched sensors.
-const WATCH_PERIOD: Duration = Duration::from_millis(250);
+const MIN_LIVE_VALUES_INTERVAL: Duration = Duration::from_millis(250);
 
 /// Prompt text, and its step and repeat in the plan.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpenPrompt {
-    pub step: u32,
-    pub repeat: u32,
+    pub step_id: u32,
+    pub repeat_number: u32,
     pub text: String,
 }
 
@@ -38,23 +38,23 @@ pub struct PromptAnswerSource(Option<Arc<PollAnswer>>);
 impl PromptAnswerSource {
     /// `poll` is polled while the run waits and must not block. It returns the name of the person who has
     /// confirmed the prompt, or `None` before that.
-    pub fn new(look: impl Fn(&OpenPrompt) -> Option<String> + Send + Sync + 'static) -> Self {
-        Self(Some(Arc::new(look)))
+    pub fn new(poll: impl Fn(&OpenPrompt) -> Option<String> + Send + Sync + 'static) -> Self {
+        Self(Some(Arc::new(poll)))
     }
 
     /// No operator is available: a run with a prompt is refused.
-    pub fn none() -> Self {
+    pub fn without_operator() -> Self {
         Self(None)
     }
 
     /// The answer, if there is one yet.
-    pub fn poll(&self, asked: &OpenPrompt) -> Option<String> {
-        self.0.as_ref().and_then(|look| look(asked))
+    pub fn poll(&self, prompt: &OpenPrompt) -> Option<String> {
+        self.0.as_ref().and_then(|poll| poll(prompt))
     }
 }
 
-/// Answered prompts as (step, repeat).
-pub(super) fn answered_prompts(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
+/// Answered prompts as (step id, repeat number).
+pub(super) fn answered_prompt_steps_and_repeats(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
     let answer = |(_, event): &(_, Event)| match event {
         Event::Answered { step, repeat, .. } => Some((*step, *repeat)),
         _ => None,
@@ -73,17 +73,18 @@ impl Run<'_> {
     pub(super) fn open_prompts(&self, stage: &Stage) -> Result<Vec<OpenPrompt>, RunError> {
         let (asked, _) = split_prompts(&self.plan, &stage.steps)?;
         let repeat = stage.repeat;
-        let open = asked.into_iter().filter(|(step, _)| !self.answered_prompts.contains(&(step.id, repeat)));
+        let open =
+            asked.into_iter().filter(|(step, _)| !self.answered_prompt_steps_and_repeats.contains(&(step.id, repeat)));
         let asked = |(step, text): (&Step, &str)| {
             let (step, text) = (step.id, text.to_owned());
-            OpenPrompt { step, repeat, text }
+            OpenPrompt { step_id: step, repeat_number: repeat, text }
         };
         Ok(open.map(asked).collect())
     }
 
     /// Checks before any motion that a prompt can be answered.
-    pub(super) fn check_operator_available(&self, text: Option<&str>) -> Result<(), RunError> {
-        match (text, &self.answers.0) {
+    pub(super) fn check_operator_available(&self, prompt_text: Option<&str>) -> Result<(), RunError> {
+        match (prompt_text, &self.prompt_answer_source.0) {
             (Some(text), None) => Err(RunError::NoOperator { text: text.to_owned() }),
             _ => Ok(()),
         }
@@ -97,45 +98,45 @@ impl Run<'_> {
     pub(super) async fn wait_for_prompts(
         &mut self,
         stage: &Stage,
-        stands: Option<Position>,
+        machine_position: Option<Position>,
     ) -> Result<Option<Position>, RunError> {
         let open = self.open_prompts(stage)?;
         if open.is_empty() {
-            return Ok(stands);
+            return Ok(machine_position);
         }
-        for asked in open {
-            let step = self.plan.steps.iter().find(|step| step.id == asked.step);
+        for prompt in open {
+            let step = self.plan.steps.iter().find(|step| step.id == prompt.step_id);
             let mount = step.and_then(|step| step.mount);
-            let watch = step.map_or(Vec::new(), |step| step.watch.clone());
-            self.wait_for_prompt(asked, &watch).await?;
-            mount.into_iter().for_each(|mount| self.devices.remount_artefact(mount));
+            let watched_sensors = step.map_or(Vec::new(), |step| step.watch.clone());
+            self.wait_for_prompt(prompt, &watched_sensors).await?;
+            mount.into_iter().for_each(|mount| self.devices.remount_simulated_artefact(mount));
         }
         // The operator may have moved the machine, and changed modes, offsets or overrides.
-        self.confirmed = ConfirmedDirections::default();
+        self.confirmed_directions = ConfirmedDirections::default();
         Ok(Some(self.devices.controller.prepare().await?.position))
     }
 
-    async fn wait_for_prompt(&mut self, asked: OpenPrompt, watch: &[WatchedSensor]) -> Result<(), RunError> {
-        self.check_operator_available(Some(&asked.text))?;
-        let OpenPrompt { step, repeat, text } = asked.clone();
+    async fn wait_for_prompt(&mut self, prompt: OpenPrompt, watched_sensors: &[WatchedSensor]) -> Result<(), RunError> {
+        self.check_operator_available(Some(&prompt.text))?;
+        let OpenPrompt { step_id: step, repeat_number: repeat, text } = prompt.clone();
         self.record_event(Event::Asked { step, repeat, text }).await?;
         let halt = self.devices.controller.halt_handle();
         let mut next_values = Instant::now();
         let who = loop {
-            if halt.is_halted() {
+            if halt.is_halt_requested() {
                 return Err(ControllerError::Halted.into());
             }
-            if let Some(who) = self.answers.poll(&asked) {
+            if let Some(who) = self.prompt_answer_source.poll(&prompt) {
                 break who;
             }
-            if !watch.is_empty() && Instant::now() >= next_values {
-                let values = self.read_live_values(watch).await;
+            if !watched_sensors.is_empty() && Instant::now() >= next_values {
+                let values = self.read_live_values(watched_sensors).await;
                 (self.on_event)(&Event::Watched { values });
-                next_values = Instant::now() + WATCH_PERIOD;
+                next_values = Instant::now() + MIN_LIVE_VALUES_INTERVAL;
             }
-            sleep(POLL_PERIOD).await;
+            sleep(ANSWER_POLL_PERIOD).await;
         };
-        self.answered_prompts.push((step, repeat));
+        self.answered_prompt_steps_and_repeats.push((step, repeat));
         self.record_event(Event::Answered { step, repeat, who }).await
     }
 }

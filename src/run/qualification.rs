@@ -8,7 +8,7 @@ use crate::store::{Journal, StoreError};
 use machine::record::estimate::Provenance;
 use machine::record::plan::Plan;
 use methods::Method;
-use methods::identification::probe_map::PROBE_QUALIFICATION_NAME;
+use methods::identification::probe_map::PROBE_QUALIFICATION_METHOD_NAME;
 
 /// Reason why a run does not begin.
 #[derive(Debug, thiserror::Error)]
@@ -21,14 +21,14 @@ pub enum QualificationError {
         "--with contains a qualification of the probe, but [probe] qualified_within_days already uses the \
         newest one of the journal"
     )]
-    AlreadyGiven,
+    AlreadyAmongPriors,
     #[error(
         "the qualification was made with a probe, stylus or machine that differs from [probe], tool_mm and \
         name in the machine file"
     )]
     OtherProbe,
     #[error(transparent)]
-    ProbeMap(#[from] methods::MethodRefusal),
+    MethodRefused(#[from] methods::MethodRefusal),
     #[error(transparent)]
     Store(#[from] StoreError),
 }
@@ -37,11 +37,15 @@ impl QualificationError {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
-            Self::ProbeMap(refused) => refused.remedy.clone(),
+            QualificationError::MethodRefused(refused) => refused.remedy.clone(),
             Self::Store(error) => error.remedy().to_owned(),
-            Self::AlreadyGiven => "remove the qualification from --with, or remove qualified_within_days".to_owned(),
+            QualificationError::AlreadyAmongPriors => {
+                "remove the qualification from --with, or remove qualified_within_days".to_owned()
+            }
             Self::Missing | Self::Expired { .. } | Self::OtherProbe => {
-                format!("run `trued run {PROBE_QUALIFICATION_NAME}` with a precision sphere, then this run again")
+                format!(
+                    "run `trued run {PROBE_QUALIFICATION_METHOD_NAME}` with a precision sphere, then this run again"
+                )
             }
         }
     }
@@ -61,12 +65,13 @@ pub fn add_qualification(
 ) -> Result<Plan, QualificationError> {
     let within_days = plan.probe.qualified_within_days.filter(|_| method.accepts_probe_map());
     if let Some(most) = within_days {
-        let is_given = plan.priors.iter().any(|prior| prior.method == PROBE_QUALIFICATION_NAME);
+        let is_given = plan.priors.iter().any(|prior| prior.method == PROBE_QUALIFICATION_METHOD_NAME);
         if is_given {
-            return Err(QualificationError::AlreadyGiven);
+            return Err(QualificationError::AlreadyAmongPriors);
         }
-        let newest =
-            journal.newest_run_of(&plan.machine.name, PROBE_QUALIFICATION_NAME)?.ok_or(QualificationError::Missing)?;
+        let newest = journal
+            .newest_run_with_estimate(&plan.machine.name, PROBE_QUALIFICATION_METHOD_NAME)?
+            .ok_or(QualificationError::Missing)?;
         let mut stored = journal.load_run(newest)?;
         let days = age_days(stored.summary.started, now);
         if days > most {
@@ -76,7 +81,7 @@ pub fn add_qualification(
         plan.priors.push(estimate);
         method.check_priors(&plan)?;
     }
-    check_probe(&plan)?;
+    check_qualifications_match_probe(&plan)?;
     Ok(plan)
 }
 
@@ -84,12 +89,12 @@ pub fn add_qualification(
 ///
 /// # Errors
 /// A qualification belongs to another probe or does not name its probe.
-pub fn check_probe(plan: &Plan) -> Result<(), QualificationError> {
+pub fn check_qualifications_match_probe(plan: &Plan) -> Result<(), QualificationError> {
     let own = probe_sha256(plan);
     let is_own = |provenance: &Provenance| {
         Some(&provenance.probe_sha256) == own.as_ref() && provenance.machine == plan.machine.name
     };
-    let mut maps = plan.priors.iter().filter(|prior| prior.method == PROBE_QUALIFICATION_NAME);
+    let mut maps = plan.priors.iter().filter(|prior| prior.method == PROBE_QUALIFICATION_METHOD_NAME);
     match maps.all(|prior| prior.provenance.as_ref().is_some_and(is_own)) {
         true => Ok(()),
         false => Err(QualificationError::OtherProbe),
@@ -111,7 +116,7 @@ mod tests {
     use crate::archive::plan_for_tests;
     use crate::store::{NewRun, RunState};
 
-    fn method() -> Box<dyn Method> {
+    fn samba_method() -> Box<dyn Method> {
         methods::configure_method("samba", json!({})).unwrap()
     }
 
@@ -122,7 +127,7 @@ mod tests {
                 "identifiable": true})
         };
         let estimate = json!({
-            "trued_estimate": 1, "method": PROBE_QUALIFICATION_NAME,
+            "trued_estimate": 1, "method": PROBE_QUALIFICATION_METHOD_NAME,
             "parameters": [of("E_probe_c3"), of("E_probe_s3")], "functions": [],
             "covariance": {"symbols": ["E_probe_c3", "E_probe_s3"], "rows": [[0.01, 0.0], [0.0, 0.01]]},
             "rank": 2, "unknowns": 2, "condition": 1.0, "gauge": [], "not_identifiable": [],
@@ -141,13 +146,14 @@ mod tests {
         let journal = Journal::open(dir.path()).unwrap();
         let mut plan = plan_for_tests("samba", "mill");
         let now = Timestamp::now();
-        let ask = |plan: &Plan, now| add_qualification(method().as_ref(), plan.clone(), &journal, now);
+        let ask = |plan: &Plan, now| add_qualification(samba_method().as_ref(), plan.clone(), &journal, now);
         assert_eq!(ask(&plan, now).unwrap().priors, []);
         plan.probe.lobing_um = 0.5;
         plan.probe.qualified_within_days = Some(30.0);
         assert!(matches!(ask(&plan, now), Err(QualificationError::Missing)));
 
-        let new = NewRun { config: String::new(), plan: plan_for_tests(PROBE_QUALIFICATION_NAME, "mill") };
+        let new =
+            NewRun { machine_file_text: String::new(), plan: plan_for_tests(PROBE_QUALIFICATION_METHOD_NAME, "mill") };
         let run = journal.begin_run(&new).await.unwrap();
         let found = probe_map_estimate(&plan);
         journal.add_estimate(run, &found).await.unwrap();
@@ -162,7 +168,7 @@ mod tests {
         plan.probe.ball_radius_mm += 0.5;
         assert!(matches!(ask(&plan, now), Err(QualificationError::OtherProbe)));
         let given = Plan { priors: vec![probe_map_estimate(&plan)], ..plan.clone() };
-        assert!(matches!(ask(&given, now), Err(QualificationError::AlreadyGiven)));
+        assert!(matches!(ask(&given, now), Err(QualificationError::AlreadyAmongPriors)));
         plan.machine.name = "another".to_owned();
         assert!(matches!(ask(&plan, now), Err(QualificationError::Missing)));
     }

@@ -9,7 +9,7 @@ pub(super) struct RemainingStages {
 #[derive(Debug)]
 pub(super) struct RehearsedStage {
     pub(super) name: String,
-    pub(super) machine_s: f64,
+    pub(super) machine_time_s: f64,
 }
 
 impl RemainingStages {
@@ -19,15 +19,15 @@ impl RemainingStages {
 
     /// Removes the stage `name`, which begins, and all stages before it. A stage that was not rehearsed changes
     /// nothing, for example another round of the rest check or a repeated measurement.
-    pub(super) fn begin(&mut self, name: &str) {
+    pub(super) fn remove_up_to_begun_stage(&mut self, name: &str) {
         if let Some(at) = self.stages.iter().position(|stage| stage.name == name) {
             self.stages.drain(..=at);
         }
     }
 
     /// Machine time of the remaining stages, s.
-    pub(super) fn machine_s(&self) -> f64 {
-        self.stages.iter().map(|stage| stage.machine_s).sum()
+    pub(super) fn total_machine_time_s(&self) -> f64 {
+        self.stages.iter().map(|stage| stage.machine_time_s).sum()
     }
 }
 
@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     fn remaining_of_two_stages() -> RemainingStages {
-        let stage = |name: &str, machine_s| RehearsedStage { name: name.to_owned(), machine_s };
+        let stage = |name: &str, machine_s| RehearsedStage { name: name.to_owned(), machine_time_s: machine_s };
         RemainingStages::new(vec![
             stage("find", 1.0),
             stage("reference", 2.0),
@@ -50,8 +50,8 @@ mod tests {
         let mut remaining = remaining_of_two_stages();
         let names = ["find", "find, once more", "reference", "at rest?", "measure", "reference"];
         let left = names.map(|name| {
-            remaining.begin(name);
-            remaining.machine_s()
+            remaining.remove_up_to_begun_stage(name);
+            remaining.total_machine_time_s()
         });
         assert_eq!(left, [14.0, 14.0, 12.0, 12.0, 8.0, 0.0]);
     }
@@ -59,7 +59,7 @@ mod tests {
     #[test]
     fn stages_done_before_a_resume_are_not_counted() {
         let mut remaining = remaining_of_two_stages();
-        remaining.begin("measure");
-        assert_eq!(remaining.machine_s(), 8.0);
+        remaining.remove_up_to_begun_stage("measure");
+        assert_eq!(remaining.total_machine_time_s(), 8.0);
     }
 }

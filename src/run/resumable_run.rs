@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::identify::stored_setup;
-use super::prompts::answered_prompts;
-use super::{CycleError, InterruptedRun, PromptAnswerSource, Run, can_resume, conclude_run};
+use super::identify::setup_of_stored_run;
+use super::prompts::answered_prompt_steps_and_repeats;
+use super::{CycleError, InterruptedRun, PromptAnswerSource, Run, can_resume, identify_judge_and_store};
 use crate::archive::run_story;
 use crate::setup::{Devices, EarlierSessions, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState, StoredRun};
@@ -17,14 +17,15 @@ use methods::Method;
 
 /// An unfinished run with the machine file and the method with which it was started.
 pub struct ResumableRun {
-    pub machine: MachineFile,
+    pub machine_file: MachineFile,
     method: Arc<dyn Method>,
-    stored: StoredRun,
-    /// Answered prompts as (step, repeat), and the mountings of the artefact that they confirm.
-    answered_prompts: Vec<(u32, u32)>,
-    mountings: Vec<ArtefactMount>,
+    stored_run: StoredRun,
+    /// Answered prompts as (step id, repeat number).
+    answered_prompt_steps_and_repeats: Vec<(u32, u32)>,
+    /// Mountings of the artefact that the answered prompts confirm.
+    confirmed_mountings: Vec<ArtefactMount>,
     /// Wall time since the last reading, s.
-    elapsed_s: f64,
+    time_since_last_reading_s: f64,
 }
 
 /// Question to the operator before the machine moves again.
@@ -33,9 +34,9 @@ pub struct ResumeQuestion {
     pub run: RunId,
     /// How the run was interrupted.
     pub end_reason: String,
-    pub confirmation: &'static str,
+    pub question_text: &'static str,
     /// Whether the control may have lost its position, so that all axes must be homed first.
-    pub position_lost: bool,
+    pub may_have_lost_position: bool,
 }
 
 /// Reason why a run cannot be resumed.
@@ -44,9 +45,9 @@ pub enum ResumeRefusal {
     #[error("run {run} {why} and cannot be resumed")]
     NotResumable { run: RunId, why: &'static str, next_action: Option<String> },
     #[error("{}\nthe name of the operator who has checked the machine is missing; nothing has moved", .0.end_reason)]
-    NameMissing(ResumeQuestion),
+    OperatorNameMissing(ResumeQuestion),
     #[error("{}\nthe confirmation that all axes are homed is missing; nothing has moved", .0.end_reason)]
-    NotHomed(ResumeQuestion),
+    HomingNotConfirmed(ResumeQuestion),
     #[error(transparent)]
     Setup(#[from] SetupError),
 }
@@ -55,42 +56,50 @@ impl ResumableRun {
     /// # Errors
     /// The run is not unfinished, or its machine file or its settings belong to another version.
     pub fn from_stored(stored: StoredRun) -> Result<Self, ResumeRefusal> {
-        check_state(&stored)?;
-        let (machine, method) = stored_setup(&stored)?;
-        let since = stored.measured_until.or(stored.summary.ended);
+        check_is_resumable(&stored)?;
+        let (machine, method) = setup_of_stored_run(&stored)?;
+        let since = stored.last_reading_stored_at.or(stored.summary.ended);
         let elapsed_s = since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
-        let answered_prompts = answered_prompts(&stored.events);
+        let answered_prompts = answered_prompt_steps_and_repeats(&stored.events);
         let mount = |(id, _): &(u32, u32)| stored.plan.steps.iter().find(|s| s.id == *id)?.mount;
         let mountings = answered_prompts.iter().filter_map(mount).collect();
-        Ok(Self { machine, method, stored, answered_prompts, mountings, elapsed_s })
+        Ok(Self {
+            machine_file: machine,
+            method,
+            stored_run: stored,
+            answered_prompt_steps_and_repeats: answered_prompts,
+            confirmed_mountings: mountings,
+            time_since_last_reading_s: elapsed_s,
+        })
     }
 
-    pub fn stored(&self) -> &StoredRun {
-        &self.stored
+    pub fn stored_run(&self) -> &StoredRun {
+        &self.stored_run
     }
 
     pub fn resume_question(&self) -> ResumeQuestion {
-        resume_question(&self.stored)
+        resume_question(&self.stored_run)
     }
 
     /// State from which a simulated machine continues.
-    pub fn history(&self) -> EarlierSessions<'_> {
-        let Self { stored, mountings, elapsed_s, .. } = self;
-        EarlierSessions { readings: &stored.readings, mountings, elapsed_s: *elapsed_s }
+    pub fn earlier_sessions(&self) -> EarlierSessions<'_> {
+        let Self { stored_run: stored, confirmed_mountings: mountings, time_since_last_reading_s: elapsed_s, .. } =
+            self;
+        EarlierSessions { readings: &stored.readings, mountings, time_since_last_reading_s: *elapsed_s }
     }
 
     /// The operator's acknowledgement that the machine may move. It is journaled before any motion.
     ///
     /// # Errors
     /// `who` is empty, or `homed` is false although the control may have lost its position.
-    pub fn acknowledgement(&self, who: &str, homed: bool) -> Result<Event, ResumeRefusal> {
+    pub fn acknowledgement_event(&self, who: &str, homed: bool) -> Result<Event, ResumeRefusal> {
         let question = self.resume_question();
         let who = who.trim().to_owned();
-        match (who.is_empty(), question.position_lost && !homed) {
-            (true, _) => Err(ResumeRefusal::NameMissing(question)),
-            (false, true) => Err(ResumeRefusal::NotHomed(question)),
+        match (who.is_empty(), question.may_have_lost_position && !homed) {
+            (true, _) => Err(ResumeRefusal::OperatorNameMissing(question)),
+            (false, true) => Err(ResumeRefusal::HomingNotConfirmed(question)),
             (false, false) => {
-                let ResumeQuestion { end_reason, confirmation, .. } = question;
+                let ResumeQuestion { end_reason, question_text: confirmation, .. } = question;
                 let what = format!("{end_reason}; confirmed question: {confirmation}");
                 Ok(Event::Acknowledged { who, what, leaves: false })
             }
@@ -101,19 +110,33 @@ impl ResumableRun {
     ///
     /// # Errors
     /// A fault or a stop: the machine holds, and all readings so far are in the journal.
-    pub async fn run(
+    pub async fn resume_and_identify(
         self,
         devices: &Devices,
         journal: &Journal,
         answers: PromptAnswerSource,
         on_event: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
-        let Self { machine, method, stored, answered_prompts, elapsed_s, .. } = self;
+        let Self {
+            machine_file: machine,
+            method,
+            stored_run: stored,
+            answered_prompt_steps_and_repeats: answered_prompts,
+            time_since_last_reading_s: elapsed_s,
+            ..
+        } = self;
         let StoredRun { summary, plan, stages, readings, .. } = stored;
         let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, on_event);
-        let mut run = run.with_answers(answers);
-        let ended = run.resume(InterruptedRun { stages, readings, answered_prompts, elapsed_s }).await;
-        let estimate = conclude_run(run, ended, &method, &machine.parameter_limits).await?;
+        let mut run = run.with_prompt_answer_source(answers);
+        let ended = run
+            .resume(InterruptedRun {
+                started_stages: stages,
+                readings,
+                answered_prompt_steps_and_repeats: answered_prompts,
+                time_since_last_reading_s: elapsed_s,
+            })
+            .await;
+        let estimate = identify_judge_and_store(run, ended, &method, &machine.parameter_limits).await?;
         Ok((summary.id, estimate))
     }
 }
@@ -132,12 +155,12 @@ pub fn resume_question(stored: &StoredRun) -> ResumeQuestion {
     ResumeQuestion {
         run: stored.summary.id,
         end_reason: run_story::describe_run_end(stored),
-        confirmation,
-        position_lost,
+        question_text: confirmation,
+        may_have_lost_position: position_lost,
     }
 }
 
-fn check_state(stored: &StoredRun) -> Result<(), ResumeRefusal> {
+fn check_is_resumable(stored: &StoredRun) -> Result<(), ResumeRefusal> {
     let (run, state) = (stored.summary.id, stored.summary.state);
     if state.is_resumable() {
         return Ok(());

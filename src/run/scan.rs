@@ -26,23 +26,25 @@ impl Run<'_> {
         &mut self,
         step: &Step,
         scan: &Scan,
-        repeat: u32,
+        repeat_number: u32,
         mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
         let rest = blocks.split_off(out_of_range_block_count(scan, blocks.len()));
-        let in_nest = blocks.is_empty();
+        let is_ball_in_nest = blocks.is_empty();
         self.leave_sensor_range(step, blocks).await?;
-        if in_nest {
+        if is_ball_in_nest {
             for sensor in self.step_sensors_on(step, &[SensorMount::Table]) {
                 self.check_sample(step, &sensor.name, is_distance).await?;
             }
         }
         match scan.sampling {
-            Sampling::Dwell { samples, .. } => self.run_dwells(step, repeat, samples, rest, in_nest).await,
+            Sampling::Dwell { samples, .. } => {
+                self.run_dwells(step, repeat_number, samples, rest, is_ball_in_nest).await
+            }
             Sampling::Continuous { rate_hz, per_revolution } => {
                 // The filter to equal angles needs all samples.
-                let most_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
-                self.run_scan_in_motion(step, scan, repeat, most_hz, rest, in_nest).await
+                let max_rate_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
+                self.run_scan_in_motion(step, scan, repeat_number, max_rate_hz, rest, is_ball_in_nest).await
             }
         }
     }
@@ -71,30 +73,30 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Executes a block for each point and takes `count` samples of each sensor there.
+    /// Executes a block for each point and takes `samples_per_point` samples of each sensor there.
     async fn run_dwells(
         &mut self,
         step: &Step,
-        repeat: u32,
-        count: u32,
+        repeat_number: u32,
+        samples_per_point: u32,
         blocks: Vec<ProvenBlock>,
-        in_nest: bool,
+        is_ball_in_nest: bool,
     ) -> Result<Vec<Reading>, RunError> {
         let mut readings = Vec::new();
         let first = step.scan.as_ref().and_then(|scan| scan.path.first());
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
             let accepts = match number {
-                0 => self.entry_conditions(step, in_nest),
+                0 => self.entry_conditions(step, is_ball_in_nest),
                 _ => step.sensors.iter().map(|_| Box::new(is_distance) as AcceptSample).collect(),
             };
             commanded = position_after_motions(block.motions(), &commanded);
             let outcome = self.execute_watched(step, block, accepts).await?;
-            let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
-            let stands = self.devices.controller.read_snapshot().await?.position;
-            let stands = undo_display_rounding(&stands, &commanded);
-            let samples = self.samples_at_rest(step, count).await?;
-            readings.extend(self.point_readings(step, repeat, own_s, &stands, &samples));
+            let control_time_s = outcome.trigger_time_s.unwrap_or_else(|| self.devices.clock.now_s());
+            let position = self.devices.controller.read_snapshot().await?.position;
+            let position = undo_display_rounding(&position, &commanded);
+            let samples = self.take_samples_at_rest(step, samples_per_point).await?;
+            readings.extend(self.point_readings(step, repeat_number, control_time_s, &position, &samples));
         }
         Ok(readings)
     }
@@ -104,32 +106,32 @@ impl Run<'_> {
     fn point_readings(
         &mut self,
         step: &Step,
-        repeat: u32,
-        own_s: f64,
-        stands: &Position,
+        repeat_number: u32,
+        control_time_s: f64,
+        machine_position: &Position,
         samples: &[Vec<Sample>],
     ) -> Vec<Reading> {
-        let began = self.timeline.run_time_s(own_s);
-        let times: Vec<f64> = samples.iter().take(1).flatten().map(|sample| sample.t_s).collect();
+        let began = self.timeline.run_time_s(control_time_s);
+        let times: Vec<f64> = samples.iter().take(1).flatten().map(|sample| sample.received_s).collect();
         let after_s = |k: usize| times.get(k).zip(times.first()).map_or(0.0, |(t, first)| t - first);
         let of_sensor = |(sensor, samples): (&String, &Vec<Sample>)| -> Vec<Reading> {
             let sampled = samples.iter().enumerate().map(|(k, sample)| PositionedSample {
                 sensor,
                 sample: *sample,
                 run_time_s: began + after_s(k),
-                position: stands.clone(),
+                position: machine_position.clone(),
             });
-            sampled.map(|sampled| to_reading(step, repeat, sampled)).collect()
+            sampled.map(|sampled| to_reading(step, repeat_number, sampled)).collect()
         };
         step.sensors.iter().zip(samples).flat_map(of_sensor).collect()
     }
 }
 
-pub(super) fn to_reading(step: &Step, repeat: u32, sampled: PositionedSample<'_>) -> Reading {
+pub(super) fn to_reading(step: &Step, repeat_number: u32, sampled: PositionedSample<'_>) -> Reading {
     let PositionedSample { sensor, sample, run_time_s: t_s, position } = sampled;
     Reading {
         step: step.id,
-        repeat,
+        repeat: repeat_number,
         position,
         value_mm: sample.value_mm,
         sensor: sensor.to_owned(),

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::sleep;
 
-use super::counted_turn::{CountedTurn, rotation_rad};
+use super::counted_turn::{CountedTurn, rotation_between_samples_rad};
 use super::display_rounding::undo_display_rounding;
 use super::equal_angles;
 use super::position_assignment::{self, PositionedSamples, REST_TOLERANCE_MM_OR_RAD};
@@ -16,40 +16,40 @@ use super::{Run, RunError};
 use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::Position;
+use machine::record::axis_track::AxisTrack;
 use machine::record::event::Event;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::record::reading::Reading;
-use machine::record::track::AxisTrack;
 use planning::proof::ProvenBlock;
 
 /// Maximum number of samples of one sensor per scan in motion, a quarter of an hour at 1 kHz.
-const MAX_SAMPLES: usize = 1_000_000;
-/// Period and number of the checks whether the counts are at rest: samples may still arrive after the control
-/// reports rest.
+const MAX_SAMPLES_PER_SENSOR: usize = 1_000_000;
+/// Period of the checks whether the counts are at rest: samples may still arrive after the control reports rest.
 const STANDSTILL_POLL_PERIOD: Duration = Duration::from_millis(20);
-const MAX_REST_PERIODS: usize = 100;
+/// Maximum number of checks whether the counts are at rest; the run then continues.
+const MAX_STANDSTILL_POLLS: usize = 100;
 
 /// An executed scan in motion.
-struct Sweep {
+struct ExecutedScanInMotion {
     track: Option<AxisTrack>,
     /// Positions that the control reports at rest before and after the scan, if encoder counts give the
     /// positions.
-    rest_positions: Option<[Position; 2]>,
-    channels: Vec<Channel>,
+    rest_positions_before_and_after: Option<[Position; 2]>,
+    sensor_channels: Vec<SensorChannel>,
 }
 
 /// Samples of one sensor.
-struct Channel {
+struct SensorChannel {
     sensor: String,
     /// Scale of the encoder whose counts give the positions, and the sample at rest before the scan.
-    encoder: Option<(EncoderScale, Sample)>,
+    encoder_and_rest_sample: Option<(EncoderScale, Sample)>,
     samples: Vec<Sample>,
 }
 
 impl Run<'_> {
     /// Checks before any motion that the positions of all samples can be known: the control stamps positions,
     /// or each sample carries the encoder count of the axis that turns.
-    pub(super) fn check_scan_in_motion_positions(&self, steps: &[Step]) -> Result<(), RunError> {
+    pub(super) fn check_positions_available_in_motion(&self, steps: &[Step]) -> Result<(), RunError> {
         let lacks_positions = |step: &&Step| match &step.scan {
             Some(scan) if matches!(scan.sampling, Sampling::Continuous { .. }) => {
                 step.sensors.iter().any(|sensor| self.path_encoder(scan, sensor).is_none())
@@ -57,7 +57,9 @@ impl Run<'_> {
             _ => false,
         };
         match steps.iter().find(lacks_positions) {
-            Some(step) if !self.devices.controller.can_record_track() => Err(RunError::NoTimeStamps { step: step.id }),
+            Some(step) if !self.devices.controller.can_record_track() => {
+                Err(RunError::NoTimeStampedPositions { step: step.id })
+            }
             _ => Ok(()),
         }
     }
@@ -76,92 +78,101 @@ impl Run<'_> {
         &mut self,
         step: &Step,
         scan: &Scan,
-        repeat: u32,
-        most_hz: f64,
+        repeat_number: u32,
+        max_rate_hz: f64,
         mut blocks: Vec<ProvenBlock>,
-        in_nest: bool,
+        is_ball_in_nest: bool,
     ) -> Result<Vec<Reading>, RunError> {
         let Some(block) = blocks.pop() else {
-            return Err(sweep_failed(step, "the step contains no motion"));
+            return Err(scan_in_motion_failed(step, "the step contains no motion"));
         };
-        for way in blocks {
-            self.execute_watched(step, way, self.entry_conditions(step, in_nest)).await?;
+        for approach_block in blocks {
+            self.execute_watched(step, approach_block, self.entry_conditions(step, is_ball_in_nest)).await?;
         }
         let sweep = self.execute_scan_in_motion(step, scan, block).await?;
         let mut readings = Vec::new();
-        for channel in &sweep.channels {
-            let placed = sweep.assign_positions(channel, step, scan, most_hz)?;
+        for channel in &sweep.sensor_channels {
+            let placed = sweep.assign_positions(channel, step, scan, max_rate_hz)?;
             let sensor = channel.sensor.as_str();
             if placed.samples.is_empty() {
-                return Err(sweep_failed(step, &no_samples_reason(sensor, channel.samples.is_empty())));
+                return Err(scan_in_motion_failed(step, &no_samples_reason(sensor, channel.samples.is_empty())));
             }
             let gaps = sweep.track.as_ref().map_or(0, AxisTrack::gap_count);
             self.report_unused_samples(step, sensor, &placed, gaps).await?;
-            let kept = match equal_angles::equal_angle_request(scan) {
+            let kept = match equal_angles::axis_and_angles_per_revolution(scan) {
                 Some((axis, count)) => {
                     let turn = equal_angles::resample_turn(&placed.samples, axis, count);
                     if let Some(text) = turn.gap_message(&step.label, sensor) {
                         self.record_event(Event::Announced { text }).await?;
                     }
-                    turn.samples
+                    turn.samples_with_positions
                 }
                 None => placed.samples,
             };
-            readings.extend(self.scan_in_motion_readings(step, sensor, repeat, kept));
+            readings.extend(self.scan_in_motion_readings(step, sensor, repeat_number, kept));
         }
         Ok(readings)
     }
 
-    async fn execute_scan_in_motion(&self, step: &Step, scan: &Scan, block: ProvenBlock) -> Result<Sweep, RunError> {
-        let mut channels = self.open_channels(step, scan).await?;
-        let is_counted = channels.iter().any(|channel| channel.encoder.is_some());
-        let before = if is_counted { Some(self.rest_position(scan.path.first()).await?) } else { None };
+    async fn execute_scan_in_motion(
+        &self,
+        step: &Step,
+        scan: &Scan,
+        block: ProvenBlock,
+    ) -> Result<ExecutedScanInMotion, RunError> {
+        let mut channels = self.open_sensor_channels(step, scan).await?;
+        let is_counted = channels.iter().any(|channel| channel.encoder_and_rest_sample.is_some());
+        let before = if is_counted { Some(self.read_rest_position(scan.path.first()).await?) } else { None };
         let (accepts, mut kept): (Vec<AcceptSample>, Vec<mpsc::Receiver<Sample>>) =
-            step.sensors.iter().map(|_| sample_buffer(MAX_SAMPLES)).unzip();
+            step.sensors.iter().map(|_| sample_buffer(MAX_SAMPLES_PER_SENSOR)).unzip();
         self.begin_watch(step, accepts).await?;
         let executed = self.devices.controller.execute(block).await;
         if is_counted && executed.is_ok() {
             wait_for_encoder_rest(&mut channels, &mut kept).await;
         }
         let outcome = self.end_watch(step, executed).await;
-        channels.iter_mut().zip(&mut kept).for_each(|(channel, kept)| channel.receive(kept));
-        let is_full = channels.iter().any(|channel| channel.samples.len() >= MAX_SAMPLES);
+        channels.iter_mut().zip(&mut kept).for_each(|(channel, kept)| channel.append_received(kept));
+        let is_full = channels.iter().any(|channel| channel.samples.len() >= MAX_SAMPLES_PER_SENSOR);
         let outcome = match outcome {
             Err(RunError::UnexpectedDistance { .. }) if is_full => {
                 let why = "a sensor sent more samples during the motion than the buffer can store";
-                return Err(sweep_failed(step, why));
+                return Err(scan_in_motion_failed(step, why));
             }
             outcome => outcome?,
         };
         let rest_positions = match before {
-            Some(before) => Some([before, self.rest_position(scan.path.last()).await?]),
+            Some(before) => Some([before, self.read_rest_position(scan.path.last()).await?]),
             None => None,
         };
-        Ok(Sweep { track: outcome.track, rest_positions, channels })
+        Ok(ExecutedScanInMotion {
+            track: outcome.track,
+            rest_positions_before_and_after: rest_positions,
+            sensor_channels: channels,
+        })
     }
 
     /// Channels of the sensors of `step`, before the axes start.
-    async fn open_channels(&self, step: &Step, scan: &Scan) -> Result<Vec<Channel>, RunError> {
+    async fn open_sensor_channels(&self, step: &Step, scan: &Scan) -> Result<Vec<SensorChannel>, RunError> {
         let scales: Vec<_> = step.sensors.iter().map(|name| self.path_encoder(scan, name)).collect();
         let firsts: Vec<Option<Sample>> = match scales.iter().any(Option::is_some) {
             true => {
-                let samples = self.samples_at_rest(step, 1).await?;
+                let samples = self.take_samples_at_rest(step, 1).await?;
                 samples.iter().map(|samples| samples.first().copied()).collect()
             }
             false => vec![None; scales.len()],
         };
-        let channel = |((sensor, scale), first): ((&String, Option<EncoderScale>), _)| Channel {
+        let channel = |((sensor, scale), first): ((&String, Option<EncoderScale>), _)| SensorChannel {
             sensor: sensor.clone(),
-            encoder: scale.zip(first),
+            encoder_and_rest_sample: scale.zip(first),
             samples: Vec::new(),
         };
         Ok(step.sensors.iter().zip(scales).zip(firsts).map(channel).collect())
     }
 
     /// Position that the control reports at rest after the motion to `commanded`.
-    async fn rest_position(&self, commanded: Option<&Position>) -> Result<Position, RunError> {
-        let stands = self.devices.controller.read_snapshot().await?.position;
-        Ok(commanded.map_or_else(|| stands.clone(), |commanded| undo_display_rounding(&stands, commanded)))
+    async fn read_rest_position(&self, commanded: Option<&Position>) -> Result<Position, RunError> {
+        let displayed = self.devices.controller.read_snapshot().await?.position;
+        Ok(commanded.map_or_else(|| displayed.clone(), |commanded| undo_display_rounding(&displayed, commanded)))
     }
 
     /// Reports the samples that were left out.
@@ -172,7 +183,11 @@ impl Run<'_> {
         placed: &PositionedSamples,
         gaps: usize,
     ) -> Result<(), RunError> {
-        let PositionedSamples { samples, without_position, dropped_by_rate } = placed;
+        let PositionedSamples {
+            samples,
+            without_position_count: without_position,
+            dropped_by_rate_count: dropped_by_rate,
+        } = placed;
         let (label, all) = (&step.label, samples.len() + without_position + dropped_by_rate);
         let by_gaps = format!(
             "{label}: {without_position} of {all} samples of {sensor} are not used: the positions of the control \
@@ -194,7 +209,7 @@ impl Run<'_> {
         &mut self,
         step: &Step,
         sensor: &str,
-        repeat: u32,
+        repeat_number: u32,
         samples: Vec<(Sample, Position)>,
     ) -> Vec<Reading> {
         let now_s = self.devices.clock.now_s();
@@ -202,66 +217,72 @@ impl Run<'_> {
         let placed = samples.into_iter().map(|(sample, position)| PositionedSample {
             sensor,
             sample,
-            run_time_s: sample.t_s + shift_s,
+            run_time_s: sample.received_s + shift_s,
             position,
         });
-        placed.map(|sampled| to_reading(step, repeat, sampled)).collect()
+        placed.map(|sampled| to_reading(step, repeat_number, sampled)).collect()
     }
 }
 
-impl Sweep {
+impl ExecutedScanInMotion {
     fn assign_positions(
         &self,
-        channel: &Channel,
+        channel: &SensorChannel,
         step: &Step,
         scan: &Scan,
-        most_hz: f64,
+        max_rate_hz: f64,
     ) -> Result<PositionedSamples, RunError> {
-        if let (Some((scale, first)), Some([before, after])) = (channel.encoder, &self.rest_positions) {
+        if let (Some((scale, first)), Some([before, after])) =
+            (channel.encoder_and_rest_sample, &self.rest_positions_before_and_after)
+        {
             let (rest_positions, speed_deg_s) = ([before, after], step.feed_mm_min / 60.0);
-            let turn = CountedTurn { scale, rest_positions, first_sample: first, speed_deg_s };
+            let turn = CountedTurn {
+                encoder_scale: scale,
+                rest_positions_before_and_after: rest_positions,
+                sample_before_turn: first,
+                max_speed_deg_s: speed_deg_s,
+            };
             let (step, sensor) = (step.id, channel.sensor.clone());
-            let placed = turn.assign_positions(&channel.samples, most_hz);
+            let placed = turn.assign_positions(&channel.samples, max_rate_hz);
             return placed.map_err(|source| RunError::EncoderFault { step, sensor, source });
         }
-        let track = self.track.as_ref().ok_or(RunError::NoTimeStamps { step: step.id })?;
-        match position_assignment::uncovered_path(track, &scan.path) {
-            Some(why) => Err(sweep_failed(step, &why)),
-            None => Ok(position_assignment::assign_positions(&channel.samples, track, most_hz)),
+        let track = self.track.as_ref().ok_or(RunError::NoTimeStampedPositions { step: step.id })?;
+        match position_assignment::reason_for_uncovered_path(track, &scan.path) {
+            Some(why) => Err(scan_in_motion_failed(step, &why)),
+            None => Ok(position_assignment::assign_positions(&channel.samples, track, max_rate_hz)),
         }
     }
 }
 
-impl Channel {
+impl SensorChannel {
     /// Appends the samples received so far.
-    fn receive(&mut self, kept: &mut mpsc::Receiver<Sample>) {
+    fn append_received(&mut self, kept: &mut mpsc::Receiver<Sample>) {
         self.samples.extend(std::iter::from_fn(|| kept.try_recv().ok()));
     }
 
     /// Whether the counts of `samples`, two or more, are nearly equal.
     fn is_at_rest(&self, samples: &[Sample]) -> bool {
-        let Some((scale, _)) = self.encoder else { return true };
+        let Some((scale, _)) = self.encoder_and_rest_sample else { return true };
         match samples {
-            [from, .., to] => {
-                rotation_rad(scale, from, to).is_some_and(|turned| turned.abs() <= REST_TOLERANCE_MM_OR_RAD)
-            }
+            [from, .., to] => rotation_between_samples_rad(scale, from, to)
+                .is_some_and(|turned| turned.abs() <= REST_TOLERANCE_MM_OR_RAD),
             _ => false,
         }
     }
 }
 
 /// Waits until the newest samples of each sensor with counts show an axis at rest, or until the last check.
-async fn wait_for_encoder_rest(channels: &mut [Channel], kept: &mut [mpsc::Receiver<Sample>]) {
-    let size = |(channel, kept): (&mut Channel, &mut mpsc::Receiver<Sample>)| {
-        channel.receive(kept);
+async fn wait_for_encoder_rest(channels: &mut [SensorChannel], kept: &mut [mpsc::Receiver<Sample>]) {
+    let size = |(channel, kept): (&mut SensorChannel, &mut mpsc::Receiver<Sample>)| {
+        channel.append_received(kept);
         channel.samples.len()
     };
     let mut sizes: Vec<usize> = channels.iter_mut().zip(kept.iter_mut()).map(size).collect();
-    for _ in 0..MAX_REST_PERIODS {
+    for _ in 0..MAX_STANDSTILL_POLLS {
         sleep(STANDSTILL_POLL_PERIOD).await;
         let mut is_at_rest = true;
         for ((channel, kept), size) in channels.iter_mut().zip(kept.iter_mut()).zip(&mut sizes) {
-            channel.receive(kept);
+            channel.append_received(kept);
             let newest = channel.samples.get(*size..).unwrap_or_default();
             is_at_rest &= channel.is_at_rest(newest);
             // Two samples of a slow sensor take longer than one period.
@@ -275,13 +296,13 @@ async fn wait_for_encoder_rest(channels: &mut [Channel], kept: &mut [mpsc::Recei
     }
 }
 
-fn sweep_failed(step: &Step, why: &str) -> RunError {
-    RunError::SweepFailed { step: step.id, why: why.to_owned() }
+fn scan_in_motion_failed(step: &Step, why: &str) -> RunError {
+    RunError::ScanInMotionFailed { step: step.id, why: why.to_owned() }
 }
 
-/// Accepts distances and sends them to the returned channel, at most `count`.
-fn sample_buffer(count: usize) -> (AcceptSample, mpsc::Receiver<Sample>) {
-    let (sender, receiver) = mpsc::channel(count);
+/// Accepts distances and sends them to the returned channel, at most `capacity` unread ones.
+fn sample_buffer(capacity: usize) -> (AcceptSample, mpsc::Receiver<Sample>) {
+    let (sender, receiver) = mpsc::channel(capacity);
     let keep = move |sample: &Sample| is_distance(sample) && sender.try_send(*sample).is_ok();
     (Box::new(keep), receiver)
 }

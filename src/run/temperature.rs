@@ -11,26 +11,26 @@ use machine::record::reading::Temperatures;
 
 #[derive(Default)]
 pub(super) struct TemperatureLog {
-    watch: Option<ThermometerPoller>,
-    readings: u32,
+    poller: Option<ThermometerPoller>,
+    reading_count: u32,
     /// Number of readings without a temperature, for each thermometer.
     missing_counts: BTreeMap<String, u32>,
 }
 
 impl TemperatureLog {
     /// Starts the reading of the thermometers; waits for the first value of each that answers.
-    pub async fn begin(&mut self, thermometers: &Thermometers) {
+    pub async fn start_polling(&mut self, thermometers: &Thermometers) {
         let watch = thermometers.start_polling();
         watch.wait_for_first_values().await;
-        self.watch = Some(watch);
+        self.poller = Some(watch);
     }
 
     /// Temperatures at a reading, and the cause for each thermometer that does not answer for the first time.
-    fn record_reading(&mut self) -> (Temperatures, Vec<(String, String)>) {
-        let Self { watch, readings, missing_counts } = self;
+    fn count_reading_and_get_temperatures(&mut self) -> (Temperatures, Vec<(String, String)>) {
+        let Self { poller: watch, reading_count: readings, missing_counts } = self;
         *readings += 1;
         let (mut temperatures, mut not_replying) = (BTreeMap::new(), Vec::new());
-        for (name, said) in watch.iter().flat_map(ThermometerPoller::current_values) {
+        for (name, said) in watch.iter().flat_map(ThermometerPoller::current_temperatures_c) {
             match said {
                 Ok(celsius) => drop(temperatures.insert(name.to_owned(), celsius)),
                 Err(why) => {
@@ -47,7 +47,7 @@ impl TemperatureLog {
 impl Run<'_> {
     /// Temperatures for the newest reading: a touch, or all samples of a scan.
     pub(super) async fn temperatures_c(&mut self) -> Result<Temperatures, RunError> {
-        let (temperatures, not_replying) = self.temperature_log.record_reading();
+        let (temperatures, not_replying) = self.temperature_log.count_reading_and_get_temperatures();
         for (name, why) in not_replying {
             let text = format!(
                 "thermometer {name} does not reply: {why}; readings have no temperature of {name} until the \
@@ -60,7 +60,7 @@ impl Run<'_> {
 
     /// Reports how many readings each thermometer has missed, if any: it may have answered again later.
     pub(super) async fn report_missing_temperatures(&mut self) -> Result<(), RunError> {
-        let TemperatureLog { readings, missing_counts, .. } = &self.temperature_log;
+        let TemperatureLog { reading_count: readings, missing_counts, .. } = &self.temperature_log;
         let told = missing_counts
             .iter()
             .map(|(name, count)| format!("thermometer {name}: {count} of {readings} readings have no temperature"));

@@ -51,7 +51,7 @@ pub(super) fn entry_condition(range_mm: [f64; 2]) -> AcceptSample {
 
 impl Run<'_> {
     /// Opens the sensors of the plan and checks, before any motion, that they respond.
-    pub(super) async fn open_sensors(&mut self) -> Result<(), RunError> {
+    pub(super) async fn open_plan_sensors(&mut self) -> Result<(), RunError> {
         self.open_sensors.clear();
         for wanted in self.plan.sensors.clone() {
             let fault = sensor_error(&wanted.name);
@@ -73,25 +73,25 @@ impl Run<'_> {
     }
 
     /// Conditions for the sensors of `step` during the motion to the first point. A sensor on the table
-    /// measures the ball in the spindle, which is between the sensors during the whole motion (`in_nest`) or
+    /// measures the ball in the spindle, which is between the sensors during the whole motion (`is_ball_in_nest`) or
     /// enters their range.
-    pub(super) fn entry_conditions(&self, step: &Step, in_nest: bool) -> Vec<AcceptSample> {
+    pub(super) fn entry_conditions(&self, step: &Step, is_ball_in_nest: bool) -> Vec<AcceptSample> {
         let on_table = self.step_sensors_on(step, &[SensorMount::Table]);
         let accepts = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
             None => Box::new(has_signal) as AcceptSample,
-            Some(_) if in_nest => Box::new(is_distance),
+            Some(_) if is_ball_in_nest => Box::new(is_distance),
             Some(sensor) => entry_condition(sensor.range_mm),
         };
         step.sensors.iter().map(accepts).collect()
     }
 
-    pub(super) fn sensor(&self, name: &str) -> Result<&OpenSensor, RunError> {
+    pub(super) fn find_open_sensor(&self, name: &str) -> Result<&OpenSensor, RunError> {
         let named = self.open_sensors.iter().find(|sensor| sensor.name() == name);
         named.ok_or_else(|| sensor_error(name)(SensorError::UnknownSensor { name: name.to_owned() }))
     }
 
     fn step_sensors(&self, step: &Step) -> Result<Vec<&OpenSensor>, RunError> {
-        step.sensors.iter().map(|name| self.sensor(name)).collect()
+        step.sensors.iter().map(|name| self.find_open_sensor(name)).collect()
     }
 
     /// Executes `block`. The machine is held as soon as a sensor of `step` reports a sample that its entry of
@@ -142,7 +142,7 @@ impl Run<'_> {
         name: &str,
         expected: fn(&Sample) -> bool,
     ) -> Result<(), RunError> {
-        let taken = self.sensor(name)?.read_samples(1).await.map_err(sensor_error(name));
+        let taken = self.find_open_sensor(name)?.read_samples(1).await.map_err(sensor_error(name));
         let seen = taken.and_then(|samples| match samples.iter().find(|s| !expected(s)) {
             Some(sample) => Err(sample_error(step, name, Some(sample))),
             None => Ok(()),
@@ -152,7 +152,7 @@ impl Run<'_> {
 
     /// Takes `count` samples of each sensor of `step` at the same time, with the machine at rest. The machine
     /// is held if a sensor fails.
-    pub(super) async fn samples_at_rest(&self, step: &Step, count: u32) -> Result<Vec<Vec<Sample>>, RunError> {
+    pub(super) async fn take_samples_at_rest(&self, step: &Step, count: u32) -> Result<Vec<Vec<Sample>>, RunError> {
         let sensors = self.step_sensors(step)?;
         let taken = try_join_all(sensors.iter().map(|sensor| take_samples(step, sensor, count))).await;
         taken.inspect_err(|_| self.devices.controller.halt_handle().trigger())
@@ -177,12 +177,12 @@ async fn take_samples(step: &Step, sensor: &OpenSensor, count: u32) -> Result<Ve
 }
 
 /// The error for a sample with an unexpected flag or distance.
-fn sample_error(step: &Step, sensor: &str, seen: Option<&Sample>) -> RunError {
+fn sample_error(step: &Step, sensor: &str, sample: Option<&Sample>) -> RunError {
     let (step, sensor) = (step.id, sensor.to_owned());
-    if let Some(value_mm) = seen.and_then(|sample| sample.value_mm) {
+    if let Some(value_mm) = sample.and_then(|sample| sample.value_mm) {
         return RunError::UnexpectedDistance { step, sensor, value_mm };
     }
-    RunError::NoValidSample { step, sensor, flag: seen.map_or(ReadingFlag::Stale, |sample| sample.flag) }
+    RunError::NoValidSample { step, sensor, flag: sample.map_or(ReadingFlag::Stale, |sample| sample.flag) }
 }
 
 fn sensor_error(name: &str) -> impl Fn(SensorError) -> RunError {
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     fn sample(value_mm: Option<f64>, flag: ReadingFlag) -> Sample {
-        Sample { t_s: 0.0, value_mm, flag, missing_count: 0, encoder_count: None }
+        Sample { received_s: 0.0, value_mm, flag, missing_count: 0, encoder_count: None }
     }
 
     fn distance(mm: f64) -> Sample {

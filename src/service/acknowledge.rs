@@ -14,7 +14,7 @@ impl MachineWorker {
     pub(super) async fn handle_acknowledgement(&mut self, acknowledgement: Acknowledgement, journal: &Journal) {
         let (why, cause) = match self.acknowledge_held_run(&acknowledgement, journal).await {
             Ok(None) => {
-                self.gate.update(|machine_state| machine_state.failure = None);
+                self.gate.update_machine_state(|machine_state| machine_state.failure = None);
                 self.gate.finish_command(ServiceState::Waiting);
                 self.log.info("the held or failed state of the machine is acknowledged; a new cycle may start");
                 let _ = acknowledgement.result_sender.send(Ok(()));
@@ -26,7 +26,7 @@ impl MachineWorker {
         };
         let previous_state = self.gate.machine_state().state;
         if previous_state == ServiceState::Held {
-            self.lock = None;
+            self.machine_lock = None;
         }
         self.gate.record_refusal(why, &format!("acknowledgement by {}{cause}", acknowledgement.who));
         self.gate.finish_command(previous_state);
@@ -36,15 +36,15 @@ impl MachineWorker {
 
     async fn acknowledge_held_run(
         &mut self,
-        Acknowledgement { who, why, homed, .. }: &Acknowledgement,
+        Acknowledgement { who, why, is_homed: homed, .. }: &Acknowledgement,
         journal: &Journal,
     ) -> Result<Option<Refusal>, ServeError> {
-        match self.lock {
-            None => self.lock = Some(self.acquire_lock(journal).await?),
+        match self.machine_lock {
+            None => self.machine_lock = Some(self.acquire_lock(journal).await?),
             Some(_) => self.queue_unidentified_runs(journal)?,
         }
-        let Some(unfinished_run) = unfinished_run(journal, self.name())? else { return Ok(None) };
-        if unfinished_run.position_lost && !homed {
+        let Some(unfinished_run) = unfinished_run(journal, self.machine_name())? else { return Ok(None) };
+        if unfinished_run.may_have_lost_position && !homed {
             return Ok(Some(Refusal::PositionLost));
         }
         let homed = if *homed { ", all axes are homed" } else { "" };
@@ -57,18 +57,18 @@ impl MachineWorker {
 
     /// Updates the machine state while the machine is held: whether another process holds the machine's lock, and
     /// how that process left the run.
-    pub(super) async fn check_other_process(&mut self, journal: &Journal) {
+    pub(super) async fn update_state_from_other_process(&mut self, journal: &Journal) {
         let machine_state = self.gate.machine_state();
-        if self.lock.is_some() || machine_state.state != ServiceState::Held {
+        if self.machine_lock.is_some() || machine_state.state != ServiceState::Held {
             return;
         }
-        let elsewhere = MachineLock::holder(&self.folder, self.name()).is_some();
-        if elsewhere != machine_state.is_used_elsewhere {
-            self.gate.update(|machine_state| machine_state.is_used_elsewhere = elsewhere);
+        let elsewhere = MachineLock::holder(&self.state_dir, self.machine_name()).is_some();
+        if elsewhere != machine_state.is_locked_by_other_process {
+            self.gate.update_machine_state(|machine_state| machine_state.is_locked_by_other_process = elsewhere);
         }
-        let last = last_run(journal, self.name()).ok().flatten();
+        let last = last_run(journal, self.machine_name()).ok().flatten();
         let changed = last.is_some_and(|run| !run.state.is_resumable());
-        if !elsewhere && (machine_state.is_used_elsewhere || changed) {
+        if !elsewhere && (machine_state.is_locked_by_other_process || changed) {
             self.reload_run_state(journal).await;
         }
     }
@@ -77,16 +77,16 @@ impl MachineWorker {
     async fn reload_run_state(&mut self, journal: &Journal) {
         // Another process has acquired the lock meanwhile: the next call detects that.
         let Ok(lock) = self.acquire_lock(journal).await else { return };
-        match unfinished_run(journal, self.name()) {
+        match unfinished_run(journal, self.machine_name()) {
             Ok(None) => {
-                self.lock = Some(lock);
+                self.machine_lock = Some(lock);
                 if self.gate.set_state_if_idle(ServiceState::Waiting) {
-                    self.gate.update(|machine_state| machine_state.failure = None);
+                    self.gate.update_machine_state(|machine_state| machine_state.failure = None);
                     self.log.info("another program has completed or closed the run; a new cycle may start");
                 }
             }
             Ok(Some(unfinished_run)) => {
-                self.gate.update(|machine_state| machine_state.failure = Some(unfinished_run.failure))
+                self.gate.update_machine_state(|machine_state| machine_state.failure = Some(unfinished_run.failure))
             }
             Err(error) => self.log.error(&error.to_string()),
         }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::Log;
 use crate::store::RunId;
-use link::{Capture, LinkMode};
+use link::{CaptureWriter, LinkMode};
 
 /// Names of the capture files: `talk.capture` becomes `talk-17.capture` for run 17. Until the run has its number
 /// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
@@ -15,9 +15,9 @@ pub(super) struct CaptureFiles(PathBuf);
 
 /// The capture of one cycle.
 pub(super) struct RunCapture<'a> {
-    naming: &'a CaptureFiles,
+    capture_files: &'a CaptureFiles,
     file: PathBuf,
-    capture: Capture,
+    capture: CaptureWriter,
     log: &'a Log,
 }
 
@@ -31,8 +31,8 @@ impl CaptureFiles {
     pub(super) fn create_for_cycle<'a>(&'a self, log: &'a Log) -> Option<RunCapture<'a>> {
         let numbered_paths = (2..).map(|number| self.path_for(&format!("begun-{number}")));
         for file in std::iter::once(self.path_for("begun")).chain(numbered_paths) {
-            match Capture::create(&file) {
-                Ok(capture) => return Some(RunCapture { naming: self, file, capture, log }),
+            match CaptureWriter::create(&file) {
+                Ok(capture) => return Some(RunCapture { capture_files: self, file, capture, log }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => {
                     log.error(&format!("{}: the capture file cannot be created: {error}", file.display()));
@@ -63,7 +63,7 @@ impl RunCapture<'_> {
 
     /// Renames the capture after the run, which now has its number.
     pub(super) fn name_after_run(&self, run: RunId) {
-        let (from, to) = (&self.file, self.naming.path_for(&run.to_string()));
+        let (from, to) = (&self.file, self.capture_files.path_for(&run.to_string()));
         if let Err(error) = rename_without_overwrite(from, &to) {
             self.log.error(&format!(
                 "{}: the capture file cannot be renamed: {error}; the file keeps the name {}",

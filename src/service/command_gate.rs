@@ -18,14 +18,14 @@ use super::schedule_state::{DueRequest, ReadinessSource};
 use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, WorkerCommand};
 use super::{Log, lock};
 use crate::run::{OpenPrompt, PromptAnswerSource, RehearsalResult};
-use crate::store::{Journal, NewestRuns, RunId, StoreError};
+use crate::store::{Journal, NewestMeasuredRuns, RunId, StoreError};
 use devices::controllers::HaltHandle;
 
 pub(super) struct GateState {
     machine_state: MachineState,
     /// Halt handle of the run in progress.
-    halt: Option<HaltHandle>,
-    is_stop_requested: bool,
+    halt_handle: Option<HaltHandle>,
+    is_hold_requested: bool,
     /// Whether an accepted command is not finished yet.
     is_command_in_progress: bool,
     /// The answered prompt and the name of the person who answered, until the run reads them.
@@ -33,24 +33,24 @@ pub(super) struct GateState {
     /// Results of the rehearsal, by cycle number.
     rehearsal_results: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
-    last_cycle_end: Option<Instant>,
+    last_cycle_end_time: Option<Instant>,
     pub(super) heartbeat: Heartbeat,
     pub(super) readiness_sources: Vec<ReadinessSource>,
-    pub(super) due_requests: Option<Sender<DueRequest>>,
+    pub(super) due_request_sender: Option<Sender<DueRequest>>,
 }
 
 #[derive(Clone)]
 pub struct CommandGate {
-    inner: Arc<Mutex<GateState>>,
+    gate_state: Arc<Mutex<GateState>>,
     command_sender: mpsc::Sender<WorkerCommand>,
     cycle_numbers: Arc<[u16]>,
     required_interlocks: Arc<[StartInterlock]>,
-    min_interval: Duration,
+    min_pause_between_cycles: Duration,
     log: Log,
     /// Counter of the changes of the machine state.
     change_counter: Arc<watch::Sender<u64>>,
     /// Serialises the queries of the newest runs, so that an older result never replaces a newer one.
-    newest_runs_query: Arc<Mutex<()>>,
+    newest_runs_query_lock: Arc<Mutex<()>>,
 }
 
 impl CommandGate {
@@ -59,35 +59,35 @@ impl CommandGate {
         let (command_sender, command_receiver) = mpsc::channel(8);
         let inner = GateState {
             machine_state: MachineState::default(),
-            halt: None,
-            is_stop_requested: false,
+            halt_handle: None,
+            is_hold_requested: false,
             is_command_in_progress: false,
             prompt_answer: None,
             rehearsal_results: BTreeMap::new(),
-            last_cycle_end: None,
+            last_cycle_end_time: None,
             heartbeat: Heartbeat::now(config.event_timeout),
             readiness_sources: Vec::new(),
-            due_requests: None,
+            due_request_sender: None,
         };
         let gate = Self {
-            inner: Arc::new(Mutex::new(inner)),
+            gate_state: Arc::new(Mutex::new(inner)),
             command_sender,
             cycle_numbers: config.cycles.iter().map(|cycle| cycle.number).collect(),
             required_interlocks: config.required_interlocks.clone().into(),
-            min_interval: config.min_interval,
+            min_pause_between_cycles: config.min_pause_between_cycles,
             log,
             change_counter: Arc::new(watch::Sender::new(0)),
-            newest_runs_query: Arc::default(),
+            newest_runs_query_lock: Arc::default(),
         };
         (gate, command_receiver)
     }
 
-    pub(super) fn inner(&self) -> MutexGuard<'_, GateState> {
-        lock(&self.inner)
+    pub(super) fn lock_state(&self) -> MutexGuard<'_, GateState> {
+        lock(&self.gate_state)
     }
 
     pub fn machine_state(&self) -> MachineState {
-        self.inner().machine_state.clone()
+        self.lock_state().machine_state.clone()
     }
 
     /// Subscribes to the changes of the machine state. A slow subscriber sees only the latest value.
@@ -103,37 +103,37 @@ impl CommandGate {
     ///
     /// # Errors
     /// The journal cannot be read; the previous result is discarded.
-    pub fn query_newest_runs(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
-        let query = lock(&self.newest_runs_query);
-        let found = journal.newest_results(machine);
-        let newest = found.as_ref().map_or_else(|_| NewestRuns::default(), NewestRuns::clone);
-        if *self.inner().machine_state.newest_runs != newest {
-            self.update(|machine_state| machine_state.newest_runs = Arc::new(newest));
+    pub fn refresh_newest_runs(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
+        let query = lock(&self.newest_runs_query_lock);
+        let found = journal.newest_measured_runs(machine);
+        let newest = found.as_ref().map_or_else(|_| NewestMeasuredRuns::default(), NewestMeasuredRuns::clone);
+        if *self.lock_state().machine_state.newest_runs != newest {
+            self.update_machine_state(|machine_state| machine_state.newest_runs = Arc::new(newest));
         }
         drop(query);
         found.map(drop)
     }
 
-    /// Checks whether [`Self::start`] would accept `cycle` now. A refusal is neither counted nor logged.
+    /// Checks whether [`Self::start_cycle`] would accept `cycle` now. A refusal is neither counted nor logged.
     ///
     /// # Errors
     /// The reason of the refusal.
     pub fn check_start(&self, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
-        self.check_conditions(&self.inner(), cycle, interlocks)
+        self.check_start_conditions(&self.lock_state(), cycle, interlocks)
     }
 
     /// Starts `cycle` on behalf of a trigger. From an accepted start on, the service is running.
     ///
     /// # Errors
     /// The reason of the refusal; it is also in the machine state and in the log.
-    pub fn start(&self, cycle: u16, interlocks: Interlocks, by: &str) -> Result<(), Refusal> {
-        let inner = self.inner();
-        let judged = self.check_conditions(&inner, cycle, interlocks);
+    pub fn start_cycle(&self, cycle: u16, interlocks: Interlocks, by: &str) -> Result<(), Refusal> {
+        let inner = self.lock_state();
+        let judged = self.check_start_conditions(&inner, cycle, interlocks);
         let what = format!("start of cycle {cycle} by {by}");
-        let mut inner = self.send_command(inner, judged, WorkerCommand::Start { cycle }, &what)?;
-        inner.is_stop_requested = false;
-        inner.machine_state.accepted_starts = inner.machine_state.accepted_starts.wrapping_add(1);
-        let machine_s = inner.rehearsal_results.get(&cycle).map(|known| known.machine_s);
+        let mut inner = self.send_command(inner, judged, WorkerCommand::StartCycle { cycle }, &what)?;
+        inner.is_hold_requested = false;
+        inner.machine_state.accepted_start_count = inner.machine_state.accepted_start_count.wrapping_add(1);
+        let machine_s = inner.rehearsal_results.get(&cycle).map(|known| known.machine_time_s);
         inner.machine_state.begin_cycle(cycle, machine_s);
         drop(inner);
         self.notify_change();
@@ -146,23 +146,23 @@ impl CommandGate {
     ///
     /// # Errors
     /// The machine is not held, or the service is busy; the refusal is also in the machine state and in the log.
-    pub fn resume(
+    pub fn resume_run(
         &self,
         run: RunId,
         inspection: Inspection<'_>,
         interlocks: Interlocks,
     ) -> Result<AcknowledgementReceiver, Refusal> {
-        let inner = self.inner();
+        let inner = self.lock_state();
         let judged = match inner.machine_state.state {
-            ServiceState::Held => interlocks.missing_interlock(&self.required_interlocks).map_or(Ok(()), Err),
+            ServiceState::Held => interlocks.start_refusal(&self.required_interlocks).map_or(Ok(()), Err),
             ServiceState::Running => Err(Refusal::Busy),
             _ => Err(Refusal::NothingToAcknowledge),
         };
         let (acknowledgement, answer) = inspection.acknowledgement_channel();
-        let command = WorkerCommand::Resume { run, acknowledgement };
+        let command = WorkerCommand::ResumeRun { run, acknowledgement };
         let what = format!("resume of run {run} by {}", inspection.who);
         let mut inner = self.send_command(inner, judged, command, &what)?;
-        inner.is_stop_requested = false;
+        inner.is_hold_requested = false;
         let cycle = inner.machine_state.cycle;
         // The run itself determines how much is done already.
         inner.machine_state.begin_cycle(cycle, None);
@@ -173,16 +173,16 @@ impl CommandGate {
         Ok(answer)
     }
 
-    /// Sends the command `what` to the worker if it is accepted: `judged`. No other command is accepted until this one
+    /// Sends the command `what` to the worker if `accepted` is `Ok`. No other command is accepted until this one
     /// is finished.
     fn send_command<'a>(
         &self,
         mut inner: MutexGuard<'a, GateState>,
-        judged: Result<(), Refusal>,
+        accepted: Result<(), Refusal>,
         command: WorkerCommand,
         what: &str,
     ) -> Result<MutexGuard<'a, GateState>, Refusal> {
-        let sent = judged.and_then(|()| match inner.is_command_in_progress {
+        let sent = accepted.and_then(|()| match inner.is_command_in_progress {
             true => Err(Refusal::NotReady),
             false => self.command_sender.try_send(command).map_err(|_| Refusal::NotReady),
         });
@@ -195,7 +195,7 @@ impl CommandGate {
         Ok(inner)
     }
 
-    fn check_conditions(&self, inner: &GateState, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
+    fn check_start_conditions(&self, inner: &GateState, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
         match inner.machine_state.state {
             ServiceState::Waiting => {}
             ServiceState::Running => return Err(Refusal::Busy),
@@ -206,13 +206,15 @@ impl CommandGate {
         if !self.cycle_numbers.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }
-        if inner.rehearsal_results.get(&cycle).is_some_and(|known| known.has_prompts) && !interlocks.person {
+        if inner.rehearsal_results.get(&cycle).is_some_and(|known| known.has_prompts)
+            && !interlocks.has_person_for_prompts
+        {
             return Err(Refusal::PlanHasPrompts);
         }
-        if let Some(why) = interlocks.missing_interlock(&self.required_interlocks) {
+        if let Some(why) = interlocks.start_refusal(&self.required_interlocks) {
             return Err(why);
         }
-        match inner.last_cycle_end.is_some_and(|end| end.elapsed() < self.min_interval) {
+        match inner.last_cycle_end_time.is_some_and(|end| end.elapsed() < self.min_pause_between_cycles) {
             true => Err(Refusal::TooSoon),
             false => Ok(()),
         }
@@ -220,7 +222,7 @@ impl CommandGate {
 
     /// Records a refusal in the machine state and the log.
     pub fn record_refusal(&self, why: Refusal, what: &str) {
-        let mut inner = self.inner();
+        let mut inner = self.lock_state();
         inner.machine_state.last_refusal = Some(why);
         inner.machine_state.refusal_count = inner.machine_state.refusal_count.wrapping_add(1);
         *inner.machine_state.counters.refusals.entry(why).or_default() += 1;
@@ -234,7 +236,7 @@ impl CommandGate {
     /// # Errors
     /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
     pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<AcknowledgementReceiver, Refusal> {
-        let inner = self.inner();
+        let inner = self.lock_state();
         let judged = match inner.machine_state.state {
             ServiceState::Held | ServiceState::Failed => Ok(()),
             _ => Err(Refusal::NothingToAcknowledge),
@@ -247,16 +249,16 @@ impl CommandGate {
 
     /// Stores the results of the rehearsals. A cycle with prompts does not start without a person at the machine.
     pub(super) fn set_rehearsal_results(&self, cycles: BTreeMap<u16, RehearsalResult>) {
-        self.inner().rehearsal_results = cycles;
+        self.lock_state().rehearsal_results = cycles;
     }
 
     /// Answers the prompt of this step and repeat: the person has done what the run requested.
     ///
     /// # Errors
     /// No prompt, or another one, is open; the refusal is also in the machine state and in the log.
-    pub fn answer(&self, step: u32, repeat: u32, who: &str) -> Result<(), Refusal> {
-        let mut inner = self.inner();
-        let meant = |asked: &mut OpenPrompt| (asked.step, asked.repeat) == (step, repeat);
+    pub fn answer_prompt(&self, step: u32, repeat: u32, who: &str) -> Result<(), Refusal> {
+        let mut inner = self.lock_state();
+        let meant = |asked: &mut OpenPrompt| (asked.step_id, asked.repeat_number) == (step, repeat);
         let Some(asked) = inner.machine_state.open_prompt.take_if(meant) else {
             drop(inner);
             let why = Refusal::PromptNotOpen;
@@ -269,26 +271,30 @@ impl CommandGate {
         Ok(())
     }
 
-    /// Source of the answers for the run. Each poll beats the heartbeat with `patience`, so that a run that waits
+    /// Source of the answers for the run. Each poll beats the heartbeat with `timeout`, so that a run that waits
     /// for a person does not count as hung.
-    pub(super) fn prompt_answer_source(&self, patience: Duration) -> PromptAnswerSource {
+    pub(super) fn prompt_answer_source(&self, timeout: Duration) -> PromptAnswerSource {
         let gate = self.clone();
         PromptAnswerSource::new(move |asked| {
-            gate.report_progress(patience);
-            let given = gate.inner().prompt_answer.take_if(|(to, _)| to == asked);
+            gate.report_progress(timeout);
+            let given = gate.lock_state().prompt_answer.take_if(|(to, _)| to == asked);
             given.map(|(_, who)| who)
         })
     }
 
     /// Holds the machine at once if a run is in progress or about to begin, even if the machine state does not show
     /// a run.
-    pub fn stop(&self, by: &str) -> HoldEffect {
-        let mut inner = self.inner();
-        if inner.machine_state.state != ServiceState::Running && inner.halt.is_none() {
-            return if inner.machine_state.is_used_elsewhere { HoldEffect::OtherProcess } else { HoldEffect::NoRun };
+    pub fn hold_machine(&self, by: &str) -> HoldEffect {
+        let mut inner = self.lock_state();
+        if inner.machine_state.state != ServiceState::Running && inner.halt_handle.is_none() {
+            return if inner.machine_state.is_locked_by_other_process {
+                HoldEffect::OtherProcessCannotBeHeld
+            } else {
+                HoldEffect::NoRunInProgress
+            };
         }
-        inner.is_stop_requested = true;
-        let (halt, run) = (inner.halt.clone(), inner.machine_state.run);
+        inner.is_hold_requested = true;
+        let (halt, run) = (inner.halt_handle.clone(), inner.machine_state.run);
         drop(inner);
         if let Some(halt) = halt {
             halt.trigger();
@@ -300,12 +306,12 @@ impl CommandGate {
         HoldEffect::RunHeld
     }
 
-    /// Ends the service: holds the machine as [`Self::stop`] does, and accepts no further start.
-    pub(super) fn end(&self) {
-        let mut inner = self.inner();
-        inner.is_stop_requested = true;
+    /// Ends the service: holds the machine as [`Self::hold_machine`] does, and accepts no further start.
+    pub(super) fn shut_down(&self) {
+        let mut inner = self.lock_state();
+        inner.is_hold_requested = true;
         inner.machine_state.state = ServiceState::Ending;
-        let halt = inner.halt.clone();
+        let halt = inner.halt_handle.clone();
         drop(inner);
         if let Some(halt) = halt {
             halt.trigger();
@@ -316,29 +322,29 @@ impl CommandGate {
     }
 
     pub(super) fn is_ending(&self) -> bool {
-        self.inner().machine_state.state == ServiceState::Ending
+        self.lock_state().machine_state.state == ServiceState::Ending
     }
 
     /// Registers the halt handle of the run, whose devices are open now. A stop that came earlier takes effect here.
-    pub(super) fn register_halt(&self, halt: &HaltHandle) {
-        let mut inner = self.inner();
-        inner.halt = Some(halt.clone());
-        let stop = inner.is_stop_requested;
+    pub(super) fn register_halt_handle(&self, halt: &HaltHandle) {
+        let mut inner = self.lock_state();
+        inner.halt_handle = Some(halt.clone());
+        let stop = inner.is_hold_requested;
         drop(inner);
         if stop {
             halt.trigger();
         }
     }
 
-    pub(super) fn update(&self, change: impl FnOnce(&mut MachineState)) {
-        change(&mut self.inner().machine_state);
+    pub(super) fn update_machine_state(&self, change: impl FnOnce(&mut MachineState)) {
+        change(&mut self.lock_state().machine_state);
         self.notify_change();
     }
 
     pub(super) fn record_cycle_end(&self, end: CycleEnd<'_>) {
-        let mut inner = self.inner();
-        (inner.halt, inner.prompt_answer) = (None, None);
-        inner.last_cycle_end = Some(Instant::now());
+        let mut inner = self.lock_state();
+        (inner.halt_handle, inner.prompt_answer) = (None, None);
+        inner.last_cycle_end_time = Some(Instant::now());
         inner.machine_state.end_cycle(&end);
         drop(inner);
         self.finish_command(end.state);
@@ -347,7 +353,7 @@ impl CommandGate {
     /// Sets the state, unless a command is in progress (the end of the command sets it) or the service is ending.
     /// Returns whether the state was set.
     pub(super) fn set_state_if_idle(&self, state: ServiceState) -> bool {
-        let mut inner = self.inner();
+        let mut inner = self.lock_state();
         if inner.is_command_in_progress || inner.machine_state.state == ServiceState::Ending {
             return false;
         }
@@ -359,7 +365,7 @@ impl CommandGate {
 
     /// Ends the command in progress and sets the state, unless the service is ending.
     pub(super) fn finish_command(&self, state: ServiceState) {
-        let mut inner = self.inner();
+        let mut inner = self.lock_state();
         inner.is_command_in_progress = false;
         if inner.machine_state.state != ServiceState::Ending {
             inner.machine_state.state = state;

@@ -9,8 +9,14 @@ use crate::run::RehearsalResult;
 use crate::store::RunId;
 use devices::controllers::HaltHandle;
 
-const ALL_INTERLOCKS_SET: Interlocks =
-    Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
+const ALL_INTERLOCKS_SET: Interlocks = Interlocks {
+    is_fresh: true,
+    is_start_enabled: true,
+    is_auto_mode: true,
+    is_door_closed: true,
+    is_stop_set: false,
+    has_person_for_prompts: true,
+};
 
 fn held_gate() -> (CommandGate, Receiver<WorkerCommand>) {
     let (gate, commands) = CommandGate::for_tests();
@@ -24,9 +30,9 @@ fn inspection_by_ada() -> Inspection<'static> {
 
 type GateRequest = fn(&CommandGate) -> Result<(), Refusal>;
 
-const START_REQUEST: GateRequest = |gate| gate.start(1, ALL_INTERLOCKS_SET, "Lise");
+const START_REQUEST: GateRequest = |gate| gate.start_cycle(1, ALL_INTERLOCKS_SET, "Lise");
 const ACKNOWLEDGE_REQUEST: GateRequest = |gate| gate.acknowledge(inspection_by_ada()).map(drop);
-const RESUME_REQUEST: GateRequest = |gate| gate.resume(RunId(1), inspection_by_ada(), ALL_INTERLOCKS_SET).map(drop);
+const RESUME_REQUEST: GateRequest = |gate| gate.resume_run(RunId(1), inspection_by_ada(), ALL_INTERLOCKS_SET).map(drop);
 
 /// Until the first command has ended, no other command is accepted, so that nothing starts by itself afterwards.
 #[test]
@@ -69,24 +75,24 @@ fn state_updates_do_not_end_a_pending_command() {
 #[test]
 fn hold_needs_neither_open_devices_nor_a_running_state() {
     let (gate, _asks) = held_gate();
-    assert_eq!(gate.stop("Ada"), HoldEffect::NoRun);
-    gate.update(|machine_state| machine_state.is_used_elsewhere = true);
-    assert_eq!(gate.stop("Ada"), HoldEffect::OtherProcess);
+    assert_eq!(gate.hold_machine("Ada"), HoldEffect::NoRunInProgress);
+    gate.update_machine_state(|machine_state| machine_state.is_locked_by_other_process = true);
+    assert_eq!(gate.hold_machine("Ada"), HoldEffect::OtherProcessCannotBeHeld);
     assert_eq!(RESUME_REQUEST(&gate), Ok(()));
     // The devices are not open yet; the stop takes effect as soon as they are.
-    assert_eq!(gate.stop("Ada"), HoldEffect::RunHeld);
+    assert_eq!(gate.hold_machine("Ada"), HoldEffect::RunHeld);
     let (halt, halted) = halt_with_observer();
-    gate.register_halt(&halt);
+    gate.register_halt_handle(&halt);
     assert!(halted());
     gate.record_cycle_end(CycleEnd::in_state(ServiceState::Held));
-    assert_eq!(gate.stop("Ada"), HoldEffect::NoRun);
+    assert_eq!(gate.hold_machine("Ada"), HoldEffect::NoRunInProgress);
     // The stop does not depend on the machine state.
     assert_eq!(RESUME_REQUEST(&gate), Ok(()));
     let (halt, halted) = halt_with_observer();
-    gate.register_halt(&halt);
-    gate.update(|machine_state| machine_state.state = ServiceState::Waiting);
+    gate.register_halt_handle(&halt);
+    gate.update_machine_state(|machine_state| machine_state.state = ServiceState::Waiting);
     assert!(!halted());
-    assert_eq!((gate.stop("Ada"), halted()), (HoldEffect::RunHeld, true));
+    assert_eq!((gate.hold_machine("Ada"), halted()), (HoldEffect::RunHeld, true));
 }
 
 /// The remaining time of a cycle comes from its rehearsal; that of a resumed run is unknown until the run reports it.
@@ -94,7 +100,7 @@ fn hold_needs_neither_open_devices_nor_a_running_state() {
 fn time_left_comes_from_the_rehearsal_and_is_absent_after_resume() {
     let (gate, _asks) = held_gate();
     gate.finish_command(ServiceState::Waiting);
-    gate.set_rehearsal_results([(1, RehearsalResult { machine_s: 600.0, has_prompts: true })].into());
+    gate.set_rehearsal_results([(1, RehearsalResult { machine_time_s: 600.0, has_prompts: true })].into());
     assert_eq!(START_REQUEST(&gate), Ok(()));
     assert_eq!(gate.machine_state().remaining_s, Some(600.0));
     gate.record_cycle_end(CycleEnd::in_state(ServiceState::Held));
@@ -107,15 +113,15 @@ fn time_left_comes_from_the_rehearsal_and_is_absent_after_resume() {
 fn halt_with_observer() -> (HaltHandle, impl Fn() -> bool) {
     let halt = HaltHandle::new(|| ());
     let observer = halt.clone();
-    (halt, move || observer.is_halted())
+    (halt, move || observer.is_halt_requested())
 }
 
 /// A person's acknowledgement does not override the interlocks that the machine reports.
 #[test]
 fn acknowledgement_does_not_override_the_interlocks() {
     let (gate, _asks) = held_gate();
-    let stop = Interlocks { stop: true, ..ALL_INTERLOCKS_SET };
-    assert_eq!(gate.resume(RunId(1), inspection_by_ada(), stop).map(drop), Err(Refusal::Stopped));
-    let not_free = Interlocks { enable: false, ..ALL_INTERLOCKS_SET };
-    assert_eq!(gate.resume(RunId(1), inspection_by_ada(), not_free).map(drop), Err(Refusal::NotEnabled));
+    let stop = Interlocks { is_stop_set: true, ..ALL_INTERLOCKS_SET };
+    assert_eq!(gate.resume_run(RunId(1), inspection_by_ada(), stop).map(drop), Err(Refusal::Stopped));
+    let not_free = Interlocks { is_start_enabled: false, ..ALL_INTERLOCKS_SET };
+    assert_eq!(gate.resume_run(RunId(1), inspection_by_ada(), not_free).map(drop), Err(Refusal::NotEnabled));
 }

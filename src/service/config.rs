@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::key_range::check_range;
+use super::key_range::check_key_range;
 use super::schedule::entry::{self, ScheduleEntry};
 use link::{HostPort, LinkConfig, LinkKeys};
 
@@ -104,15 +104,15 @@ struct LineKeys {
 /// The serial or TCP text interface, with lines such as `START 1 ENABLE AUTO DOOR`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "LineKeys")]
-pub struct LineConfig(pub LinkConfig);
+pub struct LineInterfaceConfig(pub LinkConfig);
 
-const DEFAULT_BAUD: u32 = 9600;
+const DEFAULT_LINE_BAUD: u32 = 9600;
 
-impl TryFrom<LineKeys> for LineConfig {
+impl TryFrom<LineKeys> for LineInterfaceConfig {
     type Error = String;
 
     fn try_from(LineKeys { serial, serial_id, baud, tcp }: LineKeys) -> Result<Self, String> {
-        LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_BAUD).map(Self)
+        LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_LINE_BAUD).map(Self)
     }
 }
 
@@ -125,7 +125,7 @@ struct ServeKeys {
     demand: Option<Vec<StartInterlock>>,
     cycle: Vec<CycleConfig>,
     modbus: Option<ModbusServerConfig>,
-    line: Option<LineConfig>,
+    line: Option<LineInterfaceConfig>,
     http: Option<HttpConfig>,
     #[serde(default)]
     schedule: Vec<ScheduleEntry>,
@@ -136,7 +136,7 @@ struct ServeKeys {
 #[serde(try_from = "ServeKeys")]
 pub struct ServeConfig {
     /// Minimum time between the end of a cycle and the start of the next.
-    pub min_interval: Duration,
+    pub min_pause_between_cycles: Duration,
     /// Maximum time between two events of a run; after that, the run counts as hung.
     pub event_timeout: Duration,
     /// Time for which a verdict stays valid.
@@ -144,8 +144,8 @@ pub struct ServeConfig {
     /// Conditions of an external start; always contains [`StartInterlock::Enable`].
     pub required_interlocks: Vec<StartInterlock>,
     pub cycles: Vec<CycleConfig>,
-    pub modbus: Option<ModbusServerConfig>,
-    pub line: Option<LineConfig>,
+    pub modbus_server: Option<ModbusServerConfig>,
+    pub line_interface: Option<LineInterfaceConfig>,
     pub http: Option<HttpConfig>,
     pub schedules: Vec<ScheduleEntry>,
 }
@@ -163,9 +163,9 @@ impl TryFrom<ServeKeys> for ServeConfig {
         // One week between measurements, and one day of tolerance.
         let verdict_h = verdict_h.unwrap_or(192.0);
         let demand = demand.unwrap_or_else(|| vec![StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door]);
-        check_range("min_interval_s", min_interval_s, 0.0, 86_400.0)?;
-        check_range("patience_s", patience_s, 1.0, 86_400.0)?;
-        check_range("verdict_h", verdict_h, 0.1, 8784.0)?;
+        check_key_range("min_interval_s", min_interval_s, 0.0, 86_400.0)?;
+        check_key_range("patience_s", patience_s, 1.0, 86_400.0)?;
+        check_key_range("verdict_h", verdict_h, 0.1, 8784.0)?;
         if !demand.contains(&StartInterlock::Enable) {
             return Err("demand must contain `enable`: an external start must be enabled at the machine, \
                         not by software alone"
@@ -173,16 +173,16 @@ impl TryFrom<ServeKeys> for ServeConfig {
         }
         check_cycles(&cycle)?;
         let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
-        entry::validate_entries(&schedule, &numbers)?;
+        entry::validate_schedule_entries(&schedule, &numbers)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
         Ok(Self {
-            min_interval: Duration::from_secs_f64(min_interval_s),
+            min_pause_between_cycles: Duration::from_secs_f64(min_interval_s),
             event_timeout: Duration::from_secs_f64(patience_s),
             verdict_validity: Duration::from_secs_f64(3600.0 * verdict_h),
             required_interlocks: demand,
             cycles: cycle,
-            modbus,
-            line,
+            modbus_server: modbus,
+            line_interface: line,
             http,
             schedules: schedule,
         })
@@ -215,5 +215,5 @@ fn check_modbus(modbus: &ModbusServerConfig) -> Result<(), String> {
     if modbus.allow.is_empty() {
         return Err("modbus.allow is empty: list the addresses of the clients that may connect".to_owned());
     }
-    check_range("modbus.fresh_s", modbus.fresh_s, 0.1, 60.0)
+    check_key_range("modbus.fresh_s", modbus.fresh_s, 0.1, 60.0)
 }

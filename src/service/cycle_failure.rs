@@ -18,8 +18,10 @@ impl CycleFailure {
     pub(super) fn describe(&self) -> RunFailure {
         let (what, remedy) = match self {
             Self::Setup(error) => return RunFailure { what: error.to_string(), remedy: error.remedy() },
-            Self::Cycle(CycleError::Run { run, error, .. }) => (format!("run {run}: {error}"), error.remedy()),
-            Self::Cycle(CycleError::Identification { run, why }) => (
+            Self::Cycle(CycleError::MeasurementIncomplete { run, error, .. }) => {
+                (format!("run {run}: {error}"), error.remedy())
+            }
+            Self::Cycle(CycleError::NotIdentified { run, why }) => (
                 format!("run {run} is measured and stored, but not identified: {why}"),
                 why.remedy().map_or(String::new(), |remedy| format!("{remedy}; "))
                     + &format!("`trued resume {run}` repeats the identification; the machine does not move"),

@@ -13,7 +13,7 @@ use super::daemon_file::DaemonFile;
 use super::metrics::Metrics;
 use super::retention::{self, Retention};
 use super::worker::MachineWorker;
-use super::{ExitState, Log, ServeError, http, notify};
+use super::{ExitState, Log, ServeError, http, systemd_watchdog};
 use crate::setup::SimulationPace;
 use crate::store::Journal;
 use devices::controllers::HaltHandle;
@@ -22,10 +22,10 @@ use devices::controllers::HaltHandle;
 pub struct Service {
     workers: Vec<MachineWorker>,
     http: Option<HttpConfig>,
-    folder: PathBuf,
+    state_dir: PathBuf,
     log: Log,
     metrics: Metrics,
-    captures: Option<CaptureFiles>,
+    capture_files: Option<CaptureFiles>,
     retention: Option<Retention>,
 }
 
@@ -41,16 +41,16 @@ impl Service {
         let mut workers: Vec<MachineWorker> = Vec::new();
         for (machine, config) in machines {
             let name = machine.machine.name.clone();
-            if workers.iter().any(|other| other.name() == name) {
+            if workers.iter().any(|other| other.machine_name() == name) {
                 return Err(ServeError::DuplicateMachineName(name));
             }
-            if http.is_none() && config.modbus.is_none() && config.line.is_none() {
+            if http.is_none() && config.modbus_server.is_none() && config.line_interface.is_none() {
                 return Err(ServeError::NoTrigger(name));
             }
-            let log = if has_several_machines { log.for_machine(name) } else { log.clone() };
+            let log = if has_several_machines { log.with_machine_prefix(name) } else { log.clone() };
             workers.push(MachineWorker::new(machine, config, folder.clone(), pace, log)?);
         }
-        Ok(Self { workers, http, folder, log, metrics: Metrics::default(), captures: None, retention })
+        Ok(Self { workers, http, state_dir: folder, log, metrics: Metrics::default(), capture_files: None, retention })
     }
 
     /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
@@ -58,7 +58,7 @@ impl Service {
     pub fn with_captures(mut self, file: PathBuf) -> Self {
         let captures = CaptureFiles::new(file);
         self.workers.iter_mut().for_each(|worker| worker.captures = Some(captures.clone()));
-        self.captures = Some(captures);
+        self.capture_files = Some(captures);
         self
     }
 
@@ -68,16 +68,16 @@ impl Service {
     /// The first cycle that cannot be measured.
     pub fn check_plans(&self) -> Result<(), ServeError> {
         let runtime = tokio::runtime::Builder::new_current_thread().build();
-        let runtime = runtime.map_err(ServeError::Thread)?;
-        self.workers.iter().try_for_each(|worker| runtime.block_on(worker.rehearse()))
+        let runtime = runtime.map_err(ServeError::ThreadNotStarted)?;
+        self.workers.iter().try_for_each(|worker| runtime.block_on(worker.rehearse_cycles()))
     }
 
     /// Handle that ends the service: it holds each machine on which a run is in progress.
-    pub fn halt_handle(&self) -> HaltHandle {
+    pub fn shut_down_handle(&self) -> HaltHandle {
         let (gates, log) = (self.gates(), self.log.clone());
         HaltHandle::new(move || {
-            gates.iter().for_each(CommandGate::end);
-            notify::notify_stopping(&log);
+            gates.iter().for_each(CommandGate::shut_down);
+            systemd_watchdog::notify_stopping(&log);
         })
     }
 
@@ -85,15 +85,16 @@ impl Service {
         self.workers.iter().map(|worker| worker.gate.clone()).collect()
     }
 
-    /// Serves until [`Service::halt_handle`] is triggered.
+    /// Serves until [`Service::shut_down_handle`] is triggered.
     ///
     /// # Errors
     /// The service cannot start; then no machine is served.
     pub fn serve(self) -> Result<ExitState, ServeError> {
-        let journal = Arc::new(Journal::open_timed(&self.folder, self.metrics.journal_write_observer())?);
-        let (halt, gates) = (self.halt_handle(), self.gates());
+        let journal =
+            Arc::new(Journal::open_with_job_callback(&self.state_dir, self.metrics.journal_write_observer())?);
+        let (halt, gates) = (self.shut_down_handle(), self.gates());
         let watched_machines =
-            self.workers.iter().map(|worker| (worker.name().to_owned(), worker.gate.clone())).collect();
+            self.workers.iter().map(|worker| (worker.machine_name().to_owned(), worker.gate.clone())).collect();
         let served_machines = self.workers.iter().map(MachineWorker::served_machine).collect();
         let (ready, all_ready) = channel();
         let threads: Result<Vec<_>, ServeError> = self
@@ -109,9 +110,9 @@ impl Service {
                 http::start_http_server(config, served_machines, Arc::clone(&journal), self.metrics, &self.log)?;
             }
             if let Some(retention) = self.retention {
-                retention::start_retention(retention, journal, self.captures, gates, &self.log)?;
+                retention::start_retention(retention, journal, self.capture_files, gates, &self.log)?;
             }
-            notify::start_watchdog(watched_machines, &self.log)?;
+            systemd_watchdog::notify_ready_and_start_watchdog(watched_machines, &self.log)?;
             Ok(threads)
         });
         if started.is_err() {
@@ -120,13 +121,13 @@ impl Service {
         let threads = started?;
         self.log.info("ready");
         let ended = threads.into_iter().map(WorkerThread::join).collect::<Result<Vec<_>, _>>()?;
-        Ok(if ended.contains(&ExitState::Held) { ExitState::Held } else { ExitState::Waiting })
+        Ok(if ended.contains(&ExitState::RunHeld) { ExitState::RunHeld } else { ExitState::NoRunInProgress })
     }
 }
 
 /// The thread of a worker.
 struct WorkerThread {
-    name: String,
+    machine_name: String,
     thread: JoinHandle<ExitState>,
 }
 
@@ -136,21 +137,21 @@ impl WorkerThread {
         journal: Arc<Journal>,
         ready: Sender<Result<(), ServeError>>,
     ) -> Result<Self, ServeError> {
-        let name = worker.name().to_owned();
+        let name = worker.machine_name().to_owned();
         let thread = Builder::new().name("machine".to_owned());
-        let thread = thread.spawn(move || run_worker(worker, &journal, ready)).map_err(ServeError::Thread)?;
-        Ok(Self { name, thread })
+        let thread = thread.spawn(move || run_worker(worker, &journal, ready)).map_err(ServeError::ThreadNotStarted)?;
+        Ok(Self { machine_name: name, thread })
     }
 
     fn join(self) -> Result<ExitState, ServeError> {
-        self.thread.join().map_err(|_| ServeError::ThreadPanicked(self.name))
+        self.thread.join().map_err(|_| ServeError::ThreadPanicked(self.machine_name))
     }
 }
 
 fn run_worker(mut worker: MachineWorker, journal: &Arc<Journal>, ready: Sender<Result<(), ServeError>>) -> ExitState {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let started = runtime.map_err(ServeError::Thread).and_then(|runtime| {
-        runtime.block_on(worker.start(journal))?;
+    let started = runtime.map_err(ServeError::ThreadNotStarted).and_then(|runtime| {
+        runtime.block_on(worker.start_serving(journal))?;
         Ok(runtime)
     });
     // The receiver may have been dropped, because another machine could not begin.
@@ -159,11 +160,11 @@ fn run_worker(mut worker: MachineWorker, journal: &Arc<Journal>, ready: Sender<R
         Ok(runtime) => {
             report(Ok(()));
             drop(ready);
-            runtime.block_on(worker.run(journal))
+            runtime.block_on(worker.execute_commands(journal))
         }
         Err(error) => {
             report(Err(error));
-            ExitState::Waiting
+            ExitState::NoRunInProgress
         }
     }
 }

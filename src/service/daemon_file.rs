@@ -30,13 +30,13 @@ impl DaemonFile {
     /// This file or a machine file is invalid; the error gives file, line, key and remedy.
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let document = TomlDocument::read(path)?;
-        document.check_known_keys(&[], &SECTION_NAMES)?;
+        document.check_keys_are_known(&[], &SECTION_NAMES)?;
         let http = document.read_section(&["http"], HttpConfig::deserialize)?;
         let retention = document.read_section(&["retention"], Retention::deserialize)?;
-        let entries: Vec<MachineEntry> = document.read_required(&["machine"])?;
+        let entries: Vec<MachineEntry> = document.deserialize_required_section(&["machine"])?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let machines = entries.iter().enumerate().map(|(index, entry)| {
-            let (machine, config) = with_serve_section(MachineFile::read(&folder.join(&entry.file))?)?;
+            let (machine, config) = read_serve_section(MachineFile::read(&folder.join(&entry.file))?)?;
             let Some(http) = &config.http else { return Ok((machine, config)) };
             let why = format!(
                 "refers to a machine file that configures its own page at {}: one daemon serves one page; \
@@ -53,7 +53,7 @@ impl DaemonFile {
     /// # Errors
     /// As [`Self::read`].
     pub fn for_machine_file(path: &Path) -> Result<Self, MachineFileError> {
-        let (machine, config) = with_serve_section(MachineFile::read(path)?)?;
+        let (machine, config) = read_serve_section(MachineFile::read(path)?)?;
         let http = config.http.clone();
         Ok(Self { machines: vec![(machine, config)], http, retention: None })
     }
@@ -63,16 +63,16 @@ impl DaemonFile {
     /// # Errors
     /// As [`Self::read`].
     pub fn built_in() -> Result<Self, MachineFileError> {
-        let machine = with_serve_section(MachineFile::embedded_for("self-calibration")?)?;
+        let machine = read_serve_section(MachineFile::embedded_for("self-calibration")?)?;
         let http =
             HttpConfig { listen: ([127, 0, 0, 1], 8137).into(), proxy_names: Vec::new(), requires_tokens: false };
         Ok(Self { machines: vec![machine], http: Some(http), retention: None })
     }
 }
 
-fn with_serve_section(machine: MachineFile) -> Result<(MachineFile, ServeConfig), MachineFileError> {
+fn read_serve_section(machine: MachineFile) -> Result<(MachineFile, ServeConfig), MachineFileError> {
     machine.check_method_names(&methods::method_names())?;
-    let config = machine.read_serve()?;
+    let config = machine.read_serve_section()?;
     Ok((machine, config))
 }
 
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn daemon_file_in_config_names_an_existing_machine() {
+    fn daemon_file_in_config_serves_the_built_in_machine() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/trued.toml");
         let DaemonFile { machines, http, .. } = DaemonFile::read(&file).unwrap();
         assert_eq!(machines.len(), 1);

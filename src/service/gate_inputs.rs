@@ -16,53 +16,57 @@ use super::schedule_state::{DueRequest, Readiness};
 impl CommandGate {
     /// Reports progress of the worker; the next report is due within `timeout`.
     pub fn report_progress(&self, timeout: Duration) {
-        self.inner().heartbeat = Heartbeat::now(timeout);
+        self.lock_state().heartbeat = Heartbeat::now(timeout);
     }
 
     /// Time since the last report of progress.
     pub fn progress_age(&self) -> Duration {
-        self.inner().heartbeat.age()
+        self.lock_state().heartbeat.age()
     }
 
     pub fn is_progress_late(&self) -> bool {
-        self.inner().heartbeat.is_late()
+        self.lock_state().heartbeat.is_late()
     }
 
     /// Adds a source that reports the readiness of the machine.
     pub fn add_readiness_source(&self, source: impl Fn() -> Readiness + Send + Sync + 'static) {
-        self.inner().readiness_sources.push(Arc::new(source));
+        self.lock_state().readiness_sources.push(Arc::new(source));
     }
 
     /// Combined readiness of all sources. `None` without a source, or while one of them is stale: an unattended start
     /// needs the report of every source.
     pub fn combined_readiness(&self) -> Option<Readiness> {
-        let reports = self.readiness_reports();
-        let is_fresh = reports.iter().all(|report| report.interlocks.fresh);
+        let reports = self.read_readiness_sources();
+        let is_fresh = reports.iter().all(|report| report.interlocks.is_fresh);
         is_fresh.then(|| reports.into_iter().reduce(Readiness::combine)).flatten()
     }
 
     /// Combined interlocks of the fresh sources only: a person can replace a stale source, but cannot override a
     /// fresh one.
-    pub fn fresh_interlocks(&self) -> Option<Interlocks> {
-        let fresh = self.readiness_reports().into_iter().filter(|report| report.interlocks.fresh);
+    pub fn combined_fresh_interlocks(&self) -> Option<Interlocks> {
+        let fresh = self.read_readiness_sources().into_iter().filter(|report| report.interlocks.is_fresh);
         fresh.reduce(Readiness::combine).map(|report| report.interlocks)
     }
 
-    fn readiness_reports(&self) -> Vec<Readiness> {
+    fn read_readiness_sources(&self) -> Vec<Readiness> {
         // A source may use the gate: the lock is released before the sources are called.
-        let sources = self.inner().readiness_sources.clone();
+        let sources = self.lock_state().readiness_sources.clone();
         sources.iter().map(|source| source()).collect()
     }
 
     /// Sets the channel on which the scheduler receives the requests that a cycle is due.
-    pub fn set_due_requests(&self, due_requests: Sender<DueRequest>) {
-        self.inner().due_requests = Some(due_requests);
+    pub fn set_due_request_sender(&self, due_requests: Sender<DueRequest>) {
+        self.lock_state().due_request_sender = Some(due_requests);
     }
 
     /// Requests on behalf of `who` that `cycle` is due now. `None`: the scheduler is not running.
-    pub fn request_due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), NotStartedReason>>> {
+    pub fn request_due_cycle(
+        &self,
+        cycle: u16,
+        who: String,
+    ) -> Option<oneshot::Receiver<Result<(), NotStartedReason>>> {
         let (result_sender, result_receiver) = oneshot::channel();
-        let due_requests = self.inner().due_requests.clone()?;
+        let due_requests = self.lock_state().due_request_sender.clone()?;
         due_requests.send(DueRequest { cycle, who, result_sender }).ok()?;
         Some(result_receiver)
     }
@@ -74,17 +78,34 @@ mod tests {
 
     #[test]
     fn readiness_needs_all_sources_and_none_stale() {
-        let interlocks = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
-        let all = Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true };
+        let interlocks = Interlocks {
+            is_fresh: true,
+            is_start_enabled: true,
+            is_auto_mode: true,
+            is_door_closed: true,
+            is_stop_set: false,
+            has_person_for_prompts: false,
+        };
+        let all = Readiness {
+            interlocks,
+            is_probe_ready: true,
+            is_artefact_in_place: true,
+            is_temperature_in_range: true,
+            is_control_idle: true,
+        };
         let gate = CommandGate::for_tests().0;
-        assert_eq!((gate.combined_readiness(), gate.fresh_interlocks()), (None, None));
+        assert_eq!((gate.combined_readiness(), gate.combined_fresh_interlocks()), (None, None));
         gate.add_readiness_source(move || all);
-        assert_eq!((gate.combined_readiness(), gate.fresh_interlocks()), (Some(all), Some(interlocks)));
+        assert_eq!((gate.combined_readiness(), gate.combined_fresh_interlocks()), (Some(all), Some(interlocks)));
         let silent = CommandGate::for_tests().0;
         silent.add_readiness_source(Readiness::default);
         silent.add_readiness_source(move || all);
-        assert_eq!((silent.combined_readiness(), silent.fresh_interlocks()), (None, Some(interlocks)));
-        let other = Readiness { interlocks: Interlocks { door: false, stop: true, ..interlocks }, idle: false, ..all };
+        assert_eq!((silent.combined_readiness(), silent.combined_fresh_interlocks()), (None, Some(interlocks)));
+        let other = Readiness {
+            interlocks: Interlocks { is_door_closed: false, is_stop_set: true, ..interlocks },
+            is_control_idle: false,
+            ..all
+        };
         gate.add_readiness_source(move || other);
         assert_eq!(gate.combined_readiness(), Some(other));
     }

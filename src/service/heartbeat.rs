@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 /// work itself beats, so that hung work is detected.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Heartbeat {
-    time: Instant,
+    beat_time: Instant,
     /// Maximum time until the next beat.
     timeout: Duration,
 }
@@ -14,12 +14,12 @@ pub(super) struct Heartbeat {
 impl Heartbeat {
     /// A beat now; the next one is due within `timeout`.
     pub(super) fn now(timeout: Duration) -> Self {
-        Self { time: Instant::now(), timeout }
+        Self { beat_time: Instant::now(), timeout }
     }
 
     /// Time since the beat.
     pub(super) fn age(self) -> Duration {
-        self.time.elapsed()
+        self.beat_time.elapsed()
     }
 
     pub(super) fn is_late(self) -> bool {

@@ -8,7 +8,7 @@ use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError};
 pub struct UnfinishedRun {
     pub run: RunId,
     /// Whether the axes must be homed first; a physical button cannot confirm that.
-    pub position_lost: bool,
+    pub may_have_lost_position: bool,
     pub failure: RunFailure,
 }
 
@@ -29,7 +29,7 @@ pub fn unfinished_run(journal: &Journal, machine: &str) -> Result<Option<Unfinis
     }
     let (position_lost, what) = (may_have_lost_position(&stored), describe_run_end(&stored));
     let failure = RunFailure { what, remedy: Some("inspect the machine".to_owned()) };
-    Ok(Some(UnfinishedRun { run: last.id, position_lost, failure }))
+    Ok(Some(UnfinishedRun { run: last.id, may_have_lost_position: position_lost, failure }))
 }
 
 #[cfg(test)]
@@ -44,12 +44,12 @@ mod tests {
     fn only_an_acknowledgement_that_abandons_the_run_closes_it() {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
-        let new = NewRun { config: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };
+        let new = NewRun { machine_file_text: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };
         let run = journal.begin_run(&new).wait().unwrap();
         journal.set_state(run, RunState::Held).wait().unwrap();
         let waits = |event: Event| {
             journal.add_event(run, &event).wait().unwrap();
-            unfinished_run(&journal, "mill").unwrap().map(|before| before.position_lost)
+            unfinished_run(&journal, "mill").unwrap().map(|before| before.may_have_lost_position)
         };
         let word = |leaves| Event::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
         let said = || Event::Announced { text: "as ever".to_owned() };

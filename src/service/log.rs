@@ -30,7 +30,7 @@ impl Log {
     }
 
     /// A log that puts the machine's name before each line.
-    pub fn for_machine(&self, name: String) -> Self {
+    pub fn with_machine_prefix(&self, name: String) -> Self {
         let log = self.clone();
         Self::new(move |severity, line| (log.0)(severity, &format!("{name}: {line}")))
     }

@@ -9,9 +9,9 @@ use utoipa::ToSchema;
 
 use super::config::StartInterlock;
 use crate::run::OpenPrompt;
-use crate::store::NewestRuns;
+use crate::store::NewestMeasuredRuns;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
-use machine::record::watch::LiveValues;
+use machine::record::watched_sensors::LiveValues;
 
 /// State of the service of one machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -30,7 +30,7 @@ pub enum ServiceState {
 impl ServiceState {
     pub const ALL: [Self; 6] = [Self::Starting, Self::Waiting, Self::Running, Self::Held, Self::Failed, Self::Ending];
 
-    pub fn word(self) -> &'static str {
+    pub fn label(self) -> &'static str {
         match self {
             Self::Starting => "starting",
             Self::Waiting => "waiting",
@@ -85,7 +85,7 @@ pub enum Refusal {
 
 /// All refusals.
 #[cfg(test)]
-pub const REFUSALS: [Refusal; 18] = [
+pub const ALL_REFUSALS: [Refusal; 18] = [
     Refusal::Busy,
     Refusal::Held,
     Refusal::Failed,
@@ -109,26 +109,28 @@ pub const REFUSALS: [Refusal; 18] = [
 /// Interlock inputs that the machine reports; they count only while they are fresh.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Interlocks {
-    pub fresh: bool,
-    pub enable: bool,
-    pub auto: bool,
-    pub door: bool,
-    pub stop: bool,
+    pub is_fresh: bool,
+    pub is_start_enabled: bool,
+    pub is_auto_mode: bool,
+    pub is_door_closed: bool,
+    pub is_stop_set: bool,
     /// Whether a person who can answer prompts has started the cycle; a machine never reports this.
-    pub person: bool,
+    pub has_person_for_prompts: bool,
 }
 
 impl Interlocks {
-    pub(super) fn missing_interlock(self, demands: &[StartInterlock]) -> Option<Refusal> {
-        if !self.fresh {
+    /// Refusal of a start because the inputs are stale, one of `demands` is not met, or the stop input is set. `None`:
+    /// the interlocks permit a start.
+    pub(super) fn start_refusal(self, demands: &[StartInterlock]) -> Option<Refusal> {
+        if !self.is_fresh {
             return Some(Refusal::Stale);
         }
         let missing = |demand: &StartInterlock| match demand {
-            StartInterlock::Enable => (!self.enable).then_some(Refusal::NotEnabled),
-            StartInterlock::Auto => (!self.auto).then_some(Refusal::NotAuto),
-            StartInterlock::Door => (!self.door).then_some(Refusal::DoorOpen),
+            StartInterlock::Enable => (!self.is_start_enabled).then_some(Refusal::NotEnabled),
+            StartInterlock::Auto => (!self.is_auto_mode).then_some(Refusal::NotAuto),
+            StartInterlock::Door => (!self.is_door_closed).then_some(Refusal::DoorOpen),
         };
-        demands.iter().find_map(missing).or(self.stop.then_some(Refusal::Stopped))
+        demands.iter().find_map(missing).or(self.is_stop_set.then_some(Refusal::Stopped))
     }
 }
 
@@ -160,21 +162,21 @@ pub struct MachineState {
     /// Number of the run of this cycle; 0 until it has one.
     pub run: u32,
     /// Number of accepted starts; wraps around, as does `refusal_count`, the number of refusals.
-    pub accepted_starts: u16,
+    pub accepted_start_count: u16,
     pub refusal_count: u16,
     pub last_refusal: Option<Refusal>,
     /// Runs that were identified while the machine waited; the counter wraps around.
-    pub identified_runs: u16,
-    pub deviations: Vec<Parameter>,
+    pub identified_run_count: u16,
+    pub estimated_parameters: Vec<Parameter>,
     /// Current stage and step of the run; empty while no run is in progress.
     pub stage_name: String,
     pub step_label: String,
     /// Remaining machine time, s: from the plan until the run reports it; `None` where it is unknown.
     pub remaining_s: Option<f64>,
     /// Number of touches and scans in the journal.
-    pub measured_steps: u32,
+    pub measured_step_count: u32,
     /// While the machine is held: whether another process holds its lock and may move it.
-    pub is_used_elsewhere: bool,
+    pub is_locked_by_other_process: bool,
     /// Why the last cycle was not completed, and the remedy; `None` once that is resolved.
     pub failure: Option<RunFailure>,
     /// Open prompt; the machine does not move before a person answers it.
@@ -184,11 +186,11 @@ pub struct MachineState {
     /// Schedules with their next times and the reasons why due slots wait.
     pub planned_schedules: Vec<PlannedSchedule>,
     /// Newest runs in the journal, whichever process measured them, as of the last query.
-    pub newest_runs: Arc<NewestRuns>,
+    pub newest_runs: Arc<NewestMeasuredRuns>,
     pub counters: Counters,
 }
 
-/// How a cycle ended.
+/// How a cycle or an identification ended, as the metrics count it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CycleOutcome {
     Judged(Verdict),
@@ -229,17 +231,18 @@ pub struct Counters {
     pub readings: u64,
     pub refusals: BTreeMap<Refusal, u64>,
     /// Cycles that ended by a failure of a link.
-    pub link_errors: u64,
+    pub cycles_with_link_error: u64,
 }
 
 /// Error message for a person.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = Failure)]
 pub struct RunFailure {
     pub what: String,
     pub remedy: Option<String>,
 }
 
-/// How a cycle ended.
+/// End of a cycle, as the worker reports it to the gate.
 pub(super) struct CycleEnd<'a> {
     /// State of the machine from now on.
     pub state: ServiceState,
@@ -248,25 +251,25 @@ pub(super) struct CycleEnd<'a> {
     /// `None`: the run is counted when it is identified.
     pub outcome: Option<CycleOutcome>,
     /// Whether a failure of a link ended the cycle.
-    pub is_link_error: bool,
+    pub ended_by_link_error: bool,
 }
 
 #[cfg(test)]
 impl CycleEnd<'_> {
     pub fn in_state(state: ServiceState) -> Self {
-        Self { state, estimate: None, failure: None, outcome: None, is_link_error: false }
+        Self { state, estimate: None, failure: None, outcome: None, ended_by_link_error: false }
     }
 }
 
 impl MachineState {
-    /// Resets the state for a new cycle. `machine_s`: expected machine time, s, if it is known.
-    pub(super) fn begin_cycle(&mut self, cycle: u16, machine_s: Option<f64>) {
+    /// Resets the state for a new cycle. `expected_time_s`: expected machine time, s, if it is known.
+    pub(super) fn begin_cycle(&mut self, cycle: u16, expected_time_s: Option<f64>) {
         (self.state, self.cycle, self.run) = (ServiceState::Running, cycle, 0);
         (self.progress_percent, self.verdict) = (0, None);
-        self.deviations.clear();
-        (self.is_used_elsewhere, self.failure) = (false, None);
+        self.estimated_parameters.clear();
+        (self.is_locked_by_other_process, self.failure) = (false, None);
         (self.stage_name, self.step_label) = (String::new(), String::new());
-        (self.remaining_s, self.measured_steps) = (machine_s, 0);
+        (self.remaining_s, self.measured_step_count) = (expected_time_s, 0);
         (self.open_prompt, self.live_values) = (None, None);
     }
 
@@ -275,13 +278,13 @@ impl MachineState {
         if let Some(estimate) = end.estimate {
             self.progress_percent = 100;
             self.verdict = Some(estimate.verdict);
-            self.deviations = estimate.parameters.clone();
+            self.estimated_parameters = estimate.parameters.clone();
         }
         (self.stage_name, self.step_label) = (String::new(), String::new());
         (self.open_prompt, self.remaining_s) = (None, None);
         self.failure.clone_from(&end.failure);
         end.outcome.into_iter().for_each(|outcome| self.count_outcome(outcome));
-        self.counters.link_errors += u64::from(end.is_link_error);
+        self.counters.cycles_with_link_error += u64::from(end.ended_by_link_error);
     }
 
     pub(super) fn count_outcome(&mut self, outcome: CycleOutcome) {

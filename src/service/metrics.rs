@@ -16,19 +16,19 @@ use prometheus_client::registry::{Metric, Registry};
 
 use super::machine_state::{CycleOutcome, MachineState, ServiceState};
 
-type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
+type MetricLabels<const N: usize> = [(&'static str, Cow<'static, str>); N];
 type SecondsGauge = Gauge<f64, AtomicU64>;
 
 /// Metrics of the whole daemon.
 #[derive(Clone)]
 pub struct Metrics {
     registry: Arc<Registry>,
-    runs: Family<Labels<2>, Counter>,
-    readings: Family<Labels<1>, Counter>,
-    refusals: Family<Labels<2>, Counter>,
-    link_errors: Family<Labels<1>, Counter>,
-    state: Family<Labels<2>, Gauge>,
-    progress_age: Family<Labels<1>, SecondsGauge>,
+    cycles_by_outcome: Family<MetricLabels<2>, Counter>,
+    readings: Family<MetricLabels<1>, Counter>,
+    refusals: Family<MetricLabels<2>, Counter>,
+    cycles_with_link_error: Family<MetricLabels<1>, Counter>,
+    state: Family<MetricLabels<2>, Gauge>,
+    progress_age: Family<MetricLabels<1>, SecondsGauge>,
     journal_write_time: Histogram,
 }
 
@@ -48,7 +48,16 @@ impl Default for Metrics {
         let help = "Duration of a write job of the journal, including its commit";
         registry.register("journal_write_seconds", help, journal_write_time.clone());
         let registry = Arc::new(registry);
-        Self { registry, runs, readings, refusals, link_errors, state, progress_age, journal_write_time }
+        Self {
+            registry,
+            cycles_by_outcome: runs,
+            readings,
+            refusals,
+            cycles_with_link_error: link_errors,
+            state,
+            progress_age,
+            journal_write_time,
+        }
     }
 }
 
@@ -66,26 +75,26 @@ impl Metrics {
         move |took: Duration| histogram.observe(took.as_secs_f64())
     }
 
-    /// Sets the values of `machine`. Those of all outcomes, readings and link errors exist from the start.
+    /// Sets the metrics of `machine`. Those of all outcomes, readings and link errors exist from the start.
     pub fn update_machine(&self, machine: &str, machine_state: &MachineState, progress_age: Duration) {
         let MachineState { state: now, counters, .. } = machine_state;
         let name = || ("machine", Cow::from(machine.to_owned()));
         let set = |counter: &Counter, count: u64| counter.inner().store(count, Ordering::Relaxed);
         for state in ServiceState::ALL {
-            let labels = [name(), ("state", state.word().into())];
+            let labels = [name(), ("state", state.label().into())];
             self.state.get_or_create(&labels).set(i64::from(state == *now));
         }
         self.progress_age.get_or_create(&[name()]).set(progress_age.as_secs_f64());
         for label in CycleOutcome::ALL.map(CycleOutcome::label) {
             let count = counters.outcomes.get(label).copied().unwrap_or_default();
-            set(&self.runs.get_or_create(&[name(), ("outcome", label.into())]), count);
+            set(&self.cycles_by_outcome.get_or_create(&[name(), ("outcome", label.into())]), count);
         }
         for (why, count) in &counters.refusals {
             let labels = [name(), ("reason", format!("{why:?}").into())];
             set(&self.refusals.get_or_create(&labels), *count);
         }
         set(&self.readings.get_or_create(&[name()]), counters.readings);
-        set(&self.link_errors.get_or_create(&[name()]), counters.link_errors);
+        set(&self.cycles_with_link_error.get_or_create(&[name()]), counters.cycles_with_link_error);
     }
 
     /// Returns all metrics in the OpenMetrics text format.

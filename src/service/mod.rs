@@ -17,20 +17,20 @@ mod daemon_file;
 mod gate_inputs;
 mod heartbeat;
 mod http;
-mod identify;
+mod identification_queue;
 mod key_range;
 mod last_run;
 mod log;
+pub mod log_destination;
 pub mod machine_state;
 mod metrics;
 mod not_started;
-mod notify;
 mod resume;
 mod retention;
 mod run_events;
 pub mod schedule;
 pub mod schedule_state;
-pub mod telemetry;
+mod systemd_watchdog;
 pub mod triggers;
 mod worker;
 mod worker_command;
@@ -66,7 +66,7 @@ pub enum ServeError {
     #[error(transparent)]
     Token(#[from] TokenError),
     #[error("a thread cannot be started: {0}")]
-    Thread(std::io::Error),
+    ThreadNotStarted(std::io::Error),
     #[error("the worker thread of `{0}` panicked")]
     ThreadPanicked(String),
 }
@@ -91,7 +91,7 @@ impl ServeError {
                 Some("add [serve.modbus], [serve.line] or [serve.http] to its machine file".to_owned())
             }
             Self::Token(error) => Some(error.remedy().to_owned()),
-            Self::Thread(_) => None,
+            ServeError::ThreadNotStarted(_) => None,
             Self::ThreadPanicked(_) => {
                 Some("inspect the machine, and report the error in the log as a defect of trued".to_owned())
             }
@@ -107,14 +107,14 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Starts a thread of the service.
 fn spawn_thread(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), ServeError> {
     let thread = std::thread::Builder::new().name(name.to_owned());
-    thread.spawn(work).map(drop).map_err(ServeError::Thread)
+    thread.spawn(work).map(drop).map_err(ServeError::ThreadNotStarted)
 }
 
 /// State in which the service ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExitState {
     /// No run was in progress.
-    Waiting,
+    NoRunInProgress,
     /// A run was in progress and is not complete: the machine is held.
-    Held,
+    RunHeld,
 }

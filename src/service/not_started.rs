@@ -8,7 +8,7 @@ use crate::store::{RunId, StoreError};
 #[derive(Debug, thiserror::Error)]
 pub enum NotStartedReason {
     #[error("the cycle is not armed for unattended motion")]
-    NotArmed,
+    CycleNotArmed,
     #[error("the arming by {who} ended at {when}: {why}")]
     ArmingEnded { who: String, when: Timestamp, why: String },
     #[error("run {run} was not completed after {who} armed this cycle")]
@@ -18,9 +18,9 @@ pub enum NotStartedReason {
     #[error("the clock was set back to before the arming by {who}")]
     ClockSetBack { who: String },
     #[error("not ready: no current report of {inputs}")]
-    NoReport { inputs: String },
+    InputsNotReported { inputs: String },
     #[error("not ready: {0}")]
-    NotReady(Refusal),
+    GateWouldRefuse(Refusal),
     #[error("not ready: the control does not report that {condition}")]
     UnmetCondition { condition: &'static str },
     #[error("not ready: the control does not report `idle`")]
@@ -28,13 +28,13 @@ pub enum NotStartedReason {
     #[error("not ready: the control has been idle for {idle_min} of {min_idle_min} minutes")]
     IdleTooShort { idle_min: u64, min_idle_min: u64 },
     #[error("the latest start time has passed: {0}")]
-    TooLate(Box<NotStartedReason>),
+    LatestStartPassed(Box<NotStartedReason>),
     #[error("the cycle was already started at {0}")]
     AlreadyStarted(Timestamp),
     #[error("the slot already has an outcome, or the journal cannot be written")]
     SlotNotRecorded,
     #[error(transparent)]
-    Refused(#[from] Refusal),
+    GateRefused(#[from] Refusal),
     #[error(transparent)]
     Journal(#[from] StoreError),
 }

@@ -21,7 +21,7 @@ enum ResumeError {
     #[error(transparent)]
     Serve(#[from] ServeError),
     #[error(transparent)]
-    ResumableRun(#[from] ResumeRefusal),
+    Refused(#[from] ResumeRefusal),
 }
 
 impl MachineWorker {
@@ -33,7 +33,7 @@ impl MachineWorker {
         acknowledgement: Acknowledgement,
         journal: &Journal,
     ) -> Option<ResumableRun> {
-        let Acknowledgement { who, homed, result_sender, .. } = acknowledgement;
+        let Acknowledgement { who, is_homed: homed, result_sender, .. } = acknowledgement;
         match self.acknowledge_resume(run, &who, homed, journal).await {
             Ok(resumable_run) => {
                 let _ = result_sender.send(Ok(()));
@@ -42,11 +42,11 @@ impl MachineWorker {
             Err(error) => {
                 let why = match error {
                     ResumeError::Serve(ServeError::Lock(_)) => Refusal::UsedByOtherProgram,
-                    ResumeError::ResumableRun(ResumeRefusal::NotHomed(_)) => Refusal::PositionLost,
+                    ResumeError::Refused(ResumeRefusal::HomingNotConfirmed(_)) => Refusal::PositionLost,
                     _ => Refusal::NotReady,
                 };
                 self.gate.record_refusal(why, &format!("resume of run {run} by {who} ({error})"));
-                self.lock = None;
+                self.machine_lock = None;
                 self.gate.finish_command(ServiceState::Held);
                 let _ = result_sender.send(Err(why));
                 None
@@ -61,12 +61,12 @@ impl MachineWorker {
         homed: bool,
         journal: &Journal,
     ) -> Result<ResumableRun, ResumeError> {
-        if self.lock.is_none() {
-            self.lock = Some(self.acquire_lock(journal).await?);
+        if self.machine_lock.is_none() {
+            self.machine_lock = Some(self.acquire_lock(journal).await?);
         }
         // Another process may have resumed the run meanwhile: the journal's current content decides.
         let resumable_run = ResumableRun::from_stored(journal.load_run(run).map_err(ServeError::from)?)?;
-        let acknowledged = resumable_run.acknowledgement(who, homed)?;
+        let acknowledged = resumable_run.acknowledgement_event(who, homed)?;
         journal.add_event(run, &acknowledged).await.map_err(ServeError::from)?;
         Ok(resumable_run)
     }
@@ -76,18 +76,19 @@ impl MachineWorker {
         resumable_run: ResumableRun,
         journal: &Journal,
     ) -> Result<(RunId, Estimate), CycleFailure> {
-        let opening = setup::open_devices(&resumable_run.machine, self.pace, resumable_run.history());
+        let opening =
+            setup::open_devices(&resumable_run.machine_file, self.simulation_pace, resumable_run.earlier_sessions());
         let (devices, capture) = self.open_devices_with_capture(opening).await?;
         let mut events = RunEventPublisher::new(&self.gate, &self.log, self.event_timeout());
         let mut publish = |event: &Event| events.publish_event(event);
-        capture.iter().for_each(|capture| capture.name_after_run(resumable_run.stored().summary.id));
-        let readings = resumable_run.stored().readings.iter();
+        capture.iter().for_each(|capture| capture.name_after_run(resumable_run.stored_run().summary.id));
+        let readings = resumable_run.stored_run().readings.iter();
         let stored_readings: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
-        self.gate.update(|machine_state| {
-            machine_state.measured_steps = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
+        self.gate.update_machine_state(|machine_state| {
+            machine_state.measured_step_count = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
         });
         let answers = self.gate.prompt_answer_source(self.event_timeout());
-        let ended = resumable_run.run(&devices, journal, answers, &mut publish).await;
+        let ended = resumable_run.resume_and_identify(&devices, journal, answers, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)
     }

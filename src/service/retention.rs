@@ -10,12 +10,12 @@ use serde::Deserialize;
 
 use super::captures::CaptureFiles;
 use super::command_gate::CommandGate;
-use super::key_range::check_range;
+use super::key_range::check_key_range;
 use super::machine_state::ServiceState;
 use super::{Log, ServeError, spawn_thread};
 use crate::store::{Journal, StoreError};
 
-/// Time between two searches for old data.
+/// Time between two removals of old samples and captures.
 const REMOVAL_PERIOD: Duration = Duration::from_secs(3600);
 /// Time between two checks whether all machines wait.
 const IDLE_CHECK_PERIOD: Duration = Duration::from_secs(10);
@@ -23,6 +23,7 @@ const IDLE_CHECK_PERIOD: Duration = Duration::from_secs(10);
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RetentionKeys {
+    /// Time for which scan samples and captures are kept, days; runs and results are always kept.
     keep_days: u32,
 }
 
@@ -30,18 +31,19 @@ struct RetentionKeys {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "RetentionKeys")]
 pub struct Retention {
-    pub keep_days: u32,
+    /// Age, days, from which the scan samples and the capture of a run with an estimate are removed.
+    pub keep_samples_days: u32,
 }
 
 impl TryFrom<RetentionKeys> for Retention {
     type Error = String;
 
     fn try_from(RetentionKeys { keep_days }: RetentionKeys) -> Result<Self, String> {
-        check_range("keep_days", keep_days, 30, 36_500).map(|()| Self { keep_days })
+        check_key_range("keep_days", keep_days, 30, 36_500).map(|()| Self { keep_samples_days: keep_days })
     }
 }
 
-/// Applies the retention for as long as the process lives.
+/// Starts the thread that removes old samples and captures for as long as the process lives.
 ///
 /// # Errors
 /// The thread cannot be started.
@@ -54,7 +56,7 @@ pub(super) fn start_retention(
 ) -> Result<(), ServeError> {
     let log = log.clone();
     let is_any_run_in_progress = move || gates.iter().any(|gate| gate.machine_state().state == ServiceState::Running);
-    let sweep = move || {
+    let remove_when_idle = move || {
         while is_any_run_in_progress() {
             sleep(IDLE_CHECK_PERIOD);
         }
@@ -65,19 +67,19 @@ pub(super) fn start_retention(
         }
         sleep(REMOVAL_PERIOD);
     };
-    spawn_thread("retention", move || std::iter::repeat_with(sweep).for_each(drop))
+    spawn_thread("retention", move || std::iter::repeat_with(remove_when_idle).for_each(drop))
 }
 
-/// Processes one run at a time; after an interruption by a cycle, the next sweep continues.
+/// Removes the samples and captures of one run after the other. When a cycle begins, it stops; the next call continues.
 fn remove_expired_samples(
-    Retention { keep_days }: Retention,
+    Retention { keep_samples_days: keep_days }: Retention,
     journal: &Journal,
     captures: Option<&CaptureFiles>,
     is_any_run_in_progress: &impl Fn() -> bool,
     log: &Log,
 ) -> Result<(), StoreError> {
     let age = SignedDuration::from_hours(24 * i64::from(keep_days));
-    for run in journal.runs_with_expired_samples(Timestamp::now() - age)? {
+    for run in journal.finished_runs_ended_before(Timestamp::now() - age)? {
         if is_any_run_in_progress() {
             return Ok(());
         }

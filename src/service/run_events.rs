@@ -10,7 +10,7 @@ use super::machine_state::MachineState;
 use crate::run::OpenPrompt;
 use machine::record::event::Event;
 
-/// Receiver of the events of one run.
+/// Publishes the events of one run, and derives its progress from them.
 pub(super) struct RunEventPublisher<'a> {
     gate: &'a CommandGate,
     log: &'a Log,
@@ -33,12 +33,12 @@ impl<'a> RunEventPublisher<'a> {
             Event::Announced { text } => self.log.info(text),
             Event::StageStarted { stage } => {
                 self.log.info(&format!("{}: {} touches", stage.name, stage.steps.len()));
-                self.gate.update(|machine_state| machine_state.stage_name.clone_from(&stage.name));
+                self.gate.update_machine_state(|machine_state| machine_state.stage_name.clone_from(&stage.name));
             }
             Event::StepStarted { step, remaining_s, label, .. } => {
                 debug!(step, "{label}");
-                let percent = self.update_progress(*remaining_s);
-                self.gate.update(|machine_state: &mut MachineState| {
+                let percent = self.update_progress_percent(*remaining_s);
+                self.gate.update_machine_state(|machine_state: &mut MachineState| {
                     machine_state.progress_percent = percent;
                     machine_state.remaining_s = Some(*remaining_s);
                     machine_state.step_label.clone_from(label);
@@ -46,18 +46,18 @@ impl<'a> RunEventPublisher<'a> {
             }
             Event::Asked { step, repeat, text } => {
                 self.log.info(&format!("prompt: {text}"));
-                let prompt = OpenPrompt { step: *step, repeat: *repeat, text: text.clone() };
-                self.gate.update(|machine_state| {
+                let prompt = OpenPrompt { step_id: *step, repeat_number: *repeat, text: text.clone() };
+                self.gate.update_machine_state(|machine_state| {
                     (machine_state.open_prompt, machine_state.live_values) = (Some(prompt), None)
                 });
             }
             Event::Watched { values } => {
-                self.gate.update(|machine_state| machine_state.live_values = Some(values.clone()));
+                self.gate.update_machine_state(|machine_state| machine_state.live_values = Some(values.clone()));
             }
             Event::Answered { who, .. } => self.log.info(&format!("prompt answered by {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
-                self.gate.update(|machine_state| {
-                    machine_state.measured_steps += 1;
+                self.gate.update_machine_state(|machine_state| {
+                    machine_state.measured_step_count += 1;
                     machine_state.counters.readings += 1;
                 });
             }
@@ -65,8 +65,8 @@ impl<'a> RunEventPublisher<'a> {
         }
     }
 
-    /// Progress, %; 100 is reserved for the end.
-    fn update_progress(&mut self, remaining_s: f64) -> u16 {
+    /// Updates and returns the progress, %; 100 is reserved for the end.
+    fn update_progress_percent(&mut self, remaining_s: f64) -> u16 {
         if remaining_s > self.max_remaining_s {
             // After a stop, the reference checks run on their own; the remaining time is known only after them.
             (self.max_remaining_s, self.progress_percent) = (remaining_s, 0);

@@ -16,11 +16,11 @@ use crate::store::{Arming, Journal, ScheduleSlot, StoreError};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Readiness {
     pub interlocks: Interlocks,
-    pub probe: bool,
-    pub artefact: bool,
-    pub temperature: bool,
+    pub is_probe_ready: bool,
+    pub is_artefact_in_place: bool,
+    pub is_temperature_in_range: bool,
     /// Whether the control executes no program.
-    pub idle: bool,
+    pub is_control_idle: bool,
 }
 
 impl Readiness {
@@ -29,17 +29,17 @@ impl Readiness {
         let (one, two) = (self.interlocks, other.interlocks);
         Self {
             interlocks: Interlocks {
-                fresh: true,
-                enable: one.enable && two.enable,
-                auto: one.auto && two.auto,
-                door: one.door && two.door,
-                stop: one.stop || two.stop,
-                person: false,
+                is_fresh: true,
+                is_start_enabled: one.is_start_enabled && two.is_start_enabled,
+                is_auto_mode: one.is_auto_mode && two.is_auto_mode,
+                is_door_closed: one.is_door_closed && two.is_door_closed,
+                is_stop_set: one.is_stop_set || two.is_stop_set,
+                has_person_for_prompts: false,
             },
-            probe: self.probe && other.probe,
-            artefact: self.artefact && other.artefact,
-            temperature: self.temperature && other.temperature,
-            idle: self.idle && other.idle,
+            is_probe_ready: self.is_probe_ready && other.is_probe_ready,
+            is_artefact_in_place: self.is_artefact_in_place && other.is_artefact_in_place,
+            is_temperature_in_range: self.is_temperature_in_range && other.is_temperature_in_range,
+            is_control_idle: self.is_control_idle && other.is_control_idle,
         }
     }
 }
@@ -58,7 +58,11 @@ pub struct Agenda {
 /// The journal cannot be read.
 pub fn load_agenda(journal: &Journal, planned: Vec<PlannedSchedule>, machine: &str) -> Result<Agenda, StoreError> {
     const MAX_LISTED_SLOTS: usize = 50;
-    Ok(Agenda { planned, armed: journal.armings(machine)?, last: journal.newest_slots(machine, MAX_LISTED_SLOTS)? })
+    Ok(Agenda {
+        planned,
+        armed: journal.last_arming_of_each_cycle(machine)?,
+        last: journal.newest_slots(machine, MAX_LISTED_SLOTS)?,
+    })
 }
 
 /// Maximum duration of an arming.
@@ -96,7 +100,7 @@ pub fn new_arming(
     Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken: None })
 }
 
-/// Request that `cycle` is due now. The answer: its slot starts, or the reason why not.
+/// Request to start `cycle` now as if it were due. The result: the cycle starts, or the reason why not.
 pub struct DueRequest {
     pub cycle: u16,
     pub who: String,
@@ -110,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn arming_ends_within_a_year() {
+    fn arming_end_must_be_a_time_or_duration_within_a_year() {
         let now: Timestamp = "2026-11-22T12:00:00Z".parse().unwrap();
         let until =
             |words: &str| new_arming("the mill", 1, "Ada", "", words, now).map(|arming| arming.until.to_string());
@@ -125,8 +129,8 @@ mod tests {
             ("2026-11-22T12:00:00Z", "passed"),
             ("2y", "more than a year"),
         ] {
-            let told = until(words).unwrap_err();
-            assert!(told.contains(why), "{words}: {told}");
+            let error = until(words).unwrap_err();
+            assert!(error.contains(why), "{words}: {error}");
         }
     }
 }

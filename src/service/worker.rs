@@ -15,7 +15,7 @@ use super::command_gate::CommandGate;
 use super::config::{CycleConfig, ServeConfig};
 use super::cycle_failure::CycleFailure;
 use super::http::ServedMachine;
-use super::identify::Identifications;
+use super::identification_queue::IdentificationQueue;
 use super::last_run::unfinished_run;
 use super::machine_state::{CycleEnd, CycleOutcome, RunFailure, ServiceState};
 use super::run_events::RunEventPublisher;
@@ -30,23 +30,23 @@ use machine::record::event::Event;
 
 /// Time between two heartbeats while the worker waits.
 const IDLE_POLL_PERIOD: Duration = Duration::from_secs(1);
-/// Maximum time between two heartbeats while the worker waits.
-const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Maximum time between two heartbeats while the worker waits; after that, it counts as hung.
+const IDLE_HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Worker of one machine.
 pub(super) struct MachineWorker {
-    machine: MachineFile,
+    machine_file: MachineFile,
     config: ServeConfig,
-    pub(super) folder: PathBuf,
-    pub(super) pace: SimulationPace,
+    pub(super) state_dir: PathBuf,
+    pub(super) simulation_pace: SimulationPace,
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
     pub(super) captures: Option<CaptureFiles>,
     /// The machine's lock; `None` while a person may resume the run from another process.
-    pub(super) lock: Option<MachineLock>,
+    pub(super) machine_lock: Option<MachineLock>,
     /// Identifications of runs that were measured before.
-    pub(super) identifications: Identifications,
+    pub(super) identification_queue: IdentificationQueue,
 }
 
 impl MachineWorker {
@@ -65,47 +65,59 @@ impl MachineWorker {
             setup::configure_method_and_plan(&machine, &cycle.method, cycle.repeat)?;
         }
         let (gate, commands) = CommandGate::new(&config, log.clone());
-        let identifications = Identifications::default();
-        Ok(Self { machine, config, folder, pace, gate, commands, log, captures: None, lock: None, identifications })
+        let identifications = IdentificationQueue::default();
+        Ok(Self {
+            machine_file: machine,
+            config,
+            state_dir: folder,
+            simulation_pace: pace,
+            gate,
+            commands,
+            log,
+            captures: None,
+            machine_lock: None,
+            identification_queue: identifications,
+        })
     }
 
     /// Acquires the machine's lock, rehearses the cycles, and starts the triggers and the schedule. Call it inside
-    /// the tokio runtime that will execute [`Self::run`].
+    /// the tokio runtime that will execute the commands.
     ///
     /// # Errors
     /// The machine cannot be served.
-    pub async fn start(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
-        self.lock = Some(self.acquire_lock(journal).await?);
-        self.rehearse().await?;
+    pub async fn start_serving(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
+        self.machine_lock = Some(self.acquire_lock(journal).await?);
+        self.rehearse_cycles().await?;
         triggers::start_triggers(&self.config, &self.gate, &self.log)?;
-        match unfinished_run(journal, self.name())? {
+        match unfinished_run(journal, self.machine_name())? {
             Some(before) => {
                 self.log.info(&format!("run {} is unfinished: a person must resume or acknowledge it", before.run));
-                self.lock = None;
+                self.machine_lock = None;
                 let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
-                self.gate
-                    .update(|machine_state| (machine_state.run, machine_state.failure) = (run, Some(before.failure)));
+                self.gate.update_machine_state(|machine_state| {
+                    (machine_state.run, machine_state.failure) = (run, Some(before.failure))
+                });
                 self.gate.finish_command(ServiceState::Held);
             }
             None => self.gate.finish_command(ServiceState::Waiting),
         }
-        schedule::start_schedule(self.name(), &self.config, &self.gate, journal, &self.log)?;
+        schedule::start_scheduler(self.machine_name(), &self.config, &self.gate, journal, &self.log)?;
         // The time of the start-up does not count: progress is watched from now on.
-        self.gate.report_progress(HEARTBEAT_TIMEOUT);
+        self.gate.report_progress(IDLE_HEARTBEAT_TIMEOUT);
         Ok(())
     }
 
-    /// Works until the gate ends. Errors of a cycle are in the machine state and in the log.
-    pub async fn run(mut self, journal: &Journal) -> ExitState {
+    /// Executes the accepted commands until the gate ends. Errors of a cycle are in the machine state and in the log.
+    pub async fn execute_commands(mut self, journal: &Journal) -> ExitState {
         loop {
-            self.gate.report_progress(HEARTBEAT_TIMEOUT);
+            self.gate.report_progress(IDLE_HEARTBEAT_TIMEOUT);
             let command = match timeout(IDLE_POLL_PERIOD, self.commands.recv()).await {
                 Ok(Some(command)) => command,
                 Ok(None) => break,
                 // No command within the tick.
                 Err(_) => {
-                    self.check_other_process(journal).await;
-                    self.identifications.advance(&self.gate, &self.log, journal).await;
+                    self.update_state_from_other_process(journal).await;
+                    self.identification_queue.advance(&self.gate, &self.log, journal).await;
                     continue;
                 }
             };
@@ -117,12 +129,12 @@ impl MachineWorker {
                     self.handle_acknowledgement(acknowledgement, journal).await;
                     None
                 }
-                WorkerCommand::Start { cycle } => {
-                    let span = info_span!("cycle", machine = self.name(), cycle, run = Empty);
+                WorkerCommand::StartCycle { cycle } => {
+                    let span = info_span!("cycle", machine = self.machine_name(), cycle, run = Empty);
                     self.run_cycle(cycle, journal).instrument(span).await
                 }
-                WorkerCommand::Resume { run, acknowledgement } => {
-                    let span = info_span!("cycle", machine = self.name(), run = run.0);
+                WorkerCommand::ResumeRun { run, acknowledgement } => {
+                    let span = info_span!("cycle", machine = self.machine_name(), run = run.0);
                     self.resume_cycle(run, acknowledgement, journal).instrument(span).await
                 }
             };
@@ -130,11 +142,11 @@ impl MachineWorker {
                 return exit_state;
             }
         }
-        ExitState::Waiting
+        ExitState::NoRunInProgress
     }
 
-    async fn run_cycle(&mut self, number: u16, journal: &Journal) -> Option<ExitState> {
-        let measured = self.measure_cycle(number, journal).await;
+    async fn run_cycle(&mut self, cycle_number: u16, journal: &Journal) -> Option<ExitState> {
+        let measured = self.measure_cycle(cycle_number, journal).await;
         self.finish_cycle(measured, ServiceState::Failed)
     }
 
@@ -151,15 +163,15 @@ impl MachineWorker {
     }
 
     /// Rehearses all cycles, so that an error is reported at the start and not when the operator presses the button.
-    pub async fn rehearse(&self) -> Result<(), ServeError> {
-        let dialect = setup::machine_dialect(&self.machine)?;
+    pub async fn rehearse_cycles(&self) -> Result<(), ServeError> {
+        let dialect = setup::machine_dialect(&self.machine_file)?;
         let mut all = BTreeMap::new();
         for CycleConfig { number, method, repeat } in &self.config.cycles {
-            let (method, plan) = setup::configure_method_and_plan(&self.machine, method, *repeat)?;
+            let (method, plan) = setup::configure_method_and_plan(&self.machine_file, method, *repeat)?;
             let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
             let rehearsed =
                 rehearsed.map_err(|error| ServeError::InvalidCycle { number: *number, error: Box::new(error) })?;
-            let minutes = rehearsed.machine_s / 60.0;
+            let minutes = rehearsed.machine_time_s / 60.0;
             let person = if rehearsed.has_prompts { "; its plan has prompts" } else { "" };
             self.log.info(&format!("cycle {number}: machine time about {minutes:.0} min{person}"));
             all.insert(*number, rehearsed);
@@ -170,19 +182,19 @@ impl MachineWorker {
 
     pub fn served_machine(&self) -> ServedMachine {
         ServedMachine {
-            name: self.name().to_owned(),
-            file_sha256: sha256_text(self.machine.text()),
+            name: self.machine_name().to_owned(),
+            machine_file_sha256: sha256_text(self.machine_file.text()),
             gate: self.gate.clone(),
             cycles: self.config.cycles.clone(),
             required_interlocks: self.config.required_interlocks.clone(),
-            tolerance: self.machine.parameter_limits.clone(),
+            parameter_limits: self.machine_file.parameter_limits.clone(),
             verdict_validity: self.config.verdict_validity,
-            live_part: Arc::default(),
+            live_part_cache: Arc::default(),
         }
     }
 
-    pub fn name(&self) -> &str {
-        &self.machine.machine.name
+    pub fn machine_name(&self) -> &str {
+        &self.machine_file.machine.name
     }
 
     /// Maximum time between two events of a run; after that, the run counts as hung.
@@ -191,15 +203,15 @@ impl MachineWorker {
     }
 
     pub(super) async fn acquire_lock(&mut self, journal: &Journal) -> Result<MachineLock, ServeError> {
-        let lock = MachineLock::acquire(&self.folder, self.name())?;
-        journal.mark_interrupted(&lock).await?;
+        let lock = MachineLock::acquire(&self.state_dir, self.machine_name())?;
+        journal.mark_running_runs_interrupted(&lock).await?;
         self.queue_unidentified_runs(journal)?;
         Ok(lock)
     }
 
     /// Call it only while this process holds the machine's lock.
     pub(super) fn queue_unidentified_runs(&mut self, journal: &Journal) -> Result<(), StoreError> {
-        self.identifications.queue_unidentified_runs(journal, &self.machine.machine.name)
+        self.identification_queue.queue_unidentified_runs(journal, &self.machine_file.machine.name)
     }
 
     /// Records the result of a cycle; returns a value if the service must end with it. `state_if_unopened`: state of
@@ -218,7 +230,7 @@ impl MachineWorker {
                     estimate: Some(estimate),
                     failure: None,
                     outcome,
-                    is_link_error: false,
+                    ended_by_link_error: false,
                 }
             }
             Err(failed) => self.log_failed_cycle(failed, state_if_unopened),
@@ -226,10 +238,10 @@ impl MachineWorker {
         let state = end.state;
         if state == ServiceState::Held {
             // From now on a person may resume the run, from the page or from the command line.
-            self.lock = None;
+            self.machine_lock = None;
         }
         self.gate.record_cycle_end(end);
-        (state != ServiceState::Waiting && self.gate.is_ending()).then_some(ExitState::Held)
+        (state != ServiceState::Waiting && self.gate.is_ending()).then_some(ExitState::RunHeld)
     }
 
     /// Logs why a cycle has no estimate, and returns how it ended.
@@ -237,11 +249,13 @@ impl MachineWorker {
         let (state, outcome) = match failed {
             CycleFailure::Cycle(error) if error.holds_machine() => (ServiceState::Held, Some(CycleOutcome::Held)),
             // The run is completely measured and nothing moves; it is identified, and counted, while the machine waits.
-            CycleFailure::Cycle(CycleError::Identification { run, why: IdentificationError::Stopped }) => {
-                self.identifications.add_run(*run);
+            CycleFailure::Cycle(CycleError::NotIdentified { run, why: IdentificationError::Stopped }) => {
+                self.identification_queue.add_run(*run);
                 (ServiceState::Waiting, None)
             }
-            CycleFailure::Cycle(error) => (ServiceState::Failed, (!error.is_stop()).then_some(CycleOutcome::Failed)),
+            CycleFailure::Cycle(error) => {
+                (ServiceState::Failed, (!error.is_requested_stop()).then_some(CycleOutcome::Failed))
+            }
             CycleFailure::Setup(_) => (state_if_unopened, Some(CycleOutcome::Failed)),
         };
         let RunFailure { what, remedy } = failed.describe();
@@ -250,21 +264,21 @@ impl MachineWorker {
             _ => what.clone(),
         };
         match failed {
-            CycleFailure::Cycle(error) if error.is_stop() => self.log.info(&message),
+            CycleFailure::Cycle(error) if error.is_requested_stop() => self.log.info(&message),
             _ => self.log.error(&message),
         }
         let failure = (state != ServiceState::Waiting).then_some(RunFailure { what, remedy });
-        let is_link_error = matches!(failed, CycleFailure::Cycle(CycleError::Run { error, .. }) if error.is_of_link());
-        CycleEnd { state, estimate: None, failure, outcome, is_link_error }
+        let is_link_error = matches!(failed, CycleFailure::Cycle(CycleError::MeasurementIncomplete { error, .. }) if error.is_link_error());
+        CycleEnd { state, estimate: None, failure, outcome, ended_by_link_error: is_link_error }
     }
 
-    async fn measure_cycle(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
-        let allowed = self.config.cycles.iter().find(|cycle| cycle.number == number);
+    async fn measure_cycle(&self, cycle_number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
+        let allowed = self.config.cycles.iter().find(|cycle| cycle.number == cycle_number);
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
-            return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
+            return Err(SetupError::NoSuchMethod { name: format!("cycle {cycle_number}") }.into());
         };
-        let (method, plan) = setup::configure_method_and_plan(&self.machine, method, *repeat)?;
-        let opening = setup::open_devices(&self.machine, self.pace, EarlierSessions::default());
+        let (method, plan) = setup::configure_method_and_plan(&self.machine_file, method, *repeat)?;
+        let opening = setup::open_devices(&self.machine_file, self.simulation_pace, EarlierSessions::default());
         let (devices, capture) = self.open_devices_with_capture(opening).await?;
         let mut events = RunEventPublisher::new(&self.gate, &self.log, self.event_timeout());
         let mut publish = |event: &Event| events.publish_event(event);
@@ -272,10 +286,15 @@ impl MachineWorker {
             Span::current().record("run", id.0);
             self.log.info(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.name_after_run(id));
-            self.gate.update(|machine_state| machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX));
+            self.gate.update_machine_state(|machine_state| machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
         let answers = self.gate.prompt_answer_source(self.event_timeout());
-        let cycle = run::Cycle { machine: &self.machine, method: method.into(), plan, answers };
+        let cycle = run::Cycle {
+            machine_file: &self.machine_file,
+            method: method.into(),
+            plan_without_steps: plan,
+            prompt_answer_source: answers,
+        };
         let ended = cycle.run(&devices, journal, begun, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)
@@ -289,7 +308,7 @@ impl MachineWorker {
         let capture = self.captures.as_ref().and_then(|captures| captures.create_for_cycle(&self.log));
         let link_mode = capture.as_ref().map_or(LinkMode::Direct, RunCapture::link_mode);
         let devices = link_mode.apply_to(opening).await?;
-        self.gate.register_halt(&devices.controller.halt_handle());
+        self.gate.register_halt_handle(&devices.controller.halt_handle());
         Ok((devices, capture))
     }
 }

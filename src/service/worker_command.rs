@@ -8,19 +8,19 @@ use crate::store::RunId;
 /// Commands to the worker. While one is in progress, no other is accepted.
 #[derive(Debug)]
 pub enum WorkerCommand {
-    Start { cycle: u16 },
+    StartCycle { cycle: u16 },
     Acknowledge(Acknowledgement),
-    Resume { run: RunId, acknowledgement: Acknowledgement },
+    ResumeRun { run: RunId, acknowledgement: Acknowledgement },
     ShutDown,
 }
 
-/// Acknowledgement: a person has inspected the machine.
+/// Acknowledgement that a person has inspected the machine.
 #[derive(Debug)]
 pub struct Acknowledgement {
     pub who: String,
     pub why: String,
     /// Whether all axes are homed; required where the control may have lost its position.
-    pub homed: bool,
+    pub is_homed: bool,
     /// Channel for the result.
     pub result_sender: oneshot::Sender<Result<(), Refusal>>,
 }
@@ -30,14 +30,14 @@ pub struct Acknowledgement {
 pub struct Inspection<'a> {
     pub who: &'a str,
     pub why: &'a str,
-    pub homed: bool,
+    pub is_homed: bool,
 }
 
 impl Inspection<'_> {
     pub(super) fn acknowledgement_channel(self) -> (Acknowledgement, AcknowledgementReceiver) {
         let (result_sender, result_receiver) = oneshot::channel();
-        let Self { who, why, homed } = self;
-        (Acknowledgement { who: who.to_owned(), why: why.to_owned(), homed, result_sender }, result_receiver)
+        let Self { who, why, is_homed: homed } = self;
+        (Acknowledgement { who: who.to_owned(), why: why.to_owned(), is_homed: homed, result_sender }, result_receiver)
     }
 }
 
@@ -49,7 +49,7 @@ pub type AcknowledgementReceiver = oneshot::Receiver<Result<(), Refusal>>;
 pub enum HoldEffect {
     RunHeld,
     /// No motion of this program was in progress.
-    NoRun,
+    NoRunInProgress,
     /// Another process may move the machine; this one cannot hold it.
-    OtherProcess,
+    OtherProcessCannotBeHeld,
 }

@@ -6,18 +6,18 @@ static CONFIG_FOLDER: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/config");
 
 /// Machine file that is used for a method when the user gives none.
 #[derive(Debug, Clone)]
-pub struct BuiltInFile {
+pub struct BuiltInMachineFile {
     /// File name in error messages.
-    pub file: String,
+    pub file_name: String,
     pub text: &'static str,
 }
 
-/// The machine file for the method `name`, or for the first method if the name is unknown.
-pub fn built_in_file(name: &str) -> BuiltInFile {
-    let method = methods::method_description(name).or(methods::METHOD_DESCRIPTIONS.first());
+/// The machine file for the method `method_name`, or for the first method if the name is unknown.
+pub fn built_in_machine_file(method_name: &str) -> BuiltInMachineFile {
+    let method = methods::method_description(method_name).or(methods::METHOD_DESCRIPTIONS.first());
     let file = method.map_or("", |method| method.machine_file);
     let text = CONFIG_FOLDER.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
-    BuiltInFile { file: format!("{file} (built in)"), text }
+    BuiltInMachineFile { file_name: format!("{file} (built in)"), text }
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer};
 
 macro_rules! registry {
     ($($config:ty,)*) => {
-        const CONTROLS: &[ControlDescription] = &[$(<$config>::DESCRIPTION),*];
+        const CONTROL_DESCRIPTIONS: &[ControlDescription] = &[$(<$config>::DESCRIPTION),*];
 
         /// Configuration of a control of `kind` from the keys of its table.
         ///
@@ -35,12 +35,12 @@ registry! {
 
 /// The kinds of all controls, in alphabetical order.
 pub fn control_kinds() -> Vec<&'static str> {
-    let mut kinds: Vec<_> = CONTROLS.iter().map(|control| control.kind).collect();
+    let mut kinds: Vec<_> = CONTROL_DESCRIPTIONS.iter().map(|control| control.kind).collect();
     kinds.sort_unstable();
     kinds
 }
 
 /// The hints of all controls that have one.
 pub fn control_hints(hint: fn(&ControlDescription) -> Option<&'static str>) -> String {
-    CONTROLS.iter().filter_map(hint).collect::<Vec<_>>().join("; ")
+    CONTROL_DESCRIPTIONS.iter().filter_map(hint).collect::<Vec<_>>().join("; ")
 }

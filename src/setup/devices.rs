@@ -12,7 +12,7 @@ use machine::record::machine::Machine;
 use machine::record::plan::ArtefactMount;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
-use planning::proof::{ProvenModeText, prove_modes};
+use planning::proof::{ProvenModeText, render_and_prove_mode_text};
 use simulator::SimulatedWorld;
 
 /// The open devices of a machine, as a run needs them.
@@ -27,9 +27,9 @@ pub struct Devices {
     /// Clock for readings that the control does not stamp.
     pub clock: Arc<dyn Clock>,
     /// The simulated world, if the machine is simulated.
-    world: Option<Arc<Mutex<SimulatedWorld>>>,
+    simulated_world: Option<Arc<Mutex<SimulatedWorld>>>,
     /// The simulated end of the wire, if this program serves it; dropped after the controller.
-    _control_server: Option<SimulatedControlServer>,
+    _simulated_control_server: Option<SimulatedControlServer>,
 }
 
 impl Devices {
@@ -43,26 +43,34 @@ impl Devices {
     pub(super) fn with_clock(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = Sensors::new(&[], None, clock.clone(), None);
         let thermometers = Thermometers::new(&[], None);
-        Self { controller, sensors, thermometers, dialect, clock, world: None, _control_server: None }
+        Self {
+            controller,
+            sensors,
+            thermometers,
+            dialect,
+            clock,
+            simulated_world: None,
+            _simulated_control_server: None,
+        }
     }
 
     /// Adds the sensors and thermometers of the machine file; simulated ones measure in `world`.
     pub(super) fn with_sensors(self, file: &MachineFile, world: Option<Arc<Mutex<SimulatedWorld>>>) -> Self {
         let thermometers = Thermometers::new(&file.thermometers, world.clone());
         let sensors = Sensors::new(&file.sensors, file.encoder, self.clock.clone(), world.clone());
-        Self { sensors, thermometers, world, ..self }
+        Self { sensors, thermometers, simulated_world: world, ..self }
     }
 
-    /// Mounts the artefact anew in the simulated world, as the operator has done.
-    pub fn remount_artefact(&self, mount: ArtefactMount) {
-        if let Some(world) = &self.world {
+    /// Mounts the artefact anew in the simulated world, as the operator has done; no effect on a real machine.
+    pub fn remount_simulated_artefact(&self, mount: ArtefactMount) {
+        if let Some(world) = &self.simulated_world {
             world.lock().unwrap_or_else(PoisonError::into_inner).mount_artefact(mount.turn_deg);
         }
     }
 
-    /// Adds the simulated end of the wire.
-    pub(super) fn with_control_server(self, served: Option<SimulatedControlServer>) -> Self {
-        Self { _control_server: served, ..self }
+    /// Adds the server of the simulated control, so that it lives as long as the devices.
+    pub(super) fn with_control_server(self, server: Option<SimulatedControlServer>) -> Self {
+        Self { _simulated_control_server: server, ..self }
     }
 }
 
@@ -73,23 +81,24 @@ pub struct EarlierSessions<'a> {
     /// Mountings of the artefact in their order.
     pub mountings: &'a [ArtefactMount],
     /// Time since the last reading, s.
-    pub elapsed_s: f64,
+    pub time_since_last_reading_s: f64,
 }
 
-/// Text that sets the modes of `machine`'s control.
+/// Renders and proves the text that sets the modes of `machine`'s control. `result_log`: file to which the control
+/// writes its results, if it has one.
 ///
 /// # Errors
 /// The text cannot be rendered or proven.
 pub fn prove_mode_text(
     dialect: &Dialect,
     machine: &Machine,
-    log: Option<String>,
+    result_log: Option<String>,
 ) -> Result<ProvenModeText, SetupError> {
-    Ok(prove_modes(dialect, &machine.name, machine.axes.keys().copied(), log.as_deref())?)
+    Ok(render_and_prove_mode_text(dialect, &machine.name, machine.axes.keys().copied(), result_log.as_deref())?)
 }
 
 /// Dialect of the machine's control, with the additions of the machine file.
 pub fn machine_dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
     let named = Dialect::from_name(file.controller.control.dialect())?;
-    Ok(named.with_options(&file.machine, &file.probe)?)
+    Ok(named.with_machine_options(&file.machine, &file.probe)?)
 }

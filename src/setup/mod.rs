@@ -18,7 +18,7 @@ mod world;
 use std::path::Path;
 
 pub use self::devices::{Devices, EarlierSessions, machine_dialect, prove_mode_text};
-pub use built_in::{BuiltInFile, built_in_file};
+pub use built_in::{BuiltInMachineFile, built_in_machine_file};
 pub use controls::{configure_control, control_hints, control_kinds};
 pub use draft::MachineFileDraft;
 pub use error::SetupError;
@@ -45,21 +45,21 @@ pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFil
     Ok(file)
 }
 
-/// The method with its settings and prompts, and the plan without steps. `repeat` overrides the number of
-/// repeats.
+/// The method with its settings and prompts, and the plan without steps. `repeat_count` overrides the
+/// number of repeats; `None`: as the file states it.
 pub fn configure_method_and_plan(
     file: &MachineFile,
     name: &str,
-    repeat: Option<u32>,
+    repeat_count: Option<u32>,
 ) -> Result<(Box<dyn Method>, Plan), SetupError> {
     check_method_name(name)?;
-    let mut method = file.read_method(name, |settings| methods::configure_method(name, settings))?;
-    if let Some(repeat) = repeat {
+    let mut method = file.read_method_section(name, |settings| methods::configure_method(name, settings))?;
+    if let Some(repeat_count) = repeat_count {
         let mut settings = method.settings();
         let repeats = settings.get_mut("repeats");
-        *repeats.ok_or(SetupError::NoRepeats { name: name.to_owned() })? = repeat.into();
+        *repeats.ok_or(SetupError::RepeatsNotSupported { name: name.to_owned() })? = repeat_count.into();
         method = methods::configure_method(name, settings)
-            .map_err(|error| SetupError::Settings { why: error.to_string() })?;
+            .map_err(|error| SetupError::MethodSettings { why: error.to_string() })?;
     }
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let required = method.required_sensors(&sensors)?;

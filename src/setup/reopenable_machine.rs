@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::machine_file::{Control, MachineFile};
+use super::machine_file::{ControlConfig, MachineFile};
 use super::{Devices, EarlierSessions, SetupError, SimulatedMachine, SimulationPace, machine_dialect, prove_mode_text};
 use devices::controllers::ControllerConfig;
 use link::Clock;
@@ -27,16 +27,16 @@ impl<'a> ReopenableMachine<'a> {
     /// The simulated world cannot be built.
     pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
         let machine = match &file.controller.control {
-            Control::Simulated(_) => MachineKind::Simulated(SimulatedMachine::new(file)?),
-            Control::Real(control) => MachineKind::Real(control.clone()),
+            ControlConfig::Simulated(_) => MachineKind::Simulated(SimulatedMachine::new(file)?),
+            ControlConfig::Real(control) => MachineKind::Real(control.clone()),
         };
         Ok(Self { file, machine })
     }
 
     /// Advances a simulated machine to the time after `history`.
-    pub(super) fn advance_to(self, history: EarlierSessions<'_>) -> Self {
+    pub(super) fn advance_past_sessions(self, history: EarlierSessions<'_>) -> Self {
         if let MachineKind::Simulated(simulated) = &self.machine {
-            simulated.advance_to(history);
+            simulated.advance_past_sessions(history);
         }
         self
     }
@@ -53,7 +53,7 @@ impl<'a> ReopenableMachine<'a> {
             MachineKind::Real(control) => {
                 let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
                 let machine = &self.file.machine;
-                let modes = prove_mode_text(&dialect, machine, control.result_log())?;
+                let modes = prove_mode_text(&dialect, machine, control.result_log_path())?;
                 let opening = control.open(machine, modes, clock.clone());
                 let devices = Devices::with_clock(opening.await?, dialect, clock);
                 Ok(devices.with_sensors(self.file, None))
@@ -76,5 +76,5 @@ pub async fn open_devices(
     pace: SimulationPace,
     history: EarlierSessions<'_>,
 ) -> Result<Devices, SetupError> {
-    ReopenableMachine::new(file)?.advance_to(history).open(pace).await
+    ReopenableMachine::new(file)?.advance_past_sessions(history).open(pace).await
 }

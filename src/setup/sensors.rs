@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::machine_file::{Encoder, SensorConnection, SensorEntry};
 use super::{MachineFile, SetupError, build_world};
-use devices::sensors::{Sensor, SensorError};
+use devices::sensors::{SensorError, SensorHandle};
 use link::clock::HostClock;
 use link::{Clock, LinkMode, SensorRequestCapture, SharedPorts};
 use simulator::SimulatedWorld;
@@ -29,8 +29,8 @@ pub struct Sensors {
     encoder: Option<Encoder>,
     clock: Arc<dyn Clock>,
     world: Option<Arc<Mutex<SimulatedWorld>>>,
-    /// Wiring of the control, also for sensors, which are opened later.
-    wiring: LinkMode,
+    /// Mode of the links when the machine was opened; the sensors are opened later, with the same mode.
+    link_mode: LinkMode,
     /// Ports that several sensors may share.
     ports: SharedPorts,
 }
@@ -44,7 +44,7 @@ impl Sensors {
         world: Option<Arc<Mutex<SimulatedWorld>>>,
     ) -> Self {
         let (wiring, ports) = (LinkMode::current(), SharedPorts::default());
-        Self { entries: entries.to_vec(), encoder, clock, world, wiring, ports }
+        Self { entries: entries.to_vec(), encoder, clock, world, link_mode: wiring, ports }
     }
 
     /// Meaning of the counts in the samples of the sensor `name`; `None`: they contain no counts.
@@ -59,28 +59,30 @@ impl Sensors {
     /// # Errors
     /// There is no such sensor, or it cannot be opened.
     pub async fn open(&self, name: &str) -> Result<OpenSensor, SensorError> {
-        let sensor = self.connect(name).await?;
+        let sensor = self.open_or_replay_sensor(name).await?;
         let in_spindle = self.entry(name).is_some_and(|entry| entry.sensor.mount.is_spindle());
         let world = self.world.clone().filter(|_| in_spindle);
         if let Some(world) = &world {
             set_probe_removed(world, true);
         }
-        Ok(OpenSensor { sensor, world })
+        Ok(OpenSensor { sensor, world_with_probe_removed: world })
     }
 
     fn entry(&self, name: &str) -> Option<&SensorEntry> {
         self.entries.iter().find(|entry| entry.sensor.name == name)
     }
 
-    async fn connect(&self, name: &str) -> Result<Sensor, SensorError> {
+    async fn open_or_replay_sensor(&self, name: &str) -> Result<SensorHandle, SensorError> {
         let SensorEntry { sensor, connection, .. } =
             self.entry(name).ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
-        let capture = SensorRequestCapture::from_mode(&self.wiring, &format!("sensor {name}"));
+        let capture = SensorRequestCapture::from_mode(&self.link_mode, &format!("sensor {name}"));
         if capture.is_replayed() {
-            return Ok(Sensor::from_capture(name, capture));
+            return Ok(SensorHandle::from_capture(name, capture));
         }
         let opened = match (connection, &self.world) {
-            (SensorConnection::Simulated(simulated), Some(world)) => simulated.open(sensor, world).await,
+            (SensorConnection::Simulated(simulated), Some(world)) => {
+                simulated.start_and_open_driver(sensor, world).await
+            }
             (SensorConnection::Real(real), _) => real.open_sensor(sensor, self.clock.clone(), &self.ports).await,
             (SensorConnection::Simulated(_), None) => Err(SensorError::NoSimulatedMachine { name: name.to_owned() }),
         };
@@ -98,26 +100,27 @@ pub struct EncoderScale {
 
 /// An open sensor of a run.
 pub struct OpenSensor {
-    sensor: Sensor,
-    world: Option<Arc<Mutex<SimulatedWorld>>>,
+    sensor: SensorHandle,
+    /// World whose probe is removed until this sensor is dropped; `None`: the probe is not removed.
+    world_with_probe_removed: Option<Arc<Mutex<SimulatedWorld>>>,
 }
 
 impl Deref for OpenSensor {
-    type Target = Sensor;
+    type Target = SensorHandle;
 
-    fn deref(&self) -> &Sensor {
+    fn deref(&self) -> &SensorHandle {
         &self.sensor
     }
 }
 
 impl Drop for OpenSensor {
     fn drop(&mut self) {
-        if let Some(world) = &self.world {
+        if let Some(world) = &self.world_with_probe_removed {
             set_probe_removed(world, false);
         }
     }
 }
 
-fn set_probe_removed(world: &Mutex<SimulatedWorld>, away: bool) {
-    world.lock().unwrap_or_else(PoisonError::into_inner).set_probe_removed(away);
+fn set_probe_removed(world: &Mutex<SimulatedWorld>, is_removed: bool) {
+    world.lock().unwrap_or_else(PoisonError::into_inner).set_probe_removed(is_removed);
 }

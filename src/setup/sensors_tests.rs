@@ -16,31 +16,31 @@ use link::clock::HostClock;
 use link::{Pty, create_pty};
 use machine::record::reading::ReadingFlag;
 use simulator::SensorOutput;
-use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_tcp};
+use simulator::sensors::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_tcp};
 
 /// A sensor entry; `reached` is the table of its interface.
-fn entry(name: &str, reached: &str) -> SensorEntry {
+fn parse_sensor_entry(name: &str, reached: &str) -> SensorEntry {
     let keys = "zero_mm = [0, 0, 0]\ndirection = [1, 0, 0]\nrange_mm = [-1, 1]\n";
     toml::from_str(&format!("name = \"{name}\"\n{keys}{reached}")).unwrap()
 }
 
 /// The sensor in `column` of lines such as `0.0123,-0.0040,17`.
-fn column(name: &str, path: &str, column: usize) -> SensorEntry {
+fn line_column_sensor(name: &str, path: &str, column: usize) -> SensorEntry {
     let keys = "separator = \",\"\ncounter = { column = 3, round = 1000 }\n";
     let value = format!("value = {{ column = {column}, scale_mm = 1.0 }}\n");
-    entry(name, &format!("[serial]\nserial = \"{path}\"\n[serial.line]\n{keys}{value}"))
+    parse_sensor_entry(name, &format!("[serial]\nserial = \"{path}\"\n[serial.line]\n{keys}{value}"))
 }
 
-fn sensors(entries: &[SensorEntry]) -> Sensors {
+fn build_sensors(entries: &[SensorEntry]) -> Sensors {
     Sensors::new(entries, None, Arc::new(HostClock::start()), None)
 }
 
-fn values(samples: &[Sample]) -> Vec<f64> {
+fn values_mm(samples: &[Sample]) -> Vec<f64> {
     samples.iter().filter_map(|sample| sample.value_mm).collect()
 }
 
 #[tokio::test]
-async fn columns_of_one_serial_port_are_sensors_of_their_own() {
+async fn two_sensors_read_their_columns_of_one_serial_port() {
     let Pty { mut device, path, client_side } = create_pty().unwrap();
     let amplifier = tokio::spawn(async move {
         for count in 0_u32.. {
@@ -51,7 +51,7 @@ async fn columns_of_one_serial_port_are_sensors_of_their_own() {
             sleep(Duration::from_millis(2)).await;
         }
     });
-    let sensors = sensors(&[column("x1", &path, 1), column("y1", &path, 2)]);
+    let sensors = build_sensors(&[line_column_sensor("x1", &path, 1), line_column_sensor("y1", &path, 2)]);
     let x1 = sensors.open("x1").await.unwrap();
     x1.prepare().await.unwrap();
     let y1 = sensors.open("y1").await.unwrap();
@@ -59,10 +59,10 @@ async fn columns_of_one_serial_port_are_sensors_of_their_own() {
     // The drivers hold the pseudo-terminal open now.
     drop(client_side);
     let (of_x1, of_y1) = tokio::join!(x1.read_samples(20), y1.read_samples(20));
-    assert_eq!(values(&of_x1.unwrap()), [0.0123; 20]);
-    assert_eq!(values(&of_y1.unwrap()), [-0.0040; 20]);
+    assert_eq!(values_mm(&of_x1.unwrap()), [0.0123; 20]);
+    assert_eq!(values_mm(&of_y1.unwrap()), [-0.0040; 20]);
     for sensor in [&x1, &y1] {
-        let tally = sensor.counters().await.unwrap();
+        let tally = sensor.sample_counters().await.unwrap();
         assert_eq!(tally.missing_count, 0, "{}", sensor.name());
         sensor.watch(|sample| sample.flag == ReadingFlag::None, || ()).await.unwrap();
     }
@@ -70,7 +70,7 @@ async fn columns_of_one_serial_port_are_sensors_of_their_own() {
     drop(y1);
     assert_eq!(x1.read_samples(3).await.unwrap().len(), 3);
     let y1 = sensors.open("y1").await.unwrap();
-    assert_eq!(values(&y1.read_samples(3).await.unwrap()), [-0.0040; 3]);
+    assert_eq!(values_mm(&y1.read_samples(3).await.unwrap()), [-0.0040; 3]);
     // The port is lost while both sensors are watched: each holds the machine and reports the loss.
     let (hold, mut held) = mpsc::unbounded_channel();
     for sensor in [&x1, &y1] {
@@ -89,7 +89,7 @@ async fn columns_of_one_serial_port_are_sensors_of_their_own() {
 }
 
 #[tokio::test]
-async fn sensors_that_answer_requests_take_turns_on_one_port() {
+async fn two_queried_sensors_take_turns_on_one_port() {
     let Pty { mut device, path, client_side: _client } = create_pty().unwrap();
     let addressed = tokio::spawn(async move {
         let mut request = [0; 3];
@@ -101,30 +101,30 @@ async fn sensors_that_answer_requests_take_turns_on_one_port() {
     });
     let queried = |name: &str, request: &str| {
         let line = "[serial.line]\nvalue = { scale_mm = 1.0 }\n";
-        entry(name, &format!("[serial]\nserial = \"{path}\"\nrequest = \"{request}\\r\"\n{line}"))
+        parse_sensor_entry(name, &format!("[serial]\nserial = \"{path}\"\nrequest = \"{request}\\r\"\n{line}"))
     };
-    let sensors = sensors(&[queried("x1", "M1"), queried("y1", "M2")]);
+    let sensors = build_sensors(&[queried("x1", "M1"), queried("y1", "M2")]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
     let (of_x1, of_y1) = tokio::join!(x1.read_samples(50), y1.read_samples(50));
-    assert_eq!(values(&of_x1.unwrap()), [0.1; 50]);
-    assert_eq!(values(&of_y1.unwrap()), [0.2; 50]);
+    assert_eq!(values_mm(&of_x1.unwrap()), [0.1; 50]);
+    assert_eq!(values_mm(&of_y1.unwrap()), [0.2; 50]);
     addressed.abort();
 }
 
 /// Register 0 of unit 1 contains 123, that of unit 2 contains -40.
-const READ_UNIT_1: [u8; 8] = [0x01, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xCA];
-const READ_UNIT_2: [u8; 8] = [0x02, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xF9];
+const READ_REQUEST_TO_UNIT_1: [u8; 8] = [0x01, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xCA];
+const READ_REQUEST_TO_UNIT_2: [u8; 8] = [0x02, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xF9];
 const REPLY_OF_UNIT_1: [u8; 7] = [0x01, 0x04, 0x02, 0x00, 0x7B, 0xF9, 0x13];
 const REPLY_OF_UNIT_2: [u8; 7] = [0x02, 0x04, 0x02, 0xFF, 0xD8, 0xBC, 0x9A];
 
-fn unit(name: &str, path: &str, unit: u8) -> SensorEntry {
+fn modbus_unit_sensor(name: &str, path: &str, unit: u8) -> SensorEntry {
     let value = "value = { register = 0, type = \"i16\", scale_mm = 1e-4 }\n";
     let port = format!("serial = \"{path}\"\nparity = \"none\"\nbaud = 115200\n");
-    entry(name, &format!("[modbus]\n{port}unit = {unit}\ntimeout_s = 0.1\n{value}"))
+    parse_sensor_entry(name, &format!("[modbus]\n{port}unit = {unit}\ntimeout_s = 0.1\n{value}"))
 }
 
 #[tokio::test]
-async fn units_of_one_modbus_line_are_sensors_of_their_own() {
+async fn two_sensors_read_their_units_on_one_modbus_line() {
     let Pty { mut device, path, client_side: _client } = create_pty().unwrap();
     let bus = tokio::spawn(async move {
         let (mut request, mut owed) = ([0; 8], 0);
@@ -132,44 +132,44 @@ async fn units_of_one_modbus_line_are_sensors_of_their_own() {
             device.read_exact(&mut request).await.unwrap();
             match request {
                 // A late reply of unit 2 arrives before the reply of unit 1.
-                READ_UNIT_1 if owed > 0 => {
+                READ_REQUEST_TO_UNIT_1 if owed > 0 => {
                     owed -= 1;
                     device.write_all(&REPLY_OF_UNIT_2).await.unwrap();
                     device.write_all(&REPLY_OF_UNIT_1).await.unwrap();
                 }
-                READ_UNIT_1 => device.write_all(&REPLY_OF_UNIT_1).await.unwrap(),
-                READ_UNIT_2 if count % 20 == 19 => owed += 1,
-                READ_UNIT_2 => device.write_all(&REPLY_OF_UNIT_2).await.unwrap(),
+                READ_REQUEST_TO_UNIT_1 => device.write_all(&REPLY_OF_UNIT_1).await.unwrap(),
+                READ_REQUEST_TO_UNIT_2 if count % 20 == 19 => owed += 1,
+                READ_REQUEST_TO_UNIT_2 => device.write_all(&REPLY_OF_UNIT_2).await.unwrap(),
                 other => panic!("{other:02X?}"),
             }
         }
     });
-    let sensors = sensors(&[unit("x1", &path, 1), unit("y1", &path, 2)]);
+    let sensors = build_sensors(&[modbus_unit_sensor("x1", &path, 1), modbus_unit_sensor("y1", &path, 2)]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
     let (of_x1, of_y1) = tokio::join!(x1.read_samples(40), y1.read_samples(40));
     let (of_x1, of_y1) = (of_x1.unwrap(), of_y1.unwrap());
-    assert!(of_x1.len() == 40 && values(&of_x1).len() > 20, "{of_x1:?}");
-    assert!(of_y1.len() == 40 && values(&of_y1).len() > 20, "{of_y1:?}");
-    assert!(values(&of_x1).iter().all(|mm| (mm - 0.0123).abs() < 1e-12), "{of_x1:?}");
-    assert!(values(&of_y1).iter().all(|mm| (mm + 0.0040).abs() < 1e-12), "{of_y1:?}");
+    assert!(of_x1.len() == 40 && values_mm(&of_x1).len() > 20, "{of_x1:?}");
+    assert!(of_y1.len() == 40 && values_mm(&of_y1).len() > 20, "{of_y1:?}");
+    assert!(values_mm(&of_x1).iter().all(|mm| (mm - 0.0123).abs() < 1e-12), "{of_x1:?}");
+    assert!(values_mm(&of_y1).iter().all(|mm| (mm + 0.0040).abs() < 1e-12), "{of_y1:?}");
     bus.abort();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn sensors_of_one_modbus_tcp_server_have_connections_of_their_own() {
+async fn two_sensors_read_one_modbus_tcp_server_concurrently() {
     let distance = Box::new(|| SensorOutput::Distance(0.25));
     let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, distance, 200.0).unwrap();
-    let reached = format!("[modbus]\n{}{DATA_SHEET}", at.to_toml());
-    let sensors = sensors(&[entry("x1", &reached), entry("y1", &reached)]);
+    let reached = format!("[modbus]\n{}{DATA_SHEET_TOML}", at.to_toml());
+    let sensors = build_sensors(&[parse_sensor_entry("x1", &reached), parse_sensor_entry("y1", &reached)]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
     let (of_x1, of_y1) = tokio::join!(x1.read_samples(10), y1.read_samples(10));
     for samples in [of_x1.unwrap(), of_y1.unwrap()] {
-        assert_eq!(values(&samples).len(), 10, "{samples:?}");
+        assert_eq!(values_mm(&samples).len(), 10, "{samples:?}");
     }
 }
 
 /// Result for a machine file whose sensors `a` and `b` have these two interface tables.
-fn read(of_a: &str, of_b: &str) -> Result<MachineFile, String> {
+fn parse_with_interfaces(of_a: &str, of_b: &str) -> Result<MachineFile, String> {
     let simulated = "simulated = { rate_hz = 1000.0 }";
     let text = include_str!("../../config/r-test.toml");
     let text = text.replacen(simulated, of_a, 1).replacen(simulated, of_b, 1);
@@ -181,10 +181,10 @@ fn sensors_of_one_port_must_agree_on_its_keys() {
     let a = "serial = { serial = \"/dev/ttyS7\", baud = 9600, line = { separator = \",\", \
              value = { column = 1, scale_mm = 1.0 } } }";
     let b = a.replace("column = 1", "column = 2");
-    read(a, &b).unwrap();
+    parse_with_interfaces(a, &b).unwrap();
     let refused = |from: &str, to: &str, expected: &str| {
         assert!(b.contains(from), "{from}");
-        let error = read(a, &b.replace(from, to)).unwrap_err();
+        let error = parse_with_interfaces(a, &b.replace(from, to)).unwrap_err();
         assert!(error.starts_with("shop.toml:"), "{error}");
         let expected = format!(
             "`b` shares the port /dev/ttyS7 with `a`, but {expected} there: set the same value for all sensors \
@@ -203,13 +203,13 @@ fn sensors_of_one_port_must_agree_on_its_keys() {
              value = {{ register = 0, type = \"i16\", scale_mm = 1e-4 }} }}"
         )
     };
-    read(&modbus(9600, 1), &modbus(9600, 2)).unwrap();
-    let error = read(&modbus(9600, 1), &modbus(19_200, 2)).unwrap_err();
+    parse_with_interfaces(&modbus(9600, 1), &modbus(9600, 2)).unwrap();
+    let error = parse_with_interfaces(&modbus(9600, 1), &modbus(19_200, 2)).unwrap_err();
     assert!(error.contains("`baud` is 19200 here and 9600 there"), "{error}");
-    let error = read(a, &modbus(9600, 2)).unwrap_err();
+    let error = parse_with_interfaces(a, &modbus(9600, 2)).unwrap_err();
     assert!(error.contains("its table is [sensor.modbus] here and [sensor.serial]"), "{error}");
     // Sensors on different ports need not agree.
-    read(a, &modbus(9600, 2).replace("ttyS7", "ttyS8")).unwrap();
+    parse_with_interfaces(a, &modbus(9600, 2).replace("ttyS7", "ttyS8")).unwrap();
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::machine_file::{Control, MachineFile};
-use super::simulated::{SimulatedControl, SimulatedControlServer, SimulationSetup};
+use super::machine_file::{ControlConfig, MachineFile};
+use super::simulated::{SimulatedControlConfig, SimulatedControlServer, SimulationSetup};
 use super::{Devices, EarlierSessions, SetupError, SimulationPace, build_world, prove_mode_text};
 
 use planning::gcode::Dialect;
@@ -13,7 +13,7 @@ use simulator::{SimulatedOperator, SimulatedWorld};
 
 pub struct SimulatedMachine<'a> {
     file: &'a MachineFile,
-    control: SimulatedControl,
+    control: SimulatedControlConfig,
     world: Arc<Mutex<SimulatedWorld>>,
 }
 
@@ -24,25 +24,25 @@ impl<'a> SimulatedMachine<'a> {
     /// The simulated world cannot be built.
     pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
         let control = match &file.controller.control {
-            Control::Simulated(simulated) => simulated.clone(),
-            Control::Real(_) => SimulatedControl::default(),
+            ControlConfig::Simulated(simulated) => simulated.clone(),
+            ControlConfig::Real(_) => SimulatedControlConfig::default(),
         };
         Ok(Self { file, control, world: Arc::new(Mutex::new(build_world(file)?)) })
     }
 
     /// Advances the world to the time after `history`, with its mountings.
-    pub(super) fn advance_to(&self, history: EarlierSessions<'_>) {
+    pub(super) fn advance_past_sessions(&self, history: EarlierSessions<'_>) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         history.mountings.iter().for_each(|mount| world.mount_artefact(mount.turn_deg));
         if let Some(last) = history.readings.last() {
             let probed = history.readings.iter().map(|reading| reading.step);
-            world.advance(last.t_s + history.elapsed_s, probed);
+            world.advance(last.t_s + history.time_since_last_reading_s, probed);
         }
     }
 
     pub(super) async fn open(&self, dialect: Dialect, pace: SimulationPace) -> Result<Devices, SetupError> {
         let modes = prove_mode_text(&dialect, &self.file.machine, None)?;
-        let (controller, served) = self.control.open(self.simulation_setup(pace)?, modes).await?;
+        let (controller, served) = self.control.start_and_open_driver(self.simulation_setup(pace)?, modes).await?;
         let world = Some(self.world.clone());
         Ok(Devices::new(controller, dialect).with_sensors(self.file, world).with_control_server(served))
     }
@@ -51,15 +51,15 @@ impl<'a> SimulatedMachine<'a> {
     ///
     /// # Errors
     /// The wire cannot be opened.
-    pub fn serve(&self, pace: SimulationPace) -> Result<SimulatedControlServer, SetupError> {
+    pub fn serve_control(&self, pace: SimulationPace) -> Result<SimulatedControlServer, SetupError> {
         Ok(self.control.serve(self.simulation_setup(pace)?)?)
     }
 
-    /// As [`Self::serve`], with a faulty wire; `on_fault` is called with each fault and its time.
+    /// As [`Self::serve_control`], with a faulty wire; `on_fault` is called with each fault and its time.
     ///
     /// # Errors
     /// The wire cannot be opened.
-    pub fn serve_with_faults(
+    pub fn serve_control_with_faulty_wire(
         &self,
         pace: SimulationPace,
         wire: FaultyWire,
@@ -68,7 +68,7 @@ impl<'a> SimulatedMachine<'a> {
         Ok(self.control.serve_with_faults(self.simulation_setup(pace)?, wire, on_fault)?)
     }
 
-    /// Replaces the probe in the spindle by a sensor.
+    /// Removes the probe from the spindle, as if a sensor replaced it.
     pub fn remove_probe(&self) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         world.set_probe_removed(true);

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use devices::sensors::thermometer::{
-    self, SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerPoller,
+    self, SimulatedTemperatureSource, ThermometerConfig, ThermometerError, ThermometerPoller,
 };
 use link::LinkMode;
 use simulator::SimulatedWorld;
@@ -15,7 +15,8 @@ pub struct Thermometers {
 }
 
 impl Thermometers {
-    /// No thermometers during the replay of a capture, which does not contain their values.
+    /// Creates the thermometers of `entries`; none during the replay of a capture, which does not contain their
+    /// values.
     pub(super) fn new(entries: &[ThermometerConfig], world: Option<Arc<Mutex<SimulatedWorld>>>) -> Self {
         let is_live = !LinkMode::current().is_replayed();
         Self { entries: entries.iter().filter(|_| is_live).cloned().collect(), world }
@@ -31,7 +32,7 @@ impl Thermometers {
         thermometer::read_thermometers_once(&self.entries, |name| self.simulated_reading(name)).await
     }
 
-    fn simulated_reading(&self, name: &str) -> Option<SimulatedTemperature> {
+    fn simulated_reading(&self, name: &str) -> Option<SimulatedTemperatureSource> {
         let (world, name) = (self.world.clone()?, name.to_owned());
         Some(Box::new(move || world.lock().unwrap_or_else(PoisonError::into_inner).temperature_c(&name)))
     }

@@ -20,17 +20,17 @@ pub(super) struct TrueBalls {
 struct TrueBall {
     centre: Vector3<f64>,
     radius: f64,
-    /// The form adds uᵀ·form·u to the radius along the unit vector u: an oval.
-    form: Matrix3<f64>,
+    /// Matrix F that adds uᵀ·F·u to the radius along the unit vector u: an oval.
+    form_matrix: Matrix3<f64>,
     stem: Option<BallStem>,
     /// Displacements of the centre, each with the time from which it holds, s.
-    moves: Vec<(f64, Vector3<f64>)>,
+    timed_displacements: Vec<(f64, Vector3<f64>)>,
 }
 
 /// A cylinder with flat ends that begins at the ball's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct BallStem {
-    along: Vector3<f64>,
+    direction: Vector3<f64>,
     length: f64,
     radius: f64,
 }
@@ -43,19 +43,20 @@ impl TrueBalls {
         if balls.is_empty() || !balls.iter().all(TrueBall::is_valid) {
             return Err(SimulatedWorldError::InvalidBalls);
         }
-        let [expansion, u_expansion] = stated.relative_expansion();
-        let scale = 1.0 + expansion + u_expansion * draw_normal(truth.seed, RandomSource::ArtefactTemperature, &[]);
+        let [expansion, u_expansion] = stated.relative_expansion_and_u();
+        let scale =
+            1.0 + expansion + u_expansion * draw_normal(truth.seed, RandomSource::ArtefactTemperatureError, &[]);
         balls.iter_mut().for_each(|ball| ball.centre *= scale);
-        apply_certified_lengths(&mut balls, stated, truth);
+        move_balls_to_certified_lengths(&mut balls, stated, truth);
         Ok(Self { balls })
     }
 
     /// Nearest surface to `point` in the table frame at the time `t_s`. Inside several bodies, the deepest one
     /// counts.
     pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> NearestSurface {
-        let far = NearestSurface::beyond(f64::INFINITY);
+        let far = NearestSurface::no_surface_within(f64::INFINITY);
         let relative_point = |ball: &TrueBall| point - ball.displacement_at(t_s);
-        let min_distance = |ball: &TrueBall| ball.min_distance(relative_point(ball));
+        let min_distance = |ball: &TrueBall| ball.distance_lower_bound(relative_point(ball));
         // The ball with the smallest lower bound comes first: most other balls then need no oval iteration.
         let first = self.balls.iter().min_by(|a, b| min_distance(a).total_cmp(&min_distance(b)));
         let best = first.map_or(far, |ball| ball.nearer_surface(relative_point(ball), far));
@@ -74,65 +75,66 @@ impl TrueBall {
         let moves = truth.ball_moves.iter().filter(|moved| moved.ball == stated.id);
         let along = unit_vector(Vector3::from(stated.stem)).unwrap_or_default();
         let (length, radius) = (stated.stem_length_mm, stated.stem_radius_mm);
-        let draw = |part| draw_normal(truth.seed, RandomSource::Ball, &[index as u64, part]);
+        let draw = |part| draw_normal(truth.seed, RandomSource::BallDeviation, &[index as u64, part]);
         let diameter_um = own.diameter_um + truth.ball_diameter_um * draw(3);
         let form_um = own.form_um.unwrap_or(truth.ball_form_um);
         Self {
             centre: Vector3::from(stated.centre_mm)
-                + truth.centre_offset()
+                + truth.artefact_offset_mm()
                 + Vector3::from(own.offset_mm)
                 + Vector3::new(draw(0), draw(1), draw(2)) * truth.ball_offset_mm,
             radius: stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3,
-            form: draw_ball_oval(truth.seed, index) * (form_um * 1e-3),
+            form_matrix: draw_ball_oval(truth.seed, index) * (form_um * 1e-3),
             stem: (length > 0.0 && radius > 0.0 && along != Vector3::zeros()).then_some(BallStem {
-                along,
+                direction: along,
                 length,
                 radius,
             }),
-            moves: moves.map(|moved| (moved.at_s, Vector3::from(moved.by_mm))).collect(),
+            timed_displacements: moves.map(|moved| (moved.at_s, Vector3::from(moved.by_mm))).collect(),
         }
     }
 
     fn is_valid(&self) -> bool {
         let centre = self.centre.iter().all(|coordinate| coordinate.is_finite());
-        centre && self.radius > 2.0 * self.form.abs().sum() && self.radius.is_finite()
+        centre && self.radius > 2.0 * self.form_matrix.abs().sum() && self.radius.is_finite()
     }
 
     fn displacement_at(&self, t_s: f64) -> Vector3<f64> {
-        self.moves.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
+        self.timed_displacements.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
     }
 
     /// Lower bound of the distance between `point` and the ball.
-    fn min_distance(&self, point: Vector3<f64>) -> f64 {
-        (point - self.centre).norm() - self.radius - 2.0 * self.form.abs().sum()
+    fn distance_lower_bound(&self, point: Vector3<f64>) -> f64 {
+        (point - self.centre).norm() - self.radius - 2.0 * self.form_matrix.abs().sum()
     }
 
     /// The nearer of `best` and the surface of this ball with its stem.
     fn nearer_surface(&self, point: Vector3<f64>, best: NearestSurface) -> NearestSurface {
         let from_centre = point - self.centre;
-        let may_be_nearer = self.min_distance(point) < best.distance;
-        let best = if may_be_nearer { best.or_nearer(self.nearest(from_centre)) } else { best };
+        let may_be_nearer = self.distance_lower_bound(point) < best.signed_distance;
+        let best = if may_be_nearer { best.or_nearer(self.nearest_ball_surface(from_centre)) } else { best };
         self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
     }
 
-    /// Foot of the perpendicular: `point` = r(u)·u + distance·normal(u). On a round ball its direction u is that of
-    /// the point; for an oval of micrometres, each iteration leaves a thousandth of the error.
-    fn nearest(&self, point: Vector3<f64>) -> NearestSurface {
+    /// Surface of the ball nearest to `point`, which is relative to the ball's centre. Foot of the perpendicular:
+    /// `point` = r(u)·u + distance·normal(u). On a round ball its direction u is that of the point; for an oval of
+    /// micrometres, each iteration leaves a thousandth of the error.
+    fn nearest_ball_surface(&self, point: Vector3<f64>) -> NearestSurface {
         let mut direction = unit_vector(point).unwrap_or(Vector3::z());
-        let mut nearest = NearestSurface { distance: point.norm() - self.radius, normal: direction };
-        if self.form == Matrix3::zeros() {
+        let mut nearest = NearestSurface { signed_distance: point.norm() - self.radius, outward_normal: direction };
+        if self.form_matrix == Matrix3::zeros() {
             return nearest;
         }
         for _ in 0..MAX_PERPENDICULAR_ITERATIONS {
-            let form_product = self.form * direction;
+            let form_product = self.form_matrix * direction;
             let form_deviation = direction.dot(&form_product);
             let radius = self.radius + form_deviation;
             let slope = 2.0 * (form_product - direction * form_deviation);
             let normal = (direction - slope / radius).normalize();
             let distance = (point - direction * radius).dot(&normal);
-            nearest = NearestSurface { distance, normal };
+            nearest = NearestSurface { signed_distance: distance, outward_normal: normal };
             let next = unit_vector(point - normal * distance).unwrap_or(direction);
-            if (next - direction).norm_squared() < FOOT_TOLERANCE_RAD2 {
+            if (next - direction).norm_squared() < PERPENDICULAR_FOOT_CONVERGENCE_RAD2 {
                 break;
             }
             direction = next;
@@ -143,24 +145,24 @@ impl TrueBall {
 
 const MAX_PERPENDICULAR_ITERATIONS: usize = 30;
 /// Squared change of angle, rad², below which the foot of a perpendicular has converged.
-const FOOT_TOLERANCE_RAD2: f64 = 1e-28;
+const PERPENDICULAR_FOOT_CONVERGENCE_RAD2: f64 = 1e-28;
 
 impl BallStem {
     fn nearest(&self, from_centre: Vector3<f64>) -> NearestSurface {
-        let along = from_centre.dot(&self.along);
-        let across = from_centre - self.along * along;
+        let along = from_centre.dot(&self.direction);
+        let across = from_centre - self.direction * along;
         let (reach, outward) = (across.norm(), unit_vector(across).unwrap_or(Vector3::x()));
         let side = reach - self.radius;
         let end = (along - self.length / 2.0).abs() - self.length / 2.0;
-        let cap = self.along * (along - self.length / 2.0).signum();
-        NearestSurface::of_prism(side, outward, end, cap)
+        let cap = self.direction * (along - self.length / 2.0).signum();
+        NearestSurface::from_prism_side_and_end(side, outward, end, cap)
     }
 }
 
 /// Moves the balls until their distances equal the certified lengths, plus the drawn error of the certificate,
 /// the true temperature and the declared faults. Both balls of a length move by the same amount; the corrections
 /// alternate where balls share lengths.
-fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, truth: &MachineTruth) {
+fn move_balls_to_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, truth: &MachineTruth) {
     let ball_indices: BTreeMap<&str, usize> =
         stated.balls.iter().enumerate().map(|(i, ball)| (ball.id.as_str(), i)).collect();
     for _ in 0..MAX_CERTIFIED_LENGTH_ITERATIONS {
@@ -169,7 +171,7 @@ fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, tru
             let ends = (ball_indices.get(length.from.as_str()), ball_indices.get(length.to.as_str()));
             let (Some(&from), Some(&to)) = ends else { continue };
             let separation = balls[to].centre - balls[from].centre;
-            let shortfall = true_length(number, length, truth) - separation.norm();
+            let shortfall = true_certified_length_mm(number, length, truth) - separation.norm();
             let half = unit_vector(separation).unwrap_or(Vector3::x()) * (shortfall / 2.0);
             balls[from].centre -= half;
             balls[to].centre += half;
@@ -183,8 +185,8 @@ fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, tru
 
 const MAX_CERTIFIED_LENGTH_ITERATIONS: usize = 1000;
 
-fn true_length(number: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
-    let draw = |part| draw_normal(truth.seed, RandomSource::CertifiedLength, &[number as u64, part]);
+fn true_certified_length_mm(number: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
+    let draw = |part| draw_normal(truth.seed, RandomSource::CertifiedLengthError, &[number as u64, part]);
     let temperature_rise_k = length.temperature_c.unwrap_or(REFERENCE_TEMPERATURE_C) - REFERENCE_TEMPERATURE_C
         + length.u_temperature_k * draw(1);
     let certified = length.mm + length.u_mm * draw(0);

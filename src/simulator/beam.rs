@@ -27,15 +27,15 @@ pub enum SensorOutput {
 /// A sensor as it is truly mounted in the spindle, at S = 0, in the directions of the machine frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beam {
-    zero: Vector3<f64>,
-    along: Vector3<f64>,
+    zero_point_mm: Vector3<f64>,
+    direction: Vector3<f64>,
     /// Unit vectors across the nominal direction, for `tilt_urad` and `lean_um`.
-    transverse: [Vector3<f64>; 2],
-    range: [f64; 2],
+    transverse_directions: [Vector3<f64>; 2],
+    range_mm: [f64; 2],
     /// Smallest and largest distance at which the sensor detects a surface, mm.
-    reach: [f64; 2],
+    detection_range_mm: [f64; 2],
     linearity_waves: Vec<LinearityWave>,
-    noise_mm: f64,
+    noise_std_dev_mm: f64,
     truth: SensorTruth,
 }
 
@@ -60,46 +60,47 @@ impl Beam {
         if !(noise_um >= 0.0 && nominal.linearity_um >= 0.0 && nominal.incidence_um >= 0.0) {
             return invalid("noise_um, linearity_um or incidence_um");
         }
-        truth.check()?;
+        truth.check_values()?;
         let truth = with_drawn_incidence(truth, nominal, seed, number);
         let across = transverse_directions(direction);
         let [lean_1, lean_2] = truth.tilt_urad.map(|urad| urad * 1e-6);
         let drawn = || random_draws::draw_linearity_waves(seed, number, nominal.linearity_um, span);
         Ok(Self {
-            zero: zero + Vector3::from(truth.zero_offset_um) * 1e-3,
-            along: (direction + across[0] * lean_1 + across[1] * lean_2).normalize(),
-            transverse: across,
-            range: nominal.range_mm,
-            reach: [least.min(-nominal.stand_off_mm), greatest + span],
+            zero_point_mm: zero + Vector3::from(truth.zero_offset_um) * 1e-3,
+            direction: (direction + across[0] * lean_1 + across[1] * lean_2).normalize(),
+            transverse_directions: across,
+            range_mm: nominal.range_mm,
+            detection_range_mm: [least.min(-nominal.stand_off_mm), greatest + span],
             linearity_waves: truth.linearity.clone().unwrap_or_else(drawn),
-            noise_mm: truth.noise_um.or(nominal.noise_um).unwrap_or_default() * 1e-3,
+            noise_std_dev_mm: truth.noise_um.or(nominal.noise_um).unwrap_or_default() * 1e-3,
             truth,
         })
     }
 
-    /// Output for one sample. `deviate`: noise in standard deviations.
-    pub fn output(&self, view: &SensorView<'_>, deviate: f64) -> SensorOutput {
+    /// Output for one sample. `noise_deviate`: noise in standard deviations.
+    pub fn output(&self, view: &SensorView<'_>, noise_deviate: f64) -> SensorOutput {
         let Some(hit) = self.mean_over_spot(view) else { return SensorOutput::NoEcho };
-        let cosine = -hit.normal.dot(&self.along);
+        let cosine = -hit.outward_normal.dot(&self.direction);
         if cosine < self.truth.echo_limit_deg.to_radians().cos() {
             return SensorOutput::NoEcho;
         }
         if cosine > self.truth.dazzled_deg.to_radians().cos() {
             return SensorOutput::TooMuchLight;
         }
-        let output_mm = self.truth.gain * hit.distance
-            + self.linearity_error_mm(hit.distance)
-            + self.incidence_error_mm(hit.normal, cosine)
-            + self.noise_mm * deviate;
+        let output_mm = self.truth.gain * hit.distance_from_origin_mm
+            + self.linearity_error_mm(hit.distance_from_origin_mm)
+            + self.incidence_error_mm(hit.outward_normal, cosine)
+            + self.noise_std_dev_mm * noise_deviate;
         let output_mm = self.truth.clips_mm.map_or(output_mm, |[low, high]| output_mm.clamp(low, high));
-        let [least, greatest] = self.range;
+        let [least, greatest] = self.range_mm;
         let is_in_range = output_mm >= least && output_mm <= greatest;
         if is_in_range { SensorOutput::Distance(output_mm) } else { SensorOutput::OutOfRange(output_mm) }
     }
 
     /// Mean distance over the light spot, and the surface normal at the centre of the spot.
     fn mean_over_spot(&self, view: &SensorView<'_>) -> Option<SurfaceHit> {
-        let first = |from: Vector3<f64>| view.first_hit(self.zero + from, self.along, self.reach);
+        let first =
+            |from: Vector3<f64>| view.first_hit(self.zero_point_mm + from, self.direction, self.detection_range_mm);
         let middle = first(Vector3::zeros())?;
         if self.truth.spot_mm == 0.0 {
             return Some(middle);
@@ -107,13 +108,13 @@ impl Beam {
         // The mean over a disc of radius a is, up to third order, that of four points a/√2 away.
         let aside = self.truth.spot_mm / 8.0_f64.sqrt();
         let mut sum = 0.0;
-        for across in self.transverse {
+        for across in self.transverse_directions {
             // Perpendicular to the true beam: the mean over a slanted disc differs.
-            let step = across - self.along * self.along.dot(&across);
+            let step = across - self.direction * self.direction.dot(&across);
             let step = unit_vector(step).unwrap_or_default() * aside;
-            sum += first(step)?.distance + first(-step)?.distance;
+            sum += first(step)?.distance_from_origin_mm + first(-step)?.distance_from_origin_mm;
         }
-        Some(SurfaceHit { distance: sum / 4.0, ..middle })
+        Some(SurfaceHit { distance_from_origin_mm: sum / 4.0, ..middle })
     }
 
     /// Deviation of the characteristic curve from a straight line, mm.
@@ -129,7 +130,7 @@ impl Beam {
     fn incidence_error_mm(&self, normal: Vector3<f64>, cosine: f64) -> f64 {
         let tangent2 = (1.0 - cosine * cosine).max(0.0) / (cosine * cosine);
         // Slope of the distance along each direction across the beam.
-        let slopes = self.transverse.map(|across| normal.dot(&across) / cosine);
+        let slopes = self.transverse_directions.map(|across| normal.dot(&across) / cosine);
         let lean: f64 = slopes.iter().zip(self.truth.lean_um).map(|(slope, um)| slope * um).sum();
         (self.truth.incidence_um * tangent2 + lean) * 1e-3
     }
@@ -141,7 +142,7 @@ fn with_drawn_incidence(truth: SensorTruth, nominal: &Sensor, seed: u64, number:
         return truth;
     }
     let key = |part| [number as u64, part];
-    let draw = |part| nominal.incidence_um * random_draws::draw_normal(seed, RandomSource::Incidence, &key(part));
+    let draw = |part| nominal.incidence_um * random_draws::draw_normal(seed, RandomSource::IncidenceError, &key(part));
     SensorTruth { incidence_um: draw(0), lean_um: [draw(1), draw(2)], ..truth }
 }
 

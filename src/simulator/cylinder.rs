@@ -18,10 +18,11 @@ pub struct FormHarmonic {
     pub sin_um: f64,
 }
 
-/// The solid, in the table frame.
+/// A cylinder whose profile is not quite round, in the table frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TrueCylinder {
-    foot: Vector3<f64>,
+    /// Centre of the lower end.
+    axis_foot: Vector3<f64>,
     /// Columns: the x, y and axis directions of the artefact.
     frame: Rotation3<f64>,
     height: f64,
@@ -34,11 +35,11 @@ impl TrueCylinder {
     pub fn new(foot: Vector3<f64>, axis: Vector3<f64>, height: f64, profile: RadiusProfile) -> Self {
         let upside_down = || Rotation3::from_axis_angle(&Vector3::y_axis(), PI);
         let frame = Rotation3::rotation_between(&Vector3::z(), &axis).unwrap_or_else(upside_down);
-        Self { foot, frame, height, profile }
+        Self { axis_foot: foot, frame, height, profile }
     }
 
     /// The solid turned about its own axis, rad.
-    pub fn rotated(self, angle: f64) -> Self {
+    pub fn rotated_about_axis(self, angle: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         Self { frame: self.frame * turn, ..self }
     }
@@ -49,47 +50,48 @@ impl TrueCylinder {
     }
 
     /// Lower bound of the distance between `point` and the solid.
-    pub fn min_distance(&self, point: Vector3<f64>) -> f64 {
-        let local_point = self.frame.inverse() * (point - self.foot);
+    pub fn distance_lower_bound(&self, point: Vector3<f64>) -> f64 {
+        let local_point = self.frame.inverse() * (point - self.axis_foot);
         (local_point.z - self.height / 2.0).abs() - self.height / 2.0
     }
 
     /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
-        let local_point = self.frame.inverse() * (point - self.foot);
-        let (across, outward) = self.profile.nearest(local_point.xy(), growth);
+        let local_point = self.frame.inverse() * (point - self.axis_foot);
+        let (across, outward) = self.profile.signed_distance_and_normal(local_point.xy(), growth);
         let along = (local_point.z - self.height / 2.0).abs() - self.height / 2.0;
         let end = Vector3::z() * (local_point.z - self.height / 2.0).signum();
-        let nearest = NearestSurface::of_prism(across, outward.push(0.0), along, end);
-        NearestSurface { normal: self.frame * nearest.normal, ..nearest }
+        let nearest = NearestSurface::from_prism_side_and_end(across, outward.push(0.0), along, end);
+        NearestSurface { outward_normal: self.frame * nearest.outward_normal, ..nearest }
     }
 }
 
 /// Radius over the angle ψ: `radius + Σ cos·cos nψ + sin·sin nψ`, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct RadiusProfile {
+    /// Mean radius, mm.
     radius: f64,
     /// (order, cosine, sine), mm.
-    terms: Vec<(f64, f64, f64)>,
-    /// Largest deviation of the radius from its mean, mm.
-    amplitude: f64,
+    order_cos_sin_terms: Vec<(f64, f64, f64)>,
+    /// Upper bound of the deviation of the radius from its mean, mm.
+    max_deviation_bound: f64,
 }
 
 impl RadiusProfile {
     pub fn new(radius: f64, form: impl IntoIterator<Item = FormHarmonic>) -> Self {
         let terms: Vec<_> = form.into_iter().map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3)).collect();
         let amplitude = terms.iter().map(|(_, c, s)| c.hypot(*s)).sum();
-        Self { radius, terms, amplitude }
+        Self { radius, order_cos_sin_terms: terms, max_deviation_bound: amplitude }
     }
 
-    /// Smallest radius; a profile is valid only if it is positive.
-    pub fn smallest_radius(&self) -> f64 {
-        self.radius - self.amplitude
+    /// Lower bound of the radius, mm; a profile is valid only if it is positive.
+    pub fn min_radius_bound(&self) -> f64 {
+        self.radius - self.max_deviation_bound
     }
 
     /// Radius and its first two derivatives.
-    fn radius(&self, psi: f64) -> [f64; 3] {
-        self.terms.iter().fold([self.radius, 0.0, 0.0], |[r, d, dd], (n, c, s)| {
+    fn radius_and_derivatives(&self, psi: f64) -> [f64; 3] {
+        self.order_cos_sin_terms.iter().fold([self.radius, 0.0, 0.0], |[r, d, dd], (n, c, s)| {
             let (sin, cos) = (n * psi).sin_cos();
             let value = c * cos + s * sin;
             [r + value, d + n * (s * cos - c * sin), dd - n * n * value]
@@ -97,11 +99,12 @@ impl RadiusProfile {
     }
 
     /// Signed distance of `point` from the profile grown by `growth`, and the outward normal.
-    fn nearest(&self, point: Vector2<f64>, growth: f64) -> (f64, Vector2<f64>) {
+    fn signed_distance_and_normal(&self, point: Vector2<f64>, growth: f64) -> (f64, Vector2<f64>) {
         let (rho, angle) = (point.norm(), point.y.atan2(point.x));
-        let [r, ..] = self.radius(angle);
-        let psi = if self.terms.is_empty() { angle } else { self.foot_angle(rho, angle, growth) };
-        let [r_foot, slope, _] = self.radius(psi);
+        let [r, ..] = self.radius_and_derivatives(angle);
+        let psi =
+            if self.order_cos_sin_terms.is_empty() { angle } else { self.nearest_point_angle(rho, angle, growth) };
+        let [r_foot, slope, _] = self.radius_and_derivatives(psi);
         let (sin, cos) = psi.sin_cos();
         let (radial, round) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
         let gap = point - radial * (r_foot + growth);
@@ -112,34 +115,34 @@ impl RadiusProfile {
 
     /// Angle of the profile's nearest point. It lies in a window about the angle of `point`; the best sample of
     /// the window starts Newton's iteration.
-    fn foot_angle(&self, rho: f64, angle: f64, growth: f64) -> f64 {
+    fn nearest_point_angle(&self, rho: f64, angle: f64, growth: f64) -> f64 {
         let distance2 = |psi: f64| {
-            let r = self.radius(psi)[0] + growth;
+            let r = self.radius_and_derivatives(psi)[0] + growth;
             (rho - r).powi(2) + 4.0 * rho * r * ((psi - angle) / 2.0).sin().powi(2)
         };
-        let window = self.search_window(rho, distance2(angle).sqrt(), growth);
-        let order = self.terms.iter().map(|t| t.0).fold(1.0, f64::max);
+        let window = self.search_half_width_rad(rho, distance2(angle).sqrt(), growth);
+        let order = self.order_cos_sin_terms.iter().map(|t| t.0).fold(1.0, f64::max);
         let samples = (window * order * 4.0 / PI).ceil().max(1.0) as i32;
         let best = (-samples..=samples)
             .map(|i| angle + window * f64::from(i) / f64::from(samples))
             .min_by(|a, b| distance2(*a).total_cmp(&distance2(*b)))
             .unwrap_or(angle);
-        self.refine_foot_angle(rho, angle, growth, best)
+        self.refine_nearest_point_angle(rho, angle, growth, best)
     }
 
     /// Half-width of the window, rad. A profile point outside of it is farther away than the profile point at
     /// the same angle, whose distance is `straight`.
-    fn search_window(&self, rho: f64, straight: f64, growth: f64) -> f64 {
-        let chord = 4.0 * rho * (self.smallest_radius() + growth);
-        let sine2 = 4.0 * self.amplitude * straight / chord;
+    fn search_half_width_rad(&self, rho: f64, straight: f64, growth: f64) -> f64 {
+        let chord = 4.0 * rho * (self.min_radius_bound() + growth);
+        let sine2 = 4.0 * self.max_deviation_bound * straight / chord;
         if sine2 < 1.0 { 2.0 * sine2.sqrt().asin() } else { PI }
     }
 
     /// Newton's iteration on the derivative of half the squared distance.
-    fn refine_foot_angle(&self, rho: f64, angle: f64, growth: f64, start: f64) -> f64 {
+    fn refine_nearest_point_angle(&self, rho: f64, angle: f64, growth: f64, start: f64) -> f64 {
         let mut psi = start;
         for _ in 0..30 {
-            let [r, d, dd] = self.radius(psi);
+            let [r, d, dd] = self.radius_and_derivatives(psi);
             let r = r + growth;
             let (sin, cos) = (psi - angle).sin_cos();
             let slope = r * d - rho * (d * cos - r * sin);

@@ -1,7 +1,7 @@
 //! Errors of building a world.
 
 use machine::Axis;
-use machine::kinematics::{KinematicsError, ParameterError};
+use machine::kinematics::{InvalidErrorParameter, KinematicsError};
 
 /// The reason why a world cannot be built, and what to change.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -9,7 +9,7 @@ pub enum SimulatedWorldError {
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
     #[error("[simulated]: {0}")]
-    InvalidSymbol(#[from] ParameterError),
+    InvalidSymbol(#[from] InvalidErrorParameter),
     #[error("[simulated] {key}: the unit after the symbol must be {unit}")]
     WrongUnit { key: String, unit: &'static str },
     #[error(
@@ -29,7 +29,7 @@ pub enum SimulatedWorldError {
     #[error("[simulated] refers to ball `{id}`, but the artefact has no such ball; correct the id")]
     UnknownBall { id: String },
     #[error("[[simulated.sag]]: the machine has no rotary axis {axis}; correct axis")]
-    NoTiltAxis { axis: Axis },
+    NoRotarySagAxis { axis: Axis },
     #[error("[[simulated.sensor]] `{name}`: no [[sensor]] has this name; correct the name or remove the table")]
     UnknownSensor { name: String },
     #[error("[[sensor]] or [[simulated.sensor]]: `{name}` occurs twice; remove one")]

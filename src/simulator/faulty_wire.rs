@@ -14,8 +14,8 @@ use tokio::time::{Instant, sleep};
 
 use estimation::random::seeded_stream;
 
-/// Last byte of a line at which a fault may begin; in a shorter line the fault is at the line's end.
-const MAX_FAULT_BYTE_INDEX: u64 = 40;
+/// A fault begins at a byte before this one; in a line that is too short, at the line's end.
+const FAULT_BYTE_INDEX_END: u64 = 40;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WireDirection {
@@ -48,8 +48,8 @@ pub enum WireFault {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PlannedFault {
     pub direction: WireDirection,
-    pub line: u64,
-    pub byte: u64,
+    pub line_index: u64,
+    pub byte_index: u64,
     pub fault: WireFault,
 }
 
@@ -77,7 +77,7 @@ impl FaultyWire {
             // Exponential gaps: faults are random events, and neighbouring lines may both have one.
             let gap = -(1.0 - draw.random::<f64>()).ln() * wire.mean_lines_between_faults;
             line = u64::saturating_add(line, 1).saturating_add(gap as u64);
-            let byte = draw.random_range(0..MAX_FAULT_BYTE_INDEX);
+            let byte = draw.random_range(0..FAULT_BYTE_INDEX_END);
             let pause = wire.max_delay.mul_f64(draw.random::<f64>());
             let fault = match draw.random_range(0..17) {
                 0 | 1 => WireFault::Delay(pause),
@@ -90,7 +90,7 @@ impl FaultyWire {
                 15 => WireFault::Stall,
                 _ => WireFault::Cut,
             };
-            PlannedFault { direction, line, byte, fault }
+            PlannedFault { direction, line_index: line, byte_index: byte, fault }
         })
     }
 
@@ -123,8 +123,8 @@ impl FaultyWire {
 struct WireHalf<'t, P: Iterator<Item = PlannedFault>> {
     schedule: Peekable<P>,
     on_fault: &'t (dyn Fn(PlannedFault) + Sync),
-    line: u64,
-    byte: u64,
+    line_index: u64,
+    byte_index: u64,
     /// Whether the rest of this line is dropped.
     is_dropping_line: bool,
     /// The rest of this line, which is sent twice.
@@ -133,7 +133,14 @@ struct WireHalf<'t, P: Iterator<Item = PlannedFault>> {
 
 impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
     fn new(schedule: P, on_fault: &'t (dyn Fn(PlannedFault) + Sync)) -> Self {
-        Self { schedule: schedule.peekable(), on_fault, line: 0, byte: 0, is_dropping_line: false, line_copy: None }
+        Self {
+            schedule: schedule.peekable(),
+            on_fault,
+            line_index: 0,
+            byte_index: 0,
+            is_dropping_line: false,
+            line_copy: None,
+        }
     }
 
     async fn forward(mut self, mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin) -> io::Result<()> {
@@ -168,9 +175,10 @@ impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
     /// Fault that occurs at this byte.
     fn next_due_fault(&mut self, byte: u8) -> Option<WireFault> {
         let is_line_end = byte == b'\n';
-        let (line, byte_index) = (self.line, self.byte);
+        let (line, byte_index) = (self.line_index, self.byte_index);
         let is_due = |planned_fault: &PlannedFault| {
-            planned_fault.line < line || planned_fault.line == line && (planned_fault.byte <= byte_index || is_line_end)
+            planned_fault.line_index < line
+                || planned_fault.line_index == line && (planned_fault.byte_index <= byte_index || is_line_end)
         };
         let planned_fault = self.schedule.next_if(is_due)?;
         (self.on_fault)(planned_fault);
@@ -193,9 +201,9 @@ impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
                 line_copy.push(forwarded);
             }
         }
-        self.byte += 1;
+        self.byte_index += 1;
         if byte == b'\n' {
-            (self.line, self.byte, self.is_dropping_line) = (self.line + 1, 0, false);
+            (self.line_index, self.byte_index, self.is_dropping_line) = (self.line_index + 1, 0, false);
             out.extend(self.line_copy.take().unwrap_or_default());
         }
     }
@@ -213,7 +221,7 @@ mod tests {
     fn faulty_text(text: &str, line: u64, byte: u64, fault: WireFault) -> String {
         let direction = WireDirection::ToDevice;
         let on_fault = |_| {};
-        let planned_fault = [PlannedFault { direction, line, byte, fault }];
+        let planned_fault = [PlannedFault { direction, line_index: line, byte_index: byte, fault }];
         let side = WireHalf::new(planned_fault.into_iter(), &on_fault);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
         let mut out = Vec::new();
@@ -244,9 +252,9 @@ mod tests {
         let to = || drawn(1, WireDirection::ToDevice);
         assert!(to().eq(drawn(1, WireDirection::ToDevice)));
         assert!(!to().eq(drawn(2, WireDirection::ToDevice)));
-        assert!(to().is_sorted_by_key(|planned_fault| planned_fault.line));
+        assert!(to().is_sorted_by_key(|planned_fault| planned_fault.line_index));
         // Gaps of 1 + floor(e): 1 + 1/(exp(1/5) - 1) = 5.52 lines on average.
-        let last = to().last().unwrap().line as f64 / 2000.0;
+        let last = to().last().unwrap().line_index as f64 / 2000.0;
         assert!((last - 5.52).abs() < 0.4, "{last}");
         let mut kinds: Vec<String> = to()
             .map(|planned_fault| {

@@ -10,17 +10,16 @@
 
 mod balls;
 mod beam;
-mod check;
 pub mod controls;
 mod crc16;
 mod cylinder;
-mod datum;
-mod datum_truth;
+mod datum_cylinder_truth;
 mod error;
 pub mod faulty_wire;
 pub mod interpreter;
 mod linear_errors;
 mod machine_pose;
+mod magnitude_check;
 mod motion_history;
 mod nearest_surface;
 mod operator;
@@ -38,6 +37,7 @@ pub mod sensors;
 mod surface;
 mod testing;
 mod thermometer_truth;
+mod true_datum_cylinder;
 mod truth;
 mod wiring;
 
@@ -45,21 +45,21 @@ use std::collections::BTreeMap;
 
 pub use beam::SensorOutput;
 pub use cylinder::FormHarmonic;
-pub use datum_truth::{DatumCylinderTruth, IndexFault, IndexingStageTruth, SectionForm};
+pub use datum_cylinder_truth::{DatumCylinderTruth, IndexingStageTruth, MountingAngleFault, SectionFormHarmonic};
 pub use error::SimulatedWorldError;
 pub use operator::SimulatedOperator;
 pub use ramp::Speed;
-pub use rotary_motion::RotaryMotion;
+pub use rotary_motion::RotaryMotionMagnitudes;
 pub use sensor_truth::{LinearityWave, SensorTruth};
 pub use testing::SampleInMotion;
-pub use truth::{ErrorMotion, LatchDelay, MachineTruth};
+pub use truth::{ErrorMotionHarmonic, LatchDelay, MachineTruth};
 
 use machine::record::artefact::Artefact;
 use machine::record::machine::{AxisSpec, Machine, Probe};
 use machine::{Axis, Position};
 use motion_history::MotionHistory;
 use path::{LostMotion, MoveBounds, MovePath};
-use ramp::{MIN_SEARCH_STEP_MM, first_crossing};
+use ramp::{MIN_SEARCH_STEP_MM, first_zero_crossing_fraction};
 use random_draws::{RandomSource, draw_normal};
 use scene::Scene;
 use sensing::SimulatedSensor;
@@ -70,7 +70,7 @@ use wiring::TrueWiring;
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MoveResult {
     /// The probe closed during the move, or reads closed at its end.
-    pub has_touched: bool,
+    pub has_probe_closed: bool,
     /// The stylus was deflected beyond its overtravel.
     pub has_crashed: bool,
     pub duration_s: f64,
@@ -80,41 +80,43 @@ pub struct MoveResult {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ProbeResult {
     /// `None`: the move reached its target without contact.
-    pub contact: Option<Contact>,
+    pub contact: Option<LatchedContact>,
     /// Braking deflected the stylus beyond its overtravel.
     pub has_crashed: bool,
     pub duration_s: f64,
 }
 
+/// A contact of the probe, as the control latches it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Contact {
+pub struct LatchedContact {
     /// Displayed axis positions when the control latched them.
-    pub position: Position,
-    pub t_s: f64,
+    pub latched_position: Position,
+    /// Simulated time at which the control latched them.
+    pub latch_time_s: f64,
 }
 
 /// The only owner of simulated time, axis positions and the state of the probe.
 #[derive(Debug, Clone)]
 pub struct SimulatedWorld {
     scene: Scene,
-    axes: BTreeMap<Axis, AxisSpec>,
+    axis_specs: BTreeMap<Axis, AxisSpec>,
     seed: u64,
-    repeatability_mm: f64,
-    overtravel_mm: f64,
-    latch: LatchDelay,
-    t_s: f64,
+    touch_std_dev_mm: f64,
+    stylus_overtravel_mm: f64,
+    latch_delay: LatchDelay,
+    simulated_time_s: f64,
     /// Commanded positions of all axes.
-    command: Position,
+    commanded_position: Position,
     lost_motion: LostMotion,
     true_wiring: TrueWiring,
     /// Scatter of the current touch (of the last one between touches), mm.
-    scatter_mm: f64,
+    current_touch_scatter_mm: f64,
     /// Whether a person deflects the stylus by hand.
     is_stylus_deflected: bool,
     /// Whether the probe is not in the spindle.
     is_probe_removed: bool,
     /// Number of probing moves for each N word.
-    probe_counts: BTreeMap<u32, u32>,
+    probe_counts_by_line: BTreeMap<u32, u32>,
     sensor_truths: Vec<SensorTruth>,
     sensors: Vec<SimulatedSensor>,
     /// Past motion, recorded only if there are sensors.
@@ -134,25 +136,25 @@ impl SimulatedWorld {
         artefact: &Artefact,
         truth: &MachineTruth,
     ) -> Result<Self, SimulatedWorldError> {
-        check::check_magnitudes(machine, probe, truth)?;
+        magnitude_check::check_magnitudes(machine, probe, truth)?;
         let scene = Scene::new(machine, probe, artefact, truth)?;
         let mut command: Position = scene.axes().map(|axis| (axis, 0.0)).collect();
         command.set(Axis::Z, machine.axes.get(&Axis::Z).map_or(0.0, |spec| spec.max));
         Ok(Self {
             scene,
-            axes: machine.axes.clone(),
+            axis_specs: machine.axes.clone(),
             seed: truth.seed,
-            repeatability_mm: probe.repeatability_um.unwrap_or_default() * 1e-3,
-            overtravel_mm: probe.overtravel_mm,
-            latch: truth.latch,
-            t_s: 0.0,
+            touch_std_dev_mm: probe.repeatability_um.unwrap_or_default() * 1e-3,
+            stylus_overtravel_mm: probe.overtravel_mm,
+            latch_delay: truth.latch,
+            simulated_time_s: 0.0,
             lost_motion: LostMotion::new(&true_backlash_um(machine, truth), &command),
             true_wiring: TrueWiring::new(&truth.wiring, &command),
-            command,
-            scatter_mm: 0.0,
+            commanded_position: command,
+            current_touch_scatter_mm: 0.0,
             is_stylus_deflected: false,
             is_probe_removed: false,
-            probe_counts: BTreeMap::new(),
+            probe_counts_by_line: BTreeMap::new(),
             sensor_truths: truth.sensor.clone(),
             sensors: Vec::new(),
             motion_history: MotionHistory::default(),
@@ -160,29 +162,29 @@ impl SimulatedWorld {
         })
     }
 
-    /// Advances the world by `seconds`, and counts a probing move for each of these N words, so that the next
-    /// touches have new scatter.
-    pub fn advance(&mut self, seconds: f64, probe_lines: impl IntoIterator<Item = u32>) {
+    /// Advances the world by `seconds`, and counts a probing move for each of the N words
+    /// `probed_line_numbers`, so that the next touches have new scatter.
+    pub fn advance(&mut self, seconds: f64, probed_line_numbers: impl IntoIterator<Item = u32>) {
         self.dwell(seconds);
-        for n in probe_lines {
-            *self.probe_counts.entry(n).or_default() += 1;
+        for n in probed_line_numbers {
+            *self.probe_counts_by_line.entry(n).or_default() += 1;
         }
-        self.sensors.iter_mut().for_each(|sensor| sensor.advance_to(self.t_s));
+        self.sensors.iter_mut().for_each(|sensor| sensor.advance_sample_count_to(self.simulated_time_s));
     }
 
     /// Simulated time since the world was created.
     pub fn time_s(&self) -> f64 {
-        self.t_s
+        self.simulated_time_s
     }
 
     /// Axis positions as displayed by the control: linear axes in whole steps.
     pub fn position(&self) -> Position {
-        self.displayed_position(&self.command)
+        self.rounded_to_resolution(&self.commanded_position)
     }
 
     /// Whether the probe input reads closed now.
     pub fn is_probe_closed(&self) -> bool {
-        self.true_wiring.input_state(self.is_in_contact())
+        self.true_wiring.is_probe_input_closed(self.is_in_contact())
     }
 
     /// Whether the probe is truly closed.
@@ -190,18 +192,18 @@ impl SimulatedWorld {
         if self.is_stylus_deflected {
             return true;
         }
-        !self.is_probe_removed && self.trigger_distance() + self.scatter_mm <= 0.0
+        !self.is_probe_removed && self.trigger_distance() + self.current_touch_scatter_mm <= 0.0
     }
 
     /// Distance of the stylus from the trigger point at the true axis positions, mm; negative in contact.
     fn trigger_distance(&self) -> f64 {
-        let command = self.true_wiring.true_position(self.command.clone());
-        self.scene.trigger_distance(&self.true_axes(), &command, self.t_s)
+        let command = self.true_wiring.true_position(self.commanded_position.clone());
+        self.scene.trigger_distance(&self.true_axis_positions(), &command, self.simulated_time_s)
     }
 
     /// True axis positions.
-    fn true_axes(&self) -> Position {
-        self.true_wiring.true_position(self.lost_motion.position_after_move_to(&self.command))
+    fn true_axis_positions(&self) -> Position {
+        self.true_wiring.true_position(self.lost_motion.position_after_move_to(&self.commanded_position))
     }
 
     /// Removes the probe from the spindle, or puts it back. Without it there is no contact and no damage.
@@ -223,64 +225,71 @@ impl SimulatedWorld {
     /// Makes a straight, unguarded move of the axes named in `to`; no contact stops it. Axes that the machine
     /// lacks do not move.
     pub fn travel(&mut self, to: &Position, speed: Speed) -> MoveResult {
-        let Some(path) = self.path(to, speed) else {
-            return MoveResult { has_touched: self.is_probe_closed(), ..MoveResult::default() };
+        let Some(path) = self.move_path_to(to, speed) else {
+            return MoveResult { has_probe_closed: self.is_probe_closed(), ..MoveResult::default() };
         };
         let has_touched = self.probe_closes_on_path(&path);
-        let stylus_travel_left = |fraction| self.clearance_on_path(&path, fraction) + self.overtravel_mm;
-        let has_crashed = first_crossing(stylus_travel_left, path.max_ball_travel_mm(), 0.0).is_some();
-        let duration_s = path.ramp().duration_s();
+        let stylus_travel_left = |fraction| self.clearance_on_path(&path, fraction) + self.stylus_overtravel_mm;
+        let has_crashed = first_zero_crossing_fraction(stylus_travel_left, path.max_ball_travel_mm(), 0.0).is_some();
+        let duration_s = path.velocity_profile().duration_s();
         self.finish_move(&path, 1.0, duration_s);
-        MoveResult { has_touched, has_crashed, duration_s }
+        MoveResult { has_probe_closed: has_touched, has_crashed, duration_s }
     }
 
     /// Sets the delay with which contacts are latched from now on.
-    pub fn set_latch(&mut self, latch: LatchDelay) {
-        self.latch = latch;
+    pub fn set_latch_delay(&mut self, latch: LatchDelay) {
+        self.latch_delay = latch;
     }
 
-    /// Moves until the probe triggers and the contact is latched, then brakes. `n` is the N word of the line:
+    /// Moves until the probe triggers and the contact is latched, then brakes. `line_number` is the N word:
     /// together with the number of probing moves under this word it keys the scatter, so that the order of the
     /// touches does not matter. With the probe closed at the start, contact is reported there.
-    pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
-        let occurrence = self.probe_counts.entry(n).or_default();
-        let key = [u64::from(n), u64::from(*occurrence)];
-        self.scatter_mm = self.repeatability_mm * draw_normal(self.seed, RandomSource::TouchScatter, &key);
-        let scan_phase = random_draws::draw_scan_phase(self.seed, n, *occurrence);
+    pub fn probe(&mut self, to: &Position, feed_mm_min: f64, line_number: u32) -> ProbeResult {
+        let occurrence = self.probe_counts_by_line.entry(line_number).or_default();
+        let key = [u64::from(line_number), u64::from(*occurrence)];
+        self.current_touch_scatter_mm =
+            self.touch_std_dev_mm * draw_normal(self.seed, RandomSource::TouchScatter, &key);
+        let scan_phase = random_draws::draw_plc_scan_phase(self.seed, line_number, *occurrence);
         *occurrence += 1;
-        let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
-            let here = Contact { position: self.position(), t_s: self.t_s };
+        let Some(path) = self.move_path_to(to, Speed::Feed { mm_min: feed_mm_min }) else {
+            let here = LatchedContact { latched_position: self.position(), latch_time_s: self.simulated_time_s };
             return ProbeResult { contact: self.is_probe_closed().then_some(here), ..ProbeResult::default() };
         };
-        let contact =
-            first_crossing(|fraction| self.trigger_distance_on_path(&path, fraction), path.max_ball_travel_mm(), 0.0);
-        match contact.filter(|_| self.true_wiring.reacts_to_contact()) {
+        let contact = first_zero_crossing_fraction(
+            |fraction| self.trigger_distance_on_path(&path, fraction),
+            path.max_ball_travel_mm(),
+            0.0,
+        );
+        match contact.filter(|_| self.true_wiring.probe_input_reacts_to_contact()) {
             Some(fraction) => {
-                let late_s = (self.latch.delay_ms + scan_phase * self.latch.scan_ms) * 1e-3;
-                self.stop_on_contact(&path, path.ramp().fraction_after(fraction, late_s))
+                let late_s = (self.latch_delay.delay_ms + scan_phase * self.latch_delay.scan_ms) * 1e-3;
+                self.stop_on_contact(&path, path.velocity_profile().fraction_after(fraction, late_s))
             }
             None => {
-                let duration_s = path.ramp().duration_s();
+                let duration_s = path.velocity_profile().duration_s();
                 self.finish_move(&path, 1.0, duration_s);
                 ProbeResult { duration_s, ..ProbeResult::default() }
             }
         }
     }
 
-    /// Turns the spindle to `s` rad at its rapid speed.
-    pub fn orient(&mut self, s: f64) {
-        self.travel(&Position::new().with(Axis::S, s), Speed::Rapid);
+    /// Turns the spindle to `s_rad` at its rapid speed.
+    pub fn orient(&mut self, s_rad: f64) {
+        self.travel(&Position::new().with(Axis::S, s_rad), Speed::Rapid);
     }
 
     pub fn dwell(&mut self, seconds: f64) {
-        self.t_s += seconds.max(0.0);
+        self.simulated_time_s += seconds.max(0.0);
     }
 
     fn stop_on_contact(&mut self, path: &MovePath, fraction: f64) -> ProbeResult {
-        let t_s = self.t_s + path.ramp().time_s(fraction);
-        let contact = Contact { position: self.displayed_position(&path.command(fraction)), t_s };
-        let (rest, duration_s) = path.ramp().brake_from(fraction);
-        let has_crashed = self.clearance_on_path(path, rest) < -self.overtravel_mm;
+        let t_s = self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction);
+        let contact = LatchedContact {
+            latched_position: self.rounded_to_resolution(&path.command_at_fraction(fraction)),
+            latch_time_s: t_s,
+        };
+        let (rest, duration_s) = path.velocity_profile().rest_fraction_and_time_s(fraction);
+        let has_crashed = self.clearance_on_path(path, rest) < -self.stylus_overtravel_mm;
         self.finish_move(path, rest, duration_s);
         ProbeResult { contact: Some(contact), has_crashed, duration_s }
     }
@@ -293,60 +302,68 @@ impl SimulatedWorld {
             Some(0.0)
         } else {
             // Slightly beyond the opening, where the input is safely open.
-            first_crossing(|fraction| -margin(fraction), max_slope_mm, 0.0)
+            first_zero_crossing_fraction(|fraction| -margin(fraction), max_slope_mm, 0.0)
                 .map(|fraction| (fraction + MIN_SEARCH_STEP_MM / max_slope_mm).min(1.0))
         };
-        margin(1.0) <= 0.0 || open.is_none_or(|o| first_crossing(margin, max_slope_mm, o).is_some())
+        margin(1.0) <= 0.0 || open.is_none_or(|o| first_zero_crossing_fraction(margin, max_slope_mm, o).is_some())
     }
 
-    fn path(&self, to: &Position, speed: Speed) -> Option<MovePath> {
-        let max_travel_ratio = self.true_wiring.max_travel_ratio();
-        let lever_arm = |axis, at: &Position| self.scene.lever_arm(axis, at);
-        let limits = MoveBounds { axes: &self.axes, lever_arm: &lever_arm, max_travel_ratio };
-        MovePath::new(&self.command, to, speed, &self.lost_motion, &limits)
+    fn move_path_to(&self, to: &Position, speed: Speed) -> Option<MovePath> {
+        let max_travel_ratio = self.true_wiring.max_true_travel_ratio();
+        let lever_arm = |axis, at: &Position| self.scene.max_ball_distance_from_axis(axis, at);
+        let limits = MoveBounds {
+            axis_specs: &self.axis_specs,
+            max_ball_distance_from_axis: &lever_arm,
+            max_true_travel_ratio: max_travel_ratio,
+        };
+        MovePath::new(&self.commanded_position, to, speed, &self.lost_motion, &limits)
     }
 
     fn trigger_distance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
         if self.is_probe_removed {
             return f64::MAX;
         }
-        let (axes, command) = self.true_positions_on_path(path, fraction);
-        let t_s = self.t_s + path.ramp().time_s(fraction);
-        self.scene.trigger_distance(&axes, &command, t_s) + self.scatter_mm
+        let (axes, command) = self.true_positions_with_and_without_lost_motion(path, fraction);
+        let t_s = self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction);
+        self.scene.trigger_distance(&axes, &command, t_s) + self.current_touch_scatter_mm
     }
 
     fn clearance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
         if self.is_probe_removed {
             return f64::MAX;
         }
-        let (axes, command) = self.true_positions_on_path(path, fraction);
-        self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
+        let (axes, command) = self.true_positions_with_and_without_lost_motion(path, fraction);
+        self.scene.clearance(
+            &axes,
+            &command,
+            self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction),
+        )
     }
 
     /// True axis positions, with and without lost motion.
-    fn true_positions_on_path(&self, path: &MovePath, fraction: f64) -> (Position, Position) {
+    fn true_positions_with_and_without_lost_motion(&self, path: &MovePath, fraction: f64) -> (Position, Position) {
         (
-            self.true_wiring.true_position(path.true_axes(fraction)),
-            self.true_wiring.true_position(path.command(fraction)),
+            self.true_wiring.true_position(path.true_axes_at_fraction(fraction)),
+            self.true_wiring.true_position(path.command_at_fraction(fraction)),
         )
     }
 
     fn finish_move(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
         if !self.sensors.is_empty() {
-            self.motion_history.record_move(self.t_s, path, fraction);
+            self.motion_history.record_move(self.simulated_time_s, path, fraction);
         }
         self.set_stop_position(path, fraction, duration_s);
     }
 
     fn set_stop_position(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
-        self.command = path.command(fraction);
-        self.lost_motion.update_actual_position(&self.command);
-        self.t_s += duration_s;
+        self.commanded_position = path.command_at_fraction(fraction);
+        self.lost_motion.update_actual_position(&self.commanded_position);
+        self.simulated_time_s += duration_s;
     }
 
-    fn displayed_position(&self, command: &Position) -> Position {
+    fn rounded_to_resolution(&self, command: &Position) -> Position {
         let rounded = |(axis, value): (Axis, f64)| {
-            let step = self.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
+            let step = self.axis_specs.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
             let rounds_to_steps = axis.is_linear() && step > 0.0;
             (axis, if rounds_to_steps { (value / step).round() * step } else { value })
         };

@@ -14,14 +14,14 @@ use machine::{Axis, Position};
 /// phase), shifted to be zero at position zero.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct RandomFunction {
-    amplitude: f64,
+    wave_amplitude: f64,
     /// (angular frequency per mm, phase in rad).
-    waves: Vec<(f64, f64)>,
-    value_at_zero: f64,
-    knot_pitch: f64,
+    frequencies_and_phases: Vec<(f64, f64)>,
+    cosine_sum_at_zero: f64,
+    knot_pitch_mm: f64,
     /// Value, and derivative times knot pitch, at multiples of the knot pitch, where the function has been tabulated.
     /// Cubic Hermite interpolation between them is within 1e-6 σ of the sum of cosines.
-    knots: Vec<[f64; 2]>,
+    knot_values_and_slopes: Vec<[f64; 2]>,
 }
 
 impl RandomFunction {
@@ -30,42 +30,48 @@ impl RandomFunction {
     /// whatever the axis limits. Beyond it the sum of cosines is evaluated.
     const MAX_KNOTS_PER_SIDE: f64 = 20_000.0;
 
-    fn draw(seed: u64, key: &[u64], sigma: f64, length: f64) -> Self {
+    fn draw(seed: u64, key: &[u64], sigma: f64, correlation_length: f64) -> Self {
         if sigma == 0.0 {
             return Self::default();
         }
-        let frequencies = standard_normals(seed, RandomSource::LinearMotion, key).take(Self::WAVE_COUNT);
-        let phase_key: Vec<u64> = [RandomSource::LinearMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
+        let frequencies = standard_normals(seed, RandomSource::LinearAxisErrors, key).take(Self::WAVE_COUNT);
+        let phase_key: Vec<u64> =
+            [RandomSource::LinearAxisErrors as u64].iter().chain(key).chain(&[1]).copied().collect();
         let phases = rand_distr::StandardUniform.sample_iter(random::seeded_stream(seed, &phase_key));
-        let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
+        let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / correlation_length, TAU * p)).collect();
         let amplitude = sigma * (2.0 / Self::WAVE_COUNT as f64).sqrt();
-        let knot_pitch = length / 10.0;
-        let mut function = Self { amplitude, waves, knot_pitch, ..Self::default() };
-        function.value_at_zero = function.value_at(0.0);
+        let knot_pitch = correlation_length / 10.0;
+        let mut function = Self {
+            wave_amplitude: amplitude,
+            frequencies_and_phases: waves,
+            knot_pitch_mm: knot_pitch,
+            ..Self::default()
+        };
+        function.cosine_sum_at_zero = function.value_at(0.0);
         function
     }
 
     /// The same function, tabulated within `reach` of zero, mm.
-    fn tabulated(mut self, reach: f64) -> Self {
-        if !self.waves.is_empty() {
-            let half = (reach / self.knot_pitch).ceil().min(Self::MAX_KNOTS_PER_SIDE) as i64;
+    fn with_table_within(mut self, reach: f64) -> Self {
+        if !self.frequencies_and_phases.is_empty() {
+            let half = (reach / self.knot_pitch_mm).ceil().min(Self::MAX_KNOTS_PER_SIDE) as i64;
             let knot = |i: i64| {
-                let x = i as f64 * self.knot_pitch;
-                let slope: f64 = self.waves.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
-                [self.sum_of_cosines(x), self.amplitude * slope * self.knot_pitch]
+                let x = i as f64 * self.knot_pitch_mm;
+                let slope: f64 = self.frequencies_and_phases.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
+                [self.sum_of_cosines(x), self.wave_amplitude * slope * self.knot_pitch_mm]
             };
-            self.knots = (-half..=half).map(knot).collect();
+            self.knot_values_and_slopes = (-half..=half).map(knot).collect();
         }
         self
     }
 
     fn value_at(&self, x: f64) -> f64 {
-        if self.waves.is_empty() {
+        if self.frequencies_and_phases.is_empty() {
             return 0.0;
         }
-        let knot_coordinate = x / self.knot_pitch + (self.knots.len() / 2) as f64;
+        let knot_coordinate = x / self.knot_pitch_mm + (self.knot_values_and_slopes.len() / 2) as f64;
         let i = knot_coordinate.floor();
-        let piece = (i >= 0.0).then(|| self.knots.get(i as usize..)?.get(..2)).flatten();
+        let piece = (i >= 0.0).then(|| self.knot_values_and_slopes.get(i as usize..)?.get(..2)).flatten();
         let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.sum_of_cosines(x) };
         let right_weight = knot_coordinate - i;
         let left_weight = 1.0 - right_weight;
@@ -74,8 +80,8 @@ impl RandomFunction {
     }
 
     fn sum_of_cosines(&self, x: f64) -> f64 {
-        let sum: f64 = self.waves.iter().map(|(w, phase)| (w * x + phase).cos()).sum();
-        self.amplitude * sum - self.value_at_zero
+        let sum: f64 = self.frequencies_and_phases.iter().map(|(w, phase)| (w * x + phase).cos()).sum();
+        self.wave_amplitude * sum - self.cosine_sum_at_zero
     }
 }
 
@@ -83,35 +89,35 @@ impl RandomFunction {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LinearErrors {
     /// Error motions of each axis along X, Y and Z.
-    motions: [[RandomFunction; 3]; 3],
+    motions_by_axis_and_direction: [[RandomFunction; 3]; 3],
     /// Squareness errors, rad: displacement of X with motion along Y, of X along Z, of Y along Z.
     squareness_rad: Vector3<f64>,
 }
 
 impl LinearErrors {
-    /// For each of X, Y and Z: standard deviation and correlation length, mm.
-    pub fn draw(seed: u64, axes: [[f64; 2]; 3]) -> Self {
+    /// Draws the error motions. `sigma_and_length`: standard deviation and correlation length of each axis, mm.
+    pub fn draw(seed: u64, sigma_and_length: [[f64; 2]; 3]) -> Self {
         let draw = |axis: usize, direction: usize| {
-            let [sigma, length] = axes[axis];
+            let [sigma, length] = sigma_and_length[axis];
             RandomFunction::draw(seed, &[axis as u64, direction as u64], sigma, length)
         };
         let along = |axis| std::array::from_fn(|direction| draw(axis, direction));
-        Self { motions: std::array::from_fn(along), squareness_rad: Vector3::zeros() }
+        Self { motions_by_axis_and_direction: std::array::from_fn(along), squareness_rad: Vector3::zeros() }
     }
 
-    /// Adds squareness errors of standard deviation `sigma` for each pair of axes, rad.
-    pub fn with_squareness_errors(self, seed: u64, sigma: f64) -> Self {
-        let draw = |pair| sigma * draw_normal(seed, RandomSource::Squareness, &[pair]);
+    /// Adds a squareness error of standard deviation `sigma_rad` for each pair of axes.
+    pub fn with_squareness_errors(self, seed: u64, sigma_rad: f64) -> Self {
+        let draw = |pair| sigma_rad * draw_normal(seed, RandomSource::Squareness, &[pair]);
         Self { squareness_rad: Vector3::new(draw(0), draw(1), draw(2)), ..self }
     }
 
     /// The same functions, tabulated within these distances of zero on X, Y and Z, mm.
-    pub fn tabulated(self, reach: [f64; 3]) -> Self {
+    pub fn with_table_within(self, reach: [f64; 3]) -> Self {
         let mut reach = reach.into_iter();
         Self {
-            motions: self.motions.map(|along| {
+            motions_by_axis_and_direction: self.motions_by_axis_and_direction.map(|along| {
                 let reach = reach.next().unwrap_or_default();
-                along.map(|function| function.tabulated(reach))
+                along.map(|function| function.with_table_within(reach))
             }),
             ..self
         }
@@ -122,7 +128,7 @@ impl LinearErrors {
         let of_axis = |(along, q): (&[RandomFunction; 3], f64)| {
             Vector3::from(along.each_ref().map(|function| function.value_at(q)))
         };
-        let motions: Vector3<f64> = self.motions.iter().zip(command).map(of_axis).sum();
+        let motions: Vector3<f64> = self.motions_by_axis_and_direction.iter().zip(command).map(of_axis).sum();
         let ([_, y, z], squareness_rad) = (command, self.squareness_rad);
         motions + Vector3::new(squareness_rad.x * y + squareness_rad.y * z, squareness_rad.z * z, 0.0)
     }
@@ -130,15 +136,15 @@ impl LinearErrors {
 
 /// Rotations of each of X, Y and Z about X, Y and Z.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct AngularErrors {
-    functions: Vec<(ErrorParameter, RandomFunction)>,
+pub(super) struct LinearAxisRotationErrors {
+    rotation_functions: Vec<(ErrorParameter, RandomFunction)>,
 }
 
-impl AngularErrors {
-    /// For each axis: standard deviation, rad, and correlation length, mm.
-    pub fn draw(seed: u64, axes: [[f64; 2]; 3]) -> Self {
+impl LinearAxisRotationErrors {
+    /// Draws the rotations. `sigma_and_length`: standard deviation, rad, and correlation length, mm, of each axis.
+    pub fn draw(seed: u64, sigma_and_length: [[f64; 2]; 3]) -> Self {
         let mut functions = Vec::new();
-        for (number, (axis, [sigma, length])) in Axis::LINEAR.into_iter().zip(axes).enumerate() {
+        for (number, (axis, [sigma, length])) in Axis::LINEAR.into_iter().zip(sigma_and_length).enumerate() {
             for (about, component) in [Axis::A, Axis::B, Axis::C].into_iter().zip(3_u64..) {
                 let Ok(error) = ErrorParameter::new(about, axis, ErrorShape::Location) else {
                     continue;
@@ -147,17 +153,17 @@ impl AngularErrors {
                 functions.push((error, RandomFunction::draw(seed, &key, sigma, length)));
             }
         }
-        functions.retain(|(_, function)| !function.waves.is_empty());
-        Self { functions }
+        functions.retain(|(_, function)| !function.frequencies_and_phases.is_empty());
+        Self { rotation_functions: functions }
     }
 
     pub fn is_empty(&self) -> bool {
-        self.functions.is_empty()
+        self.rotation_functions.is_empty()
     }
 
     /// Error terms with the axes at these positions.
-    pub fn errors_at(&self, axes: &Position) -> impl Iterator<Item = ErrorTerm> {
-        self.functions.iter().map(|(parameter, function)| ErrorTerm {
+    pub fn error_terms_at(&self, axes: &Position) -> impl Iterator<Item = ErrorTerm> {
+        self.rotation_functions.iter().map(|(parameter, function)| ErrorTerm {
             parameter: *parameter,
             value: function.value_at(axes.get_or_zero(parameter.axis())),
         })

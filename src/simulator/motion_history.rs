@@ -18,7 +18,7 @@ struct RecordedMove {
     start_s: f64,
     path: MovePath,
     /// Path fraction at which the axes came to rest.
-    end_fraction: f64,
+    fraction_at_rest: f64,
 }
 
 impl MotionHistory {
@@ -26,13 +26,14 @@ impl MotionHistory {
         if self.moves.len() == MAX_STORED_MOVES {
             self.moves.pop_front();
         }
-        self.moves.push_back(RecordedMove { start_s, path: path.clone(), end_fraction });
+        self.moves.push_back(RecordedMove { start_s, path: path.clone(), fraction_at_rest: end_fraction });
     }
 
     /// The path that was last begun before `t_s`, and the path fraction at `t_s`; before the first move, its start.
-    pub fn path_at(&self, t_s: f64) -> Option<(&MovePath, f64)> {
+    /// `None`: no move is recorded.
+    pub fn path_and_fraction_at(&self, t_s: f64) -> Option<(&MovePath, f64)> {
         let last_begun = self.moves.iter().rev().find(|recorded| recorded.start_s <= t_s);
-        let RecordedMove { start_s, path, end_fraction } = last_begun.or(self.moves.front())?;
-        Some((path, path.ramp().fraction_after(0.0, t_s - start_s).min(*end_fraction)))
+        let RecordedMove { start_s, path, fraction_at_rest: end_fraction } = last_begun.or(self.moves.front())?;
+        Some((path, path.velocity_profile().fraction_after(0.0, t_s - start_s).min(*end_fraction)))
     }
 }

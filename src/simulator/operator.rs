@@ -10,30 +10,30 @@ use machine::{Axis, Position};
 /// Smallest motion that the operator sees, mm or degrees.
 const MIN_VISIBLE_MOTION: f64 = 0.05;
 /// Resolution of a distance that the operator judges by eye, mm or degrees.
-const VISUAL_RESOLUTION: f64 = 0.1;
+const VISUAL_DISTANCE_RESOLUTION: f64 = 0.1;
 
 pub struct SimulatedOperator {
     world: Arc<Mutex<SimulatedWorld>>,
     /// True position at which a jog was allowed.
-    position_before_jog: Position,
+    true_position_before_jog: Position,
 }
 
 impl SimulatedOperator {
     pub fn new(world: Arc<Mutex<SimulatedWorld>>) -> Self {
-        Self { world, position_before_jog: Position::new() }
+        Self { world, true_position_before_jog: Position::new() }
     }
 
     pub fn answer(&mut self, question: &Question) -> Answer {
         match question {
             Question::DisplayedPosition(reported) => self.compare_display(reported),
-            Question::AllowJog { .. } | Question::AllowHold(_) => {
-                let true_position = self.world().true_axes();
-                self.position_before_jog = true_position;
+            Question::AllowJog { .. } | Question::AllowJogWithHold(_) => {
+                let true_position = self.lock_world().true_axis_positions();
+                self.true_position_before_jog = true_position;
                 Answer::Yes
             }
             Question::ObservedJog { jog, .. } => Answer::Motion(self.observed_motion(jog)),
             Question::StylusState(stylus) => {
-                self.world().set_stylus_deflected(*stylus == StylusState::Deflected);
+                self.lock_world().set_stylus_deflected(*stylus == StylusState::Deflected);
                 Answer::Yes
             }
             Question::RetractDirection { .. } => self.retract_direction(),
@@ -43,14 +43,14 @@ impl SimulatedOperator {
 
     /// Moves an axis by hand, mm or degrees.
     pub fn move_axis_by_hand(&self, axis: Axis, by: f64) {
-        let mut world = self.world();
+        let mut world = self.lock_world();
         let to = world.position().get_or_zero(axis) + axis.to_mm_or_rad(by);
         world.travel(&Position::new().with(axis, to), Speed::Rapid);
     }
 
     /// Whether the display agrees with the position that the control reports.
     fn compare_display(&self, reported: &Position) -> Answer {
-        let displayed = self.world().position();
+        let displayed = self.lock_world().position();
         let differs =
             |(axis, at): (Axis, f64)| axis.to_mm_or_deg(at - displayed.get_or_zero(axis)).abs() > MIN_VISIBLE_MOTION;
         if reported.iter().any(differs) { Answer::No } else { Answer::Yes }
@@ -58,13 +58,13 @@ impl SimulatedOperator {
 
     /// The direction that frees the stylus most; `No` without contact, or if a finger deflects the stylus.
     fn retract_direction(&self) -> Answer {
-        let world = self.world();
+        let world = self.lock_world();
         if world.is_stylus_deflected || !world.is_in_contact() {
             return Answer::No;
         }
         let freed_distance = |direction: &AxisDirection| {
             let (axis, mut trial) = (direction.axis, world.clone());
-            let by = if direction.is_positive { VISUAL_RESOLUTION } else { -VISUAL_RESOLUTION };
+            let by = if direction.is_positive { VISUAL_DISTANCE_RESOLUTION } else { -VISUAL_DISTANCE_RESOLUTION };
             trial.travel(&Position::new().with(axis, trial.position().get_or_zero(axis) + by), Speed::Rapid);
             trial.trigger_distance()
         };
@@ -76,21 +76,23 @@ impl SimulatedOperator {
     }
 
     fn observed_motion(&self, jog: &Jog) -> ObservedMotion {
-        let true_position = self.world().true_axes();
+        let true_position = self.lock_world().true_axis_positions();
         let travelled = true_position
             .iter()
-            .map(|(axis, at)| (axis, axis.to_mm_or_deg(at - self.position_before_jog.get_or_zero(axis))));
+            .map(|(axis, at)| (axis, axis.to_mm_or_deg(at - self.true_position_before_jog.get_or_zero(axis))));
         let farthest = travelled.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
         match farthest.filter(|(_, by)| by.abs() > MIN_VISIBLE_MOTION) {
             None => ObservedMotion::NoMotion,
             Some((axis, _)) if axis != jog.axis => ObservedMotion::OtherAxis(axis),
-            Some((_, by)) if (by - jog.by).abs() <= VISUAL_RESOLUTION => ObservedMotion::AsAnnounced,
-            Some((_, by)) if (by + jog.by).abs() <= VISUAL_RESOLUTION => ObservedMotion::Opposite,
-            Some((_, by)) => ObservedMotion::Distance((by / VISUAL_RESOLUTION).round() * VISUAL_RESOLUTION),
+            Some((_, by)) if (by - jog.by).abs() <= VISUAL_DISTANCE_RESOLUTION => ObservedMotion::AsAnnounced,
+            Some((_, by)) if (by + jog.by).abs() <= VISUAL_DISTANCE_RESOLUTION => ObservedMotion::Opposite,
+            Some((_, by)) => {
+                ObservedMotion::Distance((by / VISUAL_DISTANCE_RESOLUTION).round() * VISUAL_DISTANCE_RESOLUTION)
+            }
         }
     }
 
-    fn world(&self) -> MutexGuard<'_, SimulatedWorld> {
+    fn lock_world(&self) -> MutexGuard<'_, SimulatedWorld> {
         // The world is plain data: a panic elsewhere leaves it consistent.
         self.world.lock().unwrap_or_else(PoisonError::into_inner)
     }

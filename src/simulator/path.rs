@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::ramp::{Ramp, Speed};
+use super::ramp::{Speed, VelocityProfile};
 use machine::record::machine::AxisSpec;
 use machine::{Axis, Position};
 
 /// Speed and acceleration of spindle orientation, deg/min and deg/s²; machine files seldom state them.
-const SPINDLE_SPEED_DEG_MIN: f64 = 10_000.0;
-const SPINDLE_ACCELERATION_DEG_S2: f64 = 1_000.0;
+const SPINDLE_ORIENTATION_SPEED_DEG_MIN: f64 = 10_000.0;
+const SPINDLE_ORIENTATION_ACCELERATION_DEG_S2: f64 = 1_000.0;
 
 /// Lost motion: a linear axis follows its command only after half the gap on either side is used up, so that
 /// its lag behind the last direction of motion is half the gap.
@@ -42,20 +42,20 @@ impl LostMotion {
 
 /// Bounds of a move: the speeds of the axes, and the largest distance of the ball from a rotary axis.
 pub(super) struct MoveBounds<'a> {
-    pub axes: &'a BTreeMap<Axis, AxisSpec>,
-    pub lever_arm: &'a dyn Fn(Axis, &Position) -> f64,
+    pub axis_specs: &'a BTreeMap<Axis, AxisSpec>,
+    pub max_ball_distance_from_axis: &'a dyn Fn(Axis, &Position) -> f64,
     /// Largest ratio of true to commanded travel.
-    pub max_travel_ratio: f64,
+    pub max_true_travel_ratio: f64,
 }
 
 #[derive(Debug, Clone)]
 pub(super) struct MovePath {
     from: Position,
     /// Travel of each axis that moves.
-    span: Position,
+    travel_by_axis: Position,
     /// Target of the axes that move.
-    to: Position,
-    ramp: Ramp,
+    target: Position,
+    velocity_profile: VelocityProfile,
     max_ball_travel_mm: f64,
     lost_motion: LostMotion,
 }
@@ -77,14 +77,22 @@ impl MovePath {
         if span.is_empty() {
             return None;
         }
-        let ramp = velocity_ramp(&span, speed, limits.axes);
-        let max_ball_travel_mm = max_ball_travel_mm(from, &span, limits.lever_arm) * limits.max_travel_ratio;
+        let ramp = velocity_profile_of_move(&span, speed, limits.axis_specs);
+        let max_ball_travel_mm =
+            max_ball_travel_mm(from, &span, limits.max_ball_distance_from_axis) * limits.max_true_travel_ratio;
         let to = to.filter_axes(|axis| span.get(axis).is_some());
-        Some(Self { from: from.clone(), span, to, ramp, max_ball_travel_mm, lost_motion: lost_motion.clone() })
+        Some(Self {
+            from: from.clone(),
+            travel_by_axis: span,
+            target: to,
+            velocity_profile: ramp,
+            max_ball_travel_mm,
+            lost_motion: lost_motion.clone(),
+        })
     }
 
-    pub fn ramp(&self) -> &Ramp {
-        &self.ramp
+    pub fn velocity_profile(&self) -> &VelocityProfile {
+        &self.velocity_profile
     }
 
     /// Upper bound of the ball's travel over the whole path, mm.
@@ -93,30 +101,31 @@ impl MovePath {
     }
 
     /// Commanded position at the path fraction; exactly the target at the end.
-    pub fn command(&self, fraction: f64) -> Position {
+    pub fn command_at_fraction(&self, fraction: f64) -> Position {
         let mut at = self.from.clone();
         if fraction >= 1.0 {
-            return at.updated_by(&self.to);
+            return at.updated_by(&self.target);
         }
-        for (axis, travel) in self.span.iter() {
+        for (axis, travel) in self.travel_by_axis.iter() {
             at.set(axis, self.from.get_or_zero(axis) + travel * fraction);
         }
         at
     }
 
     /// True axis positions at the path fraction.
-    pub fn true_axes(&self, fraction: f64) -> Position {
-        self.lost_motion.position_after_move_to(&self.command(fraction))
+    pub fn true_axes_at_fraction(&self, fraction: f64) -> Position {
+        self.lost_motion.position_after_move_to(&self.command_at_fraction(fraction))
     }
 }
 
-/// The slowest axis limits the whole move. A feed counts along the linear path, as in RS274/NGC; if only rotary
-/// axes move, it counts in degrees.
-fn velocity_ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> Ramp {
+/// Velocity profile of a move, limited by its slowest axis. A feed counts along the linear path, as in RS274/NGC; if
+/// only rotary axes move, it counts in degrees.
+fn velocity_profile_of_move(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> VelocityProfile {
     let (mut fastest, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, travel) in span.iter() {
-        let (rapid, accelerate) =
-            axes.get(&axis).map_or((SPINDLE_SPEED_DEG_MIN, SPINDLE_ACCELERATION_DEG_S2), |spec| {
+        let (rapid, accelerate) = axes
+            .get(&axis)
+            .map_or((SPINDLE_ORIENTATION_SPEED_DEG_MIN, SPINDLE_ORIENTATION_ACCELERATION_DEG_S2), |spec| {
                 (spec.rapid_per_min, spec.acceleration_per_s2)
             });
         fastest = fastest.min(axis.to_mm_or_rad(rapid) / 60.0 / travel.abs());
@@ -126,7 +135,7 @@ fn velocity_ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>)
         // A feed of zero would never reach the target.
         fastest = fastest.min(mm_min.max(1e-3) / 60.0 / feed_path_length(span));
     }
-    Ramp::new(fastest, acceleration)
+    VelocityProfile::new(fastest, acceleration)
 }
 
 fn feed_path_length(span: &Position) -> f64 {

@@ -12,41 +12,43 @@ pub enum Speed {
 
 /// Motion from rest to rest over the path fraction 0 to 1: accelerate, cruise, brake.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ramp {
+pub(super) struct VelocityProfile {
     /// Highest speed reached, 1/s.
-    peak: f64,
+    peak_fraction_speed: f64,
     /// Acceleration of the path fraction, 1/s².
-    acceleration: f64,
+    fraction_acceleration: f64,
 }
 
-impl Ramp {
-    /// Limits of the speed and acceleration of the path fraction; both positive, may be infinite.
+impl VelocityProfile {
+    /// The fastest profile within the limits of speed and acceleration of the path fraction; both are positive, and
+    /// may be infinite.
     pub fn new(speed: f64, acceleration: f64) -> Self {
-        Self { peak: speed.min(acceleration.sqrt()), acceleration }
+        Self { peak_fraction_speed: speed.min(acceleration.sqrt()), fraction_acceleration: acceleration }
     }
 
     /// Path fraction of the acceleration phase, equal to that of the braking phase.
-    fn ramp_fraction(&self) -> f64 {
-        self.peak * self.peak / (2.0 * self.acceleration)
+    fn acceleration_phase_fraction(&self) -> f64 {
+        self.peak_fraction_speed * self.peak_fraction_speed / (2.0 * self.fraction_acceleration)
     }
 
     pub fn duration_s(&self) -> f64 {
-        1.0 / self.peak + self.peak / self.acceleration
+        1.0 / self.peak_fraction_speed + self.peak_fraction_speed / self.fraction_acceleration
     }
 
-    pub fn time_s(&self, fraction: f64) -> f64 {
-        if fraction < self.ramp_fraction() {
-            (2.0 * fraction / self.acceleration).sqrt()
-        } else if fraction <= 1.0 - self.ramp_fraction() {
-            self.peak / self.acceleration + (fraction - self.ramp_fraction()) / self.peak
+    pub fn time_at_fraction_s(&self, fraction: f64) -> f64 {
+        if fraction < self.acceleration_phase_fraction() {
+            (2.0 * fraction / self.fraction_acceleration).sqrt()
+        } else if fraction <= 1.0 - self.acceleration_phase_fraction() {
+            self.peak_fraction_speed / self.fraction_acceleration
+                + (fraction - self.acceleration_phase_fraction()) / self.peak_fraction_speed
         } else {
-            self.duration_s() - (2.0 * (1.0 - fraction).max(0.0) / self.acceleration).sqrt()
+            self.duration_s() - (2.0 * (1.0 - fraction).max(0.0) / self.fraction_acceleration).sqrt()
         }
     }
 
-    pub fn speed(&self, fraction: f64) -> f64 {
-        let distance_to_end = fraction.min(1.0 - fraction).clamp(0.0, self.ramp_fraction());
-        (2.0 * self.acceleration * distance_to_end).sqrt()
+    pub fn speed_at_fraction(&self, fraction: f64) -> f64 {
+        let distance_to_end = fraction.min(1.0 - fraction).clamp(0.0, self.acceleration_phase_fraction());
+        (2.0 * self.fraction_acceleration * distance_to_end).sqrt()
     }
 
     /// Path fraction `seconds` after `fraction`, if the move is not stopped.
@@ -54,22 +56,22 @@ impl Ramp {
         if seconds <= 0.0 {
             return fraction;
         }
-        let (time, whole) = (self.time_s(fraction) + seconds, self.duration_s());
-        let acceleration_s = self.peak / self.acceleration;
+        let (time, whole) = (self.time_at_fraction_s(fraction) + seconds, self.duration_s());
+        let acceleration_s = self.peak_fraction_speed / self.fraction_acceleration;
         if time < acceleration_s {
-            self.acceleration * time * time / 2.0
+            self.fraction_acceleration * time * time / 2.0
         } else if time <= whole - acceleration_s {
-            self.ramp_fraction() + (time - acceleration_s) * self.peak
+            self.acceleration_phase_fraction() + (time - acceleration_s) * self.peak_fraction_speed
         } else {
-            1.0 - self.acceleration * (whole - time).max(0.0).powi(2) / 2.0
+            1.0 - self.fraction_acceleration * (whole - time).max(0.0).powi(2) / 2.0
         }
     }
 
     /// Path fraction and time at rest when braking begins at `fraction`.
-    pub fn brake_from(&self, fraction: f64) -> (f64, f64) {
-        let speed = self.speed(fraction);
-        let rest = (fraction + speed * speed / (2.0 * self.acceleration)).min(1.0);
-        (rest, self.time_s(fraction) + speed / self.acceleration)
+    pub fn rest_fraction_and_time_s(&self, fraction: f64) -> (f64, f64) {
+        let speed = self.speed_at_fraction(fraction);
+        let rest = (fraction + speed * speed / (2.0 * self.fraction_acceleration)).min(1.0);
+        (rest, self.time_at_fraction_s(fraction) + speed / self.fraction_acceleration)
     }
 }
 
@@ -78,26 +80,33 @@ pub(super) const MIN_SEARCH_STEP_MM: f64 = 0.01;
 /// Interval width at which a crossing counts as located.
 const CROSSING_TOLERANCE_MM: f64 = 1e-10;
 
-/// First path fraction in `from..=1` at which the distance `f` (mm) is no longer positive. `max_slope_mm` bounds
-/// the change of `f` with the path fraction: a step as long as the distance allows cannot pass over a crossing.
-pub(super) fn first_crossing(f: impl Fn(f64) -> f64, max_slope_mm: f64, from: f64) -> Option<f64> {
-    let (mut here, mut value) = (from, f(from));
+/// First path fraction in `from_fraction..=1` at which `distance_mm` is no longer positive. `max_slope_mm` bounds
+/// the change of the distance with the path fraction: a step as long as the distance allows cannot pass over a
+/// crossing.
+pub(super) fn first_zero_crossing_fraction(
+    distance_mm: impl Fn(f64) -> f64,
+    max_slope_mm: f64,
+    from_fraction: f64,
+) -> Option<f64> {
+    let (mut here, mut value) = (from_fraction, distance_mm(from_fraction));
     while value > 0.0 {
         if here >= 1.0 || max_slope_mm <= 0.0 {
             return None;
         }
         let next = (here + value.max(MIN_SEARCH_STEP_MM) / max_slope_mm).min(1.0);
-        let value_next = f(next);
+        let value_next = distance_mm(next);
         if value_next <= 0.0 {
-            return Some(find_root(f, (here, value), (next, value_next), CROSSING_TOLERANCE_MM / max_slope_mm));
+            let width = CROSSING_TOLERANCE_MM / max_slope_mm;
+            return Some(find_root(distance_mm, (here, value), (next, value_next), width));
         }
         (here, value) = (next, value_next);
     }
     Some(here)
 }
 
-/// Root between a positive `a` and a non-positive `b`: false position, with half weight for an end point that
-/// stays twice (Illinois), and bisection in every third iteration to bound the work.
+/// Root of `f`, to within `width`, between the points `a` (positive value) and `b` (not positive), each an argument
+/// and its value. False position, with half weight for an end point that stays twice (Illinois), and bisection in
+/// every third iteration to bound the work.
 fn find_root(f: impl Fn(f64) -> f64, mut a: (f64, f64), mut b: (f64, f64), width: f64) -> f64 {
     let mut kept_b = None;
     for round in 0..200 {

@@ -17,38 +17,38 @@ pub(super) enum RandomSource {
     TouchScatter = 1,
     Lobing,
     StylusOffset,
-    LinearMotion,
-    Drift,
+    LinearAxisErrors,
+    DriftRate,
     Roughness,
     /// Deviations of one ball from the stated ball: ball, part.
-    Ball,
+    BallDeviation,
     /// Deviations of one certified length: length, and 0 (certificate) or 1 (temperature).
-    CertifiedLength,
+    CertifiedLengthError,
     /// Harmonics of a rotary axis: axis, component, order, part.
-    RotaryMotion,
+    RotaryAxisHarmonics,
     /// Phase, 0 to 1, of the PLC scan at which the contact of one touch occurs; key of `TouchScatter`.
-    ScanPhase,
+    PlcScanPhase,
     /// Noise of one sample of a displacement sensor: sensor, sample.
     SampleNoise,
-    Linearity,
+    SensorLinearity,
     /// Delay of one sample: sensor, sample.
-    SampleDelay,
+    SampleJitter,
     Squareness,
     /// Error from a tilted surface: sensor, part.
-    Incidence,
+    IncidenceError,
     /// Error of one thermometer reading: thermometer, second.
     ThermometerNoise,
     SectionForm,
     /// Error of one mounting of an artefact: mounting, part.
     MountingError,
     /// Repeatable part of a `[[simulated.rotary_motion]]`: axis, component, number of the order, part.
-    DeclaredMotion,
+    SynchronousRotaryMotion,
     /// Part of a `[[simulated.rotary_motion]]` that does not repeat; key of `DeclaredMotion`.
-    AsynchronousMotion,
+    AsynchronousRotaryMotion,
     /// Lost motion of a linear axis: axis.
     Backlash,
     /// Temperature error of the whole artefact.
-    ArtefactTemperature,
+    ArtefactTemperatureError,
 }
 
 /// Standard normal numbers of one source.
@@ -62,25 +62,26 @@ pub(super) fn draw_normal(seed: u64, source: RandomSource, key: &[u64]) -> f64 {
     standard_normals(seed, source, key).next().unwrap_or_default()
 }
 
-pub(super) fn draw_scan_phase(seed: u64, n: u32, occurrence: u32) -> f64 {
-    random::seeded_stream(seed, &[RandomSource::ScanPhase as u64, u64::from(n), u64::from(occurrence)]).random()
+/// Phase, 0 to 1, of the PLC scan at which the contact of a touch occurs.
+pub(super) fn draw_plc_scan_phase(seed: u64, n_word: u32, occurrence: u32) -> f64 {
+    random::seeded_stream(seed, &[RandomSource::PlcScanPhase as u64, u64::from(n_word), u64::from(occurrence)]).random()
 }
 
 /// Two to six waves over the range `span_mm` of a displacement sensor, with a total standard deviation
 /// `sigma_um` at every distance. A lower order would be a gain error.
-pub(super) fn draw_linearity_waves(seed: u64, sensor: usize, sigma_um: f64, span_mm: f64) -> Vec<LinearityWave> {
-    const HARMONIC_ORDERS: RangeInclusive<u32> = 2..=6;
+pub(super) fn draw_linearity_waves(seed: u64, sensor_index: usize, sigma_um: f64, span_mm: f64) -> Vec<LinearityWave> {
+    const LINEARITY_WAVE_ORDERS: RangeInclusive<u32> = 2..=6;
     if sigma_um == 0.0 {
         return Vec::new();
     }
-    let term_sigma = sigma_um / (HARMONIC_ORDERS.count() as f64).sqrt();
+    let term_sigma = sigma_um / (LINEARITY_WAVE_ORDERS.count() as f64).sqrt();
     let wave = |n: u32| {
-        let draw = |part| draw_normal(seed, RandomSource::Linearity, &[sensor as u64, n.into(), part]);
+        let draw = |part| draw_normal(seed, RandomSource::SensorLinearity, &[sensor_index as u64, n.into(), part]);
         let (cos, sin): (f64, f64) = (draw(0), draw(1));
         let phase_deg = cos.atan2(sin).to_degrees();
         LinearityWave { amplitude_um: term_sigma * cos.hypot(sin), period_mm: span_mm / f64::from(n), phase_deg }
     };
-    HARMONIC_ORDERS.map(wave).collect()
+    LINEARITY_WAVE_ORDERS.map(wave).collect()
 }
 
 /// True minus stated stylus centre, spindle frame, in the unit of `sigma`.
@@ -91,7 +92,7 @@ pub(super) fn draw_stylus_offset(seed: u64, sigma: f64) -> Vector3<f64> {
 
 /// Harmonics of the form of a round part, with a total standard deviation `sigma_um`. `key`: the part among those
 /// of the same source.
-pub(super) fn draw_form(
+pub(super) fn draw_form_harmonics(
     seed: u64,
     source: RandomSource,
     key: &[u64],
@@ -108,8 +109,8 @@ pub(super) fn draw_form(
 
 /// Oval form of a ball: symmetric and without trace; uᵀ·oval·u has mean 0 and, over all balls, variance 1 for every
 /// u.
-pub(super) fn draw_ball_oval(seed: u64, ball: usize) -> Matrix3<f64> {
-    let draw = |part| draw_normal(seed, RandomSource::Ball, &[ball as u64, part]);
+pub(super) fn draw_ball_oval(seed: u64, ball_index: usize) -> Matrix3<f64> {
+    let draw = |part| draw_normal(seed, RandomSource::BallDeviation, &[ball_index as u64, part]);
     // For S with variance 1 on and 1/2 off the diagonal, uᵀSu has variance 1; removing a third of the trace
     // leaves 2/3.
     let full = Matrix3::from_diagonal(&Vector3::new(draw(4), draw(5), draw(6)))
@@ -125,24 +126,26 @@ fn symmetric_off_diagonal([xy, xz, yz]: [f64; 3]) -> Matrix3<f64> {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ProbeLobing {
     /// (harmonic, cosine, sine), mm.
-    terms: Vec<(f64, f64, f64)>,
+    order_and_cos_sin_mm: Vec<(f64, f64, f64)>,
 }
 
 impl ProbeLobing {
     /// Draws the declared harmonics, or 2 to 6: the first is a stylus offset, the zeroth is part of the ball's
     /// radius.
-    pub fn draw(seed: u64, sigma_mm: f64, declared: &[u32]) -> Self {
-        let orders = if declared.is_empty() { &[2, 3, 4, 5, 6] } else { declared };
+    pub fn draw(seed: u64, sigma_mm: f64, declared_harmonics: &[u32]) -> Self {
+        let orders = if declared_harmonics.is_empty() { &[2, 3, 4, 5, 6] } else { declared_harmonics };
         let term_sigma = sigma_mm / (orders.len() as f64).sqrt();
         let draw = |n, part| term_sigma * draw_normal(seed, RandomSource::Lobing, &[u64::from(n), part]);
-        Self { terms: orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect() }
+        Self { order_and_cos_sin_mm: orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect() }
     }
 
-    /// Pre-travel, mm, for the unit contact normal `n` in the spindle frame. It falls to zero towards the axis
+    /// Pre-travel, mm, for the unit contact normal in the spindle frame. It falls to zero towards the axis
     /// of the stylus, where the azimuth is undefined.
-    pub fn pre_travel_mm(&self, n: Vector3<f64>) -> f64 {
-        let (radial_component, phi) = (n.x.hypot(n.y), n.y.atan2(n.x));
-        let sum: f64 = self.terms.iter().map(|(k, c, s)| c * (k * phi).cos() + s * (k * phi).sin()).sum();
+    pub fn pre_travel_mm(&self, contact_normal: Vector3<f64>) -> f64 {
+        let radial_component = contact_normal.x.hypot(contact_normal.y);
+        let phi = contact_normal.y.atan2(contact_normal.x);
+        let sum: f64 =
+            self.order_and_cos_sin_mm.iter().map(|(k, c, s)| c * (k * phi).cos() + s * (k * phi).sin()).sum();
         radial_component * sum
     }
 }
@@ -150,8 +153,8 @@ impl ProbeLobing {
 /// Slow thermal motion of the table against the spindle, and thermal growth of the artefact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ThermalDrift {
-    table_mm_per_s: Vector3<f64>,
-    radius_mm_per_s: f64,
+    initial_table_velocity_mm_per_s: Vector3<f64>,
+    initial_radius_growth_mm_per_s: f64,
 }
 
 /// Time constant of the warm-up of the machine, s.
@@ -165,23 +168,23 @@ pub(super) fn equilibrium_share(t_s: f64) -> f64 {
 impl ThermalDrift {
     pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
         let sigma = sigma_um_per_h * 1e-3 / 3600.0;
-        let draw = |part| sigma * draw_normal(seed, RandomSource::Drift, &[part]);
+        let draw = |part| sigma * draw_normal(seed, RandomSource::DriftRate, &[part]);
         let table_mm_per_s = Vector3::new(draw(0), draw(1), draw(3));
-        Self { table_mm_per_s, radius_mm_per_s: draw(2) }
+        Self { initial_table_velocity_mm_per_s: table_mm_per_s, initial_radius_growth_mm_per_s: draw(2) }
     }
 
     /// Displacement of the table, machine frame, mm.
-    pub fn table_displacement(&self, t_s: f64) -> Vector3<f64> {
-        self.table_mm_per_s * Self::equivalent_time_s(t_s)
+    pub fn table_displacement_mm(&self, t_s: f64) -> Vector3<f64> {
+        self.initial_table_velocity_mm_per_s * Self::equivalent_time_at_initial_rate_s(t_s)
     }
 
     /// Growth of the artefact's radius, mm.
-    pub fn radius_growth(&self, t_s: f64) -> f64 {
-        self.radius_mm_per_s * Self::equivalent_time_s(t_s)
+    pub fn radius_growth_mm(&self, t_s: f64) -> f64 {
+        self.initial_radius_growth_mm_per_s * Self::equivalent_time_at_initial_rate_s(t_s)
     }
 
     /// Time for which the initial rate gives the same change, s: the machine approaches thermal equilibrium.
-    fn equivalent_time_s(t_s: f64) -> f64 {
+    fn equivalent_time_at_initial_rate_s(t_s: f64) -> f64 {
         WARM_UP_TIME_CONSTANT_S * equilibrium_share(t_s)
     }
 }

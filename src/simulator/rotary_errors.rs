@@ -3,8 +3,8 @@
 use std::f64::consts::TAU;
 
 use super::random_draws::{RandomSource, draw_normal};
-use super::rotary_motion::RotaryMotion;
-use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, ParameterError};
+use super::rotary_motion::RotaryMotionMagnitudes;
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, InvalidErrorParameter};
 use machine::{Axis, Position};
 
 /// Error motions of a rotary axis along X, Y and Z: harmonics of its angle, 2 to 5 unless declared. The mean
@@ -14,10 +14,10 @@ use machine::{Axis, Position};
 pub(super) struct RotaryErrors {
     axis: Axis,
     /// Parameter that displaces the axis, with its harmonics.
-    motions: Vec<(ErrorParameter, Vec<HarmonicTerm>)>,
+    synchronous_motions: Vec<(ErrorParameter, Vec<OrderCosSin>)>,
     /// Asynchronous motions: their phases change with time, so that no two revolutions are alike, in either
     /// direction of rotation.
-    asynchronous: Vec<(ErrorParameter, Vec<HarmonicTerm>)>,
+    asynchronous_motions: Vec<(ErrorParameter, Vec<OrderCosSin>)>,
 }
 
 /// Number of waves of an asynchronous motion.
@@ -26,20 +26,20 @@ const ASYNCHRONOUS_TERM_COUNT: u64 = 24;
 const SLOWEST_PHASE_PERIOD_S: f64 = 61.7;
 
 /// Order, cosine and sine, mm or rad.
-type HarmonicTerm = (f64, f64, f64);
+type OrderCosSin = (f64, f64, f64);
 
-/// Terms of the orders, each with its key, that add up to the standard deviation `sigma`.
+/// Parameters of one draw: terms of the given orders, whose sum has the given standard deviation.
 struct HarmonicDraw<'a> {
     seed: u64,
     source: RandomSource,
     axis: Axis,
-    sigma: f64,
-    orders: &'a [(u64, f64)],
+    total_sigma: f64,
+    keys_and_orders: &'a [(u64, f64)],
 }
 
 impl HarmonicDraw<'_> {
-    fn draw_terms(&self, component: Axis) -> Result<(ErrorParameter, Vec<HarmonicTerm>), ParameterError> {
-        let Self { seed, source, axis, sigma, orders } = self;
+    fn draw_terms(&self, component: Axis) -> Result<(ErrorParameter, Vec<OrderCosSin>), InvalidErrorParameter> {
+        let Self { seed, source, axis, total_sigma: sigma, keys_and_orders: orders } = self;
         let term_sigma = sigma / (orders.len() as f64).sqrt();
         let term = |(key, order): &(u64, f64)| {
             let draw = |part| term_sigma * draw_normal(*seed, *source, &[*axis as u64, component as u64, *key, part]);
@@ -51,44 +51,56 @@ impl HarmonicDraw<'_> {
 
 impl RotaryErrors {
     /// Draws motions with standard deviation `sigma_mm` in each direction at every angle.
-    pub fn draw(seed: u64, axis: Axis, sigma_mm: f64, declared: &[u32]) -> Result<Self, ParameterError> {
-        let orders = if declared.is_empty() { &[2, 3, 4, 5] } else { declared };
+    pub fn draw(seed: u64, axis: Axis, sigma_mm: f64, declared_orders: &[u32]) -> Result<Self, InvalidErrorParameter> {
+        let orders = if declared_orders.is_empty() { &[2, 3, 4, 5] } else { declared_orders };
         let orders: Vec<_> = orders.iter().map(|n| (u64::from(*n), f64::from(*n))).collect();
-        let draw = HarmonicDraw { seed, source: RandomSource::RotaryMotion, axis, sigma: sigma_mm, orders: &orders };
+        let draw = HarmonicDraw {
+            seed,
+            source: RandomSource::RotaryAxisHarmonics,
+            axis,
+            total_sigma: sigma_mm,
+            keys_and_orders: &orders,
+        };
         let motions = Axis::LINEAR.into_iter().map(|component| draw.draw_terms(component));
-        Ok(Self { axis, motions: motions.collect::<Result<_, _>>()?, asynchronous: Vec::new() })
+        Ok(Self { axis, synchronous_motions: motions.collect::<Result<_, _>>()?, asynchronous_motions: Vec::new() })
     }
 
     /// Draws the motions of a declaration.
-    pub fn from_declaration(seed: u64, motion: &RotaryMotion) -> Result<Self, ParameterError> {
+    pub fn from_declaration(seed: u64, motion: &RotaryMotionMagnitudes) -> Result<Self, InvalidErrorParameter> {
         const COMPONENTS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B];
         let axis = motion.axis;
-        let orders: Vec<_> = (0..).zip(motion.orders()).collect();
+        let orders: Vec<_> = (0..).zip(motion.synchronous_orders()).collect();
         let motions = COMPONENTS.into_iter().map(|component| {
             let sigma = if component.is_linear() { motion.linear_um * 1e-3 } else { motion.angular_urad * 1e-6 };
-            HarmonicDraw { seed, source: RandomSource::DeclaredMotion, axis, sigma, orders: &orders }
-                .draw_terms(component)
+            HarmonicDraw {
+                seed,
+                source: RandomSource::SynchronousRotaryMotion,
+                axis,
+                total_sigma: sigma,
+                keys_and_orders: &orders,
+            }
+            .draw_terms(component)
         });
         let linear = Axis::LINEAR.into_iter().filter(|_| motion.asynchronous_um > 0.0);
         let asynchronous = linear.map(|component| {
-            let source = RandomSource::AsynchronousMotion;
+            let source = RandomSource::AsynchronousRotaryMotion;
             // Orders without a common period.
             let order = |number| {
                 let deviate = draw_normal(seed, source, &[axis as u64, component as u64, number, 2]);
                 (number, number as f64 + 1.5 + 0.3 * deviate.tanh())
             };
             let orders: Vec<_> = (0..ASYNCHRONOUS_TERM_COUNT).map(order).collect();
-            HarmonicDraw { seed, source, axis, sigma: motion.asynchronous_um * 1e-3, orders: &orders }
+            HarmonicDraw { seed, source, axis, total_sigma: motion.asynchronous_um * 1e-3, keys_and_orders: &orders }
                 .draw_terms(component)
         });
         let asynchronous = asynchronous.collect::<Result<_, _>>()?;
-        Ok(Self { axis, motions: motions.collect::<Result<_, _>>()?, asynchronous })
+        Ok(Self { axis, synchronous_motions: motions.collect::<Result<_, _>>()?, asynchronous_motions: asynchronous })
     }
 
     /// Synchronous error motion with all axes at `position`: the part that repeats in each revolution.
     pub fn synchronous_errors(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
         let angle = position.get_or_zero(self.axis);
-        self.motions.iter().map(move |(parameter, terms)| {
+        self.synchronous_motions.iter().map(move |(parameter, terms)| {
             let value = terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
             ErrorTerm { parameter: *parameter, value }
         })
@@ -97,7 +109,7 @@ impl RotaryErrors {
     /// Asynchronous error motion at the time `t_s`.
     pub fn asynchronous_errors(&self, position: &Position, t_s: f64) -> impl Iterator<Item = ErrorTerm> {
         let angle = position.get_or_zero(self.axis);
-        self.asynchronous.iter().map(move |(parameter, terms)| {
+        self.asynchronous_motions.iter().map(move |(parameter, terms)| {
             let value = (1..).zip(terms).map(|(number, (n, c, s))| {
                 let (sin, cos) = (n * angle + TAU * f64::from(number) * t_s / SLOWEST_PHASE_PERIOD_S).sin_cos();
                 c * cos + s * sin

@@ -8,7 +8,7 @@ use machine::Axis;
 /// every angle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RotaryMotion {
+pub struct RotaryMotionMagnitudes {
     pub axis: Axis,
     /// Standard deviation of EX., EY., EZ.; the next field is that of EA., EB.
     #[serde(default)]
@@ -26,9 +26,9 @@ pub struct RotaryMotion {
     pub asynchronous_um: f64,
 }
 
-impl RotaryMotion {
+impl RotaryMotionMagnitudes {
     /// Orders of the part that repeats.
-    pub(super) fn orders(&self) -> Vec<f64> {
+    pub(super) fn synchronous_orders(&self) -> Vec<f64> {
         let whole = (1..=self.max_order).map(f64::from);
         whole.chain((2..=self.sub_harmonics).map(|n| 1.0 / f64::from(n))).collect()
     }

@@ -7,7 +7,7 @@ use machine::frame::Pose;
 use machine::{Axis, Position};
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Sag {
+pub(super) struct TableSag {
     terms: Vec<SagComponent>,
 }
 
@@ -16,17 +16,17 @@ struct SagComponent {
     axis: Axis,
     law: SagLaw,
     /// Displacement and rotation vector at 90°, machine frame, mm and rad.
-    shift: Vector3<f64>,
-    turn: Vector3<f64>,
+    displacement_at_90_deg_mm: Vector3<f64>,
+    rotation_at_90_deg_rad: Vector3<f64>,
 }
 
-impl Sag {
+impl TableSag {
     pub fn new(terms: &[SagTerm]) -> Self {
         let read = |term: &SagTerm| SagComponent {
             axis: term.axis,
             law: term.law,
-            shift: Vector3::from(term.um) * 1e-3,
-            turn: Vector3::from(term.urad) * 1e-6,
+            displacement_at_90_deg_mm: Vector3::from(term.um) * 1e-3,
+            rotation_at_90_deg_rad: Vector3::from(term.urad) * 1e-6,
         };
         Self { terms: terms.iter().map(read).collect() }
     }
@@ -39,8 +39,8 @@ impl Sag {
                 SagLaw::Sin => angle.sin(),
                 SagLaw::OneMinusCos => 1.0 - angle.cos(),
             };
-            let shift = Translation3::from(term.shift * share);
-            let turn = Rotation3::new(term.turn * share);
+            let shift = Translation3::from(term.displacement_at_90_deg_mm * share);
+            let turn = Rotation3::new(term.rotation_at_90_deg_rad * share);
             Pose::from_parts(shift * table.translation, turn * table.rotation)
         })
     }

@@ -8,13 +8,13 @@ use std::borrow::Cow;
 use nalgebra::Vector3;
 
 use super::SimulatedWorldError;
-use super::linear_errors::{AngularErrors, LinearErrors};
+use super::linear_errors::{LinearAxisRotationErrors, LinearErrors};
 use super::machine_pose::MachinePose;
 use super::random_draws::{self, ProbeLobing, ThermalDrift};
 use super::rotary_errors::RotaryErrors;
-use super::sag::Sag;
+use super::sag::TableSag;
 use super::sensor_view::{MeasuredObject, SensorView};
-use super::surface::Surface;
+use super::surface::ArtefactSurface;
 use super::truth::MachineTruth;
 use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::artefact::Artefact;
@@ -24,20 +24,20 @@ use machine::{Axis, Position, frame::Pose};
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
     chain: KinematicChain,
-    errors: Vec<ErrorTerm>,
+    stated_errors: Vec<ErrorTerm>,
     linear_errors: LinearErrors,
-    angular_errors: AngularErrors,
+    angular_errors: LinearAxisRotationErrors,
     rotary_errors: Vec<RotaryErrors>,
     drift: ThermalDrift,
     /// Stated and true stylus-ball centre, spindle frame.
-    stated_stylus: Vector3<f64>,
-    true_stylus: Vector3<f64>,
-    ball_radius: f64,
+    stated_stylus_centre: Vector3<f64>,
+    true_stylus_centre: Vector3<f64>,
+    stylus_ball_radius: f64,
     lobing: ProbeLobing,
-    surface: Surface,
-    sag: Sag,
+    surface: ArtefactSurface,
+    table_sag: TableSag,
     /// Upper bound of the distance of a rotary axis from the machine's origin.
-    max_axis_distance: f64,
+    max_rotary_axis_distance: f64,
 }
 
 impl Scene {
@@ -50,29 +50,29 @@ impl Scene {
         let seed = truth.seed;
         let chain = KinematicChain::new(machine)?;
         let errors = truth.error_terms()?;
-        errors.iter().try_for_each(|term| chain.check_parameter(term.parameter))?;
+        errors.iter().try_for_each(|term| chain.check_parameter_axis(term.parameter))?;
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
-        let motions = linear_magnitudes(machine, |spec| spec.error_motion_um * 1e-3);
-        let linear_errors = LinearErrors::draw(seed, motions).tabulated(Axis::LINEAR.map(travel));
+        let motions = linear_axis_sigmas_and_lengths(machine, |spec| spec.error_motion_um * 1e-3);
+        let linear_errors = LinearErrors::draw(seed, motions).with_table_within(Axis::LINEAR.map(travel));
         let linear_errors = linear_errors.with_squareness_errors(seed, machine.squareness_urad * 1e-6);
-        let rotations = linear_magnitudes(machine, |spec| spec.angular_motion_urad * 1e-6);
+        let rotations = linear_axis_sigmas_and_lengths(machine, |spec| spec.angular_motion_urad * 1e-6);
         let stated_stylus = Vector3::from(machine.tool_mm);
         Ok(Self {
             chain,
-            errors,
+            stated_errors: errors,
             linear_errors,
-            angular_errors: AngularErrors::draw(seed, rotations),
+            angular_errors: LinearAxisRotationErrors::draw(seed, rotations),
             rotary_errors: draw_rotary_errors(machine, truth)?,
             drift: ThermalDrift::draw(seed, machine.drift_um_per_h),
-            stated_stylus,
-            true_stylus: stated_stylus
+            stated_stylus_centre: stated_stylus,
+            true_stylus_centre: stated_stylus
                 + Vector3::from(truth.tool_offset_um) * 1e-3
                 + random_draws::draw_stylus_offset(seed, probe.stylus_offset_um * 1e-3),
-            ball_radius: probe.ball_radius_mm,
+            stylus_ball_radius: probe.ball_radius_mm,
             lobing: ProbeLobing::draw(seed, probe.lobing_um * 1e-3, &probe.lobing_orders),
-            surface: Surface::new(artefact, truth)?,
-            sag: Sag::new(&truth.sag),
-            max_axis_distance: rotary_axis_reach(machine),
+            surface: ArtefactSurface::new(artefact, truth)?,
+            table_sag: TableSag::new(&truth.sag),
+            max_rotary_axis_distance: max_rotary_axis_distance(machine),
         })
     }
 
@@ -81,7 +81,7 @@ impl Scene {
         self.chain.topology().axes()
     }
 
-    /// Mounts the artefact again.
+    /// Mounts the artefact again, turned by `turn_deg` against its first mounting.
     pub fn mount_artefact(&mut self, turn_deg: f64) {
         self.surface.mount_artefact(turn_deg);
     }
@@ -89,36 +89,37 @@ impl Scene {
     /// Distance between ball and surface (negative: overlap), mm. `axes`: true axis positions, backlash
     /// included; `command`: commanded positions.
     pub fn clearance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
-        self.distance_and_normal(axes, command, t_s).0
+        self.clearance_and_normal(axes, command, t_s).0
     }
 
-    /// Clearance less pre-travel: the probe triggers where it falls to zero.
+    /// Clearance plus pre-travel: the probe triggers where this sum falls to zero.
     pub fn trigger_distance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
-        let (distance, normal) = self.distance_and_normal(axes, command, t_s);
+        let (distance, normal) = self.clearance_and_normal(axes, command, t_s);
         distance + self.lobing.pre_travel_mm(normal)
     }
 
-    /// Largest distance of the ball from the axis `axis` with the linear axes at `position`: its travel per
-    /// radian.
-    pub fn lever_arm(&self, axis: Axis, position: &Position) -> f64 {
+    /// Upper bound of the ball's distance from the axis `axis`, which is its travel per radian, with the linear axes
+    /// at `position`.
+    pub fn max_ball_distance_from_axis(&self, axis: Axis, position: &Position) -> f64 {
         if axis == Axis::S {
-            return self.true_stylus.x.hypot(self.true_stylus.y);
+            return self.true_stylus_centre.x.hypot(self.true_stylus_centre.y);
         }
-        position.xyz().norm() + self.true_stylus.norm() + self.max_axis_distance
+        position.xyz_or_zero().norm() + self.true_stylus_centre.norm() + self.max_rotary_axis_distance
     }
 
     /// Distance and outward normal of the surface, the normal in the spindle frame.
-    fn distance_and_normal(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
-        let SensorView { carrier_and_table: pose, growth, .. } = self.view_from_spindle(axes, command, t_s);
-        let nearest = self.surface.nearest(pose.to_table_point(self.true_stylus), growth, t_s);
-        (nearest.distance - self.ball_radius, pose.to_spindle_direction(nearest.normal))
+    fn clearance_and_normal(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
+        let SensorView { carrier_and_table: pose, radius_growth_mm: growth, .. } =
+            self.view_from_spindle(axes, command, t_s);
+        let nearest = self.surface.nearest(pose.carrier_to_table_point(self.true_stylus_centre), growth, t_s);
+        (nearest.signed_distance - self.stylus_ball_radius, pose.table_to_carrier_direction(nearest.outward_normal))
     }
 
     /// The scene as seen from the spindle; `axes` and `command` as for [`Scene::clearance`].
     pub fn view_from_spindle(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
-        let errors = self.errors_at(axes, Some(t_s));
+        let errors = self.error_terms_at(axes, Some(t_s));
         let spindle = self.chain.machine_from_spindle(axes, &errors);
-        let shift = self.linear_errors.deviation_at(command.xyz().into());
+        let shift = self.linear_errors.deviation_at(command.xyz_or_zero().into());
         self.view_from(spindle, shift, axes, t_s)
     }
 
@@ -130,42 +131,47 @@ impl Scene {
     /// The sphere in the spindle, as seen from a sensor on the table.
     pub fn view_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let view = self.view_from_spindle(axes, command, t_s);
-        let target = MeasuredObject::Sphere {
-            centre: view.carrier_and_table.to_table_point(self.true_stylus),
-            radius: self.ball_radius,
+        let target = MeasuredObject::SpindleSphere {
+            centre: view.carrier_and_table.carrier_to_table_point(self.true_stylus_centre),
+            radius: self.stylus_ball_radius,
         };
-        let table = view.carrier_and_table.table;
-        let pose = MachinePose { table, spindle: table, shift: Vector3::zeros() };
-        SensorView { carrier_and_table: pose, target, ..view }
+        let table = view.carrier_and_table.table_pose;
+        let pose = MachinePose { table_pose: table, carrier_pose: table, carrier_shift: Vector3::zeros() };
+        SensorView { carrier_and_table: pose, measured_object: target, ..view }
     }
 
     fn view_from(&self, carrier: Pose, shift: Vector3<f64>, axes: &Position, t_s: f64) -> SensorView<'_> {
-        let errors = self.errors_at(axes, Some(t_s));
+        let errors = self.error_terms_at(axes, Some(t_s));
         let pose = MachinePose {
-            table: self.sag.deflected_table_pose(self.chain.machine_from_table(axes, &errors), axes),
-            spindle: carrier,
-            shift: shift - self.drift.table_displacement(t_s),
+            table_pose: self.table_sag.deflected_table_pose(self.chain.machine_from_table(axes, &errors), axes),
+            carrier_pose: carrier,
+            carrier_shift: shift - self.drift.table_displacement_mm(t_s),
         };
-        let target = MeasuredObject::Surface(&self.surface);
-        SensorView { carrier_and_table: pose, target, growth: self.drift.radius_growth(t_s), t_s }
+        let target = MeasuredObject::Artefact(&self.surface);
+        SensorView {
+            carrier_and_table: pose,
+            measured_object: target,
+            radius_growth_mm: self.drift.radius_growth_mm(t_s),
+            world_time_s: t_s,
+        }
     }
 
     /// Stated errors, error motions of the rotary axes at this position, and rotations of the linear axes.
     /// Without a time: without asynchronous motions.
-    fn errors_at(&self, axes: &Position, t_s: Option<f64>) -> Cow<'_, [ErrorTerm]> {
+    fn error_terms_at(&self, axes: &Position, t_s: Option<f64>) -> Cow<'_, [ErrorTerm]> {
         if self.rotary_errors.is_empty() && self.angular_errors.is_empty() {
-            return Cow::Borrowed(&self.errors);
+            return Cow::Borrowed(&self.stated_errors);
         }
         let drawn = self.rotary_errors.iter().flat_map(|errors| errors.synchronous_errors(axes));
         let at_time = |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_errors(axes, t_s));
         let asynchronous = t_s.into_iter().flat_map(at_time);
-        let angular = self.angular_errors.errors_at(axes);
-        self.errors.iter().copied().chain(drawn).chain(asynchronous).chain(angular).collect()
+        let angular = self.angular_errors.error_terms_at(axes);
+        self.stated_errors.iter().copied().chain(drawn).chain(asynchronous).chain(angular).collect()
     }
 }
 
 /// Of each linear axis: standard deviation of an error, and its correlation length, mm.
-fn linear_magnitudes(machine: &Machine, sigma: impl Fn(&AxisSpec) -> f64) -> [[f64; 2]; 3] {
+fn linear_axis_sigmas_and_lengths(machine: &Machine, sigma: impl Fn(&AxisSpec) -> f64) -> [[f64; 2]; 3] {
     Axis::LINEAR.map(|axis| machine.axes.get(&axis).map_or([0.0, 1.0], |spec| [sigma(spec), spec.error_wavelength_mm]))
 }
 
@@ -186,7 +192,7 @@ fn draw_rotary_errors(machine: &Machine, truth: &MachineTruth) -> Result<Vec<Rot
     Ok(rotary_errors)
 }
 
-fn rotary_axis_reach(machine: &Machine) -> f64 {
+fn max_rotary_axis_distance(machine: &Machine) -> f64 {
     machine
         .axes
         .iter()

@@ -21,9 +21,9 @@ pub(super) struct SimulatedSensor {
 struct SampleClock {
     /// True duration of a second of the sensor's clock.
     second_duration_s: f64,
-    jitter_s: f64,
+    jitter_std_dev_s: f64,
     /// Delay of the last sample.
-    last_jitter_s: f64,
+    last_sample_delay_s: f64,
     /// Latency: each output belongs to a moment this much earlier.
     latency_s: f64,
 }
@@ -32,26 +32,26 @@ impl SampleClock {
     fn new(truth: &SensorTruth) -> Self {
         let second_duration_s = 1.0 + truth.clock_slow_ppm * 1e-6;
         let (jitter_s, latency_s) = (truth.clock_jitter_us * 1e-6, truth.clock_late_ms * 1e-3);
-        Self { second_duration_s, jitter_s, last_jitter_s: 0.0, latency_s }
+        Self { second_duration_s, jitter_std_dev_s: jitter_s, last_sample_delay_s: 0.0, latency_s }
     }
 
     /// True time until the sample that comes `after_s` later by the sensor's clock. The jitter of one sample
     /// does not shift the next one.
     fn time_until_sample_s(&mut self, after_s: f64, deviate: f64) -> f64 {
-        let before = std::mem::replace(&mut self.last_jitter_s, self.jitter_s * deviate);
-        after_s * self.second_duration_s + self.last_jitter_s - before
+        let before = std::mem::replace(&mut self.last_sample_delay_s, self.jitter_std_dev_s * deviate);
+        after_s * self.second_duration_s + self.last_sample_delay_s - before
     }
 }
 
 impl SimulatedSensor {
     /// Advances the sample count to `t_s`, so that no noise value repeats.
-    pub fn advance_to(&mut self, t_s: f64) {
-        self.sample_count = self.sample_count.max((t_s * MAX_SAMPLE_RATE_HZ) as u64);
+    pub fn advance_sample_count_to(&mut self, t_s: f64) {
+        self.sample_count = self.sample_count.max((t_s * ASSUMED_MAX_SAMPLE_RATE_HZ) as u64);
     }
 }
 
-/// Maximum sampling rate of a sensor.
-const MAX_SAMPLE_RATE_HZ: f64 = 1e6;
+/// Rate at which the sample count advances with the time of the world: no sensor is assumed to sample faster.
+const ASSUMED_MAX_SAMPLE_RATE_HZ: f64 = 1e6;
 
 impl SimulatedWorld {
     /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`; without one, the sensor is
@@ -85,37 +85,41 @@ impl SimulatedWorld {
     /// Lets `after_s` pass by the clock of the sensor `name`, then returns its sample at the axis positions,
     /// which are earlier ones if the sensor has a latency. `None`: there is no such sensor.
     pub fn sample_after(&mut self, name: &str, after_s: f64) -> Option<SensorOutput> {
-        let number = self.sensor_number(name)?;
+        let number = self.sensor_index(name)?;
         let elapsed_s = self.time_to_next_sample_s(number, after_s)?;
         self.dwell(elapsed_s);
-        self.sensor_output(number, self.t_s)
+        self.sensor_output(number, self.simulated_time_s)
     }
 
     /// Index of the sensor `name`.
-    pub(super) fn sensor_number(&self, name: &str) -> Option<usize> {
+    pub(super) fn sensor_index(&self, name: &str) -> Option<usize> {
         self.sensors.iter().position(|sensor| sensor.name == name)
     }
 
-    /// True time until the next sample.
-    pub(super) fn time_to_next_sample_s(&mut self, number: usize, after_s: f64) -> Option<f64> {
-        let sensor = self.sensors.get_mut(number)?;
-        let deviate = draw_normal(self.seed, RandomSource::SampleDelay, &[number as u64, sensor.sample_count]);
+    /// True time until the sample that comes `after_s` later by the sensor's clock. `None`: there is no such sensor.
+    pub(super) fn time_to_next_sample_s(&mut self, sensor_index: usize, after_s: f64) -> Option<f64> {
+        let sensor = self.sensors.get_mut(sensor_index)?;
+        let key = [sensor_index as u64, sensor.sample_count];
+        let deviate = draw_normal(self.seed, RandomSource::SampleJitter, &key);
         Some(sensor.clock.time_until_sample_s(after_s, deviate))
     }
 
-    pub(super) fn sensor_output(&mut self, number: usize, t_s: f64) -> Option<SensorOutput> {
-        let measured_s = t_s - self.sensors.get(number)?.clock.latency_s;
-        let (axes, command) = match self.motion_history.path_at(measured_s) {
-            Some((path, along)) => self.true_positions_on_path(path, along),
-            None => (self.true_axes(), self.true_wiring.true_position(self.command.clone())),
+    /// Takes the sample that the sensor outputs at `t_s`: it was measured one latency earlier. `None`: there is no
+    /// such sensor.
+    pub(super) fn sensor_output(&mut self, sensor_index: usize, t_s: f64) -> Option<SensorOutput> {
+        let measured_s = t_s - self.sensors.get(sensor_index)?.clock.latency_s;
+        let (axes, command) = match self.motion_history.path_and_fraction_at(measured_s) {
+            Some((path, along)) => self.true_positions_with_and_without_lost_motion(path, along),
+            None => (self.true_axis_positions(), self.true_wiring.true_position(self.commanded_position.clone())),
         };
-        let view = match self.sensors.get(number)?.mount {
+        let view = match self.sensors.get(sensor_index)?.mount {
             SensorMount::Bed => self.scene.view_from_bed(&axes, measured_s),
             SensorMount::Table => self.scene.view_from_table(&axes, &command, measured_s),
             SensorMount::Spindle => self.scene.view_from_spindle(&axes, &command, measured_s),
         };
-        let sensor = self.sensors.get_mut(number)?;
-        let deviate = draw_normal(self.seed, RandomSource::SampleNoise, &[number as u64, sensor.sample_count]);
+        let sensor = self.sensors.get_mut(sensor_index)?;
+        let key = [sensor_index as u64, sensor.sample_count];
+        let deviate = draw_normal(self.seed, RandomSource::SampleNoise, &key);
         sensor.sample_count += 1;
         Some(sensor.beam.output(&view, deviate))
     }

@@ -81,7 +81,7 @@ impl Default for SensorTruth {
 impl SensorTruth {
     /// # Errors
     /// Finds the first key whose value is impossible for a sensor.
-    pub(super) fn check(&self) -> Result<(), SimulatedWorldError> {
+    pub(super) fn check_values(&self) -> Result<(), SimulatedWorldError> {
         let waves = self.linearity.iter().flatten();
         let curve = waves.clone().flat_map(|w| [w.amplitude_um, w.phase_deg]);
         let rules = [
@@ -90,16 +90,16 @@ impl SensorTruth {
             ("gain", self.gain > 0.0 && self.gain.is_finite()),
             ("linearity", waves.clone().all(|w| w.period_mm > 0.0)),
             ("linearity", curve.into_iter().all(f64::is_finite)),
-            ("noise_um", is_non_negative(self.noise_um.unwrap_or_default())),
-            ("spot_mm", is_non_negative(self.spot_mm)),
+            ("noise_um", is_finite_and_non_negative(self.noise_um.unwrap_or_default())),
+            ("spot_mm", is_finite_and_non_negative(self.spot_mm)),
             ("incidence_um", self.incidence_um.is_finite()),
             ("lean_um", self.lean_um.iter().all(|v| v.is_finite())),
             ("echo_limit_deg", self.echo_limit_deg > 0.0 && self.echo_limit_deg < 90.0),
             ("clock_slow_ppm", self.clock_slow_ppm.abs() < MAX_CLOCK_RATE_ERROR_PPM),
-            ("clock_jitter_us", is_non_negative(self.clock_jitter_us)),
+            ("clock_jitter_us", is_finite_and_non_negative(self.clock_jitter_us)),
             ("clock_late_ms", (0.0..=MAX_LATENCY_MS).contains(&self.clock_late_ms)),
             ("clips_mm", self.clips_mm.is_none_or(|[low, high]| low < high)),
-            ("dazzled_deg", is_non_negative(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg),
+            ("dazzled_deg", is_finite_and_non_negative(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg),
         ];
         match rules.into_iter().find(|(_, holds)| !holds) {
             None => Ok(()),
@@ -115,6 +115,6 @@ const MAX_CLOCK_RATE_ERROR_PPM: f64 = 250_000.0;
 /// Maximum tilt: half a radian.
 const MAX_TILT_URAD: f64 = 500_000.0;
 
-pub(super) fn is_non_negative(value: f64) -> bool {
+pub(super) fn is_finite_and_non_negative(value: f64) -> bool {
     value.is_finite() && value >= 0.0
 }

@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 use super::SimulatedWorldError;
 use super::balls::TrueBalls;
 use super::cylinder::{RadiusProfile, TrueCylinder};
-use super::datum::TrueDatumCylinder;
 use super::nearest_surface::NearestSurface;
-use super::random_draws::{RandomSource, draw_form};
+use super::random_draws::{RandomSource, draw_form_harmonics};
+use super::true_datum_cylinder::TrueDatumCylinder;
 use super::truth::MachineTruth;
 use machine::record::artefact::{Artefact, Cylinder};
 
@@ -20,15 +20,15 @@ const EMPTY_TABLE_DISTANCE_MM: f64 = 1e9;
 
 /// The true artefact, in the table frame.
 #[derive(Debug, Clone)]
-pub(super) enum Surface {
+pub(super) enum ArtefactSurface {
     Cylinder(TrueCylinder),
     Balls(TrueBalls),
-    Datum(Box<TrueDatumCylinder>),
+    DatumCylinder(Box<TrueDatumCylinder>),
     /// There is no artefact.
-    Empty,
+    NoArtefact,
 }
 
-impl Surface {
+impl ArtefactSurface {
     pub fn new(artefact: &Artefact, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         match artefact {
             Artefact::Cylinder(cylinder) => {
@@ -36,17 +36,17 @@ impl Surface {
                 true_cylinder(cylinder, truth).map(Self::Cylinder)
             }
             Artefact::Balls(balls) => {
-                truth.check_ball_keys(balls)?;
+                truth.check_keys_for_balls(balls)?;
                 TrueBalls::new(balls, truth).map(Self::Balls)
             }
             Artefact::DatumCylinder(cylinder) => {
                 truth.reject_ball_keys()?;
-                TrueDatumCylinder::new(cylinder, truth).map(|datum| Self::Datum(Box::new(datum)))
+                TrueDatumCylinder::new(cylinder, truth).map(|datum| ArtefactSurface::DatumCylinder(Box::new(datum)))
             }
             Artefact::None => {
                 truth.reject_ball_keys()?;
                 truth.reject_form_keys()?;
-                Ok(Self::Empty)
+                Ok(ArtefactSurface::NoArtefact)
             }
         }
     }
@@ -54,7 +54,7 @@ impl Surface {
     /// Mounts the artefact again, turned by this angle against its first mounting. Only a datum cylinder has an
     /// indexing stage.
     pub fn mount_artefact(&mut self, turn_deg: f64) {
-        if let Self::Datum(datum) = self {
+        if let ArtefactSurface::DatumCylinder(datum) = self {
             datum.mount_artefact(turn_deg);
         }
     }
@@ -65,23 +65,23 @@ impl Surface {
         match self {
             Self::Cylinder(cylinder) => cylinder.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
-            Self::Datum(datum) => datum.nearest(point, growth),
-            Self::Empty => NearestSurface::beyond(EMPTY_TABLE_DISTANCE_MM),
+            ArtefactSurface::DatumCylinder(datum) => datum.nearest(point, growth),
+            ArtefactSurface::NoArtefact => NearestSurface::no_surface_within(EMPTY_TABLE_DISTANCE_MM),
         }
     }
 }
 
 fn true_cylinder(cylinder: &Cylinder, truth: &MachineTruth) -> Result<TrueCylinder, SimulatedWorldError> {
-    let rough = draw_form(truth.seed, RandomSource::Roughness, &[], ROUGHNESS_ORDERS, truth.roughness_um);
+    let rough = draw_form_harmonics(truth.seed, RandomSource::Roughness, &[], ROUGHNESS_ORDERS, truth.roughness_um);
     let radius = cylinder.radius_mm + truth.radius_offset_mm;
     let profile = RadiusProfile::new(radius, truth.form.iter().copied().chain(rough));
     let direction = Vector3::from(cylinder.axis);
     let is_finite = direction.iter().all(|part| part.is_finite());
     let is_valid = is_finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
     // `>` is false for NaN as well.
-    if !(is_valid && profile.smallest_radius() > 0.0) {
+    if !(is_valid && profile.min_radius_bound() > 0.0) {
         return Err(SimulatedWorldError::InvalidArtefact);
     }
-    let foot = Vector3::from(cylinder.centre_mm) + truth.centre_offset();
+    let foot = Vector3::from(cylinder.centre_mm) + truth.artefact_offset_mm();
     Ok(TrueCylinder::new(foot, direction, cylinder.height_mm, profile))
 }

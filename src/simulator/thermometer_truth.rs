@@ -35,10 +35,10 @@ impl ThermometerTruth {
         all.into_iter().all(f64::is_finite) && self.noise_k >= 0.0
     }
 
-    fn reading_c(&self, t_s: f64, seed: u64, number: usize) -> f64 {
+    fn reading_c(&self, t_s: f64, seed: u64, thermometer_index: usize) -> f64 {
         // The noise changes once per second.
-        let noise =
-            self.noise_k * draw_normal(seed, RandomSource::ThermometerNoise, &[number as u64, t_s.max(0.0) as u64]);
+        let key = [thermometer_index as u64, t_s.max(0.0) as u64];
+        let noise = self.noise_k * draw_normal(seed, RandomSource::ThermometerNoise, &key);
         let celsius = self.begins_c + self.warms_k * equilibrium_share(t_s) + noise;
         (celsius * COUNTS_PER_K).round() / COUNTS_PER_K
     }
@@ -71,6 +71,6 @@ impl SimulatedWorld {
     /// Reading of the thermometer `name` now, °C; `None`: there is no such thermometer.
     pub fn temperature_c(&self, name: &str) -> Option<f64> {
         let number = self.thermometers.iter().position(|thermometer| thermometer.name == name)?;
-        Some(self.thermometers.get(number)?.reading_c(self.t_s, self.seed, number))
+        Some(self.thermometers.get(number)?.reading_c(self.simulated_time_s, self.seed, number))
     }
 }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::SimulatedWorldError;
 use super::cylinder::FormHarmonic;
-use super::datum_truth::{DatumCylinderTruth, IndexingStageTruth};
-use super::rotary_motion::RotaryMotion;
+use super::datum_cylinder_truth::{DatumCylinderTruth, IndexingStageTruth};
+use super::rotary_motion::RotaryMotionMagnitudes;
 use super::sensor_truth::SensorTruth;
 use super::thermometer_truth::ThermometerTruth;
 use super::wiring::Wiring;
@@ -27,10 +27,10 @@ pub struct MachineTruth {
     /// `EXX1_um_per_m`.
     pub errors: BTreeMap<String, f64>,
     /// Error motions of rotary axes, one harmonic each.
-    pub error_motion: Vec<ErrorMotion>,
+    pub error_motion: Vec<ErrorMotionHarmonic>,
     /// Error motions of rotary axes, declared by magnitude.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub rotary_motion: Vec<RotaryMotion>,
+    pub rotary_motion: Vec<RotaryMotionMagnitudes>,
     /// Form and tilt of a datum cylinder, and the stage that indexes it.
     pub datum_cylinder: DatumCylinderTruth,
     pub stage: IndexingStageTruth,
@@ -78,7 +78,7 @@ pub struct MachineTruth {
 /// `cos·cos(nq) + sin·sin(nq)`, q the angle of the axis; um for EX., EY., EZ., urad for EA., EB., EC.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ErrorMotion {
+pub struct ErrorMotionHarmonic {
     /// e.g. `EXC`: motion along X of the axis C.
     pub symbol: String,
     pub harmonic: u32,
@@ -152,7 +152,7 @@ pub enum SagLaw {
 
 impl MachineTruth {
     /// Offset of the artefact as a whole, table frame, mm.
-    pub(super) fn centre_offset(&self) -> Vector3<f64> {
+    pub(super) fn artefact_offset_mm(&self) -> Vector3<f64> {
         Vector2::from(self.centre_offset_mm).push(0.0)
     }
 
@@ -176,7 +176,7 @@ impl MachineTruth {
     }
 
     /// Rejects keys that apply to a round part only, and unknown balls.
-    pub(super) fn check_ball_keys(&self, balls: &Balls) -> Result<(), SimulatedWorldError> {
+    pub(super) fn check_keys_for_balls(&self, balls: &Balls) -> Result<(), SimulatedWorldError> {
         self.reject_form_keys()?;
         let referenced_ids = self.ball.iter().map(|ball| &ball.id);
         let mut referenced_ids = referenced_ids.chain(self.ball_moves.iter().map(|moved| &moved.ball));

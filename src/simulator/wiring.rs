@@ -43,23 +43,23 @@ impl Wiring {
 /// The wiring of a machine that was at `origin` when it was built.
 #[derive(Debug, Clone)]
 pub(super) struct TrueWiring {
-    /// `None`: the wiring is correct.
-    wrong_wiring: Option<(Wiring, Position)>,
+    /// Wrong wiring, and the position at which the machine was built. `None`: the wiring is correct.
+    wrong_wiring_and_origin: Option<(Wiring, Position)>,
 }
 
 impl TrueWiring {
     pub fn new(wiring: &Wiring, origin: &Position) -> Self {
         let wrong_wiring = (!wiring.is_correct()).then(|| (wiring.clone(), origin.clone()));
-        Self { wrong_wiring }
+        Self { wrong_wiring_and_origin: wrong_wiring }
     }
 
     /// True axis positions where the control displays `displayed`.
     pub fn true_position(&self, displayed: Position) -> Position {
-        let Some((wiring, origin)) = &self.wrong_wiring else { return displayed };
+        let Some((wiring, origin)) = &self.wrong_wiring_and_origin else { return displayed };
         let mut actual = displayed.clone();
         for (drive, position) in displayed.iter() {
             let motor = wiring.motor_of_drive(drive);
-            let travelled = drive.to_mm_or_deg(position - origin.get_or_zero(drive)) * wiring.motor_gain(motor);
+            let travelled = drive.to_mm_or_deg(position - origin.get_or_zero(drive)) * wiring.signed_motor_gain(motor);
             if displayed.get(motor).is_some() {
                 actual.set(motor, origin.get_or_zero(motor) + motor.to_mm_or_rad(travelled));
             }
@@ -68,8 +68,8 @@ impl TrueWiring {
     }
 
     /// Upper bound of the ratio of true to commanded travel.
-    pub fn max_travel_ratio(&self) -> f64 {
-        let Some((wiring, _)) = &self.wrong_wiring else { return 1.0 };
+    pub fn max_true_travel_ratio(&self) -> f64 {
+        let Some((wiring, _)) = &self.wrong_wiring_and_origin else { return 1.0 };
         let mixed = |pair: &[Axis; 2]| pair[0].is_linear() != pair[1].is_linear();
         // A degree may replace a millimetre, or the reverse. Without such a pair, exchanged axes may still increase
         // the distance of the ball from the axis that turns.
@@ -77,23 +77,23 @@ impl TrueWiring {
         wiring.gain.values().fold(1.0_f64, |most, gain| most.max(gain.abs())) * exchange_factor
     }
 
-    /// State of the probe input for the true state of the probe.
-    pub fn input_state(&self, closed: bool) -> bool {
-        match self.probe() {
-            ProbeWiring::Right => closed,
-            ProbeWiring::Inverted => !closed,
+    /// Whether the probe input is closed, for the true state of the probe.
+    pub fn is_probe_input_closed(&self, is_probe_closed: bool) -> bool {
+        match self.probe_wiring() {
+            ProbeWiring::Right => is_probe_closed,
+            ProbeWiring::Inverted => !is_probe_closed,
             ProbeWiring::Dead => false,
             ProbeWiring::Stuck => true,
         }
     }
 
     /// Whether a contact changes the probe input.
-    pub fn reacts_to_contact(&self) -> bool {
-        matches!(self.probe(), ProbeWiring::Right | ProbeWiring::Inverted)
+    pub fn probe_input_reacts_to_contact(&self) -> bool {
+        matches!(self.probe_wiring(), ProbeWiring::Right | ProbeWiring::Inverted)
     }
 
-    fn probe(&self) -> ProbeWiring {
-        self.wrong_wiring.as_ref().map_or(ProbeWiring::Right, |(wiring, _)| wiring.probe)
+    fn probe_wiring(&self) -> ProbeWiring {
+        self.wrong_wiring_and_origin.as_ref().map_or(ProbeWiring::Right, |(wiring, _)| wiring.probe)
     }
 }
 
@@ -108,7 +108,7 @@ impl Wiring {
         other.unwrap_or(drive)
     }
 
-    fn motor_gain(&self, motor: Axis) -> f64 {
+    fn signed_motor_gain(&self, motor: Axis) -> f64 {
         let sense = if self.reversed.contains(&motor) { -1.0 } else { 1.0 };
         sense * self.gain.get(&motor).copied().unwrap_or(1.0)
     }
@@ -118,14 +118,14 @@ impl Wiring {
 mod tests {
     use super::*;
 
-    fn true_wiring(wiring: Wiring) -> TrueWiring {
+    fn true_wiring_from_origin(wiring: Wiring) -> TrueWiring {
         TrueWiring::new(&wiring, &Position::new().with(Axis::X, 0.0).with(Axis::Y, 0.0).with(Axis::Z, 450.0))
     }
 
     #[test]
     fn wrong_wiring_moves_the_machine_differently_from_the_display() {
         let displayed = Position::new().with(Axis::X, 2.0).with(Axis::Y, -3.0).with(Axis::Z, 440.0);
-        let true_position = |wiring| true_wiring(wiring).true_position(displayed.clone());
+        let true_position = |wiring| true_wiring_from_origin(wiring).true_position(displayed.clone());
         assert_eq!(true_position(Wiring::default()), displayed);
         let swapped = Wiring { swapped: vec![[Axis::X, Axis::Y]], ..Wiring::default() };
         assert_eq!(true_position(swapped), displayed.clone().with(Axis::X, -3.0).with(Axis::Y, 2.0));
@@ -141,8 +141,11 @@ mod tests {
     #[test]
     fn probe_input_follows_its_wiring() {
         let input_states = |probe| {
-            let true_wiring = true_wiring(Wiring { probe, ..Wiring::default() });
-            ([true_wiring.input_state(false), true_wiring.input_state(true)], true_wiring.reacts_to_contact())
+            let true_wiring = true_wiring_from_origin(Wiring { probe, ..Wiring::default() });
+            (
+                [true_wiring.is_probe_input_closed(false), true_wiring.is_probe_input_closed(true)],
+                true_wiring.probe_input_reacts_to_contact(),
+            )
         };
         assert_eq!(input_states(ProbeWiring::Right), ([false, true], true));
         assert_eq!(input_states(ProbeWiring::Inverted), ([true, false], true));

@@ -24,27 +24,27 @@ pub struct StoredAuditEntry {
     pub seq: i64,
     pub at: Timestamp,
     #[serde(flatten)]
-    pub audit: AuditEntry,
+    pub entry: AuditEntry,
 }
 
 impl Journal {
     /// Adds an entry that is never changed or removed.
     pub fn add_audit_entry(&self, audit: &AuditEntry) -> PendingWrite<()> {
         let audit = audit.clone();
-        self.submit_job(move |connection| insert_entry(connection, &audit))
+        self.submit_job(move |connection| insert_audit_entry(connection, &audit))
     }
 
-    /// At most `limit` entries, newest first; with `before`, only entries older than that one. Only these rows
+    /// At most `limit` entries, newest first; with `before_seq`, only entries older than that one. Only these rows
     /// are read, as the log covers years.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn audit_entries(&self, before: Option<i64>, limit: usize) -> Result<Vec<StoredAuditEntry>, StoreError> {
-        self.query(|connection| newest_entries(connection, before, limit))
+    pub fn audit_entries(&self, before_seq: Option<i64>, limit: usize) -> Result<Vec<StoredAuditEntry>, StoreError> {
+        self.query(|connection| newest_audit_entries(connection, before_seq, limit))
     }
 }
 
-pub(super) fn insert_entry(connection: &Connection, audit: &AuditEntry) -> Result<(), StoreFault> {
+pub(super) fn insert_audit_entry(connection: &Connection, audit: &AuditEntry) -> Result<(), StoreFault> {
     let AuditEntry { who, what, why, machine, run, outcome } = audit;
     connection.execute(
         "INSERT INTO audit (at, who, what, why, machine, run, outcome)
@@ -54,9 +54,9 @@ pub(super) fn insert_entry(connection: &Connection, audit: &AuditEntry) -> Resul
     Ok(())
 }
 
-fn newest_entries(
+fn newest_audit_entries(
     connection: &Connection,
-    before: Option<i64>,
+    before_seq: Option<i64>,
     limit: usize,
 ) -> Result<Vec<StoredAuditEntry>, StoreFault> {
     let mut statement = connection.prepare(
@@ -64,7 +64,7 @@ fn newest_entries(
          WHERE seq < ?1 ORDER BY seq DESC LIMIT ?2",
     )?;
     let limit = i64::try_from(limit).unwrap_or(i64::MAX);
-    let rows = statement.query_map(params![before.unwrap_or(i64::MAX), limit], |row| {
+    let rows = statement.query_map(params![before_seq.unwrap_or(i64::MAX), limit], |row| {
         let audit = AuditEntry {
             who: row.get(1)?,
             what: row.get(2)?,
@@ -73,7 +73,7 @@ fn newest_entries(
             run: row.get(5)?,
             outcome: row.get(6)?,
         };
-        Ok(StoredAuditEntry { seq: row.get(7)?, at: columns::parse_column(row, 0)?, audit })
+        Ok(StoredAuditEntry { seq: row.get(7)?, at: columns::parse_text_column(row, 0)?, entry: audit })
     })?;
     Ok(rows.collect::<Result<_, _>>()?)
 }

@@ -6,15 +6,15 @@ use std::path::Path;
 use rusqlite::Connection;
 
 use super::durable_dir::JOURNAL_FILE_NAME;
-use super::{RunId, StoreError, StoreFault, checksum, connection, identity, read, snapshot};
+use super::{RunId, StoreError, StoreFault, checksum, connection, format_identification, read, verified_copy};
 
 /// Content of a backup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BackupContent {
-    pub newest: Option<RunId>,
+    pub newest_run: Option<RunId>,
     /// Whether the journal's rows have checksums. A journal that only older versions have opened has none; then
     /// only SQLite's integrity check was made.
-    pub has_checksums: bool,
+    pub has_row_checksums: bool,
 }
 
 /// Copies the journal in `dir` to `file`, which must not exist. Writers are not blocked.
@@ -24,23 +24,23 @@ pub struct BackupContent {
 pub fn backup(dir: &Path, file: &Path) -> Result<BackupContent, StoreError> {
     let journal = dir.join(JOURNAL_FILE_NAME);
     if !journal.is_file() {
-        return Err(StoreError::at(&journal)(StoreFault::JournalMissing));
+        return Err(StoreError::from_fault_at(&journal)(StoreFault::JournalMissing));
     }
-    let (source, format) = connection::open_source(&journal).map_err(StoreError::at(&journal))?;
-    let has_checksums = format >= identity::FIRST_FORMAT_WITH_APPLICATION_ID;
+    let (source, format) = connection::open_backup_source(&journal).map_err(StoreError::from_fault_at(&journal))?;
+    let has_checksums = format >= format_identification::FIRST_FORMAT_WITH_APPLICATION_ID;
     let verified = |copy: &Connection| match has_checksums {
         true => {
             checksum::add_checksum_function(copy)?;
             checksum::verify_all_rows(copy)?;
-            Ok(read::select_runs(copy)?.last().map(|run| run.id))
+            Ok(read::select_all_runs(copy)?.last().map(|run| run.id))
         }
         false if format == 0 => Ok(None),
         false => Ok(copy.query_row("SELECT max(id) FROM runs", [], |row| row.get::<_, Option<i64>>(0))?.map(RunId)),
     };
-    match snapshot::copy_verified(&source, file, verified) {
-        Ok(newest) => Ok(BackupContent { newest, has_checksums }),
+    match verified_copy::copy_verified(&source, file, verified) {
+        Ok(newest) => Ok(BackupContent { newest_run: newest, has_row_checksums: has_checksums }),
         // The copy is removed: the journal was damaged before.
-        Err(fault @ StoreFault::Damaged(_)) => Err(StoreError::at(&journal)(fault)),
-        Err(fault) => Err(StoreError::at(file)(fault)),
+        Err(fault @ StoreFault::Damaged(_)) => Err(StoreError::from_fault_at(&journal)(fault)),
+        Err(fault) => Err(StoreError::from_fault_at(file)(fault)),
     }
 }

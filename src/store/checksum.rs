@@ -17,18 +17,18 @@ static CRC_32C: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 
 /// Large tables with the plan, the readings and the results of runs. Their column `run` contains the number of
 /// the run.
-const RUN_TABLES: [&str; 6] = ["steps", "stages", "readings", "events", "estimates", "signatures"];
+const TABLES_WITH_RUN_COLUMN: [&str; 6] = ["steps", "stages", "readings", "events", "estimates", "signatures"];
 
 /// A table whose rows have a checksum.
 struct ChecksummedTable {
     name: String,
     /// Names of the other columns, in their order, separated by commas.
-    columns: String,
+    checksummed_columns: String,
 }
 
 impl ChecksummedTable {
     fn checksum_sql(&self) -> String {
-        format!("row_checksum({})", self.columns)
+        format!("row_checksum({})", self.checksummed_columns)
     }
 }
 
@@ -61,7 +61,7 @@ pub(super) fn add_checksum_triggers(connection: &Connection) -> Result<(), Store
     // Without this setting, temporary triggers would need a file of their own.
     connection.pragma_update(None, "temp_store", "MEMORY")?;
     for table in checksummed_tables(connection)? {
-        let ChecksummedTable { name, columns } = &table;
+        let ChecksummedTable { name, checksummed_columns: columns } = &table;
         let set = format!("UPDATE {name} SET checksum = {} WHERE rowid = new.rowid; END;", table.checksum_sql());
         connection.execute_batch(&format!(
             "CREATE TEMP TRIGGER {name}_inserted AFTER INSERT ON main.{name} BEGIN {set}
@@ -86,15 +86,15 @@ pub(super) fn verify_all_rows(connection: &Connection) -> Result<(), StoreFault>
 }
 
 /// Verifies the heads of runs and the rows that belong to no run: audit log, armings and schedules.
-pub(super) fn verify_run_heads(connection: &Connection) -> Result<(), StoreFault> {
-    verify_rows(connection, |table| (!RUN_TABLES.contains(&table)).then(|| "true".to_owned()))
+pub(super) fn verify_run_heads_and_service_tables(connection: &Connection) -> Result<(), StoreFault> {
+    verify_rows(connection, |table| (!TABLES_WITH_RUN_COLUMN.contains(&table)).then(|| "true".to_owned()))
 }
 
 /// Verifies all rows of `run`.
 pub(super) fn verify_run(connection: &Connection, run: RunId) -> Result<(), StoreFault> {
     verify_rows(connection, |table| match table {
         "runs" => Some(format!("id = {run}")),
-        table => RUN_TABLES.contains(&table).then(|| format!("run = {run}")),
+        table => TABLES_WITH_RUN_COLUMN.contains(&table).then(|| format!("run = {run}")),
     })
 }
 
@@ -104,10 +104,10 @@ pub(super) fn verify_estimates(connection: &Connection, runs: &[i64]) -> Result<
     verify_rows(connection, |table| (table == "estimates").then(|| format!("run IN ({runs})")))
 }
 
-/// Verifies rows. `rows` returns the SQL condition of the rows of a table, or `None` for no row.
-fn verify_rows(connection: &Connection, rows: impl Fn(&str) -> Option<String>) -> Result<(), StoreFault> {
+/// Verifies rows. `row_condition` returns the SQL condition of the rows of a table, or `None` for no row.
+fn verify_rows(connection: &Connection, row_condition: impl Fn(&str) -> Option<String>) -> Result<(), StoreFault> {
     for table in checksummed_tables(connection)? {
-        let Some(rows) = rows(&table.name) else { continue };
+        let Some(rows) = row_condition(&table.name) else { continue };
         let mut damaged = connection.prepare(&format!(
             "SELECT rowid FROM {} WHERE {rows} AND checksum IS NOT {} LIMIT 1",
             table.name,
@@ -129,6 +129,7 @@ fn checksummed_tables(connection: &Connection) -> Result<Vec<ChecksummedTable>, 
          FROM main.sqlite_schema AS tables JOIN pragma_table_info(tables.name, 'main') AS columns
          WHERE tables.type = 'table' GROUP BY tables.name HAVING max(columns.name = 'checksum')",
     )?;
-    let tables = statement.query_map([], |row| Ok(ChecksummedTable { name: row.get(0)?, columns: row.get(1)? }))?;
+    let tables =
+        statement.query_map([], |row| Ok(ChecksummedTable { name: row.get(0)?, checksummed_columns: row.get(1)? }))?;
     Ok(tables.collect::<Result<_, _>>()?)
 }

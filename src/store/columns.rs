@@ -16,7 +16,10 @@ pub(super) fn now_text() -> String {
 }
 
 /// JSON that can be read back. A number that is not finite becomes `null`, which cannot be read as a number.
-pub(super) fn to_json<T: Serialize + DeserializeOwned>(what: &str, value: &T) -> Result<String, StoreFault> {
+pub(super) fn to_json_with_finite_numbers<T: Serialize + DeserializeOwned>(
+    what: &str,
+    value: &T,
+) -> Result<String, StoreFault> {
     let not_finite = |_| StoreFault::NotFinite { what: what.to_owned() };
     let text = serde_json::to_string(value).map_err(not_finite)?;
     serde_json::from_str::<T>(&text).map_err(not_finite)?;
@@ -24,13 +27,13 @@ pub(super) fn to_json<T: Serialize + DeserializeOwned>(what: &str, value: &T) ->
 }
 
 /// Whether all numbers of `reading` are finite: SQLite would store a NaN as NULL.
-pub(super) fn all_finite(reading: &Reading) -> bool {
+pub(super) fn has_only_finite_numbers(reading: &Reading) -> bool {
     let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
     numbers.chain([reading.t_s]).all(f64::is_finite)
 }
 
 /// Rows of `run` that `select` returns, in their order.
-pub(super) fn run_rows<T>(
+pub(super) fn select_rows_of_run<T>(
     connection: &Connection,
     select: &str,
     run: RunId,
@@ -41,19 +44,19 @@ pub(super) fn run_rows<T>(
     Ok(rows)
 }
 
-pub(super) fn from_json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
+pub(super) fn parse_json_column<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
     let text: String = row.get(column)?;
-    serde_json::from_str(&text).map_err(|error| damaged_column(column, error.into()))
+    serde_json::from_str(&text).map_err(|error| damaged_column_error(column, error.into()))
 }
 
-pub(super) fn parse_column<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
+pub(super) fn parse_text_column<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
     row: &Row<'_>,
     column: usize,
 ) -> rusqlite::Result<T> {
     let text: String = row.get(column)?;
-    text.parse().map_err(|error: T::Err| damaged_column(column, error.into()))
+    text.parse().map_err(|error: T::Err| damaged_column_error(column, error.into()))
 }
 
-pub(super) fn damaged_column(column: usize, why: Box<dyn std::error::Error + Send + Sync>) -> rusqlite::Error {
+pub(super) fn damaged_column_error(column: usize, why: Box<dyn std::error::Error + Send + Sync>) -> rusqlite::Error {
     rusqlite::Error::FromSqlConversionFailure(column, Type::Text, why)
 }

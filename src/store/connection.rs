@@ -8,17 +8,17 @@ use std::time::{Duration, Instant};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
-use super::{StoreFault, checksum, identity, migration, schema};
+use super::{StoreFault, checksum, format_identification, migration, schema};
 
-/// Maximum wait of a writer for another process that writes.
-const WRITER_TIMEOUT: Duration = Duration::from_secs(10);
+/// Maximum wait of any connection for another process that has locked the journal.
+const JOURNAL_BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Maximum wait of a process that migrates an older journal until other processes have closed it.
 const MIGRATION_LOCK_TIMEOUT: Duration = Duration::from_secs(1);
 const BUSY_RETRY_INTERVAL: Duration = Duration::from_millis(5);
 
 /// The writing connection: write-ahead log, synced at every commit, foreign keys, current tables.
 pub(super) fn open_writer(path: &Path) -> Result<Connection, StoreFault> {
-    let mut connection = retry_while_busy(MIGRATION_LOCK_TIMEOUT, || open_verified(path))?;
+    let mut connection = retry_while_busy(MIGRATION_LOCK_TIMEOUT, || open_accepted_journal(path))?;
     connection.pragma_update(None, "synchronous", "FULL")?;
     // Half a megabyte: a journal grows for years, its page cache should not.
     connection.pragma_update(None, "cache_size", -512)?;
@@ -26,7 +26,7 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, StoreFault> {
     connection.pragma_update(None, "foreign_keys", false)?;
     migration::migrate(&mut connection, path)?;
     connection.pragma_update(None, "foreign_keys", true)?;
-    let mode = retry_while_busy(WRITER_TIMEOUT, || journal_mode(&connection, "WAL"))?;
+    let mode = retry_while_busy(JOURNAL_BUSY_TIMEOUT, || set_journal_mode(&connection, "WAL"))?;
     if mode != "wal" {
         return Err(StoreFault::NoWriteAheadLog { mode });
     }
@@ -36,15 +36,15 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, StoreFault> {
 
 /// A connection to an accepted journal. For an older journal it must be the only connection: a process of an
 /// older version would write rows without checksums into the new tables.
-fn open_verified(path: &Path) -> Result<Connection, StoreFault> {
-    let (connection, format) = open_unchanged(path, OpenFlags::default())?;
-    if format >= identity::FIRST_FORMAT_WITH_APPLICATION_ID {
-        checksum::verify_run_heads(&connection)?;
+fn open_accepted_journal(path: &Path) -> Result<Connection, StoreFault> {
+    let (connection, format) = open_and_identify_format(path, OpenFlags::default())?;
+    if format >= format_identification::FIRST_FORMAT_WITH_APPLICATION_ID {
+        checksum::verify_run_heads_and_service_tables(&connection)?;
     }
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, false)?;
     if format < schema::CURRENT_FORMAT {
         // SQLite leaves the write-ahead log only if no other connection is open.
-        journal_mode(&connection, "DELETE")?;
+        set_journal_mode(&connection, "DELETE")?;
     }
     Ok(connection)
 }
@@ -53,34 +53,34 @@ fn open_verified(path: &Path) -> Result<Connection, StoreFault> {
 /// returns the journal's format.
 ///
 /// The connection may write: SQLite leaves files beside the journal if the last connection is read-only.
-pub(super) fn open_source(path: &Path) -> Result<(Connection, i64), StoreFault> {
-    open_unchanged(path, OpenFlags::default() & !OpenFlags::SQLITE_OPEN_CREATE)
+pub(super) fn open_backup_source(path: &Path) -> Result<(Connection, i64), StoreFault> {
+    open_and_identify_format(path, OpenFlags::default() & !OpenFlags::SQLITE_OPEN_CREATE)
 }
 
 /// A read-only connection for one query while a writing connection is open.
 pub(super) fn open_reader(path: &Path) -> Result<Connection, StoreFault> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
-    connection.busy_timeout(WRITER_TIMEOUT)?;
+    connection.busy_timeout(JOURNAL_BUSY_TIMEOUT)?;
     checksum::add_checksum_function(&connection)?;
     Ok(connection)
 }
 
 /// Opens a journal or an empty file, and returns its format. When the connection is closed, SQLite would copy
 /// the log of a killed process into the database; this is disabled until the file is accepted.
-fn open_unchanged(path: &Path, flags: OpenFlags) -> Result<(Connection, i64), StoreFault> {
+fn open_and_identify_format(path: &Path, flags: OpenFlags) -> Result<(Connection, i64), StoreFault> {
     let mut log = path.as_os_str().to_owned();
     log.push("-wal");
     let has_log = fs::metadata(log).is_ok_and(|log| log.len() > 0);
     let connection = Connection::open_with_flags(path, flags)?;
-    connection.busy_timeout(WRITER_TIMEOUT)?;
+    connection.busy_timeout(JOURNAL_BUSY_TIMEOUT)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, has_log)?;
     checksum::add_checksum_function(&connection)?;
-    let format = retry_while_busy(WRITER_TIMEOUT, || identity::identify_format(&connection))?;
+    let format = retry_while_busy(JOURNAL_BUSY_TIMEOUT, || format_identification::identify_format(&connection))?;
     Ok((connection, format))
 }
 
-fn journal_mode(connection: &Connection, mode: &str) -> Result<String, StoreFault> {
+fn set_journal_mode(connection: &Connection, mode: &str) -> Result<String, StoreFault> {
     Ok(connection.pragma_update_and_check(None, "journal_mode", mode, |row| row.get(0))?)
 }
 

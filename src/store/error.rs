@@ -29,7 +29,7 @@ pub enum StoreFault {
     #[error("another program has locked the file")]
     Locked,
     #[error("the disk reports an error: {0}")]
-    Disk(String),
+    DiskError(String),
     #[error("the file is damaged: {0}")]
     Damaged(String),
     #[error("the file is not a journal of trued (application id {mark}, version {format})")]
@@ -57,7 +57,7 @@ pub enum StoreFault {
 }
 
 impl StoreError {
-    pub(super) fn at(path: &Path) -> impl Fn(StoreFault) -> StoreError + '_ {
+    pub(super) fn from_fault_at(path: &Path) -> impl Fn(StoreFault) -> StoreError + '_ {
         move |fault| StoreError { path: path.to_owned(), fault }
     }
 
@@ -71,7 +71,7 @@ impl StoreError {
                 "grant this user write permission, or choose another directory with --state"
             }
             StoreFault::Locked => "close the other program that uses this journal, then start again",
-            StoreFault::Disk(_) => "copy the journal to another disk, and check the faulty disk",
+            StoreFault::DiskError(_) => "copy the journal to another disk, and check the faulty disk",
             StoreFault::Damaged(_) => {
                 "keep the damaged file; continue with the newest backup or a new journal in another directory with --state; `sqlite3 FILE .recover` may recover rows"
             }
@@ -122,7 +122,7 @@ impl From<io::Error> for StoreFault {
         match error.kind() {
             ErrorKind::StorageFull => StoreFault::DiskFull,
             // EIO has no `ErrorKind`.
-            _ if error.raw_os_error() == Some(EIO) => StoreFault::Disk(error.to_string()),
+            _ if error.raw_os_error() == Some(EIO) => StoreFault::DiskError(error.to_string()),
             _ => StoreFault::Io(error),
         }
     }
@@ -134,7 +134,7 @@ impl From<rusqlite::Error> for StoreFault {
             Some(ErrorCode::DiskFull) => StoreFault::DiskFull,
             Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied | ErrorCode::CannotOpen) => StoreFault::ReadOnly,
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => StoreFault::Locked,
-            Some(ErrorCode::SystemIoFailure) => StoreFault::Disk(error.to_string()),
+            Some(ErrorCode::SystemIoFailure) => StoreFault::DiskError(error.to_string()),
             Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => StoreFault::Damaged(error.to_string()),
             _ => match error {
                 rusqlite::Error::FromSqlConversionFailure(..)

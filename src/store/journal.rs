@@ -14,8 +14,8 @@ use tokio::sync::oneshot;
 
 use super::durable_dir::{self, JOURNAL_FILE_NAME};
 use super::{
-    MachineLock, MeasuredRun, NewRun, RunId, RunProgress, RunState, RunSummary, Signature, StoreError, StoreFault,
-    StoredRun,
+    FinishedRunResult, MachineLock, NewRun, RunId, RunProgress, RunState, RunSummary, Signature, StoreError,
+    StoreFault, StoredRun,
 };
 use super::{connection, read, scan, signature, write};
 use machine::record::estimate::Estimate;
@@ -28,8 +28,8 @@ type WriterJob = Box<dyn FnOnce(&mut Connection) + Send>;
 /// The journal of one state directory. Dropping it first completes all submitted jobs.
 pub struct Journal {
     path: PathBuf,
-    jobs: Option<mpsc::Sender<WriterJob>>,
-    writer: Option<JoinHandle<()>>,
+    job_sender: Option<mpsc::Sender<WriterJob>>,
+    writer_thread: Option<JoinHandle<()>>,
 }
 
 /// Result of a job, available once the job is durable or has failed: `.await` it in async code, use
@@ -37,14 +37,14 @@ pub struct Journal {
 #[must_use = "the job is durable only after the result is received"]
 pub struct PendingWrite<T> {
     path: PathBuf,
-    result: oneshot::Receiver<Result<T, StoreFault>>,
+    result_receiver: oneshot::Receiver<Result<T, StoreFault>>,
 }
 
 impl<T> PendingWrite<T> {
     /// Blocks this thread until the result is available. Async code must use `.await` instead.
     pub fn wait(self) -> Result<T, StoreError> {
-        let result = self.result.blocking_recv();
-        result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::at(&self.path))
+        let result = self.result_receiver.blocking_recv();
+        result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::from_fault_at(&self.path))
     }
 }
 
@@ -52,8 +52,9 @@ impl<T> Future for PendingWrite<T> {
     type Output = Result<T, StoreError>;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
-        let result = Pin::new(&mut self.result).poll(context);
-        result.map(|result| result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::at(&self.path)))
+        let result = Pin::new(&mut self.result_receiver).poll(context);
+        result
+            .map(|result| result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::from_fault_at(&self.path)))
     }
 }
 
@@ -62,7 +63,7 @@ impl Journal {
     /// journal of an older version is kept beside it. A file is refused and not changed if it is no journal, or
     /// if its heads of runs, audit log, armings or schedules are damaged.
     pub fn open(dir: &Path) -> Result<Self, StoreError> {
-        Self::open_timed(dir, |_| {})
+        Self::open_with_job_callback(dir, |_| {})
     }
 
     /// The state directory.
@@ -71,12 +72,19 @@ impl Journal {
     }
 
     /// As [`Self::open`]; `on_job_done` is called on the writer's thread with the duration of each job.
-    pub fn open_timed(dir: &Path, on_job_done: impl Fn(Duration) + Send + 'static) -> Result<Self, StoreError> {
+    pub fn open_with_job_callback(
+        dir: &Path,
+        on_job_done: impl Fn(Duration) + Send + 'static,
+    ) -> Result<Self, StoreError> {
         let path = dir.join(JOURNAL_FILE_NAME);
-        Self::start(dir, &path, on_job_done).map_err(StoreError::at(&path))
+        Self::open_and_spawn_writer(dir, &path, on_job_done).map_err(StoreError::from_fault_at(&path))
     }
 
-    fn start(dir: &Path, path: &Path, on_job_done: impl Fn(Duration) + Send + 'static) -> Result<Self, StoreFault> {
+    fn open_and_spawn_writer(
+        dir: &Path,
+        path: &Path,
+        on_job_done: impl Fn(Duration) + Send + 'static,
+    ) -> Result<Self, StoreFault> {
         durable_dir::create_dir_durably(dir)?;
         let connection = connection::open_writer(path)?;
         // SQLite syncs the directory as well, but ignores an error.
@@ -84,8 +92,8 @@ impl Journal {
         let (jobs, job_queue) = mpsc::channel();
         let writer = thread::Builder::new()
             .name("journal".to_owned())
-            .spawn(move || run_writer(connection, &job_queue, on_job_done))?;
-        Ok(Self { path: path.to_owned(), jobs: Some(jobs), writer: Some(writer) })
+            .spawn(move || execute_writer_jobs(connection, &job_queue, on_job_done))?;
+        Ok(Self { path: path.to_owned(), job_sender: Some(jobs), writer_thread: Some(writer) })
     }
 
     /// Adds a run in state `running`, with this program's version and the hashes of its inputs.
@@ -135,30 +143,30 @@ impl Journal {
 
     /// Marks the runs that a dead process left `running`. Holding the machine's lock proves that the process is
     /// dead.
-    pub fn mark_interrupted(&self, lock: &MachineLock) -> PendingWrite<Vec<RunId>> {
+    pub fn mark_running_runs_interrupted(&self, lock: &MachineLock) -> PendingWrite<Vec<RunId>> {
         let machine = lock.machine().to_owned();
         self.submit_job(move |connection| write::mark_interrupted(connection, &machine))
     }
 
     /// All runs, oldest first.
     pub fn runs(&self) -> Result<Vec<RunSummary>, StoreError> {
-        self.query(|connection| read::select_runs(connection))
+        self.query(|connection| read::select_all_runs(connection))
     }
 
-    /// The newest finished run of `method` on `machine`.
-    pub fn newest_run_of(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
-        self.query(|connection| read::newest_run_of(connection, machine, method))
+    /// The newest finished run of `method` on `machine`; it has an estimate.
+    pub fn newest_run_with_estimate(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
+        self.query(|connection| read::newest_run_with_estimate(connection, machine, method))
     }
 
-    /// Calls `visit` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
-    /// first.
-    pub fn visit_measured_runs(
+    /// Calls `visit` with the last estimate of each of the newest `runs_per_method` finished runs of each method on
+    /// `machine`, oldest first.
+    pub fn visit_finished_run_results(
         &self,
         machine: &str,
-        newest: u32,
-        visit: impl FnMut(MeasuredRun),
+        runs_per_method: u32,
+        visit: impl FnMut(FinishedRunResult),
     ) -> Result<(), StoreError> {
-        self.query(|connection| read::visit_measured_runs(connection, machine, newest, visit))
+        self.query(|connection| read::visit_finished_run_results(connection, machine, runs_per_method, visit))
     }
 
     /// All data of one run, as of one instant.
@@ -177,7 +185,7 @@ impl Journal {
     ) -> Result<T, StoreError> {
         connection::open_reader(&self.path)
             .and_then(|mut connection| read(&mut connection))
-            .map_err(StoreError::at(&self.path))
+            .map_err(StoreError::from_fault_at(&self.path))
     }
 
     pub(super) fn submit_job<T: Send + 'static>(
@@ -187,23 +195,27 @@ impl Journal {
         let (sender, receiver) = oneshot::channel();
         let job: WriterJob = Box::new(move |connection| drop(sender.send(job(connection))));
         // A refused job drops its sender; the caller gets `WriterEnded`.
-        if let Some(jobs) = &self.jobs {
+        if let Some(jobs) = &self.job_sender {
             let _ = jobs.send(job);
         }
-        PendingWrite { path: self.path.clone(), result: receiver }
+        PendingWrite { path: self.path.clone(), result_receiver: receiver }
     }
 }
 
 impl Drop for Journal {
     fn drop(&mut self) {
-        drop(self.jobs.take());
-        if let Some(writer) = self.writer.take() {
+        drop(self.job_sender.take());
+        if let Some(writer) = self.writer_thread.take() {
             let _ = writer.join();
         }
     }
 }
 
-fn run_writer(mut connection: Connection, job_queue: &mpsc::Receiver<WriterJob>, on_job_done: impl Fn(Duration)) {
+fn execute_writer_jobs(
+    mut connection: Connection,
+    job_queue: &mpsc::Receiver<WriterJob>,
+    on_job_done: impl Fn(Duration),
+) {
     while let Ok(job) = job_queue.recv() {
         let began = Instant::now();
         job(&mut connection);

@@ -21,13 +21,13 @@ pub struct LockHolder {
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     #[error("machine `{machine}` is in use{}", holder_text(holder.as_ref()))]
-    Held {
+    MachineInUse {
         machine: String,
         /// `None` in the moment before the other process has written its data.
         holder: Option<LockHolder>,
     },
     #[error("the lock file {path} of the machine cannot be opened or locked: {source}", path = path.display())]
-    Unavailable { path: PathBuf, source: io::Error },
+    LockFileUnavailable { path: PathBuf, source: io::Error },
 }
 
 fn holder_text(holder: Option<&LockHolder>) -> String {
@@ -38,8 +38,8 @@ impl LockError {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> &'static str {
         match self {
-            Self::Held { .. } => "wait for that run to end, or stop it, then start again",
-            Self::Unavailable { source, .. } => match source.kind() {
+            LockError::MachineInUse { .. } => "wait for that run to end, or stop it, then start again",
+            LockError::LockFileUnavailable { source, .. } => match source.kind() {
                 ErrorKind::StorageFull => "free space on the disk of the lock file, then start again",
                 ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
                     "grant this user write permission, or choose another directory with --state"
@@ -61,17 +61,17 @@ impl MachineLock {
     /// Locks the machine named `machine` for this process without waiting.
     ///
     /// # Errors
-    /// [`LockError::Held`] with the holder.
+    /// [`LockError::MachineInUse`] with the holder.
     pub fn acquire(state_dir: &Path, machine: &str) -> Result<Self, LockError> {
         let path = state_dir.join("locks").join(lock_file_name(machine));
-        let unavailable = |source| LockError::Unavailable { path: path.clone(), source };
+        let unavailable = |source| LockError::LockFileUnavailable { path: path.clone(), source };
         let file = open_lock_file(&path).map_err(unavailable)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let content = fs::read(&path).map_err(unavailable)?;
                 let holder = serde_json::from_slice(&content).ok();
-                return Err(LockError::Held { machine: machine.to_owned(), holder });
+                return Err(LockError::MachineInUse { machine: machine.to_owned(), holder });
             }
             Err(TryLockError::Error(source)) => return Err(unavailable(source)),
         }

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 
 use super::schema::{CURRENT_FORMAT, MIGRATIONS, format_version};
-use super::{StoreFault, checksum, identity, snapshot};
+use super::{StoreFault, checksum, format_identification, verified_copy};
 
 /// Migrates the tables in one transaction, also when several processes try at once. The old journal is kept.
 pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreFault> {
@@ -22,25 +22,25 @@ pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), St
         return Ok(());
     }
     if found > 0 {
-        keep_old_version(path, found)?;
+        copy_journal_before_migration(path, found)?;
     }
     for migration in missing {
         transaction.execute_batch(migration)?;
     }
     checksum::compute_all_checksums(&transaction)?;
-    identity::mark_format(&transaction, CURRENT_FORMAT)?;
+    format_identification::write_application_id_and_format(&transaction, CURRENT_FORMAT)?;
     Ok(transaction.commit()?)
 }
 
 /// Copies the journal at `path` in version `found`, before the migration, to a file beside it.
-fn keep_old_version(path: &Path, found: i64) -> Result<(), StoreFault> {
+fn copy_journal_before_migration(path: &Path, found: i64) -> Result<(), StoreFault> {
     let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
     let source = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
     // A process that was killed during a migration may have made a copy within the same second.
     for number in 1.. {
         let number = if number == 1 { String::new() } else { format!("-{number}") };
         let kept = path.with_file_name(format!("journal-v{found}-{now}{number}.sqlite"));
-        match snapshot::copy_verified(&source, &kept, |_| Ok(())) {
+        match verified_copy::copy_verified(&source, &kept, |_| Ok(())) {
             Err(StoreFault::FileExists) => {}
             ended => return ended,
         }

@@ -17,7 +17,7 @@ mod columns;
 mod connection;
 mod durable_dir;
 mod error;
-mod identity;
+mod format_identification;
 mod journal;
 mod lock;
 mod migration;
@@ -28,10 +28,10 @@ mod scan;
 mod schedule;
 mod schema;
 mod signature;
-mod snapshot;
 mod state_dir;
 #[cfg(test)]
 mod tests;
+mod verified_copy;
 mod write;
 
 pub use audit::{AuditEntry, StoredAuditEntry};
@@ -39,7 +39,7 @@ pub use backup::{BackupContent, backup};
 pub use error::{StoreError, StoreFault};
 pub use journal::{Journal, PendingWrite};
 pub use lock::{LockError, LockHolder, MachineLock};
-pub use run_lists::{LatestResult, NewestRuns, RunFilter};
+pub use run_lists::{NewestMeasuredRuns, NewestRunResult, RunFilter};
 pub use schedule::{Arming, ScheduleSlot, SlotOutcome};
 pub use signature::Signature;
 pub use state_dir::state_dir;
@@ -104,7 +104,7 @@ impl RunState {
 #[derive(Debug, Clone)]
 pub struct NewRun {
     /// Text of the machine file as it was read.
-    pub config: String,
+    pub machine_file_text: String,
     /// Plan with the steps known so far; usually none.
     pub plan: Plan,
 }
@@ -132,7 +132,7 @@ pub struct RunSummary {
 pub struct StoredRun {
     pub summary: RunSummary,
     /// Text of the machine file as it was read.
-    pub config: String,
+    pub machine_file_text: String,
     pub plan: Plan,
     /// Stages in the order in which they were started.
     pub stages: Vec<Stage>,
@@ -140,7 +140,7 @@ pub struct StoredRun {
     pub readings: Vec<Reading>,
     /// Time at which the last reading was acknowledged; `None` without readings, or if an older version stored
     /// them.
-    pub measured_until: Option<Timestamp>,
+    pub last_reading_stored_at: Option<Timestamp>,
     pub events: Vec<(Timestamp, Event)>,
     /// Estimates, oldest first; the last one is valid.
     pub estimates: Vec<StoredEstimate>,
@@ -155,7 +155,7 @@ pub struct RunProgress {
     pub plan: Plan,
     pub stages: Vec<Stage>,
     /// Step and repeat of each stored touch and scan.
-    pub stored_readings: Vec<(u32, u32)>,
+    pub stored_steps_and_repeats: Vec<(u32, u32)>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -168,7 +168,7 @@ pub struct StoredEstimate {
 
 /// Result of a finished run from its last estimate.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredRun {
+pub struct FinishedRunResult {
     pub run: RunId,
     pub started: Timestamp,
     pub method: String,

@@ -3,8 +3,8 @@
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
 
-use super::columns::{damaged_column, from_json, parse_column, run_rows};
-use super::{MeasuredRun, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun};
+use super::columns::{damaged_column_error, parse_json_column, parse_text_column, select_rows_of_run};
+use super::{FinishedRunResult, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun};
 use super::{checksum, scan, signature};
 use machine::Axis;
 use machine::record::estimate::Parameter;
@@ -13,7 +13,7 @@ use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
 /// Index of the column with a scan's samples.
-const SAMPLES_COLUMN: usize = 14;
+const SAMPLES_COLUMN_INDEX: usize = 14;
 pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, machine,
                               CASE WHEN state = 'finished' AND NOT EXISTS
                                        (SELECT 1 FROM estimates WHERE run = runs.id)
@@ -29,13 +29,17 @@ pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, 
 pub(super) const SELECT_READINGS: &str = "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
             x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
 
-pub(super) fn select_runs(connection: &Connection) -> Result<Vec<RunSummary>, StoreFault> {
+pub(super) fn select_all_runs(connection: &Connection) -> Result<Vec<RunSummary>, StoreFault> {
     let mut statement = connection.prepare(&format!("{SELECT_RUN_SUMMARY} ORDER BY id"))?;
-    let rows = statement.query_map([], summary_from_row)?.collect::<Result<Vec<_>, _>>()?;
+    let rows = statement.query_map([], run_summary_from_row)?.collect::<Result<Vec<_>, _>>()?;
     Ok(rows)
 }
 
-pub(super) fn newest_run_of(connection: &Connection, machine: &str, method: &str) -> Result<Option<RunId>, StoreFault> {
+pub(super) fn newest_run_with_estimate(
+    connection: &Connection,
+    machine: &str,
+    method: &str,
+) -> Result<Option<RunId>, StoreFault> {
     let text = "SELECT max(id) FROM runs WHERE machine = ?1 AND method = ?2 AND state = ?3
                 AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id)";
     let of = params![machine, method, RunState::Finished.as_str()];
@@ -43,13 +47,13 @@ pub(super) fn newest_run_of(connection: &Connection, machine: &str, method: &str
     Ok(id.map(RunId))
 }
 
-/// Calls `visit` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
-/// first. Only one estimate is in memory at a time, as the journal covers years.
-pub(super) fn visit_measured_runs(
+/// Calls `visit` with the last estimate of each of the newest `runs_per_method` finished runs of each method on
+/// `machine`, oldest first. Only one estimate is in memory at a time, as the journal covers years.
+pub(super) fn visit_finished_run_results(
     connection: &Connection,
     machine: &str,
-    newest: u32,
-    mut visit: impl FnMut(MeasuredRun),
+    runs_per_method: u32,
+    mut visit: impl FnMut(FinishedRunResult),
 ) -> Result<(), StoreFault> {
     let finished = RunState::Finished.as_str();
     let mut newest_first = connection.prepare(
@@ -58,7 +62,7 @@ pub(super) fn visit_measured_runs(
                          AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id))
          WHERE age <= ?3 ORDER BY id",
     )?;
-    let ids = newest_first.query_map(params![machine, finished, newest], |row| row.get(0))?;
+    let ids = newest_first.query_map(params![machine, finished, runs_per_method], |row| row.get(0))?;
     // One query for each run: a single sorted query would hold all estimates in memory.
     let mut one = connection.prepare(
         "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}')
@@ -68,24 +72,24 @@ pub(super) fn visit_measured_runs(
     let ids = ids.collect::<Result<Vec<i64>, _>>()?;
     checksum::verify_estimates(connection, &ids)?;
     for id in ids {
-        visit(one.query_row([id], measured_run)?);
+        visit(one.query_row([id], finished_run_result_from_row)?);
     }
     Ok(())
 }
 
-fn measured_run(row: &Row<'_>) -> rusqlite::Result<MeasuredRun> {
+fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<FinishedRunResult> {
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct EstimateValues {
         parameters: Vec<Parameter>,
     }
-    let EstimateValues { parameters } = from_json(row, 3)?;
-    Ok(MeasuredRun {
+    let EstimateValues { parameters } = parse_json_column(row, 3)?;
+    Ok(FinishedRunResult {
         run: RunId(row.get(0)?),
-        started: parse_column(row, 1)?,
+        started: parse_text_column(row, 1)?,
         method: row.get(2)?,
         parameters,
-        temperatures_c: from_json(row, 4)?,
+        temperatures_c: parse_json_column(row, 4)?,
     })
 }
 
@@ -95,28 +99,28 @@ pub(super) fn load_run(connection: &mut Connection, run: RunId) -> Result<Stored
     checksum::verify_run(&snapshot, run)?;
     let (summary, config) = snapshot
         .query_row(&format!("{SELECT_RUN_SUMMARY} WHERE id = ?1"), [run.0], |row| {
-            Ok((summary_from_row(row)?, row.get(9)?))
+            Ok((run_summary_from_row(row)?, row.get(9)?))
         })
         .optional()?
         .ok_or(StoreFault::RunNotFound(run))?;
     Ok(StoredRun {
         summary,
-        config,
+        machine_file_text: config,
         plan: load_plan(&snapshot, run)?,
-        stages: run_rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
-        readings: run_rows(&snapshot, SELECT_READINGS, run, readings_from_row)?.concat(),
-        measured_until: snapshot
+        stages: select_rows_of_run(&snapshot, "SELECT stage FROM stages", run, |row| parse_json_column(row, 0))?,
+        readings: select_rows_of_run(&snapshot, SELECT_READINGS, run, readings_from_row)?.concat(),
+        last_reading_stored_at: snapshot
             .query_row(
                 "SELECT kept FROM readings WHERE run = ?1 AND kept IS NOT NULL
                  ORDER BY seq DESC LIMIT 1",
                 [run.0],
-                |row| parse_column(row, 0),
+                |row| parse_text_column(row, 0),
             )
             .optional()?,
-        events: run_rows(&snapshot, "SELECT at, event FROM events", run, |row| {
-            Ok((parse_column(row, 0)?, from_json(row, 1)?))
+        events: select_rows_of_run(&snapshot, "SELECT at, event FROM events", run, |row| {
+            Ok((parse_text_column(row, 0)?, parse_json_column(row, 1)?))
         })?,
-        estimates: run_rows(
+        estimates: select_rows_of_run(
             &snapshot,
             "SELECT made, estimate, sha256, program_version FROM estimates",
             run,
@@ -129,9 +133,9 @@ pub(super) fn load_run(connection: &mut Connection, run: RunId) -> Result<Stored
 pub(super) fn load_progress(connection: &mut Connection, run: RunId) -> Result<RunProgress, StoreFault> {
     let snapshot = connection.transaction()?;
     Ok(RunProgress {
-        plan: plan_without_gaps(&snapshot, run)?,
-        stages: run_rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
-        stored_readings: run_rows(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
+        plan: load_plan_without_interruptions(&snapshot, run)?,
+        stages: select_rows_of_run(&snapshot, "SELECT stage FROM stages", run, |row| parse_json_column(row, 0))?,
+        stored_steps_and_repeats: select_rows_of_run(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
             Ok((row.get(0)?, row.get(1)?))
         })?,
     })
@@ -139,22 +143,23 @@ pub(super) fn load_progress(connection: &mut Connection, run: RunId) -> Result<R
 
 /// The plan so far, with the interruptions so far.
 pub(super) fn load_plan(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {
-    Ok(Plan { gaps_s: gap_times(connection, run)?, ..plan_without_gaps(connection, run)? })
+    Ok(Plan { gaps_s: interruption_times_s(connection, run)?, ..load_plan_without_interruptions(connection, run)? })
 }
 
-fn plan_without_gaps(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {
+fn load_plan_without_interruptions(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {
     let mut plan: Plan = connection
-        .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| from_json(row, 0))
+        .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| parse_json_column(row, 0))
         .optional()?
         .ok_or(StoreFault::RunNotFound(run))?;
     let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
-    plan.steps = statement.query_map([run.0], |row| from_json(row, 0))?.collect::<Result<_, _>>()?;
+    plan.steps = statement.query_map([run.0], |row| parse_json_column(row, 0))?.collect::<Result<_, _>>()?;
     Ok(plan)
 }
 
 /// Times of the run's interruptions on the readings' clock, each once.
-fn gap_times(connection: &Connection, run: RunId) -> Result<Vec<f64>, StoreFault> {
-    let events = run_rows(connection, "SELECT event FROM events", run, |row| from_json::<Event>(row, 0))?;
+fn interruption_times_s(connection: &Connection, run: RunId) -> Result<Vec<f64>, StoreFault> {
+    let events =
+        select_rows_of_run(connection, "SELECT event FROM events", run, |row| parse_json_column::<Event>(row, 0))?;
     let mut gaps: Vec<f64> = events
         .into_iter()
         .filter_map(|event| match event {
@@ -166,15 +171,16 @@ fn gap_times(connection: &Connection, run: RunId) -> Result<Vec<f64>, StoreFault
     Ok(gaps)
 }
 
-pub(super) fn summary_from_row(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
+pub(super) fn run_summary_from_row(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
     let state: String = row.get(5)?;
     Ok(RunSummary {
         id: RunId(row.get(0)?),
-        started: parse_column(row, 1)?,
-        ended: row.get::<_, Option<String>>(2)?.map(|_| parse_column(row, 2)).transpose()?,
+        started: parse_text_column(row, 1)?,
+        ended: row.get::<_, Option<String>>(2)?.map(|_| parse_text_column(row, 2)).transpose()?,
         method: row.get(3)?,
         machine: row.get(4)?,
-        state: RunState::parse(&state).ok_or_else(|| damaged_column(5, format!("unknown state `{state}`").into()))?,
+        state: RunState::parse(&state)
+            .ok_or_else(|| damaged_column_error(5, format!("unknown state `{state}`").into()))?,
         program_version: row.get(6)?,
         config_sha256: row.get(7)?,
         plan_sha256: row.get(8)?,
@@ -184,10 +190,12 @@ pub(super) fn summary_from_row(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
 
 /// The readings of a row: a touch, or all samples of a scan.
 pub(super) fn readings_from_row(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>> {
-    let (head, samples) = (reading_from_row(row)?, row.get::<_, Option<String>>(SAMPLES_COLUMN)?);
+    let (head, samples) = (reading_from_row(row)?, row.get::<_, Option<String>>(SAMPLES_COLUMN_INDEX)?);
     match samples {
         None => Ok(vec![head]),
-        Some(text) => scan::parse_samples(&head, &text).map_err(|error| damaged_column(SAMPLES_COLUMN, error.into())),
+        Some(text) => {
+            scan::parse_samples(&head, &text).map_err(|error| damaged_column_error(SAMPLES_COLUMN_INDEX, error.into()))
+        }
     }
 }
 
@@ -199,8 +207,8 @@ fn reading_from_row(row: &Row<'_>) -> rusqlite::Result<Reading> {
         value_mm: row.get(2)?,
         sensor: row.get(3)?,
         t_s: row.get(4)?,
-        flag: parse_column(row, 5)?,
-        temperatures_c: from_json(row, 6)?,
+        flag: parse_text_column(row, 5)?,
+        temperatures_c: parse_json_column(row, 6)?,
     };
     for (column, axis) in (7..).zip(Axis::ALL) {
         if let Some(value) = row.get(column)? {
@@ -212,8 +220,8 @@ fn reading_from_row(row: &Row<'_>) -> rusqlite::Result<Reading> {
 
 fn estimate_from_row(row: &Row<'_>) -> rusqlite::Result<StoredEstimate> {
     Ok(StoredEstimate {
-        created: parse_column(row, 0)?,
-        estimate: from_json(row, 1)?,
+        created: parse_text_column(row, 0)?,
+        estimate: parse_json_column(row, 1)?,
         sha256: row.get(2)?,
         program_version: row.get(3)?,
     })

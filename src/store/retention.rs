@@ -13,8 +13,8 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn runs_with_expired_samples(&self, before: Timestamp) -> Result<Vec<RunId>, StoreError> {
-        self.query(|connection| runs_with_expired_samples(connection, before))
+    pub fn finished_runs_ended_before(&self, before: Timestamp) -> Result<Vec<RunId>, StoreError> {
+        self.query(|connection| finished_runs_ended_before(connection, before))
     }
 
     /// Removes the samples of `run`'s scans, one scan per transaction, so that a touch waits for one removal at
@@ -33,8 +33,8 @@ impl Journal {
     }
 }
 
-fn runs_with_expired_samples(connection: &Connection, before: Timestamp) -> Result<Vec<RunId>, StoreFault> {
-    let runs = read::select_runs(connection)?.into_iter();
+fn finished_runs_ended_before(connection: &Connection, before: Timestamp) -> Result<Vec<RunId>, StoreFault> {
+    let runs = read::select_all_runs(connection)?.into_iter();
     let old = runs.filter(|run| run.state == RunState::Finished && run.ended.is_some_and(|ended| ended < before));
     Ok(old.map(|run| run.id).collect())
 }

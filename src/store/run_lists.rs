@@ -22,7 +22,7 @@ pub struct RunFilter<'a> {
 
 /// Result of the newest finished run of a machine.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LatestResult {
+pub struct NewestRunResult {
     pub run: RunId,
     /// Time at which that run ended.
     pub ended: Timestamp,
@@ -32,11 +32,11 @@ pub struct LatestResult {
 
 /// The newest runs of a machine that were measured to their end.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct NewestRuns {
+pub struct NewestMeasuredRuns {
     /// Result of the newest run with an estimate.
-    pub result: Option<LatestResult>,
+    pub newest_result: Option<NewestRunResult>,
     /// The newest run without an estimate, if it is newer than `result`.
-    pub not_identified: Option<RunId>,
+    pub newer_run_without_estimate: Option<RunId>,
 }
 
 impl Journal {
@@ -45,27 +45,32 @@ impl Journal {
     /// # Errors
     /// The journal cannot be read.
     pub fn list_runs(&self, filter: RunFilter<'_>, limit: usize) -> Result<Vec<RunSummary>, StoreError> {
-        self.query(|connection| select_runs(connection, filter, limit))
+        self.query(|connection| select_filtered_runs(connection, filter, limit))
     }
 
-    /// Number of readings of a run, and at most `limit` of them after the first `after`.
+    /// Number of readings of a run, and at most `limit` of them after the first `skipped_count`.
     ///
     /// # Errors
     /// The run does not exist, or the journal cannot be read.
-    pub fn list_readings(&self, run: RunId, after: usize, limit: usize) -> Result<(usize, Vec<Reading>), StoreError> {
-        self.query(|connection| select_readings(connection, run, after, limit))
+    pub fn count_and_list_readings(
+        &self,
+        run: RunId,
+        skipped_count: usize,
+        limit: usize,
+    ) -> Result<(usize, Vec<Reading>), StoreError> {
+        self.query(|connection| count_and_select_readings(connection, run, skipped_count, limit))
     }
 
     /// The newest runs of `machine` that were measured to their end, as of one instant.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn newest_results(&self, machine: &str) -> Result<NewestRuns, StoreError> {
+    pub fn newest_measured_runs(&self, machine: &str) -> Result<NewestMeasuredRuns, StoreError> {
         self.query(|connection| {
             let snapshot = connection.transaction()?;
             let result = newest_result(&snapshot, machine)?;
-            let newer = select_not_identified(&snapshot, machine, result.as_ref().map(|it| it.run))?;
-            Ok(NewestRuns { result, not_identified: newer.last().copied() })
+            let newer = select_measured_runs_without_estimate(&snapshot, machine, result.as_ref().map(|it| it.run))?;
+            Ok(NewestMeasuredRuns { newest_result: result, newer_run_without_estimate: newer.last().copied() })
         })
     }
 
@@ -73,12 +78,16 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn runs_without_estimate(&self, machine: &str) -> Result<Vec<RunId>, StoreError> {
-        self.query(|connection| select_not_identified(connection, machine, None))
+    pub fn measured_runs_without_estimate(&self, machine: &str) -> Result<Vec<RunId>, StoreError> {
+        self.query(|connection| select_measured_runs_without_estimate(connection, machine, None))
     }
 }
 
-fn select_runs(connection: &Connection, filter: RunFilter<'_>, limit: usize) -> Result<Vec<RunSummary>, StoreFault> {
+fn select_filtered_runs(
+    connection: &Connection,
+    filter: RunFilter<'_>,
+    limit: usize,
+) -> Result<Vec<RunSummary>, StoreFault> {
     let RunFilter { older_than: before, newer_than: after, machine, method, state } = filter;
     let is_ascending = after.is_some() && before.is_none();
     let order = if is_ascending { "ASC" } else { "DESC" };
@@ -91,7 +100,7 @@ fn select_runs(connection: &Connection, filter: RunFilter<'_>, limit: usize) -> 
     let [before, after] = [before, after].map(|run| run.map(|run| run.0));
     let limit = i64::try_from(limit).unwrap_or(i64::MAX);
     let filter = params![before, after, machine, method, state.map(RunState::as_str), limit];
-    let rows = statement.query_map(filter, read::summary_from_row)?;
+    let rows = statement.query_map(filter, read::run_summary_from_row)?;
     let mut runs = rows.collect::<Result<Vec<_>, _>>()?;
     if is_ascending {
         runs.reverse();
@@ -100,31 +109,33 @@ fn select_runs(connection: &Connection, filter: RunFilter<'_>, limit: usize) -> 
 }
 
 /// A scan is one row with many readings: the rows are counted first, and only the requested ones are read.
-fn select_readings(
+fn count_and_select_readings(
     connection: &mut Connection,
     run: RunId,
-    after: usize,
+    skipped_count: usize,
     limit: usize,
 ) -> Result<(usize, Vec<Reading>), StoreFault> {
     let snapshot = connection.transaction()?;
     let there = snapshot.query_row("SELECT 1 FROM runs WHERE id = ?1", [run.0], |_| Ok(()));
     there.optional()?.ok_or(StoreFault::RunNotFound(run))?;
     let count = "SELECT seq, coalesce(json_array_length(samples), 1) FROM readings";
-    let counts: Vec<(i64, u32)> = columns::run_rows(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
+    let counts: Vec<(i64, u32)> =
+        columns::select_rows_of_run(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
     let mut one = snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::SELECT_READINGS))?;
-    let end = after.saturating_add(limit);
+    let end = skipped_count.saturating_add(limit);
     let (mut all, mut some) = (0, Vec::new());
     for (seq, count) in counts.into_iter().map(|(seq, count)| (seq, count as usize)) {
-        if all < end && all + count > after {
+        if all < end && all + count > skipped_count {
             let row = one.query_row(params![run.0, seq], read::readings_from_row)?;
-            some.extend(row.into_iter().skip(after.saturating_sub(all)).take(end - all.max(after)));
+            let skipped_in_row = skipped_count.saturating_sub(all);
+            some.extend(row.into_iter().skip(skipped_in_row).take(end - all.max(skipped_count)));
         }
         all += count;
     }
     Ok((all, some))
 }
 
-fn newest_result(connection: &Connection, machine: &str) -> Result<Option<LatestResult>, StoreFault> {
+fn newest_result(connection: &Connection, machine: &str) -> Result<Option<NewestRunResult>, StoreFault> {
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct EstimateSummary {
@@ -137,9 +148,9 @@ fn newest_result(connection: &Connection, machine: &str) -> Result<Option<Latest
          WHERE machine = ?1 AND state = ?2 ORDER BY runs.id DESC LIMIT 1",
         params![machine, RunState::Finished.as_str()],
         |row| {
-            let EstimateSummary { verdict, parameters } = columns::from_json(row, 2)?;
-            let (run, ended) = (RunId(row.get(0)?), columns::parse_column(row, 1)?);
-            Ok(LatestResult { run, ended, verdict, parameters })
+            let EstimateSummary { verdict, parameters } = columns::parse_json_column(row, 2)?;
+            let (run, ended) = (RunId(row.get(0)?), columns::parse_text_column(row, 1)?);
+            Ok(NewestRunResult { run, ended, verdict, parameters })
         },
     );
     let found = found.optional()?;
@@ -148,17 +159,17 @@ fn newest_result(connection: &Connection, machine: &str) -> Result<Option<Latest
     Ok(found)
 }
 
-fn select_not_identified(
+fn select_measured_runs_without_estimate(
     connection: &Connection,
     machine: &str,
-    after: Option<RunId>,
+    newer_than: Option<RunId>,
 ) -> Result<Vec<RunId>, StoreFault> {
     let mut statement = connection.prepare(
         "SELECT id FROM runs WHERE id > ?1 AND machine = ?2 AND state = ?3
          AND NOT EXISTS (SELECT 1 FROM estimates WHERE run = runs.id) ORDER BY id",
     )?;
-    let after = after.map_or(0, |run| run.0);
+    let newer_than = newer_than.map_or(0, |run| run.0);
     let finished = RunState::Finished.as_str();
-    let runs = statement.query_map(params![after, machine, finished], |row| row.get(0))?;
+    let runs = statement.query_map(params![newer_than, machine, finished], |row| row.get(0))?;
     Ok(runs.map(|id| id.map(RunId)).collect::<Result<_, _>>()?)
 }

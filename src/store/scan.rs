@@ -29,11 +29,11 @@ fn is_none(flag: &ReadingFlag) -> bool {
 pub(super) fn insert_scan(connection: &mut Connection, run: RunId, samples: &[Reading]) -> Result<(), StoreFault> {
     let Some(first) = samples.first() else { return Ok(()) };
     let what = || format!("the scan of step {}", first.step);
-    if !samples.iter().all(columns::all_finite) {
+    if !samples.iter().all(columns::has_only_finite_numbers) {
         return Err(StoreFault::NotFinite { what: what() });
     }
     let kept: Vec<StoredSample> = samples.iter().map(|sample| StoredSample::from_reading(sample, first)).collect();
-    let text = columns::to_json(&what(), &kept)?;
+    let text = columns::to_json_with_finite_numbers(&what(), &kept)?;
     connection
         .execute(
             "INSERT INTO readings (run, step, repeat, sensor, t_s, flag, temperatures_c, kept, samples)
@@ -44,7 +44,7 @@ pub(super) fn insert_scan(connection: &mut Connection, run: RunId, samples: &[Re
                 first.repeat,
                 first.sensor,
                 first.t_s,
-                columns::to_json(&what(), &first.temperatures_c)?,
+                columns::to_json_with_finite_numbers(&what(), &first.temperatures_c)?,
                 columns::now_text(),
                 text
             ],

@@ -66,14 +66,14 @@ pub struct ScheduleSlot {
 
 impl Journal {
     /// Replaces the arming of the cycle by `arming`, and adds an entry to the audit log.
-    pub fn arm(&self, arming: &Arming) -> PendingWrite<()> {
+    pub fn arm_cycle(&self, arming: &Arming) -> PendingWrite<()> {
         let arming = arming.clone();
         self.submit_job(move |connection| insert_arming(connection, &arming))
     }
 
     /// Ends the armings of `machine`, of one cycle or of all. Returns how many armings ended; each end is an
     /// entry in the audit log.
-    pub fn disarm(&self, machine: &str, cycle: Option<u16>, who: &str, why: &str) -> PendingWrite<usize> {
+    pub fn disarm_cycles(&self, machine: &str, cycle: Option<u16>, who: &str, why: &str) -> PendingWrite<usize> {
         let [machine, who, why] = [machine, who, why].map(str::to_owned);
         self.submit_job(move |connection| end_armings_audited(connection, &machine, cycle, &who, &why))
     }
@@ -82,8 +82,8 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn armings(&self, machine: &str) -> Result<Vec<Arming>, StoreError> {
-        self.query(|connection| select_armings(connection, machine))
+    pub fn last_arming_of_each_cycle(&self, machine: &str) -> Result<Vec<Arming>, StoreError> {
+        self.query(|connection| select_last_armings(connection, machine))
     }
 
     /// Names of all machines in the journal.
@@ -105,11 +105,11 @@ impl Journal {
     pub fn register_schedules(
         &self,
         machine: &str,
-        known: Vec<(String, String)>,
+        names_and_calendars: Vec<(String, String)>,
         now: Timestamp,
     ) -> PendingWrite<Vec<Timestamp>> {
         let machine = machine.to_owned();
-        self.submit_job(move |connection| replace_schedules(connection, &machine, &known, now))
+        self.submit_job(move |connection| replace_schedules(connection, &machine, &names_and_calendars, now))
     }
 
     /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. A missed slot may still
@@ -142,7 +142,7 @@ fn insert_arming(connection: &mut Connection, arming: &Arming) -> Result<(), Sto
         "UPDATE schedules SET seen = ?2 WHERE machine = ?1 AND seen > ?2",
         params![machine, slot_time_text(*armed)],
     )?;
-    audit_arming(&transaction, arming, format!("cycle {cycle} is armed until {until}"))?;
+    insert_arming_audit_entry(&transaction, arming, format!("cycle {cycle} is armed until {until}"))?;
     Ok(transaction.commit()?)
 }
 
@@ -158,7 +158,7 @@ fn end_armings_audited(
     let ended = end_armings(&transaction, machine, cycle, &reason)?;
     for arming in &ended {
         let arming = Arming { who: who.to_owned(), why: why.to_owned(), ..arming.clone() };
-        audit_arming(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
+        insert_arming_audit_entry(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
     }
     transaction.commit()?;
     Ok(ended.len())
@@ -171,7 +171,7 @@ fn end_armings(
     cycle: Option<u16>,
     why: &str,
 ) -> Result<Vec<Arming>, StoreFault> {
-    let all = select_armings(transaction, machine)?.into_iter();
+    let all = select_last_armings(transaction, machine)?.into_iter();
     let open = all.filter(|arming| arming.ended.is_none() && cycle.is_none_or(|cycle| cycle == arming.cycle));
     let open: Vec<Arming> = open.collect();
     transaction.execute(
@@ -182,12 +182,12 @@ fn end_armings(
     Ok(open)
 }
 
-fn audit_arming(transaction: &Transaction<'_>, arming: &Arming, what: String) -> Result<(), StoreFault> {
+fn insert_arming_audit_entry(transaction: &Transaction<'_>, arming: &Arming, what: String) -> Result<(), StoreFault> {
     let Arming { machine, who, why, .. } = arming.clone();
-    audit::insert_entry(transaction, &AuditEntry { who, what, why, machine, run: 0, outcome: "done".to_owned() })
+    audit::insert_audit_entry(transaction, &AuditEntry { who, what, why, machine, run: 0, outcome: "done".to_owned() })
 }
 
-fn select_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, StoreFault> {
+fn select_last_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, StoreFault> {
     let mut statement = connection.prepare(
         "SELECT cycle, who, why, armed, until, ended, ended_why, after_event FROM armings
          WHERE seq IN (SELECT max(seq) FROM armings WHERE machine = ?1 GROUP BY cycle)
@@ -195,7 +195,7 @@ fn select_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>,
     )?;
     let rows = statement.query_map([machine], |row| {
         let ended = match row.get::<_, Option<String>>(5)? {
-            Some(_) => Some((columns::parse_column(row, 5)?, row.get(6)?)),
+            Some(_) => Some((columns::parse_text_column(row, 5)?, row.get(6)?)),
             None => None,
         };
         let arming = Arming {
@@ -203,8 +203,8 @@ fn select_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>,
             cycle: row.get(0)?,
             who: row.get(1)?,
             why: row.get(2)?,
-            armed: columns::parse_column(row, 3)?,
-            until: columns::parse_column(row, 4)?,
+            armed: columns::parse_text_column(row, 3)?,
+            until: columns::parse_text_column(row, 4)?,
             ended,
             broken: None,
         };
@@ -212,13 +212,18 @@ fn select_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>,
     })?;
     rows.map(|row| {
         let (arming, after) = row?;
-        Ok(Arming { broken: broken_run(connection, machine, after)?, ..arming })
+        Ok(Arming { broken: first_run_broken_after_event(connection, machine, after)?, ..arming })
     })
     .collect()
 }
 
-/// Ordered by sequence number, not by a clock that may be set.
-fn broken_run(connection: &Connection, machine: &str, after: i64) -> Result<Option<RunId>, StoreFault> {
+/// The first run of `machine` that was held, failed or interrupted after the event `after_event`. Events are ordered
+/// by sequence number, not by a clock that may be set.
+fn first_run_broken_after_event(
+    connection: &Connection,
+    machine: &str,
+    after_event: i64,
+) -> Result<Option<RunId>, StoreFault> {
     let found = connection.query_row(
         "SELECT runs.id FROM runs WHERE machine = ?1 AND (
              state = 'interrupted'
@@ -227,7 +232,7 @@ fn broken_run(connection: &Connection, machine: &str, after: i64) -> Result<Opti
              OR id IN (SELECT run FROM events WHERE seq > ?2
                        AND json_extract(event, '$.event') IN ('held', 'faulted')))
          ORDER BY id LIMIT 1",
-        params![machine, after],
+        params![machine, after_event],
         |row| row.get(0).map(RunId),
     );
     Ok(found.optional()?)
@@ -236,21 +241,21 @@ fn broken_run(connection: &Connection, machine: &str, after: i64) -> Result<Opti
 fn replace_schedules(
     connection: &mut Connection,
     machine: &str,
-    known: &[(String, String)],
+    names_and_calendars: &[(String, String)],
     now: Timestamp,
 ) -> Result<Vec<Timestamp>, StoreFault> {
     let transaction = write::begin_transaction(connection)?;
-    let seen = known.iter().map(|(name, calendar)| {
+    let seen = names_and_calendars.iter().map(|(name, calendar)| {
         let seen = transaction.query_row(
             "SELECT seen FROM schedules WHERE machine = ?1 AND schedule = ?2 AND calendar = ?3",
             params![machine, name, calendar],
-            |row| columns::parse_column(row, 0),
+            |row| columns::parse_text_column(row, 0),
         );
-        Ok(seen.optional()?.unwrap_or_else(|| whole_second(now)))
+        Ok(seen.optional()?.unwrap_or_else(|| floor_to_whole_second(now)))
     });
     let seen = seen.collect::<Result<Vec<Timestamp>, StoreFault>>()?;
     transaction.execute("DELETE FROM schedules WHERE machine = ?1", [machine])?;
-    for ((name, calendar), seen) in known.iter().zip(&seen) {
+    for ((name, calendar), seen) in names_and_calendars.iter().zip(&seen) {
         transaction.execute(
             "INSERT INTO schedules (machine, schedule, calendar, seen) VALUES (?1, ?2, ?3, ?4)",
             params![machine, name, calendar, slot_time_text(*seen)],
@@ -298,12 +303,12 @@ fn slot_from_row(machine: &str, row: &Row<'_>) -> rusqlite::Result<ScheduleSlot>
     Ok(ScheduleSlot {
         machine: machine.to_owned(),
         schedule: row.get(0)?,
-        at: columns::parse_column(row, 1)?,
+        at: columns::parse_text_column(row, 1)?,
         cycle: row.get(2)?,
         outcome: SlotOutcome::ALL
             .into_iter()
             .find(|known| known.as_str() == outcome)
-            .ok_or_else(|| columns::damaged_column(3, format!("unknown outcome `{outcome}`").into()))?,
+            .ok_or_else(|| columns::damaged_column_error(3, format!("unknown outcome `{outcome}`").into()))?,
         why: row.get(4)?,
         run: row.get(5)?,
     })
@@ -311,9 +316,9 @@ fn slot_from_row(machine: &str, row: &Row<'_>) -> rusqlite::Result<ScheduleSlot>
 
 /// Slots are rounded down to whole seconds, so that the same instant gives the same text.
 fn slot_time_text(at: Timestamp) -> String {
-    whole_second(at).to_string()
+    floor_to_whole_second(at).to_string()
 }
 
-fn whole_second(at: Timestamp) -> Timestamp {
+fn floor_to_whole_second(at: Timestamp) -> Timestamp {
     at.round(jiff::TimestampRound::new().smallest(Unit::Second).mode(jiff::RoundMode::Floor)).unwrap_or(at)
 }

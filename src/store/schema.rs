@@ -190,7 +190,7 @@ CREATE TRIGGER signatures_stand BEFORE UPDATE OF seq, run, at, who, remark, esti
 ];
 
 /// An empty journal of format `format`, in memory.
-pub(super) fn empty_journal(format: i64) -> Result<Connection, StoreFault> {
+pub(super) fn empty_journal_in_memory(format: i64) -> Result<Connection, StoreFault> {
     let connection = Connection::open_in_memory()?;
     for (migration, _) in MIGRATIONS.iter().zip(0..format) {
         connection.execute_batch(migration)?;

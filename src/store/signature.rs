@@ -33,8 +33,8 @@ pub(super) fn insert_signature(
 /// Signatures of `run`, oldest first.
 pub(super) fn run_signatures(connection: &Connection, run: RunId) -> Result<Vec<(Timestamp, Signature)>, StoreFault> {
     let select = "SELECT at, who, remark, estimate_sha256 FROM signatures";
-    columns::run_rows(connection, select, run, |row| {
+    columns::select_rows_of_run(connection, select, run, |row| {
         let (who, remark, estimate_sha256) = (row.get(1)?, row.get(2)?, row.get(3)?);
-        Ok((columns::parse_column(row, 0)?, Signature { who, remark, estimate_sha256 }))
+        Ok((columns::parse_text_column(row, 0)?, Signature { who, remark, estimate_sha256 }))
     })
 }

@@ -1,4 +1,4 @@
-//! Location of the journal and of the locks.
+//! The state directory: location of the journal and of the locks.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,10 +10,10 @@ pub fn state_dir(given: Option<&Path>) -> Option<PathBuf> {
     resolve_state_dir(given, |name| std::env::var_os(name))
 }
 
-fn resolve_state_dir(given: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+fn resolve_state_dir(given: Option<&Path>, environment: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     // The XDG specification requires that a relative path is ignored.
-    let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let systemd = || std::env::split_paths(&variable("STATE_DIRECTORY")?).next();
+    let absolute = |name| environment(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let systemd = || std::env::split_paths(&environment("STATE_DIRECTORY")?).next();
     given
         .map(Path::to_owned)
         .or_else(|| systemd().filter(|path| path.is_absolute()))
@@ -25,20 +25,23 @@ fn resolve_state_dir(given: Option<&Path>, variable: impl Fn(&str) -> Option<OsS
 mod tests {
     use super::*;
 
-    fn resolve_with(given: Option<&str>, variables: &[(&str, &str)]) -> Option<String> {
+    fn resolve_state_dir_with_variables(given: Option<&str>, variables: &[(&str, &str)]) -> Option<String> {
         let lookup =
             |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value));
         resolve_state_dir(given.map(Path::new), lookup).map(|path| path.display().to_string())
     }
 
     #[test]
-    fn option_overrides_environment_overrides_default() {
+    fn state_dir_is_the_option_else_from_the_environment_variables() {
         let all = [("STATE_DIRECTORY", "/s:/t"), ("XDG_STATE_HOME", "/x"), ("HOME", "/h")];
-        assert_eq!(resolve_with(Some("here"), &all).unwrap(), "here");
-        assert_eq!(resolve_with(None, &all).unwrap(), "/s");
-        assert_eq!(resolve_with(None, &all[1..]).unwrap(), "/x/trued");
-        assert_eq!(resolve_with(None, &all[2..]).unwrap(), "/h/.local/state/trued");
-        assert_eq!(resolve_with(None, &[("XDG_STATE_HOME", "x"), ("HOME", "/h")]).unwrap(), "/h/.local/state/trued");
-        assert_eq!(resolve_with(None, &[("STATE_DIRECTORY", "")]), None);
+        assert_eq!(resolve_state_dir_with_variables(Some("here"), &all).unwrap(), "here");
+        assert_eq!(resolve_state_dir_with_variables(None, &all).unwrap(), "/s");
+        assert_eq!(resolve_state_dir_with_variables(None, &all[1..]).unwrap(), "/x/trued");
+        assert_eq!(resolve_state_dir_with_variables(None, &all[2..]).unwrap(), "/h/.local/state/trued");
+        assert_eq!(
+            resolve_state_dir_with_variables(None, &[("XDG_STATE_HOME", "x"), ("HOME", "/h")]).unwrap(),
+            "/h/.local/state/trued"
+        );
+        assert_eq!(resolve_state_dir_with_variables(None, &[("STATE_DIRECTORY", "")]), None);
     }
 }

@@ -2,7 +2,7 @@
 
 use rusqlite::{Connection, Transaction, TransactionBehavior, params};
 
-use super::columns::{all_finite, now_text, to_json};
+use super::columns::{has_only_finite_numbers, now_text, to_json_with_finite_numbers};
 use super::{NewRun, RunId, RunState, StoreFault, read, sha256_text};
 use machine::Axis;
 use machine::record::estimate::Estimate;
@@ -25,9 +25,9 @@ pub(super) fn insert_run(connection: &mut Connection, new: &NewRun) -> Result<Ru
             head.machine.name,
             RunState::Running.as_str(),
             PROGRAM_VERSION,
-            new.config,
-            sha256_text(&new.config),
-            to_json("the plan", &head)?,
+            new.machine_file_text,
+            sha256_text(&new.machine_file_text),
+            to_json_with_finite_numbers("the plan", &head)?,
         ],
     )?;
     let run = RunId(transaction.last_insert_rowid());
@@ -44,7 +44,10 @@ pub(super) fn insert_stage(
 ) -> Result<(), StoreFault> {
     let transaction = begin_transaction(connection)?;
     transaction
-        .execute("INSERT INTO stages (run, stage) VALUES (?1, ?2)", params![run.0, to_json("the stage", stage)?])
+        .execute(
+            "INSERT INTO stages (run, stage) VALUES (?1, ?2)",
+            params![run.0, to_json_with_finite_numbers("the stage", stage)?],
+        )
         .map_err(StoreFault::from_run_error(run))?;
     add_steps(&transaction, run, new_steps)?;
     Ok(transaction.commit()?)
@@ -53,14 +56,14 @@ pub(super) fn insert_stage(
 /// Adds steps to the plan and updates the hash of the plan.
 fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), StoreFault> {
     for step in steps {
-        let text = to_json(&format!("step {}", step.id), step)?;
+        let text = to_json_with_finite_numbers(&format!("step {}", step.id), step)?;
         transaction.execute("INSERT INTO steps (run, id, step) VALUES (?1, ?2, ?3)", params![run.0, step.id, text])?;
     }
     hash_plan(transaction, run)
 }
 
 fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault> {
-    let hash = sha256_text(&to_json("the plan", &read::load_plan(transaction, run)?)?);
+    let hash = sha256_text(&to_json_with_finite_numbers("the plan", &read::load_plan(transaction, run)?)?);
     transaction.execute("UPDATE runs SET plan_sha256 = ?2 WHERE id = ?1", params![run.0, hash])?;
     Ok(())
 }
@@ -68,7 +71,7 @@ fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault
 pub(super) fn insert_reading(connection: &mut Connection, run: RunId, reading: &Reading) -> Result<(), StoreFault> {
     // SQLite would store a NaN as NULL, and JSON has no infinity: both are refused.
     let what = || format!("the reading of step {}", reading.step);
-    if !all_finite(reading) {
+    if !has_only_finite_numbers(reading) {
         return Err(StoreFault::NotFinite { what: what() });
     }
     let at = |axis| reading.position.get(axis);
@@ -92,7 +95,7 @@ pub(super) fn insert_reading(connection: &mut Connection, run: RunId, reading: &
                 reading.sensor,
                 reading.t_s,
                 reading.flag.as_str(),
-                to_json(&what(), &reading.temperatures_c)?,
+                to_json_with_finite_numbers(&what(), &reading.temperatures_c)?,
                 now_text(),
             ],
         )
@@ -101,7 +104,7 @@ pub(super) fn insert_reading(connection: &mut Connection, run: RunId, reading: &
 }
 
 pub(super) fn insert_event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), StoreFault> {
-    let text = to_json("an event", event)?;
+    let text = to_json_with_finite_numbers("an event", event)?;
     let transaction = begin_transaction(connection)?;
     transaction
         .execute("INSERT INTO events (run, at, event) VALUES (?1, ?2, ?3)", params![run.0, now_text(), text])
@@ -117,7 +120,7 @@ pub(super) fn insert_estimate(
     run: RunId,
     estimate: &Estimate,
 ) -> Result<String, StoreFault> {
-    let text = to_json("the estimate", estimate)?;
+    let text = to_json_with_finite_numbers("the estimate", estimate)?;
     let hash = sha256_text(&text);
     connection
         .execute(

@@ -7,14 +7,14 @@ use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 use syn::{Attribute, Item, UseTree, Visibility};
 
-use super::source::{Source, is_test};
+use super::source::{SourceFile, is_test_only};
 
-pub type Path = Vec<String>;
+pub type PathSegments = Vec<String>;
 
 /// A path as written, in the module where it is used.
 pub struct Reference {
-    pub module: Path,
-    pub segments: Path,
+    pub using_module: PathSegments,
+    pub segments: PathSegments,
     pub line: usize,
     /// `pub use`: the module publishes the name and does not depend on it.
     pub is_reexport: bool,
@@ -22,34 +22,34 @@ pub struct Reference {
 
 /// Everything of one file that [`super::resolve::Resolver`] needs; test code is left out.
 #[derive(Default)]
-pub struct Imports {
+pub struct FileImports {
     pub file: String,
-    pub module: Path,
+    pub module_path: PathSegments,
     /// Every module of the file, inline modules included.
-    pub modules: Vec<Path>,
+    pub module_paths: Vec<PathSegments>,
     pub references: Vec<Reference>,
     /// (module, name) → path as written in that module.
-    pub names: BTreeMap<(Path, String), Path>,
+    pub imported_names: BTreeMap<(PathSegments, String), PathSegments>,
     /// (module, name) of every item.
-    pub items: BTreeSet<(Path, String)>,
+    pub defined_items: BTreeSet<(PathSegments, String)>,
     /// `use x::*` in a module.
-    pub globs: Vec<(Path, Path)>,
-    in_reexport: bool,
+    pub glob_imports: Vec<(PathSegments, PathSegments)>,
+    is_in_reexport: bool,
 }
 
-pub fn of_file(source: &Source) -> Imports {
-    let mut imports = Imports {
+pub fn imports_of_file(source: &SourceFile) -> FileImports {
+    let mut imports = FileImports {
         file: source.file.clone(),
-        module: source.module.clone(),
-        modules: vec![source.module.clone()],
-        ..Imports::default()
+        module_path: source.module.clone(),
+        module_paths: vec![source.module.clone()],
+        ..FileImports::default()
     };
     imports.visit_file(&source.syntax);
     imports
 }
 
-impl Imports {
-    fn add_reference(&mut self, segments: Path, span: Span) {
+impl FileImports {
+    fn add_reference(&mut self, segments: PathSegments, span: Span) {
         // `pub(crate)` and `use super::*` name a module and import nothing.
         if let [only] = segments.as_slice()
             && ["crate", "super", "self"].contains(&only.as_str())
@@ -57,31 +57,31 @@ impl Imports {
             return;
         }
         self.references.push(Reference {
-            module: self.module.clone(),
+            using_module: self.module_path.clone(),
             segments,
             line: span.start().line,
-            is_reexport: self.in_reexport,
+            is_reexport: self.is_in_reexport,
         });
     }
 
-    fn add_use(&mut self, tree: &UseTree, prefix: &Path) {
+    fn add_use_tree(&mut self, tree: &UseTree, prefix: &PathSegments) {
         let with = |ident: &syn::Ident| [prefix.clone(), vec![ident.to_string()]].concat();
         match tree {
-            UseTree::Path(path) => self.add_use(&path.tree, &with(&path.ident)),
-            UseTree::Name(name) => self.add_name(&name.ident, &name.ident, prefix),
-            UseTree::Rename(rename) => self.add_name(&rename.ident, &rename.rename, prefix),
+            UseTree::Path(path) => self.add_use_tree(&path.tree, &with(&path.ident)),
+            UseTree::Name(name) => self.add_imported_name(&name.ident, &name.ident, prefix),
+            UseTree::Rename(rename) => self.add_imported_name(&rename.ident, &rename.rename, prefix),
             UseTree::Glob(glob) => {
                 self.add_reference(prefix.clone(), glob.span());
-                self.globs.push((self.module.clone(), prefix.clone()));
+                self.glob_imports.push((self.module_path.clone(), prefix.clone()));
             }
             UseTree::Group(group) => {
-                group.items.iter().for_each(|tree| self.add_use(tree, prefix));
+                group.items.iter().for_each(|tree| self.add_use_tree(tree, prefix));
             }
         }
     }
 
     /// `use prefix::ident as name`; in `use prefix::{self}` the name is the prefix's last segment.
-    fn add_name(&mut self, ident: &syn::Ident, name: &syn::Ident, prefix: &Path) {
+    fn add_imported_name(&mut self, ident: &syn::Ident, name: &syn::Ident, prefix: &PathSegments) {
         let is_self = ident == "self" && !prefix.is_empty();
         let tail = if is_self { vec![] } else { vec![ident.to_string()] };
         let target = [prefix.clone(), tail].concat();
@@ -90,7 +90,7 @@ impl Imports {
             _ => name.to_string(),
         };
         self.add_reference(target.clone(), ident.span());
-        self.names.insert((self.module.clone(), name), target);
+        self.imported_names.insert((self.module_path.clone(), name), target);
     }
 
     fn add_macro_tokens(&mut self, tokens: TokenStream) {
@@ -123,14 +123,14 @@ fn is_colon(token: Option<&TokenTree>) -> bool {
     matches!(token, Some(TokenTree::Punct(punct)) if punct.as_char() == ':')
 }
 
-impl<'ast> Visit<'ast> for Imports {
+impl<'ast> Visit<'ast> for FileImports {
     fn visit_item(&mut self, item: &'ast Item) {
         let (name, attributes) = name_and_attributes(item);
-        if is_test(attributes) {
+        if is_test_only(attributes) {
             return;
         }
         if let Some(name) = name {
-            self.items.insert((self.module.clone(), name.to_string()));
+            self.defined_items.insert((self.module_path.clone(), name.to_string()));
         }
         visit::visit_item(self, item);
     }
@@ -139,26 +139,26 @@ impl<'ast> Visit<'ast> for Imports {
         if item.content.is_none() {
             return;
         }
-        self.module.push(item.ident.to_string());
-        self.modules.push(self.module.clone());
+        self.module_path.push(item.ident.to_string());
+        self.module_paths.push(self.module_path.clone());
         visit::visit_item_mod(self, item);
-        self.module.pop();
+        self.module_path.pop();
     }
 
     fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
-        self.in_reexport = !matches!(item.vis, Visibility::Inherited);
-        self.add_use(&item.tree, &Vec::new());
-        self.in_reexport = false;
+        self.is_in_reexport = !matches!(item.vis, Visibility::Inherited);
+        self.add_use_tree(&item.tree, &Vec::new());
+        self.is_in_reexport = false;
     }
 
     fn visit_impl_item_fn(&mut self, item: &'ast syn::ImplItemFn) {
-        if !is_test(&item.attrs) {
+        if !is_test_only(&item.attrs) {
             visit::visit_impl_item_fn(self, item);
         }
     }
 
     fn visit_path(&mut self, path: &'ast syn::Path) {
-        let segments: Path = path.segments.iter().map(|part| part.ident.to_string()).collect();
+        let segments: PathSegments = path.segments.iter().map(|part| part.ident.to_string()).collect();
         self.add_reference(segments, path.span());
         visit::visit_path(self, path);
     }

@@ -12,8 +12,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use imports::{Imports, Path};
-use resolve::{Resolver, Target};
+use imports::{FileImports, PathSegments};
+use resolve::{ResolvedPath, Resolver};
 
 /// Maximum length of a file; the target is half of it.
 const MAX_FILE_LINES: usize = 400;
@@ -31,22 +31,23 @@ const PACKAGE_DEPENDENCIES: [(&str, &[&str]); 7] = [
 ];
 
 /// Random numbers without a seed: `estimation::random::seeded_stream` is the only source.
-const UNSEEDED_RANDOM: [&str; 5] =
+const UNSEEDED_RANDOM_PATHS: [&str; 5] =
     ["rand::rng", "rand::random", "rand::make_rng", "rand::rngs::ThreadRng", "rand::rngs::SysRng"];
 
 /// Modules of the package `trued`, lowest layer first. A module imports from lower layers only.
-const LAYERS: [&[&str]; 6] =
+const MODULE_LAYERS: [&[&str]; 6] =
     [&["store", "report"], &["setup", "archive"], &["run"], &["service", "commissioning"], &["cli"], &["main"]];
 
-/// Package and module whose folders must not import each other: each is one method or one driver.
-const SIBLINGS: [(&str, &[&str]); 3] = [("methods", &[]), ("devices", &["controllers"]), ("devices", &["sensors"])];
+/// Each is a package and a module of it whose folders must not import each other: each is one method or one driver.
+const PARENTS_OF_SIBLING_FOLDERS: [(&str, &[&str]); 3] =
+    [("methods", &[]), ("devices", &["controllers"]), ("devices", &["sensors"])];
 
 /// Folders of `methods` that all methods use. They import no method.
-const SHARED: [&str; 3] = ["ball_measurement", "decision", "identification"];
+const SHARED_METHOD_FOLDERS: [&str; 3] = ["ball_measurement", "decision", "identification"];
 
 /// Packages that do no IO and read no clock.
-const PURE: [&str; 4] = ["estimation", "machine", "planning", "methods"];
-const IMPURE_PATHS: [&str; 9] = [
+const PACKAGES_WITHOUT_IO: [&str; 4] = ["estimation", "machine", "planning", "methods"];
+const IO_AND_CLOCK_PATHS: [&str; 9] = [
     "std::fs",
     "std::net",
     "std::process",
@@ -60,17 +61,17 @@ const IMPURE_PATHS: [&str; 9] = [
 
 struct Package {
     name: String,
-    files: Vec<Imports>,
+    files: Vec<FileImports>,
     resolver: Resolver,
 }
 
 static PACKAGES: LazyLock<Vec<Package>> = LazyLock::new(|| {
-    let of = |(name, folder): (String, PathBuf)| package(name, &source::of_package(&folder));
-    source::packages().into_iter().map(of).collect()
+    let of = |(name, folder): (String, PathBuf)| build_package(name, &source::parse_package_sources(&folder));
+    source::workspace_packages().into_iter().map(of).collect()
 });
 
-fn package(name: String, sources: &[source::Source]) -> Package {
-    let files: Vec<Imports> = sources.iter().map(imports::of_file).collect();
+fn build_package(name: String, sources: &[source::SourceFile]) -> Package {
+    let files: Vec<FileImports> = sources.iter().map(imports::imports_of_file).collect();
     let resolver = Resolver::new(&files);
     Package { name, files, resolver }
 }
@@ -78,7 +79,7 @@ fn package(name: String, sources: &[source::Source]) -> Package {
 #[test]
 fn imports_point_to_lower_layers() {
     let trued = PACKAGES.iter().find(|package| package.name == "trued").unwrap();
-    let (imports, breaches) = upward_imports(trued);
+    let (imports, breaches) = module_imports_and_layer_breaches(trued);
     for (module, imported) in imports {
         println!("{module:<14} {}", imported.into_iter().collect::<Vec<_>>().join(" "));
     }
@@ -87,7 +88,7 @@ fn imports_point_to_lower_layers() {
 
 #[test]
 fn methods_and_drivers_do_not_import_each_other() {
-    let breaches: Vec<String> = PACKAGES.iter().flat_map(sibling_imports).collect();
+    let breaches: Vec<String> = PACKAGES.iter().flat_map(sibling_import_breaches).collect();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
 }
 
@@ -102,7 +103,7 @@ fn packages_depend_on_lower_packages_only() {
         let refused = dependencies.filter(ours).filter(|name| !allowed.contains(&name.as_str()));
         Some(refused.map(|refused| format!("`{name}` depends on `{refused}`")).collect::<Vec<_>>())
     };
-    let checked: Vec<_> = source::packages().into_iter().filter_map(of).collect();
+    let checked: Vec<_> = source::workspace_packages().into_iter().filter_map(of).collect();
     assert_eq!(checked.len(), PACKAGE_DEPENDENCIES.len(), "a package is missing from the table");
     let breaches = checked.concat();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
@@ -110,28 +111,29 @@ fn packages_depend_on_lower_packages_only() {
 
 #[test]
 fn every_random_number_has_a_seed() {
-    let uses = |package| used_paths(package, &UNSEEDED_RANDOM);
+    let uses = |package| uses_of_forbidden_paths(package, &UNSEEDED_RANDOM_PATHS);
     let breaches: Vec<String> = PACKAGES.iter().flat_map(uses).collect();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
 }
 
 #[test]
-fn only_tests_execute_blocks_without_a_proof_of_bodies() {
+fn only_planning_and_tests_use_proof_for_tests() {
     let users = PACKAGES.iter().filter(|package| package.name != "planning");
     let breaches: Vec<String> =
-        users.flat_map(|package| used_paths(package, &["planning::proof::for_tests"])).collect();
+        users.flat_map(|package| uses_of_forbidden_paths(package, &["planning::proof::for_tests"])).collect();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
 }
 
 #[test]
-fn packages_that_compute_do_no_io() {
-    let pure = PACKAGES.iter().filter(|package| PURE.contains(&package.name.as_str()));
-    let breaches: Vec<String> = pure.flat_map(|package| used_paths(package, &IMPURE_PATHS)).collect();
+fn packages_without_io_use_neither_io_nor_clock() {
+    let pure = PACKAGES.iter().filter(|package| PACKAGES_WITHOUT_IO.contains(&package.name.as_str()));
+    let breaches: Vec<String> =
+        pure.flat_map(|package| uses_of_forbidden_paths(package, &IO_AND_CLOCK_PATHS)).collect();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
 }
 
 #[test]
-fn no_file_imports_itself_through_others() {
+fn files_have_no_import_circles() {
     let circles: Vec<String> = PACKAGES.iter().flat_map(import_circles).collect();
     assert!(circles.is_empty(), "{} circles\n{}", circles.len(), circles.join("\n"));
 }
@@ -151,11 +153,11 @@ fn files_are_within_the_line_limit() {
     assert!(long.is_empty(), "\n{}", long.join("\n"));
 }
 
-fn upward_imports(package: &Package) -> (BTreeMap<String, BTreeSet<String>>, Vec<String>) {
+fn module_imports_and_layer_breaches(package: &Package) -> (BTreeMap<String, BTreeSet<String>>, Vec<String>) {
     let (mut imports, mut breaches) = (BTreeMap::<_, BTreeSet<_>>::new(), Vec::new());
-    let layer = |module: &str| LAYERS.iter().position(|layer| layer.contains(&module));
+    let layer = |module: &str| MODULE_LAYERS.iter().position(|layer| layer.contains(&module));
     for (file, line, target) in internal_references(package) {
-        let (Some(from), Some(to)) = (file.module.first(), target.first()) else { continue };
+        let (Some(from), Some(to)) = (file.module_path.first(), target.first()) else { continue };
         if from == to {
             continue;
         }
@@ -167,18 +169,18 @@ fn upward_imports(package: &Package) -> (BTreeMap<String, BTreeSet<String>>, Vec
     (imports, breaches)
 }
 
-fn sibling_imports(package: &Package) -> Vec<String> {
+fn sibling_import_breaches(package: &Package) -> Vec<String> {
     let mut breaches = Vec::new();
-    for (_, parent) in SIBLINGS.iter().filter(|(name, _)| *name == package.name) {
-        let folders = folders_below(package, parent);
-        let sibling_of = |module: &Path| {
-            let below = module.strip_prefix(owned(parent).as_slice())?;
+    for (_, parent) in PARENTS_OF_SIBLING_FOLDERS.iter().filter(|(name, _)| *name == package.name) {
+        let folders = folder_modules_below(package, parent);
+        let sibling_of = |module: &PathSegments| {
+            let below = module.strip_prefix(owned_path(parent).as_slice())?;
             folders.get(below.first()?)
         };
         for (file, line, target) in internal_references(package) {
-            if let (Some(from), Some(to)) = (sibling_of(&file.module), sibling_of(&target))
+            if let (Some(from), Some(to)) = (sibling_of(&file.module_path), sibling_of(&target))
                 && from != to
-                && !SHARED.contains(&to.as_str())
+                && !SHARED_METHOD_FOLDERS.contains(&to.as_str())
             {
                 breaches.push(format!("{}:{line}: `{from}` imports `{to}`", file.file));
             }
@@ -188,26 +190,26 @@ fn sibling_imports(package: &Package) -> Vec<String> {
 }
 
 /// The modules right below `parent` that are folders.
-fn folders_below(package: &Package, parent: &[&str]) -> BTreeSet<String> {
-    let parent = owned(parent);
+fn folder_modules_below(package: &Package, parent: &[&str]) -> BTreeSet<String> {
+    let parent = owned_path(parent);
     let folders = package.files.iter().filter(|file| file.file.ends_with("/mod.rs"));
-    let below = folders.filter_map(|file| match file.module.strip_prefix(parent.as_slice())? {
+    let below = folders.filter_map(|file| match file.module_path.strip_prefix(parent.as_slice())? {
         [name] => Some(name.clone()),
         _ => None,
     });
     below.collect()
 }
 
-fn owned(path: &[&str]) -> Path {
+fn owned_path(path: &[&str]) -> PathSegments {
     path.iter().map(|segment| (*segment).to_owned()).collect()
 }
 
 /// Where a package uses one of `paths` of other crates.
-fn used_paths(package: &Package, paths: &[&str]) -> Vec<String> {
+fn uses_of_forbidden_paths(package: &Package, paths: &[&str]) -> Vec<String> {
     let mut breaches = Vec::new();
-    for (file, reference) in references(package) {
-        let target = package.resolver.target(&reference.module, &reference.segments);
-        let Some(Target::Outside(path)) = target else { continue };
+    for (file, reference) in all_references(package) {
+        let target = package.resolver.resolve_path(&reference.using_module, &reference.segments);
+        let Some(ResolvedPath::OtherCrate(path)) = target else { continue };
         let path = path.join("::");
         let inside = |entry: &&&str| path == **entry || path.starts_with(&format!("{entry}::"));
         if let Some(entry) = paths.iter().find(inside) {
@@ -220,11 +222,14 @@ fn used_paths(package: &Package, paths: &[&str]) -> Vec<String> {
 /// Groups of files that import each other: strongly connected components of the files' imports. The file of a
 /// module and the files below it count as one, because the module lists and joins them.
 fn import_circles(package: &Package) -> Vec<String> {
-    let file_of: BTreeMap<&Path, &str> =
-        package.files.iter().flat_map(|file| file.modules.iter().map(|module| (module, file.file.as_str()))).collect();
+    let file_of: BTreeMap<&PathSegments, &str> = package
+        .files
+        .iter()
+        .flat_map(|file| file.module_paths.iter().map(|module| (module, file.file.as_str())))
+        .collect();
     let mut edges: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     for (file, line, target) in internal_references(package) {
-        let is_family = target.starts_with(&file.module) || file.module.starts_with(&target);
+        let is_family = target.starts_with(&file.module_path) || file.module_path.starts_with(&target);
         if let Some(to) = file_of.get(&target).filter(|_| !is_family) {
             edges.entry(&file.file).or_default().entry(to).or_insert(line);
         }
@@ -260,20 +265,20 @@ fn import_circles(package: &Package) -> Vec<String> {
     circles
 }
 
-fn references(package: &Package) -> impl Iterator<Item = (&Imports, &imports::Reference)> {
+fn all_references(package: &Package) -> impl Iterator<Item = (&FileImports, &imports::Reference)> {
     let of_file = |file| {
-        let file: &Imports = file;
+        let file: &FileImports = file;
         file.references.iter().map(move |reference| (file, reference))
     };
     package.files.iter().flat_map(of_file)
 }
 
 /// File, line and defining module of everything that a file uses of its own package.
-fn internal_references(package: &Package) -> impl Iterator<Item = (&Imports, usize, Path)> {
-    references(package).filter(|(_, reference)| !reference.is_reexport).filter_map(|(file, reference)| {
-        match package.resolver.target(&reference.module, &reference.segments)? {
-            Target::Module(module) => Some((file, reference.line, module)),
-            Target::Outside(_) => None,
-        }
-    })
+fn internal_references(package: &Package) -> impl Iterator<Item = (&FileImports, usize, PathSegments)> {
+    all_references(package).filter(|(_, reference)| !reference.is_reexport).filter_map(
+        |(file, reference)| match package.resolver.resolve_path(&reference.using_module, &reference.segments)? {
+            ResolvedPath::OwnModule(module) => Some((file, reference.line, module)),
+            ResolvedPath::OtherCrate(_) => None,
+        },
+    )
 }

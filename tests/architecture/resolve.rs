@@ -3,98 +3,101 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::imports::{Imports, Path};
+use super::imports::{FileImports, PathSegments};
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Target {
+pub enum ResolvedPath {
     /// A module of the crate.
-    Module(Path),
+    OwnModule(PathSegments),
     /// A path into another crate, as far as written.
-    Outside(Path),
+    OtherCrate(PathSegments),
 }
 
 /// Longest chain of names that is followed; only a circle of names is longer.
-const MAX_CHAIN: usize = 24;
+const MAX_NAME_CHAIN_LENGTH: usize = 24;
 
 pub struct Resolver {
-    modules: BTreeSet<Path>,
-    names: BTreeMap<(Path, String), Path>,
-    items: BTreeSet<(Path, String)>,
-    globs: Vec<(Path, Path)>,
+    module_paths: BTreeSet<PathSegments>,
+    imported_names: BTreeMap<(PathSegments, String), PathSegments>,
+    defined_items: BTreeSet<(PathSegments, String)>,
+    glob_imports: Vec<(PathSegments, PathSegments)>,
 }
 
 impl Resolver {
-    pub fn new(files: &[Imports]) -> Self {
+    pub fn new(files: &[FileImports]) -> Self {
         Self {
-            modules: files.iter().flat_map(|file| file.modules.clone()).collect(),
-            names: files.iter().flat_map(|file| file.names.clone()).collect(),
-            items: files.iter().flat_map(|file| file.items.clone()).collect(),
-            globs: files.iter().flat_map(|file| file.globs.clone()).collect(),
+            module_paths: files.iter().flat_map(|file| file.module_paths.clone()).collect(),
+            imported_names: files.iter().flat_map(|file| file.imported_names.clone()).collect(),
+            defined_items: files.iter().flat_map(|file| file.defined_items.clone()).collect(),
+            glob_imports: files.iter().flat_map(|file| file.glob_imports.clone()).collect(),
         }
     }
 
     /// Target of the path `segments`, written in `module`; `None` for a local name.
-    pub fn target(&self, module: &Path, segments: &Path) -> Option<Target> {
+    pub fn resolve_path(&self, module: &PathSegments, segments: &PathSegments) -> Option<ResolvedPath> {
         let mut targets = Vec::new();
-        self.follow(module, segments, MAX_CHAIN, &mut targets);
+        self.collect_targets(module, segments, MAX_NAME_CHAIN_LENGTH, &mut targets);
         targets.pop()
     }
 
-    fn follow(&self, module: &Path, segments: &[String], depth: usize, found: &mut Vec<Target>) {
+    /// Adds to `found` the modules that re-export an item of the path, then the defining module or external path.
+    fn collect_targets(&self, module: &PathSegments, segments: &[String], depth: usize, found: &mut Vec<ResolvedPath>) {
         let Some(first) = segments.first().filter(|_| depth > 0) else { return };
-        let mut at: Path = match first.as_str() {
+        let mut at: PathSegments = match first.as_str() {
             "crate" => Vec::new(),
             "self" => module.clone(),
-            "super" => parent(module),
+            "super" => parent_module(module),
             "Self" => return,
-            _ => match self.name(module, first, depth) {
+            _ => match self.resolve_name(module, first, depth) {
                 Some((home, path)) if path != [first.clone()] => {
-                    return self.follow(&home, &joined(&path, &segments[1..]), depth - 1, found);
+                    return self.collect_targets(&home, &join_paths(&path, &segments[1..]), depth - 1, found);
                 }
-                _ if self.modules.contains(&joined(module, &segments[..1])) => joined(module, &segments[..1]),
-                _ => return found.push(Target::Outside(segments.to_vec())),
+                _ if self.module_paths.contains(&join_paths(module, &segments[..1])) => {
+                    join_paths(module, &segments[..1])
+                }
+                _ => return found.push(ResolvedPath::OtherCrate(segments.to_vec())),
             },
         };
         for (index, segment) in segments.iter().enumerate().skip(1) {
-            let inner = joined(&at, std::slice::from_ref(segment));
+            let inner = join_paths(&at, std::slice::from_ref(segment));
             if segment == "super" {
-                at = parent(&at);
-            } else if self.modules.contains(&inner) {
+                at = parent_module(&at);
+            } else if self.module_paths.contains(&inner) {
                 at = inner;
-            } else if let Some((home, path)) = self.name(&at, segment, depth) {
-                found.push(Target::Module(at));
-                let rest = joined(&path, &segments[index + 1..]);
-                return self.follow(&home, &rest, depth - 1, found);
+            } else if let Some((home, path)) = self.resolve_name(&at, segment, depth) {
+                found.push(ResolvedPath::OwnModule(at));
+                let rest = join_paths(&path, &segments[index + 1..]);
+                return self.collect_targets(&home, &rest, depth - 1, found);
             } else {
                 break;
             }
         }
-        found.push(Target::Module(at));
+        found.push(ResolvedPath::OwnModule(at));
     }
 
     /// The path to which `name` refers in `module`, and the module in which that path is written.
-    fn name(&self, module: &Path, name: &str, depth: usize) -> Option<(Path, Path)> {
+    fn resolve_name(&self, module: &PathSegments, name: &str, depth: usize) -> Option<(PathSegments, PathSegments)> {
         let depth = depth.checked_sub(1)?;
-        if let Some(path) = self.names.get(&(module.clone(), name.to_owned())) {
+        if let Some(path) = self.imported_names.get(&(module.clone(), name.to_owned())) {
             return Some((module.clone(), path.clone()));
         }
-        self.globs.iter().filter(|(home, _)| home == module).find_map(|(_, glob)| {
+        self.glob_imports.iter().filter(|(home, _)| home == module).find_map(|(_, glob)| {
             let mut targets = Vec::new();
-            self.follow(module, glob, depth, &mut targets);
-            let Some(Target::Module(source)) = targets.pop() else { return None };
-            let inner = joined(&source, &[name.to_owned()]);
-            if self.modules.contains(&inner) || self.items.contains(&(source.clone(), name.to_owned())) {
-                return Some((Vec::new(), joined(&["crate".to_owned()], &inner)));
+            self.collect_targets(module, glob, depth, &mut targets);
+            let Some(ResolvedPath::OwnModule(source)) = targets.pop() else { return None };
+            let inner = join_paths(&source, &[name.to_owned()]);
+            if self.module_paths.contains(&inner) || self.defined_items.contains(&(source.clone(), name.to_owned())) {
+                return Some((Vec::new(), join_paths(&["crate".to_owned()], &inner)));
             }
-            (source != *module).then(|| self.name(&source, name, depth)).flatten()
+            (source != *module).then(|| self.resolve_name(&source, name, depth)).flatten()
         })
     }
 }
 
-fn joined(head: &[String], tail: &[String]) -> Path {
+fn join_paths(head: &[String], tail: &[String]) -> PathSegments {
     [head, tail].concat()
 }
 
-fn parent(module: &[String]) -> Path {
+fn parent_module(module: &[String]) -> PathSegments {
     module.split_last().map(|(_, rest)| rest.to_vec()).unwrap_or_default()
 }

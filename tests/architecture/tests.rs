@@ -1,14 +1,18 @@
 //! Each check fails only for its own violation.
 
-use super::{IMPURE_PATHS, UNSEEDED_RANDOM};
-use super::{import_circles, package, sibling_imports, source, upward_imports, used_paths};
+use super::{IO_AND_CLOCK_PATHS, UNSEEDED_RANDOM_PATHS};
+use super::{
+    build_package, import_circles, module_imports_and_layer_breaches, sibling_import_breaches, source,
+    uses_of_forbidden_paths,
+};
 
-fn parse_package(name: &str, files: &[(&str, &str)]) -> super::Package {
-    let files = files.iter().map(|(module, text)| {
+/// Package of modules, each with its path (empty for the root) and its text.
+fn parse_package(name: &str, modules: &[(&str, &str)]) -> super::Package {
+    let files = modules.iter().map(|(module, text)| {
         let path = module.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
         (format!("{}/mod.rs", module.replace("::", "/")), path, (*text).to_owned())
     });
-    package(name.to_owned(), &source::parse(files))
+    build_package(name.to_owned(), &source::parse_without_test_modules(files))
 }
 
 #[test]
@@ -20,7 +24,7 @@ fn an_import_of_a_higher_layer_is_found_in_every_spelling() {
             ("run::inner", "pub struct Run;"),
             ("setup", text),
         ];
-        upward_imports(&parse_package("trued", &files)).1.len()
+        module_imports_and_layer_breaches(&parse_package("trued", &files)).1.len()
     };
     for text in [
         "use crate::run::go;",
@@ -44,12 +48,13 @@ fn import_between_methods_is_found() {
         ("latch_delay", "pub fn fit() {}"),
         ("samba", "use crate::latch_delay::fit; use crate::shared;"),
     ];
-    assert_eq!(sibling_imports(&parse_package("methods", &files)).len(), 1);
+    assert_eq!(sibling_import_breaches(&parse_package("methods", &files)).len(), 1);
 }
 
 #[test]
 fn io_behind_an_alias_is_found() {
-    let found = |text: &str| used_paths(&parse_package("methods", &[("", text)]), &IMPURE_PATHS).len();
+    let found =
+        |text: &str| uses_of_forbidden_paths(&parse_package("methods", &[("", text)]), &IO_AND_CLOCK_PATHS).len();
     assert!(found("use std::fs as files; fn f() { files::read(\"x\"); }") > 0);
     assert!(found("fn f() -> std::time::Instant { std::time::Instant::now() }") > 0);
     assert_eq!(found("use std::time::Duration; fn f(d: Duration) {}"), 0);
@@ -57,7 +62,8 @@ fn io_behind_an_alias_is_found() {
 
 #[test]
 fn random_without_a_seed_is_found() {
-    let found = |text: &str| used_paths(&parse_package("methods", &[("", text)]), &UNSEEDED_RANDOM).len();
+    let found =
+        |text: &str| uses_of_forbidden_paths(&parse_package("methods", &[("", text)]), &UNSEEDED_RANDOM_PATHS).len();
     assert!(found("fn f() -> u8 { rand::random() }") > 0);
     assert!(found("use rand::{rng as any, Rng}; fn f() { any(); }") > 0);
     assert_eq!(found("use rand::Rng; fn f(stream: &mut impl Rng) {}"), 0);
@@ -66,7 +72,7 @@ fn random_without_a_seed_is_found() {
 #[test]
 fn a_module_without_a_layer_is_refused() {
     let files = [("", "mod run; mod extra;"), ("run", "use crate::extra::x;"), ("extra", "pub fn x() {}")];
-    assert_eq!(upward_imports(&parse_package("trued", &files)).1.len(), 1);
+    assert_eq!(module_imports_and_layer_breaches(&parse_package("trued", &files)).1.len(), 1);
 }
 
 #[test]

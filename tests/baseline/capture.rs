@@ -18,17 +18,17 @@
 use std::collections::BTreeMap;
 
 /// Register addresses of docs/line-window.md, identical in docs/resident-program.md.
-const SEQUENCE: u16 = 1;
-const HEARTBEAT: u16 = 2;
-const STATUS_HEAD: usize = 0;
-const STATUS_HEARTBEAT: usize = 11;
+const SEQUENCE_REGISTER: u16 = 1;
+const HEARTBEAT_REGISTER: u16 = 2;
+const STATUS_HEAD_REGISTER: usize = 0;
+const STATUS_HEARTBEAT_REGISTER: usize = 11;
 /// Registers of the two times, four registers each.
-const STATUS_TIME: usize = 12;
-const STATUS_LATCH_TIME: usize = 16;
+const STATUS_TIME_REGISTER: usize = 12;
+const STATUS_LATCH_TIME_REGISTER: usize = 16;
 
-const READ_HOLDING: u8 = 3;
-const READ_INPUT: u8 = 4;
-const WRITE_MULTIPLE: u8 = 16;
+const READ_HOLDING_FUNCTION: u8 = 3;
+const READ_INPUT_FUNCTION: u8 = 4;
+const WRITE_MULTIPLE_FUNCTION: u8 = 16;
 
 pub fn normalise_capture(capture: &str) -> String {
     let mut links: BTreeMap<u32, CapturedLink> = BTreeMap::new();
@@ -44,8 +44,8 @@ pub fn normalise_capture(capture: &str) -> String {
         }
     }
     let text = |(number, mut link): (u32, CapturedLink)| {
-        link.move_greeting_first();
-        let lines = link.lines.into_iter().map(|line| format!("{number} {line}\n"));
+        link.move_greeting_before_first_request();
+        let lines = link.normalised_lines.into_iter().map(|line| format!("{number} {line}\n"));
         lines.collect::<String>()
     };
     let text: String = links.into_iter().map(text).collect();
@@ -65,90 +65,92 @@ fn replace_numbers(text: &str, prefix: &str, name: &str) -> String {
 
 #[derive(Default)]
 struct CapturedLink {
-    kind: String,
-    lines: Vec<String>,
-    sent: Vec<u8>,
-    received: Vec<u8>,
+    link_kind: String,
+    normalised_lines: Vec<String>,
+    unparsed_sent_bytes: Vec<u8>,
+    unparsed_received_bytes: Vec<u8>,
     /// The newest status, in its written form.
-    status: Option<String>,
+    newest_status_text: Option<String>,
     has_status_request: bool,
 }
 
 impl CapturedLink {
     /// Moves the first request directly before its `ok`.
-    fn move_greeting_first(&mut self) {
-        let place = |beginning: &str| self.lines.iter().position(|line| line.starts_with(beginning));
+    fn move_greeting_before_first_request(&mut self) {
+        let place = |beginning: &str| self.normalised_lines.iter().position(|line| line.starts_with(beginning));
         if let (Some(request), Some(ok)) = (place("> "), place("< ok"))
-            && self.kind == "lines"
+            && self.link_kind == "lines"
             && request < ok
         {
-            self.lines[request..ok].rotate_left(1);
+            self.normalised_lines[request..ok].rotate_left(1);
         }
     }
 
     fn open_link(&mut self, opening: &str) {
         let (kind, name) = opening.split_once(' ').unwrap();
-        self.kind = kind.to_owned();
-        self.lines.push(format!("= {kind} {name}"));
+        self.link_kind = kind.to_owned();
+        self.normalised_lines.push(format!("= {kind} {name}"));
     }
 
     fn record_sent(&mut self, bytes: &[u8], escaped: &str) {
-        match &*self.kind {
+        match &*self.link_kind {
             "lines" if bytes == b"?" => {}
             "lines" => {
-                self.sent.extend(bytes);
-                self.lines.extend(take_complete_lines(&mut self.sent, '>'));
+                self.unparsed_sent_bytes.extend(bytes);
+                self.normalised_lines.extend(take_complete_lines(&mut self.unparsed_sent_bytes, '>'));
             }
             "modbus-tcp" | "modbus-rtu" => {
-                self.sent.extend(bytes);
-                while let Some(frame) = ModbusFrame::parse_next(&mut self.sent, &self.kind, true) {
-                    self.record_request(frame);
+                self.unparsed_sent_bytes.extend(bytes);
+                while let Some(frame) = ModbusFrame::parse_next(&mut self.unparsed_sent_bytes, &self.link_kind, true) {
+                    self.record_modbus_request(frame);
                 }
             }
-            _ => self.lines.push(format!("> {escaped}")),
+            _ => self.normalised_lines.push(format!("> {escaped}")),
         }
     }
 
     fn record_received(&mut self, bytes: &[u8], escaped: &str) {
-        match &*self.kind {
+        match &*self.link_kind {
             "lines" => {
-                self.received.extend(bytes);
-                let lines = take_complete_lines(&mut self.received, '<');
-                self.lines.extend(lines.into_iter().filter(|line| !line.starts_with("< <")));
+                self.unparsed_received_bytes.extend(bytes);
+                let lines = take_complete_lines(&mut self.unparsed_received_bytes, '<');
+                self.normalised_lines.extend(lines.into_iter().filter(|line| !line.starts_with("< <")));
             }
             "modbus-tcp" | "modbus-rtu" => {
-                self.received.extend(bytes);
-                while let Some(frame) = ModbusFrame::parse_next(&mut self.received, &self.kind, false) {
-                    if frame.function == READ_INPUT {
-                        self.status = Some(status_as_text(&frame.body[1..]));
+                self.unparsed_received_bytes.extend(bytes);
+                while let Some(frame) =
+                    ModbusFrame::parse_next(&mut self.unparsed_received_bytes, &self.link_kind, false)
+                {
+                    if frame.function == READ_INPUT_FUNCTION {
+                        self.newest_status_text = Some(status_as_text(&frame.body[1..]));
                     }
                 }
             }
-            _ => self.lines.push(format!("< {escaped}")),
+            _ => self.normalised_lines.push(format!("< {escaped}")),
         }
     }
 
-    fn record_request(&mut self, ModbusFrame { unit, function, body }: ModbusFrame) {
+    fn record_modbus_request(&mut self, ModbusFrame { unit, function, body }: ModbusFrame) {
         let address = u16::from_be_bytes([body[0], body[1]]);
         let count = u16::from_be_bytes([body[2], body[3]]);
         let line = match function {
-            WRITE_MULTIPLE if (address, count) == (HEARTBEAT, 1) => return,
-            READ_INPUT if std::mem::replace(&mut self.has_status_request, true) => return,
-            WRITE_MULTIPLE => {
-                if address == SEQUENCE {
-                    self.lines.extend(self.status.take());
+            WRITE_MULTIPLE_FUNCTION if (address, count) == (HEARTBEAT_REGISTER, 1) => return,
+            READ_INPUT_FUNCTION if std::mem::replace(&mut self.has_status_request, true) => return,
+            WRITE_MULTIPLE_FUNCTION => {
+                if address == SEQUENCE_REGISTER {
+                    self.normalised_lines.extend(self.newest_status_text.take());
                 }
                 let mut content = body[5..].to_vec();
-                if address == HEARTBEAT {
+                if address == HEARTBEAT_REGISTER {
                     content[..2].fill(0);
                 }
                 format!("> {unit} write {address}+{count} {}", content.escape_ascii())
             }
-            READ_INPUT => format!("> {unit} read input {address}+{count}"),
-            READ_HOLDING => format!("> {unit} read holding {address}+{count}"),
+            READ_INPUT_FUNCTION => format!("> {unit} read input {address}+{count}"),
+            READ_HOLDING_FUNCTION => format!("> {unit} read holding {address}+{count}"),
             other => format!("> {unit} function {other} {}", body.escape_ascii()),
         };
-        self.lines.push(line);
+        self.normalised_lines.push(line);
     }
 }
 
@@ -169,12 +171,12 @@ fn status_as_text(body: &[u8]) -> String {
         let words = registers[at..at + 4].iter();
         f64::from_bits(words.fold(0, |bits, word| bits << 16 | u64::from(*word)))
     };
-    let (now, latch) = (time(STATUS_TIME), time(STATUS_LATCH_TIME));
+    let (now, latch) = (time(STATUS_TIME_REGISTER), time(STATUS_LATCH_TIME_REGISTER));
     let tail = registers.len() - 1;
-    for counting in [STATUS_HEAD, STATUS_HEARTBEAT, tail] {
+    for counting in [STATUS_HEAD_REGISTER, STATUS_HEARTBEAT_REGISTER, tail] {
         registers[counting] = 0;
     }
-    registers.drain(STATUS_TIME..STATUS_LATCH_TIME + 4);
+    registers.drain(STATUS_TIME_REGISTER..STATUS_LATCH_TIME_REGISTER + 4);
     let shown: Vec<String> = registers.iter().map(u16::to_string).collect();
     format!("< status {} time_s {now} latch_time_s {latch}", shown.join(" "))
 }
@@ -195,10 +197,10 @@ impl ModbusFrame {
                 (6, 6 + rest, 6 + rest)
             }
             _ => {
-                let (function, has_content) = (*buffer.get(1)?, *buffer.get(1)? == WRITE_MULTIPLE);
+                let (function, has_content) = (*buffer.get(1)?, *buffer.get(1)? == WRITE_MULTIPLE_FUNCTION);
                 let end = match (is_request, function) {
                     (true, _) if has_content => 7 + usize::from(*buffer.get(6)?),
-                    (false, READ_HOLDING | READ_INPUT) => 3 + usize::from(*buffer.get(2)?),
+                    (false, READ_HOLDING_FUNCTION | READ_INPUT_FUNCTION) => 3 + usize::from(*buffer.get(2)?),
                     (false, function) if function > 0x80 => 3,
                     _ => 6,
                 };

@@ -16,17 +16,18 @@ const MAX_LISTED_DIFFERENCES: usize = 20;
 const WRITE_VARIABLE: &str = "TRUED_WRITE_BASELINE";
 
 /// Compares `actual` with the stored file `name`, or writes the file if `TRUED_WRITE_BASELINE=1`.
-pub fn check_text(name: &str, actual: &str) {
-    let Some(stored) = load_or_write_stored(name, actual) else { return };
+pub fn check_text_against_baseline(name: &str, actual: &str) {
+    let Some(stored) = load_or_write_baseline(name, actual) else { return };
     let mut differences = Differences::default();
     compare_text(&mut differences, &stored, actual);
     differences.fail_if_any(name);
 }
 
-/// Like [`check_text`], by the structure of the document: white space, order of keys and hashes are ignored.
-pub fn check_json(name: &str, actual: &Value) {
-    let actual = replace_hashes(&json_text(actual));
-    let Some(stored) = load_or_write_stored(name, &actual) else { return };
+/// Like [`check_text_against_baseline`], by the structure of the document: white space, order of keys and hashes are
+/// ignored.
+pub fn check_json_against_baseline(name: &str, actual: &Value) {
+    let actual = replace_hashes(&indented_json_text(actual));
+    let Some(stored) = load_or_write_baseline(name, &actual) else { return };
     let [stored, actual] =
         [&stored, &actual].map(|text| serde_json::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}")));
     let mut differences = Differences::default();
@@ -35,7 +36,7 @@ pub fn check_json(name: &str, actual: &Value) {
 }
 
 /// The content of the stored file; `None` if `actual` was written instead.
-pub fn load_or_write_stored(name: &str, actual: &str) -> Option<String> {
+pub fn load_or_write_baseline(name: &str, actual: &str) -> Option<String> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/baseline").join(name);
     if std::env::var_os(WRITE_VARIABLE).is_some() {
         fs::create_dir_all(file.parent()?).unwrap();
@@ -49,12 +50,12 @@ pub fn load_or_write_stored(name: &str, actual: &str) -> Option<String> {
 #[derive(Default)]
 struct Differences {
     listed: Vec<String>,
-    count: usize,
+    total_count: usize,
 }
 
 impl Differences {
     fn add_difference(&mut self, place: &str, stored: &str, actual: &str) {
-        self.count += 1;
+        self.total_count += 1;
         if self.listed.len() < MAX_LISTED_DIFFERENCES {
             let (stored, actual) = (excerpt(stored), excerpt(actual));
             self.listed.push(format!("  {place}: stored `{stored}`, now `{actual}`"));
@@ -63,17 +64,17 @@ impl Differences {
 
     fn fail_if_any(self, name: &str) {
         assert!(
-            self.count == 0,
+            self.total_count == 0,
             "tests/data/baseline/{name}: {} differences\n{}\n",
-            self.count,
+            self.total_count,
             self.listed.join("\n")
         );
     }
 }
 
 fn excerpt(text: &str) -> String {
-    const MAX_CHARACTERS: usize = 160;
-    match text.char_indices().nth(MAX_CHARACTERS) {
+    const MAX_EXCERPT_CHARACTERS: usize = 160;
+    match text.char_indices().nth(MAX_EXCERPT_CHARACTERS) {
         Some((end, _)) => format!("{} ...", &text[..end]),
         None => text.to_owned(),
     }
@@ -103,7 +104,7 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
             }
         }
         (Value::String(a), Value::String(b)) => {
-            if !are_texts_equal(a, b) {
+            if !are_texts_equal_within_tolerance(a, b) {
                 differences.add_difference(path, a, b);
             }
         }
@@ -111,7 +112,7 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
             let (a, b) = (a.to_string(), b.to_string());
             let is_figure = path.starts_with("$.arrows") || path.starts_with("$.functions");
             let floor = if is_figure { FIGURE_TOLERANCE_UM } else { ABSOLUTE_TOLERANCE };
-            if !are_numbers_equal(&a, &b, floor) {
+            if !are_numbers_equal_within_tolerance(&a, &b, floor) {
                 differences.add_difference(path, &a, &b);
             }
         }
@@ -120,10 +121,10 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
     }
 }
 
-fn are_texts_equal(stored: &str, actual: &str) -> bool {
+fn are_texts_equal_within_tolerance(stored: &str, actual: &str) -> bool {
     let mut differences = Differences::default();
     compare_text(&mut differences, stored, actual);
-    differences.count == 0
+    differences.total_count == 0
 }
 
 fn compare_text(differences: &mut Differences, stored: &str, actual: &str) {
@@ -148,7 +149,9 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
             (stored, actual) => (stored.unwrap_or_default(), actual.unwrap_or_default()),
         };
         let is_equal = stored.text == actual.text
-            || stored.is_number && actual.is_number && are_numbers_equal(stored.text, actual.text, ABSOLUTE_TOLERANCE);
+            || stored.is_number
+                && actual.is_number
+                && are_numbers_equal_within_tolerance(stored.text, actual.text, ABSOLUTE_TOLERANCE);
         if !is_equal {
             let place = format!("line {line}, column {}", stored.start_column.max(actual.start_column));
             differences.add_difference(&place, stored.text, actual.text);
@@ -161,7 +164,7 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
 }
 
 /// Integers must be identical; if one number has a fraction or an exponent, both must agree within the tolerance.
-fn are_numbers_equal(stored: &str, actual: &str, floor: f64) -> bool {
+fn are_numbers_equal_within_tolerance(stored: &str, actual: &str, absolute_tolerance: f64) -> bool {
     let is_integer = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
     if stored == actual {
         return true;
@@ -172,7 +175,7 @@ fn are_numbers_equal(stored: &str, actual: &str, floor: f64) -> bool {
     match (stored.parse::<f64>(), actual.parse::<f64>()) {
         (Ok(a), Ok(b)) if a.is_finite() && b.is_finite() => {
             let tolerance = RELATIVE_TOLERANCE * a.abs().max(b.abs());
-            (a - b).abs() <= tolerance.max(floor)
+            (a - b).abs() <= tolerance.max(absolute_tolerance)
         }
         _ => false,
     }
@@ -229,18 +232,18 @@ fn number_end(bytes: &[u8], start: usize) -> Option<usize> {
 
 /// JSON with the keys of objects on separate lines, down to the elements of the longest lists: short, and a change
 /// is visible in `git diff`.
-fn json_text(value: &Value) -> String {
+fn indented_json_text(value: &Value) -> String {
     let mut text = String::new();
-    write_json(&mut text, value, 0);
+    write_indented_json(&mut text, value, 0);
     text.push('\n');
     text
 }
 
-fn write_json(text: &mut String, value: &Value, depth: usize) {
-    const MAX_LINE_BYTES: usize = 110;
+fn write_indented_json(text: &mut String, value: &Value, depth: usize) {
+    const MAX_JSON_LINE_BYTES: usize = 110;
     let compact = value.to_string();
     // An element of a list in the second level (a step of a plan) is one line.
-    if depth > 1 && value.is_object() || 2 * depth + compact.len() <= MAX_LINE_BYTES {
+    if depth > 1 && value.is_object() || 2 * depth + compact.len() <= MAX_JSON_LINE_BYTES {
         text.push_str(&compact);
         return;
     }
@@ -261,7 +264,7 @@ fn write_json(text: &mut String, value: &Value, depth: usize) {
         text.push_str(if index == 0 { "\n" } else { ",\n" });
         text.push_str(&indent);
         text.push_str(key);
-        write_json(text, value, depth + 1);
+        write_indented_json(text, value, depth + 1);
     }
     text.push('\n');
     text.push_str(&"  ".repeat(depth));
@@ -269,7 +272,7 @@ fn write_json(text: &mut String, value: &Value, depth: usize) {
 }
 
 #[test]
-fn numbers_are_equal_within_the_tolerance() {
+fn fractions_are_equal_within_tolerance_and_text_exactly() {
     let equal = [
         ("X-12.5 Y0", "X-12.50000000001 Y0"),
         ("1e-13", "-1e-13"),
@@ -287,15 +290,15 @@ fn numbers_are_equal_within_the_tolerance() {
         ("1\n2", "1"),
     ];
     for (stored, actual) in equal {
-        assert!(are_texts_equal(stored, actual), "{stored:?} {actual:?}");
+        assert!(are_texts_equal_within_tolerance(stored, actual), "{stored:?} {actual:?}");
     }
     for (stored, actual) in different {
-        assert!(!are_texts_equal(stored, actual), "{stored:?} {actual:?}");
+        assert!(!are_texts_equal_within_tolerance(stored, actual), "{stored:?} {actual:?}");
     }
 }
 
 #[test]
-fn a_difference_has_a_place() {
+fn difference_is_listed_with_line_and_column_or_json_path() {
     let mut differences = Differences::default();
     compare_text(&mut differences, "G1 X1.0\nG1 X2.000 Y3", "G1 X1.0\nG1 X2.001 Y3");
     compare_json(

@@ -6,18 +6,18 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value, json};
 
-use super::compare::{check_json, check_text};
-use super::machines::SELF_CALIBRATION;
+use super::compare::{check_json_against_baseline, check_text_against_baseline};
+use super::method_cases::SIMULATED_MACHINE_FILE;
 use super::normalise::{replace_hashes, replace_timestamps};
 use super::workspace::Workspace;
 use crate::support::daemon_process::DaemonProcess;
 
 const MACHINE_API_PATH: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 /// Timeout; a cycle takes a second.
-const MAX_WAIT: Duration = Duration::from_secs(60);
+const DAEMON_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The built-in machine with HTTP, Modbus and one cycle.
-const SERVE_SECTIONS: &str = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
+const SERVE_CONFIG_SECTIONS: &str = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
                      [method.latch-delay]\ntouches = 6\n\
                      [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
                      [serve]\nmin_interval_s = 0.0\n\
@@ -26,13 +26,13 @@ const SERVE_SECTIONS: &str = "[method.self-calibration]\nmonte_carlo_trials = 10
                      [serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
 
 fn served_workspace() -> Workspace {
-    let (machine, _) = SELF_CALIBRATION.split_once("\n[serve]").unwrap();
-    Workspace::with_machine(&format!("{machine}\n{SERVE_SECTIONS}"))
+    let (machine, _) = SIMULATED_MACHINE_FILE.split_once("\n[serve]").unwrap();
+    Workspace::with_machine_file(&format!("{machine}\n{SERVE_CONFIG_SECTIONS}"))
 }
 
 fn start_daemon(workspace: &Workspace) -> DaemonProcess {
-    let machine = workspace.path("machine.toml");
-    DaemonProcess::start(&mut workspace.command(&["serve", "--machine", &machine]))
+    let machine = workspace.file_path("machine.toml");
+    DaemonProcess::start(&mut workspace.trued_command(&["serve", "--machine", &machine]))
 }
 
 /// Status, content type and body.
@@ -60,7 +60,7 @@ impl HttpAnswer {
         }
     }
 
-    /// The body without times and hashes.
+    /// Status, content type and body as JSON, without the body's times and hashes.
     fn normalised_json(&self) -> Value {
         let body = replace_hashes(&replace_timestamps(&self.body));
         let body = serde_json::from_str(&body).unwrap_or(Value::String(body));
@@ -72,18 +72,18 @@ fn get_json(daemon: &DaemonProcess, path: &str) -> Value {
     serde_json::from_str(&HttpAnswer::request(daemon, path, None).body).unwrap()
 }
 
-pub fn http_description() {
+pub fn check_openapi_description() {
     let workspace = served_workspace();
     let daemon = start_daemon(&workspace);
-    check_json("http/openapi.json", &get_json(&daemon, "/api/v1/openapi.json"));
+    check_json_against_baseline("http/openapi.json", &get_json(&daemon, "/api/v1/openapi.json"));
 }
 
 /// Answers of a daemon with two finished runs in its journal, before and after a cycle of its own.
-pub fn http_answers() {
+pub fn check_http_answers() {
     let workspace = served_workspace();
-    let machine = workspace.path("machine.toml");
+    let machine = workspace.file_path("machine.toml");
     for _ in 0..2 {
-        workspace.stdout(&["run", "self-calibration", "--machine", &machine, "--json"]);
+        workspace.run_stdout(&["run", "self-calibration", "--machine", &machine, "--json"]);
     }
     let daemon = start_daemon(&workspace);
     let mut answers = Map::new();
@@ -126,8 +126,8 @@ pub fn http_answers() {
     for path in [MACHINE_API_PATH, "/api/v1/audit"] {
         record(format!("GET {path} after a cycle"), HttpAnswer::request(&daemon, path, None));
     }
-    check_json("http/answers.json", &Value::Object(answers));
-    check_text("http/metrics.txt", &metric_names(&metrics.body));
+    check_json_against_baseline("http/answers.json", &Value::Object(answers));
+    check_text_against_baseline("http/metrics.txt", &metric_names_and_labels(&metrics.body));
 }
 
 /// Waits until the machine is idle again and the result of its run has been read from the journal, which happens
@@ -140,14 +140,14 @@ fn wait_for_end_of_run(daemon: &DaemonProcess) {
         if machine["state"] == "waiting" && *run != 0 && machine["result"]["run"] == *run {
             return;
         }
-        assert!(begun.elapsed() < MAX_WAIT, "{machine}");
+        assert!(begun.elapsed() < DAEMON_TIMEOUT, "{machine}");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
 /// Names, labels and comments, sorted, because the order of labels changes. Values are omitted: they are counts and
 /// seconds of this process.
-fn metric_names(text: &str) -> String {
+fn metric_names_and_labels(text: &str) -> String {
     let name = |line: &str| match line.rsplit_once(' ') {
         Some((name, _)) if !line.starts_with('#') => format!("{name}\n"),
         _ => format!("{line}\n"),
@@ -159,7 +159,7 @@ fn metric_names(text: &str) -> String {
 
 /// Reads every address of docs/modbus.md and the neighbouring ones by hand-written requests, from an idle daemon
 /// and after a cycle.
-pub fn modbus_map() {
+pub fn check_modbus_registers() {
     let workspace = served_workspace();
     let daemon = start_daemon(&workspace);
     let mut client = ModbusTcpClient::connect(daemon.modbus_port());
@@ -169,21 +169,21 @@ pub fn modbus_map() {
     assert_eq!(started.status, 202, "{}", started.body);
     wait_for_end_of_run(&daemon);
     let after = client.dump_register_map();
-    check_text("modbus/registers.txt", &format!("waiting\n{waiting}\nafter a cycle\n{after}"));
+    check_text_against_baseline("modbus/registers.txt", &format!("waiting\n{waiting}\nafter a cycle\n{after}"));
 }
 
 struct ModbusTcpClient {
     stream: TcpStream,
 }
 
-const READ_COILS: u8 = 1;
-const READ_HOLDING: u8 = 3;
-const READ_INPUT: u8 = 4;
+const READ_COILS_FUNCTION: u8 = 1;
+const READ_HOLDING_FUNCTION: u8 = 3;
+const READ_INPUT_FUNCTION: u8 = 4;
 
 impl ModbusTcpClient {
     fn connect(port: u16) -> Self {
         let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
-        stream.set_read_timeout(Some(MAX_WAIT)).unwrap();
+        stream.set_read_timeout(Some(DAEMON_TIMEOUT)).unwrap();
         Self { stream }
     }
 
@@ -202,11 +202,11 @@ impl ModbusTcpClient {
         (head[7], data)
     }
 
-    /// Formats the reply as a line; `heartbeat`: the first register is a counter and is written as 0.
-    fn read_block_as_text(&mut self, function: u8, address: u16, count: u16, heartbeat: bool) -> String {
+    /// Formats the reply as a line; with `zeroes_first_register`, the first register, a heartbeat, is written as 0.
+    fn read_block_as_text(&mut self, function: u8, address: u16, count: u16, zeroes_first_register: bool) -> String {
         let request = [address.to_be_bytes(), count.to_be_bytes()].concat();
         let (reply, mut data) = self.request(function, &request);
-        if heartbeat && reply == function {
+        if zeroes_first_register && reply == function {
             data[1..3].fill(0);
         }
         let data: Vec<String> = data.iter().map(|byte| byte.to_string()).collect();
@@ -215,24 +215,24 @@ impl ModbusTcpClient {
 
     fn dump_register_map(&mut self) -> String {
         let reads = [
-            (READ_INPUT, 0, 16),
-            (READ_INPUT, 100, 120),
-            (READ_INPUT, 16, 1),
-            (READ_INPUT, 99, 1),
-            (READ_INPUT, 220, 1),
-            (READ_INPUT, 0, 0),
-            (READ_COILS, 0, 9),
-            (READ_COILS, 11, 8),
-            (READ_COILS, 9, 1),
-            (READ_COILS, 10, 1),
-            (READ_COILS, 19, 1),
-            (READ_HOLDING, 0, 1),
-            (READ_HOLDING, 1, 1),
+            (READ_INPUT_FUNCTION, 0, 16),
+            (READ_INPUT_FUNCTION, 100, 120),
+            (READ_INPUT_FUNCTION, 16, 1),
+            (READ_INPUT_FUNCTION, 99, 1),
+            (READ_INPUT_FUNCTION, 220, 1),
+            (READ_INPUT_FUNCTION, 0, 0),
+            (READ_COILS_FUNCTION, 0, 9),
+            (READ_COILS_FUNCTION, 11, 8),
+            (READ_COILS_FUNCTION, 9, 1),
+            (READ_COILS_FUNCTION, 10, 1),
+            (READ_COILS_FUNCTION, 19, 1),
+            (READ_HOLDING_FUNCTION, 0, 1),
+            (READ_HOLDING_FUNCTION, 1, 1),
             (2, 0, 1),
             (7, 0, 0),
         ];
         let lines = reads.map(|(function, address, count)| {
-            self.read_block_as_text(function, address, count, (function, address) == (READ_INPUT, 0))
+            self.read_block_as_text(function, address, count, (function, address) == (READ_INPUT_FUNCTION, 0))
         });
         lines.concat()
     }

@@ -14,7 +14,7 @@ mod capture;
 mod compare;
 mod daemon;
 mod digest;
-mod machines;
+mod method_cases;
 mod normalise;
 mod plans;
 mod runs;
@@ -25,10 +25,10 @@ mod support {
     pub mod daemon_process;
     pub mod http;
 }
-mod wires;
+mod wire_runs;
 mod workspace;
 
-use machines::CASES;
+use method_cases::METHOD_CASES;
 
 /// The tests of one method.
 macro_rules! method_tests {
@@ -37,59 +37,59 @@ macro_rules! method_tests {
             use super::*;
 
             #[test]
-            fn plan() {
-                plans::plan(&$case);
+            fn nominal_plan_is_as_stored() {
+                plans::check_nominal_plan(&$case);
             }
 
             #[test]
-            fn programs() {
-                plans::programs(&$case);
+            fn gcode_programs_are_as_stored() {
+                plans::check_gcode_programs(&$case);
             }
 
             #[test]
-            fn run_plan() {
-                runs::plan(&$case);
+            fn plan_of_run_is_as_stored() {
+                runs::check_run_plan(&$case);
             }
 
             #[test]
-            fn run_readings() {
-                runs::readings(&$case);
+            fn readings_of_run_are_as_stored() {
+                runs::check_run_readings(&$case);
             }
 
             #[test]
-            fn run_estimate() {
-                runs::estimate(&$case);
+            fn estimate_of_run_is_as_stored() {
+                runs::check_run_estimate(&$case);
             }
 
             #[test]
-            fn run_capture() {
-                runs::capture(&$case);
+            fn capture_of_run_is_as_stored() {
+                runs::check_run_capture(&$case);
             }
 
             #[test]
-            fn run_report() {
-                runs::report(&$case);
+            fn report_of_run_is_as_stored() {
+                runs::check_run_report(&$case);
             }
 
             #[test]
-            fn short_run() {
-                runs::short(&$case);
+            fn short_run_is_as_stored() {
+                runs::check_short_run(&$case);
             }
 
             #[test]
             #[ignore = "up to 30 s of CPU for the number of trials that JCGM 101, 7.9 decides"]
-            fn default_estimate() {
-                runs::default_estimate(&$case);
+            fn estimate_with_default_trials_is_as_stored() {
+                runs::check_estimate_with_default_trials(&$case);
             }
         }
     )*};
 }
 
 method_tests! {
-    self_calibration = CASES[0],
-    laser_r_test = CASES[1],
-    samba = CASES[2],
-    latch_delay = CASES[3],
+    self_calibration = METHOD_CASES[0],
+    laser_r_test = METHOD_CASES[1],
+    samba = METHOD_CASES[2],
+    latch_delay = METHOD_CASES[3],
 }
 
 /// Tests that call one function each.
@@ -103,22 +103,22 @@ macro_rules! tests {
 }
 
 tests! {
-    wires::grbl_in_memory,
-    wires::grbl_on_pty,
-    wires::line_window_on_tcp,
-    wires::line_window_on_pty,
-    wires::resident_program_on_tcp,
-    wires::resident_program_on_pty,
-    wires::serial_sensor_in_memory,
-    wires::frame_sensor_in_memory,
-    wires::modbus_sensor_on_tcp,
-    wires::replay_of_linuxcnc,
-    sensors::lines_of_text,
-    sensors::lines_of_text_on_request,
-    sensors::frames_of_bytes,
-    sensors::registers,
-    sensors::thermometer_registers,
-    daemon::http_description,
-    daemon::http_answers,
-    daemon::modbus_map,
+    wire_runs::run_over_grbl_in_memory_is_as_stored,
+    wire_runs::run_over_grbl_on_pty_is_as_stored,
+    wire_runs::run_over_line_window_on_tcp_is_as_stored,
+    wire_runs::run_over_line_window_on_pty_is_as_stored,
+    wire_runs::run_over_resident_program_on_tcp_is_as_stored,
+    wire_runs::run_over_resident_program_on_pty_is_as_stored,
+    wire_runs::run_with_serial_sensor_in_memory_is_as_stored,
+    wire_runs::run_with_frame_sensor_in_memory_is_as_stored,
+    wire_runs::run_with_modbus_sensor_on_tcp_is_as_stored,
+    wire_runs::linuxcnc_capture_replays_to_the_stored_estimate,
+    sensors::serial_text_lines_are_read_as_stored,
+    sensors::polled_text_lines_and_requests_are_as_stored,
+    sensors::serial_byte_frames_are_read_as_stored,
+    sensors::modbus_sensor_samples_and_requests_are_as_stored,
+    sensors::readings_with_modbus_thermometer_are_as_stored,
+    daemon::check_openapi_description,
+    daemon::check_http_answers,
+    daemon::check_modbus_registers,
 }

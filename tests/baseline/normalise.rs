@@ -40,9 +40,9 @@ pub fn replace_timestamps(text: &str) -> String {
 
 /// `text` with each SHA-256 replaced.
 pub fn replace_hashes(text: &str) -> String {
-    const HASH_DIGIT_COUNT: usize = 64;
+    const SHA256_HEX_DIGIT_COUNT: usize = 64;
     let is_hexadecimal =
-        |word: &str| word.len() == HASH_DIGIT_COUNT && word.bytes().all(|byte| byte.is_ascii_hexdigit());
+        |word: &str| word.len() == SHA256_HEX_DIGIT_COUNT && word.bytes().all(|byte| byte.is_ascii_hexdigit());
     let words = text.split_inclusive(|letter: char| !letter.is_ascii_alphanumeric());
     let replaced = words.map(|word| {
         let hash = word.trim_end_matches(|letter: char| !letter.is_ascii_alphanumeric());
@@ -55,7 +55,7 @@ pub fn replace_hashes(text: &str) -> String {
 }
 
 /// `text` without the lines that start with one of `beginnings`.
-pub fn remove_lines(text: &str, beginnings: &[&str]) -> String {
+pub fn remove_lines_with_prefixes(text: &str, beginnings: &[&str]) -> String {
     let kept = text.lines().filter(|line| !beginnings.iter().any(|begin| line.starts_with(begin)));
     kept.map(|line| format!("{line}\n")).collect()
 }

@@ -8,15 +8,15 @@ use std::thread;
 
 use serde_json::Value;
 
-use super::compare::check_text;
-use super::machines::{LASER, SELF_CALIBRATION, with_method};
-use super::workspace::{Workspace, stderr, with_replaced_lines};
+use super::compare::check_text_against_baseline;
+use super::method_cases::{LASER_MACHINE_FILE, SIMULATED_MACHINE_FILE, append_method_settings};
+use super::workspace::{Workspace, replace_line_starts, stderr_text};
 
 /// Number of samples after which distances repeat; the fourth sample is not a distance.
 const DISTANCE_PERIOD_SAMPLES: u32 = 8;
 /// Number of samples that are read from each sensor: the driver may omit the first ones of a sensor that sends
 /// without requests.
-const SAMPLE_COUNT: usize = 3 * DISTANCE_PERIOD_SAMPLES as usize;
+const READ_SAMPLE_COUNT: usize = 3 * DISTANCE_PERIOD_SAMPLES as usize;
 
 /// A peer on a free port of this computer, for one connection; it sends its log of requests.
 struct SensorPeer {
@@ -38,7 +38,7 @@ impl SensorPeer {
     }
 
     /// The first `count` requests, one per line.
-    fn received_requests(&self, count: usize) -> String {
+    fn first_requests_text(&self, count: usize) -> String {
         let shown = |request: Vec<u8>| format!("> {}\n", request.escape_ascii());
         self.requests.iter().take(count).map(shown).collect()
     }
@@ -75,7 +75,7 @@ fn start_polled_peer(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Sensor
 
 /// A Modbus TCP server that answers each register request with the next content. In the log the transaction number
 /// is zero, because it is a counter.
-fn start_modbus_peer(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> SensorPeer {
+fn start_modbus_peer(register_content: impl Fn(u32) -> Vec<u16> + Send + 'static) -> SensorPeer {
     SensorPeer::start(move |mut stream, log| {
         for index in 0.. {
             let mut request = [0; 12];
@@ -83,9 +83,9 @@ fn start_modbus_peer(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Se
                 return;
             }
             let count = u16::from_be_bytes([request[10], request[11]]);
-            let mut words = registers(index);
-            words.resize(usize::from(count), 0);
-            let body: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
+            let mut registers = register_content(index);
+            registers.resize(usize::from(count), 0);
+            let body: Vec<u8> = registers.iter().flat_map(|word| word.to_be_bytes()).collect();
             let length = u8::try_from(body.len()).unwrap();
             let head = [request[0], request[1], 0, 0, 0, length + 3, request[6], request[7], length];
             let reply = [&head[..], &body].concat();
@@ -100,13 +100,13 @@ fn start_modbus_peer(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Se
 
 /// Samples as `trued watch` prints them, without their wall time: one period, from the sample without a distance
 /// on.
-fn watch_sensor(sensor: &str) -> String {
+fn watched_samples_text(sensor_keys: &str) -> String {
     let from = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n";
-    let workspace = Workspace::with_machine(&with_replaced_lines(LASER, &[(from, sensor)]));
-    let (machine, samples) = (workspace.path("machine.toml"), SAMPLE_COUNT.to_string());
+    let workspace = Workspace::with_machine_file(&replace_line_starts(LASER_MACHINE_FILE, &[(from, sensor_keys)]));
+    let (machine, samples) = (workspace.file_path("machine.toml"), READ_SAMPLE_COUNT.to_string());
     let arguments = ["watch", "laser", "--machine", &machine, "--samples", &samples, "--json"];
-    let output = workspace.output(&arguments);
-    assert!(output.status.success(), "{}", stderr(&output));
+    let output = workspace.run_trued(&arguments);
+    assert!(output.status.success(), "{}", stderr_text(&output));
     let sample = |line: &str| {
         let mut sample: Value = serde_json::from_str(line).unwrap();
         sample.as_object_mut().unwrap().remove("t_s").unwrap();
@@ -117,15 +117,15 @@ fn watch_sensor(sensor: &str) -> String {
     period.take(DISTANCE_PERIOD_SAMPLES as usize).map(|sample| format!("{sample}\n")).collect()
 }
 
-/// Distance in units of 10 nm.
-fn distance_counts(index: u32) -> Option<i32> {
+/// Distance of the sample in units of 10 nm. `None`: the sample is not a distance.
+fn distance_in_10_nm(index: u32) -> Option<i32> {
     let index = index % DISTANCE_PERIOD_SAMPLES;
     (index != 3).then_some(-12_345 + 1_111 * i32::try_from(index).unwrap())
 }
 
 fn text_line(index: u32) -> Vec<u8> {
     let counter = index % 10_000;
-    match distance_counts(index) {
+    match distance_in_10_nm(index) {
         Some(value) => format!("M0,{:+.5},{counter:04}\r\n", f64::from(value) * 1e-5).into_bytes(),
         None => format!("M0,-FFFFFFF,{counter:04}\r\n").into_bytes(),
     }
@@ -135,26 +135,26 @@ const TEXT_LINE_KEYS: &str = "[sensor.serial.line]\nseparator = \",\"\nprefix = 
                     value = { column = 2, scale_mm = 1.0, codes = [{ is = \"-FFFFFFF\", means = \"no-echo\" }] }\n\
                     counter = { column = 3, round = 10000 }\n";
 
-pub fn lines_of_text() {
+pub fn serial_text_lines_are_read_as_stored() {
     let peer = start_streaming_peer(text_line);
     let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{TEXT_LINE_KEYS}", peer.port);
-    check_text("sensors/serial-lines.txt", &watch_sensor(&sensor));
+    check_text_against_baseline("sensors/serial-lines.txt", &watched_samples_text(&sensor));
 }
 
-pub fn lines_of_text_on_request() {
+pub fn polled_text_lines_and_requests_are_as_stored() {
     let peer = start_polled_peer(text_line);
     let keys = "rate_hz = 500.0\nrequest = \"M0\\r\"\n";
     let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{keys}{TEXT_LINE_KEYS}", peer.port);
-    let samples = watch_sensor(&sensor);
-    check_text(
+    let samples = watched_samples_text(&sensor);
+    check_text_against_baseline(
         "sensors/serial-lines-on-request.txt",
-        &(samples + &peer.received_requests(DISTANCE_PERIOD_SAMPLES as usize)),
+        &(samples + &peer.first_requests_text(DISTANCE_PERIOD_SAMPLES as usize)),
     );
 }
 
 /// Sync, distance (32 bits), counter, CRC-16/MODBUS of distance and counter, low byte first.
 fn byte_frame(index: u32) -> Vec<u8> {
-    let value = distance_counts(index).unwrap_or(i32::MAX).to_be_bytes();
+    let value = distance_in_10_nm(index).unwrap_or(i32::MAX).to_be_bytes();
     let body = [&value[..], &[index as u8]].concat();
     let crc = body.iter().fold(0xFFFF_u16, |crc, byte| {
         (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 })
@@ -162,43 +162,46 @@ fn byte_frame(index: u32) -> Vec<u8> {
     [&[0xAA, 0x55][..], &body, &crc.to_le_bytes()].concat()
 }
 
-pub fn frames_of_bytes() {
+pub fn serial_byte_frames_are_read_as_stored() {
     let peer = start_streaming_peer(byte_frame);
     let keys = "[sensor.serial.frame]\nsync = [0xAA, 0x55]\nlength = 5\norder = \"big\"\n\
                 value = { byte = 0, width = 32, signed = true, scale_mm = 1e-5, \
                 codes = [{ is = 0x7FFFFFFF, means = \"no-echo\" }] }\n\
                 counter = { byte = 4, width = 8 }\nchecksum = { kind = \"crc16-modbus\", order = \"little\" }\n";
     let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{keys}", peer.port);
-    check_text("sensors/serial-frames.txt", &watch_sensor(&sensor));
+    check_text_against_baseline("sensors/serial-frames.txt", &watched_samples_text(&sensor));
 }
 
-pub fn registers() {
+pub fn modbus_sensor_samples_and_requests_are_as_stored() {
     let peer = start_modbus_peer(|index| {
-        let value = distance_counts(index).unwrap_or_default() as u32;
-        let status = u16::from(distance_counts(index).is_none());
+        let value = distance_in_10_nm(index).unwrap_or_default() as u32;
+        let status = u16::from(distance_in_10_nm(index).is_none());
         vec![(value >> 16) as u16, value as u16, index as u16, status]
     });
     let keys = "rate_hz = 100.0\nvalue = { register = 0, type = \"i32\", order = \"abcd\", scale_mm = 1e-5 }\n\
                 counter = { register = 2, type = \"u16\" }\n\
                 status = [{ register = 3, bit = 0, means = \"no-echo\" }]\n";
     let sensor = format!("[sensor.modbus]\ntcp = \"127.0.0.1:{}\"\n{keys}", peer.port);
-    let samples = watch_sensor(&sensor);
-    check_text("sensors/modbus.txt", &(samples + &peer.received_requests(DISTANCE_PERIOD_SAMPLES as usize)));
+    let samples = watched_samples_text(&sensor);
+    check_text_against_baseline(
+        "sensors/modbus.txt",
+        &(samples + &peer.first_requests_text(DISTANCE_PERIOD_SAMPLES as usize)),
+    );
 }
 
 /// The thermometer is polled in wall time, so only its first request is kept. Its value is in every reading.
-pub fn thermometer_registers() {
+pub fn readings_with_modbus_thermometer_are_as_stored() {
     let peer = start_modbus_peer(|_| vec![215]);
     let from = "[thermometer.simulated]\n";
     let to = format!(
         "[thermometer.modbus]\ntcp = \"127.0.0.1:{}\"\nvalue = {{ register = 0, type = \"i16\", scale_c = 0.1 }}\n",
         peer.port
     );
-    let machine = with_replaced_lines(SELF_CALIBRATION, &[(from, &to)]);
-    let workspace = Workspace::with_machine(&with_method(&machine, "latch-delay", ""));
-    let machine = workspace.path("machine.toml");
-    workspace.stdout(&["run", "latch-delay", "--machine", &machine, "--json"]);
-    workspace.stdout(&["export", "1", "--to", &workspace.path("export")]);
-    let readings = workspace.read("export/run-1-readings.csv");
-    check_text("sensors/thermometer-modbus.txt", &(readings + &peer.received_requests(1)));
+    let machine = replace_line_starts(SIMULATED_MACHINE_FILE, &[(from, &to)]);
+    let workspace = Workspace::with_machine_file(&append_method_settings(&machine, "latch-delay", ""));
+    let machine = workspace.file_path("machine.toml");
+    workspace.run_stdout(&["run", "latch-delay", "--machine", &machine, "--json"]);
+    workspace.run_stdout(&["export", "1", "--to", &workspace.file_path("export")]);
+    let readings = workspace.read_file("export/run-1-readings.csv");
+    check_text_against_baseline("sensors/thermometer-modbus.txt", &(readings + &peer.first_requests_text(1)));
 }

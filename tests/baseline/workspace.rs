@@ -1,4 +1,4 @@
-//! The program in a separate folder: machine file, journal, outputs.
+//! Runs the program in a separate folder with its machine file, journal and outputs.
 
 use std::fs;
 use std::process::{Command, Output};
@@ -15,50 +15,50 @@ impl Workspace {
     }
 
     /// A workspace with this `machine.toml`.
-    pub fn with_machine(text: &str) -> Self {
+    pub fn with_machine_file(text: &str) -> Self {
         let workspace = Self::new();
-        fs::write(workspace.path("machine.toml"), text).unwrap();
+        fs::write(workspace.file_path("machine.toml"), text).unwrap();
         workspace
     }
 
-    pub fn path(&self, name: &str) -> String {
+    pub fn file_path(&self, name: &str) -> String {
         self.folder.path().join(name).display().to_string()
     }
 
-    pub fn read(&self, name: &str) -> String {
-        let path = self.path(name);
+    pub fn read_file(&self, name: &str) -> String {
+        let path = self.file_path(name);
         fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
     }
 
     /// `trued` with its journal in this workspace.
-    pub fn command(&self, arguments: &[&str]) -> Command {
+    pub fn trued_command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
-        command.args(arguments).args(["--state", &self.path("state")]);
+        command.args(arguments).args(["--state", &self.file_path("state")]);
         command
     }
 
-    pub fn output(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().unwrap()
+    pub fn run_trued(&self, arguments: &[&str]) -> Output {
+        self.trued_command(arguments).output().unwrap()
     }
 
     /// Standard output of a command that succeeds.
-    pub fn stdout(&self, arguments: &[&str]) -> String {
-        let output = self.output(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+    pub fn run_stdout(&self, arguments: &[&str]) -> String {
+        let output = self.run_trued(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", stderr_text(&output));
         String::from_utf8(output.stdout).unwrap()
     }
 
-    pub fn json(&self, arguments: &[&str]) -> Value {
-        serde_json::from_str(&self.stdout(arguments)).unwrap()
+    pub fn run_json(&self, arguments: &[&str]) -> Value {
+        serde_json::from_str(&self.run_stdout(arguments)).unwrap()
     }
 }
 
-pub fn stderr(output: &Output) -> String {
+pub fn stderr_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Each `from` is the beginning of a line that occurs once or more; the first one is replaced.
-pub fn with_replaced_lines(file: &str, changes: &[(&str, &str)]) -> String {
+/// Each `from` is the beginning of at least one line; its first occurrence is replaced by `to`.
+pub fn replace_line_starts(file: &str, changes: &[(&str, &str)]) -> String {
     let mut text = file.to_owned();
     for (from, to) in changes {
         let from = format!("\n{from}");

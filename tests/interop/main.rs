@@ -26,5 +26,5 @@ fn main() {
         serve_modbus::trials(),
         socketcan::trials(),
     ];
-    run_trials(suites.into_iter().fold(Trials::default(), Trials::with))
+    run_trials(suites.into_iter().fold(Trials::default(), Trials::with_trials))
 }

@@ -10,10 +10,10 @@ use trued::setup::{self, MachineFile};
 
 use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
-use crate::touch_alone::touch_alone;
-use testing::population::is_full;
+use crate::touch_without_path::touch_without_path;
+use testing::population::is_full_test_run;
 
-type Changes = Vec<(&'static str, Value)>;
+type MachineFileChanges = Vec<(&'static str, Value)>;
 
 /// A built-in machine with other values; path: keys joined by dots.
 fn changed_machine(text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
@@ -35,17 +35,18 @@ fn measure_in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate
     let (method, mut header) = setup::configure_method_and_plan(files[0], method, None).unwrap();
     header.priors = priors;
     let mut world = setup::build_world(files[1]).unwrap();
-    let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
+    let played = plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, touch_without_path);
     let (plan, readings) = played.unwrap();
     method.identify(&plan, &readings).unwrap()
 }
 
-const SAMBA: &str = include_str!("../../config/samba.toml");
-pub const DOME: &str = include_str!("../../config/ball-dome.toml");
+const SAMBA_MACHINE_FILE: &str = include_str!("../../config/samba.toml");
+pub const BALL_DOME_MACHINE_FILE: &str = include_str!("../../config/ball-dome.toml");
 
-/// SAMBA, then the dome with its estimate, on machine files changed by `of`.
-fn samba_and_dome_estimate(seed: u64, of: fn(&str) -> String, changes: &[(&'static str, Value)]) -> Estimate {
-    let [samba, dome] = [SAMBA, DOME].map(|text| changed_machine(&of(text), seed, changes));
+/// SAMBA, then the dome with its estimate, on machine files whose text `change_text` changes.
+fn samba_and_dome_estimate(seed: u64, change_text: fn(&str) -> String, changes: &[(&'static str, Value)]) -> Estimate {
+    let [samba, dome] =
+        [SAMBA_MACHINE_FILE, BALL_DOME_MACHINE_FILE].map(|text| changed_machine(&change_text(text), seed, changes));
     measure_and_identify("ball-dome", &dome, vec![measure_and_identify("samba", &samba, Vec::new())])
 }
 
@@ -54,7 +55,7 @@ fn parameter_value(estimate: &Estimate, symbol: &str) -> f64 {
 }
 
 /// Asserts that the largest and the mean deviation decrease by at least four fifths from N1 to S3.
-fn check_no_alarm(estimate: &Estimate) {
+fn assert_deviations_decrease_from_n1_to_s3(estimate: &Estimate) {
     for of in ["max", "mean"] {
         let [n1, s3] = ["N1", "S3"].map(|name| parameter_value(estimate, &format!("{name}_{of}")));
         println!("{of}: N1 {n1:.1} µm, S3 {s3:.1} µm; χ² {:.3}", estimate.chi2_per_dof);
@@ -63,7 +64,7 @@ fn check_no_alarm(estimate: &Estimate) {
 }
 
 /// Changes for a world with only the thirteen errors and the stylus: its result is the true value.
-fn changes_without_errors() -> Changes {
+fn changes_without_unmodelled_errors() -> MachineFileChanges {
     let nothing = [
         "axes.X.error_motion_um",
         "axes.Y.error_motion_um",
@@ -84,7 +85,7 @@ fn changes_without_errors() -> Changes {
 /// Steel that is 2 K warmer is 23 µm/m longer. On a machine without errors, this is the deviation of a dome whose
 /// temperature is stated wrongly: a rigid fit leaves 23 µm/m of the distances from the centroid.
 #[test]
-fn a_dome_is_longer_where_it_is_warm() {
+fn wrong_dome_temperature_appears_in_n1_and_its_u() {
     let at = |temperature_c: f64, u_temperature_k: f64| {
         let changes = [
             ("artefact.temperature_c", Value::Float(temperature_c)),
@@ -96,7 +97,7 @@ fn a_dome_is_longer_where_it_is_warm() {
             ("simulated.tool_offset_um", Value::Array(vec![Value::Float(0.0); 3])),
             ("probe.stylus_offset_um", Value::Float(0.0)),
         ];
-        changed_machine(DOME, 1, &[&changes_without_errors()[..], &changes].concat())
+        changed_machine(BALL_DOME_MACHINE_FILE, 1, &[&changes_without_unmodelled_errors()[..], &changes].concat())
     };
     let world = at(22.0, 0.0);
     let n1 = |file: &MachineFile| {
@@ -114,13 +115,13 @@ fn a_dome_is_longer_where_it_is_warm() {
 /// seed.
 #[test]
 fn coverage_of_the_dome_styluses_and_mean_deviations() {
-    let seeds = if is_full() { 100 } else { 2 };
+    let seeds = if is_full_test_run() { 100 } else { 2 };
     let of_seed = |seed: u64| {
         // Without drift, because the drift up to then is part of every stylus.
         let still = [("machine.drift_um_per_h", Value::Float(0.0))];
         let (measured, truth) = (
             samba_and_dome_estimate(seed, str::to_owned, &still),
-            samba_and_dome_estimate(seed, str::to_owned, &changes_without_errors()),
+            samba_and_dome_estimate(seed, str::to_owned, &changes_without_unmodelled_errors()),
         );
         let parameters = measured.parameters.iter().zip(&truth.parameters);
         let ratio = |(own, truth): (&Parameter, &Parameter)| {
@@ -147,19 +148,19 @@ fn coverage_of_the_dome_styluses_and_mean_deviations() {
     assert!((0.2..1.6).contains(&styluses) && means < 3.0, "{styluses} {means}");
 }
 
-fn is_contradicted(estimate: &Estimate) -> bool {
+fn is_model_contradicted(estimate: &Estimate) -> bool {
     estimate.verdict == Verdict::UndecidedModel
 }
 
 /// Error motions, drift, certificate and probe as declared: they explain the deviations of S3.
 #[test]
 fn residual_errors_of_the_calibrated_machine_are_within_u() {
-    let seeds = if is_full() { 40 } else { 2 };
+    let seeds = if is_full_test_run() { 40 } else { 2 };
     let estimates: Vec<Estimate> =
         (1..=seeds).into_par_iter().map(|seed| samba_and_dome_estimate(seed, str::to_owned, &[])).collect();
-    estimates.iter().for_each(check_no_alarm);
+    estimates.iter().for_each(assert_deviations_decrease_from_n1_to_s3);
     let mean = estimates.iter().map(|e| e.chi2_per_dof).sum::<f64>() / seeds as f64;
-    let contradicted = estimates.iter().filter(|estimate| is_contradicted(estimate)).count();
+    let contradicted = estimates.iter().filter(|estimate| is_model_contradicted(estimate)).count();
     println!("mean χ² {mean:.3} of what is expected, {contradicted} of {seeds} contradicted");
     assert!((0.85..1.15).contains(&mean) && contradicted <= seeds as usize / 20);
 }
@@ -169,17 +170,17 @@ fn residual_errors_of_the_calibrated_machine_are_within_u() {
 #[test]
 fn yielding_dome_is_flagged() {
     let sag: Table = "axis = \"B\"\nlaw = \"sin\"\num = [5.5, 0.0, 7.4]".parse().unwrap();
-    let changes: Changes =
+    let changes: MachineFileChanges =
         vec![("simulated.sag", Value::Array(vec![sag.into()])), ("simulated.ball_offset_mm", Value::Float(0.0027))];
-    let samba = changed_machine(SAMBA, 1, &[]);
-    let dome = changed_machine(DOME, 1, &changes);
+    let samba = changed_machine(SAMBA_MACHINE_FILE, 1, &[]);
+    let dome = changed_machine(BALL_DOME_MACHINE_FILE, 1, &changes);
     let estimate = measure_and_identify("ball-dome", &dome, vec![measure_and_identify("samba", &samba, Vec::new())]);
-    check_no_alarm(&estimate);
-    assert!(is_contradicted(&estimate), "{:#?}", estimate.warnings);
+    assert_deviations_decrease_from_n1_to_s3(&estimate);
+    assert!(is_model_contradicted(&estimate), "{:#?}", estimate.warnings);
 }
 
 /// Machine time of the plan, minutes.
-fn planned_time_min(file: &MachineFile) -> f64 {
+fn planned_machine_time_min(file: &MachineFile) -> f64 {
     let (method, header) = setup::configure_method_and_plan(file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     planning::plan_blocks_by_stage(&plan, &stages).unwrap().1 / 60.0
@@ -189,50 +190,52 @@ fn planned_time_min(file: &MachineFile) -> f64 {
 /// indexation, with the same uncertainty.
 #[test]
 fn single_search_saves_a_quarter_of_the_time_at_equal_u() {
-    if !is_full() {
+    if !is_full_test_run() {
         return;
     }
     let found = ["once", "every"].map(|find| {
-        let changes: Changes = vec![("method.ball-dome.find", Value::String(find.to_owned()))];
-        let dome = changed_machine(DOME, 1, &changes);
-        let samba = measure_and_identify("samba", &changed_machine(SAMBA, 1, &[]), Vec::new());
+        let changes: MachineFileChanges = vec![("method.ball-dome.find", Value::String(find.to_owned()))];
+        let dome = changed_machine(BALL_DOME_MACHINE_FILE, 1, &changes);
+        let samba = measure_and_identify("samba", &changed_machine(SAMBA_MACHINE_FILE, 1, &[]), Vec::new());
         let estimate = measure_and_identify("ball-dome", &dome, vec![samba]);
         let u = estimate.parameters.iter().find(|p| p.symbol == "S3_mean").unwrap().u;
-        (planned_time_min(&dome), u)
+        (planned_machine_time_min(&dome), u)
     });
     println!("minutes and u of S3_mean: {found:?}");
     let [(once_min, u_once), (every_min, u_every)] = found;
     assert!(once_min < 0.75 * every_min && (u_once / u_every - 1.0).abs() < 0.1);
 }
 
-fn readings_with_temperature_watch(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRefusal> {
+fn readings_with_drift_watch(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRefusal> {
     let few = |degrees: &[f64]| Value::Array(degrees.iter().copied().map(Value::Float).collect());
-    let changes: Changes = vec![
+    let changes: MachineFileChanges = vec![
         ("method.ball-dome.watch_min", Value::Float(watch_min)),
         ("method.ball-dome.tilt_deg", few(&[0.0])),
         ("method.ball-dome.turn_deg", few(&[0.0])),
         ("machine.drift_um_per_h", Value::Float(drift_um_per_h)),
     ];
-    let mut world = setup::build_world(&changed_machine(DOME, 1, &changes)).unwrap();
-    let declared: Changes = changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
+    let mut world = setup::build_world(&changed_machine(BALL_DOME_MACHINE_FILE, 1, &changes)).unwrap();
+    let declared: MachineFileChanges = changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
     let (method, header) =
-        setup::configure_method_and_plan(&changed_machine(DOME, 1, &declared), "ball-dome", None).unwrap();
-    plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone).map(|(_, readings)| readings)
+        setup::configure_method_and_plan(&changed_machine(BALL_DOME_MACHINE_FILE, 1, &declared), "ball-dome", None)
+            .unwrap();
+    plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, touch_without_path)
+        .map(|(_, readings)| readings)
 }
 
 /// A table with the declared drift is monitored for four minutes or slightly longer. With ten times the drift it is
 /// monitored six times as long, and the run does not begin; neither does it where the time is too short to show
 /// that the machine is at rest.
 #[test]
-fn drifting_machine_is_watched() {
-    let readings = readings_with_temperature_watch(2.0, 4.0).unwrap();
+fn drifting_machine_is_not_confirmed_at_rest() {
+    let readings = readings_with_drift_watch(2.0, 4.0).unwrap();
     let last_s = readings.last().unwrap().t_s;
     println!("{} readings in {last_s:.0} s", readings.len());
     assert!((240.0..900.0).contains(&last_s));
-    let short = readings_with_temperature_watch(2.0, 0.1).unwrap_err();
+    let short = readings_with_drift_watch(2.0, 0.1).unwrap_err();
     println!("{short}");
     assert!(short.remedy.contains("then resume the run") && short.remedy.contains("raise watch_min"), "{short}");
-    let why = readings_with_temperature_watch(40.0, 4.0).unwrap_err().reason;
+    let why = readings_with_drift_watch(40.0, 4.0).unwrap_err().reason;
     println!("{why}");
     assert!(why.starts_with("the machine is not confirmed at rest: after 24 min"), "{why}");
 }
@@ -255,7 +258,7 @@ pub fn with_a_on_y_topology(text: &str) -> String {
 #[ignore = "a minute and a half of CPU for a dome on another machine"]
 fn samba_decreases_the_dome_deviations_on_another_topology_too() {
     let estimate = samba_and_dome_estimate(1, with_a_on_y_topology, &[]);
-    check_no_alarm(&estimate);
+    assert_deviations_decrease_from_n1_to_s3(&estimate);
     assert_eq!((estimate.rank, estimate.unknowns), (9, 9));
-    assert!(!is_contradicted(&estimate), "{:#?}", estimate.warnings);
+    assert!(!is_model_contradicted(&estimate), "{:#?}", estimate.warnings);
 }

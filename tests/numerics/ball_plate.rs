@@ -17,17 +17,17 @@ use trued::setup::{self, MachineFile};
 
 use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
-use crate::touch_alone::touch_alone;
+use crate::touch_without_path::touch_without_path;
 use estimation::random::seeded_stream;
-use testing::population::{coverage_size_and_limits, is_full};
+use testing::population::{coverage_seeds_and_share_limits, is_full_test_run};
 
 /// Time at which a ball comes loose: the middle of the played plan, which takes 3430 s.
-const LOOSE_BALL_FROM_S: f64 = 1700.0;
+const BALL_COMES_LOOSE_AT_S: f64 = 1700.0;
 /// Key of the random stream that selects the missing visits.
-const MISSING_READINGS_SEED: u64 = 0x6d69_7373;
-const ERROR_MOTIONS: [&str; 6] = ["EXC", "EYC", "EZC", "EAC", "EBC", "ECC"];
+const MISSING_VISITS_STREAM_KEY: u64 = 0x6d69_7373;
+const ERROR_MOTION_SYMBOLS: [&str; 6] = ["EXC", "EYC", "EZC", "EAC", "EBC", "ECC"];
 
-type Changes = Vec<(&'static str, Value)>;
+type MachineFileChanges = Vec<(&'static str, Value)>;
 
 /// The built-in machine with other values; path: keys joined by dots.
 pub fn machine_of_seed(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
@@ -42,7 +42,7 @@ pub fn machine_of_seed(seed: u64, changes: &[(&'static str, Value)]) -> MachineF
 }
 
 /// Balls at steps of 360°/`positions`, and a world without error motions above `harmonics`.
-fn layout_changes(steps: &[usize], positions: usize, harmonics: usize) -> Changes {
+fn layout_changes(steps: &[usize], positions: usize, harmonics: usize) -> MachineFileChanges {
     let table: Table = include_str!("../../config/ball-plate.toml").parse().unwrap();
     let like = table["artefact"]["balls"][0].as_table().unwrap();
     let ball = |(number, step): (usize, &usize)| {
@@ -63,12 +63,12 @@ fn layout_changes(steps: &[usize], positions: usize, harmonics: usize) -> Change
     ]
 }
 
-/// An eighth of the touches: in a short test many seeds are better evidence than many stops.
-pub fn small_layout() -> Changes {
+/// Changes for a layout with an eighth of the touches: in a short test many seeds are better evidence than many stops.
+pub fn small_layout_changes() -> MachineFileChanges {
     layout_changes(&[0, 4, 6, 9], 12, 5)
 }
 
-fn two_revolution_layout() -> Changes {
+fn two_revolution_changes() -> MachineFileChanges {
     vec![
         ("axes.C.max", Value::Float(720.0)),
         ("method.ball-plate.revolutions", Value::Integer(2)),
@@ -79,22 +79,22 @@ fn two_revolution_layout() -> Changes {
 /// A harmonic of an error motion in the machine file, in the unit of the estimate.
 struct HarmonicTerm {
     symbol: String,
-    harmonic: f64,
-    cos: f64,
-    sin: f64,
+    harmonic_order: f64,
+    cos_amplitude: f64,
+    sin_amplitude: f64,
 }
 
 /// A machine and its plan, which are the same in every world.
 struct BallPlateRun {
-    changes: Changes,
+    machine_file_changes: MachineFileChanges,
     method: Box<dyn Method>,
     plan: Plan,
-    machine_s: f64,
-    motions: Vec<HarmonicTerm>,
+    planned_machine_time_s: f64,
+    true_harmonic_terms: Vec<HarmonicTerm>,
 }
 
 impl BallPlateRun {
-    fn new(changes: Changes) -> Self {
+    fn new(changes: MachineFileChanges) -> Self {
         let file = machine_of_seed(1, &changes);
         let (method, header) = setup::configure_method_and_plan(&file, "ball-plate", None).unwrap();
         let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
@@ -104,44 +104,55 @@ impl BallPlateRun {
             let value = |keys: [&str; 2]| -> f64 { keys.iter().filter_map(|key| term.get(*key)?.as_float()).sum() };
             HarmonicTerm {
                 symbol: term["symbol"].as_str().unwrap().to_owned(),
-                harmonic: term["harmonic"].as_integer().unwrap() as f64,
-                cos: value(["cos_um", "cos_urad"]),
-                sin: value(["sin_um", "sin_urad"]),
+                harmonic_order: term["harmonic"].as_integer().unwrap() as f64,
+                cos_amplitude: value(["cos_um", "cos_urad"]),
+                sin_amplitude: value(["sin_um", "sin_urad"]),
             }
         };
         let motions = table["simulated"]["error_motion"].as_array().unwrap().iter().map(term);
-        Self { motions: motions.collect(), changes, method, plan, machine_s }
+        Self {
+            true_harmonic_terms: motions.collect(),
+            machine_file_changes: changes,
+            method,
+            plan,
+            planned_machine_time_s: machine_s,
+        }
     }
 
     fn world(&self, seed: u64) -> SimulatedWorld {
-        setup::build_world(&machine_of_seed(seed, &self.changes)).unwrap()
+        setup::build_world(&machine_of_seed(seed, &self.machine_file_changes)).unwrap()
     }
 
     /// True error motion at an angle, in the unit of the estimate.
-    fn truth(&self, symbol: &str, degrees: f64) -> f64 {
-        let of_symbol = self.motions.iter().filter(|term| term.symbol == symbol);
+    fn true_error_motion(&self, symbol: &str, degrees: f64) -> f64 {
+        let of_symbol = self.true_harmonic_terms.iter().filter(|term| term.symbol == symbol);
         let value = |term: &HarmonicTerm| {
-            let (sin, cos) = (term.harmonic * degrees.to_radians()).sin_cos();
-            term.cos * cos + term.sin * sin
+            let (sin, cos) = (term.harmonic_order * degrees.to_radians()).sin_cos();
+            term.cos_amplitude * cos + term.sin_amplitude * sin
         };
         of_symbol.map(value).sum()
     }
 
-    /// `missing`: share of the visits whose touches are flagged.
-    fn estimate(&self, seed: u64, missing: f64) -> Estimate {
-        self.estimate_by(seed, missing, touch_alone)
+    /// `missing_share`: share of the visits whose touches are flagged.
+    fn estimate(&self, seed: u64, missing_share: f64) -> Estimate {
+        self.estimate_with_player(seed, missing_share, touch_without_path)
     }
 
     /// `play`: makes a touch, with or without the paths between touches.
-    fn estimate_by(&self, seed: u64, missing: f64, play: fn(&mut SimulatedWorld, &Step, u32) -> Reading) -> Estimate {
+    fn estimate_with_player(
+        &self,
+        seed: u64,
+        missing_share: f64,
+        play: fn(&mut SimulatedWorld, &Step, u32) -> Reading,
+    ) -> Estimate {
         let mut world = self.world(seed);
-        let mut random = seeded_stream(seed, &[MISSING_READINGS_SEED]);
+        let mut random = seeded_stream(seed, &[MISSING_VISITS_STREAM_KEY]);
         let (mut visit, mut is_missing) = (String::new(), false);
         let mut readings: Vec<Reading> = Vec::new();
         for step in self.plan.steps.iter().filter(|step| step.label.starts_with("slow/")) {
             let of_step = step.label.rsplit_once('/').unwrap().0;
             if of_step != visit {
-                (visit, is_missing) = (of_step.to_owned(), random.random::<f64>() < missing);
+                (visit, is_missing) = (of_step.to_owned(), random.random::<f64>() < missing_share);
             }
             let flag = if is_missing { ReadingFlag::Excluded } else { ReadingFlag::None };
             readings.push(Reading { flag, ..play(&mut world, step, 0) });
@@ -151,10 +162,11 @@ impl BallPlateRun {
 
     /// For each error motion: share of the points of its curve whose U contains the true value.
     fn covered_shares(&self, estimate: &Estimate) -> [f64; 6] {
-        ERROR_MOTIONS.map(|symbol| {
+        ERROR_MOTION_SYMBOLS.map(|symbol| {
             let curve = estimated_function(estimate, symbol);
             let points = curve.x.iter().zip(&curve.y).zip(&curve.u);
-            let is_held = |((x, y), u): &((&f64, &f64), &f64)| (*y - self.truth(symbol, **x)).abs() <= 2.0 * **u;
+            let is_held =
+                |((x, y), u): &((&f64, &f64), &f64)| (*y - self.true_error_motion(symbol, **x)).abs() <= 2.0 * **u;
             let count = points.len();
             assert!(count >= self.plan.settings["positions"].as_u64().unwrap() as usize);
             points.filter(is_held).count() as f64 / count as f64
@@ -172,18 +184,20 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 }
 
 /// Checks the coverage over the points of the curve of each error motion, over all seeds.
-fn check_coverage(name: &str, changes: Changes, missing: f64) {
-    let (seeds, shares) = coverage_size_and_limits();
-    let rig = BallPlateRun::new(if is_full() { changes } else { [small_layout(), changes].concat() });
+fn check_coverage(name: &str, changes: MachineFileChanges, missing_share: f64) {
+    let (seeds, shares) = coverage_seeds_and_share_limits();
+    let rig = BallPlateRun::new(if is_full_test_run() { changes } else { [small_layout_changes(), changes].concat() });
     let one = |seed: u64| {
-        let estimate = rig.estimate(seed, missing);
+        let estimate = rig.estimate(seed, missing_share);
         (rig.covered_shares(&estimate), estimate.chi2_per_dof)
     };
     let all: Vec<([f64; 6], f64)> = (0..seeds).into_par_iter().map(one).collect();
     let of_motion = |k: usize| mean(all.iter().map(|(covered, _)| covered[k]));
     let covered: [f64; 6] = std::array::from_fn(of_motion);
     let chi2 = mean(all.iter().map(|(_, chi2)| *chi2));
-    println!("{name}: {covered:.4?} of the points of {ERROR_MOTIONS:?} within U, χ² {chi2:.3} of what is expected");
+    println!(
+        "{name}: {covered:.4?} of the points of {ERROR_MOTION_SYMBOLS:?} within U, χ² {chi2:.3} of what is expected"
+    );
     assert!(covered.iter().all(|share| shares.contains(share)), "{name}: {covered:?}");
 }
 
@@ -202,16 +216,16 @@ fn coverage_on_a_poor_machine_with_5_percent_of_the_visits_missing() {
 #[test]
 fn coverage_of_values_at_the_stops() {
     let values = ("method.ball-plate.values", Value::Boolean(true));
-    let rig = BallPlateRun::new([small_layout(), vec![values]].concat());
+    let rig = BallPlateRun::new([small_layout_changes(), vec![values]].concat());
     let share = mean(rig.covered_shares(&rig.estimate(1, 0.0)).into_iter());
     println!("{share:.3} of the values within U");
     assert!(share > 0.9, "{share}");
 }
 
 #[test]
-fn figures_of_subharmonics_span_all_revolutions() {
+fn curves_with_subharmonics_span_both_revolutions() {
     let sub_harmonics = ("method.ball-plate.sub_harmonics", Value::Integer(2));
-    let rig = BallPlateRun::new([small_layout(), two_revolution_layout(), vec![sub_harmonics]].concat());
+    let rig = BallPlateRun::new([small_layout_changes(), two_revolution_changes(), vec![sub_harmonics]].concat());
     let estimate = rig.estimate(1, 0.0);
     assert_eq!(estimated_function(&estimate, "EXC").x.last(), Some(&720.0));
     let half = estimate.parameters.iter().find(|parameter| parameter.symbol == "EXC_c1/2").unwrap();
@@ -224,12 +238,12 @@ fn figures_of_subharmonics_span_all_revolutions() {
 fn forecast_u_agrees_with_the_u_of_a_run() {
     let drift =
         vec![("machine.drift_um_per_h", Value::Float(40.0)), ("method.ball-plate.drift_order", Value::Integer(0))];
-    for (name, changes) in [("as shipped", Vec::new()), ("drift", [small_layout(), drift].concat())] {
+    for (name, changes) in [("as shipped", Vec::new()), ("drift", [small_layout_changes(), drift].concat())] {
         let rig = BallPlateRun::new(changes);
-        let lines = rig.method.forecast(&rig.plan, rig.machine_s).unwrap();
+        let lines = rig.method.forecast(&rig.plan, rig.planned_machine_time_s).unwrap();
         println!("{name}: {}", lines.join("\n"));
-        let estimate = rig.estimate_by(1, 0.0, plan_player::play_step);
-        for symbol in ERROR_MOTIONS {
+        let estimate = rig.estimate_with_player(1, 0.0, plan_player::play_step);
+        for symbol in ERROR_MOTION_SYMBOLS {
             let words: Vec<&str> = lines[0].split([' ', ':']).collect();
             let at = words.iter().position(|word| *word == symbol).unwrap();
             let foretold: f64 = words[at + 1].parse().unwrap();
@@ -255,7 +269,7 @@ fn least_squares_is_compared_with_the_four_steps() {
     let by: f64 = figures.split(' ').next().unwrap().parse().unwrap();
     assert!(by < 0.05, "{compared}");
     assert!(line(&even, 0.05).ends_with("each ball must be measured once at each stop"));
-    assert!(line(&BallPlateRun::new(small_layout()), 0.0).contains("balls at equal angles are required"));
+    assert!(line(&BallPlateRun::new(small_layout_changes()), 0.0).contains("balls at equal angles are required"));
 }
 
 /// A motion with a period of two revolutions changes its sign between them. Drift terms would absorb most of it.
@@ -267,12 +281,12 @@ fn single_revolutions_show_the_asynchronous_motion() {
         ("machine.drift_um_per_h", Value::Float(0.0)),
         ("method.ball-plate.drift_order", Value::Integer(0)),
     ];
-    let rig = BallPlateRun::new([small_layout(), two_revolution_layout(), changes].concat());
+    let rig = BallPlateRun::new([small_layout_changes(), two_revolution_changes(), changes].concat());
     let (estimate, world) = (rig.estimate(1, 0.0), rig.world(1));
     for (symbol, along) in [("EXC_stops", Axis::X), ("EYC_stops", Axis::Y), ("EZC_stops", Axis::Z)] {
         let stops = estimated_function(&estimate, symbol);
         assert_eq!((stops.x.len(), stops.x[23].round()), (24, 690.0));
-        let at = |degrees: f64| 1e3 * world.true_rotary_motion(Axis::C, along, degrees.to_radians());
+        let at = |degrees: f64| 1e3 * world.true_rotary_error_motion(Axis::C, along, degrees.to_radians());
         let errors = (0..12).map(|i| {
             let found = stops.y[i + 12] - stops.y[i];
             found - (at(stops.x[i + 12]) - at(stops.x[i]))
@@ -291,10 +305,10 @@ fn single_revolutions_show_the_asynchronous_motion() {
 fn a_ball_that_comes_loose_is_named() {
     let mut moved: Table = Table::new();
     moved.insert("ball".to_owned(), "4".into());
-    moved.insert("at_s".to_owned(), Value::Float(LOOSE_BALL_FROM_S));
+    moved.insert("at_s".to_owned(), Value::Float(BALL_COMES_LOOSE_AT_S));
     moved.insert("by_mm".to_owned(), vec![0.0, 0.02, 0.0].into());
     let changes = vec![("simulated.ball_moves", Value::Array(vec![moved.into()]))];
-    let estimate = BallPlateRun::new(changes).estimate_by(1, 0.0, plan_player::play_step);
+    let estimate = BallPlateRun::new(changes).estimate_with_player(1, 0.0, plan_player::play_step);
     let named = |ball: &str| {
         let begins = format!("ball {ball} is displaced ");
         estimate.warnings.iter().filter(|line| line.starts_with(&begins)).count()

@@ -10,11 +10,11 @@ use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use rand::{Rng, RngExt};
 
-const LOCATIONS_AND_GAINS_13: [&str; 13] =
+const LOCATION_ERRORS_AND_GAINS_13: [&str; 13] =
     ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1", "EYY1", "EZZ1"];
 
 /// Axes in `reversed` turn against ISO 841; rotary axes pass through points off the origin.
-fn machine(topology: &str, reversed: &[Axis]) -> Machine {
+fn machine_of_topology(topology: &str, reversed: &[Axis]) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
     let spec = |axis: Axis| -> AxisSpec {
         let mut spec: AxisSpec = serde_json::from_str(r#"{"min":-400,"max":400}"#).unwrap();
@@ -40,7 +40,7 @@ fn parse_parameters<S: AsRef<str>>(names: &[S]) -> Vec<ErrorParameter> {
 
 /// All six location errors of every axis, and the gains of the linear axes along all directions except two times
 /// their own: 42 on a machine of five axes and spindle.
-fn all_42_parameters() -> Vec<ErrorParameter> {
+fn location_errors_and_gains_42() -> Vec<ErrorParameter> {
     let mut names = Vec::new();
     for axis in ["X", "Y", "Z", "B", "C", "S"] {
         names.extend(["X", "Y", "Z", "A", "B", "C"].map(|k| format!("E{k}0{axis}")));
@@ -50,7 +50,7 @@ fn all_42_parameters() -> Vec<ErrorParameter> {
 }
 
 /// Six error motions of each rotary axis of `axes`: harmonics 1 and 2, and table entries.
-fn error_motions(axes: &[&str]) -> Vec<ErrorParameter> {
+fn error_motion_parameters(axes: &[&str]) -> Vec<ErrorParameter> {
     let mut names = Vec::new();
     for axis in axes {
         for k in ["X", "Y", "Z", "A", "B", "C"] {
@@ -72,23 +72,27 @@ fn random_errors(parameters: &[ErrorParameter], random: &mut impl Rng) -> Vec<Er
         } else {
             0.1
         };
-        scale * uniform_draw(random)
+        scale * uniform_between_minus_1_and_1(random)
     };
     parameters.iter().map(|p| ErrorTerm { parameter: *p, value: value(&p.to_string(), random) }).collect()
 }
 
 /// Uniform in [-1, 1].
-fn uniform_draw(random: &mut impl Rng) -> f64 {
+fn uniform_between_minus_1_and_1(random: &mut impl Rng) -> f64 {
     random.random_range(-1.0..=1.0)
 }
 
 fn random_pose(random: &mut impl Rng) -> Position {
     let scale = |axis: Axis| if axis.is_linear() { 200.0 } else { PI };
-    Axis::ALL.into_iter().map(|axis| (axis, scale(axis) * uniform_draw(random))).collect()
+    Axis::ALL.into_iter().map(|axis| (axis, scale(axis) * uniform_between_minus_1_and_1(random))).collect()
 }
 
 fn random_tip(random: &mut impl Rng) -> Point<SpindleFrame> {
-    Point::new(5.0 * uniform_draw(random), 5.0 * uniform_draw(random), -150.0 + 50.0 * uniform_draw(random))
+    Point::new(
+        5.0 * uniform_between_minus_1_and_1(random),
+        5.0 * uniform_between_minus_1_and_1(random),
+        -150.0 + 50.0 * uniform_between_minus_1_and_1(random),
+    )
 }
 
 fn with_changed_error(errors: &[ErrorTerm], index: usize, change: f64) -> Vec<ErrorTerm> {
@@ -99,17 +103,17 @@ fn with_changed_error(errors: &[ErrorTerm], index: usize, change: f64) -> Vec<Er
 
 /// Largest deviation of a Jacobian column from 4th-order central differences, relative to the
 /// norm of the differences, over 20 random poses.
-fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) -> f64 {
-    let chain = KinematicChain::new(&machine(topology, reversed)).unwrap();
+fn worst_relative_jacobian_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) -> f64 {
+    let chain = KinematicChain::new(&machine_of_topology(topology, reversed)).unwrap();
     let mut random = random::seeded_stream(7, &[topology.len() as u64, set.len() as u64]);
     let mut worst: f64 = 0.0;
     for _ in 0..20 {
         let (pose, tip) = (random_pose(&mut random), random_tip(&mut random));
         let errors = random_errors(set, &mut random);
-        let columns = chain.jacobian(&pose, tip, &errors, set);
+        let columns = chain.error_jacobian(&pose, tip, &errors, set);
         assert_eq!(columns.len(), set.len());
         for (index, (column, parameter)) in columns.iter().zip(set).enumerate() {
-            chain.check_parameter(*parameter).unwrap();
+            chain.check_parameter_axis(*parameter).unwrap();
             // The pose is linear in translations, so the step is long; it is curved in angles.
             let h = if parameter.component().is_linear() { 0.5 } else { 2e-3 };
             let at = |k: f64| chain.tip_in_table(&pose, tip, &with_changed_error(&errors, index, k * h)).mm;
@@ -126,30 +130,34 @@ fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParam
 }
 
 #[track_caller]
-fn check_jacobian(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) {
-    let worst = worst_relative_deviation(topology, reversed, set);
+fn assert_jacobian_agrees_with_differences(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) {
+    let worst = worst_relative_jacobian_deviation(topology, reversed, set);
     println!("{topology}, {} parameters: {worst:.1e}", set.len());
     assert!(worst <= 1e-9, "{topology}, {} parameters: {worst:e}", set.len());
 }
 
 #[test]
 fn regress_jacobian_of_13_parameters() {
-    check_jacobian("wCBXFZYSt", &[], &parse_parameters(&LOCATIONS_AND_GAINS_13));
+    assert_jacobian_agrees_with_differences("wCBXFZYSt", &[], &parse_parameters(&LOCATION_ERRORS_AND_GAINS_13));
 }
 
 #[test]
 fn regress_jacobian_of_42_parameters() {
-    assert_eq!(all_42_parameters().len(), 42);
-    check_jacobian("wCBXFZYSt", &[], &all_42_parameters());
-    check_jacobian("wCBXFZYSt", &[Axis::B, Axis::C, Axis::X, Axis::S], &all_42_parameters());
+    assert_eq!(location_errors_and_gains_42().len(), 42);
+    assert_jacobian_agrees_with_differences("wCBXFZYSt", &[], &location_errors_and_gains_42());
+    assert_jacobian_agrees_with_differences(
+        "wCBXFZYSt",
+        &[Axis::B, Axis::C, Axis::X, Axis::S],
+        &location_errors_and_gains_42(),
+    );
 }
 
 #[test]
 fn regress_jacobian_with_error_motions() {
-    let mut set = error_motions(&["B", "C"]);
+    let mut set = error_motion_parameters(&["B", "C"]);
     set.extend(parse_parameters(&["EX0C", "EA0C", "EB0C", "EA0B", "EC0B", "EXX1", "EYY1", "EC0Y"]));
-    check_jacobian("wCBFXYZt", &[], &set);
-    check_jacobian("wCBFXYZt", &[Axis::B, Axis::C], &set);
+    assert_jacobian_agrees_with_differences("wCBFXYZt", &[], &set);
+    assert_jacobian_agrees_with_differences("wCBFXYZt", &[Axis::B, Axis::C], &set);
 }
 
 #[test]
@@ -161,11 +169,11 @@ fn regress_jacobian_of_other_machines() {
         }
         parse_parameters(&names)
     };
-    check_jacobian("wCAYFXZt", &[], &locations(&["C", "A", "Y", "X", "Z"]));
-    check_jacobian("wCAYFXZt", &[Axis::A, Axis::Y], &locations(&["C", "A", "Y", "X", "Z"]));
-    check_jacobian("wCBbYXZ(C)t", &[], &locations(&["C", "B", "Y", "X", "Z", "S"]));
-    check_jacobian("wAFXYZBt", &[], &locations(&["A", "X", "Y", "Z", "B"]));
-    check_jacobian("wAFXYZBt", &[Axis::B], &locations(&["A", "X", "Y", "Z", "B"]));
+    assert_jacobian_agrees_with_differences("wCAYFXZt", &[], &locations(&["C", "A", "Y", "X", "Z"]));
+    assert_jacobian_agrees_with_differences("wCAYFXZt", &[Axis::A, Axis::Y], &locations(&["C", "A", "Y", "X", "Z"]));
+    assert_jacobian_agrees_with_differences("wCBbYXZ(C)t", &[], &locations(&["C", "B", "Y", "X", "Z", "S"]));
+    assert_jacobian_agrees_with_differences("wAFXYZBt", &[], &locations(&["A", "X", "Y", "Z", "B"]));
+    assert_jacobian_agrees_with_differences("wAFXYZBt", &[Axis::B], &locations(&["A", "X", "Y", "Z", "B"]));
 }
 
 /// Homogeneous matrix written out element by element, as in a textbook (row by row).
@@ -197,13 +205,14 @@ fn rotation_about_z(c: f64) -> Matrix4<f64> {
 /// errors of its Table 1; also with values a thousand times the paper's, so that the order of the factors matters.
 #[test]
 fn paper_2_equation_1_is_the_workpiece_branch() {
-    let chain = KinematicChain::new(&machine("wCBFXYZt", &[])).unwrap();
+    let chain = KinematicChain::new(&machine_of_topology("wCBFXYZt", &[])).unwrap();
     let mut random = random::seeded_stream(2, &[]);
     let mut worst: f64 = 0.0;
     for round in 0..200 {
         let scale = if round % 2 == 0 { 1.0 } else { 1000.0 };
-        let [dx, dy, dz, dx_cb] = [1e-3, 1e-3, 1e-3, 1e-3].map(|v| v * scale * uniform_draw(&mut random));
-        let [a, b, c, a_cb] = [5e-5; 4].map(|v| v * scale * uniform_draw(&mut random));
+        let [dx, dy, dz, dx_cb] =
+            [1e-3, 1e-3, 1e-3, 1e-3].map(|v| v * scale * uniform_between_minus_1_and_1(&mut random));
+        let [a, b, c, a_cb] = [5e-5; 4].map(|v| v * scale * uniform_between_minus_1_and_1(&mut random));
         let names = ["EX0B", "EY0B", "EZ0B", "EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
         let values = [dx, dy, dz, a, b, c, dx_cb, a_cb];
         // The order of the terms must not matter: the chain itself uses X, Y, Z, A, B, C.
@@ -236,9 +245,9 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
 /// machine constructed independently, each error placed as in METHODS.md section 0.
 #[test]
 fn paper_4_machine_as_plain_matrix_products() {
-    let chain = KinematicChain::new(&machine("wCBXFZYSt", &[])).unwrap();
+    let chain = KinematicChain::new(&machine_of_topology("wCBXFZYSt", &[])).unwrap();
     let values = [-11e-6, -8e-6, -0.105, -11e-6, -8e-6, -13e-6, -18e-6, 21e-6, 0.020, -0.106, -16e-6, 11e-6, 21e-6];
-    let errors: Vec<ErrorTerm> = parse_parameters(&LOCATIONS_AND_GAINS_13)
+    let errors: Vec<ErrorTerm> = parse_parameters(&LOCATION_ERRORS_AND_GAINS_13)
         .into_iter()
         .zip(values)
         .map(|(parameter, value)| ErrorTerm { parameter, value })
@@ -270,8 +279,8 @@ fn paper_4_machine_as_plain_matrix_products() {
 #[test]
 fn regress_inverse_of_forward_is_identity() {
     let machines: [(&str, &[Axis], Vec<ErrorParameter>); 5] = [
-        ("wCBXFZYSt", &[], all_42_parameters()),
-        ("wCBFXYZt", &[Axis::B, Axis::C], error_motions(&["B", "C"])),
+        ("wCBXFZYSt", &[], location_errors_and_gains_42()),
+        ("wCBFXYZt", &[Axis::B, Axis::C], error_motion_parameters(&["B", "C"])),
         ("wCAYFXZt", &[Axis::A], parse_parameters(&["EA0Y", "EC0Y", "EX0A", "EB0C"])),
         ("wCBbYXZ(C)t", &[], parse_parameters(&["EA0Y", "EC0Y", "EX0S", "EB0C", "EB0Z"])),
         ("wAFXYZBt", &[Axis::X], parse_parameters(&["EA0Y", "EC0Y", "EX0A", "EB0Z", "EX0B"])),
@@ -279,7 +288,7 @@ fn regress_inverse_of_forward_is_identity() {
     let mut random = random::seeded_stream(11, &[]);
     let mut worst: f64 = 0.0;
     for (topology, reversed, set) in machines {
-        let chain = KinematicChain::new(&machine(topology, reversed)).unwrap();
+        let chain = KinematicChain::new(&machine_of_topology(topology, reversed)).unwrap();
         for _ in 0..50 {
             let (pose, tip) = (random_pose(&mut random), random_tip(&mut random));
             let errors = random_errors(&set, &mut random);

@@ -4,20 +4,20 @@
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
 mod ball_dome;
-mod ball_motions;
+mod ball_motion_planning;
 mod ball_plate;
-mod centring;
-mod compare;
-mod dome_sweep;
-mod dome_travel;
+mod dome_collision_check;
+mod dome_visit_order;
 mod five_axes;
 mod kinematics_g0;
-mod known_motions;
-mod laser;
+mod known_error_motions;
+mod laser_r_test;
 mod latch_delay;
 mod machine_text;
 mod multiprobe;
+mod multiprobe_centring;
 mod nist_strd;
+mod run_differences;
 
 mod outliers;
 mod outside_model;
@@ -27,10 +27,10 @@ mod proof_sweep;
 mod r_test;
 mod round_fits;
 mod samba;
-mod sources_alone;
-mod touch_alone;
-mod undeclared;
-mod worlds;
+mod source_scatter;
+mod touch_without_path;
+mod undeclared_errors;
+mod world_coverage;
 
 #[path = "../support"]
 mod support {

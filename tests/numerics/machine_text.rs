@@ -1,4 +1,4 @@
-//! Machine files with other values.
+//! Changes values in the text of machine files.
 
 use toml::{Table, Value};
 use trued::setup::MachineFile;

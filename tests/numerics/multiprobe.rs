@@ -19,14 +19,14 @@ use crate::machine_text::set_key;
 use crate::support::plan_player;
 use estimation::monte_carlo::{DrawDistribution, DrawStream};
 use estimation::random::seeded_stream;
-use testing::population::{coverage_size_and_limits, is_full, population_size, ratio_bounds};
+use testing::population::{coverage_seeds_and_share_limits, is_full_test_run, population_size, sd_ratio_bounds};
 
 /// Key of the random stream that selects the missing samples.
-const MISSING_SAMPLES_SEED: u64 = 0x6d70;
+const MISSING_SAMPLES_STREAM_KEY: u64 = 0x6d70;
 const SENSOR_COUNT: usize = 7;
 
 /// The built-in machine with drawn motions, forms and errors; `path`: keys joined by dots.
-fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
+fn machine_with_drawn_errors(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
     let mut table: Table = include_str!("../../config/multiprobe.toml").parse().unwrap();
     let motion: Table = "axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 20".parse().unwrap();
     let fixed = [
@@ -49,10 +49,10 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
 }
 
 /// The same machine with its true errors: angles, gains and positions of its sensors deviate by the declared sizes.
-fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
+fn machine_with_true_sensor_errors(file: &MachineFile, seed: u64) -> MachineFile {
     let mut table: Table = file.text().parse().unwrap();
     let mut random = DrawStream::from_key(seed, &[0x7365_6e73]);
-    let drawn = random.unit_draws(2 + 2 * SENSOR_COUNT, &[DrawDistribution::Normal]);
+    let drawn = random.unit_variance_draws(2 + 2 * SENSOR_COUNT, &[DrawDistribution::Normal]);
     let sensors = table["sensor"].as_array_mut().unwrap();
     let mut truths = Vec::new();
     for (sensor, drawn_of) in sensors.iter_mut().zip(drawn[2..].chunks(2)) {
@@ -89,7 +89,7 @@ struct PlayedRun {
 
 fn play_run(file: MachineFile, seed: u64) -> PlayedRun {
     let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
-    let mut world = setup::build_world(&true_machine(&file, seed)).unwrap();
+    let mut world = setup::build_world(&machine_with_true_sensor_errors(&file, seed)).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     PlayedRun { file, plan, method, readings }
 }
@@ -99,11 +99,12 @@ impl PlayedRun {
         self.method.identify(&self.plan, &self.readings)
     }
 
-    /// The motion at [`POINTS_PER_TURN`] angles of a revolution in the unit of the estimate, without the co-rotating first
-    /// order of (X, Y) and (A, B), and without the harmonics `lost`.
+    /// The true motion at [`POINTS_PER_TURN`] angles of a revolution in the unit of the estimate, without the
+    /// co-rotating first order of (X, Y) and (A, B), and without the harmonics `lost`.
     fn true_curve(&self, world: &SimulatedWorld, symbol: &str, lost: &[f64]) -> Vec<f64> {
         let component: Axis = symbol[1..2].parse().unwrap();
-        let motion = |of: Axis| turn_angles().map(|q| world.true_rotary_motion(Axis::C, of, q)).collect::<Vec<f64>>();
+        let motion =
+            |of: Axis| turn_angles().map(|q| world.true_rotary_error_motion(Axis::C, of, q)).collect::<Vec<f64>>();
         let mut values = motion(component);
         let pair = match component {
             Axis::X | Axis::Y => Some((Axis::X, Axis::Y)),
@@ -111,7 +112,7 @@ impl PlayedRun {
             _ => None,
         };
         if let Some((first, second)) = pair {
-            let turning = in_rotating_frame(&motion(first), &motion(second));
+            let turning = co_rotating_first_order(&motion(first), &motion(second));
             let turning = turning.into_iter().map(|(x, y)| if component == first { x } else { y });
             values.iter_mut().zip(turning).for_each(|(value, part)| *value -= part);
         }
@@ -139,7 +140,7 @@ fn turn_angles() -> impl Iterator<Item = f64> {
 
 /// The part of the first order of (x, y) that turns with the table: clockwise seen from above for a rising command
 /// of C (ISO 841).
-fn in_rotating_frame(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
+fn co_rotating_first_order(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
     let (mut along, mut across) = (0.0, 0.0);
     for ((q, x), y) in turn_angles().zip(x).zip(y) {
         // Rotated back by the table angle.
@@ -150,14 +151,14 @@ fn in_rotating_frame(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
     turn_angles().map(turned).collect()
 }
 
-const ERROR_MOTIONS: [&str; 5] = ["EXC", "EYC", "EZC", "EAC", "EBC"];
+const ERROR_MOTION_SYMBOLS: [&str; 5] = ["EXC", "EYC", "EZC", "EAC", "EBC"];
 
 /// For each of the five curves: share of the points whose U contains the true value, and mean of (error/u)². With
 /// one axial sensor the multiples of the indexes in EZC are lost: they are named, and not contained in its curve.
-fn covered_and_error_ratio(played: &PlayedRun, estimate: &Estimate) -> Vec<(f64, f64)> {
+fn covered_share_and_squared_error_ratio(played: &PlayedRun, estimate: &Estimate) -> Vec<(f64, f64)> {
     let world = setup::build_world(&played.file).unwrap();
     let mut all = Vec::new();
-    for curve in estimate.functions.iter().filter(|f| ERROR_MOTIONS.contains(&f.symbol.as_str())) {
+    for curve in estimate.functions.iter().filter(|f| ERROR_MOTION_SYMBOLS.contains(&f.symbol.as_str())) {
         let is_angular = curve.symbol.starts_with("EA") || curve.symbol.starts_with("EB");
         assert_eq!(curve.unit, if is_angular { Unit::Urad } else { Unit::Um });
         let lost = |text: &String| {
@@ -166,7 +167,7 @@ fn covered_and_error_ratio(played: &PlayedRun, estimate: &Estimate) -> Vec<(f64,
         };
         let lost: Vec<f64> = estimate.not_identifiable.iter().filter_map(lost).collect();
         let expected = match curve.symbol.as_str() {
-            "EZC" => lost_harmonics(&played.plan),
+            "EZC" => harmonics_lost_in_ezc(&played.plan),
             _ => Vec::new(),
         };
         assert_eq!(lost, expected, "{}", curve.symbol);
@@ -179,32 +180,37 @@ fn covered_and_error_ratio(played: &PlayedRun, estimate: &Estimate) -> Vec<(f64,
         }
         all.push((held / count, squares / count));
     }
-    assert_eq!(all.len(), ERROR_MOTIONS.len());
+    assert_eq!(all.len(), ERROR_MOTION_SYMBOLS.len());
     all
 }
 
 /// Harmonics that are lost with one axial sensor: multiples of the number of indexes.
-fn lost_harmonics(plan: &Plan) -> Vec<f64> {
+fn harmonics_lost_in_ezc(plan: &Plan) -> Vec<f64> {
     let of = |key: &str| plan.settings[key].as_f64().unwrap() as u32;
     (1..=of("harmonics")).filter(|k| k % of("indexes") == 0).map(f64::from).collect()
 }
 
 /// Checks each curve by the coverage standard of METHODS section 6, or by other `seeds` and bounds.
-fn check_coverage(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, shares): (u64, RangeInclusive<f64>)) {
+fn check_coverage(
+    name: &str,
+    changes: &[(&str, Value)],
+    missing_share: f64,
+    (seeds, shares): (u64, RangeInclusive<f64>),
+) {
     // A small layout in the gate: many seeds are better evidence than many mountings.
-    let changes = if is_full() { changes.to_vec() } else { [&small_settings()[..], changes].concat() };
+    let changes = if is_full_test_run() { changes.to_vec() } else { [&small_layout_changes()[..], changes].concat() };
     let one = |seed: u64| {
-        let mut played = play_run(machine(seed, &changes), seed);
-        let mut random = seeded_stream(seed, &[MISSING_SAMPLES_SEED]);
+        let mut played = play_run(machine_with_drawn_errors(seed, &changes), seed);
+        let mut random = seeded_stream(seed, &[MISSING_SAMPLES_STREAM_KEY]);
         for reading in &mut played.readings {
-            if random.random::<f64>() < missing {
+            if random.random::<f64>() < missing_share {
                 (reading.value_mm, reading.flag) = (None, ReadingFlag::Range);
             }
         }
         let estimate = played.estimate().map_err(|error| format!("seed {seed}: {error}"))?;
         let is_named = estimate.warnings.iter().any(|line| line.contains("have no distance"));
-        match is_named == (missing > 0.0) {
-            true => Ok(covered_and_error_ratio(&played, &estimate)),
+        match is_named == (missing_share > 0.0) {
+            true => Ok(covered_share_and_squared_error_ratio(&played, &estimate)),
             false => Err(format!("seed {seed}: {:#?}", estimate.warnings)),
         }
     };
@@ -214,15 +220,15 @@ fn check_coverage(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, s
     let mean = |curve: usize, of: fn(&(f64, f64)) -> f64| {
         all.iter().map(|curves| of(&curves[curve])).sum::<f64>() / seeds as f64
     };
-    let curves = 0..ERROR_MOTIONS.len();
+    let curves = 0..ERROR_MOTION_SYMBOLS.len();
     let each: Vec<String> = curves
         .clone()
-        .map(|i| format!("{} {:.3} ({:.2})", ERROR_MOTIONS[i], mean(i, |c| c.0), mean(i, |c| c.1)))
+        .map(|i| format!("{} {:.3} ({:.2})", ERROR_MOTION_SYMBOLS[i], mean(i, |c| c.0), mean(i, |c| c.1)))
         .collect();
     println!("{name}, {seeds} seeds: share of the points within U (mean of (error/u)²): {}", each.join(", "));
     for curve in curves {
         let share = mean(curve, |of| of.0);
-        assert!(shares.contains(&share), "{name}: {} {share}", ERROR_MOTIONS[curve]);
+        assert!(shares.contains(&share), "{name}: {} {share}", ERROR_MOTION_SYMBOLS[curve]);
     }
 }
 
@@ -232,10 +238,10 @@ fn check_coverage(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, s
 fn gains_and_angles_are_found_from_the_turns() {
     let (mut squares, mut differences, mut count) = (0.0, 0.0, 0.0);
     for seed in 0..8 {
-        let played = play_run(machine(seed, &small_settings()), seed);
+        let played = play_run(machine_with_drawn_errors(seed, &small_layout_changes()), seed);
         let estimate = played.estimate().unwrap();
-        let drawn =
-            DrawStream::from_key(seed, &[0x7365_6e73]).unit_draws(2 + 2 * SENSOR_COUNT, &[DrawDistribution::Normal]);
+        let drawn = DrawStream::from_key(seed, &[0x7365_6e73])
+            .unit_variance_draws(2 + 2 * SENSOR_COUNT, &[DrawDistribution::Normal]);
         for (quantity, place, declared) in [("gain", 1, 1e3), ("angle", 0, 0.1_f64.to_radians() * 1e6)] {
             for section in [["x1", "y1", "r1"], ["x2", "y2", "r2"]] {
                 let error = |name: &str| {
@@ -262,19 +268,19 @@ fn gains_and_angles_are_found_from_the_turns() {
 
 #[test]
 fn coverage_on_the_built_in_machine() {
-    check_coverage("dwell points", &[], 0.0, coverage_size_and_limits());
+    check_coverage("dwell points", &[], 0.0, coverage_seeds_and_share_limits());
 }
 
 #[test]
 fn coverage_with_missing_samples() {
     let changes = [("method.multiprobe.revolutions", Value::Integer(2))];
-    let population = if is_full() { coverage_size_and_limits() } else { (60, 0.87..=1.0) };
+    let population = if is_full_test_run() { coverage_seeds_and_share_limits() } else { (60, 0.87..=1.0) };
     check_coverage("5 % missing", &changes, 0.05, population);
 }
 
 /// Changes for continuous turns: 6°/s, samples every 0.06°.
-fn continuous_turn_settings() -> Vec<(&'static str, Value)> {
-    let motion = parse_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 8");
+fn continuous_turn_changes() -> Vec<(&'static str, Value)> {
+    let motion = parse_toml_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 8");
     vec![
         ("simulated.rotary_motion", Value::Array(vec![motion])),
         ("method.multiprobe.sampling", "continuous".into()),
@@ -291,18 +297,18 @@ fn continuous_turn_settings() -> Vec<(&'static str, Value)> {
 #[test]
 fn coverage_of_continuous_turns() {
     // A turn has thousands of samples: 200 seeds take ten minutes.
-    let population = if is_full() { (200, 0.93..=0.98) } else { (5, 0.85..=1.0) };
-    check_coverage("continuous turns", &continuous_turn_settings(), 0.0, population);
+    let population = if is_full_test_run() { (200, 0.93..=0.98) } else { (5, 0.85..=1.0) };
+    check_coverage("continuous turns", &continuous_turn_changes(), 0.0, population);
 }
 
-/// Estimate of a world with a planted fault; `Err`: why there is no estimate.
-fn identify_faulty(changes: &[(&str, Value)]) -> Result<Estimate, IdentifyError> {
-    play_run(machine(1, &[&small_settings()[..], changes].concat()), 1).estimate()
+/// Estimate of a small layout whose machine file has these changes; `Err`: why there is no estimate.
+fn identify_with_faults(changes: &[(&str, Value)]) -> Result<Estimate, IdentifyError> {
+    play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], changes].concat()), 1).estimate()
 }
 
-/// Fewer mountings, stops and harmonics.
-fn small_settings() -> Vec<(&'static str, Value)> {
-    let motion = parse_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 6");
+/// Changes for a small layout: fewer mountings, stops and harmonics.
+fn small_layout_changes() -> Vec<(&'static str, Value)> {
+    let motion = parse_toml_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 6");
     vec![
         ("simulated.rotary_motion", Value::Array(vec![motion])),
         ("method.multiprobe.indexes", Value::Integer(5)),
@@ -319,45 +325,46 @@ fn refusal_text(played: &PlayedRun) -> String {
     }
 }
 
-fn parse_table(toml: &str) -> Value {
+fn parse_toml_table(toml: &str) -> Value {
     Value::Table(toml.parse().unwrap())
 }
 
 #[test]
-fn wrong_index_is_named_and_omitted() {
-    let fault = parse_table("mounting = 3\noff_deg = 12.0");
-    let found = identify_faulty(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
+fn wrong_mounting_angle_is_named_and_omitted() {
+    let fault = parse_toml_table("mounting = 3\noff_deg = 12.0");
+    let found = identify_with_faults(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
     let named =
         |line: &String| line.contains("not used: the artefact was mounted 1") && line.contains("at mounting 4;");
     assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
-    let right = identify_faulty(&[]).unwrap();
+    let right = identify_with_faults(&[]).unwrap();
     assert!(!right.warnings.iter().any(|line| line.contains("not used: the artefact")), "{:#?}", right.warnings);
 }
 
 /// Clockwise seen from the tip, by 72° each time: from the planned angle by −144°, −288° and so on.
 #[test]
-fn reversed_mountings_are_named() {
-    let fault = |n: u32| parse_table(&format!("mounting = {}\noff_deg = {}.0", n, -144 * i64::from(n)));
+fn reversed_direction_of_the_mountings_is_refused() {
+    let fault = |n: u32| parse_toml_table(&format!("mounting = {}\noff_deg = {}.0", n, -144 * i64::from(n)));
     let faults = Value::Array((1..5).map(fault).collect());
     let changes = [("simulated.stage.faults", faults)];
-    let why = refusal_text(&play_run(machine(1, &[&small_settings()[..], &changes].concat()), 1));
+    let why =
+        refusal_text(&play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], &changes].concat()), 1));
     assert!(why.contains("turned in the opposite direction"), "{why}");
 }
 
 #[test]
-fn two_wrong_mountings_are_not_confirmed() {
-    let faults = [parse_table("mounting = 2\noff_deg = 9.0"), parse_table("mounting = 4\noff_deg = -17.0")];
-    let found = identify_faulty(&[("simulated.stage.faults", Value::Array(faults.to_vec()))]).unwrap();
+fn two_wrong_mountings_are_reported_as_contradicting() {
+    let faults = [parse_toml_table("mounting = 2\noff_deg = 9.0"), parse_toml_table("mounting = 4\noff_deg = -17.0")];
+    let found = identify_with_faults(&[("simulated.stage.faults", Value::Array(faults.to_vec()))]).unwrap();
     let named = |line: &String| line.contains("contradict each other");
     assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
 }
 
 /// A channel without values in the first 50° loses revolutions of its own: the other channels are used without it.
 #[test]
-fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
+fn gap_at_a_turn_end_costs_revolutions_of_its_own_channel_only() {
     let estimate = |revolutions: i64| {
         let more = [("method.multiprobe.revolutions", Value::Integer(revolutions))];
-        let mut played = play_run(machine(1, &[&small_settings()[..], &more].concat()), 1);
+        let mut played = play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], &more].concat()), 1);
         let turns = played.plan.steps.iter().filter(|step| step.label.starts_with("index/"));
         let turns: Vec<u32> = turns.map(|step| step.id).collect();
         for reading in &mut played.readings {
@@ -375,24 +382,24 @@ fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
     let (_, without_x1) = estimate(1);
     assert!(without_x1.parameters.iter().any(|parameter| parameter.symbol == "EXC_c2"));
     let (played, estimate) = estimate(2);
-    for (share, squares) in covered_and_error_ratio(&played, &estimate) {
+    for (share, squares) in covered_share_and_squared_error_ratio(&played, &estimate) {
         assert!(share > 0.7 && squares < 4.0, "{share} {squares}");
     }
 }
 
 #[test]
-fn a_round_artefact_does_not_confirm_the_mountings() {
+fn mountings_of_a_round_artefact_are_not_verifiable() {
     let round = [("simulated.datum_cylinder.form_um", Value::Float(0.0))];
-    let found = identify_faulty(&round).unwrap();
+    let found = identify_with_faults(&round).unwrap();
     assert!(found.warnings.iter().any(|l| l.contains("not verifiable")), "{:#?}", found.warnings);
 }
 
 #[test]
-fn a_saturated_channel_is_named_where_it_is() {
+fn saturated_channel_is_named_with_its_angles() {
     // Clips near the largest distance of a cylinder with an eccentricity of 9 µm.
-    let clipped = parse_table("name = \"x1\"\nclips_mm = [-0.0085, 0.3]");
-    let mut played = play_run(machine(1, &continuous_turn_settings()), 1);
-    let mut truth: Table = true_machine(&played.file, 1).text().parse().unwrap();
+    let clipped = parse_toml_table("name = \"x1\"\nclips_mm = [-0.0085, 0.3]");
+    let mut played = play_run(machine_with_drawn_errors(1, &continuous_turn_changes()), 1);
+    let mut truth: Table = machine_with_true_sensor_errors(&played.file, 1).text().parse().unwrap();
     set_key(&mut truth, "simulated.sensor", Value::Array(vec![clipped]));
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
@@ -407,7 +414,7 @@ fn a_saturated_channel_is_named_where_it_is() {
 
 #[test]
 fn swapped_channels_are_named() {
-    let mut played = play_run(machine(1, &small_settings()), 1);
+    let mut played = play_run(machine_with_drawn_errors(1, &small_layout_changes()), 1);
     for reading in &mut played.readings {
         reading.sensor = match reading.sensor.as_str() {
             "y1" => "r1".to_owned(),
@@ -419,10 +426,10 @@ fn swapped_channels_are_named() {
     assert!(refused.contains("y1") && refused.contains("r1 are swapped"), "{refused}");
 }
 
-/// A second of its clock is 1 % shorter than a true second.
+/// A second of the clock of channel y2 is 1 % shorter than a true second.
 #[test]
-fn a_fast_clock_is_named() {
-    let mut played = play_run(machine(1, &continuous_turn_settings()), 1);
+fn channel_with_a_fast_clock_is_named() {
+    let mut played = play_run(machine_with_drawn_errors(1, &continuous_turn_changes()), 1);
     // The run assigns a sample to a position by its time stamp.
     let step_of = |reading: &Reading| (reading.step, reading.sensor.clone());
     let starts: std::collections::BTreeMap<(u32, String), f64> =
@@ -443,7 +450,8 @@ fn a_fast_clock_is_named() {
 #[test]
 fn unsuitable_layout_is_refused_with_a_better_one() {
     let refusal = |changes: &[(&str, Value)]| {
-        let (method, header) = setup::configure_method_and_plan(&machine(1, changes), "multiprobe", None).unwrap();
+        let (method, header) =
+            setup::configure_method_and_plan(&machine_with_drawn_errors(1, changes), "multiprobe", None).unwrap();
         let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
         format!("{} -> {}", refused.reason, refused.remedy)
     };
@@ -462,7 +470,7 @@ fn unsuitable_layout_is_refused_with_a_better_one() {
         assert!(refused.contains(expected), "{expected}: {refused}");
     }
     // Opposite: the second sensor at 180°.
-    let mut file: Table = machine(1, &[]).text().parse().unwrap();
+    let mut file: Table = machine_with_drawn_errors(1, &[]).text().parse().unwrap();
     let second = file["sensor"].as_array_mut().unwrap()[1].as_table_mut().unwrap();
     second.insert("zero_mm".to_owned(), vec![-30.0, 0.0, 60.0].into());
     second.insert("direction".to_owned(), vec![1.0, 0.0, 0.0].into());
@@ -473,14 +481,14 @@ fn unsuitable_layout_is_refused_with_a_better_one() {
 }
 
 /// The machine with sensors whose curve is not straight, as declared; or is straight, with the same declaration.
-fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
-    let mut table: Table = machine(seed, &small_settings()).text().parse().unwrap();
+fn estimate_with_sensor_linearity(seed: u64, is_curved: bool) -> Estimate {
+    let mut table: Table = machine_with_drawn_errors(seed, &small_layout_changes()).text().parse().unwrap();
     for sensor in table["sensor"].as_array_mut().unwrap() {
         sensor.as_table_mut().unwrap().insert("linearity_um".to_owned(), 0.3.into());
     }
     let file = MachineFile::parse("curved.toml", toml::to_string(&table).unwrap()).unwrap();
     let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
-    let mut truth: Table = true_machine(&file, seed).text().parse().unwrap();
+    let mut truth: Table = machine_with_true_sensor_errors(&file, seed).text().parse().unwrap();
     if !is_curved {
         for sensor in truth["simulated"]["sensor"].as_array_mut().unwrap() {
             let straight = Value::Array(Vec::new());
@@ -496,9 +504,9 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
 #[test]
 fn linearity_error_scatters_as_its_budget_line() {
     let seeds = population_size(40);
-    let (low, high) = ratio_bounds(seeds, 40, (0.6, 1.2));
+    let (low, high) = sd_ratio_bounds(seeds, 40, (0.6, 1.2));
     let squares = |seed: u64| {
-        let [curved, straight] = [true, false].map(|is| with_curved_sensors(seed, is));
+        let [curved, straight] = [true, false].map(|is| estimate_with_sensor_linearity(seed, is));
         let (mut sum, mut count) = (0.0, 0.0);
         for (on, off) in curved.parameters.iter().zip(&straight.parameters) {
             let line = on.budget.iter().find(|line| line.source == "linearity of the sensors");
@@ -521,10 +529,12 @@ fn linearity_error_scatters_as_its_budget_line() {
 /// Without backlash, noise and mounting errors, only drift changes the means: linearly in time, forward and
 /// backward.
 #[test]
-fn stability_is_listed_in_order_of_time() {
+fn stability_of_each_mounting_is_monotonic_under_drift() {
     let changes =
         [("method.multiprobe.revolutions", Value::Integer(2)), ("machine.drift_um_per_h", Value::Float(30.0))];
-    let estimate = play_run(machine(1, &[&small_settings()[..], &changes].concat()), 1).estimate().unwrap();
+    let estimate = play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], &changes].concat()), 1)
+        .estimate()
+        .unwrap();
     let stability = estimate.functions.iter().find(|f| f.symbol == "stability_x1").unwrap();
     assert_eq!(stability.y.len(), 5 * 4);
     for mounting in stability.y.chunks(4) {

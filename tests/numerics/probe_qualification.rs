@@ -13,42 +13,43 @@ use machine::Axis;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
-use testing::population::{is_full, population_size};
+use testing::population::{is_full_test_run, population_size};
 
 use crate::machine_text::{parse_machine_file, set_key};
 use crate::support::plan_player;
-use crate::touch_alone::touch_alone;
+use crate::touch_without_path::touch_without_path;
 
 const QUALIFICATION_MACHINE: &str = include_str!("../../config/probe-qualification.toml");
 const SELF_CALIBRATION_MACHINE: &str = include_str!("../../config/simulated.toml");
 
-const NO_ROUNDING: [(&str, Value); 3] = [
+const ZERO_RESOLUTION_KEYS: [(&str, Value); 3] = [
     ("axes.X.resolution_um", Value::Float(0.0)),
     ("axes.Y.resolution_um", Value::Float(0.0)),
     ("axes.Z.resolution_um", Value::Float(0.0)),
 ];
 
-/// Error of a touch along its outward normal; the normal is given in the frame of the spindle, and of the machine.
+/// Deviation of the displayed position, mm, in the frame of the spindle, for the outward normal in the frame of the
+/// spindle, and in that of the machine.
 type ContactDeviation<'a> = &'a (dyn Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync);
 
-fn machine(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
+fn machine_file(text: &str, spindle_turns: bool, changes: &[(&str, Value)]) -> MachineFile {
     let mut table: Table = text.parse().unwrap();
-    if !turns {
+    if !spindle_turns {
         table["axes"].as_table_mut().unwrap().remove("S");
     }
     changes.iter().for_each(|(path, value)| set_key(&mut table, path, value.clone()));
     parse_machine_file(&table)
 }
 
-/// A world without lobes and without rounding: [`measured`] adds them.
-fn machine_of_world(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
+/// A world without lobes and without rounding: [`measure_with_deviation`] adds them.
+fn world_machine_file(text: &str, spindle_turns: bool, changes: &[(&str, Value)]) -> MachineFile {
     let none = ["probe.lobing_um", "axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
     let none = none.map(|key| (key, Value::Float(0.0)));
-    machine(text, turns, &[changes, &none].concat())
+    machine_file(text, spindle_turns, &[changes, &none].concat())
 }
 
 /// Played in the world of `world`, with the deviation added to the displayed position.
-fn measured(
+fn measure_with_deviation(
     method: &str,
     file: &MachineFile,
     world: &MachineFile,
@@ -56,13 +57,13 @@ fn measured(
 ) -> (Plan, Vec<Reading>) {
     let (method, header) = setup::configure_method_and_plan(file, method, None).unwrap();
     let mut world = setup::build_world(world).unwrap();
-    let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
+    let played = plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, touch_without_path);
     let (plan, mut readings) = played.unwrap();
     for reading in &mut readings {
         let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
         let normal = Vector3::from(step.normal);
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), step.from.get_or_zero(Axis::S));
-        let displayed = reading.position.xyz() + turn * deviation(turn.inverse() * normal, normal);
+        let displayed = reading.position.xyz_or_zero() + turn * deviation(turn.inverse() * normal, normal);
         for (axis, value) in Axis::LINEAR.into_iter().zip(displayed.iter()) {
             let step = file.machine.axes[&axis].resolution_um * 1e-3;
             let rounded = if step > 0.0 { (value / step).round() * step } else { *value };
@@ -72,13 +73,13 @@ fn measured(
     (plan, readings)
 }
 
-fn identified(file: &MachineFile, plan: &Plan, readings: &[Reading]) -> Estimate {
+fn identify_readings(file: &MachineFile, plan: &Plan, readings: &[Reading]) -> Estimate {
     let (method, _) = setup::configure_method_and_plan(file, &plan.method, None).unwrap();
     method.check_priors(plan).unwrap();
     method.identify(plan, readings).unwrap()
 }
 
-fn parameter<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Parameter {
+fn find_parameter<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Parameter {
     estimate.parameters.iter().find(|own| own.symbol == symbol).unwrap()
 }
 
@@ -100,14 +101,14 @@ fn normal_draws(seed: u64) -> impl FnMut() -> f64 {
 
 /// Lobes of 1 um in each order from 2 to 6; a stylus offset of 5 um; a ball with 0.1 um of form. Everything else as
 /// declared.
-fn qualification_and_truth(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
+fn qualification_and_truth(seed: u64, spindle_turns: bool) -> (Estimate, Vec<(String, f64)>) {
     let changes = [
         ("simulated.seed", Value::Integer(seed as i64)),
         ("simulated.ball_form_um", 0.0.into()),
         ("probe.stylus_offset_um", 0.0.into()),
     ];
-    let world = machine_of_world(QUALIFICATION_MACHINE, turns, &changes);
-    let file = machine(QUALIFICATION_MACHINE, turns, &[]);
+    let world = world_machine_file(QUALIFICATION_MACHINE, spindle_turns, &changes);
+    let file = machine_file(QUALIFICATION_MACHINE, spindle_turns, &[]);
     let mut normal = normal_draws(seed);
     let mut terms = |size: f64| -> Vec<(f64, [f64; 2])> {
         (2..=6).map(|k| (f64::from(k), [(); 2].map(|()| size * normal()))).collect()
@@ -117,17 +118,17 @@ fn qualification_and_truth(seed: u64, turns: bool) -> (Estimate, Vec<(String, f6
     let deviation = |in_spindle: Vector3<f64>, in_machine: Vector3<f64>| {
         in_spindle * (lobing_along(&map, in_spindle) + lobing_along(&form, in_machine)) - offset
     };
-    let (plan, readings) = measured("probe-qualification", &file, &world, &deviation);
+    let (plan, readings) = measure_with_deviation("probe-qualification", &file, &world, &deviation);
     let truth =
         map.iter().flat_map(|(k, [c, s])| [(format!("E_probe_c{k}"), c * 1e3), (format!("E_probe_s{k}"), s * 1e3)]);
     let mut truth: Vec<(String, f64)> = truth.collect();
     truth.push(("s_touch".to_owned(), 0.3));
-    match turns {
+    match spindle_turns {
         true => truth.extend([("x_stylus".to_owned(), offset.x * 1e3), ("y_stylus".to_owned(), offset.y * 1e3)]),
         // The second order is not corrected.
         false => drop(truth.drain(..2)),
     }
-    (identified(&file, &plan, &readings), truth)
+    (identify_readings(&file, &plan, &readings), truth)
 }
 
 /// Coverage standard of METHODS, section 6.
@@ -144,13 +145,13 @@ fn probe_map_uncertainty_has_its_coverage() {
         let (mut hits, mut count) = (0, 0);
         for (k, (symbol, _)) in all[0].1.iter().enumerate() {
             let deviation = |(estimate, truth): &(Estimate, Vec<(String, f64)>)| {
-                let found = parameter(estimate, symbol);
+                let found = find_parameter(estimate, symbol);
                 ((found.value - truth[k].1).abs(), found.expanded)
             };
             let within = all.iter().map(deviation).filter(|(off, u)| off <= u).count();
             let part = within as f64 / worlds as f64;
-            println!("{symbol}: {:.1} %, U {:.3}", part * 100.0, parameter(&all[0].0, symbol).expanded);
-            if is_full() {
+            println!("{symbol}: {:.1} %, U {:.3}", part * 100.0, find_parameter(&all[0].0, symbol).expanded);
+            if is_full_test_run() {
                 assert!((0.93..=0.985).contains(&part), "{symbol}: {part}");
             }
             (hits, count) = (hits + within, count + worlds as usize);
@@ -170,7 +171,7 @@ fn three_lobe_deviation(phase: f64) -> impl Fn(Vector3<f64>, Vector3<f64>) -> Ve
 
 /// A probe with three lobes of 2 um in a spindle that cannot be turned, on a ball certified to 0.1 um.
 #[test]
-fn map_removes_the_bias_by_three_lobes() {
+fn probe_map_removes_three_lobe_bias_of_self_calibration() {
     let worlds = population_size(100).max(10);
     let pair = |seed: u64| {
         let fixed = [
@@ -180,25 +181,26 @@ fn map_removes_the_bias_by_three_lobes() {
             ("probe.lobing_orders", Value::Array(Vec::new())),
         ];
         let lobes = three_lobe_deviation(normal_draws(seed)() * TAU);
-        let ball = machine(QUALIFICATION_MACHINE, false, &fixed[..1]);
-        let room = machine_of_world(QUALIFICATION_MACHINE, false, &fixed[..1]);
-        let (plan, readings) = measured("probe-qualification", &ball, &room, &lobes);
-        let map = identified(&ball, &plan, &readings);
+        let ball = machine_file(QUALIFICATION_MACHINE, false, &fixed[..1]);
+        let room = world_machine_file(QUALIFICATION_MACHINE, false, &fixed[..1]);
+        let (plan, readings) = measure_with_deviation("probe-qualification", &ball, &room, &lobes);
+        let map = identify_readings(&ball, &plan, &readings);
         // The rounding would differ between the worlds with and without lobes.
-        let fixed = [&fixed[..], &NO_ROUNDING].concat();
-        let part = machine(SELF_CALIBRATION_MACHINE, false, &fixed);
-        let room = machine_of_world(SELF_CALIBRATION_MACHINE, false, &fixed);
-        let (plan, round) = measured("self-calibration", &part, &room, &|_, _| Vector3::zeros());
-        let reference = identified(&part, &plan, &round);
-        let (mut plan, readings) = measured("self-calibration", &part, &room, &lobes);
-        let biased = identified(&part, &plan, &readings);
+        let fixed = [&fixed[..], &ZERO_RESOLUTION_KEYS].concat();
+        let part = machine_file(SELF_CALIBRATION_MACHINE, false, &fixed);
+        let room = world_machine_file(SELF_CALIBRATION_MACHINE, false, &fixed);
+        let (plan, round) = measure_with_deviation("self-calibration", &part, &room, &|_, _| Vector3::zeros());
+        let reference = identify_readings(&part, &plan, &round);
+        let (mut plan, readings) = measure_with_deviation("self-calibration", &part, &room, &lobes);
+        let biased = identify_readings(&part, &plan, &readings);
         plan.priors = vec![map];
-        let corrected = identified(&part, &plan, &readings);
+        let corrected = identify_readings(&part, &plan, &readings);
         assert!(corrected.gauge.iter().any(|line| line.contains("orders 3, 4, 5, 6; order 2")));
-        let off =
-            |estimate: &Estimate, symbol: &str| parameter(estimate, symbol).value - parameter(&reference, symbol).value;
+        let off = |estimate: &Estimate, symbol: &str| {
+            find_parameter(estimate, symbol).value - find_parameter(&reference, symbol).value
+        };
         let bias = |estimate: &Estimate| off(estimate, "EX0C").hypot(off(estimate, "EY0C"));
-        let u = |estimate: &Estimate| parameter(estimate, "EX0C").u;
+        let u = |estimate: &Estimate| find_parameter(estimate, "EX0C").u;
         ([bias(&biased), bias(&corrected)], [u(&biased), u(&corrected)])
     };
     let pairs: Vec<_> = (8500..8500 + worlds).into_par_iter().map(pair).collect();
@@ -215,23 +217,26 @@ fn no_deviation(_: Vector3<f64>, _: Vector3<f64>) -> Vector3<f64> {
     Vector3::zeros()
 }
 
-/// A built-in machine without lobes whose spindle does not turn; plan and readings.
-fn assert_sound(changes: &[(&str, Value)], deviation: ContactDeviation<'_>) -> (MachineFile, Plan, Vec<Reading>) {
-    let file = machine(QUALIFICATION_MACHINE, false, changes);
-    let room = machine_of_world(QUALIFICATION_MACHINE, false, changes);
-    let (plan, readings) = measured("probe-qualification", &file, &room, deviation);
+/// Measures on the built-in machine without an S axis, with this deviation; returns machine file, plan, readings.
+fn measure_qualification_without_spindle_turns(
+    changes: &[(&str, Value)],
+    deviation: ContactDeviation<'_>,
+) -> (MachineFile, Plan, Vec<Reading>) {
+    let file = machine_file(QUALIFICATION_MACHINE, false, changes);
+    let room = world_machine_file(QUALIFICATION_MACHINE, false, changes);
+    let (plan, readings) = measure_with_deviation("probe-qualification", &file, &room, deviation);
     (file, plan, readings)
 }
 
 #[test]
 fn undeclared_lobes_contradict_the_map() {
     let nine = |n: Vector3<f64>, _: Vector3<f64>| n * lobing_along(&[(9.0, [1e-3, 0.0])], n);
-    let (file, plan, readings) = assert_sound(&[], &nine);
-    assert_eq!(identified(&file, &plan, &readings).verdict, Verdict::UndecidedModel);
+    let (file, plan, readings) = measure_qualification_without_spindle_turns(&[], &nine);
+    assert_eq!(identify_readings(&file, &plan, &readings).verdict, Verdict::UndecidedModel);
     let declared = [("probe.lobing_orders", Value::Array(vec![Value::Integer(9)]))];
-    let (file, plan, readings) = assert_sound(&declared, &nine);
-    let estimate = identified(&file, &plan, &readings);
-    let found = parameter(&estimate, "E_probe_c9");
+    let (file, plan, readings) = measure_qualification_without_spindle_turns(&declared, &nine);
+    let estimate = identify_readings(&file, &plan, &readings);
+    let found = find_parameter(&estimate, "E_probe_c9");
     assert_eq!(estimate.verdict, Verdict::None);
     assert!((found.value - 1.0).abs() < 3.0 * found.u, "{found:?}");
     // A later run rejects an estimate with a misfit.
@@ -249,8 +254,8 @@ fn form_of_an_uncertified_ball_is_not_attributed_to_the_probe() {
     table["axes"].as_table_mut().unwrap().remove("S");
     table["method"]["probe-qualification"].as_table_mut().unwrap().remove("form_um");
     let file = parse_machine_file(&table);
-    let (plan, readings) = measured("probe-qualification", &file, &file, &no_deviation);
-    let estimate = identified(&file, &plan, &readings);
+    let (plan, readings) = measure_with_deviation("probe-qualification", &file, &file, &no_deviation);
+    let estimate = identify_readings(&file, &plan, &readings);
     assert!(estimate.parameters.iter().all(|own| !own.symbol.starts_with("E_probe")));
     let says = |text: &str| estimate.not_identifiable.iter().any(|line| line.contains(text));
     assert!(says("map at order 3, 4, 5, 6: inseparable from the form of the ball, because no"));
@@ -261,36 +266,36 @@ fn form_of_an_uncertified_ball_is_not_attributed_to_the_probe() {
 
 /// A ball that has moved meanwhile has another centre, but the map of the probe is the same.
 #[test]
-fn map_is_not_changed_by_a_ball_moved_in_an_interruption() {
+fn probe_map_agrees_if_the_ball_moves_in_an_interruption() {
     let three = |n: Vector3<f64>, _: Vector3<f64>| n * lobing_along(&[(3.0, [2e-3, 0.0])], n);
-    let (file, mut plan, mut readings) = assert_sound(&[], &three);
-    let before = identified(&file, &plan, &readings);
+    let (file, mut plan, mut readings) = measure_qualification_without_spindle_turns(&[], &three);
+    let before = identify_readings(&file, &plan, &readings);
     let middle = readings[readings.len() / 2].t_s;
     plan.gaps_s = vec![middle];
     for reading in readings.iter_mut().filter(|reading| reading.t_s > middle) {
-        let moved = reading.position.xyz() + Vector3::new(0.04, -0.03, 0.02);
+        let moved = reading.position.xyz_or_zero() + Vector3::new(0.04, -0.03, 0.02);
         for (axis, value) in Axis::LINEAR.into_iter().zip(moved.iter()) {
             reading.position.set(axis, *value);
         }
     }
-    let after = identified(&file, &plan, &readings);
+    let after = identify_readings(&file, &plan, &readings);
     assert_eq!(after.verdict, Verdict::None, "{:?}", after.warnings);
     for symbol in ["E_probe_c3", "E_probe_s3", "E_probe_c5"] {
-        let [before, after] = [&before, &after].map(|estimate| parameter(estimate, symbol));
+        let [before, after] = [&before, &after].map(|estimate| find_parameter(estimate, symbol));
         assert!((before.value - after.value).abs() < before.u, "{symbol}: {before:?} {after:?}");
     }
 }
 
 #[test]
 fn erroneous_touch_is_named() {
-    let (file, plan, mut readings) = assert_sound(&[], &no_deviation);
+    let (file, plan, mut readings) = measure_qualification_without_spindle_turns(&[], &no_deviation);
     let number = 60;
     let step = plan.steps.iter().find(|step| step.id == readings[number].step).unwrap();
-    let off = readings[number].position.xyz() + Vector3::from(step.normal) * 5e-3;
+    let off = readings[number].position.xyz_or_zero() + Vector3::from(step.normal) * 5e-3;
     for (axis, value) in Axis::LINEAR.into_iter().zip(off.iter()) {
         readings[number].position.set(axis, *value);
     }
-    let estimate = identified(&file, &plan, &readings);
+    let estimate = identify_readings(&file, &plan, &readings);
     let named: Vec<&str> =
         estimate.outliers.iter().flat_map(|one| &one.candidates).map(|one| one.label.as_str()).collect();
     assert_eq!((named, estimate.verdict), (vec![step.label.as_str()], Verdict::UndecidedModel));
@@ -298,7 +303,7 @@ fn erroneous_touch_is_named() {
 
 /// With a turned spindle: SAMBA gives the same machine and stylus as without lobes and offset.
 #[test]
-fn map_of_a_turned_spindle_removes_all_bias_in_samba() {
+fn probe_map_with_turned_spindle_removes_bias_in_samba() {
     const SAMBA_MACHINE: &str = include_str!("../../config/samba.toml");
     let seed = [
         ("simulated.seed", Value::Integer(11)),
@@ -307,28 +312,28 @@ fn map_of_a_turned_spindle_removes_all_bias_in_samba() {
     ];
     let offset = Vector3::new(4e-3, -3e-3, 0.0);
     let off = |n: Vector3<f64>, _: Vector3<f64>| n * lobing_along(&[(3.0, [2e-3, 2e-3])], n) - offset;
-    let ball = machine(QUALIFICATION_MACHINE, true, &seed);
+    let ball = machine_file(QUALIFICATION_MACHINE, true, &seed);
     let still = [&seed[..], &[("probe.stylus_offset_um", 0.0.into())]].concat();
-    let room = machine_of_world(QUALIFICATION_MACHINE, true, &still);
-    let (plan, readings) = measured("probe-qualification", &ball, &room, &off);
-    let map = identified(&ball, &plan, &readings);
+    let room = world_machine_file(QUALIFICATION_MACHINE, true, &still);
+    let (plan, readings) = measure_with_deviation("probe-qualification", &ball, &room, &off);
+    let map = identify_readings(&ball, &plan, &readings);
 
     let trials = [&seed[..], &[("method.samba.monte_carlo_trials", Value::Integer(100))]].concat();
-    let trials = [&trials[..], &NO_ROUNDING].concat();
-    let file = machine(SAMBA_MACHINE, true, &trials);
-    let room = machine_of_world(SAMBA_MACHINE, true, &trials);
-    let (plan, sound) = measured("samba", &file, &room, &no_deviation);
-    let reference = identified(&file, &plan, &sound);
-    let (mut plan, readings) = measured("samba", &file, &room, &off);
-    let biased = identified(&file, &plan, &readings);
+    let trials = [&trials[..], &ZERO_RESOLUTION_KEYS].concat();
+    let file = machine_file(SAMBA_MACHINE, true, &trials);
+    let room = world_machine_file(SAMBA_MACHINE, true, &trials);
+    let (plan, sound) = measure_with_deviation("samba", &file, &room, &no_deviation);
+    let reference = identify_readings(&file, &plan, &sound);
+    let (mut plan, readings) = measure_with_deviation("samba", &file, &room, &off);
+    let biased = identify_readings(&file, &plan, &readings);
     plan.priors = vec![map];
-    let corrected = identified(&file, &plan, &readings);
+    let corrected = identify_readings(&file, &plan, &readings);
     let shift = |estimate: &Estimate, symbol: &str| {
-        (parameter(estimate, symbol).value - parameter(&reference, symbol).value).abs()
+        (find_parameter(estimate, symbol).value - find_parameter(&reference, symbol).value).abs()
     };
     for symbol in ["tool_x", "tool_y", "EX0C", "EC0B", "EXX1"] {
         let [before, after] = [&biased, &corrected].map(|estimate| shift(estimate, symbol));
-        let u = parameter(&corrected, symbol).u;
+        let u = find_parameter(&corrected, symbol).u;
         println!("{symbol}: {before:.5} without the map, {after:.5} with it, u {u:.5}");
         assert!(after < 2.0 * u, "{symbol}");
     }

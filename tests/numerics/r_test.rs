@@ -6,8 +6,8 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::Method;
-use methods::decision::difference::parameter_differences;
 use methods::decision::function_difference::function_differences;
+use methods::decision::parameter_difference::parameter_differences;
 use nalgebra::{Matrix2, Vector2};
 use simulator::SimulatedWorld;
 use toml::{Table, Value};
@@ -15,14 +15,14 @@ use trued::setup;
 
 use crate::machine_text::{parse_machine_file, set_key};
 use crate::support::plan_player;
-use testing::population::{is_full, population_size};
+use testing::population::{is_full_test_run, population_size};
 
 const R_TEST_MACHINE: &str = include_str!("../../config/r-test.toml");
 const SELF_CALIBRATION_MACHINE: &str = include_str!("../../config/simulated.toml");
 /// Height of the sphere above the table, mm.
-const HEIGHT_MM: f64 = 60.0;
+const SPHERE_HEIGHT_MM: f64 = 60.0;
 
-fn machine(seed: u64) -> Table {
+fn machine_toml_table(seed: u64) -> Table {
     let mut table: Table = R_TEST_MACHINE.parse().unwrap();
     set_key(&mut table, "simulated.seed", Value::Integer(seed as i64));
     set_key(&mut table, "method.r-test.monte_carlo_trials", Value::Integer(100));
@@ -51,7 +51,7 @@ fn play_run(table: &Table, method: &str) -> PlayedRun {
 }
 
 /// The estimate, and the true position of the axis in the middle of the run relative to the stated one, mm.
-fn measure_axis(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
+fn estimate_and_true_axis_mm(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
     let PlayedRun { method, plan, readings, world } = play_run(table, method);
     let estimate = method.identify(&plan, &readings).unwrap();
     let times = readings.iter().map(|reading| reading.t_s);
@@ -59,12 +59,12 @@ fn measure_axis(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
     // Relative to the stated axis: errors of linear axes and stylus offset are errors of the result, and the table
     // drifts.
     let declared = |key: &str| table["simulated"]["errors"][key].as_float().unwrap() * 1e-3;
-    let drift = world.true_drift_mm(middle);
+    let drift = world.true_table_drift_mm(middle);
     (estimate, Vector2::new(declared("EX0C_um") + drift[0], declared("EY0C_um") + drift[1]))
 }
 
 /// Error motion of the machine file, um.
-fn declared_motion(table: &Table, symbol: &str, angle: f64) -> f64 {
+fn declared_error_motion_um(table: &Table, symbol: &str, angle: f64) -> f64 {
     let terms = table["simulated"]["error_motion"].as_array().unwrap();
     let of_symbol = terms.iter().filter(|term| term["symbol"].as_str() == Some(symbol));
     let value = |term: &Value| {
@@ -76,8 +76,8 @@ fn declared_motion(table: &Table, symbol: &str, angle: f64) -> f64 {
 }
 
 /// E_total = (I − R)c + e − R·e(0) of METHODS section 1, um; C turns the table against its command (ISO 841).
-fn total_motion(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f64> {
-    let motion = |angle| ["EXC", "EYC"].map(|symbol| declared_motion(table, symbol, angle));
+fn total_error_motion_um(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f64> {
+    let motion = |angle| ["EXC", "EYC"].map(|symbol| declared_error_motion_um(table, symbol, angle));
     let angle = degrees.to_radians();
     let (sin, cos) = (-angle).sin_cos();
     let turn = Matrix2::new(cos, -sin, sin, cos);
@@ -85,13 +85,13 @@ fn total_motion(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f
 }
 
 #[test]
-fn coverage_on_the_built_in_machine() {
+fn r_test_coverage_on_the_built_in_machine() {
     let worlds = population_size(200);
-    let shares = if is_full() { 0.93..=0.98 } else { 0.88..=1.0 };
+    let shares = if is_full_test_run() { 0.93..=0.98 } else { 0.88..=1.0 };
     let (mut held, mut count) = ([0.0; 3], [0.0; 3]);
     for seed in 0..worlds {
-        let table = machine(seed);
-        let (estimate, axis) = measure_axis(&table, "r-test");
+        let table = machine_toml_table(seed);
+        let (estimate, axis) = estimate_and_true_axis_mm(&table, "r-test");
         let axis = axis * 1e3;
         for (parameter, truth) in estimate.parameters.iter().filter(|p| p.symbol.ends_with("0C")).zip(axis.iter()) {
             held[0] += f64::from(u8::from((parameter.value - truth).abs() <= parameter.expanded));
@@ -102,9 +102,9 @@ fn coverage_on_the_built_in_machine() {
             let kind = if curve.symbol.ends_with("_total") { 1 } else { 2 };
             for ((x, y), u) in curve.x.iter().zip(&curve.y).zip(&curve.u).skip(1) {
                 let truth = match curve.symbol.as_str() {
-                    "EZC" => declared_motion(&table, "EZC", x.to_radians()),
-                    _ if kind == 1 => total_motion(&table, axis, *x)[k],
-                    _ => total_motion(&table, Vector2::zeros(), *x)[k],
+                    "EZC" => declared_error_motion_um(&table, "EZC", x.to_radians()),
+                    _ if kind == 1 => total_error_motion_um(&table, axis, *x)[k],
+                    _ => total_error_motion_um(&table, Vector2::zeros(), *x)[k],
                 };
                 held[kind] += f64::from(u8::from((y - truth).abs() <= 2.0 * u));
                 count[kind] += 1.0;
@@ -119,21 +119,21 @@ fn coverage_on_the_built_in_machine() {
 /// Measures the same table by both methods, each with its own probe and sensors.
 #[test]
 fn r_test_agrees_with_self_calibration() {
-    let r_test = machine(3);
-    let (first, _) = measure_axis(&r_test, "r-test");
+    let r_test = machine_toml_table(3);
+    let (first, _) = estimate_and_true_axis_mm(&r_test, "r-test");
     let mut other: Table = SELF_CALIBRATION_MACHINE.parse().unwrap();
     set_key(&mut other, "simulated.seed", Value::Integer(4));
-    set_key(&mut other, "method.self-calibration.heights_mm", vec![HEIGHT_MM].into());
+    set_key(&mut other, "method.self-calibration.heights_mm", vec![SPHERE_HEIGHT_MM].into());
     for key in ["errors", "error_motion"] {
         set_key(&mut other, &format!("simulated.{key}"), r_test["simulated"][key].clone());
     }
-    let (second, _) = measure_axis(&other, "self-calibration");
+    let (second, _) = estimate_and_true_axis_mm(&other, "self-calibration");
     let parameters = parameter_differences(&first, &second, &[]);
     let functions = function_differences(&first, &second, 2.0);
     let symbols: Vec<&str> = functions.iter().map(|function| function.symbol.as_str()).collect();
     assert_eq!(symbols, ["EXC_total", "EYC_total", "EXC", "EYC"]);
-    let of_parameters = parameters.iter().map(|difference| difference.normalized);
-    let of_points = functions.iter().flat_map(|function| function.normalized.iter().copied());
+    let of_parameters = parameters.iter().map(|difference| difference.normalized_error);
+    let of_points = functions.iter().flat_map(|function| function.normalized_errors.iter().copied());
     let all: Vec<f64> = of_parameters.chain(of_points).collect();
     println!("E_n: {all:.2?}");
     let agreeing = all.iter().filter(|e_n| **e_n <= 1.0).count();
@@ -142,7 +142,7 @@ fn r_test_agrees_with_self_calibration() {
 
 #[test]
 fn swapped_sensors_are_refused_before_the_table_turns() {
-    let mut table = machine(1);
+    let mut table = machine_toml_table(1);
     let truth = parse_machine_file(&table);
     let sensors = table["sensor"].as_array_mut().unwrap();
     let [a, b] = [0, 1].map(|i| sensors[i]["direction"].clone());
@@ -156,13 +156,14 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
     declare(&mut sensors[1], zero_a, a);
     let (method, header) = setup::configure_method_and_plan(&parse_machine_file(&table), "r-test", None).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
-    let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play_step).unwrap_err();
+    let refused =
+        plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, plan_player::play_step).unwrap_err();
     assert!(refused.reason.contains("along the direction of b"), "{refused:?}");
 }
 
 #[test]
-fn an_interruption_is_a_step_and_a_scan_stopped_twice_has_one() {
-    let PlayedRun { method, mut plan, readings, .. } = play_run(&machine(1), "r-test");
+fn two_interruptions_without_readings_between_add_one_step() {
+    let PlayedRun { method, mut plan, readings, .. } = play_run(&machine_toml_table(1), "r-test");
     let plain = method.identify(&plan, &readings).unwrap();
     let turns = plan.steps.iter().find(|step| step.label == "turn/forward").unwrap().id;
     let begins_s = readings.iter().find(|reading| reading.step == turns).unwrap().t_s;
@@ -177,8 +178,8 @@ fn an_interruption_is_a_step_and_a_scan_stopped_twice_has_one() {
 }
 
 #[test]
-fn without_turns_there_is_no_estimate() {
-    let PlayedRun { method, mut plan, mut readings, .. } = play_run(&machine(1), "r-test");
+fn readings_without_table_turns_are_refused() {
+    let PlayedRun { method, mut plan, mut readings, .. } = play_run(&machine_toml_table(1), "r-test");
     plan.steps.retain(|step| !step.label.starts_with("turn/"));
     readings.retain(|reading| plan.steps.iter().any(|step| step.id == reading.step));
     let refused = method.identify(&plan, &readings).unwrap_err();

@@ -19,19 +19,19 @@ struct FitCase {
 struct FittedShape {
     centre: Vec<f64>,
     radius: f64,
-    /// The reference of a circle has none.
+    /// `None` for a circle: its reference has no covariance.
     covariance: Option<Vec<Vec<f64>>>,
     residuals: Option<Vec<f64>>,
 }
 
 /// Allowed error, in units of the rounding error of the distances with the worst signs.
-const MAX_ULP_RATIO: f64 = 4.0;
+const MAX_ERROR_IN_ROUNDINGS: f64 = 4.0;
 
 fn parse_table() -> Vec<FitCase> {
     serde_json::from_str(include_str!("../data/round_fits/references.json")).unwrap()
 }
 
-fn fit(case: &FitCase) -> FittedShape {
+fn fit_circle_or_sphere(case: &FitCase) -> FittedShape {
     match case.centre.len() {
         2 => {
             let plane: Vec<[f64; 2]> = case.points.iter().map(|p| p.as_slice().try_into().unwrap()).collect();
@@ -45,7 +45,7 @@ fn fit(case: &FitCase) -> FittedShape {
             FittedShape {
                 centre: sphere.centre.to_vec(),
                 radius: sphere.radius,
-                covariance: Some(sphere.covariance.map(|row| row.to_vec()).to_vec()),
+                covariance: Some(sphere.unit_variance_covariance.map(|row| row.to_vec()).to_vec()),
                 residuals: Some(sphere.residuals),
             }
         }
@@ -55,7 +55,7 @@ fn fit(case: &FitCase) -> FittedShape {
 
 /// The cases of the table, and each with repeated points: these have the same circle or sphere, and a covariance
 /// smaller by that factor. So many points take a different code path, except those that are near neither shape.
-fn cases() -> Vec<FitCase> {
+fn cases_with_repeated_points() -> Vec<FitCase> {
     let round = |case: &FitCase| !case.name.starts_with("rough");
     parse_table().into_iter().chain(parse_table().into_iter().filter(round).map(with_repeated_points)).collect()
 }
@@ -78,9 +78,9 @@ fn parse_number(digits: &str) -> f64 {
 #[test]
 fn centres_and_radii_agree_to_the_last_digits() {
     let mut worst: (f64, &str) = (0.0, "");
-    let cases = cases();
+    let cases = cases_with_repeated_points();
     for case in &cases {
-        let found = fit(case);
+        let found = fit_circle_or_sphere(case);
         let radius = parse_number(&case.radius);
         let sought: Vec<(f64, f64)> = found
             .centre
@@ -101,13 +101,13 @@ fn centres_and_radii_agree_to_the_last_digits() {
         }
     }
     println!("{} fits, worst {:.2} roundings ({})", cases.len(), worst.0, worst.1);
-    assert!(worst.0 <= MAX_ULP_RATIO, "{:.2} roundings: {}", worst.0, worst.1);
+    assert!(worst.0 <= MAX_ERROR_IN_ROUNDINGS, "{:.2} roundings: {}", worst.0, worst.1);
 }
 
 #[test]
-fn covariances_and_residuals_agree() {
-    for case in cases() {
-        let found = fit(&case);
+fn sphere_covariances_and_residuals_agree_with_references() {
+    for case in cases_with_repeated_points() {
+        let found = fit_circle_or_sphere(&case);
         let Some(covariance) = found.covariance else { continue };
         let variance = |k: usize| parse_number(&case.covariance[k][k]);
         for (i, (row, reference)) in covariance.iter().zip(&case.covariance).enumerate() {

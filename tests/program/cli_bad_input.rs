@@ -52,18 +52,19 @@ fn regress_a_rank_deficient_design_names_a_better_one() {
     assert!(said.contains("[0, 22.5]"), "{said}");
 }
 
-fn machine_with_controller(lines: &str) -> String {
+fn machine_toml_with_controller(lines: &str) -> String {
     MACHINE_FILE.replace("kind = \"simulated\"\n", &format!("{lines}\n")).replace("wire = \"memory\"\n", "")
 }
 
 fn regress_a_missing_port_is_reported() {
-    let (code, said) =
-        exit_code_and_error(&machine_with_controller("kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200"));
+    let (code, said) = exit_code_and_error(&machine_toml_with_controller(
+        "kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200",
+    ));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("/dev/ttyNOSUCH7 does not exist"), "{said}");
 }
 
-fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
+fn regress_silent_and_garbled_ports_have_different_messages() {
     for (answer, named) in [(None, "no reply"), (Some(b"\xff\xfe\x80\x91\xc3\x28"), "baud rate")] {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -79,7 +80,7 @@ fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
             }
         });
         let (code, said) =
-            exit_code_and_error(&machine_with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
+            exit_code_and_error(&machine_toml_with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
         assert_eq!(code, Some(1), "{said}");
         assert!(said.contains(named), "{said}");
         server.join().unwrap();
@@ -95,13 +96,13 @@ fn regress_usage_errors_exit_with_2() {
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("self-calibration"));
 }
 
-fn regress_a_part_that_lies_down_is_refused() {
+fn regress_a_part_with_horizontal_axis_is_refused() {
     let (code, said) = exit_code_and_error(&MACHINE_FILE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("upright") && said.contains("nothing has moved"), "{said}");
 }
 
-fn regress_a_limit_that_nothing_answers_to_is_named() {
+fn regress_tolerance_that_matches_no_parameter_is_named() {
     let state = TempDir::new().unwrap();
     let file = state.path().join("shop.toml");
     let machine =
@@ -142,10 +143,10 @@ pub fn trials() -> Trials {
         regress_a_wrong_unit_names_the_right_one,
         regress_a_rank_deficient_design_names_a_better_one,
         regress_a_missing_port_is_reported,
-        regress_a_port_that_answers_nothing_or_nonsense_is_told_apart,
+        regress_silent_and_garbled_ports_have_different_messages,
         regress_usage_errors_exit_with_2,
-        regress_a_part_that_lies_down_is_refused,
-        regress_a_limit_that_nothing_answers_to_is_named,
+        regress_a_part_with_horizontal_axis_is_refused,
+        regress_tolerance_that_matches_no_parameter_is_named,
         regress_settings_that_cannot_work_are_refused_before_motion,
     ]
 }

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 use machine::Axis;
 use machine::record::artefact::{Artefact, Cylinder};
-use machine::record::estimate::{Estimate, FigureKind, Unit, Verdict};
+use machine::record::estimate::{Estimate, FunctionFigureKind, Unit, Verdict};
 use machine::record::machine::AxisSense;
 use machine::record::plan::{Plan, StepKind};
 use machine::record::reading::ReadingFlag;
@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use trued::report::readings_csv;
 
 /// A hand-written plan with only the keys of the contract.
-fn plan_json() -> Value {
+fn contract_plan_json() -> Value {
     json!({
         "trued_plan": 1,
         "method": "self-calibration",
@@ -43,7 +43,7 @@ fn plan_json() -> Value {
     })
 }
 
-fn estimate_json() -> Value {
+fn contract_estimate_json() -> Value {
     json!({
         "trued_estimate": 1,
         "method": "self-calibration",
@@ -63,18 +63,18 @@ fn estimate_json() -> Value {
 }
 
 /// Asserts that every key of `given` is in `made` with the same value; `made` may have more keys.
-fn assert_contains(made: &Value, given: &Value, at: &str) {
+fn assert_json_contains(made: &Value, given: &Value, at: &str) {
     match (made, given) {
         (Value::Object(made), Value::Object(given)) => {
             for (key, value) in given {
                 let found = made.get(key).unwrap_or_else(|| panic!("{at}.{key} is missing"));
-                assert_contains(found, value, &format!("{at}.{key}"));
+                assert_json_contains(found, value, &format!("{at}.{key}"));
             }
         }
         (Value::Array(made), Value::Array(given)) => {
             assert_eq!(made.len(), given.len(), "{at}");
             for (n, (made, given)) in made.iter().zip(given).enumerate() {
-                assert_contains(made, given, &format!("{at}[{n}]"));
+                assert_json_contains(made, given, &format!("{at}[{n}]"));
             }
         }
         _ => assert_eq!(made, given, "{at}"),
@@ -87,8 +87,8 @@ fn json_keys(value: &Value) -> Vec<&str> {
     keys
 }
 
-fn a_plan_by_hand_is_understood() {
-    let plan: Plan = serde_json::from_value(plan_json()).unwrap();
+fn hand_written_plan_is_read() {
+    let plan: Plan = serde_json::from_value(contract_plan_json()).unwrap();
     assert_eq!((plan.trued_plan, plan.method.as_str()), (1, "self-calibration"));
     assert_eq!(plan.settings["n"], 8);
     assert_eq!(plan.machine.topology, "w-C-B-X-F-Z-Y-S-t");
@@ -115,11 +115,11 @@ fn a_plan_by_hand_is_understood() {
 }
 
 fn a_plan_is_written_with_the_keys_of_the_contract() {
-    let typed: Plan = serde_json::from_value(plan_json()).unwrap();
+    let typed: Plan = serde_json::from_value(contract_plan_json()).unwrap();
     let made = serde_json::to_value(&typed).unwrap();
-    assert_contains(&made, &plan_json(), "plan");
-    assert_eq!(json_keys(&made), json_keys(&plan_json()));
-    assert_eq!(json_keys(&made["steps"][0]), json_keys(&plan_json()["steps"][0]));
+    assert_json_contains(&made, &contract_plan_json(), "plan");
+    assert_eq!(json_keys(&made), json_keys(&contract_plan_json()));
+    assert_eq!(json_keys(&made["steps"][0]), json_keys(&contract_plan_json()["steps"][0]));
     for (kind, text) in [
         (StepKind::Index, "index"),
         (StepKind::Touch, "touch"),
@@ -131,8 +131,8 @@ fn a_plan_is_written_with_the_keys_of_the_contract() {
     }
 }
 
-fn an_estimate_by_hand_is_understood() {
-    let estimate: Estimate = serde_json::from_value(estimate_json()).unwrap();
+fn hand_written_estimate_is_read() {
+    let estimate: Estimate = serde_json::from_value(contract_estimate_json()).unwrap();
     let parameter = &estimate.parameters[0];
     assert_eq!((parameter.symbol.as_str(), parameter.unit), ("EX0C", Unit::Um));
     assert_eq!((parameter.value, parameter.u, parameter.expanded), (49.9, 0.5, 1.28));
@@ -140,25 +140,25 @@ fn an_estimate_by_hand_is_understood() {
     let function = &estimate.functions[0];
     assert_eq!((function.argument.as_str(), function.argument_unit.as_str()), ("C", "deg"));
     assert_eq!((&function.x[..], &function.y[..]), (&[0.0, 45.0][..], &[0.0, 1.5][..]));
-    assert_eq!((&function.u[..], function.figure), (&[0.1, 0.2][..], FigureKind::Curve));
+    assert_eq!((&function.u[..], function.figure), (&[0.1, 0.2][..], FunctionFigureKind::Curve));
     assert_eq!(estimate.covariance.rows, [[0.25]]);
     assert_eq!((estimate.rank, estimate.unknowns, estimate.condition), (26, 26, 21.88));
     assert_eq!((estimate.residual_rms_um, estimate.chi2_per_dof), (0.3, 1.1));
     assert_eq!((estimate.degrees_of_freedom, estimate.verdict), (5, Verdict::Undecided));
     assert_eq!(estimate.priors, ["ba7816bf"]);
 
-    let mut endless = self::estimate_json();
+    let mut endless = self::contract_estimate_json();
     endless["parameters"][0]["dof"] = Value::Null;
     let endless: Estimate = serde_json::from_value(endless).unwrap();
     assert_eq!(endless.parameters[0].dof, None);
 }
 
 fn an_estimate_is_written_with_the_keys_of_the_contract() {
-    let typed: Estimate = serde_json::from_value(estimate_json()).unwrap();
+    let typed: Estimate = serde_json::from_value(contract_estimate_json()).unwrap();
     let made = serde_json::to_value(&typed).unwrap();
-    assert_contains(&made, &estimate_json(), "estimate");
-    assert_eq!(json_keys(&made), json_keys(&estimate_json()));
-    assert_eq!(json_keys(&made["parameters"][0]), json_keys(&estimate_json()["parameters"][0]));
+    assert_json_contains(&made, &contract_estimate_json(), "estimate");
+    assert_eq!(json_keys(&made), json_keys(&contract_estimate_json()));
+    assert_eq!(json_keys(&made["parameters"][0]), json_keys(&contract_estimate_json()["parameters"][0]));
     assert_eq!(json_keys(&made["covariance"]), ["rows", "symbols"]);
     let text = |value: Value| value.as_str().unwrap().to_owned();
     let units = [Unit::Um, Unit::Urad, Unit::UmPerM, Unit::Mm];
@@ -169,12 +169,12 @@ fn an_estimate_is_written_with_the_keys_of_the_contract() {
     assert_eq!(verdicts, ["pass", "fail", "undecided", "undecided (model)", "none"]);
 }
 
-/// A file read from JSON and written again has identical numbers.
-fn numbers_are_kept_bit_for_bit() {
+/// A number that was written as JSON text is read as the identical number.
+fn estimate_numbers_are_read_bit_for_bit() {
     let mut random = estimation::random::seeded_stream(3, &[]);
     for _ in 0..1000 {
         let value: f64 = rand::RngExt::random_range(&mut random, -1e3..1e3);
-        let mut given = estimate_json();
+        let mut given = contract_estimate_json();
         given["parameters"][0]["value"] = value.into();
         let read: Estimate = serde_json::from_str(&given.to_string()).unwrap();
         assert_eq!(read.parameters[0].value.to_bits(), value.to_bits());
@@ -206,11 +206,11 @@ fn hand_written_readings_are_read() {
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
-        a_plan_by_hand_is_understood,
+        hand_written_plan_is_read,
         a_plan_is_written_with_the_keys_of_the_contract,
-        an_estimate_by_hand_is_understood,
+        hand_written_estimate_is_read,
         an_estimate_is_written_with_the_keys_of_the_contract,
-        numbers_are_kept_bit_for_bit,
+        estimate_numbers_are_read_bit_for_bit,
         hand_written_readings_are_read,
     ]
 }

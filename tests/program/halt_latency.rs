@@ -13,27 +13,27 @@ use devices::controllers::{Controller, ControllerError, HaltHandle};
 use link::LinkAddress;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
-use planning::gcode::{Dialect, ProgramHeader, Transmission};
+use planning::gcode::{Dialect, HeadAndFootValues, TransmissionForm};
 use planning::proof::for_tests;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use trued::setup;
 
 const HALT_COUNT: usize = 20;
 
-/// Events at the port.
-enum PeerEvent {
-    Path(String),
+/// What the simulated control at the port reports to the test.
+enum SimulatedControlEvent {
+    PtyCreated(String),
     /// The first status request after the motion was sent: the polling has begun.
-    Polled,
-    Halted(Instant),
+    StatusRequestedInMotion,
+    HoldReceived(Instant),
 }
 
 /// A control that never ends a motion, on a pty and a separate thread.
-fn run_peer(tell: Sender<PeerEvent>) {
+fn run_simulated_control(tell: Sender<SimulatedControlEvent>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let mut pty = link::create_pty().unwrap();
-        tell.send(PeerEvent::Path(pty.path.clone())).unwrap();
+        tell.send(SimulatedControlEvent::PtyCreated(pty.path.clone())).unwrap();
         let (mut line, mut state) = (String::new(), "Idle");
         loop {
             // Serve until the client is silent.
@@ -42,14 +42,14 @@ fn run_peer(tell: Sender<PeerEvent>) {
             let Ok(Ok(byte)) = byte else { return };
             let answer = match byte {
                 b'!' => {
-                    tell.send(PeerEvent::Halted(Instant::now())).unwrap();
+                    tell.send(SimulatedControlEvent::HoldReceived(Instant::now())).unwrap();
                     state = "Hold:0";
                     continue;
                 }
                 // `?`, and the request of a report with all fields.
                 b'?' | 0x87 => {
                     if state == "Run" {
-                        let _ = tell.send(PeerEvent::Polled);
+                        let _ = tell.send(SimulatedControlEvent::StatusRequestedInMotion);
                     }
                     format!("<{state}|MPos:0.000,0.000,0.000,0.000,0.000|Ov:100,100,100|FW:grblHAL>\r\n")
                 }
@@ -74,19 +74,19 @@ fn run_peer(tell: Sender<PeerEvent>) {
     });
 }
 
-fn motion_block(motions: usize) -> Block {
+fn rapid_motion_block(motions: usize) -> Block {
     let to = |i: usize| Position::new().with(Axis::X, i as f64).with(Axis::C, 0.1);
     let motions = (0..motions).map(|i| Motion::Rapid { to: to(i) }).collect();
     Block { step: 1, repeat: 0, motions }
 }
 
 /// Renders a long stage as text, as a run does before it moves: some 50 ms.
-fn render(dialect: &Dialect) {
-    let blocks = [(); 10].map(|()| motion_block(500));
-    let program = ProgramHeader { title: "busy", axes: &[Axis::X, Axis::C], log: None };
+fn render_and_check_long_program(dialect: &Dialect) {
+    let blocks = [(); 10].map(|()| rapid_motion_block(500));
+    let program = HeadAndFootValues { title: "busy", axes: &[Axis::X, Axis::C], result_log_path: None };
     let text = dialect.render_program(&program, &blocks).unwrap();
     let motions: Vec<Motion> = blocks.iter().flat_map(|block| block.motions.clone()).collect();
-    dialect.check_motions(blocks[0].step, &motions, &dialect.read_back(&text).unwrap()).unwrap();
+    dialect.check_read_motions(blocks[0].step, &motions, &dialect.read_back(&text).unwrap()).unwrap();
 }
 
 fn long_timeouts() -> GrblTimeouts {
@@ -100,7 +100,7 @@ fn long_timeouts() -> GrblTimeouts {
 }
 
 /// The runtime of the run: the driver works on it, and in between it renders continuously.
-fn run_driver(path: String, give: Sender<HaltHandle>) {
+fn run_driver_while_rendering(path: String, give: Sender<HaltHandle>) {
     let file = setup::load_machine_file(None, "self-calibration").unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -112,9 +112,9 @@ fn run_driver(path: String, give: Sender<HaltHandle>) {
         controller.prepare().await.unwrap();
         let ended = Arc::new(AtomicBool::new(false));
         let end = ended.clone();
-        let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
+        let transmission = TransmissionForm::Lines { max_line_bytes: usize::MAX };
         let axes = [Axis::X, Axis::C];
-        let proven = for_tests::proven_block(&motion_block(1), &axes, &dialect, &transmission).unwrap();
+        let proven = for_tests::prove_block_text(&rapid_motion_block(1), &axes, &dialect, &transmission).unwrap();
         let moving = tokio::spawn(async move {
             let outcome = controller.execute(proven).await;
             end.store(true, Ordering::SeqCst);
@@ -122,7 +122,7 @@ fn run_driver(path: String, give: Sender<HaltHandle>) {
         });
         give.send(halt).unwrap();
         while !ended.load(Ordering::SeqCst) {
-            render(&dialect);
+            render_and_check_long_program(&dialect);
             // Yield to the driver.
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
@@ -131,34 +131,37 @@ fn run_driver(path: String, give: Sender<HaltHandle>) {
     });
 }
 
-/// Time from the request to the arrival of the hold.
-fn measure_halt_latency(wait: Duration) -> Duration {
-    let (tell, seen): (_, Receiver<PeerEvent>) = channel();
-    std::thread::spawn(move || run_peer(tell));
-    let Ok(PeerEvent::Path(path)) = seen.recv() else { panic!("no port") };
+/// Time from the request of a halt to the arrival of the hold at the port.
+fn measure_halt_latency(delay_before_halt: Duration) -> Duration {
+    let (tell, seen): (_, Receiver<SimulatedControlEvent>) = channel();
+    std::thread::spawn(move || run_simulated_control(tell));
+    let Ok(SimulatedControlEvent::PtyCreated(path)) = seen.recv() else { panic!("no port") };
     let (give, halt) = channel();
-    let run = std::thread::spawn(move || run_driver(path, give));
+    let run = std::thread::spawn(move || run_driver_while_rendering(path, give));
     let halt = halt.recv().unwrap();
-    assert!(matches!(seen.recv(), Ok(PeerEvent::Polled)), "the driver asks for the status");
-    std::thread::sleep(wait);
+    assert!(
+        matches!(seen.recv(), Ok(SimulatedControlEvent::StatusRequestedInMotion)),
+        "the driver asks for the status"
+    );
+    std::thread::sleep(delay_before_halt);
     let asked = Instant::now();
     halt.trigger();
     let arrived = seen.iter().find_map(|seen| match seen {
-        PeerEvent::Halted(at) => Some(at),
+        SimulatedControlEvent::HoldReceived(at) => Some(at),
         _ => None,
     });
     run.join().unwrap();
     arrived.expect("a hold").duration_since(asked)
 }
 
-fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
+fn halt_reaches_the_port_within_20_ms_under_computing_load() {
     let busy = Arc::new(AtomicBool::new(true));
     let rendering = busy.clone();
     let renderer = std::thread::spawn(move || {
         let dialect = Dialect::from_name("grbl").unwrap();
         let (begun, mut count) = (Instant::now(), 0);
         while rendering.load(Ordering::SeqCst) {
-            render(&dialect);
+            render_and_check_long_program(&dialect);
             count += 1;
         }
         begun.elapsed() / count
@@ -177,6 +180,6 @@ fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
 
 pub fn trials() -> Trials {
     trials![Pool::Alone, 5;
-        a_halt_is_at_the_port_within_20_ms_whatever_computes,
+        halt_reaches_the_port_within_20_ms_under_computing_load,
     ]
 }

@@ -1,4 +1,4 @@
-//! Whole runs of the real program: proof, wire, journal, report.
+//! Whole runs of the method `latch-delay` by the real program: proof, wire, journal, report.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::process::{Command, Output};
@@ -29,22 +29,23 @@ fn run_latch_delay(wire: &str, truth: &str) -> Value {
     serde_json::from_slice(&ran.stdout).unwrap()
 }
 
-fn parameter(estimate: &Value, symbol: &str) -> (f64, f64, bool) {
+/// Value and expanded uncertainty of a parameter, and whether it is identifiable.
+fn value_expanded_u_and_is_identifiable(estimate: &Value, symbol: &str) -> (f64, f64, bool) {
     let all = estimate["parameters"].as_array().unwrap();
     let found = all.iter().find(|parameter| parameter["symbol"] == symbol).unwrap();
     let number = |key: &str| found[key].as_f64().unwrap();
     (number("value"), number("U"), found["identifiable"].as_bool().unwrap())
 }
 
-fn over_grbl_the_delay_of_the_control_is_found() {
+fn latch_delay_over_grbl_is_within_u_of_the_truth() {
     let estimate = run_latch_delay("wire = \"pty\"", "latch = { delay_ms = 4.0 }");
-    let (delay, expanded, _) = parameter(&estimate, "t_latch");
+    let (delay, expanded, _) = value_expanded_u_and_is_identifiable(&estimate, "t_latch");
     assert!((delay - 4.0).abs() <= expanded && expanded < 0.3, "{delay} {expanded}");
-    assert!(!parameter(&estimate, "T_scan").2);
+    assert!(!value_expanded_u_and_is_identifiable(&estimate, "T_scan").2);
 }
 
 /// The simulated control of the line window, whose contacts are latched by a PLC scan from the second line on.
-fn over_modbus_a_latch_in_the_plc_is_found() {
+fn plc_scan_time_and_latch_delay_over_modbus_are_within_u() {
     let wire = "speaks = \"modbus\"\nwire = \"tcp\"";
     let fault = "[[simulated.fault]]\nkind = \"slow-latch\"\n";
     let machine = MACHINE_FILE.replace("wire = \"memory\"", wire);
@@ -56,15 +57,15 @@ fn over_modbus_a_latch_in_the_plc_is_found() {
     let ran = run_trued(folder.path(), &arguments);
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let estimate: Value = serde_json::from_slice(&ran.stdout).unwrap();
-    let (scan, expanded, seen) = parameter(&estimate, "T_scan");
+    let (scan, expanded, seen) = value_expanded_u_and_is_identifiable(&estimate, "T_scan");
     assert!(seen && (scan - 10.0).abs() <= expanded, "{scan} {expanded}");
-    let (delay, expanded, _) = parameter(&estimate, "t_latch");
+    let (delay, expanded, _) = value_expanded_u_and_is_identifiable(&estimate, "t_latch");
     assert!((delay - 5.0).abs() <= expanded, "{delay} {expanded}");
 }
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 5;
-        over_grbl_the_delay_of_the_control_is_found,
-        over_modbus_a_latch_in_the_plc_is_found,
+        latch_delay_over_grbl_is_within_u_of_the_truth,
+        plc_scan_time_and_latch_delay_over_modbus_are_within_u,
     ]
 }

@@ -20,7 +20,7 @@ pub fn run_trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
     command.args(arguments).arg("--machine").arg(path).output().unwrap()
 }
 
-/// JSON output of the program; exit code 3 is a verdict.
+/// JSON output of the program. Exit code 3 is allowed: the verdict is `fail`.
 #[track_caller]
 pub fn run_json(machine: &Table, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
@@ -35,9 +35,9 @@ pub fn run_json(machine: &Table, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Value and U of a parameter.
+/// Value and expanded uncertainty U of a parameter.
 #[track_caller]
-fn parameter(estimate: &Value, symbol: &str) -> [f64; 2] {
+fn value_and_expanded_u(estimate: &Value, symbol: &str) -> [f64; 2] {
     let parameters = estimate["parameters"].as_array().unwrap();
     let found = parameters.iter().find(|parameter| parameter["symbol"] == symbol);
     let found = found.unwrap_or_else(|| panic!("no {symbol} in {parameters:#?}"));
@@ -45,15 +45,15 @@ fn parameter(estimate: &Value, symbol: &str) -> [f64; 2] {
 }
 
 #[track_caller]
-pub fn assert_within_u(estimate: &Value, symbol: &str, truth: f64) {
-    let [value, u] = parameter(estimate, symbol);
+pub fn assert_within_expanded_u(estimate: &Value, symbol: &str, truth: f64) {
+    let [value, u] = value_and_expanded_u(estimate, symbol);
     println!("{symbol} {value} ± {u}, true {truth}");
     assert!((value - truth).abs() <= u, "{symbol}: {value} ± {u}, true {truth}");
 }
 
 /// The machine without drift and without errors of X, Y and Z: in machine coordinates the rotary axis is at the
 /// position in the file.
-pub fn straight_machine(machine: &str) -> Table {
+pub fn machine_without_drift_and_linear_axis_errors(machine: &str) -> Table {
     let mut machine: Table = machine.parse().unwrap();
     machine["machine"]["drift_um_per_h"] = 0.0.into();
     for axis in ["X", "Y", "Z"] {
@@ -64,8 +64,8 @@ pub fn straight_machine(machine: &str) -> Table {
 
 /// config/grblhal-serial.toml with the simulated grblHAL, its C axis stated at `stated` and truly at X -149.95, Y
 /// -100.03 mm.
-fn corner_machine(stated: [f64; 2]) -> Table {
-    let mut machine = straight_machine(GRBLHAL_MACHINE);
+fn machine_with_stated_c_axis_position(stated: [f64; 2]) -> Table {
+    let mut machine = machine_without_drift_and_linear_axis_errors(GRBLHAL_MACHINE);
     machine["controller"] = Table::from_iter([("kind".into(), "simulated".into())]).into();
     let point = [stated[0], stated[1], -265.0].map(toml::Value::from).to_vec();
     machine["axes"]["C"]["point_mm"] = point.into();
@@ -75,20 +75,21 @@ fn corner_machine(stated: [f64; 2]) -> Table {
     machine
 }
 
-fn the_axis_is_measured_against_its_stated_place() {
-    let estimate = run_json(&corner_machine([-150.0, -100.0]), &["run", "self-calibration", "--json"]);
-    assert_within_u(&estimate, "EX0C", 50.0);
-    assert_within_u(&estimate, "EY0C", -30.0);
-    assert_within_u(&estimate, "X_C", -149.95);
-    assert_within_u(&estimate, "Y_C", -100.03);
+fn c_axis_offset_is_relative_to_its_stated_position() {
+    let estimate =
+        run_json(&machine_with_stated_c_axis_position([-150.0, -100.0]), &["run", "self-calibration", "--json"]);
+    assert_within_expanded_u(&estimate, "EX0C", 50.0);
+    assert_within_expanded_u(&estimate, "EY0C", -30.0);
+    assert_within_expanded_u(&estimate, "X_C", -149.95);
+    assert_within_expanded_u(&estimate, "Y_C", -100.03);
 
-    let found = ["X_C", "Y_C"].map(|symbol| parameter(&estimate, symbol)[0]);
-    let corrected = run_json(&corner_machine(found), &["run", "self-calibration", "--json"]);
-    assert_within_u(&corrected, "EX0C", 0.0);
-    assert_within_u(&corrected, "EY0C", 0.0);
-    assert_within_u(&corrected, "X_C", -149.95);
-    assert_within_u(&corrected, "Y_C", -100.03);
-    let rounded = (parameter(&corrected, "X_C")[0] * 1e4).round() / 1e4;
+    let found = ["X_C", "Y_C"].map(|symbol| value_and_expanded_u(&estimate, symbol)[0]);
+    let corrected = run_json(&machine_with_stated_c_axis_position(found), &["run", "self-calibration", "--json"]);
+    assert_within_expanded_u(&corrected, "EX0C", 0.0);
+    assert_within_expanded_u(&corrected, "EY0C", 0.0);
+    assert_within_expanded_u(&corrected, "X_C", -149.95);
+    assert_within_expanded_u(&corrected, "Y_C", -100.03);
+    let rounded = (value_and_expanded_u(&corrected, "X_C")[0] * 1e4).round() / 1e4;
     let line = format!("measured [{rounded}, ");
     let gauge = corrected["gauge"].to_string();
     assert!(gauge.contains(&line), "{line} is not in {gauge}");
@@ -130,7 +131,7 @@ fn machine_with_moved_zero(machine: &str, zero: [f64; 3]) -> Table {
 }
 
 /// A plan has the same positions on table and part for every zero of the linear axes.
-fn plan_moves_with_the_machine_zero() {
+fn planned_positions_move_with_the_machine_zero() {
     let cases = [
         ("self-calibration", SIMULATED_MACHINE, [250.0, 250.0, 450.0]),
         ("latch-delay", SIMULATED_MACHINE, [250.0, 250.0, 450.0]),
@@ -157,7 +158,7 @@ fn plan_moves_with_the_machine_zero() {
 }
 
 /// Gains and squareness count from the zero of X, Y and Z, so the indexations may differ.
-fn samba_is_planned_from_a_corner() {
+fn samba_plan_has_equal_step_count_with_corner_zero() {
     let steps = |zero| {
         let plan = run_json(&machine_with_moved_zero(SAMBA_MACHINE, zero), &["plan", "samba", "--json"]);
         plan["steps"].as_array().unwrap().len()
@@ -166,13 +167,13 @@ fn samba_is_planned_from_a_corner() {
 }
 
 /// The paper's own estimator, for comparison, also counts from the intersection of B and C.
-fn the_laser_test_is_identified_from_a_corner() {
+fn laser_r_test_is_near_the_truth_with_corner_zero() {
     let settings = "[method.laser-r-test]\nmonte_carlo_trials = 100\ntilt_deg = [-60.0, 0.0, 60.0]\n\
                     turn_deg = [0.0, 120.0, 240.0]\npoints = 9\nsamples = 4\n";
     let machine = machine_with_moved_zero(&format!("{LASER_MACHINE}\n{settings}"), [210.0, 105.0, 420.0]);
     let estimate = run_json(&machine, &["run", "laser-r-test", "--json"]);
     for (symbol, truth) in [("EB0B", -42.0), ("EX0C", -1.0), ("EA0C", 5.2)] {
-        let [value, u] = parameter(&estimate, symbol);
+        let [value, u] = value_and_expanded_u(&estimate, symbol);
         assert!((value - truth).abs() <= 2.0 * u, "{symbol}: {value} ± {u}, true {truth}");
     }
     let gauge = estimate["gauge"].to_string();
@@ -182,9 +183,9 @@ fn the_laser_test_is_identified_from_a_corner() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 3;
-        the_axis_is_measured_against_its_stated_place,
-        plan_moves_with_the_machine_zero,
-        samba_is_planned_from_a_corner,
-        the_laser_test_is_identified_from_a_corner,
+        c_axis_offset_is_relative_to_its_stated_position,
+        planned_positions_move_with_the_machine_zero,
+        samba_plan_has_equal_step_count_with_corner_zero,
+        laser_r_test_is_near_the_truth_with_corner_zero,
     ]
 }

@@ -3,23 +3,23 @@
 
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
-mod check;
+mod check_command;
 mod cli_bad_input;
 mod cli_run;
 mod contract_files;
-mod contract_play;
 mod daemon;
 mod durability;
 mod encoder_turns;
 mod fault_schedules;
 mod halt_latency;
 mod identification;
-mod init;
+mod init_command;
 mod laser_runs;
 mod latch_delay;
 mod machine_zero;
 mod modbus_run;
-mod predict;
+mod plan_contract_player;
+mod predict_command;
 mod samba_machines;
 mod schedule;
 mod sent_text;
@@ -33,33 +33,33 @@ mod table_axis;
 use support::harness::{Trials, run_trials};
 
 fn main() {
-    if let Some((port, token)) = serve::crowd::client_process_request() {
-        return serve::crowd::run_clients(port, &token);
+    if let Some((port, token)) = serve::crowd::crowd_port_and_token() {
+        return serve::crowd::run_client_crowd(port, &token);
     }
-    if let Some((port, from)) = serve::crowd::connect_request() {
-        return serve::crowd::open_idle_connections(port, from);
+    if let Some((port, from)) = serve::crowd::connecting_process_port_and_source() {
+        return serve::crowd::open_idle_connections_until_killed(port, from);
     }
-    if store_kill::is_child() {
-        return store_kill::write_as_child();
+    if store_kill::is_writer_child() {
+        return store_kill::write_readings_until_killed();
     }
     let suites = [
-        check::trials(),
+        check_command::trials(),
         cli_bad_input::trials(),
         cli_run::trials(),
         contract_files::trials(),
-        contract_play::trials(),
+        plan_contract_player::trials(),
         daemon::trials(),
         durability::trials(),
         encoder_turns::trials(),
         fault_schedules::trials(),
         halt_latency::trials(),
         identification::trials(),
-        init::trials(),
+        init_command::trials(),
         laser_runs::trials(),
         latch_delay::trials(),
         machine_zero::trials(),
         modbus_run::trials(),
-        predict::trials(),
+        predict_command::trials(),
         samba_machines::trials(),
         schedule::trials(),
         sent_text::trials(),
@@ -67,5 +67,5 @@ fn main() {
         store_kill::trials(),
         table_axis::trials(),
     ];
-    run_trials(suites.into_iter().fold(Trials::default(), Trials::with))
+    run_trials(suites.into_iter().fold(Trials::default(), Trials::with_trials))
 }

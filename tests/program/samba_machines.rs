@@ -6,16 +6,16 @@ use std::process::Command;
 
 use toml::{Table, Value};
 
-/// The built-in machine with other axes and other errors: topology, range of each rotary axis in degrees, true
-/// errors with their units.
-struct OtherMachine<'a> {
+/// The built-in machine with other axes and other errors: topology, travel of each rotary axis to both sides in
+/// degrees, true errors with their units.
+struct SambaMachineVariant<'a> {
     topology: &'a str,
-    rotary_ranges_deg: &'a [(&'a str, f64)],
-    errors: &'a [(&'a str, f64)],
+    rotary_half_ranges_deg: &'a [(&'a str, f64)],
+    true_errors: &'a [(&'a str, f64)],
 }
 
-impl OtherMachine<'_> {
-    fn file(&self) -> String {
+impl SambaMachineVariant<'_> {
+    fn machine_file_text(&self) -> String {
         let mut file: Table = include_str!("../../config/samba.toml").parse().unwrap();
         let table = |value: &str| Value::Table(value.parse().unwrap());
         let mut set = |path: &[&str], value: Option<Value>| {
@@ -34,11 +34,11 @@ impl OtherMachine<'_> {
         for axis in ["B", "C", "S"] {
             set(&["axes", axis], None);
         }
-        for (axis, reach) in self.rotary_ranges_deg {
+        for (axis, reach) in self.rotary_half_ranges_deg {
             let spec = format!("positive = \"iso\"\nmin = -{reach}.0\nmax = {reach}.0");
             set(&["axes", axis], Some(table(&spec)));
         }
-        let errors = self.errors.iter().map(|(name, value)| ((*name).to_owned(), (*value).into()));
+        let errors = self.true_errors.iter().map(|(name, value)| ((*name).to_owned(), (*value).into()));
         set(&["simulated", "errors"], Some(Value::Table(errors.collect())));
         set(&["simulated", "error_motion"], None);
         // The cradle is attached to an axis that not all of these machines have.
@@ -48,10 +48,10 @@ impl OtherMachine<'_> {
         toml::to_string(&file).unwrap()
     }
 
-    fn estimate(&self) -> serde_json::Value {
+    fn run_samba(&self) -> serde_json::Value {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("machine.toml");
-        std::fs::write(&path, self.file()).unwrap();
+        std::fs::write(&path, self.machine_file_text()).unwrap();
         let ran = Command::new(env!("CARGO_BIN_EXE_trued"))
             .args(["run", "samba", "--json", "--speed", "fast", "--machine"])
             .arg(&path)
@@ -67,8 +67,8 @@ impl OtherMachine<'_> {
     /// Checks that the machine errors among the parameters are exactly `expected` (symbol, true value), each within
     /// 3.5 standard uncertainties.
     #[track_caller]
-    fn check(&self, expected: &[(&str, f64)]) -> serde_json::Value {
-        let estimate = self.estimate();
+    fn run_and_check_errors(&self, expected: &[(&str, f64)]) -> serde_json::Value {
+        let estimate = self.run_samba();
         let number = |parameter: &serde_json::Value, key: &str| parameter[key].as_f64().unwrap();
         let mut found = Vec::new();
         for parameter in estimate["parameters"].as_array().unwrap() {
@@ -108,11 +108,11 @@ fn assert_not_identifiable(estimate: &serde_json::Value, expected: &[(&str, &str
 
 /// ISO 10791-6 names errors of B in the head. With the spindle upright they are not identifiable, and with A as the
 /// only rotary axis one length gives only the scale of X.
-fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
-    let fork = OtherMachine {
+fn regress_fork_head_lists_errors_unidentifiable_when_upright() {
+    let fork = SambaMachineVariant {
         topology: "w-A-F-X-Y-Z-B-t",
-        rotary_ranges_deg: &[("A", 110.0), ("B", 110.0)],
-        errors: &[
+        rotary_half_ranges_deg: &[("A", 110.0), ("B", 110.0)],
+        true_errors: &[
             ("EB0A_urad", 7.0),
             ("EC0A_urad", -15.0),
             ("EA0Z_urad", 12.0),
@@ -125,7 +125,7 @@ fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
             ("EZ0B_um", 20.0),
         ],
     };
-    let estimate = fork.check(&[
+    let estimate = fork.run_and_check_errors(&[
         ("EB0A", 7.0),
         ("EC0A", -15.0),
         ("EA0Z", 12.0),
@@ -146,7 +146,7 @@ fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
     );
 }
 
-fn regress_a_trunnion_of_a_and_c() {
+fn regress_trunnion_of_a_and_c_identifies_all_errors() {
     let errors = [
         ("EB0A_urad", 7.0),
         ("EC0A_urad", -15.0),
@@ -162,12 +162,13 @@ fn regress_a_trunnion_of_a_and_c() {
     ];
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let turning = &[("A", 110.0), ("C", 360.0)];
-    let trunnion = OtherMachine { topology: "w-C-A-Y-F-X-Z-t", rotary_ranges_deg: turning, errors: &errors };
-    assert_not_identifiable(&trunnion.check(&expected), &[]);
+    let trunnion =
+        SambaMachineVariant { topology: "w-C-A-Y-F-X-Z-t", rotary_half_ranges_deg: turning, true_errors: &errors };
+    assert_not_identifiable(&trunnion.run_and_check_errors(&expected), &[]);
 }
 
 /// No axis turns across Z: its gain is left out and listed.
-fn regress_four_axes() {
+fn regress_with_c_as_only_rotary_axis_z_gain_is_not_identifiable() {
     let errors = [
         ("EA0C_urad", 12.0),
         ("EB0C_urad", -9.0),
@@ -179,12 +180,19 @@ fn regress_four_axes() {
     ];
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EZZ1_um_per_m", 21.0)]].concat();
-    let four = OtherMachine { topology: "w-C-F-X-Y-Z-t", rotary_ranges_deg: &[("C", 360.0)], errors: &errors };
-    assert_not_identifiable(&four.check(&expected), &[("EZZ1", "inseparable from the positions of the balls")]);
+    let four = SambaMachineVariant {
+        topology: "w-C-F-X-Y-Z-t",
+        rotary_half_ranges_deg: &[("C", 360.0)],
+        true_errors: &errors,
+    };
+    assert_not_identifiable(
+        &four.run_and_check_errors(&expected),
+        &[("EZZ1", "inseparable from the positions of the balls")],
+    );
 }
 
 /// With B or A as the only rotary axis, the length along X, slightly slanted, gives no scale across it.
-fn regress_four_axes_with_a_table_that_tilts() {
+fn regress_single_tilting_axis_leaves_one_linear_gain_unidentifiable() {
     let linear = [
         ("EA0Z_urad", 12.0),
         ("EB0Z_urad", -9.0),
@@ -212,13 +220,14 @@ fn regress_four_axes_with_a_table_that_tilts() {
         let mut expected: Vec<_> = angles.map(|(name, value)| (name.split_once('_').unwrap().0, *value)).collect();
         expected.extend(gains);
         let topology = format!("w-{axis}-F-X-Y-Z-t");
-        let four = OtherMachine { topology: &topology, rotary_ranges_deg: &[(axis, 110.0)], errors: &errors };
-        assert_not_identifiable(&four.check(&expected), &[(lost, words)]);
+        let four =
+            SambaMachineVariant { topology: &topology, rotary_half_ranges_deg: &[(axis, 110.0)], true_errors: &errors };
+        assert_not_identifiable(&four.run_and_check_errors(&expected), &[(lost, words)]);
     }
 }
 
 /// Without an axis S two offsets of the spindle are contained in those of the stylus; this is listed.
-fn regress_a_spindle_that_is_not_oriented() {
+fn regress_without_axis_s_spindle_offsets_are_not_identifiable() {
     let errors = [
         ("EA0B_urad", -11.0),
         ("EC0B_urad", -8.0),
@@ -235,8 +244,9 @@ fn regress_a_spindle_that_is_not_oriented() {
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EX0S_um", -106.0), ("EY0S_um", 20.0)]].concat();
     let turning = &[("B", 110.0), ("C", 360.0)];
-    let still = OtherMachine { topology: "w-C-B-X-F-Z-Y-S-t", rotary_ranges_deg: turning, errors: &errors };
-    let estimate = still.check(&expected);
+    let still =
+        SambaMachineVariant { topology: "w-C-B-X-F-Z-Y-S-t", rotary_half_ranges_deg: turning, true_errors: &errors };
+    let estimate = still.run_and_check_errors(&expected);
     assert_not_identifiable(
         &estimate,
         &[
@@ -248,10 +258,10 @@ fn regress_a_spindle_that_is_not_oriented() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 20;
-        regress_a_fork_head_stands_upright_and_says_what_that_costs,
-        regress_a_trunnion_of_a_and_c,
-        regress_four_axes,
-        regress_four_axes_with_a_table_that_tilts,
-        regress_a_spindle_that_is_not_oriented,
+        regress_fork_head_lists_errors_unidentifiable_when_upright,
+        regress_trunnion_of_a_and_c_identifies_all_errors,
+        regress_with_c_as_only_rotary_axis_z_gain_is_not_identifiable,
+        regress_single_tilting_axis_leaves_one_linear_gain_unidentifiable,
+        regress_without_axis_s_spindle_offsets_are_not_identifiable,
     ]
 }

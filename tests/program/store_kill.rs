@@ -12,12 +12,12 @@ use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 use trued::store::{Journal, LockError, MachineLock, NewRun, RunState};
 
-const STATE_VARIABLE: &str = "TRUED_TEST_STATE";
+const STATE_FOLDER_VARIABLE: &str = "TRUED_TEST_STATE";
 const KILL_COUNT: usize = 3;
-/// Number of acknowledgements before each kill.
+/// Minimum number of acknowledged readings before each kill.
 const READINGS_BEFORE_KILL: [usize; KILL_COUNT] = [1, 20, 57];
 
-fn reading(step: u32) -> Reading {
+fn reading_of_step(step: u32) -> Reading {
     Reading {
         step,
         repeat: 0,
@@ -30,7 +30,7 @@ fn reading(step: u32) -> Reading {
     }
 }
 
-fn plan() -> Plan {
+fn plan_without_steps() -> Plan {
     serde_json::from_value(serde_json::json!({
         "trued_plan": 1, "method": "none", "settings": {},
         "machine": {"name": "mill", "topology": "w-C-B-X-F-Z-Y-S-t"},
@@ -41,27 +41,28 @@ fn plan() -> Plan {
     .unwrap()
 }
 
-/// Whether this process is the one that `killed_in_mid_run` starts and kills.
-pub fn is_child() -> bool {
-    std::env::var_os(STATE_VARIABLE).is_some()
+/// Whether this process is the child that the trial starts and kills.
+pub fn is_writer_child() -> bool {
+    std::env::var_os(STATE_FOLDER_VARIABLE).is_some()
 }
 
-pub fn write_as_child() {
-    let state = std::env::var_os(STATE_VARIABLE).expect("a state folder");
+pub fn write_readings_until_killed() {
+    let state = std::env::var_os(STATE_FOLDER_VARIABLE).expect("a state folder");
     let state = Path::new(&state);
     let lock = MachineLock::acquire(state, "mill").unwrap();
     let journal = Journal::open(state).unwrap();
-    journal.mark_interrupted(&lock).wait().unwrap();
-    let run = journal.begin_run(&NewRun { config: String::new(), plan: plan() }).wait().unwrap();
+    journal.mark_running_runs_interrupted(&lock).wait().unwrap();
+    let run =
+        journal.begin_run(&NewRun { machine_file_text: String::new(), plan: plan_without_steps() }).wait().unwrap();
     for step in 0.. {
-        journal.add_reading(run, &reading(step)).wait().unwrap();
+        journal.add_reading(run, &reading_of_step(step)).wait().unwrap();
         println!("acknowledged {step}");
     }
 }
 
-fn start_child(state: &Path) -> (Child, Lines<BufReader<ChildStdout>>) {
+fn start_writer_child(state: &Path) -> (Child, Lines<BufReader<ChildStdout>>) {
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .env(STATE_VARIABLE, state)
+        .env(STATE_FOLDER_VARIABLE, state)
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
@@ -77,12 +78,12 @@ fn killed_writer_loses_no_acknowledged_reading() {
     let dir = tempfile::tempdir().unwrap();
     let mut last = Vec::new();
     for patience in READINGS_BEFORE_KILL {
-        let (mut child, lines) = start_child(dir.path());
+        let (mut child, lines) = start_writer_child(dir.path());
         let mut lines = lines.map_while(Result::ok);
         let before = lines.by_ref().filter_map(|line| acknowledged_step(&line)).nth(patience - 1);
         assert!(before.is_some(), "the child ended by itself");
         let refused = MachineLock::acquire(dir.path(), "mill").unwrap_err();
-        let LockError::Held { holder: Some(holder), .. } = refused else { panic!("{refused}") };
+        let LockError::MachineInUse { holder: Some(holder), .. } = refused else { panic!("{refused}") };
         assert_eq!(holder.pid, child.id());
         child.kill().unwrap();
         child.wait().unwrap();
@@ -92,14 +93,14 @@ fn killed_writer_loses_no_acknowledged_reading() {
 
     let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let dead = journal.mark_interrupted(&lock).wait().unwrap();
+    let dead = journal.mark_running_runs_interrupted(&lock).wait().unwrap();
     let runs = journal.runs().unwrap();
     assert_eq!((dead.len(), runs.len()), (1, KILL_COUNT), "each start marks the run before it");
     for (run, last) in runs.iter().zip(last) {
         assert_eq!(run.state, RunState::Interrupted);
         let stored = journal.load_run(run.id).unwrap().readings;
         assert!(stored.len() > last as usize, "{} stored, {last} acknowledged", stored.len());
-        assert!(stored.iter().zip(0..).all(|(stored, step)| *stored == reading(step)));
+        assert!(stored.iter().zip(0..).all(|(stored, step)| *stored == reading_of_step(step)));
     }
     drop(journal);
     let database = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();

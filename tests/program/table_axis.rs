@@ -1,7 +1,9 @@
 //! Tables whose axis has another letter than C, and tables that are upright only at some angle of another rotary
 //! axis.
 
-use super::machine_zero::{assert_within_u, run_json, run_trued, straight_machine};
+use super::machine_zero::{
+    assert_within_expanded_u, machine_without_drift_and_linear_axis_errors, run_json, run_trued,
+};
 use crate::support::harness::{Pool, Trials, trials};
 
 use serde_json::Value;
@@ -12,7 +14,7 @@ const SIMULATED_MACHINE: &str = include_str!("../../config/simulated.toml");
 
 const RUN_ARGUMENTS: [&str; 3] = ["run", "self-calibration", "--json"];
 
-/// Symbols of the parameters and functions that contain the letter of an axis.
+/// Symbols of all parameters and functions of an estimate.
 fn parameter_symbols(estimate: &Value) -> Vec<String> {
     let lists = ["parameters", "functions"].map(|key| estimate[key].as_array().unwrap());
     let symbols = lists.into_iter().flatten().map(|entry| entry["symbol"].as_str().unwrap());
@@ -20,15 +22,15 @@ fn parameter_symbols(estimate: &Value) -> Vec<String> {
 }
 
 /// At A = 90° the table's Z is along the machine's +Y. B is 2 mm from A, so it is then 2 mm further in Y.
-fn b_on_a_is_measured_where_it_is_upright() {
+fn b_on_a_table_is_measured_with_a_at_90_degrees() {
     for sense in ["iso", "reversed"] {
-        let mut machine = straight_machine(B_ON_A_MACHINE);
+        let mut machine = machine_without_drift_and_linear_axis_errors(B_ON_A_MACHINE);
         machine["axes"]["B"]["positive"] = sense.into();
         let estimate = run_json(&machine, &RUN_ARGUMENTS);
-        assert_within_u(&estimate, "EX0B", 40.0);
-        assert_within_u(&estimate, "EY0B", -25.0);
-        assert_within_u(&estimate, "X_B", 3.04);
-        assert_within_u(&estimate, "Y_B", 7.0 - 0.025);
+        assert_within_expanded_u(&estimate, "EX0B", 40.0);
+        assert_within_expanded_u(&estimate, "EY0B", -25.0);
+        assert_within_expanded_u(&estimate, "X_B", 3.04);
+        assert_within_expanded_u(&estimate, "Y_B", 7.0 - 0.025);
         let text = estimate.to_string();
         assert!(!text.contains("sense of"), "{text}");
         assert!(text.contains("X and Y of the machine with A at 90°"), "{text}");
@@ -39,8 +41,8 @@ fn b_on_a_is_measured_where_it_is_upright() {
     }
 }
 
-fn its_tilt_is_found_at_two_heights() {
-    let mut machine = straight_machine(B_ON_A_MACHINE);
+fn tilt_of_b_on_a_table_is_found_at_two_heights() {
+    let mut machine = machine_without_drift_and_linear_axis_errors(B_ON_A_MACHINE);
     machine["method"]["self-calibration"]
         .as_table_mut()
         .unwrap()
@@ -49,11 +51,11 @@ fn its_tilt_is_found_at_two_heights() {
     let errors = machine["simulated"]["errors"].as_table_mut().unwrap();
     errors.insert("EC0B_urad".to_owned(), 300.0.into());
     let estimate = run_json(&machine, &RUN_ARGUMENTS);
-    assert_within_u(&estimate, "EA0B", 0.0);
-    assert_within_u(&estimate, "EB0B", 300.0);
+    assert_within_expanded_u(&estimate, "EA0B", 0.0);
+    assert_within_expanded_u(&estimate, "EB0B", 300.0);
 }
 
-fn a_table_axis_may_be_called_a() {
+fn vertical_table_axis_named_a_is_measured() {
     let text = SIMULATED_MACHINE
         .replace("V[w-C-B-b-Y-X-Z-(C)-t]", "V[w-A-b-Y-X-Z-(C)-t]")
         .replace("[axes.C]", "[axes.A]\ndirection = [0.0, 0.0, 1.0]")
@@ -61,18 +63,18 @@ fn a_table_axis_may_be_called_a() {
         .replace("EY0C", "EY0A")
         .replace("\"EXC\"", "\"EXA\"")
         .replace("\"EYC\"", "\"EYA\"");
-    let mut machine = straight_machine(&text);
+    let mut machine = machine_without_drift_and_linear_axis_errors(&text);
     machine["axes"].as_table_mut().unwrap().remove("B");
     machine["solid"].as_array_mut().unwrap().retain(|solid| solid["on"].as_str() != Some("B"));
     let estimate = run_json(&machine, &RUN_ARGUMENTS);
-    assert_within_u(&estimate, "EX0A", 50.0);
-    assert_within_u(&estimate, "EY0A", -30.0);
+    assert_within_expanded_u(&estimate, "EX0A", 50.0);
+    assert_within_expanded_u(&estimate, "EY0A", -30.0);
     let symbols = parameter_symbols(&estimate);
     assert!(!symbols.iter().any(|symbol| symbol.contains("XC")), "{symbols:?}");
 }
 
 #[track_caller]
-fn assert_refused(at: Option<&str>, why: &str, instead: &str) {
+fn assert_plan_is_refused(at: Option<&str>, why: &str, instead: &str) {
     let mut machine: Table = B_ON_A_MACHINE.parse().unwrap();
     let settings = machine["method"]["self-calibration"].as_table_mut().unwrap();
     settings.remove("at");
@@ -86,12 +88,12 @@ fn assert_refused(at: Option<&str>, why: &str, instead: &str) {
     assert!(message.contains(why) && message.contains(instead), "{message}");
 }
 
-fn a_table_that_is_not_upright_is_refused_with_what_to_state() {
+fn invalid_measuring_angles_are_refused_with_a_remedy() {
     let none = "no rotary axis that carries the workpiece is along Z with A at 0°, B at 0°";
-    assert_refused(None, none, "for example at = { A = 90.0 }");
-    assert_refused(Some("at = { A = 45.0 }"), "is along Z with A at 45°", "at = { A = 90.0 }");
-    assert_refused(Some("at = { A = 170.0 }"), "`at` contains A = 170", "within their limits");
-    assert_refused(Some("at = { C = 10.0 }"), "`at` contains C = 10", "rotary axes of [axes]");
+    assert_plan_is_refused(None, none, "for example at = { A = 90.0 }");
+    assert_plan_is_refused(Some("at = { A = 45.0 }"), "is along Z with A at 45°", "at = { A = 90.0 }");
+    assert_plan_is_refused(Some("at = { A = 170.0 }"), "`at` contains A = 170", "within their limits");
+    assert_plan_is_refused(Some("at = { C = 10.0 }"), "`at` contains C = 10", "rotary axes of [axes]");
 }
 
 /// The part is stated with all axes at zero.
@@ -107,10 +109,10 @@ fn a_part_that_is_not_upright_where_it_is_measured_is_refused() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 2;
-        b_on_a_is_measured_where_it_is_upright,
-        its_tilt_is_found_at_two_heights,
-        a_table_axis_may_be_called_a,
-        a_table_that_is_not_upright_is_refused_with_what_to_state,
+        b_on_a_table_is_measured_with_a_at_90_degrees,
+        tilt_of_b_on_a_table_is_found_at_two_heights,
+        vertical_table_axis_named_a_is_measured,
+        invalid_measuring_angles_are_refused_with_a_remedy,
         a_part_that_is_not_upright_where_it_is_measured_is_refused,
     ]
 }

@@ -67,15 +67,15 @@ impl DaemonProcess {
         self.log.lock().unwrap().clone()
     }
 
-    pub fn wait_for_log(&self, words: &str) {
+    pub fn wait_for_log(&self, text: &str) {
         let started = Instant::now();
-        while !self.log().contains(words) {
-            assert!(started.elapsed() < LOG_TIMEOUT, "no `{words}` in {}", self.log());
+        while !self.log().contains(text) {
+            assert!(started.elapsed() < LOG_TIMEOUT, "no `{text}` in {}", self.log());
             sleep(Duration::from_millis(20));
         }
     }
 
-    pub fn signal(&self, name: &str) {
+    pub fn send_signal(&self, name: &str) {
         let kill = format!("kill -{name} {}", self.child.id());
         assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     }
@@ -87,7 +87,7 @@ impl DaemonProcess {
 
     /// Sends SIGTERM; returns the exit code.
     pub fn terminate(mut self) -> i32 {
-        self.signal("TERM");
+        self.send_signal("TERM");
         self.child.wait().unwrap().code().unwrap()
     }
 

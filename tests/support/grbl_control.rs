@@ -18,19 +18,19 @@ pub struct GrblControl {
     /// The true machine, shared with other readers.
     pub world: Arc<Mutex<SimulatedWorld>>,
     pace: SimulationPace,
-    session: Arc<Mutex<Session>>,
-    changes: UnboundedSender<(SessionChange, std::sync::mpsc::Sender<()>)>,
+    session: Arc<Mutex<ClientSession>>,
+    change_requests: UnboundedSender<(ControlChange, std::sync::mpsc::Sender<()>)>,
 }
 
-/// Bytes that the current client has sent, and the words at which the session is cut.
+/// Text that the current client has sent, and the words at which its session is cut.
 #[derive(Default)]
-struct Session {
+struct ClientSession {
     received_text: String,
     cut_words: Vec<String>,
 }
 
-impl Session {
-    fn is_short(&self) -> bool {
+impl ClientSession {
+    fn is_cut(&self) -> bool {
         let after = |rest: &mut &str, words: &String| {
             *rest = rest.split_once(words.as_str())?.1;
             Some(())
@@ -40,9 +40,9 @@ impl Session {
     }
 }
 
-enum SessionChange {
-    Reset,
-    Become(Box<Firmware>),
+enum ControlChange {
+    ResetAndHome,
+    ReplaceFirmware(Box<Firmware>),
 }
 
 fn parse_machine_file(file: &str) -> MachineFile {
@@ -50,7 +50,7 @@ fn parse_machine_file(file: &str) -> MachineFile {
 }
 
 /// The probe is removed from the spindle if the file has sensors.
-fn world(file: &MachineFile) -> SimulatedWorld {
+fn build_world(file: &MachineFile) -> SimulatedWorld {
     let mut world = setup::build_world(file).unwrap();
     world.set_probe_removed(!file.sensors.is_empty());
     world
@@ -59,13 +59,13 @@ fn world(file: &MachineFile) -> SimulatedWorld {
 impl GrblControl {
     /// The machine with the truth of `file`, without waiting times.
     pub fn start(file: &str) -> Self {
-        Self::start_at_pace(file, SimulationPace::Fast)
+        Self::start_at_pace(file, SimulationPace::Immediate)
     }
 
     pub fn start_at_pace(file: &str, pace: SimulationPace) -> Self {
         let file = parse_machine_file(file);
-        let world = Arc::new(Mutex::new(world(&file)));
-        let session = Arc::new(Mutex::new(Session::default()));
+        let world = Arc::new(Mutex::new(build_world(&file)));
+        let session = Arc::new(Mutex::new(ClientSession::default()));
         let (wishes, wished) = unbounded_channel();
         let (listening, address) = std::sync::mpsc::channel();
         let machine = Firmware::new(world.clone(), SimulatedGrblOptions::for_machine(&file.machine, pace));
@@ -75,21 +75,21 @@ impl GrblControl {
             runtime.block_on(async {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 listening.send(listener.local_addr().unwrap()).unwrap();
-                run_control(machine, listener, wished, shared).await;
+                serve_control(machine, listener, wished, shared).await;
             });
         });
-        Self { address: address.recv().unwrap(), world, pace, session, changes: wishes }
+        Self { address: address.recv().unwrap(), world, pace, session, change_requests: wishes }
     }
 
     /// Drops the next client's lines from the one on that contains the last of these words, after the others in
     /// their order; real-time commands still pass.
-    pub fn stop_at(&self, words: &[&str]) {
+    pub fn cut_session_at(&self, words: &[&str]) {
         self.session.lock().unwrap().cut_words = words.iter().map(|&words| words.to_owned()).collect();
     }
 
     /// Waits until the client has sent all of these words.
-    pub fn wait(&self, client: &mut std::process::Child) {
-        while !self.session.lock().unwrap().is_short() {
+    pub fn wait_for_session_cut(&self, client: &mut std::process::Child) {
+        while !self.session.lock().unwrap().is_cut() {
             assert!(client.try_wait().unwrap().is_none(), "it ended by itself");
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -101,31 +101,31 @@ impl GrblControl {
     }
 
     /// Resets the control and homes the machine, as an operator does.
-    pub fn reset(&self) {
-        self.request_change(SessionChange::Reset);
+    pub fn reset_and_home(&self) {
+        self.request_change(ControlChange::ResetAndHome);
     }
 
     /// Replaces the true machine.
-    pub fn replace_machine(&self, file: &str) {
+    pub fn replace_true_machine(&self, file: &str) {
         let file = parse_machine_file(file);
-        *self.world.lock().unwrap() = world(&file);
+        *self.world.lock().unwrap() = build_world(&file);
         let firmware = Firmware::new(self.world.clone(), SimulatedGrblOptions::for_machine(&file.machine, self.pace));
-        self.request_change(SessionChange::Become(Box::new(firmware)));
+        self.request_change(ControlChange::ReplaceFirmware(Box::new(firmware)));
     }
 
-    fn request_change(&self, wish: SessionChange) {
+    fn request_change(&self, wish: ControlChange) {
         let (done, granted) = std::sync::mpsc::channel();
-        assert!(self.changes.send((wish, done)).is_ok());
+        assert!(self.change_requests.send((wish, done)).is_ok());
         granted.recv().unwrap();
         self.session.lock().unwrap().received_text.clear();
     }
 }
 
-async fn run_control(
+async fn serve_control(
     mut machine: Firmware,
     listener: TcpListener,
-    mut wished: UnboundedReceiver<(SessionChange, std::sync::mpsc::Sender<()>)>,
-    session: Arc<Mutex<Session>>,
+    mut wished: UnboundedReceiver<(ControlChange, std::sync::mpsc::Sender<()>)>,
+    session: Arc<Mutex<ClientSession>>,
 ) {
     loop {
         tokio::select! {
@@ -138,8 +138,8 @@ async fn run_control(
             }
             wish = wished.recv() => match wish {
                 None => return,
-                Some((SessionChange::Become(other), done)) => { machine = *other; done.send(()).unwrap(); }
-                Some((SessionChange::Reset, done)) => {
+                Some((ControlChange::ReplaceFirmware(other), done)) => { machine = *other; done.send(()).unwrap(); }
+                Some((ControlChange::ResetAndHome, done)) => {
                     let (mut near, far) = tokio::io::duplex(4096);
                     near.write_all(b"\x18$H\n").await.unwrap();
                     near.shutdown().await.unwrap();
@@ -151,7 +151,7 @@ async fn run_control(
     }
 }
 
-async fn forward_bytes(client: TcpStream, control: DuplexStream, session: &Mutex<Session>) {
+async fn forward_bytes(client: TcpStream, control: DuplexStream, session: &Mutex<ClientSession>) {
     let (mut from_client, mut to_client) = client.into_split();
     let (mut from_control, mut to_control) = tokio::io::split(control);
     let requests = async move {
@@ -162,7 +162,7 @@ async fn forward_bytes(client: TcpStream, control: DuplexStream, session: &Mutex
             {
                 let mut session = session.lock().unwrap();
                 session.received_text.push_str(&String::from_utf8_lossy(&bytes));
-                if session.is_short() {
+                if session.is_cut() {
                     bytes.retain(|byte| b"!?".contains(byte));
                 }
             }

@@ -10,17 +10,19 @@ use std::time::{Duration, Instant};
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
-use testing::population::is_full;
+use testing::population::is_full_test_run;
 
 /// Time limit of a trial. A trial that exceeds it is named, and the process exits.
-const GATE_TIME_LIMIT: Duration = Duration::from_secs(10 * 60);
-const LONG_TIME_LIMIT: Duration = Duration::from_secs(60 * 60);
+const TRIAL_TIME_LIMIT: Duration = Duration::from_secs(10 * 60);
+/// The same for a trial that runs in `.ci/long` only, or at full size.
+const LONG_TRIAL_TIME_LIMIT: Duration = Duration::from_secs(60 * 60);
 /// Shortest duration that is printed.
 const MIN_PRINTED_DURATION: Duration = Duration::from_secs(5);
-const MAX_REPEATS: usize = 3;
+/// Maximum number of runs of a trial whose failure is the peer's own.
+const MAX_TRIAL_RUNS: usize = 3;
 const WAITING_POOL_SIZE: usize = 6;
 
-/// Criterion that limits how many trials run at the same time.
+/// Resource that a trial needs; limits how many of these trials run at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Pool {
     /// CPU-bound, or with its own thread pool: one trial per core.
@@ -48,14 +50,14 @@ impl Pool {
 }
 
 /// Returns the reason why a trial cannot run on this computer, or `None`.
-pub type MissingPeer = fn() -> Option<&'static str>;
+pub type MissingPeerCheck = fn() -> Option<&'static str>;
 
 struct TrialEntry {
     name: String,
     pool: Pool,
     typical_s: u32,
     ignored: bool,
-    missing_peer: MissingPeer,
+    missing_peer: MissingPeerCheck,
     /// Whether a missing peer is a failure with `TRUED_REQUIRE_PEERS=1`.
     fails_without_peer: bool,
     /// Whether a failure is the peer's own: the trial is then repeated.
@@ -84,38 +86,39 @@ impl Trials {
         });
     }
 
-    pub fn with(mut self, other: Trials) -> Self {
+    pub fn with_trials(mut self, other: Trials) -> Self {
         self.0.extend(other.0);
         self
     }
 
-    /// Run with `--ignored` only: `.ci/long`.
-    pub fn ignored(mut self) -> Self {
+    /// The trials run with `--ignored` only, as in `.ci/long`.
+    pub fn mark_ignored(mut self) -> Self {
         self.0.iter_mut().for_each(|entry| entry.ignored = true);
         self
     }
 
-    pub fn repeated_if(mut self, repeated_if: fn(&Failed) -> bool) -> Self {
+    pub fn repeat_if(mut self, repeated_if: fn(&Failed) -> bool) -> Self {
         self.0.iter_mut().for_each(|entry| entry.repeated_if = repeated_if);
         self
     }
 
-    /// Skipped where the peer is missing; failed with `TRUED_REQUIRE_PEERS=1`.
-    pub fn requires(mut self, missing_peer: MissingPeer) -> Self {
+    /// The trials are skipped where the peer is missing; with `TRUED_REQUIRE_PEERS=1` they fail.
+    pub fn requires_peer(mut self, missing_peer: MissingPeerCheck) -> Self {
         self.0.iter_mut().for_each(|entry| entry.missing_peer = missing_peer);
         self
     }
 
-    /// Skipped where the peer is missing, also with `TRUED_REQUIRE_PEERS=1`: the peer is not publicly available.
-    pub fn skipped_without(mut self, missing_peer: MissingPeer) -> Self {
-        self = self.requires(missing_peer);
+    /// The trials are skipped where the peer is missing, also with `TRUED_REQUIRE_PEERS=1`: it is not publicly
+    /// available.
+    pub fn skipped_without_peer(mut self, missing_peer: MissingPeerCheck) -> Self {
+        self = self.requires_peer(missing_peer);
         self.0.iter_mut().for_each(|entry| entry.fails_without_peer = false);
         self
     }
 }
 
 /// Whether `PATH` has this command.
-pub fn is_command(name: &str) -> bool {
+pub fn is_command_in_path(name: &str) -> bool {
     std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(name).is_file()))
 }
 
@@ -157,17 +160,17 @@ pub fn run_trials(trials: Trials) -> ! {
     let mut entries = trials.0;
     entries.sort_by_key(|entry| (entry.pool == Pool::Alone, Reverse(entry.typical_s)));
     arguments.test_threads.get_or_insert(entries.len().max(2));
-    let admission = Arc::new(Admission::default());
+    let admission = Arc::new(PoolAdmission::default());
     let trials = entries.into_iter().enumerate();
     let trials = trials.map(|(rank, entry)| build_trial(entry, rank, &admission)).collect();
     libtest_mimic::run(&arguments, trials).exit()
 }
 
-fn build_trial(entry: TrialEntry, rank: usize, admission: &Arc<Admission>) -> Trial {
+fn build_trial(entry: TrialEntry, rank: usize, admission: &Arc<PoolAdmission>) -> Trial {
     let TrialEntry { name, pool, ignored, missing_peer, fails_without_peer, repeated_if, run, .. } = entry;
     let admission = Arc::clone(admission);
-    let unfinished = (pool != Pool::Alone).then(|| Unfinished::new(&admission));
-    let limit = if ignored || is_full() { LONG_TIME_LIMIT } else { GATE_TIME_LIMIT };
+    let unfinished = (pool != Pool::Alone).then(|| UnfinishedTrial::new(&admission));
+    let limit = if ignored || is_full_test_run() { LONG_TRIAL_TIME_LIMIT } else { TRIAL_TIME_LIMIT };
     let watched_name = name.clone();
     let trial = Trial::ignorable_test(name, move || {
         let _unfinished = unfinished;
@@ -177,15 +180,15 @@ fn build_trial(entry: TrialEntry, rank: usize, admission: &Arc<Admission>) -> Tr
                 _ => Ok(Completion::ignored_with(reason)),
             };
         }
-        let _place = Admission::wait(&admission, pool, rank);
-        run_with_limit(&watched_name, limit, || run_repeatedly(run, repeated_if)).map(|()| Completion::Completed)
+        let _place = PoolAdmission::wait_for_slot(&admission, pool, rank);
+        run_with_time_limit(&watched_name, limit, || run_with_repeats(run, repeated_if)).map(|()| Completion::Completed)
     });
     trial.with_ignored_flag(ignored)
 }
 
-fn run_repeatedly(run: fn() -> Result<(), Failed>, repeated_if: fn(&Failed) -> bool) -> Result<(), Failed> {
+fn run_with_repeats(run: fn() -> Result<(), Failed>, repeated_if: fn(&Failed) -> bool) -> Result<(), Failed> {
     let mut result = run();
-    for _ in 1..MAX_REPEATS {
+    for _ in 1..MAX_TRIAL_RUNS {
         match &result {
             Err(failed) if repeated_if(failed) => {
                 println!("repeated: {}", failed.message().unwrap_or_default());
@@ -197,7 +200,7 @@ fn run_repeatedly(run: fn() -> Result<(), Failed>, repeated_if: fn(&Failed) -> b
     result
 }
 
-fn run_with_limit<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T {
+fn run_with_time_limit<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T {
     let (_end, ended) = channel::<()>();
     let watched_name = name.to_owned();
     std::thread::spawn(move || {
@@ -217,46 +220,46 @@ fn run_with_limit<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T 
 
 /// Occupied slots, and trials that wait for one.
 #[derive(Default)]
-struct Admission {
-    state: Mutex<AdmissionState>,
+struct PoolAdmission {
+    state: Mutex<PoolAdmissionState>,
     changed: Condvar,
 }
 
 #[derive(Default)]
-struct AdmissionState {
-    running: BTreeMap<Pool, usize>,
-    waiting: BTreeSet<(Pool, usize)>,
+struct PoolAdmissionState {
+    running_trials: BTreeMap<Pool, usize>,
+    waiting_ranks: BTreeSet<(Pool, usize)>,
     /// Number of unfinished trials of all pools except `Alone`.
-    unfinished: usize,
+    unfinished_trials: usize,
 }
 
-impl AdmissionState {
+impl PoolAdmissionState {
     fn admits(&self, pool: Pool, rank: usize) -> bool {
-        let first = self.waiting.iter().find(|(other, _)| *other == pool);
+        let first = self.waiting_ranks.iter().find(|(other, _)| *other == pool);
         first == Some(&(pool, rank))
-            && self.running.get(&pool).copied().unwrap_or(0) < pool.size()
-            && (pool != Pool::Alone || self.unfinished == 0)
+            && self.running_trials.get(&pool).copied().unwrap_or(0) < pool.size()
+            && (pool != Pool::Alone || self.unfinished_trials == 0)
     }
 }
 
-impl Admission {
-    fn change_state(&self, change: impl FnOnce(&mut AdmissionState)) {
+impl PoolAdmission {
+    fn change_state(&self, change: impl FnOnce(&mut PoolAdmissionState)) {
         change(&mut self.state());
         self.changed.notify_all();
     }
 
-    fn state(&self) -> MutexGuard<'_, AdmissionState> {
+    fn state(&self) -> MutexGuard<'_, PoolAdmissionState> {
         self.state.lock().expect("no panic under this lock")
     }
 
     /// Blocks until the pool has a slot for the trial of this rank.
-    fn wait(admission: &Arc<Self>, pool: Pool, rank: usize) -> PoolSlot {
+    fn wait_for_slot(admission: &Arc<Self>, pool: Pool, rank: usize) -> PoolSlot {
         let mut state = admission.state();
-        state.waiting.insert((pool, rank));
-        let blocked = |state: &mut AdmissionState| !state.admits(pool, rank);
+        state.waiting_ranks.insert((pool, rank));
+        let blocked = |state: &mut PoolAdmissionState| !state.admits(pool, rank);
         let mut state = admission.changed.wait_while(state, blocked).expect("no panic");
-        state.waiting.remove(&(pool, rank));
-        *state.running.entry(pool).or_default() += 1;
+        state.waiting_ranks.remove(&(pool, rank));
+        *state.running_trials.entry(pool).or_default() += 1;
         drop(state);
         // The next trial of the pool may have a slot as well.
         admission.changed.notify_all();
@@ -266,28 +269,28 @@ impl Admission {
 
 /// A slot of a pool, until dropped.
 struct PoolSlot {
-    admission: Arc<Admission>,
+    admission: Arc<PoolAdmission>,
     pool: Pool,
 }
 
 impl Drop for PoolSlot {
     fn drop(&mut self) {
-        self.admission.change_state(|state| *state.running.entry(self.pool).or_default() -= 1);
+        self.admission.change_state(|state| *state.running_trials.entry(self.pool).or_default() -= 1);
     }
 }
 
 /// A trial that has not ended: dropped after it ran, and also if it is filtered out or ignored.
-struct Unfinished(Arc<Admission>);
+struct UnfinishedTrial(Arc<PoolAdmission>);
 
-impl Unfinished {
-    fn new(admission: &Arc<Admission>) -> Self {
-        admission.change_state(|state| state.unfinished += 1);
+impl UnfinishedTrial {
+    fn new(admission: &Arc<PoolAdmission>) -> Self {
+        admission.change_state(|state| state.unfinished_trials += 1);
         Self(Arc::clone(admission))
     }
 }
 
-impl Drop for Unfinished {
+impl Drop for UnfinishedTrial {
     fn drop(&mut self) {
-        self.0.change_state(|state| state.unfinished -= 1);
+        self.0.change_state(|state| state.unfinished_trials -= 1);
     }
 }

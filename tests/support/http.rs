@@ -13,7 +13,7 @@ pub const HTTP_SECTION: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
 pub const MACHINE_API_PATH: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 pub const JSON_HEADER: &str = "Content-Type: application/json\r\n";
 pub const FORM_HEADER: &str = "Content-Type: application/x-www-form-urlencoded\r\n";
-/// Limit of each wait: generous, for a computer that is busy with other things.
+/// Maximum time of each wait: generous, because the computer may be busy.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(300);
 
 #[derive(Debug, Clone, Copy)]
@@ -62,19 +62,19 @@ impl HttpClient {
         serde_json::from_str(&self.get_text(path)).unwrap()
     }
 
-    pub fn post_path(self, path: &str, body: &Value) -> (u16, Value) {
+    pub fn post_json(self, path: &str, body: &Value) -> (u16, Value) {
         let (status, body) = self.request("POST", path, JSON_HEADER, &body.to_string());
         (status, serde_json::from_str(&body).unwrap_or_else(|_| panic!("{body}")))
     }
 
     /// Posts `body` to `action` of the built-in machine.
     pub fn post_action(self, action: &str, body: &Value) -> (u16, Value) {
-        self.post_path(&format!("{MACHINE_API_PATH}/{action}"), body)
+        self.post_json(&format!("{MACHINE_API_PATH}/{action}"), body)
     }
 
     /// Status of the response to a start of `cycle`.
-    pub fn start(self, cycle: u16) -> u16 {
-        self.post_action("start", &start_request_of(cycle)).0
+    pub fn start_cycle(self, cycle: u16) -> u16 {
+        self.post_action("start", &start_request_body_of_cycle(cycle)).0
     }
 
     /// The built-in machine as the daemon reports it.
@@ -82,7 +82,7 @@ impl HttpClient {
         self.get_json(MACHINE_API_PATH)
     }
 
-    pub fn wait_until(self, is_reached: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait_until_machine_state(self, is_reached: impl Fn(&Value) -> bool) -> Value {
         let started = Instant::now();
         loop {
             let machine = self.machine_state();
@@ -95,20 +95,20 @@ impl HttpClient {
     }
 
     pub fn wait_for_state(self, state: &str) -> Value {
-        self.wait_until(|machine| machine["state"] == state)
+        self.wait_until_machine_state(|machine| machine["state"] == state)
     }
 }
 
 /// A start of cycle 1 with all confirmations.
-pub fn start_request() -> Value {
-    start_request_of(1)
+pub fn start_request_body() -> Value {
+    start_request_body_of_cycle(1)
 }
 
-fn start_request_of(cycle: u16) -> Value {
+fn start_request_body_of_cycle(cycle: u16) -> Value {
     json!({"cycle": cycle, "who": "Ada", "enable": true, "auto": true, "door": true})
 }
 
 /// Status and error code of a response.
-pub fn error_code(response: &(u16, Value)) -> (u16, &str) {
+pub fn status_and_error_code(response: &(u16, Value)) -> (u16, &str) {
     (response.0, response.1["code"].as_str().unwrap_or(""))
 }

@@ -12,7 +12,7 @@ use super::daemon_process::DaemonProcess;
 pub const MODBUS_SECTION: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
 
 /// The built-in machine without `[serve]`, with a fast first approach.
-pub fn built_in_machine() -> String {
+pub fn built_in_machine_text() -> String {
     let file = include_str!("../../config/simulated.toml");
     with_quick_approach(file.split("\n[serve]").next().unwrap())
 }
@@ -28,20 +28,20 @@ pub fn with_quick_approach(machine: &str) -> String {
 pub struct MachineShop {
     folder: TempDir,
     /// Environment variables of each program that the shop starts.
-    pub envs: Vec<(String, String)>,
+    pub environment_variables: Vec<(String, String)>,
 }
 
 impl MachineShop {
     /// `machine`: text of the machine file.
     pub fn new(machine: &str) -> Self {
-        let shop = Self { folder: tempfile::tempdir().unwrap(), envs: Vec::new() };
-        shop.replace_machine(machine);
+        let shop = Self { folder: tempfile::tempdir().unwrap(), environment_variables: Vec::new() };
+        shop.replace_machine_file(machine);
         shop
     }
 
     /// The built-in machine with cycle 1 of `[serve]`; `trigger`: the rest of `[serve]`.
     pub fn with_serve(trigger: &str) -> Self {
-        let machine = built_in_machine();
+        let machine = built_in_machine_text();
         let cycle = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
                      [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
                      [serve]\nmin_interval_s = 0.0\n\
@@ -49,15 +49,15 @@ impl MachineShop {
         Self::new(&format!("{machine}\n{cycle}{trigger}"))
     }
 
-    pub fn replace_machine(&self, machine: &str) {
+    pub fn replace_machine_file(&self, machine: &str) {
         std::fs::write(self.machine_path(), machine).unwrap();
     }
 
     /// Replaces text of the machine file.
-    pub fn replace_in_machine(&self, from: &str, to: &str) {
+    pub fn replace_in_machine_file(&self, from: &str, to: &str) {
         let text = std::fs::read_to_string(self.machine_path()).unwrap();
         assert!(text.contains(from), "{from}");
-        self.replace_machine(&text.replace(from, to));
+        self.replace_machine_file(&text.replace(from, to));
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -81,7 +81,7 @@ impl MachineShop {
     pub fn trued_command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).arg("--state").arg(self.state_folder());
-        command.envs(self.envs.clone());
+        command.envs(self.environment_variables.clone());
         command
     }
 
@@ -90,16 +90,16 @@ impl MachineShop {
     }
 
     /// `trued run self-calibration --json` on the machine.
-    pub fn run_command(&self) -> Command {
+    pub fn self_calibration_command(&self) -> Command {
         self.trued_command(&["run", "self-calibration", "--json", "--machine", &self.machine_path()])
     }
 
-    pub fn run_cycle(&self) -> Output {
-        self.run_command().output().unwrap()
+    pub fn run_self_calibration(&self) -> Output {
+        self.self_calibration_command().output().unwrap()
     }
 
     /// Step of each exported reading of run 1.
-    pub fn exported_steps(&self) -> Vec<u32> {
+    pub fn exported_reading_steps(&self) -> Vec<u32> {
         let to = self.path_text("export");
         let exported = self.run_trued(&["export", "1", "--to", &to]);
         assert_eq!(exported.status.code(), Some(0), "{}", stderr(&exported));
@@ -124,14 +124,14 @@ impl MachineShop {
 
     /// The daemon with the machine file, ready; `speed`: of the simulated machine.
     pub fn start_daemon(&self, speed: &str) -> DaemonProcess {
-        self.start_daemon_with(&["--speed", speed])
+        self.start_daemon_with_arguments(&["--speed", speed])
     }
 
-    pub fn start_daemon_with(&self, arguments: &[&str]) -> DaemonProcess {
-        self.spawn_daemon(&[&["--machine", &self.machine_path()], arguments].concat(), |_| {})
+    pub fn start_daemon_with_arguments(&self, arguments: &[&str]) -> DaemonProcess {
+        self.start_prepared_daemon(&[&["--machine", &self.machine_path()], arguments].concat(), |_| {})
     }
 
-    pub fn spawn_daemon(&self, arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> DaemonProcess {
+    pub fn start_prepared_daemon(&self, arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> DaemonProcess {
         let mut command = self.trued_command(&["serve"]);
         command.args(arguments);
         prepare(&mut command);

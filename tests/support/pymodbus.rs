@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-pub fn missing_pymodbus() -> Option<&'static str> {
+pub fn missing_pymodbus_reason() -> Option<&'static str> {
     python_with_pymodbus().is_none().then_some("pymodbus is missing: tests/peers/pymodbus/install")
 }
 

@@ -13,7 +13,7 @@ use tokio::net::{TcpListener, TcpStream};
 use trued::setup::SimulationPace;
 use trued::setup::{self, MachineFile};
 
-/// The built-in machine behind `address`, with few Monte Carlo trials.
+/// Machine file of the built-in machine with its control at `address`, and few Monte Carlo trials.
 pub fn machine_with_control(address: &str) -> String {
     let file = include_str!("../../config/simulated.toml");
     let wire = "kind = \"simulated\"";
@@ -24,33 +24,33 @@ pub fn machine_with_control(address: &str) -> String {
 }
 
 #[derive(Clone, Default)]
-pub struct Record {
-    received: Vec<u8>,
-    sent: Vec<u8>,
+pub struct WireRecord {
+    received_bytes: Vec<u8>,
+    sent_bytes: Vec<u8>,
 }
 
-impl Record {
-    pub fn transferred_bytes(&self) -> usize {
-        self.received.len() + self.sent.len()
+impl WireRecord {
+    pub fn transferred_byte_count(&self) -> usize {
+        self.received_bytes.len() + self.sent_bytes.len()
     }
 
     /// The received lines, without status requests.
     pub fn received_lines(&self) -> Vec<String> {
         // Status requests can occur between the bytes of lines.
-        let told = self.received.iter().filter(|byte| !matches!(byte, b'?' | 0x87));
+        let told = self.received_bytes.iter().filter(|byte| !matches!(byte, b'?' | 0x87));
         let told = String::from_utf8_lossy(&told.copied().collect::<Vec<u8>>()).into_owned();
         told.lines().map(str::to_owned).collect()
     }
 
     /// The largest N word of a line that moves: all steps before it were acknowledged.
     pub fn last_started_step(&self) -> usize {
-        started_touches(&self.received)
+        last_started_n_word(&self.received_bytes)
     }
 
     /// Axis positions, mm and degrees, of each touch. The driver requests each result twice; between any two
     /// touches there is a guarded move without contact.
-    pub fn reported_touches(&self) -> Vec<Vec<f64>> {
-        let said = String::from_utf8_lossy(&self.sent);
+    pub fn reported_touch_positions(&self) -> Vec<Vec<f64>> {
+        let said = String::from_utf8_lossy(&self.sent_bytes);
         let (mut touches, mut again) = (Vec::new(), false);
         for told in said.lines().filter_map(|line| line.trim().strip_prefix("[PRB:")) {
             let hit = told.strip_suffix(":1]");
@@ -64,24 +64,24 @@ impl Record {
 }
 
 /// The largest N word at the beginning of a line of `told`.
-pub fn started_touches(told: &[u8]) -> usize {
+pub fn last_started_n_word(told: &[u8]) -> usize {
     let told = String::from_utf8_lossy(told);
     let number = |line: &str| line.trim_start_matches('?').strip_prefix('N')?.split(' ').next()?.parse().ok();
     told.lines().filter_map(number).max().unwrap_or(0)
 }
 
 #[derive(Default)]
-struct SharedRecord {
-    record: Mutex<Record>,
+struct SharedWireRecord {
+    record: Mutex<WireRecord>,
     changed: Condvar,
 }
 
-impl SharedRecord {
-    fn record(&self) -> MutexGuard<'_, Record> {
+impl SharedWireRecord {
+    fn record(&self) -> MutexGuard<'_, WireRecord> {
         self.record.lock().unwrap()
     }
 
-    fn change(&self, add: impl FnOnce(&mut Record)) {
+    fn extend_record(&self, add: impl FnOnce(&mut WireRecord)) {
         add(&mut self.record());
         self.changed.notify_all();
     }
@@ -89,7 +89,7 @@ impl SharedRecord {
 
 pub struct RecordingControl {
     address: SocketAddr,
-    shared: Arc<SharedRecord>,
+    shared: Arc<SharedWireRecord>,
     stop: tokio::sync::oneshot::Sender<()>,
     server: JoinHandle<()>,
 }
@@ -102,7 +102,7 @@ impl RecordingControl {
 
     /// The control of the built-in machine, acting on `world`.
     pub fn start_with_world(world: Arc<Mutex<SimulatedWorld>>) -> Self {
-        let (shared, (stop, stopped)) = (Arc::<SharedRecord>::default(), tokio::sync::oneshot::channel());
+        let (shared, (stop, stopped)) = (Arc::<SharedWireRecord>::default(), tokio::sync::oneshot::channel());
         let (listening, address) = std::sync::mpsc::channel();
         let keeper = shared.clone();
         let server = std::thread::spawn(move || {
@@ -125,9 +125,9 @@ impl RecordingControl {
     }
 
     /// Waits until `bytes` bytes have passed the wire, or until `give_up` returns true.
-    pub fn wait_for(&self, bytes: usize, mut give_up: impl FnMut() -> bool) {
+    pub fn wait_for_transferred_bytes(&self, bytes: usize, mut give_up: impl FnMut() -> bool) {
         let mut record = self.shared.record();
-        while record.transferred_bytes() < bytes {
+        while record.transferred_byte_count() < bytes {
             let patience = Duration::from_millis(20);
             record = self.shared.changed.wait_timeout(record, patience).unwrap().0;
             if give_up() {
@@ -137,25 +137,26 @@ impl RecordingControl {
     }
 
     /// The complete record, after the client has disconnected.
-    pub fn stop_and_take_record(self) -> Record {
+    pub fn stop_and_take_record(self) -> WireRecord {
         let _ = self.stop.send(());
         self.server.join().unwrap();
         self.shared.record().clone()
     }
 }
 
-async fn serve_client(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &SharedRecord) {
+async fn serve_client(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &SharedWireRecord) {
     let file = MachineFile::parse("machine.toml", machine_with_control("127.0.0.1:1")).unwrap();
-    let mut firmware = Firmware::new(world, SimulatedGrblOptions::for_machine(&file.machine, SimulationPace::Fast));
+    let mut firmware =
+        Firmware::new(world, SimulatedGrblOptions::for_machine(&file.machine, SimulationPace::Immediate));
     client.set_nodelay(true).unwrap();
     let (near, far) = tokio::io::duplex(4096);
     let (from_client, to_client) = client.into_split();
     let (from_control, to_control) = tokio::io::split(near);
     let told = forward_bytes(from_client, to_control, |bytes| {
-        shared.change(|record| record.received.extend(bytes));
+        shared.extend_record(|record| record.received_bytes.extend(bytes));
     });
     let said = forward_bytes(from_control, to_client, |bytes| {
-        shared.change(|record| record.sent.extend(bytes));
+        shared.extend_record(|record| record.sent_bytes.extend(bytes));
     });
     let (served, (), ()) = tokio::join!(firmware.serve(far), told, said);
     served.unwrap();

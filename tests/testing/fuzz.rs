@@ -69,8 +69,8 @@ const HOSTILE_TOKENS: [&str; 46] = [
 #[derive(Debug, Clone)]
 enum Mutation {
     FlipBits(Index, u8),
-    Insert(Index, Vec<u8>),
-    RepeatRange(Index, u8, u16),
+    InsertToken(Index, Vec<u8>),
+    InsertRepeatedByte(Index, u8, u16),
     Truncate(Index),
     DropLine(Index),
     DoubleLine(Index),
@@ -79,9 +79,9 @@ enum Mutation {
     ReplaceNumber(Index, Vec<u8>),
 }
 
-/// Calls `read` with all stored inputs of `target`, then with mutated `samples`, with `soup` made of `words`, and
-/// with random bytes. It must not panic, and its return value, the size of its output in bytes, must not exceed 64
-/// times the input plus 64 KiB.
+/// Calls `read` with all stored inputs of `target`, then with mutated `samples`, with random sequences of
+/// `words`, and with random bytes. `read` must not panic, and its return value, the size of its output in bytes, must
+/// not exceed 64 times the input plus 64 KiB.
 pub fn fuzz_parser(target: &str, samples: &[&[u8]], words: &[&str], read: impl Fn(&[u8]) -> usize) {
     let check = |input: &[u8]| {
         let made = read(input);
@@ -172,8 +172,8 @@ fn mutation_strategy() -> impl Strategy<Value = Mutation> {
     let at = any::<Index>;
     prop_oneof![
         (at(), any::<u8>()).prop_map(|(at, bits)| Mutation::FlipBits(at, bits)),
-        (at(), token_strategy()).prop_map(|(at, token)| Mutation::Insert(at, token)),
-        (at(), any::<u8>(), 1..3_000_u16).prop_map(|(at, b, n)| Mutation::RepeatRange(at, b, n)),
+        (at(), token_strategy()).prop_map(|(at, token)| Mutation::InsertToken(at, token)),
+        (at(), any::<u8>(), 1..3_000_u16).prop_map(|(at, b, n)| Mutation::InsertRepeatedByte(at, b, n)),
         at().prop_map(Mutation::Truncate),
         at().prop_map(Mutation::DropLine),
         at().prop_map(Mutation::DoubleLine),
@@ -183,17 +183,17 @@ fn mutation_strategy() -> impl Strategy<Value = Mutation> {
     ]
 }
 
-fn apply_mutation(spoil: Mutation, text: &mut Vec<u8>) {
+fn apply_mutation(mutation: Mutation, text: &mut Vec<u8>) {
     if text.is_empty() {
         return;
     }
-    match spoil {
+    match mutation {
         Mutation::FlipBits(at, bits) => *at.get_mut(text) ^= bits,
-        Mutation::Insert(at, token) => {
+        Mutation::InsertToken(at, token) => {
             let at = at.index(text.len());
             text.splice(at..at, token);
         }
-        Mutation::RepeatRange(at, byte, count) => {
+        Mutation::InsertRepeatedByte(at, byte, count) => {
             let at = at.index(text.len());
             // Deeply nested brackets as well as very long lines.
             let byte = if byte % 2 == 0 { b"[({<"[usize::from(byte) / 2 % 4] } else { byte };
@@ -209,13 +209,13 @@ fn apply_mutation(spoil: Mutation, text: &mut Vec<u8>) {
         }
         Mutation::DropLine(_) | Mutation::DoubleLine(_) | Mutation::SwapLines(..) => {
             let mut lines: Vec<Vec<u8>> = text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
-            shuffle_lines(spoil, &mut lines);
+            apply_line_mutation(mutation, &mut lines);
             *text = lines.concat();
         }
     }
 }
 
-fn shuffle_lines(spoil: Mutation, lines: &mut Vec<Vec<u8>>) {
+fn apply_line_mutation(spoil: Mutation, lines: &mut Vec<Vec<u8>>) {
     let count = lines.len();
     match spoil {
         Mutation::DropLine(at) => drop(lines.remove(at.index(count))),

@@ -5,31 +5,32 @@ use std::ops::RangeInclusive;
 use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF};
 
 /// Smallest population; a smaller one proves next to nothing.
-const MIN_POPULATION: u64 = 5;
+const MIN_POPULATION_SIZE: u64 = 5;
 
 /// `full` where `TRUED_FULL=1` is set (`.ci/long`), otherwise a tenth of it. The size is printed.
 pub fn population_size(full: u64) -> u64 {
-    let tenth = full.div_ceil(10).max(MIN_POPULATION.min(full));
-    let size = if is_full() { full } else { tenth };
+    let tenth = full.div_ceil(10).max(MIN_POPULATION_SIZE.min(full));
+    let size = if is_full_test_run() { full } else { tenth };
     println!("population: {size} of {full}");
     size
 }
 
-/// Seeds for a test of coverage, and the shares of intervals that may hold the truth where 95.45 % is stated
+/// Number of seeds for a test of coverage, and allowed shares of intervals that hold the truth where 95.45 % is stated
 /// (METHODS section 6, coverage standard).
-pub fn coverage_size_and_limits() -> (u64, RangeInclusive<f64>) {
-    let (seeds, shares) = if is_full() { (1000, 0.93..=0.975) } else { (100, 0.89..=0.995) };
+pub fn coverage_seeds_and_share_limits() -> (u64, RangeInclusive<f64>) {
+    let (seeds, shares) = if is_full_test_run() { (1000, 0.93..=0.975) } else { (100, 0.89..=0.995) };
     println!("coverage: {seeds} seeds");
     (seeds, shares)
 }
 
-pub fn is_full() -> bool {
+/// Whether the populations have their full size: `TRUED_FULL=1`, as in `.ci/long`.
+pub fn is_full_test_run() -> bool {
     std::env::var("TRUED_FULL").is_ok_and(|value| value == "1")
 }
 
 /// Bounds of the ratio of observed to stated standard deviation for `size` independent values. Each tail has the
 /// same probability as with `full` values and the given bounds (METHODS section 6).
-pub fn ratio_bounds(size: u64, full: u64, (low, high): (f64, f64)) -> (f64, f64) {
+pub fn sd_ratio_bounds(size: u64, full: u64, (low, high): (f64, f64)) -> (f64, f64) {
     let [of_size, of_full] = [size, full].map(|count| ChiSquared::new(count as f64).unwrap());
     let at_size = |bound: f64| {
         let tail = of_full.cdf(full as f64 * bound * bound);
@@ -40,7 +41,7 @@ pub fn ratio_bounds(size: u64, full: u64, (low, high): (f64, f64)) -> (f64, f64)
 
 /// Upper bound of the number of events among `size` trials, each with `probability`. It is exceeded as rarely as
 /// `at_full` events among `full`.
-pub fn count_bound(size: u64, full: u64, (probability, at_full): (f64, u64)) -> u64 {
+pub fn event_count_limit(size: u64, full: u64, (probability, at_full): (f64, u64)) -> u64 {
     let [of_size, of_full] = [size, full].map(|count| Binomial::new(probability, count).unwrap());
     if size == full { at_full } else { of_size.inverse_cdf(of_full.cdf(at_full)) }
 }

@@ -98,7 +98,7 @@ impl AxisMonitor {
     }
 
     /// Checks that a contact is on the path between `from` and `to`.
-    pub fn check_contact_path(
+    pub fn check_contact_on_path(
         &self,
         from: &Position,
         to: &Position,
@@ -113,7 +113,7 @@ impl AxisMonitor {
     }
 
     /// Returns `position` with the orientation of the spindle.
-    pub fn with_spindle(&self, position: impl IntoIterator<Item = (Axis, f64)>) -> Position {
+    pub fn with_spindle_orientation(&self, position: impl IntoIterator<Item = (Axis, f64)>) -> Position {
         position.into_iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect()
     }
 }

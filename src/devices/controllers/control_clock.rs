@@ -5,11 +5,11 @@ use crate::controllers::ControllerError;
 
 /// Largest time of a clock, s, whatever its epoch. An `f64` of this size still resolves 0.02 ms.
 const MAX_CLOCK_TIME_S: f64 = 1e11;
-/// Largest time between two blocks of one preparation, s: after an operator was at the machine, it is
+/// Largest time between two blocks of one preparation, s: after an operator was at the machine, the control is
 /// prepared again.
-const MAX_TIME_STEP_S: f64 = 86_400.0;
-/// Coarsest resolution of a clock, s: it may count in whole seconds.
-const MAX_CLOCK_RESOLUTION_S: f64 = 1.0;
+const MAX_TIME_BETWEEN_BLOCKS_S: f64 = 86_400.0;
+/// Coarsest resolution of a clock, s: a clock may count in whole seconds.
+const COARSEST_CLOCK_RESOLUTION_S: f64 = 1.0;
 
 /// Clock of a control since the preparation.
 #[derive(Debug, Default)]
@@ -18,18 +18,22 @@ pub(in crate::controllers) struct ControlClock {
 }
 
 impl ControlClock {
-    /// Returns the time of `contact`, or else the time `now`, which is later.
+    /// Checks both times; returns the time of `contact`, or the time `now` if no time of a contact is reported.
     ///
     /// # Errors
     /// One of the times cannot be a time of this clock.
-    pub fn check_time(&mut self, contact: ReportedTime, now: ReportedTime) -> Result<Option<f64>, ControllerError> {
-        contact.check_after(self.last_s)?;
-        now.check_after(self.last_s)?;
+    pub fn check_and_select_time(
+        &mut self,
+        contact: ReportedTime,
+        now: ReportedTime,
+    ) -> Result<Option<f64>, ControllerError> {
+        contact.check_plausible_after(self.last_s)?;
+        now.check_plausible_after(self.last_s)?;
         if let (Some(contact_s), Some(now_s)) = (contact.t_s, now.t_s)
-            && contact_s > now_s + MAX_CLOCK_RESOLUTION_S
+            && contact_s > now_s + COARSEST_CLOCK_RESOLUTION_S
         {
             return Err(
-                contact.invalid_timestamp(contact_s, format!("later than the clock of the control, {now_s:?} s"))
+                contact.invalid_timestamp_error(contact_s, format!("later than the clock of the control, {now_s:?} s"))
             );
         }
         self.last_s = now.t_s.or(contact.t_s).or(self.last_s);
@@ -47,21 +51,21 @@ pub(in crate::controllers) struct ReportedTime {
 }
 
 impl ReportedTime {
-    /// Checks that a clock can report the time, and that it is not far from `last_s`, the time before.
-    fn check_after(self, last_s: Option<f64>) -> Result<(), ControllerError> {
+    /// Checks that the time is in the range of a clock and follows plausibly on `last_s`, the last accepted time.
+    fn check_plausible_after(self, last_s: Option<f64>) -> Result<(), ControllerError> {
         let Some(t_s) = self.t_s else { return Ok(()) };
         if !(0.0..=MAX_CLOCK_TIME_S).contains(&t_s) {
-            return Err(self.invalid_timestamp(t_s, "outside the range of a clock, 0 to 1e11 s".to_owned()));
+            return Err(self.invalid_timestamp_error(t_s, "outside the range of a clock, 0 to 1e11 s".to_owned()));
         }
         let step_s = last_s.map_or(0.0, |last_s| t_s - last_s);
-        if !(-MAX_CLOCK_RESOLUTION_S..=MAX_TIME_STEP_S).contains(&step_s) {
+        if !(-COARSEST_CLOCK_RESOLUTION_S..=MAX_TIME_BETWEEN_BLOCKS_S).contains(&step_s) {
             let last_s = last_s.unwrap_or_default();
-            return Err(self.invalid_timestamp(t_s, format!("the time reported before was {last_s:?} s")));
+            return Err(self.invalid_timestamp_error(t_s, format!("the time reported before was {last_s:?} s")));
         }
         Ok(())
     }
 
-    fn invalid_timestamp(self, t_s: f64, reason: String) -> ControllerError {
+    fn invalid_timestamp_error(self, t_s: f64, reason: String) -> ControllerError {
         ControllerError::InvalidTimestamp { name: self.name, t_s, reason }
     }
 }
@@ -70,24 +74,24 @@ impl ReportedTime {
 mod tests {
     use super::*;
 
-    fn check_time(clock: &mut ControlClock, stamp_s: f64, now_s: f64) -> Result<Option<f64>, String> {
+    fn check_and_select_time(clock: &mut ControlClock, stamp_s: f64, now_s: f64) -> Result<Option<f64>, String> {
         // As in the window of registers: 0 means no time.
-        let told = |t_s: f64| (t_s != 0.0).then_some(t_s);
-        let contact = ReportedTime { name: "latch", t_s: told(stamp_s) };
-        let now = ReportedTime { name: "now", t_s: told(now_s) };
-        clock.check_time(contact, now).map_err(|error| error.to_string())
+        let reported = |t_s: f64| (t_s != 0.0).then_some(t_s);
+        let contact = ReportedTime { name: "latch", t_s: reported(stamp_s) };
+        let now = ReportedTime { name: "now", t_s: reported(now_s) };
+        clock.check_and_select_time(contact, now).map_err(|error| error.to_string())
     }
 
     #[test]
     fn ascending_time_stamps_are_accepted() {
         let mut clock = ControlClock::default();
-        assert_eq!(check_time(&mut clock, 0.0, 1.7e9), Ok(Some(1.7e9)), "seconds of an epoch");
-        assert_eq!(check_time(&mut clock, 1.7e9 + 12.5, 1.7e9 + 13.0), Ok(Some(1.7e9 + 12.5)));
-        assert_eq!(check_time(&mut clock, 0.0, 0.0), Ok(None), "it does not stamp");
-        assert_eq!(check_time(&mut clock, 1.7e9 + 3600.0, 0.0), Ok(Some(1.7e9 + 3600.0)));
+        assert_eq!(check_and_select_time(&mut clock, 0.0, 1.7e9), Ok(Some(1.7e9)), "seconds of an epoch");
+        assert_eq!(check_and_select_time(&mut clock, 1.7e9 + 12.5, 1.7e9 + 13.0), Ok(Some(1.7e9 + 12.5)));
+        assert_eq!(check_and_select_time(&mut clock, 0.0, 0.0), Ok(None), "it does not stamp");
+        assert_eq!(check_and_select_time(&mut clock, 1.7e9 + 3600.0, 0.0), Ok(Some(1.7e9 + 3600.0)));
         let mut coarse = ControlClock::default();
-        assert_eq!(check_time(&mut coarse, 8.0, 8.0), Ok(Some(8.0)));
-        assert_eq!(check_time(&mut coarse, 8.0, 9.0), Ok(Some(8.0)));
+        assert_eq!(check_and_select_time(&mut coarse, 8.0, 8.0), Ok(Some(8.0)));
+        assert_eq!(check_and_select_time(&mut coarse, 8.0, 9.0), Ok(Some(8.0)));
     }
 
     #[test]
@@ -103,10 +107,10 @@ mod tests {
             (500.0, 101.0, "latch = 500.0 s: later than the clock of the control, 101.0 s"),
         ] {
             let mut clock = ControlClock::default();
-            assert_eq!(check_time(&mut clock, 0.0, 100.0), Ok(Some(100.0)));
-            let refused = check_time(&mut clock, stamp_s, now_s).unwrap_err();
+            assert_eq!(check_and_select_time(&mut clock, 0.0, 100.0), Ok(Some(100.0)));
+            let refused = check_and_select_time(&mut clock, stamp_s, now_s).unwrap_err();
             assert!(refused.contains(named), "{refused}");
-            assert_eq!(check_time(&mut clock, 101.0, 102.0), Ok(Some(101.0)), "it is forgotten");
+            assert_eq!(check_and_select_time(&mut clock, 101.0, 102.0), Ok(Some(101.0)), "it is forgotten");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Properties that a control reports, and possible causes if no control can be identified.
+//! Properties that a control reports; if no control can be identified, possible causes of that fault.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -14,7 +14,7 @@ pub struct DeviceInfo {
     pub identity: String,
     /// All axes that the control drives.
     pub axes: BTreeMap<Axis, ReportedAxis>,
-    /// Settings with which the control cannot measure, or which the operator must know.
+    /// Remarks on settings and states that prevent a measurement or that the operator must know.
     pub findings: Vec<ReadinessFinding>,
     /// How the operator inverts the probe input at the control, if the control supports it.
     pub probe_polarity_hint: Option<String>,
@@ -24,8 +24,9 @@ pub struct DeviceInfo {
 /// minutes and seconds. `None` if the control does not report the value.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ReportedAxis {
-    /// Lower end of the travel in machine coordinates; `max` is the upper end.
+    /// Lower end of the travel, in machine coordinates.
     pub travel_min: Option<f64>,
+    /// Upper end of the travel, in machine coordinates.
     pub travel_max: Option<f64>,
     /// Length of the travel, if the control reports it without the ends.
     pub travel_length: Option<f64>,
@@ -40,10 +41,10 @@ pub struct ReportedAxis {
     pub positive_sense: Option<AxisSense>,
 }
 
-/// A remark on a setting of a control.
+/// A remark on the settings or the state of a control.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadinessFinding {
-    /// Whether the setting prevents a measurement; otherwise the remark is information.
+    /// Whether the remark prevents a measurement; otherwise it is information.
     pub is_blocking: bool,
     pub description: String,
     pub remedy: String,
@@ -59,7 +60,7 @@ impl ReadinessFinding {
     }
 }
 
-/// What the operator permits during the search for the reason why a control does not answer.
+/// Requests that the operator permits during the search for the reason why a control does not answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DiagnosisMode {
     /// Passive search: nothing is sent but what the machine file itself prescribes.
@@ -70,7 +71,7 @@ pub enum DiagnosisMode {
     Active,
 }
 
-/// Search for the reason why the control of `machine` could not be opened or prepared.
+/// Request to find the reason why the control of `machine` could not be opened or prepared.
 #[derive(Clone, Copy)]
 pub struct ConnectionDiagnosisRequest<'a> {
     pub machine: &'a Machine,
@@ -85,7 +86,7 @@ pub struct PossibleCause {
     pub is_confirmed: bool,
     /// Whether an active search could find out more.
     pub needs_active_search: bool,
-    /// Description of the mistake.
+    /// Description of the possible cause.
     pub cause: String,
     /// Evidence for the cause.
     pub evidence: String,

@@ -5,7 +5,7 @@ use std::time::Duration;
 use link::LinkError;
 use link::modbus::ModbusError;
 use planning::gcode::ProbeFault;
-use planning::proof::AlteredBlock;
+use planning::proof::AlteredBlockError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ControllerError {
@@ -22,7 +22,7 @@ pub enum ControllerError {
     #[error("the emergency stop was pressed")]
     EmergencyStop,
     #[error("the machine has switched off{}{message}", if message.is_empty() { "" } else { ": " })]
-    SwitchedOff { message: String },
+    MachineSwitchedOff { message: String },
     #[error("the program is paused at the control: {reason}")]
     ProgramPaused { reason: String },
     #[error("the control has stopped working: the control accepts no command, and its status is out of date")]
@@ -30,7 +30,7 @@ pub enum ControllerError {
     #[error("step {step}: the target is outside the travel limits of the control: {message}")]
     OutOfTravel { step: u32, message: String },
     #[error("step {step}: the motion task of the control was late, and the control stopped the program: {message}")]
-    MotionLate { step: u32, message: String },
+    MotionTaskLate { step: u32, message: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
     /// A device replies, but not as this kind of control does.
@@ -60,7 +60,7 @@ pub enum ControllerError {
     #[error("invalid time from the control, {name} = {t_s:?} s: {reason}")]
     InvalidTimestamp { name: &'static str, t_s: f64, reason: String },
     #[error("step {step}: no axis positions with time stamps during the motion: {reason}")]
-    MissingTrack { step: u32, reason: String, remedy: String },
+    MissingPositionTrack { step: u32, reason: String, remedy: String },
     #[error("the probe {}", fault.description())]
     ProbeFault { fault: ProbeFault },
     #[error("the run was halted on request")]
@@ -70,7 +70,7 @@ pub enum ControllerError {
     #[error("the program for step {step} cannot be generated: {reason}")]
     RenderFailed { step: u32, reason: String },
     #[error(transparent)]
-    BlockAltered(#[from] AlteredBlock),
+    BlockAltered(#[from] AlteredBlockError),
     #[error("step {step}: the block was checked for another form of transmission than this control uses")]
     WrongTransmission { step: u32 },
     #[error("unreadable reply from the control: `{text}`")]
@@ -80,7 +80,8 @@ pub enum ControllerError {
 }
 
 impl ControllerError {
-    /// A control whose state prevents a measurement; `remedy` is what the operator must do before the next start.
+    /// Error for a control whose state prevents a measurement; `remedy` is what the operator must do before the next
+    /// start.
     pub(in crate::controllers) fn not_ready(state: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self::NotReady { state: state.into(), remedy: remedy.into() }
     }
@@ -89,10 +90,10 @@ impl ControllerError {
         Self::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
     }
 
-    /// Whether the control may have lost the position of its axes: then the operator must home them before
+    /// Whether the control may have lost the position of its axes: in that case the operator must home them before
     /// anything else moves (grblHAL `alarms.h`; LinuxCNC reports itself whether it is homed). A machine
     /// that did not execute a hold was stopped hard.
-    pub fn is_position_lost(&self) -> bool {
+    pub fn may_have_lost_position(&self) -> bool {
         match self {
             ControllerError::ControlReset { .. } | Self::HoldFailed { .. } => true,
             Self::Alarm { code, .. } => matches!(code, 1 | 3 | 6..=10 | 17),
@@ -120,17 +121,17 @@ impl ControllerError {
         )
     }
 
-    /// The step that the message names.
+    /// Number of the step that the message names; `None` if it names no step.
     pub fn failed_step(&self) -> Option<u32> {
         match self {
             Self::OutOfTravel { step, .. }
-            | Self::MotionLate { step, .. }
+            | ControllerError::MotionTaskLate { step, .. }
             | Self::NoContact { step }
             | Self::UnexpectedContact { step }
             | Self::ProbeStillClosed { step }
             | Self::TouchMismatch { step, .. }
-            | Self::MissingTrack { step, .. }
-            | Self::BlockAltered(AlteredBlock { step })
+            | ControllerError::MissingPositionTrack { step, .. }
+            | Self::BlockAltered(AlteredBlockError { step })
             | Self::WrongTransmission { step }
             | Self::RenderFailed { step, .. } => Some(*step),
             _ => None,
@@ -145,7 +146,7 @@ impl ControllerError {
             Self::NotReady { remedy, .. }
             | Self::UnexpectedDevice { remedy, .. }
             | ControllerError::UnsupportedByControl { remedy, .. }
-            | Self::MissingTrack { remedy, .. } => {
+            | ControllerError::MissingPositionTrack { remedy, .. } => {
                 return remedy.clone();
             }
             Self::NoAnswer { .. }
@@ -153,7 +154,7 @@ impl ControllerError {
             | Self::TouchMismatch { .. }
             | Self::WrongPosition { .. } => self.communication_remedy(),
             Self::EmergencyStop
-            | Self::SwitchedOff { .. }
+            | ControllerError::MachineSwitchedOff { .. }
             | ControllerError::ProgramPaused { .. }
             | Self::HeldAtControl { .. }
             | Self::Alarm { .. }
@@ -162,7 +163,7 @@ impl ControllerError {
             | ControllerError::ControlFrozen
             | Self::HoldFailed { .. }
             | Self::OutOfTravel { .. }
-            | Self::MotionLate { .. } => self.rejection_remedy(),
+            | ControllerError::MotionTaskLate { .. } => self.rejection_remedy(),
             Self::InvalidTimestamp { .. } => {
                 "the touch was discarded. Modbus: compare `type`, `order`, `scale` and address of \
                  latch_time_s and time_s in [controller.registers.status] with the control's program; \
@@ -211,7 +212,9 @@ impl ControllerError {
             Self::EmergencyStop => {
                 "inspect the machine; release the emergency stop, switch the machine on, home it if the control requires it"
             }
-            Self::SwitchedOff { .. } => "inspect the machine; switch it on, home it if the control requires it",
+            ControllerError::MachineSwitchedOff { .. } => {
+                "inspect the machine; switch it on, home it if the control requires it"
+            }
             ControllerError::ProgramPaused { .. } => {
                 "the program was aborted: release the pause at the control, then start again; nothing continues by itself"
             }
@@ -253,7 +256,7 @@ impl ControllerError {
                  executes a hold; home the machine"
             }
             Self::OutOfTravel { .. } => "set [axes] min and max to the limits of the control, or move the part",
-            Self::MotionLate { .. } => {
+            ControllerError::MotionTaskLate { .. } => {
                 "no reading is lost: start again. If this error occurs again, the computer of the control is too \
                  slow for its servo thread: run latency-test there, use a realtime kernel, close other programs"
             }

@@ -15,7 +15,7 @@ use link::Clock;
 use machine::Position;
 use machine::record::machine::Machine;
 use machine::record::motion::BlockOutcome;
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 use planning::proof::{ProvenBlock, ProvenModeText};
 
 mod arrival;
@@ -41,11 +41,11 @@ pub use readiness::{READINESS_ITEMS, ReadinessItem, describe_unreadable_items};
 pub struct ControlDescription {
     /// Value of `kind` in `[controller]`.
     pub kind: &'static str,
-    /// How the control receives a hold.
+    /// How the control receives a hold, in words.
     pub hold_hint: &'static str,
-    /// Setting of the direction of an axis.
+    /// Setting of the control for the direction of an axis, in words; `None` if there is none.
     pub axis_direction_hint: Option<&'static str>,
-    /// Setting of the steps per unit of an axis.
+    /// Setting of the control for the steps per unit of an axis, in words; `None` if there is none.
     pub axis_scale_hint: Option<&'static str>,
 }
 
@@ -53,8 +53,8 @@ pub struct ControlDescription {
 pub trait ControllerConfig: fmt::Debug + Send + Sync {
     /// The G-code dialect of the control, a folder of `gcode-templates/`.
     fn dialect(&self) -> &str;
-    /// Name of the result file, if the control writes the results itself.
-    fn result_log(&self) -> Option<String> {
+    /// Path of the file into which the control writes the results; `None` if it reports them over the link.
+    fn result_log_path(&self) -> Option<String> {
         None
     }
     /// Address of the control, in words.
@@ -64,7 +64,7 @@ pub trait ControllerConfig: fmt::Debug + Send + Sync {
     fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModeText, clock: Arc<dyn Clock>) -> OpenFuture<'a>;
     /// Possible causes why the control could not be opened or prepared; the most likely first, none if nothing
     /// is found. It opens its own links: earlier links must be closed. Nothing moves. Call inside a tokio runtime.
-    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a>;
+    fn diagnose_connection<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a>;
 }
 
 pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
@@ -80,7 +80,7 @@ pub struct PreparedControl {
     pub stop_description: String,
     /// Position of the machine, machine coordinates: every axis that the control reports.
     pub position: Position,
-    pub transmission: Transmission,
+    pub transmission: TransmissionForm,
     /// Items of the readiness list that the driver cannot read on this control.
     pub unreadable_items: Vec<ReadinessItem>,
 }
@@ -115,13 +115,13 @@ pub trait ControllerDriver: Send + 'static {
     fn can_record_track(&self) -> bool {
         false
     }
-    /// Restores the modal state that `prepare` has found.
-    fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
+    /// Restores what `prepare` has changed: the modal state, and the probe if `prepare` switched it on.
+    fn restore_modes(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
 }
 
 /// Refuses a block after a halt, and after a fault without a new preparation.
-fn require_prepared(is_prepared: bool, is_halted: bool) -> Result<(), ControllerError> {
-    match (is_halted, is_prepared) {
+fn require_prepared(is_prepared: bool, is_halt_requested: bool) -> Result<(), ControllerError> {
+    match (is_halt_requested, is_prepared) {
         (true, _) => Err(ControllerError::Halted),
         (false, true) => Ok(()),
         (false, false) => {
@@ -133,27 +133,28 @@ fn require_prepared(is_prepared: bool, is_halted: bool) -> Result<(), Controller
 /// Holds the machine at its position, whatever else is pending. Cloneable; works from any thread.
 #[derive(Clone)]
 pub struct HaltHandle {
-    is_halted: Arc<AtomicBool>,
+    is_halt_requested: Arc<AtomicBool>,
     send_hold: Arc<dyn Fn() + Send + Sync>,
 }
 
 impl HaltHandle {
     /// `send_hold` sends the hold at once and must not block.
     pub fn new(send_hold: impl Fn() + Send + Sync + 'static) -> Self {
-        Self { is_halted: Arc::new(AtomicBool::new(false)), send_hold: Arc::new(send_hold) }
+        Self { is_halt_requested: Arc::new(AtomicBool::new(false)), send_hold: Arc::new(send_hold) }
     }
 
     pub fn trigger(&self) {
-        self.is_halted.store(true, Ordering::SeqCst);
+        self.is_halt_requested.store(true, Ordering::SeqCst);
         (self.send_hold)();
     }
 
     /// Whether a halt was requested. Drivers check this before every line that could move the machine.
-    pub fn is_halted(&self) -> bool {
-        self.is_halted.load(Ordering::SeqCst)
+    pub fn is_halt_requested(&self) -> bool {
+        self.is_halt_requested.load(Ordering::SeqCst)
     }
 }
 
+/// Request to the driver's task, with the channel for its result.
 enum DriverRequest {
     Prepare(oneshot::Sender<Result<PreparedControl, ControllerError>>),
     PrepareInContact(oneshot::Sender<Result<PreparedControl, ControllerError>>),
@@ -209,7 +210,7 @@ impl Controller {
         self.send_request(DriverRequest::IdentifyDevice).await
     }
 
-    pub async fn finish(&self) -> Result<(), ControllerError> {
+    pub async fn restore_modes(&self) -> Result<(), ControllerError> {
         self.send_request(DriverRequest::RestoreModes).await
     }
 
@@ -228,7 +229,7 @@ impl Controller {
 async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver<DriverRequest>, halt: HaltHandle) {
     // A control that was held meanwhile is not ready: that is not its own fault. A lost position is
     // reported all the same.
-    let held = |error: ControllerError| match halt.is_halted() && !error.is_position_lost() {
+    let held = |error: ControllerError| match halt.is_halt_requested() && !error.may_have_lost_position() {
         true => ControllerError::Halted,
         false => error,
     };
@@ -241,7 +242,7 @@ async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver
             DriverRequest::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
             DriverRequest::ReadSnapshot(answer) => drop(answer.send(driver.read_snapshot().await)),
             DriverRequest::IdentifyDevice(answer) => drop(answer.send(driver.identify_device().await)),
-            DriverRequest::RestoreModes(answer) => drop(answer.send(driver.finish().await)),
+            DriverRequest::RestoreModes(answer) => drop(answer.send(driver.restore_modes().await)),
         }
     }
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::controllers::ControllerError;
 use machine::record::motion::Motion;
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 use planning::proof::ProvenBlock;
 
 /// Maximum time that the spindle needs to reach its orientation.
@@ -23,7 +23,7 @@ pub(in crate::controllers) struct MotionLines<'a> {
 /// The block differs from the proven one, or was proven for another transmission.
 pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<MotionLines<'_>>, ControllerError> {
     let step = block.step();
-    if !matches!(block.transmission(), Transmission::Lines { .. }) {
+    if !matches!(block.transmission(), TransmissionForm::Lines { .. }) {
         return Err(ControllerError::WrongTransmission { step });
     }
     let lines = block.units()?.iter().map(|proven| match proven.unit.motions.as_slice() {
@@ -31,14 +31,14 @@ pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<Mo
             step,
             motion,
             text: &proven.unit.text,
-            standstill_time: max_standstill_time(motion) + to_duration(proven.unit.clamp_wait_s),
+            standstill_time: planned_standstill_time(motion) + to_duration(proven.unit.clamp_wait_s),
         }),
         _ => Err(ControllerError::WrongTransmission { step }),
     });
     lines.collect()
 }
 
-fn max_standstill_time(motion: &Motion) -> Duration {
+fn planned_standstill_time(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => to_duration(*seconds),
         Motion::Orient { .. } => MAX_ORIENT_TIME,

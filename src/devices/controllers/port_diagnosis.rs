@@ -1,4 +1,4 @@
-//! Why a port cannot be opened, from the error of the operating system.
+//! Finds out why a port cannot be opened, from the error of the operating system.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -19,9 +19,9 @@ pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &C
     };
     let diagnosis = match (error, at) {
         (LinkError::NotListening { address }, _) => connection_refused_diagnosis(address),
-        (LinkError::Missing { address }, _) => port_missing_diagnosis(address, Path::new("/dev")),
+        (LinkError::NoSuchPort { address }, _) => port_missing_diagnosis(address, Path::new("/dev")),
         (LinkError::NoUniquePort { id, available }, _) => no_port_with_id_diagnosis(id, available),
-        (LinkError::Denied { address }, _) => permission_denied_diagnosis(address),
+        (LinkError::PermissionDenied { address }, _) => permission_denied_diagnosis(address),
         (LinkError::Busy { address }, _) => port_in_use_diagnosis(address),
         (LinkError::OpenFailed { address, source }, LinkConfig::Tcp(_)) => host_unreachable_diagnosis(address, source),
         _ => return Vec::new(),
@@ -82,8 +82,8 @@ fn list_serial_ports(devices: &Path) -> Vec<String> {
     all
 }
 
-fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> PossibleCause {
-    let names = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
+fn no_port_with_id_diagnosis(id: &str, available_ids: &[String]) -> PossibleCause {
+    let names = if available_ids.is_empty() { "none".to_owned() } else { available_ids.join(", ") };
     PossibleCause::confirmed(
         format!("wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"),
         format!("{SERIAL_PORTS_BY_ID_DIR} contains {names}"),
@@ -112,7 +112,7 @@ fn read_group_name(id: u32) -> Option<String> {
 }
 
 fn port_in_use_diagnosis(address: &str) -> PossibleCause {
-    let (evidence, remedy) = match find_port_owner(Path::new(address)) {
+    let (evidence, remedy) = match find_process_using_port(Path::new(address)) {
         Some((process, name)) => {
             (format!("`{name}` (process {process}) has the port open"), "close that program".to_owned())
         }
@@ -127,7 +127,7 @@ fn port_in_use_diagnosis(address: &str) -> PossibleCause {
 }
 
 /// Number and name of a process that has `path` open, as far as this user may see it.
-fn find_port_owner(path: &Path) -> Option<(u32, String)> {
+fn find_process_using_port(path: &Path) -> Option<(u32, String)> {
     let target = fs::canonicalize(path).ok()?;
     let own = std::process::id();
     let processes = fs::read_dir("/proc").ok()?.flatten();
@@ -166,7 +166,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let held = fs::File::open(file.path()).unwrap();
         let mut sleeper = sleeper.arg("20").stdin(held).spawn().unwrap();
-        let found = find_port_owner(file.path());
+        let found = find_process_using_port(file.path());
         sleeper.kill().unwrap();
         sleeper.wait().unwrap();
         assert_eq!(found.map(|(process, _)| process), Some(sleeper.id()));

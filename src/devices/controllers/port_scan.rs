@@ -11,7 +11,8 @@ use tokio::time::Instant;
 
 use super::{PossibleCause, grbl, linuxcnc, modbus};
 use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLineConfig, Parity, RegisterRange,
+    RegisterSpace,
 };
 use link::{LineEvent, LinkAddress, LinkConfig};
 
@@ -19,6 +20,7 @@ use link::{LineEvent, LinkAddress, LinkConfig};
 pub(in crate::controllers) const BAUD_RATES: [u32; 9] =
     [115_200, 250_000, 57_600, 38_400, 19_200, 9_600, 230_400, 460_800, 921_600];
 
+/// Maximum time for a reply to the request that identifies a control.
 const GREETING_TIMEOUT: Duration = Duration::from_millis(1200);
 const GREETING_RETRY_INTERVAL: Duration = Duration::from_millis(300);
 /// Maximum time for a Modbus reply. A reply of a few bytes at 9600 baud takes 10 ms.
@@ -53,14 +55,14 @@ pub(in crate::controllers) async fn scan_tcp(at: &LinkConfig, configured_kind: &
     None
 }
 
-/// Describes the reply of a control of `kind` at `at`.
+/// Sends the identification request of `kind` to `at`; describes the reply, `None` if there is none.
 async fn query_control(kind: &str, at: &LinkConfig) -> Option<String> {
     if kind == modbus::CONTROL_KIND {
         let (unit, reply) = match at {
             LinkConfig::Tcp(_) => (DEFAULT_TCP_UNIT, "a reply"),
             _ => (DEFAULT_RTU_UNIT, "a reply from unit 1"),
         };
-        for line in modbus_lines(at) {
+        for line in modbus_line_candidates(at) {
             if has_modbus_unit(&line, unit).await {
                 return Some(reply.to_owned());
             }
@@ -96,16 +98,16 @@ pub(in crate::controllers) fn no_known_control_diagnosis(at: &str, evidence: &st
 /// Returns the answer of a Grbl to `?`.
 pub(in crate::controllers) async fn query_grbl(address: &LinkAddress) -> Option<String> {
     let is_status = |line: &str| line.starts_with('<') && line.ends_with('>') && line.contains('|');
-    query_line(address, b"?", is_status).await
+    query_matching_line(address, b"?", is_status).await
 }
 
 /// Returns the answer of linuxcncrsh to a greeting.
 pub(in crate::controllers) async fn query_linuxcncrsh(address: &LinkAddress) -> Option<String> {
-    query_line(address, b"hello EMC trued 1.0\n", |line| line.starts_with("HELLO ")).await
+    query_matching_line(address, b"hello EMC trued 1.0\n", |line| line.starts_with("HELLO ")).await
 }
 
 /// Returns the first line for which `is_match` is true; repeats the request while nothing comes.
-async fn query_line(address: &LinkAddress, request: &[u8], is_match: impl Fn(&str) -> bool) -> Option<String> {
+async fn query_matching_line(address: &LinkAddress, request: &[u8], is_match: impl Fn(&str) -> bool) -> Option<String> {
     let mut link = link::open_line_link(address).await.ok()?;
     let deadline = Instant::now() + GREETING_TIMEOUT;
     while Instant::now() < deadline {
@@ -123,12 +125,12 @@ async fn query_line(address: &LinkAddress, request: &[u8], is_match: impl Fn(&st
 }
 
 /// Whether a Modbus device answers as `unit`, even if with a refusal.
-pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLine, unit: u8) -> bool {
+pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLineConfig, unit: u8) -> bool {
     let read = vec![RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 }];
     let settings = DeviceSettings {
         unit,
         timeout: MODBUS_REPLY_TIMEOUT,
-        allowed: AccessList { readable: read, writable: Vec::new() },
+        access_list: AccessList { readable: read, writable: Vec::new() },
     };
     let Ok(modbus) = ModbusClient::open(line.clone(), settings).await else { return false };
     let reply = modbus.read(RegisterSpace::Input, 0, 1).await;
@@ -136,12 +138,12 @@ pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLine, unit: u8)
 }
 
 /// Lines at `at` on which a Modbus device may answer.
-fn modbus_lines(at: &LinkConfig) -> Vec<ModbusLine> {
-    let default_line = ModbusLine::with_defaults(at.clone());
+fn modbus_line_candidates(at: &LinkConfig) -> Vec<ModbusLineConfig> {
+    let default_line = ModbusLineConfig::with_defaults(at.clone());
     match default_line.framing {
         Framing::Tcp => vec![default_line],
         Framing::Rtu => {
-            [Parity::Even, Parity::None].map(|parity| ModbusLine { parity, ..default_line.clone() }).to_vec()
+            [Parity::Even, Parity::None].map(|parity| ModbusLineConfig { parity, ..default_line.clone() }).to_vec()
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Items that must be known of a control before its first motion: one list for all controls.
 
-/// An item of the list. A driver reads it and refuses a state that prevents a measurement, or reports the
-/// item as not readable.
+/// Item that must be known before the first motion. A driver reads it and refuses a state that prevents a
+/// measurement, or reports the item as not readable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReadinessItem {
     Units,
@@ -9,14 +9,14 @@ pub enum ReadinessItem {
     TravelLimits,
     FeedOverride,
     RapidOverride,
-    Offsets,
+    ActiveOffsets,
     ToolLength,
-    Modes,
-    Spindle,
+    PlaneAndDistanceMode,
+    SpindleStopped,
     Kinematics,
     OtherClients,
     ProbeInput,
-    Tool,
+    ToolInSpindle,
 }
 
 /// All items with their descriptions.
@@ -26,14 +26,14 @@ pub const READINESS_ITEMS: [(ReadinessItem, &str); 13] = [
     (ReadinessItem::TravelLimits, "travel limits"),
     (ReadinessItem::FeedOverride, "feed override"),
     (ReadinessItem::RapidOverride, "rapid override"),
-    (ReadinessItem::Offsets, "active offsets"),
+    (ReadinessItem::ActiveOffsets, "active offsets"),
     (ReadinessItem::ToolLength, "tool length offset"),
-    (ReadinessItem::Modes, "plane and distance mode"),
-    (ReadinessItem::Spindle, "spindle stopped"),
+    (ReadinessItem::PlaneAndDistanceMode, "plane and distance mode"),
+    (ReadinessItem::SpindleStopped, "spindle stopped"),
     (ReadinessItem::Kinematics, "kinematics mode"),
     (ReadinessItem::OtherClients, "other clients that send commands"),
     (ReadinessItem::ProbeInput, "probe input"),
-    (ReadinessItem::Tool, "tool in the spindle"),
+    (ReadinessItem::ToolInSpindle, "tool in the spindle"),
 ];
 
 /// Describes the items that are not readable; `None` if there are none.

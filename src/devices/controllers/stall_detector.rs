@@ -14,17 +14,21 @@ impl<State: PartialEq> StallDetector<State> {
         Self(None)
     }
 
-    /// Error if `line` is executed and the control has reported `state` for longer than `limit` and `standstill_time`.
-    pub fn check_progress(
+    /// Error if the control has reported `state` for longer than `max_stall_time` plus `planned_standstill`, the rest
+    /// that `line` itself contains. `line` is named in the error.
+    pub fn check_not_stalled(
         &mut self,
         state: State,
-        limit: Duration,
-        standstill_time: Duration,
+        max_stall_time: Duration,
+        planned_standstill: Duration,
         line: &str,
     ) -> Result<(), ControllerError> {
         let last = self.0.take().filter(|(last, _)| *last == state);
         let since = last.map_or_else(Instant::now, |(_, since)| since);
         self.0 = Some((state, since));
-        if since.elapsed() > limit + standstill_time { Err(ControllerError::no_answer(line, limit)) } else { Ok(()) }
+        if since.elapsed() > max_stall_time + planned_standstill {
+            return Err(ControllerError::no_answer(line, max_stall_time));
+        }
+        Ok(())
     }
 }

@@ -36,7 +36,7 @@ impl SensorError {
         match self {
             // The link's own message concerns the machine, whose state is not in doubt here.
             Self::Link(LinkError::Lost { .. })
-            | Self::Modbus(ModbusError::Lost { .. } | ModbusError::LinkEnded { .. }) => {
+            | Self::Modbus(ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. }) => {
                 "check the sensor's power and cable; use serial_id for a port whose device name changes".to_owned()
             }
             Self::Link(error) | Self::Modbus(ModbusError::Link(error)) => {

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::encoder;
-use super::field::{BitField, Endianness};
+use super::bit_field::{BitField, Endianness};
+use super::encoder_count;
 use super::sample_layout::{DecodedSample, InvalidReason, NumberLocation, SampleLayout, check_scale};
 use machine::record::reading::ReadingFlag;
 
-/// Keys of `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number.
+/// Keys of `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number; bytes and bits count from 0.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrameValueKeys {
@@ -37,7 +37,8 @@ struct FrameCodeKeys {
     means: InvalidReason,
 }
 
-/// Keys of `[sensor.….counter]`: the counter increases by one with each sample, and wraps around.
+/// Keys of `[sensor.….counter]`: the counter increases by one with each sample, and wraps around; bytes and bits count
+/// from 0.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrameCounterKeys {
@@ -48,10 +49,10 @@ pub struct FrameCounterKeys {
     order: Option<Endianness>,
 }
 
-/// Keys of `[sensor.….encoder_count]`: the count of a rotary encoder at the sample.
+/// Keys of `[sensor.….encoder_count]`: the count of a rotary encoder at the sample; bytes and bits count from 0.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct EncoderCountKeys {
+pub struct FrameEncoderKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
@@ -61,8 +62,8 @@ pub struct EncoderCountKeys {
     round: Option<u64>,
 }
 
-/// Keys of `[[sensor.….status]]`: bits with a meaning that applies if they hold `is` (absent: any number
-/// but zero).
+/// Keys of `[[sensor.….status]]`: bits that mark the value as invalid while they hold the number `is`, or any number
+/// but zero if `is` is absent.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrameStatusKeys {
@@ -85,13 +86,13 @@ fn default_width() -> u16 {
 pub struct FrameLayout {
     pub sample: SampleLayout<BitField>,
     /// Minimum number of bytes of a frame.
-    min_bytes: usize,
+    required_bytes: usize,
 }
 
-/// Maximum width of a counter, bits: far more than any sensor has.
+/// Maximum width of a counter, bits; a wider one is refused.
 const MAX_COUNTER_BITS: u16 = 32;
 
-/// A number that marks a value as invalid; `None`: any number but zero.
+/// Condition that a field holds the number; `None`: any number but zero. A value is invalid if the condition is met.
 type FieldCondition = (BitField, Option<i128>);
 
 impl NumberLocation for BitField {
@@ -104,7 +105,8 @@ impl NumberLocation for BitField {
     }
 
     fn read_integer(self, frame: &[u8]) -> Result<i128, FrameTooShort> {
-        self.extract(frame).ok_or(FrameTooShort { expected_bytes: self.end_byte(), received_bytes: frame.len() })
+        self.extract(frame)
+            .ok_or(FrameTooShort { expected_bytes: self.exclusive_end_byte(), received_bytes: frame.len() })
     }
 
     fn is_met((field, expected): &FieldCondition, frame: &[u8]) -> bool {
@@ -122,7 +124,7 @@ impl FrameLayout {
     pub fn new(
         value: FrameValueKeys,
         counter: Option<FrameCounterKeys>,
-        encoder: Option<EncoderCountKeys>,
+        encoder: Option<FrameEncoderKeys>,
         status: Vec<FrameStatusKeys>,
         order: Option<Endianness>,
         length: usize,
@@ -134,27 +136,34 @@ impl FrameLayout {
             Ok(((value, Some(check_representable("value", code.is, value)?)), code.means.reading_flag()))
         };
         let codes = codes.iter().map(code).collect::<Result<Vec<_>, String>>()?;
-        let counter = counter.map(|keys| counter_field(&keys, order)).transpose()?;
-        let encoder = encoder.map(|keys| encoder_field(&keys, order)).transpose()?;
-        let mut flags = status_conditions(&status, order)?;
+        let counter = counter.map(|keys| counter_field_and_modulus(&keys, order)).transpose()?;
+        let encoder = encoder.map(|keys| encoder_field_and_modulus(&keys, order)).transpose()?;
+        let mut flags = status_conditions_with_flags(&status, order)?;
         let fields = [("value".to_owned(), value)].into_iter();
         let fields = fields.chain(counter.map(|(field, _)| ("counter".to_owned(), field)));
         let fields = fields.chain(encoder.map(|(field, _)| ("encoder_count".to_owned(), field)));
         let is_first =
             |index: usize, field: BitField| !flags.iter().take(index).any(|((earlier, _), _)| *earlier == field);
-        let status = status_names().zip(flags.iter().map(|((field, _), _)| *field)).enumerate();
+        let status = status_entry_names().zip(flags.iter().map(|((field, _), _)| *field)).enumerate();
         let status = status.filter(|(index, (_, field))| is_first(*index, *field));
-        let min_bytes = check_overlap(fields.chain(status.map(|(_, named)| named)), length)?;
+        let min_bytes = check_fields_and_count_bytes(fields.chain(status.map(|(_, named)| named)), length)?;
         flags.extend(codes);
-        let sample = SampleLayout { value, scale_mm, offset_mm, counter, encoder, flags };
-        Ok(Self { sample, min_bytes })
+        let sample = SampleLayout {
+            value_location: value,
+            scale_mm,
+            offset_mm,
+            counter_and_modulus: counter,
+            encoder_and_modulus: encoder,
+            conditions_with_flags: flags,
+        };
+        Ok(Self { sample, required_bytes: min_bytes })
     }
 
     /// # Errors
     /// The frame is too short for the layout.
     pub fn decode(&self, frame: &[u8]) -> Result<DecodedSample, FrameTooShort> {
-        if frame.len() < self.min_bytes {
-            return Err(FrameTooShort { expected_bytes: self.min_bytes, received_bytes: frame.len() });
+        if frame.len() < self.required_bytes {
+            return Err(FrameTooShort { expected_bytes: self.required_bytes, received_bytes: frame.len() });
         }
         self.sample.decode(frame)
     }
@@ -167,7 +176,7 @@ pub struct FrameTooShort {
     pub received_bytes: usize,
 }
 
-fn counter_field(keys: &FrameCounterKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
+fn counter_field_and_modulus(keys: &FrameCounterKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
     let FrameCounterKeys { byte, bit, width, .. } = *keys;
     let field = BitField::new("counter", byte, bit, width, false, keys.order.or(order))?;
     if width > MAX_COUNTER_BITS {
@@ -176,19 +185,19 @@ fn counter_field(keys: &FrameCounterKeys, order: Option<Endianness>) -> Result<(
     Ok((field, 1 << width))
 }
 
-fn encoder_field(keys: &EncoderCountKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
-    let EncoderCountKeys { byte, bit, width, .. } = *keys;
+fn encoder_field_and_modulus(keys: &FrameEncoderKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
+    let FrameEncoderKeys { byte, bit, width, .. } = *keys;
     let field = BitField::new("encoder_count", byte, bit, width, false, keys.order.or(order))?;
-    Ok((field, encoder::count_modulus("encoder_count", keys.round, width)?))
+    Ok((field, encoder_count::resolve_modulus("encoder_count", keys.round, width)?))
 }
 
-/// Returns the condition and the flag of each `status`.
-fn status_conditions(
+/// Returns the condition of each status entry, with the flag of a sample that meets it.
+fn status_conditions_with_flags(
     status: &[FrameStatusKeys],
     order: Option<Endianness>,
 ) -> Result<Vec<(FieldCondition, ReadingFlag)>, String> {
     let mut conditions: Vec<(FieldCondition, ReadingFlag)> = Vec::new();
-    for (name, keys) in status_names().zip(status) {
+    for (name, keys) in status_entry_names().zip(status) {
         let FrameStatusKeys { byte, bit, width, .. } = *keys;
         let field = BitField::new(&name, byte, bit, width, false, keys.order.or(order))?;
         let is = keys.is.map(|is| check_representable(&name, is, field)).transpose()?;
@@ -208,27 +217,30 @@ fn status_conditions(
     Ok(conditions)
 }
 
-/// Returns `number`, which `field` can hold.
+/// Returns `number`; error if `field` cannot hold it.
 fn check_representable(name: &str, number: i64, field: BitField) -> Result<i128, String> {
     let (least, greatest) = field.number_range();
     if (least..=greatest).contains(&i128::from(number)) {
         return Ok(i128::from(number));
     }
-    let width = field.width;
+    let width = field.bit_width;
     Err(format!("`{name}` can never be {number}: {width} bits hold {least} to {greatest}"))
 }
 
-fn status_names() -> impl Iterator<Item = String> {
+fn status_entry_names() -> impl Iterator<Item = String> {
     (1..).map(|number: u32| format!("status {number}"))
 }
 
-/// Checks that no bit is used twice and none is beyond `length`; returns the number of bytes that are
-/// needed.
-fn check_overlap(fields: impl Iterator<Item = (String, BitField)>, length: usize) -> Result<usize, String> {
+/// Checks that no bit belongs to two fields and that no field extends beyond `length` bytes. Returns the number of
+/// bytes that the fields need.
+fn check_fields_and_count_bytes(
+    fields: impl Iterator<Item = (String, BitField)>,
+    length: usize,
+) -> Result<usize, String> {
     let mut taken = BTreeMap::new();
     let mut expected_bytes = 0;
     for (name, field) in fields {
-        let end = field.end_byte();
+        let end = field.exclusive_end_byte();
         if end > length {
             return Err(format!(
                 "`{name}` extends to byte {}; the frame has the {length} bytes 0 to {}",

@@ -1,29 +1,29 @@
-//! Layouts of sensor frames as a machine file states them; the bytes are written by hand.
+//! Tests of the layouts of sensor frames as a machine file states them, with bytes written by hand.
 
 use serde::Deserialize;
 
 use super::Sample;
+use super::bit_field::Endianness;
 use super::counter_tracker::CounterTracker;
-use super::field::Endianness;
 use super::frame_layout::{
-    EncoderCountKeys, FrameCounterKeys, FrameLayout, FrameStatusKeys, FrameTooShort, FrameValueKeys,
+    FrameCounterKeys, FrameEncoderKeys, FrameLayout, FrameStatusKeys, FrameTooShort, FrameValueKeys,
 };
 use machine::record::reading::ReadingFlag;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct TestLayoutKeys {
     order: Option<Endianness>,
     value: FrameValueKeys,
     counter: Option<FrameCounterKeys>,
-    encoder_count: Option<EncoderCountKeys>,
+    encoder_count: Option<FrameEncoderKeys>,
     #[serde(default)]
     status: Vec<FrameStatusKeys>,
 }
 
-fn layout(text: &str) -> Result<FrameLayout, String> {
-    let keys: Keys = toml::from_str(text).map_err(|error| error.message().to_owned())?;
-    let Keys { order, value, counter, encoder_count, status } = keys;
+fn parse_layout(text: &str) -> Result<FrameLayout, String> {
+    let keys: TestLayoutKeys = toml::from_str(text).map_err(|error| error.message().to_owned())?;
+    let TestLayoutKeys { order, value, counter, encoder_count, status } = keys;
     FrameLayout::new(value, counter, encoder_count, status, order, 8)
 }
 
@@ -35,12 +35,12 @@ impl TrackedLayout {
         Self(layout, counting)
     }
 
-    fn sample(&mut self, t_s: f64, frame: &[u8]) -> Result<Sample, FrameTooShort> {
+    fn decode_sample(&mut self, t_s: f64, frame: &[u8]) -> Result<Sample, FrameTooShort> {
         Ok(self.1.complete_sample(t_s, self.0.decode(frame)?))
     }
 }
 
-const WHOLE: &str = r#"
+const FULL_LAYOUT_KEYS: &str = r#"
 order = "little"
 value = { byte = 0, width = 24, signed = true, scale_mm = 1e-5, codes = [{ is = 8388607, means = "range" }] }
 counter = { byte = 3, width = 8 }
@@ -62,51 +62,51 @@ is = 10
 means = "stale"
 "#;
 
-fn sample(value_mm: Option<f64>, flag: ReadingFlag, missing: u32) -> Sample {
-    Sample { t_s: 1.0, value_mm, flag, missing_count: missing, encoder_count: None }
+fn expected_sample(value_mm: Option<f64>, flag: ReadingFlag, missing: u32) -> Sample {
+    Sample { received_s: 1.0, value_mm, flag, missing_count: missing, encoder_count: None }
 }
 
 #[test]
-fn frames_written_by_hand_are_read() {
-    let mut follower = TrackedLayout::new(layout(WHOLE).unwrap());
-    let mut read = |frame: &[u8]| follower.sample(1.0, frame).unwrap();
+fn frames_are_decoded_to_values_and_flags() {
+    let mut follower = TrackedLayout::new(parse_layout(FULL_LAYOUT_KEYS).unwrap());
+    let mut read = |frame: &[u8]| follower.decode_sample(1.0, frame).unwrap();
     // The most negative number of 24 bits: -8388608 counts of 10 nm.
-    assert_eq!(read(&[0, 0, 0x80, 7, 0]), sample(Some(-83.88608), ReadingFlag::None, 0));
-    assert_eq!(read(&[0xFE, 0xFF, 0x7F, 8, 0]), sample(Some(83.88606), ReadingFlag::None, 0));
-    assert_eq!(read(&[0xFF, 0xFF, 0xFF, 9, 0]), sample(Some(-1e-5), ReadingFlag::None, 0));
+    assert_eq!(read(&[0, 0, 0x80, 7, 0]), expected_sample(Some(-83.88608), ReadingFlag::None, 0));
+    assert_eq!(read(&[0xFE, 0xFF, 0x7F, 8, 0]), expected_sample(Some(83.88606), ReadingFlag::None, 0));
+    assert_eq!(read(&[0xFF, 0xFF, 0xFF, 9, 0]), expected_sample(Some(-1e-5), ReadingFlag::None, 0));
     // The code for a missing value; the same number could also be a value.
-    assert_eq!(read(&[0xFF, 0xFF, 0x7F, 10, 0]), sample(None, ReadingFlag::Range, 0));
-    assert_eq!(read(&[0, 0, 0, 11, 1]), sample(None, ReadingFlag::Range, 0));
-    assert_eq!(read(&[0, 0, 0, 12, 0x90]), sample(None, ReadingFlag::Saturated, 0));
-    assert_eq!(read(&[0, 0, 0, 13, 0xA0]), sample(None, ReadingFlag::Stale, 0));
-    assert_eq!(read(&[0, 0, 0, 14, 0xB0]), sample(Some(0.0), ReadingFlag::None, 0));
-    let short = follower.sample(1.0, &[0, 0, 0, 15]).unwrap_err();
+    assert_eq!(read(&[0xFF, 0xFF, 0x7F, 10, 0]), expected_sample(None, ReadingFlag::Range, 0));
+    assert_eq!(read(&[0, 0, 0, 11, 1]), expected_sample(None, ReadingFlag::Range, 0));
+    assert_eq!(read(&[0, 0, 0, 12, 0x90]), expected_sample(None, ReadingFlag::Saturated, 0));
+    assert_eq!(read(&[0, 0, 0, 13, 0xA0]), expected_sample(None, ReadingFlag::Stale, 0));
+    assert_eq!(read(&[0, 0, 0, 14, 0xB0]), expected_sample(Some(0.0), ReadingFlag::None, 0));
+    let short = follower.decode_sample(1.0, &[0, 0, 0, 15]).unwrap_err();
     assert_eq!(short.to_string(), "the frame has 4 bytes, but the layout needs 5");
 }
 
 #[test]
 fn counter_shows_missing_and_repeated_samples() {
-    let mut follower = TrackedLayout::new(layout(WHOLE).unwrap());
-    let mut read = |count: u8| follower.sample(1.0, &[1, 0, 0, count, 0]).unwrap();
+    let mut follower = TrackedLayout::new(parse_layout(FULL_LAYOUT_KEYS).unwrap());
+    let mut read = |count: u8| follower.decode_sample(1.0, &[1, 0, 0, count, 0]).unwrap();
     let one = Some(1e-5);
-    assert_eq!(read(254), sample(one, ReadingFlag::None, 0));
-    assert_eq!(read(255), sample(one, ReadingFlag::None, 0));
-    assert_eq!(read(0), sample(one, ReadingFlag::None, 0), "round again");
-    assert_eq!(read(3), sample(one, ReadingFlag::Gap, 2));
-    assert_eq!(read(3), sample(None, ReadingFlag::Stale, 0));
-    assert_eq!(read(3), sample(None, ReadingFlag::Stale, 0));
-    assert_eq!(read(4), sample(one, ReadingFlag::None, 0));
-    assert_eq!(read(3), sample(one, ReadingFlag::Gap, 254), "all but one round");
+    assert_eq!(read(254), expected_sample(one, ReadingFlag::None, 0));
+    assert_eq!(read(255), expected_sample(one, ReadingFlag::None, 0));
+    assert_eq!(read(0), expected_sample(one, ReadingFlag::None, 0), "round again");
+    assert_eq!(read(3), expected_sample(one, ReadingFlag::Gap, 2));
+    assert_eq!(read(3), expected_sample(None, ReadingFlag::Stale, 0));
+    assert_eq!(read(3), expected_sample(None, ReadingFlag::Stale, 0));
+    assert_eq!(read(4), expected_sample(one, ReadingFlag::None, 0));
+    assert_eq!(read(3), expected_sample(one, ReadingFlag::Gap, 254), "all but one round");
     follower.1.mark_data_lost();
-    assert_eq!(follower.sample(1.0, &[1, 0, 0, 3, 0]).unwrap(), sample(one, ReadingFlag::Gap, 0));
-    follower.1.skip_gap();
-    assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(one, ReadingFlag::None, 0));
-    follower.1.skip_gap();
-    assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(None, ReadingFlag::Stale, 0));
+    assert_eq!(follower.decode_sample(1.0, &[1, 0, 0, 3, 0]).unwrap(), expected_sample(one, ReadingFlag::Gap, 0));
+    follower.1.ignore_next_gap();
+    assert_eq!(follower.decode_sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), expected_sample(one, ReadingFlag::None, 0));
+    follower.1.ignore_next_gap();
+    assert_eq!(follower.decode_sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), expected_sample(None, ReadingFlag::Stale, 0));
 }
 
 #[test]
-fn invalid_values_are_refused_with_their_key() {
+fn invalid_layout_keys_are_refused_with_a_reason() {
     let base = "order = \"big\"\n";
     let refused = [
         ("value = { byte = 0, width = 0, scale_mm = 1.0 }", "`value.width` is 0"),
@@ -147,20 +147,20 @@ fn invalid_values_are_refused_with_their_key() {
         ("value = { byte = 0, width = 8, scale = 1.0 }", "unknown field `scale`"),
     ];
     for (keys, why) in refused {
-        let error = layout(&format!("{base}{keys}")).unwrap_err();
+        let error = parse_layout(&format!("{base}{keys}")).unwrap_err();
         assert!(error.contains(why), "{keys}: {error}");
     }
-    let error = layout("value = { byte = 0, width = 16, scale_mm = 1.0 }").unwrap_err();
+    let error = parse_layout("value = { byte = 0, width = 16, scale_mm = 1.0 }").unwrap_err();
     assert_eq!(error, "`value` needs an `order`: `little` or `big`");
-    layout("value = { byte = 0, width = 8, scale_mm = 1.0 }").unwrap();
+    parse_layout("value = { byte = 0, width = 8, scale_mm = 1.0 }").unwrap();
 }
 
-/// 24 bits in both orders, and an encoder of one turn with fewer counts than its bits can hold.
+/// Encoder counts of 24 bits in both byte orders, and an encoder that restarts before its bits are exhausted.
 #[test]
 fn encoder_count_is_read_with_the_value() {
     let read = |encoder: &str, frame: &[u8]| {
         let value = "value = { byte = 0, width = 16, order = \"big\", scale_mm = 1e-3 }\n";
-        let layout = layout(&format!("{value}encoder_count = {{ byte = 2, {encoder} }}")).unwrap();
+        let layout = parse_layout(&format!("{value}encoder_count = {{ byte = 2, {encoder} }}")).unwrap();
         (layout.sample.encoder_modulus(), layout.decode(frame).unwrap().encoder_count)
     };
     let frame = [0, 1, 0xFF, 0xFE, 0x01];
@@ -176,7 +176,7 @@ fn encoder_count_is_read_with_the_value() {
         ("byte = 2, width = 16, round = 65537", "`encoder_count.round` is 65537"),
         ("byte = 7, width = 16", "`encoder_count` extends to byte 8"),
     ] {
-        let why = layout(&format!("{keys}encoder_count = {{ {encoder} }}")).unwrap_err();
+        let why = parse_layout(&format!("{keys}encoder_count = {{ {encoder} }}")).unwrap_err();
         assert!(why.contains(words), "{why}");
     }
 }

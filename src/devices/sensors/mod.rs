@@ -17,34 +17,34 @@ use link::{Clock, SensorRequestCapture, SharedPorts};
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 
+mod bit_field;
 pub mod can;
 mod capture_format;
 mod counter_tracker;
-mod counters;
-mod encoder;
+mod encoder_count;
 mod error;
-mod field;
 mod frame_layout;
 #[cfg(test)]
 mod frame_layout_tests;
 pub mod modbus;
-mod port;
+mod sample_counters;
 mod sample_layout;
 pub mod serial;
+mod shared_port;
 #[cfg(test)]
 mod tests;
 pub mod thermometer;
 
-pub use counters::SampleCounters;
 pub use error::SensorError;
-pub use port::SharedPort;
+pub use sample_counters::SampleCounters;
+pub use shared_port::SharedPort;
 
 /// Configuration of a sensor, from one of the tables of `[[sensor]]`. Each kind of sensor defines the keys
 /// of its own table.
 pub trait SensorConfig: fmt::Debug + Send + Sync {
-    /// Address of the sensor, in words.
+    /// Describes the address of the sensor for the operator.
     fn describe_address(&self) -> String;
-    /// Port that the sensor may share with other sensors.
+    /// Port that the sensor may share with other sensors; `None` if it shares none.
     fn shared_port(&self) -> Option<SharedPort> {
         None
     }
@@ -60,20 +60,20 @@ pub trait SensorConfig: fmt::Debug + Send + Sync {
         sensor: &'a sensor::Sensor,
         clock: Arc<dyn Clock>,
         ports: &'a SharedPorts,
-    ) -> OpenFuture<'a>;
+    ) -> OpenSensorFuture<'a>;
 }
 
-pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;
+pub type OpenSensorFuture<'a> = Pin<Box<dyn Future<Output = Result<SensorHandle, SensorError>> + Send + 'a>>;
 
 /// One sample of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Monotonic time of reception, s: the kernel's timestamp if there is one.
-    pub t_s: f64,
+    pub received_s: f64,
     /// Distance from the sensor's zero point, mm; `None` if `flag` marks the sample as invalid.
     pub value_mm: Option<f64>,
-    /// `Range`: out of range or no echo; `Saturated`; `Stale`: no sample came, or an old one; `Gap`: valid,
-    /// but samples before it are missing.
+    /// `Range`: out of range or no echo; `Saturated`: too much light; `Stale`: no sample came, or an old one; `Gap`:
+    /// the value is valid, but samples before it are missing.
     pub flag: ReadingFlag,
     /// Number of samples missing before this one, by the sensor's counter.
     pub missing_count: u32,
@@ -85,7 +85,7 @@ pub struct Sample {
 impl Sample {
     /// A sample without a new value.
     pub(crate) fn stale(t_s: f64) -> Self {
-        Self { t_s, value_mm: None, flag: ReadingFlag::Stale, missing_count: 0, encoder_count: None }
+        Self { received_s: t_s, value_mm: None, flag: ReadingFlag::Stale, missing_count: 0, encoder_count: None }
     }
 }
 
@@ -95,14 +95,14 @@ pub struct SensorInfo {
     /// Description of the sensor, for the record.
     pub identity: String,
     /// Measured rate of the samples, Hz.
-    pub rate_hz: f64,
+    pub sample_rate_hz: f64,
 }
 
 /// Interface that each sensor implements. One call at a time; each call runs to its end.
 pub trait SensorDriver: Send + 'static {
     /// Opens the link, and checks that the sensor is working and that its data make sense.
     fn prepare(&mut self) -> impl Future<Output = Result<SensorInfo, SensorError>> + Send;
-    /// Discards samples that came before now and were not read.
+    /// Discards samples that came before this call and were not read.
     fn discard_old_samples(&mut self) -> impl Future<Output = Result<(), SensorError>> + Send;
     /// Returns the next sample. Silence gives a sample too: after the sensor's timeout it is `Stale`.
     fn next(&mut self) -> impl Future<Output = Result<Sample, SensorError>> + Send;
@@ -115,12 +115,13 @@ pub trait SensorDriver: Send + 'static {
     }
 }
 
-/// Number of consecutive silences after which a sensor counts as silent.
+/// Number of consecutive stale samples after which a read ends.
 const MAX_CONSECUTIVE_SILENCES: u32 = 3;
 
-/// Time and number of samples for which a sensor is read to determine its rate.
-const RATE_WINDOW: Duration = Duration::from_millis(500);
-const MAX_RATE_SAMPLES: usize = 50;
+/// Time for which a sensor is read to determine its rate.
+const RATE_MEASUREMENT_TIME: Duration = Duration::from_millis(500);
+/// Number of samples after which the measurement of the rate ends before its time.
+const MAX_RATE_MEASUREMENT_SAMPLES: usize = 50;
 
 type SamplePredicate = Box<dyn Fn(&Sample) -> bool + Send>;
 type RejectionAction = Box<dyn Fn() + Send>;
@@ -131,29 +132,29 @@ enum SensorRequest {
     ReadSamples(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
     Watch(SamplePredicate, RejectionAction, oneshot::Sender<Result<(), SensorError>>),
     EndWatch(oneshot::Sender<Result<Option<Sample>, SensorError>>),
-    CurrentSample(oneshot::Sender<Result<Sample, SensorError>>),
+    SampleForDisplay(oneshot::Sender<Result<Sample, SensorError>>),
     Counters(oneshot::Sender<Result<SampleCounters, SensorError>>),
 }
 
-/// Handle that a run holds: sends messages to the driver's task.
-pub struct Sensor {
+/// Handle to a running sensor: sends requests to the task that owns the driver.
+pub struct SensorHandle {
     name: String,
-    requests: mpsc::Sender<SensorRequest>,
+    request_sender: mpsc::Sender<SensorRequest>,
 }
 
-impl Sensor {
+impl SensorHandle {
     /// Starts the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(name: impl Into<String>, driver: impl SensorDriver) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         tokio::spawn(serve_requests(driver, inbox));
-        Self { name: name.into(), requests }
+        Self { name: name.into(), request_sender: requests }
     }
 
     /// Creates a sensor that replays a capture. Call inside a tokio runtime.
     pub fn from_capture(name: impl Into<String>, capture: SensorRequestCapture) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         tokio::spawn(capture_format::replay_capture(capture, inbox));
-        Self { name: name.into(), requests }
+        Self { name: name.into(), request_sender: requests }
     }
 
     /// Starts to record all requests and answers in a capture.
@@ -161,7 +162,7 @@ impl Sensor {
     /// # Errors
     /// The sensor's task has ended.
     pub async fn with_capture(self, capture: SensorRequestCapture) -> Result<Self, SensorError> {
-        self.requests.send(SensorRequest::StartCapture(capture)).await.map_err(|_| SensorError::TaskEnded)?;
+        self.request_sender.send(SensorRequest::StartCapture(capture)).await.map_err(|_| SensorError::TaskEnded)?;
         Ok(self)
     }
 
@@ -178,7 +179,7 @@ impl Sensor {
         self.request(|reply| SensorRequest::ReadSamples(count, reply)).await
     }
 
-    /// Watches the samples until [`Sensor::end_watch`]: at the first sample that is not `is_good`, `on_rejection` is
+    /// Watches the samples until [`SensorHandle::end_watch`]: at the first sample that is not `is_good`, `on_rejection` is
     /// called, at once and from the sensor's task. `on_rejection` must not block. A sensor that sends only on request
     /// is not watched. Returns when the watch has started: every later sample is checked.
     pub async fn watch(
@@ -189,18 +190,19 @@ impl Sensor {
         self.request(|started| SensorRequest::Watch(Box::new(is_good), Box::new(on_rejection), started)).await
     }
 
-    /// Ends the watch; returns the sample that was not good, if there was one.
+    /// Ends the watch. Returns the sample that was not good; `None` if all were good.
     pub async fn end_watch(&self) -> Result<Option<Sample>, SensorError> {
         self.request(SensorRequest::EndWatch).await
     }
 
-    /// Returns the next sample, for display only: it is neither captured nor counted. A replay has none.
-    pub async fn current_sample(&self) -> Result<Sample, SensorError> {
-        self.request(SensorRequest::CurrentSample).await
+    /// Returns the next sample, for display only: the sample is neither captured nor counted. A replayed capture gives
+    /// an error.
+    pub async fn sample_for_display(&self) -> Result<Sample, SensorError> {
+        self.request(SensorRequest::SampleForDisplay).await
     }
 
     /// Returns the counts of samples up to now.
-    pub async fn counters(&self) -> Result<SampleCounters, SensorError> {
+    pub async fn sample_counters(&self) -> Result<SampleCounters, SensorError> {
         self.request(SensorRequest::Counters).await
     }
 
@@ -209,7 +211,7 @@ impl Sensor {
         request: impl FnOnce(oneshot::Sender<Result<T, SensorError>>) -> SensorRequest,
     ) -> Result<T, SensorError> {
         let (reply, result) = oneshot::channel();
-        self.requests.send(request(reply)).await.map_err(|_| SensorError::TaskEnded)?;
+        self.request_sender.send(request(reply)).await.map_err(|_| SensorError::TaskEnded)?;
         result.await.map_err(|_| SensorError::TaskEnded)?
     }
 }
@@ -228,15 +230,15 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
                 drop(reply.send(info));
             }
             SensorRequest::ReadSamples(count, reply) => {
-                capture.record_request(&capture_format::read_samples_line(count));
+                capture.record_request(&capture_format::read_request_line(count));
                 let samples = read_samples(&mut driver, count).await;
-                samples.iter().flatten().for_each(|sample| counters.add(sample));
+                samples.iter().flatten().for_each(|sample| counters.count_sample(sample));
                 samples.iter().flatten().for_each(|sample| capture.record_reply(&capture_format::sample_line(sample)));
                 drop(reply.send(samples));
             }
             SensorRequest::Watch(is_good, on_rejection, started) => {
                 capture.record_request(capture_format::WATCH_REQUEST);
-                let watch_ready = prepare_watch(&mut driver).await;
+                let watch_ready = prepare_watch_if_supported(&mut driver).await;
                 let is_watched = matches!(watch_ready, Ok(true));
                 drop(started.send(watch_ready.map(|_| ())));
                 if is_watched {
@@ -248,7 +250,7 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
                 drop(reply.send(Ok(SampleCounters { unrequested_count, ..counters })));
             }
             SensorRequest::EndWatch(reply) => drop(reply.send(std::mem::replace(&mut rejected, Ok(None)))),
-            SensorRequest::CurrentSample(reply) => drop(reply.send(current_sample(&mut driver).await)),
+            SensorRequest::SampleForDisplay(reply) => drop(reply.send(read_fresh_sample(&mut driver).await)),
         }
     }
 }
@@ -267,20 +269,21 @@ async fn read_samples(driver: &mut impl SensorDriver, count: u32) -> Result<Vec<
     Ok(samples)
 }
 
-async fn current_sample(driver: &mut impl SensorDriver) -> Result<Sample, SensorError> {
+async fn read_fresh_sample(driver: &mut impl SensorDriver) -> Result<Sample, SensorError> {
     driver.discard_old_samples().await?;
     driver.next().await
 }
 
-/// Discards earlier samples; returns `false` if the sensor sends only on request.
-async fn prepare_watch(driver: &mut impl SensorDriver) -> Result<bool, SensorError> {
+/// Discards earlier samples and returns `true`; returns `false` if the sensor sends only on request and cannot be
+/// watched.
+async fn prepare_watch_if_supported(driver: &mut impl SensorDriver) -> Result<bool, SensorError> {
     if driver.is_on_demand() {
         return Ok(false);
     }
     driver.discard_old_samples().await.map(|()| true)
 }
 
-/// Watches the samples until the next request.
+/// Watches the samples until the next request, or until one is not good; returns that sample.
 async fn watch_samples(
     driver: &mut impl SensorDriver,
     inbox: &mpsc::Receiver<SensorRequest>,
@@ -295,7 +298,7 @@ async fn watch_samples(
         if !is_good {
             on_rejection();
         }
-        counters.add(&sample);
+        counters.count_sample(&sample);
         // The capture is written after the hold, so that no disk access delays the hold.
         capture.record_reply(&capture_format::sample_line(&sample));
         if !is_good {

@@ -3,7 +3,7 @@
 
 use serde::Deserialize;
 
-use super::encoder;
+use super::encoder_count;
 use machine::record::reading::ReadingFlag;
 
 /// Location of a number in the data of one transport.
@@ -19,38 +19,40 @@ pub trait NumberLocation: Copy {
     fn is_met(condition: &Self::Condition, data: Self::Data<'_>) -> bool;
 }
 
-/// A layout that has passed the checks.
+/// Layout of a sample that has passed the checks.
 #[derive(Debug, Clone)]
 pub struct SampleLayout<L: NumberLocation> {
-    /// Value = `offset_mm` + `scale_mm` × the number at `value`.
-    pub value: L,
+    /// Location of the number; value = `offset_mm` + `scale_mm` × the number.
+    pub value_location: L,
     pub scale_mm: f64,
     pub offset_mm: f64,
-    /// Counter, and number of samples after which it restarts.
-    pub counter: Option<(L, u64)>,
-    /// Encoder count, and number of counts after which it restarts.
-    pub encoder: Option<(L, u64)>,
-    /// Conditions with their flags; the first one that is met applies.
-    pub flags: Vec<(L::Condition, ReadingFlag)>,
+    /// Location of the counter, and number of samples after which the counter restarts.
+    pub counter_and_modulus: Option<(L, u64)>,
+    /// Location of the encoder count, and number of counts after which the count restarts.
+    pub encoder_and_modulus: Option<(L, u64)>,
+    /// Conditions under which the value is invalid, each with its flag; the first condition that is met applies.
+    pub conditions_with_flags: Vec<(L::Condition, ReadingFlag)>,
 }
 
-/// Decoded sample.
+/// Sample decoded from the data of a sensor, without its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DecodedSample {
     /// Value in mm, or the reason why there is none.
-    pub value: Result<f64, ReadingFlag>,
-    pub counter: Option<u64>,
-    /// Count of the rotary encoder, as a remainder (`encoder.rs`).
+    pub value_mm: Result<f64, ReadingFlag>,
+    pub counter_value: Option<u64>,
+    /// Count of the rotary encoder, as a remainder (`encoder_count.rs`).
     pub encoder_count: Option<u32>,
 }
 
-/// Meaning of a code or of a status.
+/// Reason why a value is invalid: the meaning of a code or of a status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum InvalidReason {
     /// No echo comes back from a surface.
     NoEcho,
+    /// The distance is out of the sensor's range.
     Range,
+    /// Too much light comes back.
     Saturated,
     /// The value is an earlier one.
     Stale,
@@ -69,28 +71,28 @@ impl InvalidReason {
 impl<L: NumberLocation> SampleLayout<L> {
     /// Number of samples after which the counter restarts, if there is one.
     pub fn counter_modulus(&self) -> Option<u64> {
-        self.counter.map(|(_, modulus)| modulus)
+        self.counter_and_modulus.map(|(_, modulus)| modulus)
     }
 
     /// Number of counts after which the encoder's count restarts, if a sample has one.
     pub fn encoder_modulus(&self) -> Option<u64> {
-        self.encoder.map(|(_, modulus)| modulus)
+        self.encoder_and_modulus.map(|(_, modulus)| modulus)
     }
 
     /// # Errors
     /// The data do not match the layout.
     pub fn decode(&self, data: L::Data<'_>) -> Result<DecodedSample, L::Error> {
-        let counter = self.counter.map(|(counter, _)| counter.read_integer(data)).transpose()?;
-        let encoder_count = match self.encoder {
-            Some((count, modulus)) => Some(encoder::count_remainder(count.read_integer(data)?, modulus)),
+        let counter = self.counter_and_modulus.map(|(counter, _)| counter.read_integer(data)).transpose()?;
+        let encoder_count = match self.encoder_and_modulus {
+            Some((count, modulus)) => Some(encoder_count::wrap_count(count.read_integer(data)?, modulus)),
             None => None,
         };
-        let value = match self.flags.iter().find(|(condition, _)| L::is_met(condition, data)) {
+        let value = match self.conditions_with_flags.iter().find(|(condition, _)| L::is_met(condition, data)) {
             Some((_, flag)) => Err(*flag),
-            None => Ok(self.offset_mm + self.scale_mm * self.value.read_number(data)?),
+            None => Ok(self.offset_mm + self.scale_mm * self.value_location.read_number(data)?),
         };
-        // A negative counter of a line becomes a number that the line's check of the range refuses.
-        Ok(DecodedSample { value, counter: counter.map(|count| count as u64), encoder_count })
+        // A negative counter in a line of text becomes a very large number, which `LineFormat::decode` refuses.
+        Ok(DecodedSample { value_mm: value, counter_value: counter.map(|count| count as u64), encoder_count })
     }
 }
 
@@ -112,8 +114,9 @@ pub fn check_scale(scale_mm: f64, offset_mm: f64) -> Result<(), String> {
 impl DecodedSample {
     /// Replaces a value beyond the sensor's range by the flag `Range`.
     pub fn flag_out_of_range(self, [least, greatest]: [f64; 2]) -> Self {
-        let value =
-            self.value.and_then(|mm| if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(ReadingFlag::Range) });
-        Self { value, ..self }
+        let value = self
+            .value_mm
+            .and_then(|mm| if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(ReadingFlag::Range) });
+        Self { value_mm: value, ..self }
     }
 }

@@ -2,22 +2,22 @@
 //! are columns over trials. The propagation is seeded: each chunk of trials draws from its own stream and the
 //! results are joined in order, so the result is identical to the bit for any number of threads.
 
-mod random;
-mod trial_batch;
+mod draw_stream;
+mod trial_block;
 
 use faer::Mat;
 use rayon::prelude::*;
 
-use trial_batch::{MergedTrialBatches, TrialBatchStatistics};
+use trial_block::{MergedTrialBlocks, TrialBlockStatistics};
 
-pub use random::DrawStream;
+pub use draw_stream::DrawStream;
 
-/// Trials of a block. Coverage intervals are computed in each block from its sorted values (JCGM 101, 7.9.4: at
+/// Minimum number of trials of a block, unless there are fewer in total. Coverage intervals are computed in each block from its sorted values (JCGM 101, 7.9.4: at
 /// least 10⁴ trials for 95 %).
-const BLOCK_TRIALS: usize = 10_000;
+const MIN_TRIALS_PER_BLOCK: usize = 10_000;
 /// Number of trials that share a random stream.
-const CHUNK_TRIALS: usize = 1_000;
-/// Trials computed by one call of `compute`. It divides [`CHUNK_TRIALS`].
+const TRIALS_PER_RANDOM_STREAM: usize = 1_000;
+/// Number of trials computed by one call of `compute`: a divisor of [`TRIALS_PER_RANDOM_STREAM`].
 const TRIALS_PER_CALL: usize = 200;
 /// Number of blocks between two evaluations of the stopping rule.
 const BLOCKS_PER_STABILITY_CHECK: usize = 4;
@@ -29,7 +29,7 @@ pub enum DrawDistribution {
     Rectangular,
 }
 
-/// Number of trials.
+/// Rule for the number of Monte Carlo trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrialCount {
     Fixed(usize),
@@ -51,8 +51,8 @@ impl TrialCount {
 /// Statistics of the trials, one entry per output.
 #[derive(Debug, Clone)]
 pub struct TrialStatistics {
-    pub trials: usize,
-    /// Whether the adaptive rule was met. Always `true` for a fixed number.
+    pub trial_count: usize,
+    /// Whether the stopping rule of adaptive trials was met. Always `true` for a fixed number of trials.
     pub is_stable: bool,
     pub mean: Vec<f64>,
     pub standard_deviation: Vec<f64>,
@@ -73,12 +73,12 @@ impl TrialStatistics {
     /// own scatter.
     pub fn contradicts_uncertainty(&self, output: usize, u: f64) -> bool {
         let off = (u - self.standard_deviation[output]).abs();
-        off > numerical_tolerance(u, 2) && off > 4.0 / (2.0 * self.trials as f64).sqrt() * u
+        off > numerical_tolerance(u, 2) && off > 4.0 / (2.0 * self.trial_count as f64).sqrt() * u
     }
 }
 
 /// Propagates distributions by Monte Carlo trials in blocks (JCGM 101). `compute` receives a stream and a number of
-/// trials, draws the inputs and returns the outputs, trials × `outputs`. The same `seed` gives the same bytes for
+/// trials, draws the inputs and returns the outputs, trials × `output_count`. The same `seed` gives the same bytes for
 /// any number of threads.
 ///
 /// # Errors
@@ -86,7 +86,7 @@ impl TrialStatistics {
 pub fn propagate_distributions(
     trials: TrialCount,
     seed: u64,
-    outputs: usize,
+    output_count: usize,
     compute: impl Fn(&mut DrawStream, usize) -> Mat<f64> + Sync,
 ) -> Result<TrialStatistics, TooFewTrials> {
     let (total, digits) = match trials {
@@ -97,49 +97,49 @@ pub fn propagate_distributions(
         return Err(TooFewTrials(total));
     }
     let sizes = block_sizes(total);
-    let mut joined = MergedTrialBatches::new(outputs);
+    let mut joined = MergedTrialBlocks::new(output_count);
     for (wave, sizes) in sizes.chunks(BLOCKS_PER_STABILITY_CHECK).enumerate() {
         let numbered = sizes.par_iter().enumerate();
-        let blocks: Vec<TrialBatchStatistics> = numbered
+        let blocks: Vec<TrialBlockStatistics> = numbered
             .map(|(i, size)| {
-                compute_block(seed, (wave * BLOCKS_PER_STABILITY_CHECK + i) as u64, *size, outputs, &compute)
+                compute_block(seed, (wave * BLOCKS_PER_STABILITY_CHECK + i) as u64, *size, output_count, &compute)
             })
             .collect();
         blocks.into_iter().for_each(|block| joined.push(block));
         if digits.is_some_and(|digits| joined.is_stable(digits)) {
-            return Ok(joined.summary(true));
+            return Ok(joined.into_statistics(true));
         }
     }
-    Ok(joined.summary(digits.is_none()))
+    Ok(joined.into_statistics(digits.is_none()))
 }
 
 /// Sizes of nearly equal blocks of at least 10⁴ trials. A block is smaller only if `total` is smaller.
 fn block_sizes(total: usize) -> Vec<usize> {
-    let blocks = (total / BLOCK_TRIALS).max(1);
+    let blocks = (total / MIN_TRIALS_PER_BLOCK).max(1);
     (0..blocks).map(|b| total / blocks + usize::from(b < total % blocks)).collect()
 }
 
 fn compute_block(
     seed: u64,
-    number: u64,
-    size: usize,
-    outputs: usize,
+    block_number: u64,
+    trial_count: usize,
+    output_count: usize,
     compute: &(impl Fn(&mut DrawStream, usize) -> Mat<f64> + Sync),
-) -> TrialBatchStatistics {
+) -> TrialBlockStatistics {
     let chunk = |chunk: usize| -> Vec<Mat<f64>> {
-        let count = CHUNK_TRIALS.min(size - chunk * CHUNK_TRIALS);
-        let mut random = DrawStream::from_key(seed, &[number, chunk as u64]);
+        let count = TRIALS_PER_RANDOM_STREAM.min(trial_count - chunk * TRIALS_PER_RANDOM_STREAM);
+        let mut random = DrawStream::from_key(seed, &[block_number, chunk as u64]);
         let starts = (0..count).step_by(TRIALS_PER_CALL);
         starts.map(|first| compute(&mut random, TRIALS_PER_CALL.min(count - first))).collect()
     };
-    let chunks: Vec<_> = (0..size.div_ceil(CHUNK_TRIALS)).into_par_iter().map(chunk).collect();
-    let mut values = Mat::zeros(size, outputs);
+    let chunks: Vec<_> = (0..trial_count.div_ceil(TRIALS_PER_RANDOM_STREAM)).into_par_iter().map(chunk).collect();
+    let mut values = Mat::zeros(trial_count, output_count);
     let mut first = 0;
     for part in chunks.into_iter().flatten() {
         values.subrows_mut(first, part.nrows()).copy_from(&part);
         first += part.nrows();
     }
-    TrialBatchStatistics::new(values)
+    TrialBlockStatistics::new(values)
 }
 
 /// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.

@@ -3,17 +3,17 @@ use faer::Mat;
 use super::*;
 
 /// Outputs 3 + a/2 and 2a + b of a normal draw a and a rectangular draw b, both of unit variance.
-fn two_outputs(random: &mut DrawStream, trials: usize) -> Mat<f64> {
-    let units = random.unit_draws(trials, &[DrawDistribution::Normal, DrawDistribution::Rectangular]);
+fn compute_two_outputs(random: &mut DrawStream, trials: usize) -> Mat<f64> {
+    let units = random.unit_variance_draws(trials, &[DrawDistribution::Normal, DrawDistribution::Rectangular]);
     let (a, b) = units.split_at(trials);
     Mat::from_fn(trials, 2, |i, j| [3.0 + 0.5 * a[i], 2.0 * a[i] + b[i]][j])
 }
 
 /// The normal output has mean 3, sd ½ and the interval 3 ± 1. The other one has mean 0 and variance 5.
 #[test]
-fn regress_known_distributions() {
-    let found = propagate_distributions(TrialCount::Fixed(200_000), 11, 2, two_outputs).unwrap();
-    assert_eq!((found.trials, found.is_stable), (200_000, true));
+fn regress_statistics_of_known_distributions() {
+    let found = propagate_distributions(TrialCount::Fixed(200_000), 11, 2, compute_two_outputs).unwrap();
+    assert_eq!((found.trial_count, found.is_stable), (200_000, true));
     let close = |found: f64, wanted: f64, sd: f64| {
         assert!((found - wanted).abs() < 4.0 * sd / 200_000_f64.sqrt(), "{found} {wanted}");
     };
@@ -28,9 +28,9 @@ fn regress_known_distributions() {
 
 /// Rectangular distribution: the 95.45 % interval is ±0.9545 half-widths, not ±2 u.
 #[test]
-fn regress_interval_of_a_rectangle() {
+fn regress_interval_of_a_rectangular_distribution() {
     let found = propagate_distributions(TrialCount::Fixed(100_000), 3, 1, |random, trials| {
-        let units = random.unit_draws(trials, &[DrawDistribution::Rectangular]);
+        let units = random.unit_variance_draws(trials, &[DrawDistribution::Rectangular]);
         Mat::from_fn(trials, 1, |i, _| units[i] / 3_f64.sqrt())
     })
     .unwrap();
@@ -51,12 +51,12 @@ fn paper_jcgm_101_additive_model_at_95_percent() {
         (DrawDistribution::Rectangular, [1.0; 4], 2.00, 3.88),
         (DrawDistribution::Rectangular, [1.0, 1.0, 1.0, 10.0], 10.1, 17.0),
     ] {
-        let units = DrawStream::from_key(7, &[]).unit_draws(TRIALS, &[shape; 4]);
+        let units = DrawStream::from_key(7, &[]).unit_variance_draws(TRIALS, &[shape; 4]);
         let sum = |i: usize| (0..4).map(|k| sizes[k] * units[k * TRIALS + i]).sum();
         let mut sums: Vec<f64> = (0..TRIALS).map(sum).collect();
         sums.sort_unstable_by(f64::total_cmp);
         let variance = sums.iter().map(|s| s * s).sum::<f64>() / TRIALS as f64;
-        let [low, high] = trial_batch::shortest_interval(&sums, 0.95);
+        let [low, high] = trial_block::shortest_interval(&sums, 0.95);
         let digit = if u < 10.0 { 0.01 } else { 0.1 };
         assert!((variance.sqrt() - u).abs() < digit, "{} for {u}", variance.sqrt());
         // The shortest of many intervals is slightly too short. Its position is not well defined and is not tested.
@@ -65,27 +65,27 @@ fn paper_jcgm_101_additive_model_at_95_percent() {
 }
 
 #[test]
-fn regress_threads_do_not_change_a_bit() {
+fn regress_result_is_identical_with_one_and_three_threads() {
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| propagate_distributions(TrialCount::Fixed(23_457), 5, 2, two_outputs).unwrap())
+        pool.install(|| propagate_distributions(TrialCount::Fixed(23_457), 5, 2, compute_two_outputs).unwrap())
     };
     let (one, three) = (with_threads(1), with_threads(3));
     assert_eq!(one.mean, three.mean);
     assert_eq!(one.symmetric_interval, three.symmetric_interval);
     assert_eq!(one.covariance, three.covariance);
-    let other = propagate_distributions(TrialCount::Fixed(23_457), 6, 2, two_outputs).unwrap();
+    let other = propagate_distributions(TrialCount::Fixed(23_457), 6, 2, compute_two_outputs).unwrap();
     assert_ne!(one.mean, other.mean);
 }
 
 #[test]
-fn regress_adaptive_stops_when_stable_or_says_not() {
+fn regress_adaptive_trials_stop_when_stable_or_at_the_maximum() {
     let rule = TrialCount::Adaptive { digits: 1, max: 1_000_000 };
-    let found = propagate_distributions(rule, 1, 2, two_outputs).unwrap();
-    assert!(found.is_stable && found.trials < 1_000_000, "{}", found.trials);
+    let found = propagate_distributions(rule, 1, 2, compute_two_outputs).unwrap();
+    assert!(found.is_stable && found.trial_count < 1_000_000, "{}", found.trial_count);
     let rule = TrialCount::Adaptive { digits: 3, max: 40_000 };
-    let found = propagate_distributions(rule, 1, 2, two_outputs).unwrap();
-    assert!(!found.is_stable && found.trials == 40_000);
+    let found = propagate_distributions(rule, 1, 2, compute_two_outputs).unwrap();
+    assert!(!found.is_stable && found.trial_count == 40_000);
 }
 
 /// Examples of JCGM 101, 7.9.2: u = 0.000 35 g with two digits gives 0.000 005 g, u = 2 K with one digit gives 0.5
@@ -98,7 +98,7 @@ fn paper_jcgm_101_numerical_tolerance() {
 }
 
 #[test]
-fn regress_one_trial_shows_no_scatter() {
-    let none = propagate_distributions(TrialCount::Fixed(1), 1, 2, two_outputs).unwrap_err();
+fn regress_one_trial_is_refused_as_too_few() {
+    let none = propagate_distributions(TrialCount::Fixed(1), 1, 2, compute_two_outputs).unwrap_err();
     assert_eq!(none, TooFewTrials(1));
 }

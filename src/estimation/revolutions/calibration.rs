@@ -12,13 +12,13 @@ use std::collections::BTreeSet;
 use faer::{Mat, c64};
 
 use super::harmonics::HarmonicData;
-use crate::linear::{self, LinearError, LinearProblem, RANK_THRESHOLD};
+use crate::linear_least_squares::{self, LinearError, LinearProblem, RANK_THRESHOLD};
 
 /// Gauss–Newton iterations. The deviations are small, so the second iteration is exact to their square.
 const ITERATION_COUNT: usize = 6;
 
-/// Standard uncertainty of a value that is known exactly.
-const MIN_UNCERTAINTY: f64 = 1e-12;
+/// Smallest standard uncertainty of a declared value: a value that is known exactly has it in the fit.
+const MIN_DECLARED_STD_U: f64 = 1e-12;
 
 /// Declared properties of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,8 +27,9 @@ pub struct DeclaredSensor {
     pub section: Option<usize>,
     /// γ, the angle of the sensor, counter-clockwise, rad.
     pub angle_rad: f64,
-    /// Standard uncertainties of gain (relative) and angle.
+    /// Standard uncertainty of the gain, relative.
     pub u_gain: f64,
+    /// Standard uncertainty of the angle, rad.
     pub u_angle_rad: f64,
 }
 
@@ -36,39 +37,40 @@ pub struct DeclaredSensor {
 #[derive(Debug, Clone)]
 pub struct SensorCalibration {
     /// ε_i of all sensors, then δ_i of all sensors in rad.
-    pub deviations: Vec<f64>,
+    pub gain_and_angle_deviations: Vec<f64>,
     pub covariance: Mat<f64>,
 }
 
-/// Estimates the deviations of all channels of `data` from the first harmonic. `turn`: σ, ±1.
+/// Estimates the deviations of all channels of `data` from the first harmonic. `turn_sign`: σ, ±1.
 ///
 /// # Errors
 /// The rows do not determine P and E_n, for example with one sensor in a section.
 pub fn calibrate_sensors(
     data: &HarmonicData,
     sensors: &[DeclaredSensor],
-    turn: f64,
+    turn_sign: f64,
 ) -> Result<SensorCalibration, LinearError> {
-    let section = |row: usize| sensors[data.rows[row].channel].section;
-    let rows: Vec<usize> = (0..data.rows.len()).filter(|row| section(*row).is_some()).collect();
-    let mut mountings: Vec<MountingKey> = rows.iter().map(|row| (section(*row), data.rows[*row].index)).collect();
+    let section = |row: usize| sensors[data.row_keys[row].channel_index].section;
+    let rows: Vec<usize> = (0..data.row_keys.len()).filter(|row| section(*row).is_some()).collect();
+    let mut mountings: Vec<MountingKey> =
+        rows.iter().map(|row| (section(*row), data.row_keys[*row].mounting_index)).collect();
     mountings.sort_unstable();
     mountings.dedup();
     let sections: BTreeSet<Option<usize>> = mountings.iter().map(|(section, _)| *section).collect();
     let sections = sections.into_iter().collect();
-    CalibrationEquations { data, sensors, turn, rows, sections, mountings }.solve()
+    CalibrationEquations { data, sensors, turn_sign, data_rows: rows, sections, mountings }.solve()
 }
 
-/// Section and index of a mounting.
+/// Section, and number of the mounting of the artefact, from 0.
 type MountingKey = (Option<usize>, usize);
 
 /// Unknowns in order: gains, angles, P of each section, then E_n. A complex unknown is its real and imaginary part.
 struct CalibrationEquations<'a> {
     data: &'a HarmonicData,
     sensors: &'a [DeclaredSensor],
-    turn: f64,
+    turn_sign: f64,
     /// Indices of the rows of `data`.
-    rows: Vec<usize>,
+    data_rows: Vec<usize>,
     sections: Vec<Option<usize>>,
     mountings: Vec<MountingKey>,
 }
@@ -81,14 +83,14 @@ impl CalibrationEquations<'_> {
     fn solve(&self) -> Result<SensorCalibration, LinearError> {
         let gains = self.sensors.iter().map(|sensor| sensor.u_gain);
         let angles = self.sensors.iter().map(|sensor| sensor.u_angle_rad);
-        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(MIN_UNCERTAINTY)).collect();
-        let (own, observations) = (declared.len(), 2 * self.rows.len());
+        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(MIN_DECLARED_STD_U)).collect();
+        let (own, observations) = (declared.len(), 2 * self.data_rows.len());
         let free = (observations + own).saturating_sub(self.unknown_count()).max(1);
-        let sigma_mm = self.data.sigma_mm(1);
+        let sigma_mm = self.data.observation_std_u_mm(1);
         let (mut x, mut covariance) = (vec![0.0; self.unknown_count()], Mat::zeros(own, own));
         for iteration in 0..ITERATION_COUNT {
-            let (mut a, mut y) = self.rows_at(&x);
-            let mut sigma: Vec<f64> = self.rows.iter().flat_map(|row| [sigma_mm[*row]; 2]).collect();
+            let (mut a, mut y) = self.derivatives_and_residuals_at(&x);
+            let mut sigma: Vec<f64> = self.data_rows.iter().flat_map(|row| [sigma_mm[*row]; 2]).collect();
             if iteration > 1 {
                 // The motion differs slightly between mountings.
                 let squares = y.iter().zip(&sigma).map(|(y, sigma)| (y / sigma).powi(2));
@@ -100,32 +102,32 @@ impl CalibrationEquations<'_> {
             sigma.extend(&declared);
             let (a, constraints, rank_threshold) = (a.as_ref(), None, RANK_THRESHOLD);
             let problem = LinearProblem { a, y: &y, sigma: &sigma, constraints, rank_threshold };
-            let solution = linear::solve_least_squares(&problem)?;
+            let solution = linear_least_squares::solve_least_squares(&problem)?;
             x.iter_mut().zip(&solution.x).for_each(|(x, step)| *x += step);
             covariance = solution.covariance.submatrix(0, 0, own, own).to_owned();
         }
         x.truncate(own);
-        Ok(SensorCalibration { deviations: x, covariance })
+        Ok(SensorCalibration { gain_and_angle_deviations: x, covariance })
     }
 
-    /// Derivatives and residuals of the rows, with real and imaginary part of each.
-    fn rows_at(&self, x: &[f64]) -> (Mat<f64>, Vec<f64>) {
+    /// Derivatives and residuals of the data rows at the unknowns `x`; each data row gives a real and an imaginary row.
+    fn derivatives_and_residuals_at(&self, x: &[f64]) -> (Mat<f64>, Vec<f64>) {
         let count = self.sensors.len();
         let complex = |first: usize| c64::new(x[first], x[first + 1]);
-        let mut a = Mat::zeros(2 * self.rows.len(), self.unknown_count());
+        let mut a = Mat::zeros(2 * self.data_rows.len(), self.unknown_count());
         let mut y = Vec::new();
-        for (number, row) in self.rows.iter().enumerate() {
-            let key = self.data.rows[*row];
-            let (sensor, section) = (key.channel, self.sensors[key.channel].section);
+        for (number, row) in self.data_rows.iter().enumerate() {
+            let key = self.data.row_keys[*row];
+            let (sensor, section) = (key.channel_index, self.sensors[key.channel_index].section);
             let motion = self.sections.iter().position(|s| *s == section).unwrap_or(0);
-            let mounting = self.mountings.iter().position(|m| *m == (section, key.index));
+            let mounting = self.mountings.iter().position(|m| *m == (section, key.mounting_index));
             let against = 2 * (count + motion);
             let with = 2 * (count + self.sections.len() + mounting.unwrap_or(0));
             let gain = 1.0 + x[sensor];
             let angle = self.sensors[sensor].angle_rad + x[count + sensor];
-            let turned = c64::cis(self.turn * angle);
+            let turned = c64::cis(self.turn_sign * angle);
             let [p, e] = [complex(against) * turned, complex(with) * turned.conj()];
-            let by_angle = c64::new(0.0, self.turn * gain) * (p - e);
+            let by_angle = c64::new(0.0, self.turn_sign * gain) * (p - e);
             let (by_p, by_e) = (turned * gain, turned.conj() * gain);
             let i = c64::new(0.0, 1.0);
             let derivatives = [

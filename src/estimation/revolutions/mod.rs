@@ -3,26 +3,26 @@
 //! Detection of channel faults from the samples: saturation, a separate clock, gain and angle.
 
 mod calibration;
-mod clock;
-mod drift;
-mod filter;
+mod clock_rate;
+mod drift_correction;
 mod harmonics;
 mod resample;
+mod resample_filter;
 mod saturation;
 mod shared_revolutions;
-mod stops;
+mod stop_scan;
 
 #[cfg(test)]
 mod tests;
 
 pub use calibration::{DeclaredSensor, SensorCalibration, calibrate_sensors};
-pub use clock::estimate_clock_error;
-pub use filter::{KERNEL_HALF_STEPS, ResampleFilter};
+pub use clock_rate::estimate_clock_rate_error;
 pub use harmonics::{HarmonicBasis, HarmonicData, RevolutionsError};
-pub use resample::{AngleRange, AngleSample, Resampled, Resampler};
-pub use saturation::reject_saturated;
+pub use resample::{AngleRange, AngleSample, ResampledChannel, Resampler};
+pub use resample_filter::{KERNEL_HALF_WIDTH_STEPS, ResampleFilter};
+pub use saturation::invalidate_saturated_samples;
 pub use shared_revolutions::{
-    ChannelAtIndex, ChannelRevolutions, RejectedRevolutions, append_revolutions, common_revolutions,
-    remove_incomplete_rows,
+    ChannelAtMounting, ChannelRevolutions, RejectedRevolutions, append_revolutions, common_revolutions,
+    remove_channels_with_missing_revolutions,
 };
-pub use stops::StopScan;
+pub use stop_scan::StopScan;

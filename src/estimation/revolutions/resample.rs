@@ -1,14 +1,14 @@
-//! Resampling from arbitrary angles to equal angles: the low-pass of `filter.rs`, integrated over the samples by
-//! the trapezoidal rule. Uneven spacing, changes of speed, stops and small reversals of the encoder therefore need
-//! no special case.
+//! Resampling from arbitrary angles to equal angles: the low-pass of `resample_filter.rs`, integrated over the
+//! samples by the trapezoidal rule. Uneven spacing, changes of speed, stops and small reversals of the encoder
+//! therefore need no special case.
 
 use std::f64::consts::TAU;
 
-use super::filter::{KERNEL_HALF_STEPS, ResampleFilter};
+use super::resample_filter::{KERNEL_HALF_WIDTH_STEPS, ResampleFilter};
 
 /// Longest distance between two samples, in output steps. The spectral images of sparser samples would pass the
 /// filter.
-const MAX_GAP_STEPS: f64 = 1.0;
+const MAX_SAMPLE_SPACING_STEPS: f64 = 1.0;
 
 /// Range of angles, counter-clockwise from `from_deg` to `to_deg`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,9 +18,9 @@ pub struct AngleRange {
 }
 
 impl AngleRange {
-    /// The range from `deg` − `half_deg` to `deg` + `half_deg`.
-    pub fn centred_range(deg: f64, half_deg: f64) -> Self {
-        Self { from_deg: deg - half_deg, to_deg: deg + half_deg }
+    /// The range from `centre_deg` − `half_width_deg` to `centre_deg` + `half_width_deg`.
+    pub fn centred_range(centre_deg: f64, half_width_deg: f64) -> Self {
+        Self { from_deg: centre_deg - half_width_deg, to_deg: centre_deg + half_width_deg }
     }
 
     pub fn format_ranges(ranges: &[Self]) -> String {
@@ -51,23 +51,24 @@ pub struct AngleSample {
 pub struct Resampler<'a> {
     filter: &'a ResampleFilter,
     /// Index of the first output angle: angle = index·2π/steps.
-    first_index: i64,
+    first_angle_index: i64,
     /// Σ weight·value and Σ weight at each output angle.
-    sums: Vec<[f64; 2]>,
-    is_covered: Vec<bool>,
-    /// Angle (output steps) and value of the last valid sample, and angle of the one before.
-    angle_before_last: Option<f64>,
-    last: Option<(f64, f64)>,
-    direction: f64,
+    weighted_value_and_weight_sums: Vec<[f64; 2]>,
+    is_angle_covered: Vec<bool>,
+    /// Angle of the valid sample before the last one, in output steps.
+    position_before_last: Option<f64>,
+    /// Angle (in output steps) and value of the last valid sample.
+    last_position_and_value: Option<(f64, f64)>,
+    direction_sign: f64,
     gaps: Vec<AngleRange>,
 }
 
 /// One channel of one scan, resampled to equal angles.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Resampled {
-    pub(super) steps: usize,
-    first_index: i64,
-    /// Values at the output angles. `None`: too near a gap or an end of the scan.
+pub struct ResampledChannel {
+    pub(super) steps_per_revolution: usize,
+    first_angle_index: i64,
+    /// Values at the output angles. `None`: the angle is too near a gap or an end of the scan.
     values: Vec<Option<f64>>,
     /// Ranges without valid samples that are too long to interpolate, unwrapped.
     pub gaps: Vec<AngleRange>,
@@ -76,24 +77,24 @@ pub struct Resampled {
 impl<'a> Resampler<'a> {
     /// Creates the resampler of a scan between two unwrapped angles, in either direction.
     pub fn new(filter: &'a ResampleFilter, from_rad: f64, to_rad: f64) -> Self {
-        let step = TAU / filter.steps() as f64;
+        let step = TAU / filter.steps_per_revolution() as f64;
         let (low, high) = (from_rad.min(to_rad) / step, from_rad.max(to_rad) / step);
         let first = low.ceil() as i64;
         let count = (high.floor() as i64 - first + 1).max(0) as usize;
         Self {
             filter,
-            first_index: first,
-            sums: vec![[0.0; 2]; count],
-            is_covered: vec![false; count],
-            angle_before_last: None,
-            last: None,
-            direction: if to_rad >= from_rad { 1.0 } else { -1.0 },
+            first_angle_index: first,
+            weighted_value_and_weight_sums: vec![[0.0; 2]; count],
+            is_angle_covered: vec![false; count],
+            position_before_last: None,
+            last_position_and_value: None,
+            direction_sign: if to_rad >= from_rad { 1.0 } else { -1.0 },
             gaps: Vec::new(),
         }
     }
 
     /// Resamples all samples of a scan between two unwrapped angles.
-    pub fn resample_all(filter: &ResampleFilter, ends_rad: [f64; 2], samples: &[AngleSample]) -> Resampled {
+    pub fn resample_scan(filter: &ResampleFilter, ends_rad: [f64; 2], samples: &[AngleSample]) -> ResampledChannel {
         let mut resampler = Resampler::new(filter, ends_rad[0], ends_rad[1]);
         samples.iter().for_each(|sample| resampler.push(*sample));
         resampler.finish()
@@ -103,79 +104,81 @@ impl<'a> Resampler<'a> {
         if !sample.is_valid || !sample.value.is_finite() {
             return;
         }
-        let position = sample.angle_rad * self.filter.steps() as f64 / TAU;
-        if let Some((last, value)) = self.last {
-            self.add_weighted(last, value, (position - self.angle_before_last.unwrap_or(last)) / 2.0);
-            self.mark_covered(last, position);
-            self.angle_before_last = Some(last);
+        let position = sample.angle_rad * self.filter.steps_per_revolution() as f64 / TAU;
+        if let Some((last, value)) = self.last_position_and_value {
+            self.add_weighted_sample(last, value, (position - self.position_before_last.unwrap_or(last)) / 2.0);
+            self.mark_covered_or_record_gap(last, position);
+            self.position_before_last = Some(last);
         }
-        self.last = Some((position, sample.value));
+        self.last_position_and_value = Some((position, sample.value));
     }
 
     /// Adds a sample, weighted with the length of its part of the path.
-    fn add_weighted(&mut self, position: f64, value: f64, length: f64) {
-        let half = KERNEL_HALF_STEPS as f64;
-        let from = (position - half).ceil() as i64 - self.first_index;
-        let to = (position + half).floor() as i64 - self.first_index + 1;
-        let cell = |i: i64| (i.max(0) as usize).min(self.sums.len());
+    fn add_weighted_sample(&mut self, position: f64, value: f64, length: f64) {
+        let half = KERNEL_HALF_WIDTH_STEPS as f64;
+        let from = (position - half).ceil() as i64 - self.first_angle_index;
+        let to = (position + half).floor() as i64 - self.first_angle_index + 1;
+        let cell = |i: i64| (i.max(0) as usize).min(self.weighted_value_and_weight_sums.len());
         for i in cell(from)..cell(to) {
-            let distance = (self.first_index + i as i64) as f64 - position;
-            let weight = self.direction * length * self.filter.weight(distance);
-            self.sums[i][0] += weight * value;
-            self.sums[i][1] += weight;
+            let distance = (self.first_angle_index + i as i64) as f64 - position;
+            let weight = self.direction_sign * length * self.filter.kernel_value(distance);
+            self.weighted_value_and_weight_sums[i][0] += weight * value;
+            self.weighted_value_and_weight_sums[i][1] += weight;
         }
     }
 
     /// Marks the output angles between two neighbouring samples as covered, or records the gap.
-    fn mark_covered(&mut self, from: f64, to: f64) {
+    fn mark_covered_or_record_gap(&mut self, from: f64, to: f64) {
         let (low, high) = (from.min(to), from.max(to));
-        if high - low > MAX_GAP_STEPS {
-            let deg = |steps: f64| steps * 360.0 / self.filter.steps() as f64;
+        if high - low > MAX_SAMPLE_SPACING_STEPS {
+            let deg = |steps: f64| steps * 360.0 / self.filter.steps_per_revolution() as f64;
             self.gaps.push(AngleRange { from_deg: deg(low), to_deg: deg(high) });
             return;
         }
         for number in low.ceil() as i64..=high.floor() as i64 {
-            let cell = usize::try_from(number - self.first_index).ok();
-            if let Some(covered) = cell.and_then(|cell| self.is_covered.get_mut(cell)) {
+            let cell = usize::try_from(number - self.first_angle_index).ok();
+            if let Some(covered) = cell.and_then(|cell| self.is_angle_covered.get_mut(cell)) {
                 *covered = true;
             }
         }
     }
 
-    pub fn finish(mut self) -> Resampled {
-        if let (Some((last, value)), Some(before)) = (self.last, self.angle_before_last) {
-            self.add_weighted(last, value, (last - before) / 2.0);
+    pub fn finish(mut self) -> ResampledChannel {
+        if let (Some((last, value)), Some(before)) = (self.last_position_and_value, self.position_before_last) {
+            self.add_weighted_sample(last, value, (last - before) / 2.0);
         }
-        let half = KERNEL_HALF_STEPS;
+        let half = KERNEL_HALF_WIDTH_STEPS;
         let mut missing_before = vec![0_usize];
-        for covered in &self.is_covered {
+        for covered in &self.is_angle_covered {
             missing_before.push(missing_before[missing_before.len() - 1] + usize::from(!covered));
         }
         let is_whole = |i: usize| {
-            i >= half && i + half < self.sums.len() && missing_before[i + half + 1] == missing_before[i - half]
+            i >= half
+                && i + half < self.weighted_value_and_weight_sums.len()
+                && missing_before[i + half + 1] == missing_before[i - half]
         };
         let value = |(i, [sum, weight]): (usize, &[f64; 2])| is_whole(i).then(|| sum / weight);
-        Resampled {
-            steps: self.filter.steps(),
-            first_index: self.first_index,
-            values: self.sums.iter().enumerate().map(value).collect(),
+        ResampledChannel {
+            steps_per_revolution: self.filter.steps_per_revolution(),
+            first_angle_index: self.first_angle_index,
+            values: self.weighted_value_and_weight_sums.iter().enumerate().map(value).collect(),
             gaps: self.gaps,
         }
     }
 }
 
-impl Resampled {
+impl ResampledChannel {
     /// Unwrapped angles in rad and values, from the first angle with a value to the last. `None`: too near a gap.
-    pub fn points(&self) -> impl Iterator<Item = (f64, Option<f64>)> {
-        let (from, to) = self.index_range();
-        let step = TAU / self.steps as f64;
-        let value = |number: i64| self.values[(number - self.first_index) as usize];
+    pub fn angles_and_values(&self) -> impl Iterator<Item = (f64, Option<f64>)> {
+        let (from, to) = self.index_range_with_values();
+        let step = TAU / self.steps_per_revolution as f64;
+        let value = |number: i64| self.values[(number - self.first_angle_index) as usize];
         (from..=to).map(move |number| (number as f64 * step, value(number)))
     }
 
-    /// Creates the result of a scan with stops at `steps` equal angles per revolution. `values` start at the angle
+    /// Creates the result of a scan with `steps` stops per revolution at equal angles. The first of `values` belongs to the angle
     /// with the index `first_index`.
-    pub(super) fn at_stops(steps: usize, first_index: i64, values: Vec<Option<f64>>) -> Self {
+    pub(super) fn from_stop_values(steps: usize, first_index: i64, values: Vec<Option<f64>>) -> Self {
         let deg = |number: i64| number as f64 * 360.0 / steps as f64;
         let missing = (first_index..).zip(&values).filter(|(_, value)| value.is_none());
         let mut gaps: Vec<AngleRange> = Vec::new();
@@ -186,19 +189,19 @@ impl Resampled {
                 _ => gaps.push(AngleRange { from_deg, to_deg }),
             }
         }
-        Self { steps, first_index, values, gaps }
+        Self { steps_per_revolution: steps, first_angle_index: first_index, values, gaps }
     }
 
-    /// The `count` whole revolutions from the output angle with the index `from`, each starting at angle 0. `None`:
-    /// the revolution has a gap.
-    pub(super) fn revolutions(&self, from: i64, count: usize) -> Vec<Option<Vec<f64>>> {
+    /// The `count` whole revolutions from the output angle with the index `start_angle_index`. The values of each begin
+    /// at angle 0. `None`: the revolution has a gap.
+    pub(super) fn revolutions(&self, start_angle_index: i64, count: usize) -> Vec<Option<Vec<f64>>> {
         let value = |number: i64| {
-            let cell = usize::try_from(number - self.first_index).ok()?;
+            let cell = usize::try_from(number - self.first_angle_index).ok()?;
             self.values.get(cell).copied().flatten()
         };
-        let steps = self.steps as i64;
+        let steps = self.steps_per_revolution as i64;
         let revolution = |r: usize| {
-            let start = from + r as i64 * steps;
+            let start = start_angle_index + r as i64 * steps;
             let angles = (0..steps).map(|angle| start + (angle - start).rem_euclid(steps));
             angles.map(value).collect()
         };
@@ -206,9 +209,9 @@ impl Resampled {
     }
 
     /// Indices of the first and the last angle with a value.
-    pub(super) fn index_range(&self) -> (i64, i64) {
+    pub(super) fn index_range_with_values(&self) -> (i64, i64) {
         let first = self.values.iter().position(Option::is_some).unwrap_or(self.values.len());
         let last = self.values.iter().rposition(Option::is_some).map_or(-1, |i| i as i64);
-        (self.first_index + first as i64, self.first_index + last)
+        (self.first_angle_index + first as i64, self.first_angle_index + last)
     }
 }

@@ -3,10 +3,10 @@
 use super::resample::{AngleRange, AngleSample};
 
 /// Shortest saturated range that is reported, degrees.
-const MIN_SATURATED_DEG: f64 = 2.0;
+const MIN_SATURATED_RANGE_DEG: f64 = 2.0;
 /// Minimum fall of a saturated signal over half of its flat top, in display steps. An unsaturated peak falls by
 /// three.
-const MIN_CORNER_STEPS: f64 = 8.0;
+const MIN_FLAT_TOP_FALL_DISPLAY_STEPS: f64 = 8.0;
 
 /// Ranges of a scan in which a channel stays at its largest or smallest value, and which end abruptly.
 pub(super) fn saturated_ranges(samples: &[AngleSample]) -> Vec<AngleRange> {
@@ -20,12 +20,12 @@ pub(super) fn saturated_ranges(samples: &[AngleSample]) -> Vec<AngleRange> {
         let last = first + run.len() - 1;
         let is_extreme = [low, high].contains(&run[0].value) && step.is_finite();
         let [a, b] = [first, last].map(|i| samples[i].angle_rad.to_degrees());
-        if is_extreme && (b - a).abs() >= MIN_SATURATED_DEG {
+        if is_extreme && (b - a).abs() >= MIN_SATURATED_RANGE_DEG {
             let reach = run.len() / 2;
             let outside = [first.checked_sub(reach), Some(last + reach)];
             let outside = outside.into_iter().flatten().filter_map(|i| samples.get(i));
             let drop = |s: &AngleSample| (s.value - run[0].value).abs();
-            if outside.map(drop).fold(0.0, f64::max) > MIN_CORNER_STEPS * step {
+            if outside.map(drop).fold(0.0, f64::max) > MIN_FLAT_TOP_FALL_DISPLAY_STEPS * step {
                 ranges.push(AngleRange { from_deg: a.min(b), to_deg: a.max(b) });
             }
         }
@@ -35,7 +35,7 @@ pub(super) fn saturated_ranges(samples: &[AngleSample]) -> Vec<AngleRange> {
 }
 
 /// Marks the samples in saturated ranges as invalid.
-pub fn reject_saturated(samples: &mut [AngleSample]) {
+pub fn invalidate_saturated_samples(samples: &mut [AngleSample]) {
     let valid: Vec<AngleSample> = samples.iter().filter(|sample| sample.is_valid).copied().collect();
     let saturated = saturated_ranges(&valid);
     let is_in = |deg: f64| saturated.iter().any(|AngleRange { from_deg, to_deg }| (*from_deg..=*to_deg).contains(&deg));

@@ -1,25 +1,26 @@
 //! The revolutions that the channels of one scan share.
 
-use super::resample::{AngleRange, Resampled};
+use super::resample::{AngleRange, ResampledChannel};
 
-/// One channel in one repetition of the measurement. Channels of the same index are sampled together.
+/// One channel at one mounting of the artefact, both counted from 0. The channels of one mounting are sampled
+/// together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct ChannelAtIndex {
-    pub index: usize,
-    pub channel: usize,
+pub struct ChannelAtMounting {
+    pub mounting_index: usize,
+    pub channel_index: usize,
 }
 
-/// Revolutions of one channel at one index, resampled to equal angles that start at 0.
+/// Revolutions of one channel at one mounting of the artefact, resampled to equal angles that start at 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelRevolutions {
-    pub key: ChannelAtIndex,
-    /// Values, revolutions × angles. All channels of one index have the same revolutions.
+    pub key: ChannelAtMounting,
+    /// Values, revolutions × angles. Entry r is the same turn of the table for all channels of one mounting.
     pub revolutions: Vec<Vec<f64>>,
 }
 
 impl ChannelRevolutions {
     /// Mean of the revolutions at each angle.
-    pub fn mean(&self) -> Vec<f64> {
+    pub fn mean_revolution(&self) -> Vec<f64> {
         let angles = self.revolutions.first().map_or(0, Vec::len);
         let count = self.revolutions.len() as f64;
         let at = |i: usize| self.revolutions.iter().map(|values| values[i]).sum::<f64>() / count;
@@ -34,21 +35,28 @@ impl ChannelRevolutions {
     AngleRange::format_ranges(.gaps)
 )]
 pub struct RejectedRevolutions {
-    pub channel: usize,
+    pub channel_index: usize,
+    /// Number of rejected revolutions.
     pub rejected: usize,
+    /// Number of all revolutions of the scan.
     pub revolutions: usize,
     pub gaps: Vec<AngleRange>,
 }
 
-/// The revolutions that all usable channels of one scan share. A channel without a usable revolution is left
-/// out.
-pub fn common_revolutions(index: usize, channels: &[Resampled]) -> (Vec<ChannelRevolutions>, Vec<RejectedRevolutions>) {
-    let Some(Resampled { steps, .. }) = channels.first() else { return Default::default() };
+/// The revolutions that all usable channels of one scan share, and the rejected ones. A channel without a usable
+/// revolution is left out. `index`: mounting of the scan.
+pub fn common_revolutions(
+    index: usize,
+    channels: &[ResampledChannel],
+) -> (Vec<ChannelRevolutions>, Vec<RejectedRevolutions>) {
+    let Some(ResampledChannel { steps_per_revolution: steps, .. }) = channels.first() else {
+        return Default::default();
+    };
     // The channels with the most whole revolutions define the range. Missing samples at an end of another channel
     // are a gap of that channel.
     let whole = |(from, to): (i64, i64)| usize::try_from(to - from + 1).unwrap_or(0) / steps;
-    let most = channels.iter().map(|channel| whole(channel.index_range())).max().unwrap_or(0);
-    let ends = || channels.iter().map(Resampled::index_range).filter(|ends| whole(*ends) == most);
+    let most = channels.iter().map(|channel| whole(channel.index_range_with_values())).max().unwrap_or(0);
+    let ends = || channels.iter().map(ResampledChannel::index_range_with_values).filter(|ends| whole(*ends) == most);
     let from = ends().map(|(from, _)| from).max().unwrap_or(0);
     let to = ends().map(|(_, to)| to).min().unwrap_or(0);
     let count = whole((from, to));
@@ -61,17 +69,20 @@ pub fn common_revolutions(index: usize, channels: &[Resampled]) -> (Vec<ChannelR
         let rejected = of.iter().filter(|revolution| revolution.is_none()).count();
         if rejected > 0 {
             let gaps = channels[channel].gaps.clone();
-            rejections.push(RejectedRevolutions { channel, rejected, revolutions: count, gaps });
+            rejections.push(RejectedRevolutions { channel_index: channel, rejected, revolutions: count, gaps });
         }
         let revolutions: Vec<Vec<f64>> = common.iter().filter_map(|r| of[*r].clone()).collect();
         if !revolutions.is_empty() {
-            rows.push(ChannelRevolutions { key: ChannelAtIndex { index, channel }, revolutions });
+            rows.push(ChannelRevolutions {
+                key: ChannelAtMounting { mounting_index: index, channel_index: channel },
+                revolutions,
+            });
         }
     }
     (rows, rejections)
 }
 
-/// Appends the revolutions of another scan of the same index.
+/// Appends the revolutions of another scan at the same mounting.
 pub fn append_revolutions(rows: &mut Vec<ChannelRevolutions>, more: Vec<ChannelRevolutions>) {
     for of_scan in more {
         match rows.iter_mut().find(|row| row.key == of_scan.key) {
@@ -81,8 +92,8 @@ pub fn append_revolutions(rows: &mut Vec<ChannelRevolutions>, more: Vec<ChannelR
     }
 }
 
-/// Removes the rows of an index that have fewer revolutions than the other rows, and returns their keys.
-pub fn remove_incomplete_rows(rows: &mut Vec<ChannelRevolutions>) -> Vec<ChannelAtIndex> {
+/// Removes the rows with fewer revolutions than another row, and returns their keys. All rows are of one mounting.
+pub fn remove_channels_with_missing_revolutions(rows: &mut Vec<ChannelRevolutions>) -> Vec<ChannelAtMounting> {
     let most = rows.iter().map(|row| row.revolutions.len()).max().unwrap_or(0);
     let incomplete = rows.extract_if(.., |row| row.revolutions.len() < most);
     incomplete.map(|row| row.key).collect()

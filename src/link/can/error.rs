@@ -9,11 +9,11 @@ pub enum CanError {
     #[error("the kernel of this computer does not support CAN: {source}")]
     NoKernelSupport { source: io::Error },
     #[error("no CAN interface is named `{interface}`; {}", list_interfaces(available))]
-    NoInterface { interface: String, available: Vec<String> },
+    NoSuchInterface { interface: String, available: Vec<String> },
     #[error("`{interface}` is not a CAN interface; {}", list_interfaces(available))]
-    NotCan { interface: String, available: Vec<String> },
+    NotCanInterface { interface: String, available: Vec<String> },
     #[error("the CAN interface `{interface}` is down: {why}")]
-    Down { interface: String, why: String },
+    InterfaceDown { interface: String, why: String },
     #[error("no frame {id} was received on `{interface}`, and the bus has errors: {why}")]
     BusErrors { interface: String, id: String, why: String },
     #[error("the CAN controller of `{interface}` is bus-off ({why}) and receives no frames")]
@@ -42,12 +42,12 @@ impl CanError {
                                       containers and virtual machines), use another kernel, or a sensor \
                                       on a serial line or Modbus"
                 .to_owned(),
-            Self::NoInterface { .. } | Self::NotCan { .. } => {
+            CanError::NoSuchInterface { .. } | CanError::NotCanInterface { .. } => {
                 "plug the adapter in and load its module, then set `interface` of [sensor.can] to a name from \
                  `ip -brief link show type can`; start `slcand` first for a serial adapter"
                     .to_owned()
             }
-            Self::Down { interface, .. } => format!(
+            CanError::InterfaceDown { interface, .. } => format!(
                 "set the interface up as root with the sensor's bit rate: `ip link set {interface} up type can \
                  bitrate 500000` (for vcan: `ip link set {interface} up`)"
             ),
@@ -75,8 +75,8 @@ impl CanError {
             return Self::OpenFailed { interface, source };
         }
         if interfaces::interface_exists(&interface) {
-            return Self::NotCan { interface, available };
+            return CanError::NotCanInterface { interface, available };
         }
-        Self::NoInterface { interface, available }
+        CanError::NoSuchInterface { interface, available }
     }
 }

@@ -5,12 +5,12 @@ use std::time::{Duration, Instant};
 
 use super::CanId;
 
-/// Silence of the own identifier after which the socket accepts other identifiers, and the time for which it does
-/// so.
-const OWN_ID_SILENCE: Duration = Duration::from_millis(300);
-const ACCEPT_ALL_TIME: Duration = Duration::from_secs(1);
+/// Silence of the own identifier after which the socket accepts other identifiers.
+const OWN_ID_SILENCE_BEFORE_SCAN: Duration = Duration::from_millis(300);
+/// Maximum time for which the socket accepts other identifiers.
+const MAX_ACCEPT_ALL_IDS_TIME: Duration = Duration::from_secs(1);
 /// Maximum number of reported identifiers.
-const MAX_REPORTED_IDS: usize = 8;
+const MAX_REPORTED_FOREIGN_IDS: usize = 8;
 
 /// Which identifiers the socket accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,15 +48,17 @@ impl ForeignIdDetector {
         (previous == IdFilterState::AllIds).then_some(IdFilterChange::OwnId)
     }
 
-    /// Returns the filter that must be set because of the elapsed time; `None` if it stays.
+    /// Returns the filter that must be set now, because of the elapsed time or because enough other identifiers were
+    /// found. `None`: the filter stays.
     pub fn due_filter_change(&mut self, now: Instant) -> Option<IdFilterChange> {
         match self.filter {
-            IdFilterState::OwnId if now - self.filter_since >= OWN_ID_SILENCE => {
+            IdFilterState::OwnId if now - self.filter_since >= OWN_ID_SILENCE_BEFORE_SCAN => {
                 (self.filter, self.filter_since) = (IdFilterState::AllIds, now);
                 Some(IdFilterChange::AllIds)
             }
             IdFilterState::AllIds
-                if now - self.filter_since >= ACCEPT_ALL_TIME || self.reported_ids.len() == MAX_REPORTED_IDS =>
+                if now - self.filter_since >= MAX_ACCEPT_ALL_IDS_TIME
+                    || self.reported_ids.len() == MAX_REPORTED_FOREIGN_IDS =>
             {
                 self.filter = IdFilterState::OwnIdAfterScan;
                 Some(IdFilterChange::OwnId)
@@ -66,9 +68,9 @@ impl ForeignIdDetector {
     }
 
     /// Records a frame of another identifier. Returns whether it must be reported.
-    pub fn needs_report(&mut self, id: CanId) -> bool {
+    pub fn record_new_foreign_id(&mut self, id: CanId) -> bool {
         let is_new = self.filter == IdFilterState::AllIds
-            && self.reported_ids.len() < MAX_REPORTED_IDS
+            && self.reported_ids.len() < MAX_REPORTED_FOREIGN_IDS
             && !self.reported_ids.contains(&id);
         if is_new {
             self.reported_ids.push(id);
@@ -82,15 +84,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn foreign_identifiers_are_read_once_after_each_silence() {
+    fn foreign_ids_are_accepted_once_after_each_silence() {
         let start = Instant::now();
         let at = |ms| start + Duration::from_millis(ms);
         let id = |raw| CanId::new(raw, false).unwrap();
         let mut detector = ForeignIdDetector::new(start);
         assert_eq!(detector.due_filter_change(at(299)), None);
-        assert!(!detector.needs_report(id(7)), "what the filter let through before it was set");
+        assert!(!detector.record_new_foreign_id(id(7)), "what the filter let through before it was set");
         assert_eq!(detector.due_filter_change(at(300)), Some(IdFilterChange::AllIds));
-        assert!(detector.needs_report(id(7)) && !detector.needs_report(id(7)) && detector.needs_report(id(8)));
+        assert!(
+            detector.record_new_foreign_id(id(7))
+                && !detector.record_new_foreign_id(id(7))
+                && detector.record_new_foreign_id(id(8))
+        );
         assert_eq!(detector.due_filter_change(at(1299)), None);
         assert_eq!(detector.due_filter_change(at(1300)), Some(IdFilterChange::OwnId));
         assert_eq!(detector.due_filter_change(at(9000)), None, "not again and again");
@@ -99,7 +105,7 @@ mod tests {
         assert_eq!(detector.record_own_frame(at(9301)), Some(IdFilterChange::OwnId), "at once");
         // On a busy bus, the socket accepts other identifiers only until enough are found.
         assert_eq!(detector.due_filter_change(at(9601)), Some(IdFilterChange::AllIds));
-        assert_eq!((0..20).filter(|raw| detector.needs_report(id(*raw))).count(), MAX_REPORTED_IDS);
+        assert_eq!((0..20).filter(|raw| detector.record_new_foreign_id(id(*raw))).count(), MAX_REPORTED_FOREIGN_IDS);
         assert_eq!(detector.due_filter_change(at(9602)), Some(IdFilterChange::OwnId));
     }
 }

@@ -43,7 +43,7 @@ pub(super) const MAX_DATA_BYTES: usize = 8;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CanFrame {
     /// Time of reception, s.
-    pub t_s: f64,
+    pub received_s: f64,
     pub id: CanId,
     bytes: [u8; MAX_DATA_BYTES],
     length: usize,
@@ -55,7 +55,7 @@ impl CanFrame {
         let length = data.len().min(MAX_DATA_BYTES);
         let mut bytes = [0; MAX_DATA_BYTES];
         bytes.iter_mut().zip(data).for_each(|(byte, source)| *byte = *source);
-        Self { t_s, id, bytes, length }
+        Self { received_s: t_s, id, bytes, length }
     }
 
     pub fn data(&self) -> &[u8] {

@@ -15,12 +15,12 @@ mod error_frame;
 mod foreign_ids;
 mod frame;
 mod interfaces;
-mod owner;
 mod sender;
 mod socket;
-mod stamp;
+mod socket_owner;
 #[cfg(test)]
 mod tests;
+mod timestamp_converter;
 
 pub use error::CanError;
 pub use frame::{CanFrame, CanId};
@@ -34,9 +34,9 @@ const MAX_QUEUED_FRAMES: usize = 4096;
 pub enum CanEvent {
     Frame(CanFrame),
     /// The interface is down or gone, with the reason. The driver opens the interface again once it is up.
-    Down(String),
+    InterfaceDown(String),
     /// The interface is up again; frames sent meanwhile are lost.
-    Up,
+    InterfaceUp,
     /// The bus has errors, with the description.
     BusErrors(String),
     /// The controller is bus-off, with the description: it receives no frame until it is restarted.
@@ -67,7 +67,7 @@ impl CanReceiver {
     /// # Errors
     /// The kernel has no CAN, or the interface does not exist.
     pub fn open(interface: &str, id: CanId, clock: Arc<dyn Clock>) -> Result<Self, CanError> {
-        Ok(Self::from_events(interface, owner::start_receiver_thread(interface, id, clock)?))
+        Ok(Self::from_events(interface, socket_owner::start_receiver_thread(interface, id, clock)?))
     }
 
     /// Wraps the events that another task receives from a bus.
@@ -85,19 +85,19 @@ impl CanReceiver {
     }
 
     /// Whether frames are generated only when the caller reads.
-    pub fn is_on_demand(&self) -> bool {
+    pub fn generates_frames_on_demand(&self) -> bool {
         matches!(self.source, FrameSource::Generator(_))
     }
 
-    /// Next event, or `None` after `wait` without an event.
+    /// Next event, or `None` after `max_wait` without an event.
     ///
     /// # Errors
     /// The receiving thread has ended.
-    pub async fn next_event(&mut self, wait: Duration) -> Result<Option<CanEvent>, CanError> {
+    pub async fn next_event(&mut self, max_wait: Duration) -> Result<Option<CanEvent>, CanError> {
         match &mut self.source {
             FrameSource::Generator(source) => Ok(source().map(CanEvent::Frame)),
             // The dropped future waits on a channel, not on the device.
-            FrameSource::Events(events) => match timeout_at(Instant::now() + wait, events.recv()).await {
+            FrameSource::Events(events) => match timeout_at(Instant::now() + max_wait, events.recv()).await {
                 Err(_) => Ok(None),
                 Ok(Some(event)) => Ok(Some(event)),
                 Ok(None) => Err(CanError::ThreadEnded { interface: self.name.clone() }),

@@ -11,7 +11,7 @@ use super::{CanError, CanId};
 /// Interval at which the thread checks whether the handle is dropped, or whether the interface is up again.
 pub(super) const SOCKET_READ_TIMEOUT: Duration = Duration::from_millis(100);
 /// Requested size of the kernel's receive buffer, bytes; the kernel may grant less.
-const KERNEL_BUFFER_BYTES: usize = 1 << 20;
+const REQUESTED_RECEIVE_BUFFER_BYTES: usize = 1 << 20;
 /// Flags of the identifier word, from the kernel's `can.h`.
 const EXTENDED_ID_FLAG: u32 = 0x8000_0000;
 const REMOTE_FRAME_FLAG: u32 = 0x4000_0000;
@@ -27,11 +27,11 @@ pub(super) fn open_socket(interface: &str) -> Result<CanSocket, CanError> {
 pub(super) fn open_filtered_socket(interface: &str, id: CanId) -> Result<CanSocket, CanError> {
     let socket = open_socket(interface)?;
     let configure = || {
-        accept_own_id(&socket, id)?;
+        accept_only_own_id(&socket, id)?;
         socket.set_error_filter_accept_all()?;
         socket.set_recv_timestamp(true)?;
         socket.set_read_timeout(SOCKET_READ_TIMEOUT)?;
-        socket.as_raw_socket().set_recv_buffer_size(KERNEL_BUFFER_BYTES)
+        socket.as_raw_socket().set_recv_buffer_size(REQUESTED_RECEIVE_BUFFER_BYTES)
     };
     match configure() {
         Ok(()) => Ok(socket),
@@ -41,7 +41,7 @@ pub(super) fn open_filtered_socket(interface: &str, id: CanId) -> Result<CanSock
 
 /// Limits the socket to data frames of `id`. The change loses no frame: the kernel adds the new filter before it
 /// removes the old one.
-pub(super) fn accept_own_id(socket: &CanSocket, id: CanId) -> io::Result<()> {
+pub(super) fn accept_only_own_id(socket: &CanSocket, id: CanId) -> io::Result<()> {
     let mask = match id.0 {
         Id::Standard(_) => StandardId::MAX.as_raw().into(),
         Id::Extended(_) => ExtendedId::MAX.as_raw(),

@@ -2,7 +2,7 @@ use super::*;
 use crate::clock::HostClock;
 
 #[test]
-fn an_identifier_is_in_its_range_and_written_as_can_utils_do() {
+fn identifier_range_is_checked_and_format_is_that_of_can_utils() {
     assert_eq!(CanId::new(0x7FF, false).unwrap().to_string(), "7FF");
     assert_eq!(CanId::new(0x12, false).unwrap().to_string(), "012");
     assert_eq!(CanId::new(0x12, true).unwrap().to_string(), "00000012");
@@ -28,7 +28,7 @@ fn missing_interface_is_refused_with_a_remedy() {
         CanError::NoKernelSupport { .. } => {
             assert!(error.remedy().contains("modprobe can can_raw"))
         }
-        CanError::NoInterface { interface, .. } => {
+        CanError::NoSuchInterface { interface, .. } => {
             assert_eq!(interface, "can-none");
             assert!(error.remedy().contains("ip -brief link show type can"));
         }
@@ -44,7 +44,7 @@ async fn generated_frames_are_created_on_request() {
         left = left.checked_sub(1)?;
         Some(CanFrame::new(f64::from(left), id, &[left]))
     });
-    assert!(can.is_on_demand());
+    assert!(can.generates_frames_on_demand());
     assert_eq!(can.try_next_event().unwrap(), None);
     let wait = Duration::from_secs(1);
     let frame = |t_s, byte| Some(CanEvent::Frame(CanFrame::new(t_s, id, &[byte])));

@@ -16,7 +16,7 @@ pub enum ModbusError {
     #[error("{request}: the reply does not match the request: {why}")]
     UnexpectedReply { request: String, why: String },
     #[error("{request}: the connection was lost: {why}")]
-    Lost { request: String, why: String },
+    ConnectionLost { request: String, why: String },
     /// The late replies of earlier requests did not arrive: the request was not sent.
     #[error("{request} was not sent: late replies of earlier requests may still arrive ({why})")]
     LineNotCleared { request: String, why: String },
@@ -29,7 +29,7 @@ pub enum ModbusError {
     #[error("{request} was not sent: a hold is active")]
     HoldActive { request: String },
     #[error("the thread of the link to {link} has ended")]
-    LinkEnded { link: String },
+    LinkThreadEnded { link: String },
 }
 
 /// Names of the exception codes, from the Modbus application protocol.
@@ -55,10 +55,10 @@ impl ModbusError {
         match self {
             Self::Timeout { .. }
             | Self::UnexpectedReply { .. }
-            | Self::Lost { .. }
+            | ModbusError::ConnectionLost { .. }
             | Self::ReadBackDiffers { .. }
             | Self::ReadBackFailed { .. }
-            | Self::LinkEnded { .. } => true,
+            | ModbusError::LinkThreadEnded { .. } => true,
             Self::Link(_)
             | Self::ExceptionReply { .. }
             | Self::LineNotCleared { .. }
@@ -91,7 +91,7 @@ impl ModbusError {
                 "a line may have one Modbus client only, and each unit identifier one device: check for another \
                  program or a second device, then check the shield and the terminators"
             }
-            Self::Lost { .. } | Self::LinkEnded { .. } => {
+            ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. } => {
                 "the state of the machine is unknown: check the machine, then restore the link"
             }
             Self::NotAllowed { .. } => "compare the register map with the registers of the device",

@@ -6,20 +6,20 @@ use tokio::time::{sleep, timeout};
 use tokio_modbus::client::{Client, Context, rtu, tcp};
 use tokio_modbus::{Response, Slave};
 
-use super::access::{RegisterAccess, ReplyShape};
-use super::stream::DrainableStream;
+use super::drainable_stream::DrainableStream;
+use super::register_access::{RegisterAccess, ReplyShape};
 use super::urgent_queue::UrgentQueue;
-use super::{DeviceSettings, Framing, ModbusError, ModbusLine};
-use crate::mode::LinkBackend;
+use super::{DeviceSettings, Framing, ModbusError, ModbusLineConfig};
+use crate::link_mode::LinkBackend;
 
 /// Maximum time for which a hold waits for a pending TCP reply.
-const HOLD_REPLY_WAIT: Duration = Duration::from_millis(20);
+const MAX_HOLD_WAIT_FOR_TCP_REPLY: Duration = Duration::from_millis(20);
 /// Maximum number of test reads that check whether the line is clear, before one request.
-const MAX_CLEAR_READS: usize = 3;
+const MAX_TEST_READS: usize = 3;
 
 /// The connection, and the replies that it still owes.
 pub(super) struct ModbusExchange {
-    line: ModbusLine,
+    line: ModbusLineConfig,
     backend: LinkBackend,
     /// A hold interrupts a wait for a reply.
     pub(super) urgent_queue: UrgentQueue,
@@ -28,7 +28,7 @@ pub(super) struct ModbusExchange {
     context: Option<Context>,
     /// Requests whose replies may still arrive (RTU).
     pending_replies: Vec<ReplyShape>,
-    last_reply_shape: Option<ReplyShape>,
+    last_expected_reply_shape: Option<ReplyShape>,
 }
 
 /// Result of one call.
@@ -38,9 +38,17 @@ enum CallOutcome {
 }
 
 impl ModbusExchange {
-    pub(super) fn new(line: ModbusLine, backend: LinkBackend, urgent_queue: UrgentQueue) -> Self {
+    pub(super) fn new(line: ModbusLineConfig, backend: LinkBackend, urgent_queue: UrgentQueue) -> Self {
         let (stream, context, pending_replies, last_reply_shape) = (None, None, Vec::new(), None);
-        Self { line, backend, urgent_queue, stream, context, pending_replies, last_reply_shape }
+        Self {
+            line,
+            backend,
+            urgent_queue,
+            stream,
+            context,
+            pending_replies,
+            last_expected_reply_shape: last_reply_shape,
+        }
     }
 
     /// # Errors
@@ -56,7 +64,7 @@ impl ModbusExchange {
         access: &RegisterAccess,
         settings: &DeviceSettings,
     ) -> Result<Vec<u16>, ModbusError> {
-        self.wait_for_silence().await?;
+        self.open_and_wait_for_silence().await?;
         self.clear_line(access, settings).await?;
         self.send_request(access, settings).await
     }
@@ -64,13 +72,13 @@ impl ModbusExchange {
     /// Like `perform`, without clearing the line first: a hold does not wait.
     pub(super) async fn perform_urgent(&mut self, access: &RegisterAccess, settings: &DeviceSettings) {
         // Only the device can show whether the write has arrived.
-        if self.wait_for_silence().await.is_ok() {
+        if self.open_and_wait_for_silence().await.is_ok() {
             let _ = self.send_request(access, settings).await;
         }
     }
 
     /// Opens the connection if necessary, and waits until the line is silent.
-    async fn wait_for_silence(&mut self) -> Result<(), ModbusError> {
+    async fn open_and_wait_for_silence(&mut self) -> Result<(), ModbusError> {
         if let Some(stream) = &mut self.stream {
             let drained = match self.line.framing {
                 Framing::Rtu => stream.drain_until_silent(self.line.frame_silence()).await,
@@ -80,11 +88,11 @@ impl ModbusExchange {
                 (Ok(0), _) => return Ok(()),
                 (Ok(_), Framing::Rtu) => {
                     // Bytes arrived without a request: perhaps the last reply was sent twice.
-                    self.pending_replies.extend(self.last_reply_shape);
+                    self.pending_replies.extend(self.last_expected_reply_shape);
                     return Ok(());
                 }
                 // The idle connection was closed, or bytes arrived without a request.
-                _ => self.close(),
+                _ => self.close_connection(),
             }
         }
         self.open().await?;
@@ -95,15 +103,15 @@ impl ModbusExchange {
         Ok(())
     }
 
-    fn close(&mut self) {
+    fn close_connection(&mut self) {
         self.context = None;
         self.stream = None;
     }
 
     /// A read whose reply cannot be confused with any reply that is owed.
-    fn choose_probe_read(&self, settings: &DeviceSettings) -> Option<RegisterAccess> {
-        let mut probes = settings.allowed.small_reads();
-        probes.find(|probe| !self.pending_replies.contains(&probe.reply_shape(settings.unit)))
+    fn choose_test_read(&self, settings: &DeviceSettings) -> Option<RegisterAccess> {
+        let mut test_reads = settings.access_list.small_read_requests();
+        test_reads.find(|test_read| !self.pending_replies.contains(&test_read.reply_shape(settings.unit)))
     }
 
     fn has_pending_reply(&self, unit: u8) -> bool {
@@ -118,14 +126,14 @@ impl ModbusExchange {
     async fn clear_line(&mut self, access: &RegisterAccess, settings: &DeviceSettings) -> Result<(), ModbusError> {
         let unit = settings.unit;
         let mut why = String::new();
-        for _ in 0..MAX_CLEAR_READS {
+        for _ in 0..MAX_TEST_READS {
             if !self.has_pending_reply(unit) {
                 return Ok(());
             }
-            match self.choose_probe_read(settings) {
+            match self.choose_test_read(settings) {
                 None => self.wait_for_pending_replies(settings).await,
-                Some(probe) => {
-                    if let Some(error) = self.probe_line(&probe, settings).await {
+                Some(test_read) => {
+                    if let Some(error) = self.send_test_read(&test_read, settings).await {
                         why = error.to_string();
                         if !matches!(error, ModbusError::UnexpectedReply { .. }) {
                             break;
@@ -148,7 +156,7 @@ impl ModbusExchange {
     /// Waits for a long silence, because no test read can distinguish the owed replies. An urgent write ends the
     /// wait.
     async fn wait_for_pending_replies(&mut self, settings: &DeviceSettings) {
-        self.stream.iter().for_each(DrainableStream::restart_silence);
+        self.stream.iter().for_each(DrainableStream::restart_silence_timer);
         self.drain_until_silent_or_urgent(settings.timeout).await;
         if !self.urgent_queue.has_write() {
             self.forget_pending_replies(settings.unit);
@@ -156,10 +164,10 @@ impl ModbusExchange {
     }
 
     /// Sends one test read of `clear_line`; returns its error, if any.
-    async fn probe_line(&mut self, probe: &RegisterAccess, settings: &DeviceSettings) -> Option<ModbusError> {
-        let shape = probe.reply_shape(settings.unit);
-        let ambiguous = self.pending_replies.iter().any(|reply| reply.has_same_function(shape));
-        match self.send_request(probe, settings).await {
+    async fn send_test_read(&mut self, test_read: &RegisterAccess, settings: &DeviceSettings) -> Option<ModbusError> {
+        let shape = test_read.reply_shape(settings.unit);
+        let ambiguous = self.pending_replies.iter().any(|reply| reply.has_same_unit_and_function(shape));
+        match self.send_request(test_read, settings).await {
             Err(ModbusError::ExceptionReply { .. }) if ambiguous => self.pending_replies.push(shape),
             Ok(_) | Err(ModbusError::ExceptionReply { .. }) => self.forget_pending_replies(settings.unit),
             Err(error) => {
@@ -173,7 +181,7 @@ impl ModbusExchange {
         None
     }
 
-    /// Drops incoming bytes until `frame_silence` has passed without a byte, or until an urgent write is queued.
+    /// Drops incoming bytes until `silence` has passed without a byte, or until an urgent write is queued.
     async fn drain_until_silent_or_urgent(&mut self, silence: Duration) {
         let Some(stream) = &mut self.stream else { return };
         // Both futures can be dropped: the bytes read are discarded in any case.
@@ -183,7 +191,7 @@ impl ModbusExchange {
             ended = stream.drain_until_silent(silence) => ended,
         };
         if ended.is_err() {
-            self.close();
+            self.close_connection();
         }
     }
 
@@ -194,7 +202,7 @@ impl ModbusExchange {
     ) -> Result<Vec<u16>, ModbusError> {
         let shape = access.reply_shape(settings.unit);
         let request = access.to_string();
-        self.last_reply_shape = Some(shape);
+        self.last_expected_reply_shape = Some(shape);
         let unexpected_reply = |why| ModbusError::UnexpectedReply { request: request.clone(), why };
         let error = match self.call_device(access, settings).await {
             CallOutcome::Replied(Ok(Ok(reply))) => match access.decode_reply(reply) {
@@ -214,7 +222,7 @@ impl ModbusExchange {
             CallOutcome::Replied(Err(tokio_modbus::Error::Transport(error))) => {
                 let why = self.loss_reason(error).await;
                 self.stream = None;
-                ModbusError::Lost { request, why }
+                ModbusError::ConnectionLost { request, why }
             }
             CallOutcome::TimedOut(timeout) => ModbusError::Timeout { request, timeout },
         };
@@ -240,7 +248,7 @@ impl ModbusExchange {
         };
         let hold_deadline = async {
             self.urgent_queue.wait_for_write().await;
-            sleep(HOLD_REPLY_WAIT).await;
+            sleep(MAX_HOLD_WAIT_FOR_TCP_REPLY).await;
         };
         // Dropping a call here drops its context too.
         tokio::select! {
@@ -248,7 +256,7 @@ impl ModbusExchange {
             replied = timeout(settings.timeout, context.call(access.to_pdu())) => {
                 replied.map_or(CallOutcome::TimedOut(settings.timeout), CallOutcome::Replied)
             }
-            () = hold_deadline, if framing == Framing::Tcp => CallOutcome::TimedOut(HOLD_REPLY_WAIT),
+            () = hold_deadline, if framing == Framing::Tcp => CallOutcome::TimedOut(MAX_HOLD_WAIT_FOR_TCP_REPLY),
         }
     }
 

@@ -1,4 +1,4 @@
-//! Modbus registers as a port, over RTU and TCP. One thread owns the connection. The handle is a channel, so that a
+//! Client of Modbus registers, over RTU and TCP. One thread owns the connection. The handle is a channel, so that a
 //! dropped future never interrupts a request.
 //!
 //! **The hazard.** An RTU reply does not identify its request. After a timeout, the late reply stays in the line,
@@ -19,7 +19,7 @@
 //! that count (a sequence, a heartbeat) must tie a value to its time.
 //!
 //! A request is sent once. The link never repeats a write without a reply: it is unknown whether the write has
-//! arrived, and the caller decides by the device's counter ([`ModbusError::may_have_arrived`]).
+//! arrived, and the caller decides by the device's counter ([`ModbusError::write_may_have_arrived`]).
 
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -27,27 +27,27 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio::sync::{mpsc, oneshot};
 
-mod access;
-mod allowed;
-mod device;
+mod access_list;
+mod device_config;
+mod drainable_stream;
 mod error;
 mod exchange;
 mod framing;
-mod line;
-mod owner;
-mod stream;
+mod line_config;
+mod line_owner;
+pub mod number_format;
+mod register_access;
 #[cfg(test)]
 mod tests;
 mod urgent_queue;
-pub mod value;
 
-pub use allowed::{AccessList, RegisterRange};
-pub use device::{ModbusDevice, ModbusDeviceKeys};
+pub use access_list::{AccessList, RegisterRange};
+pub use device_config::{ModbusDeviceConfig, ModbusDeviceKeys};
 pub use error::ModbusError;
 pub use framing::Framing;
-pub use line::{ModbusLine, Parity};
+pub use line_config::{ModbusLineConfig, Parity};
 
-use access::RegisterAccess;
+use register_access::RegisterAccess;
 
 /// The four address spaces of a device. A bit counts as a register with the value 0 or 1. The default is that of
 /// measured values.
@@ -75,7 +75,7 @@ pub struct DeviceSettings {
     pub unit: u8,
     /// Maximum time until the reply.
     pub timeout: Duration,
-    pub allowed: AccessList,
+    pub access_list: AccessList,
 }
 
 /// Handle of a Modbus device.
@@ -87,7 +87,7 @@ pub struct ModbusClient {
 /// Queues to the thread of an open line, which the handles of its devices share.
 pub(super) struct OpenLine {
     name: String,
-    queue: mpsc::UnboundedSender<QueuedAccess>,
+    access_queue: mpsc::UnboundedSender<QueuedAccess>,
     urgent_queue: mpsc::UnboundedSender<UrgentWrite>,
 }
 
@@ -100,7 +100,7 @@ pub(super) struct OpenLine {
 pub struct UrgentWriteSender {
     access: RegisterAccess,
     settings: Arc<DeviceSettings>,
-    queue: mpsc::UnboundedSender<UrgentWrite>,
+    urgent_queue: mpsc::UnboundedSender<UrgentWrite>,
 }
 
 struct QueuedAccess {
@@ -108,30 +108,30 @@ struct QueuedAccess {
     /// Settings of the addressed device.
     settings: Arc<DeviceSettings>,
     /// Whether the write is read back.
-    read_back: bool,
-    reply: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
+    needs_read_back: bool,
+    reply_sender: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
 }
 
 struct UrgentWrite {
     access: RegisterAccess,
     settings: Arc<DeviceSettings>,
-    blocks_writes: bool,
+    refuses_ordinary_writes: bool,
 }
 
 impl UrgentWriteSender {
     pub fn send(&self) {
-        self.queue(false);
+        self.queue_write(false);
     }
 
     /// Like `send`; in addition, every other write, queued or later, is refused ([`ModbusError::HoldActive`]). Reads
     /// continue.
-    pub fn send_and_drop_ordinary(&self) {
-        self.queue(true);
+    pub fn send_and_refuse_ordinary_writes(&self) {
+        self.queue_write(true);
     }
 
-    fn queue(&self, blocks_writes: bool) {
+    fn queue_write(&self, blocks_writes: bool) {
         let (access, settings) = (self.access.clone(), self.settings.clone());
-        let _ = self.queue.send(UrgentWrite { access, settings, blocks_writes });
+        let _ = self.urgent_queue.send(UrgentWrite { access, settings, refuses_ordinary_writes: blocks_writes });
     }
 }
 
@@ -140,16 +140,16 @@ impl ModbusClient {
     ///
     /// # Errors
     /// The line cannot be opened. Whether a device answers is known only after the first request.
-    pub async fn open(line: ModbusLine, settings: DeviceSettings) -> Result<Self, ModbusError> {
+    pub async fn open(line: ModbusLineConfig, settings: DeviceSettings) -> Result<Self, ModbusError> {
         let name = line.to_string();
         let (queue, accesses) = mpsc::unbounded_channel();
         let (urgent_queue, urgent_writes) = mpsc::unbounded_channel();
-        owner::start_owner_thread(line, accesses, urgent_writes).await?;
-        Ok(Self::on_open_line(Arc::new(OpenLine { name, queue, urgent_queue }), settings))
+        line_owner::start_line_owner_thread(line, accesses, urgent_writes).await?;
+        Ok(Self::from_open_line(Arc::new(OpenLine { name, access_queue: queue, urgent_queue }), settings))
     }
 
     /// Creates a handle for the device of `settings`.
-    pub(super) fn on_open_line(line: Arc<OpenLine>, settings: DeviceSettings) -> Self {
+    pub(super) fn from_open_line(line: Arc<OpenLine>, settings: DeviceSettings) -> Self {
         Self { settings: Arc::new(settings), line }
     }
 
@@ -163,7 +163,7 @@ impl ModbusClient {
     /// # Errors
     /// See [`ModbusError`].
     pub async fn read(&self, space: RegisterSpace, address: u16, count: u16) -> Result<Vec<u16>, ModbusError> {
-        self.perform(RegisterAccess::read(space, address, count), false).await
+        self.perform(RegisterAccess::new_read(space, address, count), false).await
     }
 
     /// Writes holding registers from `address` on, then reads them back.
@@ -171,7 +171,7 @@ impl ModbusClient {
     /// # Errors
     /// See [`ModbusError`]; [`ModbusError::ReadBackDiffers`] if the device holds another value afterwards.
     pub async fn write(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
-        self.perform(RegisterAccess::write(address, words), true).await.map(drop)
+        self.perform(RegisterAccess::new_write(address, words), true).await.map(drop)
     }
 
     /// Like `write`, for registers that the device clears itself: they are not read back.
@@ -179,7 +179,7 @@ impl ModbusClient {
     /// # Errors
     /// See [`ModbusError`].
     pub async fn write_without_read_back(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
-        self.perform(RegisterAccess::write(address, words), false).await.map(drop)
+        self.perform(RegisterAccess::new_write(address, words), false).await.map(drop)
     }
 
     /// Prepares a write that will overtake all others.
@@ -187,18 +187,21 @@ impl ModbusClient {
     /// # Errors
     /// The write is not allowed.
     pub fn prepare_urgent_write(&self, address: u16, words: &[u16]) -> Result<UrgentWriteSender, ModbusError> {
-        let access = RegisterAccess::write(address, words);
-        self.settings.allowed.check(&access)?;
+        let access = RegisterAccess::new_write(address, words);
+        self.settings.access_list.check_access(&access)?;
         let (settings, queue) = (self.settings.clone(), self.line.urgent_queue.clone());
-        Ok(UrgentWriteSender { access, settings, queue })
+        Ok(UrgentWriteSender { access, settings, urgent_queue: queue })
     }
 
     async fn perform(&self, access: RegisterAccess, read_back: bool) -> Result<Vec<u16>, ModbusError> {
-        self.settings.allowed.check(&access)?;
-        let ended = || ModbusError::LinkEnded { link: self.line.name.clone() };
+        self.settings.access_list.check_access(&access)?;
+        let ended = || ModbusError::LinkThreadEnded { link: self.line.name.clone() };
         let (reply, result) = oneshot::channel();
         let settings = self.settings.clone();
-        self.line.queue.send(QueuedAccess { access, settings, read_back, reply }).map_err(|_| ended())?;
+        self.line
+            .access_queue
+            .send(QueuedAccess { access, settings, needs_read_back: read_back, reply_sender: reply })
+            .map_err(|_| ended())?;
         result.await.map_err(|_| ended())?
     }
 }

@@ -8,13 +8,13 @@ use tokio_modbus::server::{Service, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::*;
-use crate::{Capture, CaptureReplay, HostPort, LinkConfig, LinkMode};
+use crate::{CaptureReplay, CaptureWriter, HostPort, LinkConfig, LinkMode};
 
 /// Holding registers 0 to 99; input registers 0 to 9 hold 1000 and more.
 #[derive(Clone, Default)]
-struct Device(Arc<Mutex<Vec<u16>>>);
+struct TestDevice(Arc<Mutex<Vec<u16>>>);
 
-impl Service for Device {
+impl Service for TestDevice {
     type Request = Request<'static>;
     type Response = Response;
     type Exception = ExceptionCode;
@@ -47,16 +47,16 @@ impl Service for Device {
     }
 }
 
-async fn client_of_device() -> (Device, ModbusClient) {
+async fn start_device_and_client() -> (TestDevice, ModbusClient) {
     let (device, line, settings) = start_device().await;
     let link = ModbusClient::open(line, settings).await.unwrap();
     (device, link)
 }
 
-async fn start_device() -> (Device, ModbusLine, DeviceSettings) {
+async fn start_device() -> (TestDevice, ModbusLineConfig, DeviceSettings) {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
-    let device = Device::default();
+    let device = TestDevice::default();
     let shared = device.clone();
     tokio::spawn(async move {
         let server = tcp::Server::new(listener);
@@ -73,13 +73,13 @@ async fn start_device() -> (Device, ModbusLine, DeviceSettings) {
         ],
         writable: vec![RegisterRange { space: RegisterSpace::Holding, first: 10, last: 60 }],
     };
-    let settings = DeviceSettings { unit: 1, timeout: Duration::from_secs(1), allowed };
-    (device, ModbusLine::with_defaults(LinkConfig::Tcp(HostPort::local(port))), settings)
+    let settings = DeviceSettings { unit: 1, timeout: Duration::from_secs(1), access_list: allowed };
+    (device, ModbusLineConfig::with_defaults(LinkConfig::Tcp(HostPort::local(port))), settings)
 }
 
 #[tokio::test]
 async fn registers_are_read_and_written_and_read_back() {
-    let (device, link) = client_of_device().await;
+    let (device, link) = start_device_and_client().await;
     assert_eq!(link.read(RegisterSpace::Input, 2, 3).await.unwrap(), [1002, 1003, 1004]);
     link.write(20, &[7, 8, 9]).await.unwrap();
     assert_eq!(device.0.lock().unwrap()[19..24], [0, 7, 8, 9, 0]);
@@ -91,7 +91,7 @@ async fn registers_are_read_and_written_and_read_back() {
 
 #[tokio::test]
 async fn exception_is_reported_and_the_connection_stays() {
-    let (_device, link) = client_of_device().await;
+    let (_device, link) = start_device_and_client().await;
     let refused = link.read(RegisterSpace::Holding, 98, 4).await.unwrap_err();
     assert_eq!(
         refused.to_string(),
@@ -103,7 +103,7 @@ async fn exception_is_reported_and_the_connection_stays() {
 
 #[tokio::test]
 async fn request_outside_the_access_list_is_not_sent() {
-    let (device, link) = client_of_device().await;
+    let (device, link) = start_device_and_client().await;
     let refused = |result: Result<(), ModbusError>| {
         assert!(matches!(result, Err(ModbusError::NotAllowed { .. })), "{result:?}");
     };
@@ -119,10 +119,10 @@ async fn request_outside_the_access_list_is_not_sent() {
 }
 
 #[tokio::test]
-async fn after_a_hold_no_other_write_goes_out() {
-    let (device, link) = client_of_device().await;
+async fn after_a_hold_an_ordinary_write_is_refused() {
+    let (device, link) = start_device_and_client().await;
     let hold = link.prepare_urgent_write(30, &[1]).unwrap();
-    hold.send_and_drop_ordinary();
+    hold.send_and_refuse_ordinary_writes();
     let refused = link.write(31, &[1]).await.unwrap_err();
     assert!(matches!(refused, ModbusError::HoldActive { .. }), "{refused}");
     assert_eq!(link.read(RegisterSpace::Holding, 30, 2).await.unwrap(), [1, 0]);
@@ -132,9 +132,9 @@ async fn after_a_hold_no_other_write_goes_out() {
 }
 
 #[tokio::test]
-async fn a_hold_goes_out_although_the_handle_is_dropped() {
-    let (device, link) = client_of_device().await;
-    link.prepare_urgent_write(30, &[1]).unwrap().send_and_drop_ordinary();
+async fn a_hold_is_sent_although_the_handle_is_dropped() {
+    let (device, link) = start_device_and_client().await;
+    link.prepare_urgent_write(30, &[1]).unwrap().send_and_refuse_ordinary_writes();
     drop(link);
     for _ in 0..500 {
         if device.0.lock().unwrap().get(30) == Some(&1) {
@@ -146,7 +146,7 @@ async fn a_hold_goes_out_although_the_handle_is_dropped() {
 }
 
 /// Sends commands, with reads between them: `times` more than needed.
-async fn read_repeatedly(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
+async fn write_commands_with_repeated_reads(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
     let mut read = Vec::new();
     for command in [7, 8, 9] {
         link.write(20, &[command, command]).await?;
@@ -167,18 +167,18 @@ async fn capture_is_replayed_without_the_device() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
     let (device, line, settings) = start_device().await;
-    let capture = Capture::create(&file).unwrap();
+    let capture = CaptureWriter::create(&file).unwrap();
     let opening = ModbusClient::open(line.clone(), settings.clone());
     let link = LinkMode::Captured(capture).apply_to(opening).await.unwrap();
-    let had = read_repeatedly(&link, 2).await.unwrap();
+    let had = write_commands_with_repeated_reads(&link, 2).await.unwrap();
     assert_eq!(had, [[0, 7, 7, 0], [0, 8, 8, 0], [0, 9, 9, 0]]);
     drop((link, device));
     for times in 1..4 {
         let replay = LinkMode::Replayed(CaptureReplay::read(&file).unwrap());
-        let nowhere = ModbusLine { link: LinkConfig::Tcp(HostPort::local(1)), ..line.clone() };
+        let nowhere = ModbusLineConfig { link: LinkConfig::Tcp(HostPort::local(1)), ..line.clone() };
         let opening = ModbusClient::open(nowhere, settings.clone());
         let link = replay.apply_to(opening).await.unwrap();
-        assert_eq!(read_repeatedly(&link, times).await.unwrap(), had);
+        assert_eq!(write_commands_with_repeated_reads(&link, times).await.unwrap(), had);
         let unknown = link.write(20, &[10, 10]).await.unwrap_err().to_string();
         assert!(unknown.contains("the capture has no `unit 1, function 16, address 20"), "{unknown}");
     }

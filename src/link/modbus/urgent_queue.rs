@@ -9,12 +9,12 @@ use super::UrgentWrite;
 /// Queue of urgent writes, which can be checked during a request.
 pub(super) struct UrgentQueue {
     incoming: mpsc::UnboundedReceiver<UrgentWrite>,
-    received: VecDeque<UrgentWrite>,
+    received_writes: VecDeque<UrgentWrite>,
 }
 
 impl UrgentQueue {
     pub(super) fn new(incoming: mpsc::UnboundedReceiver<UrgentWrite>) -> Self {
-        Self { incoming, received: VecDeque::new() }
+        Self { incoming, received_writes: VecDeque::new() }
     }
 
     /// Waits until an urgent write is queued. Cancel safe.
@@ -23,20 +23,20 @@ impl UrgentQueue {
             return;
         }
         match self.incoming.recv().await {
-            Some(write) => self.received.push_back(write),
+            Some(write) => self.received_writes.push_back(write),
             None => std::future::pending().await,
         }
     }
 
     pub(super) fn has_write(&mut self) -> bool {
         while let Ok(write) = self.incoming.try_recv() {
-            self.received.push_back(write);
+            self.received_writes.push_back(write);
         }
-        !self.received.is_empty()
+        !self.received_writes.is_empty()
     }
 
     /// Removes the oldest urgent write.
     pub(super) fn pop(&mut self) -> Option<UrgentWrite> {
-        self.received.pop_front()
+        self.received_writes.pop_front()
     }
 }

@@ -5,7 +5,7 @@ use crate::capture::{CAPTURE_HEADER, LinkProtocol};
 
 /// One link of a capture.
 pub(super) struct CapturedLink {
-    pub(super) number: u32,
+    pub(super) link_number: u32,
     pub(super) protocol: LinkProtocol,
     pub(super) name: String,
     pub(super) transfers: Vec<Transfer>,
@@ -33,13 +33,13 @@ pub(super) fn parse_capture(file: &str, text: &str) -> Result<Vec<CapturedLink>,
     let mut links = Vec::new();
     for (line, number) in text.lines().zip(1..) {
         if !line.starts_with('#') {
-            parse_line(line, &mut links).map_err(|why| fault(number, why))?;
+            parse_capture_line(line, &mut links).map_err(|why| fault(number, why))?;
         }
     }
     Ok(links)
 }
 
-fn parse_line(line: &str, links: &mut Vec<CapturedLink>) -> Result<(), &'static str> {
+fn parse_capture_line(line: &str, links: &mut Vec<CapturedLink>) -> Result<(), &'static str> {
     let mut parts = line.splitn(4, ' ');
     let mut next = || parts.next().ok_or("the line has too few columns");
     let (seconds, number, mark, rest) = (next()?, next()?, next()?, next()?);
@@ -48,14 +48,14 @@ fn parse_line(line: &str, links: &mut Vec<CapturedLink>) -> Result<(), &'static 
     if !time_s.is_finite() {
         return Err("the first column is not a time");
     }
-    let link = links.iter_mut().find(|link| link.number == number);
+    let link = links.iter_mut().find(|link| link.link_number == number);
     match (mark, link) {
         ("=", Some(_)) => {}
         ("=", None) => {
             let (keyword, name) = rest.split_once(' ').ok_or("the link has no name")?;
             let protocol = LinkProtocol::ALL.into_iter().find(|protocol| protocol.keyword() == keyword);
             let protocol = protocol.ok_or("the protocol of the link is unknown")?;
-            links.push(CapturedLink { number, protocol, name: name.to_owned(), transfers: Vec::new() });
+            links.push(CapturedLink { link_number: number, protocol, name: name.to_owned(), transfers: Vec::new() });
         }
         (">" | "<", None) => return Err("the link was not opened"),
         (">", Some(link)) => link.transfers.push(Transfer::Sent(unescape(rest)?)),

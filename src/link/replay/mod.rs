@@ -16,11 +16,11 @@ use std::task::{Context, Poll, Waker};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 mod capture_parser;
-mod exchanges;
-mod files;
-mod frames;
-mod lines;
-mod registers;
+mod exchange_history;
+mod file_script;
+mod line_script;
+mod modbus_frames;
+mod register_script;
 #[cfg(test)]
 mod tests;
 
@@ -32,7 +32,7 @@ use capture_parser::CapturedLink;
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
     #[error("{file}: {source}")]
-    File { file: String, source: io::Error },
+    ReadFailed { file: String, source: io::Error },
     #[error("{file}, line {line}: {why}: the file is not a capture, or it was cut or changed")]
     Undecodable { file: String, line: usize, why: String },
 }
@@ -41,18 +41,18 @@ pub enum CaptureError {
 #[derive(Debug, Clone, thiserror::Error)]
 enum ReplayError {
     #[error("the capture has no further link with the protocol of {link}")]
-    NoLink { link: String },
+    NoFurtherLink { link: String },
     #[error("the capture has no {request}")]
     UnknownRequest { request: String },
     #[error("the capture has no {command} at this point; its next command is {next}")]
-    OtherCommand { command: String, next: String },
+    UnexpectedCommand { command: String, next: String },
     #[error("the capture has no {write} at this point; its next write is {next}")]
-    OtherWrite { write: String, next: String },
+    UnexpectedWrite { write: String, next: String },
     #[error("the text of {file} differs from the capture; captured text: {captured}")]
-    OtherText { file: String, captured: String },
+    DifferentText { file: String, captured: String },
 }
 
-/// Captured data of a device, and its time.
+/// Captured data of a device, and the time of reception from the start of the capture, s.
 #[derive(Debug, Clone, PartialEq)]
 struct CapturedReply {
     time_s: f64,
@@ -78,7 +78,8 @@ impl CaptureReplay {
     /// See [`CaptureError`]; it contains the line number.
     pub fn read(path: &Path) -> Result<Self, CaptureError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| CaptureError::File { file: file.clone(), source })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| CaptureError::ReadFailed { file: file.clone(), source })?;
         let links = capture_parser::parse_capture(&file, &text)?;
         Ok(Self { remaining_links: Arc::new(Mutex::new(links)), now_s: Arc::default() })
     }
@@ -90,17 +91,17 @@ impl CaptureReplay {
 
     /// Next link of this name. Names may have changed since the capture: without a match, the next link of the same
     /// protocol.
-    pub(super) fn link_replay(&self, name: &str, protocol: LinkProtocol) -> LinkReplay {
+    pub(super) fn take_link_replay(&self, name: &str, protocol: LinkProtocol) -> LinkReplay {
         let mut links = lock(&self.remaining_links);
         let has_protocol = |link: &CapturedLink| link.protocol == protocol;
         let named = links.iter().position(|link| has_protocol(link) && link.name == name);
         let index = named.or_else(|| links.iter().position(has_protocol));
         let script = index.map(|index| create_script(&links.remove(index)));
-        let failure = script.is_none().then(|| ReplayError::NoLink { link: name.to_owned() });
+        let failure = script.is_none().then(|| ReplayError::NoFurtherLink { link: name.to_owned() });
         let state = ReplayState { script, failure, ..ReplayState::default() };
         let link_replay = LinkReplay { now_s: self.now_s.clone(), state: Arc::new(Mutex::new(state)) };
         // Data that the device sends without a request.
-        link_replay.process_sent(&[]);
+        link_replay.process_sent_bytes(&[]);
         link_replay
     }
 }
@@ -113,9 +114,9 @@ impl Clock for CaptureReplay {
 
 fn create_script(captured: &CapturedLink) -> Box<dyn LinkScript> {
     match captured.protocol {
-        LinkProtocol::Lines | LinkProtocol::Samples => Box::new(lines::LineScript::new(captured)),
-        LinkProtocol::Modbus(framing) => Box::new(registers::RegisterScript::new(captured, framing)),
-        LinkProtocol::Files => Box::new(files::FileScript::new(captured)),
+        LinkProtocol::Lines | LinkProtocol::SensorRequests => Box::new(line_script::LineScript::new(captured)),
+        LinkProtocol::Modbus(framing) => Box::new(register_script::RegisterScript::new(captured, framing)),
+        LinkProtocol::SharedFiles => Box::new(file_script::FileScript::new(captured)),
     }
 }
 
@@ -148,7 +149,7 @@ impl LinkReplay {
     /// # Errors
     /// The command is not in the capture.
     pub(super) fn exchange(&self, bytes: &[u8]) -> io::Result<Vec<u8>> {
-        self.process_sent(bytes);
+        self.process_sent_bytes(bytes);
         let mut state = lock(&self.state);
         match &state.failure {
             Some(error) => Err(io::Error::other(error.clone())),
@@ -157,7 +158,7 @@ impl LinkReplay {
     }
 
     /// Passes sent bytes to the replay.
-    pub(super) fn process_sent(&self, bytes: &[u8]) {
+    pub(super) fn process_sent_bytes(&self, bytes: &[u8]) {
         let mut state = lock(&self.state);
         let result = match &mut state.script {
             Some(script) => script.reply_to(bytes),
@@ -200,7 +201,7 @@ impl AsyncRead for ReplayStream {
 
 impl AsyncWrite for ReplayStream {
     fn poll_write(self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        self.0.process_sent(bytes);
+        self.0.process_sent_bytes(bytes);
         Poll::Ready(Ok(bytes.len()))
     }
 

@@ -1,17 +1,17 @@
 //! Bodies of an artefact and their positions, table frame, mm. The data types of artefacts are in `record`.
 
-mod check;
-mod observation;
-mod part;
+mod artefact_body;
+mod ball_check;
+mod observed_surface;
 
-pub use check::{ArtefactEntry, ArtefactFault, check_balls};
-pub use observation::{ObservationError, ObservedCylinder, ObservedSurface};
-pub use part::{ArtefactBody, BodyShape, artefact_bodies};
+pub use artefact_body::{ArtefactBody, BodyShape, artefact_bodies};
+pub use ball_check::{ArtefactEntry, ArtefactFault, check_balls};
+pub use observed_surface::{ObservedCylinder, ObservedSurface, ObservedSurfaceError};
 
 use crate::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder};
 
-/// Uncertainty of the artefact's stated position, mm.
-pub fn position_uncertainty_mm(artefact: &Artefact) -> f64 {
+/// Maximum distance of the artefact's true position from its stated position, mm.
+pub fn max_misplacement_mm(artefact: &Artefact) -> f64 {
     match artefact {
         Artefact::Cylinder(Cylinder { uncertainty_mm, .. })
         | Artefact::Balls(Balls { uncertainty_mm, .. })

@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::chain::KinematicChain;
 use super::joint::Joint;
+use super::kinematic_chain::KinematicChain;
 use crate::frame::Pose;
 use crate::{Axis, Position};
 
@@ -23,7 +23,7 @@ impl KinematicChain {
     /// an axis that the machine does not have.
     pub fn axis_line(&self, axis: Axis, position: &Position) -> Option<AxisLine> {
         let is_requested = |joint: &Joint| joint.axis == axis && !axis.is_linear();
-        let (branch, index) = [&self.workpiece, &self.tool]
+        let (branch, index) = [&self.workpiece_joints, &self.tool_joints]
             .into_iter()
             .find_map(|branch| Some((branch, branch.iter().position(is_requested)?)))?;
         let carriers = branch.iter().take(index);

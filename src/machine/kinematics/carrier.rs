@@ -3,8 +3,8 @@
 
 use nalgebra::Vector3;
 
-use super::chain::KinematicChain;
 use super::joint::Joint;
+use super::kinematic_chain::KinematicChain;
 use crate::Axis;
 use crate::frame::Pose;
 use crate::record::machine::Carrier;
@@ -42,14 +42,14 @@ impl KinematicChain {
         };
         let (side, joints) = match carrier {
             Carrier::Bed => (MachineSide::Bed, Vec::new()),
-            Carrier::Table => (MachineSide::Workpiece, self.workpiece.clone()),
+            Carrier::Table => (MachineSide::Workpiece, self.workpiece_joints.clone()),
             Carrier::Spindle => {
                 let is_not_s = |joint: &&Joint| joint.axis != Axis::S;
-                (MachineSide::Tool, self.tool.iter().filter(is_not_s).cloned().collect())
+                (MachineSide::Tool, self.tool_joints.iter().filter(is_not_s).cloned().collect())
             }
-            Carrier::Axis(axis) => match up_to(&self.workpiece, axis) {
+            Carrier::Axis(axis) => match up_to(&self.workpiece_joints, axis) {
                 Some(joints) => (MachineSide::Workpiece, joints),
-                None => (MachineSide::Tool, up_to(&self.tool, axis)?),
+                None => (MachineSide::Tool, up_to(&self.tool_joints, axis)?),
             },
         };
         Some(CarrierChain { side, joints })
@@ -76,7 +76,7 @@ impl CarrierChain {
     }
 
     /// Both carriers relative to the last carrier that they share, without the joints that move both.
-    pub fn relative_chains(first: &Self, second: &Self) -> [Self; 2] {
+    pub fn without_shared_joints(first: &Self, second: &Self) -> [Self; 2] {
         let shared = first.axes().zip(second.axes()).take_while(|(a, b)| a == b).count();
         [first, second].map(|chain| {
             let joints = chain.joints.iter().skip(shared).cloned().collect();
@@ -96,8 +96,9 @@ impl CarrierChain {
 
 impl CarrierMotion<'_> {
     /// Pose of the carrier in the machine frame at `middle`, and a bound, mm, on the displacement of any point of a
-    /// body from its position at `middle`. The bound holds while every axis stays within `half` of `middle`, on any
-    /// path of the axes. The body lies in the convex hull of balls of `radius` about `corners` (carrier frame).
+    /// body from its position at `middle`. The bound holds while every axis stays within `half_travel` of
+    /// `middle`, on any path of the axes. The body lies in the convex hull of balls of `corner_radius` about `corners`
+    /// (carrier frame).
     ///
     /// The position of a point is M₁…Mₙ·p. Changing one joint after the other, the outermost first, each joint
     /// moves the point by |Δq| (linear) or by the chord 2·sin(|Δθ|/2) times the distance of the point *at `middle`*
@@ -105,17 +106,18 @@ impl CarrierMotion<'_> {
     pub fn pose_and_displacement_bound(
         &self,
         middle: &AxisCommands,
-        half: &AxisCommands,
+        half_travel: &AxisCommands,
         corners: &[Vector3<f64>],
-        radius: f64,
+        corner_radius: f64,
     ) -> (Pose, f64) {
         let (mut pose, mut displacement_bound) = (Pose::identity(), 0.0);
         for (joint, fixed_pose) in self.0.iter().rev() {
-            let (command, half) = (middle[joint.axis as usize], half[joint.axis as usize]);
-            if half > 0.0 {
+            let (command, half_travel) = (middle[joint.axis as usize], half_travel[joint.axis as usize]);
+            if half_travel > 0.0 {
                 let distances =
                     corners.iter().map(|p| joint.distance_from_axis(pose.transform_point(&(*p).into()).coords));
-                displacement_bound += joint.max_displacement(half, distances.fold(0.0, f64::max) + radius);
+                displacement_bound +=
+                    joint.max_displacement(half_travel, distances.fold(0.0, f64::max) + corner_radius);
             }
             pose = fixed_pose.unwrap_or_else(|| joint.nominal_pose(command)) * pose;
         }

@@ -2,27 +2,27 @@
 
 use nalgebra::Vector3;
 
-use super::chain::KinematicChain;
+use super::error_parameter::{ErrorParameter, ErrorShape, ErrorTerm};
 use super::joint::{ERROR_COMPONENT_ORDER, Joint};
-use super::parameter::{ErrorParameter, ErrorShape, ErrorTerm};
+use super::kinematic_chain::KinematicChain;
 use crate::Position;
 use crate::frame::{Point, Pose, SpindleFrame};
 
 impl KinematicChain {
-    /// ∂p_w/∂θ for each of `parameters`, in their order, exact at `errors`: mm per mm, per rad or
-    /// per mm/mm, in the table frame. Zero for an axis that the machine does not have.
+    /// Derivative ∂p_w/∂θ of the tip for each of `parameters`, in their order, exact at `errors`: mm per mm, per rad
+    /// or per mm/mm, in the table frame. Zero for an axis that the machine does not have.
     ///
     /// ∂p_w/∂θ_k = ±φ·R_wᵀ·(Ad_prefix e_k)(p_F): + in the tool branch, − in the workpiece branch;
     /// p_F is the tip in the machine frame, R_w the table's rotation.
-    pub fn jacobian(
+    pub fn error_jacobian(
         &self,
         position: &Position,
         tip: Point<SpindleFrame>,
         errors: &[ErrorTerm],
         parameters: &[ErrorParameter],
     ) -> Vec<Vector3<f64>> {
-        let workpiece = joint_poses(&self.workpiece, position, errors);
-        let tool = joint_poses(&self.tool, position, errors);
+        let workpiece = joint_poses_and_branch_pose(&self.workpiece_joints, position, errors);
+        let tool = joint_poses_and_branch_pose(&self.tool_joints, position, errors);
         let tip = tool.1.transform_point(&tip.mm.into()).coords;
         let into_table = workpiece.1.rotation.inverse();
         let mut columns = vec![Vector3::zeros(); parameters.len()];
@@ -30,7 +30,7 @@ impl KinematicChain {
             for joint_poses in branch {
                 for (column, parameter) in columns.iter_mut().zip(parameters) {
                     if parameter.axis() == joint_poses.joint.axis {
-                        let velocity = tip_velocity(joint_poses, *parameter, position, errors, tip);
+                        let velocity = tip_derivative_by_parameter(joint_poses, *parameter, position, errors, tip);
                         *column = into_table * velocity * side;
                     }
                 }
@@ -48,7 +48,11 @@ struct JointPoses<'a> {
 }
 
 /// All joints of a branch, and the pose of its end.
-fn joint_poses<'a>(branch: &'a [Joint], position: &Position, errors: &[ErrorTerm]) -> (Vec<JointPoses<'a>>, Pose) {
+fn joint_poses_and_branch_pose<'a>(
+    branch: &'a [Joint],
+    position: &Position,
+    errors: &[ErrorTerm],
+) -> (Vec<JointPoses<'a>>, Pose) {
     let mut carrier_pose = Pose::identity();
     let poses_of_joint = |joint: &'a Joint| {
         let pose_with_location_errors = carrier_pose * joint.error_pose(position, errors);
@@ -59,8 +63,8 @@ fn joint_poses<'a>(branch: &'a [Joint], position: &Position, errors: &[ErrorTerm
     (branch.iter().map(poses_of_joint).collect(), carrier_pose)
 }
 
-/// Velocity of the point `tip` (machine frame) per unit of `parameter` of `joint`.
-fn tip_velocity(
+/// Derivative of the point `tip`, which moves with the joint, by `parameter` of the joint; machine frame.
+fn tip_derivative_by_parameter(
     JointPoses { joint, carrier_pose, pose_with_location_errors }: &JointPoses<'_>,
     parameter: ErrorParameter,
     position: &Position,
@@ -68,7 +72,7 @@ fn tip_velocity(
     tip: Vector3<f64>,
 ) -> Vector3<f64> {
     let factor = parameter.shape_factor(position.get_or_zero(joint.axis));
-    let generator = parameter.component().direction();
+    let generator = parameter.component().nominal_direction();
     if parameter.shape() == ErrorShape::Gain {
         return pose_with_location_errors.transform_vector(&generator) * joint.command_sign * factor;
     }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 
 use super::KinematicsError;
-use super::parameter::{ErrorShape, ErrorTerm};
+use super::error_parameter::{ErrorShape, ErrorTerm};
 use crate::frame::{Pose, unit_vector};
 use crate::record::machine::{AxisSpec, Machine};
 use crate::{Axis, Position};
@@ -24,29 +24,32 @@ pub(super) struct Joint {
 }
 
 impl Joint {
-    /// `side`: −1 in the workpiece branch, +1 in the tool branch.
-    pub(super) fn new(axis: Axis, side: f64, machine: &Machine) -> Result<Self, KinematicsError> {
+    /// `branch_sign`: −1 in the workpiece branch, +1 in the tool branch.
+    pub(super) fn new(axis: Axis, branch_sign: f64, machine: &Machine) -> Result<Self, KinematicsError> {
         match machine.axes.get(&axis) {
-            Some(spec) => Self::from_spec(axis, side, spec),
-            None if axis == Axis::S => {
-                Ok(Self { axis, command_sign: side, direction: axis.direction(), point: Vector3::zeros() })
-            }
+            Some(spec) => Self::from_spec(axis, branch_sign, spec),
+            None if axis == Axis::S => Ok(Self {
+                axis,
+                command_sign: branch_sign,
+                direction: axis.nominal_direction(),
+                point: Vector3::zeros(),
+            }),
             None => Err(KinematicsError::NotInAxes { axis, topology: machine.topology.clone() }),
         }
     }
 
-    fn from_spec(axis: Axis, side: f64, spec: &AxisSpec) -> Result<Self, KinematicsError> {
+    fn from_spec(axis: Axis, branch_sign: f64, spec: &AxisSpec) -> Result<Self, KinematicsError> {
         let axis_direction = Vector3::from(spec.direction);
         let direction = if axis_direction == Vector3::zeros() {
-            axis.direction()
+            axis.nominal_direction()
         } else {
             unit_vector(axis_direction).unwrap_or_default()
         };
         let point = if axis.is_linear() { Vector3::zeros() } else { Vector3::from(spec.point_mm) };
         if direction == Vector3::zeros() || !is_finite(direction) || !is_finite(point) {
-            return Err(KinematicsError::InvalidDirection { axis });
+            return Err(KinematicsError::InvalidDirectionOrPoint { axis });
         }
-        Ok(Self { axis, command_sign: side * spec.positive.direction_sign(), direction, point })
+        Ok(Self { axis, command_sign: branch_sign * spec.positive.direction_sign(), direction, point })
     }
 
     /// The joint's motion without errors.
@@ -62,10 +65,10 @@ impl Joint {
         self.direction.cross(&(point - self.point)).norm()
     }
 
-    /// Maximum distance between two positions of a point at distance `reach` from the axis of rotation, while the
-    /// command changes by `change` at most.
-    pub(super) fn max_displacement(&self, change: f64, reach: f64) -> f64 {
-        if self.axis.is_linear() { change } else { 2.0 * (change.min(PI) / 2.0).sin() * reach }
+    /// Maximum distance between two positions of a point at distance `axis_distance` from the axis of rotation, while
+    /// the command changes by `command_change` at most.
+    pub(super) fn max_displacement(&self, command_change: f64, axis_distance: f64) -> f64 {
+        if self.axis.is_linear() { command_change } else { 2.0 * (command_change.min(PI) / 2.0).sin() * axis_distance }
     }
 
     /// Motion of the joint with all its errors: location errors and error motions, then the nominal motion, then
@@ -94,7 +97,7 @@ impl Joint {
         })
     }
 
-    /// Sum of all errors of one component before the joint; they share one generator, so they add up.
+    /// Motion by the sum of the joint's errors of one component; the errors share one generator, so they add up.
     pub(super) fn component_error_pose(&self, component: Axis, position: &Position, errors: &[ErrorTerm]) -> Pose {
         self.component_pose(component, self.component_error_amount(component, position.get_or_zero(self.axis), errors))
     }
@@ -107,7 +110,7 @@ impl Joint {
     }
 
     fn component_pose(&self, component: Axis, amount: f64) -> Pose {
-        axis_motion(component, component.direction(), self.point, amount)
+        axis_motion(component, component.nominal_direction(), self.point, amount)
     }
 
     /// ∂(motion)/∂(command) of a linear joint, in the frame after its location errors.
@@ -119,7 +122,7 @@ impl Joint {
     fn direction_with_gains(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
         self.errors_of_axis(errors)
             .filter(|e| e.parameter.shape() == ErrorShape::Gain)
-            .fold(self.direction, |sum, e| sum + e.parameter.component().direction() * e.value)
+            .fold(self.direction, |sum, e| sum + e.parameter.component().nominal_direction() * e.value)
     }
 
     fn errors_of_axis<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {

@@ -9,19 +9,19 @@
 
 mod axis_line;
 mod carrier;
-mod chain;
+mod error_parameter;
 mod jacobian;
 mod joint;
-mod parameter;
-mod table_axis;
+mod kinematic_chain;
 mod topology;
+mod upright_table_axis;
 
 pub use axis_line::AxisLine;
 pub use carrier::{AxisCommands, CarrierChain, CarrierMotion, MachineSide};
-pub use chain::KinematicChain;
-pub use parameter::{ErrorParameter, ErrorShape, ErrorTerm, ParameterError};
-pub use table_axis::UprightTableAxis;
+pub use error_parameter::{ErrorParameter, ErrorShape, ErrorTerm, InvalidErrorParameter};
+pub use kinematic_chain::KinematicChain;
 pub use topology::{Topology, TopologyError};
+pub use upright_table_axis::UprightTableAxis;
 
 use crate::Axis;
 
@@ -39,7 +39,7 @@ pub enum KinematicsError {
     )]
     NotInTopology { axis: Axis, topology: String },
     #[error("[axes.{axis}]: direction and point_mm must be finite numbers; [0,0,0] selects the nominal direction")]
-    InvalidDirection { axis: Axis },
+    InvalidDirectionOrPoint { axis: Axis },
     #[error("{parameter} is an error of axis {axis}, which the machine {topology} does not have; remove the parameter")]
     NoSuchAxis { parameter: ErrorParameter, axis: Axis, topology: String },
     #[error("X, Y and Z do not span space; check the directions in [axes.X], [axes.Y], [axes.Z]")]

@@ -8,19 +8,19 @@ use crate::Axis;
 /// The two branches of a machine, each written from the bed outwards.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Topology {
-    workpiece: Vec<Axis>,
-    tool: Vec<Axis>,
+    workpiece_branch: Vec<Axis>,
+    tool_branch: Vec<Axis>,
 }
 
 impl Topology {
     /// Axes between bed and workpiece, beginning at the bed.
-    pub fn workpiece(&self) -> &[Axis] {
-        &self.workpiece
+    pub fn workpiece_branch(&self) -> &[Axis] {
+        &self.workpiece_branch
     }
 
     /// Axes between bed and tool, beginning at the bed; the spindle `S`, if any, is last.
-    pub fn tool(&self) -> &[Axis] {
-        &self.tool
+    pub fn tool_branch(&self) -> &[Axis] {
+        &self.tool_branch
     }
 
     pub fn contains(&self, axis: Axis) -> bool {
@@ -28,10 +28,10 @@ impl Topology {
     }
 
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
-        self.workpiece.iter().chain(&self.tool).copied()
+        self.workpiece_branch.iter().chain(&self.tool_branch).copied()
     }
 
-    fn check(&self) -> Result<(), TopologyProblem> {
+    fn check_axes(&self) -> Result<(), TopologyProblem> {
         for axis in Axis::ALL {
             if self.axes().filter(|a| *a == axis).count() > 1 {
                 return Err(TopologyProblem::DuplicateAxis(axis));
@@ -40,12 +40,12 @@ impl Topology {
         if let Some(missing) = Axis::LINEAR.into_iter().find(|axis| !self.contains(*axis)) {
             return Err(TopologyProblem::MissingLinearAxis(missing));
         }
-        if self.contains(Axis::S) && self.tool.last() != Some(&Axis::S) {
+        if self.contains(Axis::S) && self.tool_branch.last() != Some(&Axis::S) {
             return Err(TopologyProblem::SpindleNotLast);
         }
         match self.axes().filter(|a| *a != Axis::S).count() {
             3..=5 => Ok(()),
-            count => Err(TopologyProblem::AxisCount(count)),
+            count => Err(TopologyProblem::UnsupportedAxisCount(count)),
         }
     }
 }
@@ -53,8 +53,8 @@ impl Topology {
 /// Compact form, e.g. `wCBXFZYSt`.
 impl fmt::Display for Topology {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let workpiece: String = self.workpiece.iter().rev().map(|a| a.letter()).collect();
-        let tool: String = self.tool.iter().map(|a| a.letter()).collect();
+        let workpiece: String = self.workpiece_branch.iter().rev().map(|a| a.letter()).collect();
+        let tool: String = self.tool_branch.iter().map(|a| a.letter()).collect();
         write!(f, "w{workpiece}F{tool}t")
     }
 }
@@ -72,16 +72,16 @@ impl FromStr for Topology {
 fn parse_topology(text: &str) -> Result<Topology, TopologyProblem> {
     let plain: String =
         strip_brackets(text)?.replace("(C)", "S").chars().filter(|c| *c != '-' && !c.is_whitespace()).collect();
-    let middle = plain.strip_prefix('w').ok_or(TopologyProblem::MissingEnds)?;
-    let middle = middle.strip_suffix('t').ok_or(TopologyProblem::MissingEnds)?;
+    let middle = plain.strip_prefix('w').ok_or(TopologyProblem::MissingWorkpieceOrTool)?;
+    let middle = middle.strip_suffix('t').ok_or(TopologyProblem::MissingWorkpieceOrTool)?;
     let mut sides = middle.split(['F', 'b']);
     let (Some(workpiece), Some(tool), None) = (sides.next(), sides.next(), sides.next()) else {
-        return Err(TopologyProblem::BedCount);
+        return Err(TopologyProblem::NotExactlyOneBed);
     };
     let mut workpiece = parse_axes(workpiece)?;
     workpiece.reverse();
-    let topology = Topology { workpiece, tool: parse_axes(tool)? };
-    topology.check()?;
+    let topology = Topology { workpiece_branch: workpiece, tool_branch: parse_axes(tool)? };
+    topology.check_axes()?;
     Ok(topology)
 }
 
@@ -111,11 +111,11 @@ pub struct TopologyError {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TopologyProblem {
     #[error("the ends are missing; begin with the workpiece `w` and end with the tool `t`")]
-    MissingEnds,
+    MissingWorkpieceOrTool,
     #[error("the bracket `[` is not closed; add `]` at the end")]
     UnclosedBracket,
     #[error("the bed must occur exactly once; write it as `F` or `b` between workpiece and tool axes")]
-    BedCount,
+    NotExactlyOneBed,
     #[error("`{0}` is not an axis; write X, Y, Z, A, B or C, and the spindle as `S` or `(C)`")]
     UnknownLetter(char),
     #[error("axis {0} occurs twice; write each axis once")]
@@ -125,7 +125,7 @@ pub enum TopologyProblem {
     #[error("the spindle is not the last axis; write `S` or `(C)` directly before `t`")]
     SpindleNotLast,
     #[error("the topology has {0} axes; write three to five, and the spindle if it can be oriented")]
-    AxisCount(usize),
+    UnsupportedAxisCount(usize),
 }
 
 #[cfg(test)]
@@ -135,8 +135,8 @@ mod tests {
     #[test]
     fn all_notations_give_the_same_branches() {
         let expected: Topology = "w-C-B-b-Y-X-Z-S-t".parse().unwrap();
-        assert_eq!(expected.workpiece(), [Axis::B, Axis::C]);
-        assert_eq!(expected.tool(), [Axis::Y, Axis::X, Axis::Z, Axis::S]);
+        assert_eq!(expected.workpiece_branch(), [Axis::B, Axis::C]);
+        assert_eq!(expected.tool_branch(), [Axis::Y, Axis::X, Axis::Z, Axis::S]);
         for text in ["V[w-C-B-b-Y-X-Z-(C)-t]", "V [w-C-B-b-Y-X-Z-(C)-t]", "wCBbYXZ(C)t", "wCBFYXZSt"] {
             assert_eq!(text.parse::<Topology>().unwrap(), expected, "{text}");
         }
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn three_to_five_axes_with_and_without_a_spindle() {
+    fn topologies_of_three_to_five_axes_parse_and_print_unchanged() {
         for text in ["wFXYZt", "wXYZFt", "wCAYFXZt", "wCBFXYZt", "wAFXYZBt", "wCBXFZYSt"] {
             assert_eq!(text.parse::<Topology>().unwrap().to_string(), text);
         }
@@ -153,18 +153,18 @@ mod tests {
     #[test]
     fn each_topology_error_has_its_own_variant() {
         let problem = |text: &str| text.parse::<Topology>().unwrap_err().problem;
-        assert_eq!(problem("C-B-X-F-Z-Y-t"), TopologyProblem::MissingEnds);
-        assert_eq!(problem("w-C-B-X-F-Z-Y"), TopologyProblem::MissingEnds);
+        assert_eq!(problem("C-B-X-F-Z-Y-t"), TopologyProblem::MissingWorkpieceOrTool);
+        assert_eq!(problem("w-C-B-X-F-Z-Y"), TopologyProblem::MissingWorkpieceOrTool);
         assert_eq!(problem("V[w-C-b-X-Y-Z-t"), TopologyProblem::UnclosedBracket);
-        assert_eq!(problem("wCBXZYt"), TopologyProblem::BedCount);
-        assert_eq!(problem("wCBXFZbYt"), TopologyProblem::BedCount);
+        assert_eq!(problem("wCBXZYt"), TopologyProblem::NotExactlyOneBed);
+        assert_eq!(problem("wCBXFZbYt"), TopologyProblem::NotExactlyOneBed);
         assert_eq!(problem("wCUFXYZt"), TopologyProblem::UnknownLetter('U'));
         assert_eq!(problem("wCFXYZ(B)t"), TopologyProblem::UnknownLetter('('));
         assert_eq!(problem("wCCFXYZt"), TopologyProblem::DuplicateAxis(Axis::C));
         assert_eq!(problem("wCBFXYt"), TopologyProblem::MissingLinearAxis(Axis::Z));
         assert_eq!(problem("wCFXYSZt"), TopologyProblem::SpindleNotLast);
         assert_eq!(problem("wSCFXYZt"), TopologyProblem::SpindleNotLast);
-        assert_eq!(problem("wABCFXYZt"), TopologyProblem::AxisCount(6));
-        assert_eq!(problem(""), TopologyProblem::MissingEnds);
+        assert_eq!(problem("wABCFXYZt"), TopologyProblem::UnsupportedAxisCount(6));
+        assert_eq!(problem(""), TopologyProblem::MissingWorkpieceOrTool);
     }
 }

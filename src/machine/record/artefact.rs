@@ -29,7 +29,7 @@ pub struct DatumCylinder {
     pub sections: Vec<CylinderSection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub face: Option<CylinderSection>,
-    /// Maximum distance of the true centre from the stated centre.
+    /// Maximum distance, not standard uncertainty, of the true centre from the stated centre.
     #[serde(default = "default_value::<2>")]
     pub uncertainty_mm: f64,
 }
@@ -53,7 +53,7 @@ pub struct Cylinder {
     pub radius_mm: f64,
     #[serde(default = "default_value::<100>")]
     pub height_mm: f64,
-    /// Maximum distance of the true centre from the stated centre.
+    /// Maximum distance, not standard uncertainty, of the true centre from the stated centre.
     #[serde(default = "default_value::<2>")]
     pub uncertainty_mm: f64,
 }
@@ -80,7 +80,7 @@ pub struct Balls {
     /// Standard uncertainty of `temperature_c`; absent: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub u_temperature_k: Option<f64>,
-    /// Maximum distance of the true centres from the stated centres.
+    /// Maximum distance, not standard uncertainty, of a ball's true centre from its stated centre.
     #[serde(default = "default_value::<2>")]
     pub uncertainty_mm: f64,
 }
@@ -88,17 +88,18 @@ pub struct Balls {
 impl Balls {
     /// Thermal expansion per mm of distance between two certified centres, mm: its value at the stated temperature,
     /// and its standard uncertainty.
-    pub fn relative_expansion(&self) -> [f64; 2] {
+    pub fn relative_expansion_and_u(&self) -> [f64; 2] {
         let per_k = self.expansion_um_per_m_k.unwrap_or_default() * 1e-6;
         let above_k = self.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_TEMPERATURE_C);
         [per_k * above_k, (per_k * self.u_temperature_k.unwrap_or_default()).abs()]
     }
 }
 
+/// One ball of the artefact.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ball {
-    /// Short name without `/`, because the labels of steps contain it.
+    /// Short name, unique within the artefact; without `/`, because the labels of steps contain it.
     pub id: String,
     pub centre_mm: [f64; 3],
     pub radius_mm: f64,
@@ -117,16 +118,17 @@ pub struct Ball {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CertifiedLength {
+    /// `id` of the one ball; `to` is that of the other.
     pub from: String,
     pub to: String,
-    /// Length at 20 °C.
+    /// Certified length at 20 °C, mm.
     pub mm: f64,
-    /// Standard uncertainty of the certificate.
+    /// Standard uncertainty of the certified length, mm.
     pub u_mm: f64,
-    /// Coefficient of thermal expansion.
+    /// Coefficient of thermal expansion of the certified length.
     #[serde(default)]
     pub expansion_um_per_m_k: f64,
-    /// Temperature during the measurement; absent: 20 °C is assumed.
+    /// Temperature of the certified length during the measurement; absent: 20 °C is assumed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
     /// Standard uncertainty of `temperature_c`.

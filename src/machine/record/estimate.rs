@@ -125,7 +125,7 @@ pub struct BudgetLine {
     pub source: String,
     /// Evaluation type; absent in estimates of earlier versions, like the distribution.
     #[serde(rename = "type", default, skip_serializing_if = "Option::is_none")]
-    pub evaluation: Option<EvaluationType>,
+    pub evaluation_type: Option<EvaluationType>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distribution: Option<Distribution>,
     /// Contribution to the standard uncertainty of the parameter, in its unit.
@@ -177,7 +177,7 @@ pub struct EstimatedFunction {
     pub u: Vec<f64>,
     /// Kind of figure: `curve`, `polar`, `points`, `histogram` or `spectrum`.
     #[serde(default)]
-    pub figure: FigureKind,
+    pub figure: FunctionFigureKind,
     /// Point for which a displacement is valid, machine frame with all axes at zero. Absent: at the Z of
     /// `point_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -186,7 +186,7 @@ pub struct EstimatedFunction {
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum FigureKind {
+pub enum FunctionFigureKind {
     #[default]
     Curve,
     Polar,
@@ -221,12 +221,12 @@ pub struct ArrowFigure {
     pub groups: Vec<ArrowGroup>,
     /// Kind of figure: `arrows` or `paths`.
     #[serde(default)]
-    pub figure: VectorKind,
+    pub figure: VectorFigureKind,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum VectorKind {
+pub enum VectorFigureKind {
     #[default]
     Arrows,
     /// Nominal and measured position of each point, with the deviation magnified; the points are joined in order to
@@ -296,7 +296,7 @@ impl fmt::Display for Verdict {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Outlier {
     /// Candidates; several if the readings do not show which of them is wrong.
-    pub candidates: Vec<Deviation>,
+    pub candidates: Vec<OutlierCandidate>,
     /// Externally studentised residual.
     pub t: f64,
     /// Action taken, as text; absent: none.
@@ -306,7 +306,7 @@ pub struct Outlier {
 
 /// Deviation of one measurement, with the label from the plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Deviation {
+pub struct OutlierCandidate {
     pub label: String,
     /// Measured value minus the value predicted by all others, outward along the touch; for a ball, the length of the
     /// displacement.

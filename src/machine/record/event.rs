@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::plan::Stage;
 use super::proof::Proof;
 use super::reading::Reading;
-use super::watch::LiveValues;
+use super::watched_sensors::LiveValues;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "event")]
@@ -47,7 +47,7 @@ pub enum Event {
         repeat: u32,
         who: String,
     },
-    /// All samples of a scan.
+    /// All samples of a scan are stored; `flagged` of them have a flag.
     ScanStored {
         step: u32,
         samples: usize,

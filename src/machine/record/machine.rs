@@ -90,6 +90,7 @@ pub struct AxisSpec {
     /// Direction; `[0,0,0]` means the nominal direction of the axis after ISO 841.
     #[serde(default)]
     pub direction: [f64; 3],
+    /// Lower travel limit, mm or degrees; `max` is the upper one.
     pub min: f64,
     pub max: f64,
     #[serde(default, skip_serializing_if = "Homing::is_switch")]
@@ -112,7 +113,8 @@ pub struct AxisSpec {
     /// unknown; then each order that a method cannot separate counts with the whole variance.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub error_motion_orders: Vec<u32>,
-    /// For a linear axis: lost motion at a reversal that the control does not compensate, standard uncertainty, um.
+    /// For a linear axis: standard uncertainty of the lost motion at a reversal that remains after the control's
+    /// compensation, um.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub backlash_um: f64,
     /// For a linear axis: standard deviation of its angular error motion about each of X, Y and Z (roll, pitch,
@@ -134,7 +136,7 @@ impl AxisSpec {
     }
 
     /// First and last multiple of `step` within the limits.
-    pub fn multiples_within(&self, step: f64) -> [i64; 2] {
+    pub fn first_and_last_multiple_within_limits(&self, step: f64) -> [i64; 2] {
         [(self.min / step - 1e-9).ceil() as i64, (self.max / step + 1e-9).floor() as i64]
     }
 }
@@ -169,8 +171,8 @@ pub struct Probe {
     /// Standard deviation of the direction-dependent pre-travel (lobing), um.
     #[serde(default)]
     pub lobing_um: f64,
-    /// Harmonic orders of the lobing, each with an equal share of the variance. Empty: unknown; then each order
-    /// from 2 to 6 counts with the whole variance.
+    /// Harmonic orders of the lobing, each with an equal share of the variance. Empty: the orders are unknown, and
+    /// each order from 2 to 6 counts with the whole variance.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lobing_orders: Vec<u32>,
     /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
@@ -205,6 +207,7 @@ pub struct Probe {
     /// Command of the control that switches the probe on, e.g. `M64 P1`; absent: the probe is always on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub on: Option<String>,
+    /// Command of the control that switches the probe off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub off: Option<String>,
     /// Dwell between positioning and touch.

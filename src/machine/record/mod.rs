@@ -1,6 +1,7 @@
 //! The data of a run: machine, plan, stage, step, motion, event, reading, estimate.
 
 pub mod artefact;
+pub mod axis_track;
 pub mod estimate;
 pub mod event;
 pub mod machine;
@@ -11,8 +12,7 @@ pub mod question;
 pub mod reading;
 pub mod sensor;
 mod sensor_names;
-pub mod track;
-pub mod watch;
+pub mod watched_sensors;
 
 /// Default of a key in the machine file.
 fn default_value<const VALUE: u16>() -> f64 {

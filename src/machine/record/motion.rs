@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::track::AxisTrack;
+use super::axis_track::AxisTrack;
 use crate::Position;
 
 /// One move. Only the axes contained in `to` move, all together along a straight line.
@@ -55,9 +55,9 @@ pub struct Block {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BlockOutcome {
     /// All axis positions at the trigger, machine coordinates; `None` if the block has no `Probe`.
-    pub touch: Option<Position>,
+    pub trigger_position: Option<Position>,
     /// Time of the trigger, s, if the control stamps it; otherwise the host's clock is used.
-    pub t_s: Option<f64>,
+    pub trigger_time_s: Option<f64>,
     /// For a block that moves at feed, on a control that stamps positions: the positions during the whole block.
     pub track: Option<AxisTrack>,
 }

@@ -7,18 +7,18 @@ use super::artefact::Artefact;
 use super::estimate::Estimate;
 use super::machine::{Keepout, Machine, Probe, Solid};
 use super::sensor::Sensor;
-use super::watch::WatchedSensor;
+use super::watched_sensors::WatchedSensor;
 use crate::{Axis, Position};
 
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
 
-/// First repeat number, below [`FIRST_REPEAT_AFTER_STOP`], of steps that are measured again because all other readings
-/// contradict theirs; no method has that many passes.
-pub const FIRST_OUTLIER_REPEAT: u32 = 500;
+/// First repeat number, below [`FIRST_REPEAT_NUMBER_AFTER_STOP`], of steps that are measured again because all other
+/// readings contradict theirs; no method has that many passes.
+pub const FIRST_OUTLIER_REPEAT_NUMBER: u32 = 500;
 
 /// First repeat number of references that are measured again after a stop.
-pub const FIRST_REPEAT_AFTER_STOP: u32 = 1000;
+pub const FIRST_REPEAT_NUMBER_AFTER_STOP: u32 = 1000;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
@@ -183,9 +183,9 @@ pub enum Sampling {
 pub struct Stage {
     pub id: u32,
     pub name: String,
-    /// Number of earlier measurements of each step: 0 in the first pass. From [`FIRST_OUTLIER_REPEAT`] on: measured
-    /// again because the value was an outlier, counted by such stages. From [`FIRST_REPEAT_AFTER_STOP`] on: references
-    /// measured again after a stop, counted by stops.
+    /// Number of earlier measurements of each step: 0 in the first pass. From [`FIRST_OUTLIER_REPEAT_NUMBER`] on:
+    /// measured again because the value was an outlier, counted by such stages. From
+    /// [`FIRST_REPEAT_NUMBER_AFTER_STOP`] on: references measured again after a stop, counted by stops.
     pub repeat: u32,
     /// Ids of the steps to run, in order. The plan contains these steps.
     pub steps: Vec<u32>,

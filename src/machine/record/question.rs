@@ -61,7 +61,7 @@ pub enum Question {
         last_result: Option<String>,
     },
     /// May the machine make this move, to be held during the motion? Yes or no.
-    AllowHold(Jog),
+    AllowJogWithHold(Jog),
     /// The control was held. Is the hold released at the control, and is the control ready again? `last_failure`: why
     /// the last attempt failed. Yes or no.
     HoldReleased { last_failure: Option<String> },

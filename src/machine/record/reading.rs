@@ -14,10 +14,14 @@ pub enum ReadingFlag {
     #[default]
     #[serde(rename = "")]
     None,
+    /// The sensor reports no distance: the surface is out of its range, or gives no echo.
     Range,
     Saturated,
+    /// The value is an earlier one: the sensor gave no new value.
     Stale,
+    /// Samples are missing: before this one, or at this angle.
     Gap,
+    /// Excluded from the identification by the operator.
     Excluded,
 }
 
@@ -39,26 +43,29 @@ impl ReadingFlag {
 }
 
 impl FromStr for ReadingFlag {
-    type Err = UnknownFlag;
+    type Err = UnknownReadingFlag;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL.into_iter().find(|flag| flag.as_str() == text).ok_or_else(|| UnknownFlag(text.to_owned()))
+        Self::ALL.into_iter().find(|flag| flag.as_str() == text).ok_or_else(|| UnknownReadingFlag(text.to_owned()))
     }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown flag `{0}`; the flags are range, saturated, stale, gap and excluded, or nothing")]
-pub struct UnknownFlag(pub String);
+pub struct UnknownReadingFlag(pub String);
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
+    /// Id of the step.
     pub step: u32,
+    /// As [`Stage::repeat`](super::plan::Stage::repeat): number of earlier measurements of the step.
     pub repeat: u32,
     /// Axis positions: at the trigger (touch), or with the sample (scan).
     pub position: Position,
     /// Displacement of a scan sample; `None` for a touch.
     pub value_mm: Option<f64>,
     pub sensor: String,
+    /// Time of the run, s.
     pub t_s: f64,
     #[serde(default)]
     pub flag: ReadingFlag,

@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn sensor_names_survive_json() {
+    fn sensor_names_round_trip_through_json() {
         let cases: [(&str, &[&str]); 3] = [
             (r#"{"sensor":""}"#, &[]),
             (r#"{"sensor":"laser"}"#, &["laser"]),

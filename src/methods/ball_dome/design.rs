@@ -39,8 +39,8 @@ pub fn design_visits(
     settings: &BallDomeSettings,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
     let chain = KinematicChain::new(&setup.plan.machine)?;
-    let places = list_indexations(super::METHOD_NAME, &setup.plan.machine, &chain, &settings.positions())?;
-    let access = setup.access(&setup.plan.artefact)?;
+    let places = list_indexations(super::METHOD_NAME, &setup.plan.machine, &chain, &settings.rotary_positions())?;
+    let access = setup.touch_access(&setup.plan.artefact)?;
     let approach = setup.search_approach(setup.balls.uncertainty_mm);
     let mut seen = vec![false; setup.balls.balls.len()];
     let mut why_not: BTreeMap<usize, String> = BTreeMap::new();

@@ -1,14 +1,14 @@
 //! Simultaneous least-squares fit of machine errors and stylus to the readings of the certified artefact
 //! (paper 4, section 7, S4). The spindle does not turn: its offsets are included in the stylus.
 
-use estimation::linear::{LinearProblem, LinearSolution, RANK_THRESHOLD, solve_least_squares};
-use estimation::rigid::RigidFit;
+use estimation::linear_least_squares::{LinearProblem, LinearSolution, RANK_THRESHOLD, solve_least_squares};
+use estimation::rigid_fit::RigidFit;
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::points::MeasuredPoints;
-use super::prior::is_spindle_error;
-use super::stylus::StylusGain;
+use super::measured_points::MeasuredPoints;
+use super::prior_machine_errors::is_spindle_error;
+use super::stylus_gain::StylusGain;
 use super::variant::StylusEstimate;
 use crate::identification::KnownErrors;
 use machine::kinematics::{ErrorParameter, ErrorTerm};
@@ -17,14 +17,14 @@ use machine::kinematics::{ErrorParameter, ErrorTerm};
 /// µm.
 const GAUSS_NEWTON_STEPS: usize = 3;
 /// Number of unknowns besides the errors: stylus, translation and rotation of the artefact.
-pub const STYLUS_AND_POSE_UNKNOWNS: usize = 9;
+pub const STYLUS_AND_POSE_UNKNOWN_COUNT: usize = 9;
 
 /// The fitted stylus minus the offset of the spindle in the prior. Its gain is for the change of each point minus
 /// the change of its certified position. `None`: the readings do not separate errors and stylus.
 pub fn fit_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Option<StylusEstimate> {
     let own = known.errors.iter().filter(|error| !is_spindle_error(error));
     let mut errors: Vec<ErrorTerm> = own.map(|error| ErrorTerm { value: 0.0, ..*error }).collect();
-    let mut stylus = points.stylus;
+    let mut stylus = points.stated_stylus;
     let mut gain = StylusGain::new();
     for _ in 0..GAUSS_NEWTON_STEPS {
         let solution = gauss_newton_step(points, &errors, stylus)?;
@@ -34,36 +34,40 @@ pub fn fit_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -
         let of_point = |i: usize| Matrix3::from_fn(|k, j| -solution.gain[(first + k, 3 * i + j)]);
         gain = (0..points.point_count()).map(of_point).collect();
     }
-    let prior_derivatives = stylus_by_spindle_errors(points, known);
+    let prior_derivatives = stylus_derivatives_by_spindle_errors(points, known);
     let offset = prior_derivatives.iter().zip(&known.errors).map(|(by, error)| by * error.value);
-    Some(StylusEstimate { vector_mm: stylus + offset.sum::<Vector3<f64>>(), gain: Some(gain), prior_derivatives })
+    Some(StylusEstimate {
+        vector_mm: stylus + offset.sum::<Vector3<f64>>(),
+        gain: Some(gain),
+        stylus_derivatives_by_prior_errors: prior_derivatives,
+    })
 }
 
 /// Change of the stylus by each error of the prior, for a stylus that includes the offset of the spindle
 /// (paper 4, Eqs. 5 to 7).
-fn stylus_by_spindle_errors(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
+fn stylus_derivatives_by_spindle_errors(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
     let of = |error: &ErrorTerm| {
         if !is_spindle_error(error) {
             return Vector3::zeros();
         }
-        let by_error = points.error_derivatives(&[], points.stylus, &[error.parameter]);
-        let stylus_derivatives = points.stylus_derivatives(&[]);
+        let by_error = points.point_derivatives_by_errors(&[], points.stated_stylus, &[error.parameter]);
+        let stylus_derivatives = points.point_derivatives_by_stylus(&[]);
         -(stylus_derivatives[0].transpose() * by_error[0][0])
     };
     known.errors.iter().map(of).collect()
 }
 
 fn gauss_newton_step(points: &MeasuredPoints, errors: &[ErrorTerm], stylus: Vector3<f64>) -> Option<LinearSolution> {
-    let fit = RigidFit::new(&points.certified_mm, &points.table_positions_mm(errors, stylus));
+    let fit = RigidFit::new(&points.certified_positions_mm, &points.table_positions_mm(errors, stylus));
     let parameters: Vec<ErrorParameter> = errors.iter().map(|error| error.parameter).collect();
-    let error_derivatives = points.error_derivatives(errors, stylus, &parameters);
-    let stylus_derivatives = points.stylus_derivatives(errors);
+    let error_derivatives = points.point_derivatives_by_errors(errors, stylus, &parameters);
+    let stylus_derivatives = points.point_derivatives_by_stylus(errors);
     let first = parameters.len();
-    let mut a = Mat::zeros(3 * points.point_count(), first + STYLUS_AND_POSE_UNKNOWNS);
+    let mut a = Mat::zeros(3 * points.point_count(), first + STYLUS_AND_POSE_UNKNOWN_COUNT);
     let mut y = Vec::with_capacity(3 * points.point_count());
     for i in 0..points.point_count() {
         y.extend((-fit.deviations[i]).iter());
-        let turned = fit.rotated_points[i].cross_matrix();
+        let turned = fit.rotated_points_about_centroid[i].cross_matrix();
         for k in 0..3 {
             error_derivatives[i].iter().enumerate().for_each(|(j, column)| a[(3 * i + k, j)] = column[k]);
             for j in 0..3 {

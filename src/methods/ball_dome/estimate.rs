@@ -2,22 +2,24 @@
 
 use std::collections::BTreeSet;
 
-use estimation::linear::{RANK_THRESHOLD, analyse_rank};
+use estimation::linear_least_squares::{RANK_THRESHOLD, analyse_rank};
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::error_and_stylus_fit::STYLUS_AND_POSE_UNKNOWNS;
+use super::error_and_stylus_fit::STYLUS_AND_POSE_UNKNOWN_COUNT;
+use super::measured_points::MeasuredPoints;
 use super::model::DomeModel;
-use super::noise::simulate_noise_mm;
-use super::points::MeasuredPoints;
-use super::prior::machine_errors_from_prior;
+use super::noise_simulation::simulate_max_and_mean_deviation_mm;
+use super::prior_machine_errors::machine_errors_from_prior;
 use super::settings::BallDomeSettings;
-use super::stylus_fit::{compute_variants, prior_error_derivatives};
 use super::variant::DomeVariant;
+use super::variant_computation::{compute_variants, point_derivatives_by_prior_errors};
 use super::{design, outputs, sources};
-use crate::ball_measurement::{ObservedBalls, ball_index, observe_balls, outlier_measurements, whitening_matrices};
+use crate::ball_measurement::{
+    ObservedBalls, ball_index, measurements_for_outlier_check, observe_balls, whitening_matrices,
+};
 use crate::identification::{
-    FitQuality, SolvedModel, TrialPlan, UncertaintySource, identify, mean_coordinate_u_mm, rms,
+    FitQuality, SolvedModel, TrialSettings, UncertaintySource, identify, mean_coordinate_u_mm, rms,
 };
 use crate::{IdentifyError, MethodRefusal};
 use machine::kinematics::KinematicChain;
@@ -55,10 +57,10 @@ pub fn build_estimate(
     let model = DomeModel {
         points: &points,
         variants: &variants,
-        error_derivatives: &prior_error_derivatives(&points, known.as_ref()),
+        point_derivatives_by_prior_errors: &point_derivatives_by_prior_errors(&points, known.as_ref()),
         ball_count: setup.balls.balls.len(),
-        judged_variant: judged,
-        groups: &groups.point_indices,
+        judged_variant_index: judged,
+        group_point_indices: &groups.point_indices,
         weights: &weights,
     };
     let u_mm = setup.balls.certificate_u_mm.unwrap_or_default();
@@ -71,22 +73,22 @@ pub fn build_estimate(
     let solution = SolvedModel {
         model: &model,
         weighted_residuals: &judged.map_or(Vec::new(), |_| model.weighted_residuals(&best.fit.deviations)),
-        has_declared_sizes: plan.probe.repeatability_um.is_some(),
+        has_declared_source_sizes: plan.probe.repeatability_um.is_some(),
         fit_quality: fit_quality(&points, best, judged.is_some())?,
-        measurements: &judged.map_or(Vec::new(), |_| outlier_measurements(&observed, measurement)),
+        measurements: &judged.map_or(Vec::new(), |_| measurements_for_outlier_check(&observed, measurement)),
     };
-    let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let trials = TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let identified = identify(&solution, &sources, outputs::build_outputs(&model, &groups), Some(trials))?;
     let mut estimate = identified.estimate(super::METHOD_NAME);
     // The deviations come first: those of N1 and of the best variant, then those of the other variants.
     estimate.parameters.rotate_right(2 * variants.len());
-    sort_deviations(&mut estimate.parameters[..2 * variants.len()], [&variants[0], best]);
+    sort_shown_deviations_first(&mut estimate.parameters[..2 * variants.len()], [&variants[0], best]);
     estimate.arrows = outputs::deviation_arrows(&setup, &observed, &points, [&variants[0], best]);
     estimate.functions.extend(variants.iter().map(outputs::deviation_histogram));
     Ok(Estimate {
         gauge: outputs::describe_gauge(
             setup.balls.balls.get(tool_ball).map_or("", |ball| &ball.id),
-            simulate_noise_mm(&weights, &points.ball_indices, u_mm),
+            simulate_max_and_mean_deviation_mm(&weights, &points.ball_indices, u_mm),
         ),
         not_identifiable: lost.into_iter().chain(identified.outlier_check.describe_detection_limits()).collect(),
         warnings: outputs::collect_warnings(&observed, known.is_some(), &identified),
@@ -95,7 +97,7 @@ pub fn build_estimate(
 }
 
 /// Puts the deviations of the `shown` variants first.
-fn sort_deviations(parameters: &mut [Parameter], shown: [&DomeVariant; 2]) {
+fn sort_shown_deviations_first(parameters: &mut [Parameter], shown: [&DomeVariant; 2]) {
     parameters.sort_by_key(|parameter| {
         let (name, statistic) = parameter.symbol.split_once('_').unwrap_or_default();
         let is_shown = shown.iter().any(|variant| variant.kind.name == name);
@@ -104,7 +106,7 @@ fn sort_deviations(parameters: &mut [Parameter], shown: [&DomeVariant; 2]) {
 }
 
 fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
-    let balls: BTreeSet<usize> = observed.centres.iter().map(|centre| centre.ball).collect();
+    let balls: BTreeSet<usize> = observed.centres.iter().map(|centre| centre.ball_index).collect();
     MethodRefusal::require(
         balls.len() >= 3,
         format!("{} balls are measured: the position of the artefact requires three or more", balls.len()),
@@ -122,24 +124,24 @@ fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<
 /// Rank and condition of the equations for stylus, translation and rotation, and the residuals of the variant.
 /// `is_judged`: whether its residuals are compared with the declared sources.
 fn fit_quality(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> Result<FitQuality, IdentifyError> {
-    let stylus_derivatives = points.stylus_derivatives(&[]);
+    let stylus_derivatives = points.point_derivatives_by_stylus(&[]);
     let entry = |row: usize, column: usize| {
         let (i, k, j) = (row / 3, row % 3, column % 3);
         match column / 3 {
             0 => stylus_derivatives[i][(k, j)],
             1 => f64::from(u8::from(k == j)),
-            _ => best.fit.rotated_points[i].cross_matrix()[(k, j)],
+            _ => best.fit.rotated_points_about_centroid[i].cross_matrix()[(k, j)],
         }
     };
-    let design = Mat::from_fn(3 * points.point_count(), STYLUS_AND_POSE_UNKNOWNS, entry);
+    let design = Mat::from_fn(3 * points.point_count(), STYLUS_AND_POSE_UNKNOWN_COUNT, entry);
     let survey = analyse_rank(design.as_ref(), None, RANK_THRESHOLD)
         .map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let coordinates: Vec<f64> = best.fit.deviations.iter().flatten().copied().collect();
     Ok(FitQuality {
         rank: survey.rank,
-        unknowns: STYLUS_AND_POSE_UNKNOWNS,
-        condition: survey.condition,
-        dof: if is_judged { (3 * points.point_count()).saturating_sub(STYLUS_AND_POSE_UNKNOWNS) } else { 0 },
+        unknown_count: STYLUS_AND_POSE_UNKNOWN_COUNT,
+        condition_number: survey.condition,
+        dof: if is_judged { (3 * points.point_count()).saturating_sub(STYLUS_AND_POSE_UNKNOWN_COUNT) } else { 0 },
         residual_rms_mm: rms(&coordinates),
     })
 }

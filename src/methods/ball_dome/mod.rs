@@ -5,16 +5,16 @@
 mod design;
 mod error_and_stylus_fit;
 mod estimate;
+mod measured_points;
 mod model;
-mod noise;
+mod noise_simulation;
 mod outputs;
-mod points;
-mod prior;
+mod prior_machine_errors;
 mod settings;
 mod sources;
-mod stylus;
-mod stylus_fit;
+mod stylus_gain;
 mod variant;
+mod variant_computation;
 
 #[cfg(test)]
 mod tests;
@@ -22,7 +22,7 @@ mod tests;
 pub use settings::BallDomeSettings;
 
 use crate::ball_measurement::{self, VisitCache};
-use crate::identification::with_assumed_repeatability;
+use crate::identification::plan_with_assumed_repeatability;
 use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -71,18 +71,19 @@ impl Method for BallDome {
             ),
             false => format!("about {measure_min:.0} min"),
         };
-        if prior::machine_errors_from_prior(plan)?.is_none() {
+        if prior_machine_errors::machine_errors_from_prior(plan)?.is_none() {
             return Ok(vec![time]);
         }
-        let settings = BallDomeSettings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
+        let settings =
+            BallDomeSettings { monte_carlo_trials: MethodRefusal::MIN_MONTE_CARLO_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
-        let estimate = estimate::build_estimate(&with_assumed_repeatability(plan), &settings, &readings)
+        let estimate = estimate::build_estimate(&plan_with_assumed_repeatability(plan), &settings, &readings)
             .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;
         Ok([time].into_iter().chain(estimate.not_identifiable).collect())
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
-        prior::machine_errors_from_prior(plan).map(drop)
+        prior_machine_errors::machine_errors_from_prior(plan).map(drop)
     }
 
     fn accepts_probe_map(&self) -> bool {

@@ -4,20 +4,20 @@
 use faer::{Mat, MatRef};
 use nalgebra::{Matrix3, Vector3};
 
-use super::points::MeasuredPoints;
+use super::measured_points::MeasuredPoints;
 use super::variant::{DomeVariant, InputChanges};
-use crate::identification::{ObservationModel, Response, solve_each_trial};
+use crate::identification::{LinearResponse, ObservationModel, solve_each_trial};
 
 pub struct DomeModel<'a> {
     pub points: &'a MeasuredPoints,
     pub variants: &'a [DomeVariant],
     /// Derivative of each point by the errors of the prior, table frame: points × errors.
-    pub error_derivatives: &'a [Vec<Vector3<f64>>],
+    pub point_derivatives_by_prior_errors: &'a [Vec<Vector3<f64>>],
     pub ball_count: usize,
-    /// Index of the variant whose deviations are compared with the declared sources.
-    pub judged_variant: Option<usize>,
+    /// Index of the variant whose deviations are compared with the declared sources. `None`: no variant is compared.
+    pub judged_variant_index: Option<usize>,
     /// Indices of the points of each group. The mean deviation of a group is a result of each variant.
-    pub groups: &'a [Vec<usize>],
+    pub group_point_indices: &'a [Vec<usize>],
     /// Weight of each point: from its deviation in the table frame to weighted residuals.
     pub weights: &'a [Matrix3<f64>],
 }
@@ -25,43 +25,48 @@ pub struct DomeModel<'a> {
 impl DomeModel<'_> {
     /// Number of errors of the prior.
     fn prior_error_count(&self) -> usize {
-        self.error_derivatives.first().map_or(0, Vec::len)
+        self.point_derivatives_by_prior_errors.first().map_or(0, Vec::len)
     }
 
     /// Index of the observation of an error of the prior.
-    pub fn error_index(&self, error: usize) -> usize {
+    pub fn error_observation_index(&self, error: usize) -> usize {
         3 * self.points.point_count() + error
     }
 
     /// Index of the first of the three observations of a certified position.
-    pub fn certified_index(&self, ball: usize) -> usize {
-        self.error_index(self.prior_error_count()) + 3 * ball
+    pub fn first_certified_observation_index(&self, ball: usize) -> usize {
+        self.error_observation_index(self.prior_error_count()) + 3 * ball
     }
 
     fn input_changes<'c>(&self, change: &'c [f64]) -> InputChanges<'c> {
         let vector = |at: usize| Vector3::from_column_slice(&change[at..at + 3]);
         let table_from_axes = self.points.table_from_axes.iter().enumerate();
-        let errors = &change[self.error_index(0)..self.certified_index(0)];
+        let errors = &change[self.error_observation_index(0)..self.first_certified_observation_index(0)];
         let by_errors =
             |columns: &Vec<Vector3<f64>>| columns.iter().zip(errors).map(|(column, error)| column * *error).sum();
         InputChanges {
             points_mm: table_from_axes.map(|(i, into)| into * vector(3 * i)).collect(),
-            points_by_errors_mm: self.error_derivatives.iter().map(by_errors).collect(),
-            errors,
-            certified_mm: self.points.ball_indices.iter().map(|ball| vector(self.certified_index(*ball))).collect(),
+            points_by_prior_errors_mm: self.point_derivatives_by_prior_errors.iter().map(by_errors).collect(),
+            prior_errors: errors,
+            certified_positions_mm: self
+                .points
+                .ball_indices
+                .iter()
+                .map(|ball| vector(self.first_certified_observation_index(*ball)))
+                .collect(),
         }
     }
 
     /// Changes of the deviations and of the stylus of each variant.
-    fn variant_changes(&self, change: &[f64]) -> Vec<(Vec<Vector3<f64>>, Vector3<f64>)> {
+    fn deviation_and_stylus_changes_of_variants(&self, change: &[f64]) -> Vec<(Vec<Vector3<f64>>, Vector3<f64>)> {
         let changes = self.input_changes(change);
-        self.variants.iter().map(|variant| variant.first_order_change(&changes)).collect()
+        self.variants.iter().map(|variant| variant.first_order_deviation_and_stylus_changes(&changes)).collect()
     }
 
     /// Largest and mean deviation of each variant, then the styluses that are results, then the mean
     /// deviations of the groups, variant by variant, mm.
-    pub fn values(&self, change: &[f64]) -> Vec<f64> {
-        let changes = self.variant_changes(change);
+    pub fn result_values(&self, change: &[f64]) -> Vec<f64> {
+        let changes = self.deviation_and_stylus_changes_of_variants(change);
         let norms = |(variant, (moved, _)): (&DomeVariant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
             let deviations = variant.fit.deviations.iter().zip(moved);
             deviations.map(|(d, by)| (d + by).norm()).collect()
@@ -80,13 +85,13 @@ impl DomeModel<'_> {
     /// Mean value of each group.
     fn group_means(&self, values: &[f64]) -> Vec<f64> {
         let of = |group: &Vec<usize>| group.iter().map(|i| values[*i]).sum::<f64>() / group.len().max(1) as f64;
-        self.groups.iter().map(of).collect()
+        self.group_point_indices.iter().map(of).collect()
     }
 
     /// Index of the mean of a group among the values.
-    pub fn group_index(&self, variant: usize, group: usize) -> usize {
+    pub fn group_mean_value_index(&self, variant: usize, group: usize) -> usize {
         let styluses = self.variants.iter().filter(|variant| variant.has_fitted_stylus()).count();
-        2 * self.variants.len() + 3 * styluses + variant * self.groups.len() + group
+        2 * self.variants.len() + 3 * styluses + variant * self.group_point_indices.len() + group
     }
 
     pub fn weighted_residuals(&self, deviations: &[Vector3<f64>]) -> Vec<f64> {
@@ -101,16 +106,16 @@ fn mean_value(values: &[f64]) -> f64 {
 
 impl ObservationModel for DomeModel<'_> {
     fn observation_count(&self) -> usize {
-        self.certified_index(self.ball_count)
+        self.first_certified_observation_index(self.ball_count)
     }
 
     fn unknown_count(&self) -> usize {
-        self.group_index(self.variants.len(), 0)
+        self.group_mean_value_index(self.variants.len(), 0)
     }
 
     /// The norm of a vector changes by the component of its change along the vector.
-    fn linear_response(&self, change: &[f64]) -> Response {
-        let changes = self.variant_changes(change);
+    fn linear_response(&self, change: &[f64]) -> LinearResponse {
+        let changes = self.deviation_and_stylus_changes_of_variants(change);
         let mut unknowns = Vec::with_capacity(self.unknown_count());
         let mut means = Vec::new();
         for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
@@ -126,11 +131,12 @@ impl ObservationModel for DomeModel<'_> {
             unknowns.extend(variant.has_fitted_stylus().then_some(*stylus).iter().flatten());
         }
         unknowns.extend(means);
-        let residuals = self.judged_variant.map_or(Vec::new(), |judged| self.weighted_residuals(&changes[judged].0));
-        Response { unknowns, residuals }
+        let residuals =
+            self.judged_variant_index.map_or(Vec::new(), |judged| self.weighted_residuals(&changes[judged].0));
+        LinearResponse { unknown_changes: unknowns, residual_changes: residuals }
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        solve_each_trial(changes, self.unknown_count(), |change| self.values(change))
+        solve_each_trial(changes, self.unknown_count(), |change| self.result_values(change))
     }
 }

@@ -4,19 +4,23 @@ use std::ops::Range;
 
 use faer::Mat;
 
+use super::measured_points::MeasuredPoints;
 use super::model::DomeModel;
-use super::points::MeasuredPoints;
 use super::variant::DomeVariant;
-use crate::ball_measurement::{BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_position};
+use crate::ball_measurement::{
+    BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_rotary_axes_in_degrees,
+};
 use crate::identification::{
     Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, OutputCurve, OutputParameter, Outputs,
-    function_over_numbers, unit_slope,
+    function_of_numbered_values, slope_of_unknown,
 };
 use machine::Position;
-use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, EstimatedFunction, FigureKind, Unit, VectorKind};
+use machine::record::estimate::{
+    Arrow, ArrowFigure, ArrowGroup, EstimatedFunction, FunctionFigureKind, Unit, VectorFigureKind,
+};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "error motions, sag of the tilted table, a change of the machine since the estimate, deformation of \
+    possible_causes: "error motions, sag of the tilted table, a change of the machine since the estimate, deformation of \
         the artefact",
     declaring_settings: "repeatability_um, error_motion_um or certificate_u_mm",
 };
@@ -24,7 +28,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 /// The styluses that are results, then largest and mean deviations. The deviations are nonlinear functions,
 /// and their uncertainty comes from the trials.
 pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outputs {
-    let values = model.values(&vec![0.0; model.observation_count()]);
+    let values = model.result_values(&vec![0.0; model.observation_count()]);
     let names = model.variants.iter().flat_map(|v| ["max", "mean"].map(|of| format!("{}_{of}", v.kind.name)));
     let deviation =
         |(symbol, value): (String, &f64)| OutputParameter { symbol, unit: Unit::Um, value: *value, slope: None };
@@ -38,8 +42,8 @@ pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outpu
         trial_values: Box::new(move |trials| Mat::from_fn(trials.nrows(), count, |i, j| trials[(i, j)])),
     };
     Outputs {
-        parameters: styluses.enumerate().map(stylus).collect(),
-        curves: group_curves(model, groups, &values),
+        linear_parameters: styluses.enumerate().map(stylus).collect(),
+        curves: group_mean_curves(model, groups, &values),
         nonlinear: Some(nonlinear),
     }
 }
@@ -47,7 +51,7 @@ pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outpu
 /// Groups of measurements: those of each ball in the order of the artefact, and those at each indexation in
 /// the order of the run, without references.
 pub struct MeasurementGroups {
-    ball_count: usize,
+    ball_group_count: usize,
     pub point_indices: Vec<Vec<usize>>,
 }
 
@@ -60,19 +64,20 @@ impl MeasurementGroups {
             slow().for_each(|(i, centre)| groups[key(centre)].push(i));
             groups
         };
-        let balls = group(|centre| centre.ball);
-        let indexations = group(|centre| centre.label.indexation as usize);
-        Self { ball_count: balls.len(), point_indices: [balls, indexations].concat() }
+        let balls = group(|centre| centre.ball_index);
+        let indexations = group(|centre| centre.label.indexation_index as usize);
+        Self { ball_group_count: balls.len(), point_indices: [balls, indexations].concat() }
     }
 }
 
 /// Mean deviation of each ball and of each indexation.
-fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64]) -> Vec<OutputCurve> {
-    let kinds = [("ball", 0..groups.ball_count), ("indexation", groups.ball_count..groups.point_indices.len())];
+fn group_mean_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64]) -> Vec<OutputCurve> {
+    let kinds =
+        [("ball", 0..groups.ball_group_count), ("indexation", groups.ball_group_count..groups.point_indices.len())];
     let curve = |(variant, (argument, range)): (usize, (&'static str, Range<usize>))| {
         let first = range.start;
         let seen: Vec<usize> = range.filter(|group| !groups.point_indices[*group].is_empty()).collect();
-        let at = |group: &usize| model.group_index(variant, *group);
+        let at = |group: &usize| model.group_mean_value_index(variant, *group);
         OutputCurve {
             symbol: format!("{}_{argument}", model.variants[variant].kind.name),
             argument,
@@ -80,8 +85,8 @@ fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64
             x: seen.iter().map(|group| (group - first + 1) as f64).collect(),
             y: seen.iter().map(|group| values[at(group)]).collect(),
             unit: Unit::Um,
-            figure: FigureKind::Points,
-            slopes: seen.iter().map(|group| unit_slope(at(group), values.len())).collect(),
+            figure: FunctionFigureKind::Points,
+            slopes: seen.iter().map(|group| slope_of_unknown(at(group), values.len())).collect(),
         }
     };
     let both = |variant| kinds.clone().map(|kind| (variant, kind));
@@ -92,7 +97,10 @@ fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64
 pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
     let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
-    EstimatedFunction { figure: FigureKind::Histogram, ..function_over_numbers(&symbol, "measurement", norms) }
+    EstimatedFunction {
+        figure: FunctionFigureKind::Histogram,
+        ..function_of_numbered_values(&symbol, "measurement", norms)
+    }
 }
 
 /// Deviations in the artefact frame, as arrows.
@@ -105,28 +113,29 @@ pub fn deviation_arrows(
     let figure = |variant: &DomeVariant| {
         let arrow = |i: usize| Arrow {
             label: setup.balls.balls[points.ball_indices[i]].id.clone(),
-            at_mm: points.certified_mm[i].into(),
+            at_mm: points.certified_positions_mm[i].into(),
             vector: (variant.fit.rotation.inverse() * variant.fit.deviations[i] * 1e3).into(),
             modelled: None,
             flagged: false,
         };
         let group = |(place, at): (usize, &Position)| {
-            let here = (0..points.point_count()).filter(|i| observed.centres[*i].commanded_position_index == place);
-            ArrowGroup { name: describe_position(at), arrows: here.map(arrow).collect() }
+            let here =
+                (0..points.point_count()).filter(|i| observed.centres[*i].commanded_rotary_position_index == place);
+            ArrowGroup { name: describe_rotary_axes_in_degrees(at), arrows: here.map(arrow).collect() }
         };
         ArrowFigure {
             symbol: format!("{}_deviations", variant.kind.name),
             unit: Unit::Um,
-            groups: observed.commanded_positions.iter().enumerate().map(group).collect(),
-            figure: VectorKind::Arrows,
+            groups: observed.commanded_rotary_positions.iter().enumerate().map(group).collect(),
+            figure: VectorFigureKind::Arrows,
         }
     };
     shown.into_iter().map(figure).collect()
 }
 
-/// `alone_mm`: largest and mean deviation that the declared sources alone cause.
-pub fn describe_gauge(tool_ball: &str, alone_mm: [f64; 2]) -> Vec<String> {
-    let [largest, mean] = alone_mm.map(|mm| mm * 1e3);
+/// `noise_deviations_mm`: largest and mean deviation that the declared sources alone cause.
+pub fn describe_gauge(tool_ball: &str, noise_deviations_mm: [f64; 2]) -> Vec<String> {
+    let [largest, mean] = noise_deviations_mm.map(|mm| mm * 1e3);
     vec![
         "deviations: after one rigid fit of the certified positions over all points".to_owned(),
         format!(
@@ -148,6 +157,6 @@ pub fn collect_warnings(observed: &ObservedBalls, is_calibrated: bool, identifie
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
     lines.extend(identified.outlier_check.warnings.iter().cloned());
-    lines.extend(identified.trials_warning());
+    lines.extend(identified.trial_contradiction_warning());
     lines
 }

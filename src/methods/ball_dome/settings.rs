@@ -8,12 +8,14 @@ use crate::ball_measurement::{ConfiguredPositions, RotaryPositions, SearchMode, 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BallDomeSettings {
-    /// Commanded positions of a rotary axis that tilts the artefact, and of one parallel to the spindle. The
-    /// indexations are all pairs. The defaults are restricted to the limits of the axes.
+    /// Commanded positions of a rotary axis that tilts the artefact. The indexations are all pairs with `turn_deg`. The
+    /// defaults of both are restricted to the limits of the axes.
     pub tilt_deg: Vec<f64>,
+    /// Commanded positions of a rotary axis parallel to the spindle.
     pub turn_deg: Vec<f64>,
     /// Name of the ball that gives the stylus of N2 and S2; empty: the first ball of the artefact.
     pub tool_ball: String,
+    /// When fast touches search for a ball before it is measured slowly.
     pub find: SearchMode,
     /// Number of touches of one measurement: 5, or more for a form check.
     pub touches: usize,
@@ -22,8 +24,9 @@ pub struct BallDomeSettings {
     /// Duration of the watch before the run, min: one ball is measured repeatedly until the machine creeps no
     /// faster than its `drift_um_per_h` declares; 0: no watch.
     pub watch_min: f64,
-    /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
+    /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
+    /// Maximum travel of a slow touch beyond the expected contact, mm.
     pub search_mm: f64,
     /// Maximum form of one measurement of a ball (largest minus smallest residual of its sphere), µm; beyond
     /// it the run is held.
@@ -60,16 +63,16 @@ impl BallDomeSettings {
             search_mode: self.find,
             touch_count: self.touches,
             has_references: self.references,
-            watch_s: 60.0 * self.watch_min,
+            watch_duration_s: 60.0 * self.watch_min,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_limit_mm: self.form_limit_um * 1e-3,
-            diameter_limit_mm: self.diameter_limit_um * 1e-3,
+            diameter_deviation_limit_mm: self.diameter_limit_um * 1e-3,
         }
     }
 
     /// Positions of the rotary axes; the spindle is not turned.
-    pub fn positions(&self) -> RotaryPositions<'_> {
+    pub fn rotary_positions(&self) -> RotaryPositions<'_> {
         let usual = Self::default();
         RotaryPositions {
             tilt: ConfiguredPositions::new("tilt_deg", &self.tilt_deg, &usual.tilt_deg),
@@ -82,6 +85,6 @@ impl BallDomeSettings {
     /// A setting does not allow a measurement.
     pub fn check(&self) -> Result<(), MethodRefusal> {
         self.touch_settings().check()?;
-        MethodRefusal::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 }

@@ -2,11 +2,11 @@
 //! into the table frame. Their results are the deviations of the balls from the certificate after one rigid
 //! fit over all points.
 
-use estimation::rigid::RigidFit;
+use estimation::rigid_fit::RigidFit;
 use nalgebra::{Matrix3, Vector3};
 
-use super::points::MeasuredPoints;
-use super::stylus::{StylusGain, stylus_change};
+use super::measured_points::MeasuredPoints;
+use super::stylus_gain::{StylusGain, stylus_change};
 use machine::kinematics::ErrorTerm;
 
 /// Machine and stylus of a variant.
@@ -23,7 +23,9 @@ pub struct VariantKind {
 pub enum StylusSource {
     /// The stylus as the machine file states it.
     Stated,
+    /// Fitted to the readings of one ball at all indexations.
     OneBall,
+    /// Fitted to the readings of all balls.
     AllBalls,
     /// Fitted together with the machine errors, minus the offset of the spindle in the prior.
     ErrorAndStylusFit,
@@ -46,7 +48,7 @@ pub struct DomeVariant {
     /// Fit of the certified positions to the measured ones, table frame, mm.
     pub fit: RigidFit,
     /// Derivative of each point by the stylus.
-    stylus_derivatives: Vec<Matrix3<f64>>,
+    point_derivatives_by_stylus: Vec<Matrix3<f64>>,
 }
 
 /// Changes of the inputs of the variants.
@@ -54,11 +56,11 @@ pub struct InputChanges<'a> {
     /// Change of each point in the table frame, mm, without the errors of the machine.
     pub points_mm: Vec<Vector3<f64>>,
     /// Change of each point by the errors of the prior, table frame, mm.
-    pub points_by_errors_mm: Vec<Vector3<f64>>,
+    pub points_by_prior_errors_mm: Vec<Vector3<f64>>,
     /// Changes of the errors of the prior.
-    pub errors: &'a [f64],
+    pub prior_errors: &'a [f64],
     /// Change of the certified position of each point, artefact frame, mm.
-    pub certified_mm: Vec<Vector3<f64>>,
+    pub certified_positions_mm: Vec<Vector3<f64>>,
 }
 
 /// A stylus and its derivatives.
@@ -68,15 +70,15 @@ pub struct StylusEstimate {
     /// Gain of the stylus. `None`: the stylus is as stated.
     pub gain: Option<StylusGain>,
     /// Change of the stylus by each error of the prior (S4).
-    pub prior_derivatives: Vec<Vector3<f64>>,
+    pub stylus_derivatives_by_prior_errors: Vec<Vector3<f64>>,
 }
 
 impl DomeVariant {
     /// `errors`: errors of the machine of this variant.
     pub fn new(kind: VariantKind, points: &MeasuredPoints, errors: &[ErrorTerm], stylus: StylusEstimate) -> Self {
         let measured_mm = points.table_positions_mm(errors, stylus.vector_mm);
-        let fit = RigidFit::new(&points.certified_mm, &measured_mm);
-        Self { kind, stylus, fit, stylus_derivatives: points.stylus_derivatives(errors) }
+        let fit = RigidFit::new(&points.certified_positions_mm, &measured_mm);
+        Self { kind, stylus, fit, point_derivatives_by_stylus: points.point_derivatives_by_stylus(errors) }
     }
 
     /// Whether the stylus is a result of the fit.
@@ -85,30 +87,33 @@ impl DomeVariant {
     }
 
     /// First-order changes of the deviations and of the stylus, mm.
-    pub fn first_order_change(&self, changes: &InputChanges<'_>) -> (Vec<Vector3<f64>>, Vector3<f64>) {
+    pub fn first_order_deviation_and_stylus_changes(
+        &self,
+        changes: &InputChanges<'_>,
+    ) -> (Vec<Vector3<f64>>, Vector3<f64>) {
         let mut moved = changes.points_mm.clone();
         let subtract_certified = |moved: &mut [Vector3<f64>]| {
-            let certified = changes.certified_mm.iter().map(|change| self.fit.rotation * change);
+            let certified = changes.certified_positions_mm.iter().map(|change| self.fit.rotation * change);
             moved.iter_mut().zip(certified).for_each(|(moved, change)| *moved -= change);
         };
         let add_errors = |moved: &mut [Vector3<f64>]| {
-            moved.iter_mut().zip(&changes.points_by_errors_mm).for_each(|(moved, change)| *moved += change);
+            moved.iter_mut().zip(&changes.points_by_prior_errors_mm).for_each(|(moved, change)| *moved += change);
         };
-        let is_full = self.kind.stylus == StylusSource::ErrorAndStylusFit;
-        if is_full {
+        let is_fitted_with_errors = self.kind.stylus == StylusSource::ErrorAndStylusFit;
+        if is_fitted_with_errors {
             subtract_certified(&mut moved);
         } else if self.kind.uses_calibrated_machine {
             add_errors(&mut moved);
         }
         let mut stylus = self.stylus.gain.as_ref().map_or(Vector3::zeros(), |gain| stylus_change(gain, &moved));
-        let prior = self.stylus.prior_derivatives.iter().zip(changes.errors);
+        let prior = self.stylus.stylus_derivatives_by_prior_errors.iter().zip(changes.prior_errors);
         stylus += prior.map(|(by, error)| by * *error).sum::<Vector3<f64>>();
-        if is_full {
+        if is_fitted_with_errors {
             add_errors(&mut moved)
         } else {
             subtract_certified(&mut moved)
         }
-        moved.iter_mut().zip(&self.stylus_derivatives).for_each(|(moved, by)| *moved += by * stylus);
+        moved.iter_mut().zip(&self.point_derivatives_by_stylus).for_each(|(moved, by)| *moved += by * stylus);
         self.fit.subtract_rigid_motion(&mut moved);
         (moved, stylus)
     }

@@ -5,24 +5,24 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use super::artefact::ball_index;
-use super::label::{MeasurementPass, TouchLabel, labelled_steps};
 use super::setup::MeasurementSetup;
+use super::touch_label::{MeasurementPass, TouchLabel, touch_steps_with_labels};
 use machine::Position;
-use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Step};
+use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Step};
 use machine::record::reading::Reading;
 use planning::{BallCheckError, MeasuredBall, evaluate_ball};
 
 /// Found positions of each ball: visit and centre, table frame, mm, the newest last.
 #[derive(Debug, Default)]
 pub struct FoundBalls {
-    centres: Vec<Vec<(usize, Vector3<f64>)>>,
+    centres_by_ball: Vec<Vec<(usize, Vector3<f64>)>>,
 }
 
 /// One measurement of a ball: its steps and their newest readings.
 pub struct BallReadings<'a> {
     pub label: TouchLabel,
     /// Index of the ball.
-    pub ball: usize,
+    pub ball_index: usize,
     pub steps: Vec<&'a Step>,
     pub readings: Vec<&'a Reading>,
 }
@@ -39,7 +39,7 @@ impl FoundBalls {
         };
         let centre = |measurement: &BallReadings<'_>| {
             let measured = measurement.fit_ball(setup)?.ok()?;
-            Some((measurement.ball, measurement.label.indexation, measured.centre_mm))
+            Some((measurement.ball_index, measurement.label.indexation_index, measured.centre_mm))
         };
         Self::from_centres(setup, all.into_iter().filter(is_new).filter_map(centre))
     }
@@ -48,9 +48,9 @@ impl FoundBalls {
     pub fn from_stated_positions(setup: &MeasurementSetup<'_>) -> Self {
         let centre = |(_, label): (&Step, TouchLabel)| {
             let ball = ball_index(setup.balls, &label.ball)?;
-            Some((ball, label.indexation, Vector3::from(setup.balls.balls.get(ball)?.centre_mm)))
+            Some((ball, label.indexation_index, Vector3::from(setup.balls.balls.get(ball)?.centre_mm)))
         };
-        Self::from_centres(setup, labelled_steps(setup.plan).filter_map(centre))
+        Self::from_centres(setup, touch_steps_with_labels(setup.plan).filter_map(centre))
     }
 
     /// `found`: ball, visit and centre.
@@ -59,30 +59,30 @@ impl FoundBalls {
         for (ball, visit, centre) in found {
             centres[ball].push((visit as usize, centre));
         }
-        Self { centres }
+        Self { centres_by_ball: centres }
     }
 
     /// Whether every ball was found.
     pub fn has_all_balls(&self) -> bool {
-        self.centres.iter().all(|centres| !centres.is_empty())
+        self.centres_by_ball.iter().all(|centres| !centres.is_empty())
     }
 
     /// Expected position of a ball at a visit: as found at this visit, or as last found at another one. Until
     /// all balls are found, the stated position is used: path planning and proof can use only one artefact,
     /// which is the stated one until then.
     pub fn expected_centre(&self, setup: &MeasurementSetup<'_>, ball: usize, visit: usize) -> Vector3<f64> {
-        let found = self.centres.get(ball).filter(|_| self.has_all_balls());
+        let found = self.centres_by_ball.get(ball).filter(|_| self.has_all_balls());
         let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
         let last = there.or_else(|| found.and_then(|all| all.last()));
         let stated = setup.balls.balls.get(ball).map(|ball| Vector3::from(ball.centre_mm));
         last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
     }
 
-    /// Position uncertainty of a ball in a search, mm: the stated one until all balls are found. A position
+    /// Maximum distance of a ball from its expected position, mm: the stated one until all balls are found. A position
     /// that was found at another indexation deviates by twice the location errors of the rotary axes, which
     /// are unknown before the identification. The standoff of a slow touch is allowed for them, but never
     /// more than the stated uncertainty.
-    pub fn uncertainty_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
+    pub fn max_distance_from_expected_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
         let stated = setup.balls.uncertainty_mm;
         if self.has_all_balls() { stated.min(setup.touch_settings.standoff_mm) } else { stated }
     }
@@ -98,23 +98,26 @@ impl BallReadings<'_> {
     }
 }
 
-/// All measurements in the plan's steps, in their order.
-pub fn readings_by_ball<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<BallReadings<'a>> {
+/// Groups the plan's steps and their newest readings by measurement, in the order of the steps.
+pub fn group_readings_by_measurement<'a>(
+    setup: &MeasurementSetup<'a>,
+    readings: &'a [Reading],
+) -> Vec<BallReadings<'a>> {
     let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
-    for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
+    for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP) {
         let of_step = newest.entry(reading.step).or_insert(reading);
         if reading.repeat >= of_step.repeat {
             *of_step = reading;
         }
     }
     let mut all: Vec<BallReadings<'_>> = Vec::new();
-    for (step, label) in labelled_steps(setup.plan) {
+    for (step, label) in touch_steps_with_labels(setup.plan) {
         let Some(ball) = ball_index(setup.balls, &label.ball) else { continue };
         let same = |other: &TouchLabel| {
-            (other.pass, other.indexation, &other.ball) == (label.pass, label.indexation, &label.ball)
+            (other.pass, other.indexation_index, &other.ball) == (label.pass, label.indexation_index, &label.ball)
         };
         if !all.last().is_some_and(|last| same(&last.label)) {
-            all.push(BallReadings { label, ball, steps: Vec::new(), readings: Vec::new() });
+            all.push(BallReadings { label, ball_index: ball, steps: Vec::new(), readings: Vec::new() });
         }
         if let Some(last) = all.last_mut() {
             last.steps.push(step);

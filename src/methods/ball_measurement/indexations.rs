@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 /// Minimum cosine for an axis to count as parallel to the spindle.
 const MIN_PARALLEL_COSINE: f64 = 0.9;
 /// Angle below which two positions of one axis are the same, apart from whole turns, rad.
-const ANGLE_TOLERANCE_RAD: f64 = 1e-6;
+const SAME_ANGLE_TOLERANCE_RAD: f64 = 1e-6;
 /// Tolerance at the limits of an axis, so that 90° is within [-90, 90], rad.
 const LIMIT_TOLERANCE_RAD: f64 = 1e-9;
 
@@ -68,11 +68,11 @@ pub fn list_indexations(
     chain: &KinematicChain,
     named: &RotaryPositions<'_>,
 ) -> Result<Vec<Position>, MethodRefusal> {
-    let rotary = machine.axes.iter().filter(|(axis, _)| is_rotary(**axis));
+    let rotary = machine.axes.iter().filter(|(axis, _)| is_rotary_except_spindle(**axis));
     let of_axis = |axis: Axis| if is_parallel_to_spindle(axis, machine) { &named.turn } else { &named.tilt };
     let mut grids = rotary
         .map(|(axis, spec)| match tilts_spindle(chain, *axis) {
-            true => upright_grid(*axis, spec),
+            true => upright_spindle_grid(*axis, spec),
             false => axis_grid(*axis, spec, of_axis(*axis)),
         })
         .collect::<Result<Vec<_>, _>>()?;
@@ -108,7 +108,7 @@ fn is_tilted_by(axis: Axis, pose: impl Fn(&Position) -> Pose) -> bool {
 }
 
 /// Whether the axis is rotary and moves the table or the head; the spindle does not count.
-pub fn is_rotary(axis: Axis) -> bool {
+pub fn is_rotary_except_spindle(axis: Axis) -> bool {
     !axis.is_linear() && axis != Axis::S
 }
 
@@ -116,7 +116,7 @@ pub fn is_rotary(axis: Axis) -> bool {
 pub fn is_parallel_to_spindle(axis: Axis, machine: &Machine) -> bool {
     let stated = machine.axes.get(&axis).map(|spec| Vector3::from(spec.direction));
     let unit = stated.and_then(unit_vector);
-    unit.unwrap_or(axis.direction()).z.abs() > MIN_PARALLEL_COSINE
+    unit.unwrap_or(axis.nominal_direction()).z.abs() > MIN_PARALLEL_COSINE
 }
 
 fn combine_positions(places: &[Position], grid: &AxisGrid) -> Vec<Position> {
@@ -128,7 +128,7 @@ fn axis_grid(axis: Axis, spec: &AxisSpec, named: &ConfiguredPositions<'_>) -> Re
     let ConfiguredPositions { key, angles_deg: degrees, is_default } = *named;
     let mut at: Vec<f64> = Vec::new();
     for degree in degrees {
-        match command_within_limits(axis, spec, *degree) {
+        match command_rad_within_limits(axis, spec, *degree) {
             Some(place) if at.iter().all(|other| !is_same_angle(*other, place)) => at.push(place),
             None if !is_default => return Err(outside_limits_refusal(axis, spec, *degree, key)),
             _ => {}
@@ -144,8 +144,8 @@ fn axis_grid(axis: Axis, spec: &AxisSpec, named: &ConfiguredPositions<'_>) -> Re
 }
 
 /// The only position, 0, of an axis that tilts the spindle.
-fn upright_grid(axis: Axis, spec: &AxisSpec) -> Result<AxisGrid, MethodRefusal> {
-    let at = command_within_limits(axis, spec, 0.0).ok_or_else(|| MethodRefusal {
+fn upright_spindle_grid(axis: Axis, spec: &AxisSpec) -> Result<AxisGrid, MethodRefusal> {
+    let at = command_rad_within_limits(axis, spec, 0.0).ok_or_else(|| MethodRefusal {
         reason: format!(
             "the spindle must be upright, because balls are touched from above only, but {axis} = 0° is \
             outside the limits [{}, {}]; other positions of {axis} are not supported",
@@ -167,7 +167,7 @@ fn outside_limits_refusal(axis: Axis, spec: &AxisSpec, degree: f64, key: &str) -
 }
 
 /// The command for an angle within the limits: the angle itself, or one whole turn less or more.
-fn command_within_limits(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64> {
+fn command_rad_within_limits(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64> {
     let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
     let commanded_rad = axis.to_mm_or_rad(degree);
     [0.0, -TAU, TAU]
@@ -179,5 +179,5 @@ fn command_within_limits(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64
 /// Whether two angles are the same apart from whole turns, rad.
 pub fn is_same_angle(one: f64, other: f64) -> bool {
     let turns = (one - other) / TAU;
-    (turns - turns.round()).abs() * TAU < ANGLE_TOLERANCE_RAD
+    (turns - turns.round()).abs() * TAU < SAME_ANGLE_TOLERANCE_RAD
 }

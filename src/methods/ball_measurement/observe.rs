@@ -6,12 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Matrix3, Vector3};
 
 use super::artefact::ball_index;
-use super::label::{MeasurementPass, TouchLabel};
+use super::touch_label::{MeasurementPass, TouchLabel};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::sphere::{SphereError, fit_sphere};
 use machine::frame::unit_vector;
 use machine::record::artefact::{Artefact, Balls};
-use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Plan, Step};
+use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 
@@ -27,42 +27,42 @@ pub struct BallCentre {
     /// Label of one of the touches of the measurement.
     pub label: TouchLabel,
     /// Index of the ball in the artefact.
-    pub ball: usize,
-    /// Index of the rotary position in [`ObservedBalls::rotary_positions`].
-    pub rotary_position_index: usize,
-    /// Index of the commanded rotary position in [`ObservedBalls::commanded_positions`].
-    pub commanded_position_index: usize,
+    pub ball_index: usize,
+    /// Index of the rotary position in [`ObservedBalls::measured_rotary_positions`].
+    pub measured_rotary_position_index: usize,
+    /// Index of the commanded rotary position in [`ObservedBalls::commanded_rotary_positions`].
+    pub commanded_rotary_position_index: usize,
     /// Centre, as axis positions, mm.
-    pub axes_mm: Vector3<f64>,
+    pub axis_positions_mm: Vector3<f64>,
     /// Sum of the radii of ball and stylus ball, minus pre-travel, mm.
     pub radius_mm: f64,
     /// Form: largest minus smallest deviation of the touches from the fitted sphere, mm.
     pub form_mm: f64,
     pub touches: Vec<TouchEffect>,
     /// Mean time of the touches, s.
-    pub t_s: f64,
+    pub mean_time_s: f64,
 }
 
 /// Effect of one touch on the measured ball centre.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TouchEffect {
     /// Axis positions of the touch, mm.
-    pub axes_mm: Vector3<f64>,
+    pub axis_positions_mm: Vector3<f64>,
     /// Outward normal of the ball, machine frame.
     pub normal: Vector3<f64>,
     /// Shift of the centre per unit deviation of the touch along the normal.
-    pub gain: Vector3<f64>,
+    pub centre_gain: Vector3<f64>,
 }
 
 #[derive(Debug, Clone, Default)]
 pub struct ObservedBalls {
     /// Measured positions of rotary axes and spindle.
-    pub rotary_positions: Vec<Position>,
-    /// Commanded positions of rotary axes and spindle. Several `rotary_positions` belong to one commanded position if
-    /// the readings flicker.
-    pub commanded_positions: Vec<Position>,
+    pub measured_rotary_positions: Vec<Position>,
+    /// Commanded positions of rotary axes and spindle. Several `measured_rotary_positions` belong to one commanded
+    /// position if the readings flicker.
+    pub commanded_rotary_positions: Vec<Position>,
     pub centres: Vec<BallCentre>,
-    /// Measurements that could not be used, in words.
+    /// Measurements that were not used, each as a text with the reason.
     pub skipped_measurements: Vec<String>,
 }
 
@@ -70,7 +70,7 @@ pub struct ObservedBalls {
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct MeasurementKey {
     repeat: u32,
-    indexation: u32,
+    indexation_index: u32,
     pass: MeasurementPass,
     ball: String,
 }
@@ -96,7 +96,7 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
         }
         let visit = MeasurementKey {
             repeat: reading.repeat,
-            indexation: label.indexation,
+            indexation_index: label.indexation_index,
             pass: label.pass,
             ball: label.ball.clone(),
         };
@@ -106,7 +106,7 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
         }
     }
     let mut observed =
-        ObservedBalls { skipped_measurements: remove_superseded(&mut visits), ..ObservedBalls::default() };
+        ObservedBalls { skipped_measurements: remove_superseded_measurements(&mut visits), ..ObservedBalls::default() };
     for (visit, touches) in visits {
         let ball = ball_index(balls, &visit.ball)
             .ok_or_else(|| wrong_plan_refusal(format!("the artefact has no ball {}", visit.ball)))?;
@@ -115,19 +115,19 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
             Err(reason) => observed.skipped_measurements.push(format!(
                 "ball {} at indexation {} was not used: {reason}",
                 visit.ball,
-                visit.indexation + 1
+                visit.indexation_index + 1
             )),
         }
     }
-    observed.centres.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    observed.centres.sort_by(|a, b| a.mean_time_s.total_cmp(&b.mean_time_s));
     Ok(observed)
 }
 
 /// Removes measurements that were repeated because of dirt or a loose ball: the newest one counts.
 /// Measurements that were repeated after a stop are a reference check and replace nothing.
-fn remove_superseded<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String> {
-    let ordinary = |visit: &&MeasurementKey| visit.repeat < FIRST_REPEAT_AFTER_STOP;
-    let key = |visit: &MeasurementKey| (visit.pass, visit.indexation, visit.ball.clone());
+fn remove_superseded_measurements<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String> {
+    let ordinary = |visit: &&MeasurementKey| visit.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP;
+    let key = |visit: &MeasurementKey| (visit.pass, visit.indexation_index, visit.ball.clone());
     // In the order of repeats, so that the last one remains.
     let newest: BTreeMap<_, u32> = visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
     let mut left_out = Vec::new();
@@ -137,7 +137,7 @@ fn remove_superseded<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String>
             left_out.push(format!(
                 "ball {} at indexation {} was measured again: only the last measurement is used",
                 visit.ball,
-                visit.indexation + 1
+                visit.indexation_index + 1
             ));
         }
         is_kept
@@ -172,24 +172,25 @@ fn fit_ball_centre(
     let place = mean_rotary_position(touches).ok_or("the rotary axes moved between the touches of the ball")?;
     let touch = |(_, reading, _): &(&Step, &Reading, TouchLabel)| {
         let [x, y, z] = Axis::LINEAR.map(|axis| reading.position.get(axis));
-        Some(TouchEffect { axes_mm: Vector3::new(x?, y?, z?), ..TouchEffect::default() })
+        Some(TouchEffect { axis_positions_mm: Vector3::new(x?, y?, z?), ..TouchEffect::default() })
     };
     let points: Option<Vec<TouchEffect>> = touches.iter().map(touch).collect();
     let mut centre = BallCentre {
         label: label.clone(),
-        ball,
-        rotary_position_index: 0,
-        commanded_position_index: 0,
-        axes_mm: Vector3::zeros(),
+        ball_index: ball,
+        measured_rotary_position_index: 0,
+        commanded_rotary_position_index: 0,
+        axis_positions_mm: Vector3::zeros(),
         radius_mm: 0.0,
         form_mm: 0.0,
         touches: points.ok_or("X, Y or Z of a reading is missing")?,
-        t_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
+        mean_time_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
     };
-    centre.fit(Matrix3::identity()).map_err(|reason| reason.to_string())?;
-    centre.rotary_position_index = position_index_or_insert(place, &mut observed.rotary_positions);
+    centre.fit_sphere_to_touches(Matrix3::identity()).map_err(|reason| reason.to_string())?;
+    centre.measured_rotary_position_index = position_index_or_insert(place, &mut observed.measured_rotary_positions);
     let commanded = step.from.filter_axes(|axis| !axis.is_linear());
-    centre.commanded_position_index = position_index_or_insert(commanded, &mut observed.commanded_positions);
+    centre.commanded_rotary_position_index =
+        position_index_or_insert(commanded, &mut observed.commanded_rotary_positions);
     Ok(centre)
 }
 
@@ -218,8 +219,9 @@ fn mean_rotary_position(touches: &[(&Step, &Reading, TouchLabel)]) -> Option<Pos
 
 impl ObservedBalls {
     /// Positions of all axes at the measured centre.
-    pub fn position_of(&self, centre: &BallCentre) -> Position {
-        self.rotary_positions[centre.rotary_position_index].updated_by(&Position::from_xyz(centre.axes_mm))
+    pub fn axis_position_at_centre(&self, centre: &BallCentre) -> Position {
+        self.measured_rotary_positions[centre.measured_rotary_position_index]
+            .updated_by(&Position::from_xyz(centre.axis_positions_mm))
     }
 
     /// Fits the spheres again with known errors of the linear axes. `motion_matrices`: for each rotary position, the
@@ -228,25 +230,28 @@ impl ObservedBalls {
     /// # Errors
     /// The matrices do not give a sphere through the touches.
     pub fn refit_spheres(&mut self, motion_matrices: &[Matrix3<f64>]) -> Result<(), SphereError> {
-        self.centres.iter_mut().try_for_each(|centre| centre.fit(motion_matrices[centre.rotary_position_index]))
+        self.centres
+            .iter_mut()
+            .try_for_each(|centre| centre.fit_sphere_to_touches(motion_matrices[centre.measured_rotary_position_index]))
     }
 }
 
 impl BallCentre {
     /// Gains and squareness distort the sphere to an ellipsoid in axis positions, and no touch opposite to
     /// the pole compensates for it. The sphere is therefore fitted in undistorted coordinates.
-    fn fit(&mut self, motion_matrix: Matrix3<f64>) -> Result<(), SphereError> {
-        let points: Vec<[f64; 3]> = self.touches.iter().map(|touch| (motion_matrix * touch.axes_mm).into()).collect();
+    fn fit_sphere_to_touches(&mut self, motion_matrix: Matrix3<f64>) -> Result<(), SphereError> {
+        let points: Vec<[f64; 3]> =
+            self.touches.iter().map(|touch| (motion_matrix * touch.axis_positions_mm).into()).collect();
         let sphere = fit_sphere(&points)?;
         let centre = Vector3::from(sphere.centre);
         let back = motion_matrix.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN));
         for (touch, point) in self.touches.iter_mut().zip(points) {
             touch.normal = unit_vector(Vector3::from(point) - centre).unwrap_or_default();
             let row = [touch.normal.x, touch.normal.y, touch.normal.z, 1.0];
-            let gain = |k: usize| (0..4).map(|j| sphere.covariance[k][j] * row[j]).sum();
-            touch.gain = back * Vector3::new(gain(0), gain(1), gain(2));
+            let gain = |k: usize| (0..4).map(|j| sphere.unit_variance_covariance[k][j] * row[j]).sum();
+            touch.centre_gain = back * Vector3::new(gain(0), gain(1), gain(2));
         }
-        self.axes_mm = back * centre;
+        self.axis_positions_mm = back * centre;
         self.radius_mm = sphere.radius;
         self.form_mm = sphere.form_deviation();
         Ok(())

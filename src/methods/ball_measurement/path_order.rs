@@ -16,11 +16,11 @@ const MAX_PLANNED_NEIGHBOURS: usize = 16;
 /// Number of balls that are tried as the first of a visit.
 const TRIED_START_BALL_COUNT: usize = 4;
 /// Number of touches of a measurement without a form check.
-const TOUCH_COUNT_WITHOUT_FORM: usize = 5;
+const TOUCH_COUNT_WITHOUT_FORM_CHECK: usize = 5;
 
 /// As [`super::order_balls_in_xy`], but from the time of each planned path with all its heights. This is worth
-/// the computing time for many balls at different heights. It then chooses the order of the touches of each
-/// ball; a form check, with more than five touches, keeps its order. Every ball counts as found at its stated
+/// the computing time for many balls at different heights. The function also chooses the order of the touches of
+/// each ball; a form check, with more than five touches, keeps its order. Every ball counts as found at its stated
 /// position.
 ///
 /// # Errors
@@ -29,18 +29,18 @@ pub fn order_balls_by_path(
     setup: &MeasurementSetup<'_>,
     mut visits: Vec<BallVisit>,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
-    let uncertainty_mm = setup.touch_settings.position_tolerance_mm();
+    let uncertainty_mm = setup.touch_settings.found_position_tolerance_mm();
     let found = Artefact::Balls(Balls { uncertainty_mm, ..setup.balls.clone() });
-    let (access, clearance) = (setup.access(&found)?, SafeHeights::above_artefact(setup.plan, &found)?);
-    let planner = PathPlanner { plan: setup.plan, clearance: &clearance };
+    let (access, clearance) = (setup.touch_access(&found)?, SafeHeights::above_artefact(setup.plan, &found)?);
+    let planner = PathPlanner { plan: setup.plan, safe_heights: &clearance };
     let mut machine_position: Option<Position> = None;
     for visit in &mut visits {
         let balls = slow_steps_of_balls(setup, &access, visit)?;
-        let order = planner.order_balls(&balls, machine_position.as_ref())?;
-        visit.balls = order.iter().filter_map(|place| visit.balls.get(*place).copied()).collect();
+        let order = planner.fast_ball_order(&balls, machine_position.as_ref())?;
+        visit.ball_indices = order.iter().filter_map(|place| visit.ball_indices.get(*place).copied()).collect();
         let balls: Vec<&Vec<Step>> = order.iter().filter_map(|place| balls.get(*place)).collect();
         let around = match setup.touch_settings.touch_count {
-            TOUCH_COUNT_WITHOUT_FORM => {
+            TOUCH_COUNT_WITHOUT_FORM_CHECK => {
                 fastest_touch_orders(&planner.ball_path_times(&balls, machine_position.as_ref())?)
             }
             _ => vec![TouchOrder::default(); balls.len()],
@@ -49,7 +49,7 @@ pub fn order_balls_by_path(
             let steps = around.apply(steps.iter().collect());
             machine_position = steps.last().map(|last| planner.end_position(last)).transpose()?;
         }
-        visit.touch_orders = visit.balls.iter().copied().zip(around).collect();
+        visit.touch_orders = visit.ball_indices.iter().copied().zip(around).collect();
     }
     Ok(visits)
 }
@@ -65,35 +65,35 @@ fn slow_steps_of_balls(
         let steps = setup.ball_steps(access, &task, StepKind::Touch, str::to_owned);
         Some(steps.map_err(|refusal| MethodRefusal::new(refusal.reason, UNREACHABLE_BALL_REMEDY)))
     };
-    visit.balls.iter().filter_map(steps).collect()
+    visit.ball_indices.iter().filter_map(steps).collect()
 }
 
 struct PathPlanner<'a> {
     plan: &'a Plan,
-    clearance: &'a SafeHeights,
+    safe_heights: &'a SafeHeights,
 }
 
 impl PathPlanner<'_> {
-    fn blocks(&self, from: &Position, step: &Step) -> Result<Vec<Block>, MethodRefusal> {
+    fn plan_step_blocks(&self, from: &Position, step: &Step) -> Result<Vec<Block>, MethodRefusal> {
         let start = BlockStart { position: Some(from), confirmed: ConfirmedDirections::all() };
-        Ok(step_blocks(self.plan, step, 0, start, self.clearance)?)
+        Ok(step_blocks(self.plan, step, 0, start, self.safe_heights)?)
     }
 
     /// Position of the machine after a touch.
     fn end_position(&self, step: &Step) -> Result<Position, MethodRefusal> {
-        let blocks = self.blocks(&step.from, step)?;
+        let blocks = self.plan_step_blocks(&step.from, step)?;
         Ok(position_after_motions(blocks.iter().flat_map(|block| &block.motions), &step.from))
     }
 
     /// Indices of the balls in an order of short duration, each with its touches in the default order.
-    fn order_balls(
+    fn fast_ball_order(
         &self,
         balls: &[Vec<Step>],
         machine_position: Option<&Position>,
     ) -> Result<Vec<usize>, MethodRefusal> {
         let ends = balls.iter().filter_map(|steps| steps.last()).map(|last| self.end_position(last));
         let ends = ends.collect::<Result<Vec<_>, _>>()?;
-        let from = |from: &Position| self.path_times_s(from, balls);
+        let from = |from: &Position| self.path_times_to_balls_s(from, balls);
         let between = ends.par_iter().map(from).collect::<Result<Vec<_>, _>>()?;
         let from_start_s = machine_position.map(from).transpose()?;
         Ok(TravelTimes { pairwise_s: between, from_start_s }.visiting_order(TRIED_START_BALL_COUNT))
@@ -123,7 +123,7 @@ impl PathPlanner<'_> {
 
     /// Path times to the first contact of each ball, s. Paths are planned only to the nearest balls in XY,
     /// because a tour uses few others.
-    fn path_times_s(&self, from: &Position, balls: &[Vec<Step>]) -> Result<Vec<f64>, MethodRefusal> {
+    fn path_times_to_balls_s(&self, from: &Position, balls: &[Vec<Step>]) -> Result<Vec<f64>, MethodRefusal> {
         let places: Vec<Position> =
             balls.iter().filter_map(|steps| steps.first()).map(|step| step.from.clone()).collect();
         let from_xy_positions = TravelTimes::from_xy_positions(&places, Some(from), &self.plan.machine).from_start_s;
@@ -144,7 +144,7 @@ impl PathPlanner<'_> {
     /// Path time to the contact of a touch, s.
     fn path_time_s(&self, from: &Position, step: &Step) -> Result<f64, MethodRefusal> {
         let (mut seconds, mut machine_position) = (0.0, from.clone());
-        for block in self.blocks(from, step)? {
+        for block in self.plan_step_blocks(from, step)? {
             seconds += machine_time_s(&block, &machine_position, &self.plan.machine);
             machine_position = position_after_motions(&block.motions, &machine_position);
         }

@@ -3,12 +3,12 @@
 use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
 
-use super::found_balls::readings_by_ball;
-use super::label::{MeasurementPass, labelled_steps};
-use super::review::continuation_advice;
+use super::found_balls::group_readings_by_measurement;
 use super::setup::MeasurementSetup;
+use super::stage_review::continuation_advice;
+use super::touch_label::{MeasurementPass, touch_steps_with_labels};
 use crate::MethodRefusal;
-use crate::identification::declared::drift_mm_per_s;
+use crate::identification::declared_sources::drift_rate_sd_mm_per_s;
 use machine::record::reading::Reading;
 
 /// Minimum number of rounds for the creep rate and its scatter.
@@ -22,22 +22,23 @@ struct Creep {
     axis: char,
     rate_mm_per_s: f64,
     /// Expanded uncertainty of the creep rate, mm/s, from the scatter of the rounds about the line.
-    expanded_rate_mm_per_s: f64,
+    rate_expanded_uncertainty_mm_per_s: f64,
 }
 
 /// Whether another round is needed: neither the rounds of the last `watch_s` nor all rounds show that the
 /// machine creeps no faster than declared.
 ///
-/// # Errors The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the
-/// watch again.
+/// # Errors
+/// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the watch
+/// again.
 pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
-    let watch_s = setup.touch_settings.watch_s;
+    let watch_s = setup.touch_settings.watch_duration_s;
     // The watch ends when the measurement begins, also for a resumed run.
     if watch_s <= 0.0 || has_measurement_begun(setup) {
         return Ok(false);
     }
     let resumed_s = setup.plan.gaps_s.last().copied().unwrap_or(f64::NEG_INFINITY);
-    let rounds = watch_rounds(setup, readings, resumed_s);
+    let rounds = watch_round_times_and_centres(setup, readings, resumed_s);
     let (Some((first_s, _)), Some((last_s, _))) = (rounds.first(), rounds.last()) else {
         return Ok(true);
     };
@@ -48,10 +49,11 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
     let older = rounds.partition_point(|(t_s, _)| last_s - t_s > watch_s);
     let newest = &rounds[older.min(rounds.len() - MIN_WATCH_ROUNDS)..];
     // The declared rate is a standard deviation; k = 2.
-    let allowed = 2.0 * drift_mm_per_s(setup.plan);
+    let allowed = 2.0 * drift_rate_sd_mm_per_s(setup.plan);
     // If the uncertainty of the rate exceeds the limit, rest is not shown. All rounds together have a smaller
     // uncertainty than the newest ones.
-    let may_creep = |creep: &Creep| creep.rate_mm_per_s.abs() > allowed || creep.expanded_rate_mm_per_s > allowed;
+    let may_creep =
+        |creep: &Creep| creep.rate_mm_per_s.abs() > allowed || creep.rate_expanded_uncertainty_mm_per_s > allowed;
     let creeping = |rounds: &[(f64, Vector3<f64>)]| fit_creep(rounds).into_iter().find(may_creep);
     let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
@@ -62,7 +64,7 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
             along {}, and the limit from drift_um_per_h is {:.1} µm/h",
             watched_s / 60.0,
             um_per_h(creep.rate_mm_per_s),
-            um_per_h(creep.expanded_rate_mm_per_s),
+            um_per_h(creep.rate_expanded_uncertainty_mm_per_s),
             creep.axis,
             um_per_h(allowed)
         ),
@@ -76,12 +78,16 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
 }
 
 fn has_measurement_begun(setup: &MeasurementSetup<'_>) -> bool {
-    labelled_steps(setup.plan).any(|(_, label)| label.pass == MeasurementPass::Slow)
+    touch_steps_with_labels(setup.plan).any(|(_, label)| label.pass == MeasurementPass::Slow)
 }
 
 /// Time, s, and centre, mm, of each round since the run was resumed.
-fn watch_rounds(setup: &MeasurementSetup<'_>, readings: &[Reading], resumed_s: f64) -> Vec<(f64, Vector3<f64>)> {
-    let all = readings_by_ball(setup, readings);
+fn watch_round_times_and_centres(
+    setup: &MeasurementSetup<'_>,
+    readings: &[Reading],
+    resumed_s: f64,
+) -> Vec<(f64, Vector3<f64>)> {
+    let all = group_readings_by_measurement(setup, readings);
     let of_watch = all.iter().filter(|measurement| measurement.label.pass == MeasurementPass::Watch);
     let round = of_watch.filter_map(|measurement| {
         let measured = measurement.fit_ball(setup)?.ok()?;
@@ -91,7 +97,7 @@ fn watch_rounds(setup: &MeasurementSetup<'_>, readings: &[Reading], resumed_s: f
     round.filter(|(t_s, _)| *t_s > resumed_s).collect()
 }
 
-/// Slopes of straight lines through the rounds.
+/// Fits a straight line through the rounds of each axis; its slope is the creep rate.
 fn fit_creep(rounds: &[(f64, Vector3<f64>)]) -> [Creep; 3] {
     let count = rounds.len() as f64;
     let middle_s = rounds.iter().map(|(t_s, _)| t_s).sum::<f64>() / count;
@@ -103,6 +109,6 @@ fn fit_creep(rounds: &[(f64, Vector3<f64>)]) -> [Creep; 3] {
     [(0, 'X'), (1, 'Y'), (2, 'Z')].map(|(k, axis)| Creep {
         axis,
         rate_mm_per_s: rate[k],
-        expanded_rate_mm_per_s: coverage_factor(count - 2.0) * (variance[k] / square).sqrt(),
+        rate_expanded_uncertainty_mm_per_s: coverage_factor(count - 2.0) * (variance[k] / square).sqrt(),
     })
 }

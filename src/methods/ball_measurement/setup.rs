@@ -26,14 +26,14 @@ pub enum SearchMode {
 #[derive(Debug, Clone, PartialEq)]
 pub struct BallVisit {
     pub rotary_position: Position,
-    pub balls: Vec<usize>,
-    /// Order of the touches of a ball in a slow measurement, by ball; the default order if absent.
+    pub ball_indices: Vec<usize>,
+    /// Order of the touches in a slow measurement, by index of the ball; the default order if absent.
     pub touch_orders: BTreeMap<usize, TouchOrder>,
 }
 
 impl BallVisit {
     pub fn new(at: Position, balls: Vec<usize>) -> Self {
-        Self { rotary_position: at, balls, touch_orders: BTreeMap::new() }
+        Self { rotary_position: at, ball_indices: balls, touch_orders: BTreeMap::new() }
     }
 }
 
@@ -45,8 +45,8 @@ pub struct TouchSettings {
     pub touch_count: usize,
     /// Whether one ball is measured again at the start, the middle and the end.
     pub has_references: bool,
-    /// Duration for which one ball is watched before the run, s; 0: no watch.
-    pub watch_s: f64,
+    /// Minimum duration of the rest check before the run, in which one ball is measured repeatedly, s; 0: no check.
+    pub watch_duration_s: f64,
     /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
     /// Maximum travel of a slow touch beyond the expected contact, mm.
@@ -55,7 +55,7 @@ pub struct TouchSettings {
     /// is held.
     pub form_limit_mm: f64,
     /// Maximum difference from the stated diameter, including pre-travel, mm; beyond it the run is held.
-    pub diameter_limit_mm: f64,
+    pub diameter_deviation_limit_mm: f64,
 }
 
 const MAX_WATCH_S: f64 = 7200.0;
@@ -76,12 +76,12 @@ impl TouchSettings {
             "choose touches = 5, or 15 for a form check",
         )?;
         MethodRefusal::require(
-            (0.0..=MAX_WATCH_S).contains(&self.watch_s),
+            (0.0..=MAX_WATCH_S).contains(&self.watch_duration_s),
             "watch_min must be 0 to 120",
             "choose watch_min = 10, or 0 to start without a rest check",
         )?;
         MethodRefusal::require(
-            self.form_limit_mm > 0.0 && self.diameter_limit_mm > 0.0,
+            self.form_limit_mm > 0.0 && self.diameter_deviation_limit_mm > 0.0,
             "form_limit_um and diameter_limit_um must be greater than 0",
             "remove both settings, or choose about 15 and 30",
         )
@@ -89,7 +89,7 @@ impl TouchSettings {
 
     /// Maximum distance of a ball from the position where it was found, mm: half of the standoff of a slow
     /// touch, or of its search distance if that is smaller.
-    pub fn position_tolerance_mm(&self) -> f64 {
+    pub fn found_position_tolerance_mm(&self) -> f64 {
         self.standoff_mm.min(self.search_mm) / 2.0
     }
 }
@@ -104,11 +104,11 @@ pub struct MeasurementSetup<'a> {
 }
 
 impl MeasurementSetup<'_> {
-    /// Free space around the artefact at its assumed position.
+    /// Check of the accessible touches of the artefact at its assumed position.
     ///
     /// # Errors
     /// The machine has no kinematics.
-    pub fn access(&self, artefact: &Artefact) -> Result<TouchAccess, MethodRefusal> {
+    pub fn touch_access(&self, artefact: &Artefact) -> Result<TouchAccess, MethodRefusal> {
         Ok(TouchAccess::new(self.plan, artefact)?)
     }
 
@@ -137,7 +137,7 @@ impl MeasurementSetup<'_> {
                 ),
                 _ => UNREACHABLE_BALL_REMEDY.to_owned(),
             };
-            let position = describe_position(task.rotary);
+            let position = describe_rotary_axes_in_degrees(task.rotary);
             MethodRefusal::new(format!("ball {} at {position}: {reason}", task.ball.id), remedy)
         })
     }
@@ -155,7 +155,7 @@ impl MeasurementSetup<'_> {
 }
 
 /// Text of a rotary position in degrees: `B30 C90 S0`.
-pub fn describe_position(at: &Position) -> String {
+pub fn describe_rotary_axes_in_degrees(at: &Position) -> String {
     let degree = |axis: Axis, value: f64| (axis.to_mm_or_deg(value) * 1e3).round() / 1e3;
     let parts: Vec<String> = at.iter().map(|(axis, value)| format!("{axis}{}", degree(axis, value) + 0.0)).collect();
     parts.join(" ")

@@ -4,11 +4,12 @@
 use estimation::whitening::whitening_matrix;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::effects::{nonzero_columns, nonzero_spans, shift_column};
 use super::interruptions::interruption_effect;
+use super::observation_effects::{effect_of_nonzero_columns, effect_of_nonzero_spans, shift_column};
 use super::observe::{BallCentre, ObservedBalls, TouchEffect};
-use crate::identification::declared::{
-    drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_u_mm,
+use crate::identification::declared_sources::{
+    drift_rate_sd_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm,
+    resolution_u_mm,
 };
 use crate::identification::{
     DrawDistribution, EvaluationType, ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource,
@@ -22,15 +23,15 @@ const MIN_COORDINATE_STD_U_MM: f64 = 1e-6;
 
 /// Whitening matrix of each measured centre, from the sources that enter the weights. The correlation between
 /// measurements that a source changes together is ignored.
-pub fn whitening_matrices(sources: &[UncertaintySource], centres: usize) -> impl Iterator<Item = Matrix3<f64>> {
+pub fn whitening_matrices(sources: &[UncertaintySource], centre_count: usize) -> impl Iterator<Item = Matrix3<f64>> {
     let min = Matrix3::from_diagonal_element(MIN_COORDINATE_STD_U_MM.powi(2));
-    block_covariances::<3>(sources, centres).into_iter().map(move |covariance| whitening_matrix(min + covariance))
+    block_covariances::<3>(sources, centre_count).into_iter().map(move |covariance| whitening_matrix(min + covariance))
 }
 
 /// A source of certified size. Its error changes many observations together, so few residuals contain it.
 pub fn certified_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
     UncertaintySource {
-        residual_treatment: ResidualTreatment::Expected,
+        residual_treatment: ResidualTreatment::InExpectedChi2,
         is_in_weights: false,
         ..UncertaintySource::new(name, effect)
     }
@@ -53,7 +54,7 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
         // Equal in all measurements: it does not change their relative weights.
         UncertaintySource { is_in_weights: false, ..named("probe lobing", lobing_effect(plan, observed)) },
         UncertaintySource { is_in_weights: false, ..named("backlash", backlash_effect(plan, centres)) },
-        named("error motions of X, Y and Z", linear_axis_effect(plan, centres)),
+        named("error motions of X, Y and Z", linear_error_motion_effect(plan, centres)),
         named("thermal drift", drift_effect(plan, centres)),
         // If the steps entered the weights, the measurements after an interruption would have less weight
         // than those before.
@@ -67,56 +68,61 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
 /// One draw per touch, of standard uncertainty `u` along its normal.
 fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> ObservationEffect {
     let of_centre = |(i, centre): (usize, &BallCentre)| -> Vec<ObservationSpan> {
-        let values = |touch: &TouchEffect| (touch.gain * u(touch.normal)).as_slice().to_vec();
+        let values = |touch: &TouchEffect| (touch.centre_gain * u(touch.normal)).as_slice().to_vec();
         let touches = centre.touches.iter();
         touches.map(|touch| ObservationSpan { first_index: 3 * i, changes_mm: values(touch) }).collect()
     };
-    nonzero_spans(centres.iter().enumerate().flat_map(of_centre))
+    effect_of_nonzero_spans(centres.iter().enumerate().flat_map(of_centre))
 }
 
 /// Azimuths are computed in the spindle frame, because the probe turns with the spindle.
 fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> ObservationEffect {
     let sense = plan.machine.axes.get(&Axis::S).map_or(1.0, |spec| spec.positive.direction_sign());
     let normals = observed.centres.iter().flat_map(|centre| {
-        let spindle = sense * observed.rotary_positions[centre.rotary_position_index].get_or_zero(Axis::S);
+        let spindle =
+            sense * observed.measured_rotary_positions[centre.measured_rotary_position_index].get_or_zero(Axis::S);
         let into_spindle = Rotation3::from_axis_angle(&Vector3::z_axis(), -spindle);
         centre.touches.iter().map(move |touch| into_spindle * touch.normal)
     });
     let patterns = lobing_patterns(plan, &normals.collect::<Vec<_>>());
     let centres = &observed.centres;
-    nonzero_columns(patterns.into_iter().map(|pattern| shift_column_from_touches(centres, pattern.into_iter())))
+    effect_of_nonzero_columns(
+        patterns.into_iter().map(|pattern| shift_column_from_touches(centres, pattern.into_iter())),
+    )
 }
 
 /// Each axis lags behind the direction of the touch.
 fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let half = half_backlash_mm(plan);
     let column = |k: usize| {
-        let of_touch = |touch: &TouchEffect| touch.gain * half[k] * touch.normal[k].abs();
+        let of_touch = |touch: &TouchEffect| touch.centre_gain * half[k] * touch.normal[k].abs();
         shift_column(centres.iter().map(|centre| centre.touches.iter().map(of_touch).sum()))
     };
-    nonzero_columns((0..3).map(column))
+    effect_of_nonzero_columns((0..3).map(column))
 }
 
 /// Evaluated at the touches, not at the centre, because the slope of a motion distorts the sphere.
-fn linear_axis_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
+fn linear_error_motion_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let touches = || centres.iter().flat_map(|centre| &centre.touches);
-    let points: Vec<Vector3<f64>> = touches().map(|touch| touch.axes_mm).collect();
+    let points: Vec<Vector3<f64>> = touches().map(|touch| touch.axis_positions_mm).collect();
     let patterns = linear_motion_patterns(plan, &points);
     let column = |pattern: &[f64], along: Axis| {
-        let along = along.direction();
+        let along = along.nominal_direction();
         let deviations = touches().zip(pattern).map(|(touch, by)| touch.normal.dot(&along) * by);
         shift_column_from_touches(centres, deviations)
     };
-    nonzero_columns(patterns.iter().flat_map(|pattern| Axis::LINEAR.map(|a| column(pattern, a))))
+    effect_of_nonzero_columns(patterns.iter().flat_map(|pattern| Axis::LINEAR.map(|a| column(pattern, a))))
 }
 
 /// Drift of the table relative to the spindle at the declared rate, zero at the mean time of the
 /// measurements: the estimate describes the machine at that time.
 fn drift_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
-    let mean_s = centres.iter().map(|centre| centre.t_s).sum::<f64>() / centres.len().max(1) as f64;
-    let rate = drift_mm_per_s(plan);
-    let shift = |axis: Axis| centres.iter().map(move |centre| axis.direction() * (rate * (centre.t_s - mean_s)));
-    nonzero_columns(Axis::LINEAR.map(|axis| shift_column(shift(axis))))
+    let mean_s = centres.iter().map(|centre| centre.mean_time_s).sum::<f64>() / centres.len().max(1) as f64;
+    let rate = drift_rate_sd_mm_per_s(plan);
+    let shift = |axis: Axis| {
+        centres.iter().map(move |centre| axis.nominal_direction() * (rate * (centre.mean_time_s - mean_s)))
+    };
+    effect_of_nonzero_columns(Axis::LINEAR.map(|axis| shift_column(shift(axis))))
 }
 
 /// A column of shifts of the measurements, from `deviations` of their touches along the normals, mm, one per
@@ -124,6 +130,6 @@ fn drift_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
 fn shift_column_from_touches(centres: &[BallCentre], mut deviations: impl Iterator<Item = f64>) -> Vec<f64> {
     shift_column(centres.iter().map(|centre| {
         let touches = centre.touches.iter().zip(deviations.by_ref());
-        touches.map(|(touch, deviation)| touch.gain * deviation).sum()
+        touches.map(|(touch, deviation)| touch.centre_gain * deviation).sum()
     }))
 }

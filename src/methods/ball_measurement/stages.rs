@@ -1,10 +1,10 @@
 //! Choice of the next stage: the tasks of a list of visits, one stage each.
 
-use super::found_balls::{FoundBalls, readings_by_ball};
-use super::label::{MeasurementPass, TouchLabel, labelled_steps};
+use super::found_balls::{FoundBalls, group_readings_by_measurement};
 use super::rest_check::needs_watch_round;
-use super::review::review_stage;
-use super::setup::{BallVisit, MeasurementSetup, SearchMode, describe_position};
+use super::setup::{BallVisit, MeasurementSetup, SearchMode, describe_rotary_axes_in_degrees};
+use super::stage_review::review_stage;
+use super::touch_label::{MeasurementPass, TouchLabel, touch_steps_with_labels};
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
@@ -15,11 +15,11 @@ use planning::plan_blocks_by_stage;
 #[derive(Debug, Clone, PartialEq)]
 struct StageTask {
     pass: MeasurementPass,
-    /// Number of the visit in the labels; for a reference, number of its round.
-    label_number: usize,
+    /// Index in the labels, from 0: of the visit; for a reference and the watch, of the round.
+    label_index: usize,
     /// Index of the visit that gives the indexation.
     visit_index: usize,
-    balls: Vec<usize>,
+    ball_indices: Vec<usize>,
 }
 
 /// The next stage of a run that measures the `visits`: a repeat of measurements that were outside the limits,
@@ -37,10 +37,10 @@ pub fn next_stage(
     let (known, one_more) = match source {
         PositionSource::Nominal => (FoundBalls::from_stated_positions(setup), false),
         PositionSource::Measured(readings) => {
-            if let Some(stage) = repeat_rejected_measurements(setup, done, readings, id)? {
+            if let Some(stage) = build_repeat_stage(setup, done, readings, id)? {
                 return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
             }
-            let measurements = readings_by_ball(setup, readings);
+            let measurements = group_readings_by_measurement(setup, readings);
             (FoundBalls::from_measurements(setup, &measurements), needs_watch_round(setup, readings)?)
         }
     };
@@ -52,7 +52,7 @@ pub fn next_stage(
 }
 
 /// The stage that repeats the measurements of the last stage that were outside the limits.
-fn repeat_rejected_measurements(
+fn build_repeat_stage(
     setup: &MeasurementSetup<'_>,
     done: &[Stage],
     readings: &[Reading],
@@ -66,44 +66,44 @@ fn repeat_rejected_measurements(
 
 /// Number of watch rounds in the plan so far.
 fn watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
-    let watch = labelled_steps(setup.plan).filter(|(_, label)| label.pass == MeasurementPass::Watch);
+    let watch = touch_steps_with_labels(setup.plan).filter(|(_, label)| label.pass == MeasurementPass::Watch);
     watch.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
 }
 
 /// All tasks in measuring order. First every ball is searched for: at the indexation where most balls are
 /// accessible, then at others for the remaining balls. Then one ball is watched, and the visits follow.
-fn list_stage_tasks(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watched: usize) -> Vec<StageTask> {
+fn list_stage_tasks(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch_rounds: usize) -> Vec<StageTask> {
     let searches = choose_search_visits(visits);
     let task = |pass, number: usize, balls: &[usize]| StageTask {
         pass,
-        label_number: number,
+        label_index: number,
         visit_index: number,
-        balls: balls.to_vec(),
+        ball_indices: balls.to_vec(),
     };
     let every = setup.touch_settings.search_mode == SearchMode::Every;
     let mut tasks: Vec<StageTask> = searches
         .iter()
         .map(|(visit, new)| {
-            let all = visits.get(*visit).map_or(new, |visit| if every { &visit.balls } else { new });
+            let all = visits.get(*visit).map_or(new, |visit| if every { &visit.ball_indices } else { new });
             task(MeasurementPass::Find, *visit, all)
         })
         .collect();
     let repeated = |pass: MeasurementPass, number: usize| {
         let (visit, balls) = searches.first()?;
-        Some(StageTask { pass, label_number: number, visit_index: *visit, balls: vec![*balls.first()?] })
+        Some(StageTask { pass, label_index: number, visit_index: *visit, ball_indices: vec![*balls.first()?] })
     };
     let reference = |round| repeated(MeasurementPass::Reference, round).filter(|_| setup.touch_settings.has_references);
     tasks.extend(reference(0));
-    tasks.extend((0..watched).filter_map(|round| repeated(MeasurementPass::Watch, round)));
+    tasks.extend((0..watch_rounds).filter_map(|round| repeated(MeasurementPass::Watch, round)));
     for (number, visit) in visits.iter().enumerate() {
         if number > 0 && number == visits.len() / 2 {
             tasks.extend(reference(1));
         }
-        let mut slow = task(MeasurementPass::Slow, number, &visit.balls);
+        let mut slow = task(MeasurementPass::Slow, number, &visit.ball_indices);
         if every && !searches.iter().any(|(searched, _)| *searched == number) {
-            tasks.push(task(MeasurementPass::Find, number, &visit.balls));
+            tasks.push(task(MeasurementPass::Find, number, &visit.ball_indices));
             // The slow measurement takes the path of the search backwards.
-            slow.balls.reverse();
+            slow.ball_indices.reverse();
         }
         tasks.push(slow);
     }
@@ -117,7 +117,7 @@ fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
     let mut searches = Vec::new();
     loop {
         let new = |visit: &BallVisit| -> Vec<usize> {
-            visit.balls.iter().copied().filter(|ball| !found.contains(ball)).collect()
+            visit.ball_indices.iter().copied().filter(|ball| !found.contains(ball)).collect()
         };
         // The first of equal visits.
         let best = visits.iter().enumerate().rev().max_by_key(|(_, visit)| new(visit).len());
@@ -135,7 +135,7 @@ fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
 ///
 /// # Errors
 /// A visit cannot be planned.
-pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[BallVisit]) -> Result<f64, MethodRefusal> {
+pub fn visits_machine_time_s(setup: &MeasurementSetup<'_>, visits: &[BallVisit]) -> Result<f64, MethodRefusal> {
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
     for (id, task) in (0..).zip(list_stage_tasks(setup, visits, 0)) {
@@ -159,8 +159,10 @@ fn build_stage(
     id: u32,
 ) -> Result<(Stage, Vec<Step>), MethodRefusal> {
     let steps = match task.pass {
-        MeasurementPass::Reference | MeasurementPass::Watch if task.label_number > 0 => repeat_first_round(setup, task),
-        _ => new_steps(setup, visits, task, known)?,
+        MeasurementPass::Reference | MeasurementPass::Watch if task.label_index > 0 => {
+            repeat_first_round_steps(setup, task)
+        }
+        _ => plan_touch_steps(setup, visits, task, known)?,
     };
     let steps = setup.plan.number_steps(id, steps);
     let stage = Stage {
@@ -174,21 +176,23 @@ fn build_stage(
 }
 
 fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTask) -> String {
-    let at = visits.get(task.visit_index).map_or(String::new(), |visit| describe_position(&visit.rotary_position));
+    let at = visits
+        .get(task.visit_index)
+        .map_or(String::new(), |visit| describe_rotary_axes_in_degrees(&visit.rotary_position));
     match task.pass {
         MeasurementPass::Find | MeasurementPass::Slow => {
             let action = if task.pass == MeasurementPass::Find { "find" } else { "measure" };
-            format!("{action} at {at} ({} of {})", task.label_number + 1, visits.len())
+            format!("{action} at {at} ({} of {})", task.label_index + 1, visits.len())
         }
         MeasurementPass::Watch | MeasurementPass::Reference => {
-            let ball = task.balls.first().and_then(|ball| setup.balls.balls.get(*ball));
+            let ball = task.ball_indices.first().and_then(|ball| setup.balls.balls.get(*ball));
             let what = if task.pass == MeasurementPass::Watch { "rest check of the machine" } else { "reference" };
             format!("{what}: ball {}", ball.map_or("", |ball| &ball.id))
         }
     }
 }
 
-fn new_steps(
+fn plan_touch_steps(
     setup: &MeasurementSetup<'_>,
     visits: &[BallVisit],
     task: &StageTask,
@@ -196,20 +200,20 @@ fn new_steps(
 ) -> Result<Vec<Step>, MethodRefusal> {
     let Some(visit) = visits.get(task.visit_index) else { return Ok(Vec::new()) };
     let assumed_artefact = artefact_at_found_positions(setup, task, known);
-    let access = setup.access(assumed_artefact.as_ref().unwrap_or(&setup.plan.artefact))?;
+    let access = setup.touch_access(assumed_artefact.as_ref().unwrap_or(&setup.plan.artefact))?;
     let mut steps: Vec<Step> = Vec::new();
-    for index in &task.balls {
+    for index in &task.ball_indices {
         let Some(ball) = setup.balls.balls.get(*index) else { continue };
         let centre_mm = known.expected_centre(setup, *index, task.visit_index).into();
         let expected = Ball { centre_mm, ..ball.clone() };
         let approach = match task.pass {
-            MeasurementPass::Find => setup.search_approach(known.uncertainty_mm(setup)),
+            MeasurementPass::Find => setup.search_approach(known.max_distance_from_expected_mm(setup)),
             MeasurementPass::Slow | MeasurementPass::Watch | MeasurementPass::Reference => setup.slow_approach(),
         };
         let kind = if task.pass == MeasurementPass::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
-            let (pass, indexation, touch) = (task.pass, task.label_number as u32, touch.to_owned());
-            TouchLabel { pass, indexation, ball: ball.id.clone(), touch }.to_string()
+            let (pass, indexation, touch) = (task.pass, task.label_index as u32, touch.to_owned());
+            TouchLabel { pass, indexation_index: indexation, ball: ball.id.clone(), touch }.to_string()
         };
         let new =
             setup.ball_steps(&access, &setup.ball_task(&expected, &visit.rotary_position, approach), kind, label)?;
@@ -219,14 +223,14 @@ fn new_steps(
     Ok(steps)
 }
 
-/// The first round of references or of the watch again, at exactly the same places.
-fn repeat_first_round(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Step> {
-    let of_first = |(_, label): &(&Step, TouchLabel)| label.pass == task.pass && label.indexation == 0;
+/// Steps of the first round of references or of the watch again, at exactly the same positions.
+fn repeat_first_round_steps(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Step> {
+    let of_first = |(_, label): &(&Step, TouchLabel)| label.pass == task.pass && label.indexation_index == 0;
     let renumbered = |(step, label): (&Step, TouchLabel)| {
-        let label = TouchLabel { indexation: task.label_number as u32, ..label };
+        let label = TouchLabel { indexation_index: task.label_index as u32, ..label };
         Step { label: label.to_string(), ..step.clone() }
     };
-    labelled_steps(setup.plan).filter(of_first).map(renumbered).collect()
+    touch_steps_with_labels(setup.plan).filter(of_first).map(renumbered).collect()
 }
 
 /// The artefact with the balls at their found positions. `None` until all balls are found, because only the
@@ -236,8 +240,8 @@ fn artefact_at_found_positions(setup: &MeasurementSetup<'_>, task: &StageTask, k
         return None;
     }
     let uncertainty_mm = match task.pass {
-        MeasurementPass::Find => known.uncertainty_mm(setup),
-        _ => setup.touch_settings.position_tolerance_mm(),
+        MeasurementPass::Find => known.max_distance_from_expected_mm(setup),
+        _ => setup.touch_settings.found_position_tolerance_mm(),
     };
     let balls = setup.balls.balls.iter().enumerate().map(|(index, ball)| {
         let centre_mm = known.expected_centre(setup, index, task.visit_index).into();

@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct TouchOrder {
     /// Index of the first of the touches around the ball.
-    first_touch: usize,
+    first_touch_index: usize,
     is_backward: bool,
     /// Whether the pole is touched before the others; otherwise after them.
     is_pole_first: bool,
@@ -27,7 +27,7 @@ impl TouchOrder {
         let senses = firsts.flat_map(|first| [false, true].map(|backward| (first, backward)));
         let both = |(first, backward)| {
             [false, true].map(|pole_first| Self {
-                first_touch: first,
+                first_touch_index: first,
                 is_backward: backward,
                 is_pole_first: pole_first,
             })
@@ -39,7 +39,7 @@ impl TouchOrder {
     pub fn apply<T>(self, mut touches: Vec<T>) -> Vec<T> {
         let Some(pole) = touches.pop() else { return touches };
         let count = touches.len().max(1);
-        touches.rotate_left(self.first_touch % count);
+        touches.rotate_left(self.first_touch_index % count);
         if self.is_backward {
             // The first touch remains the first.
             touches.reverse();
@@ -54,10 +54,10 @@ impl TouchOrder {
 /// One of the orders of a ball, and the shortest time to its last touch.
 struct OrderCandidate {
     touch_order: TouchOrder,
-    order: Vec<usize>,
-    time_s: f64,
+    touch_indices: Vec<usize>,
+    shortest_time_s: f64,
     /// Index of the order of the previous ball.
-    previous_index: usize,
+    previous_candidate_index: usize,
 }
 
 /// Orders of the touches of the balls, one ball after the other, with the shortest total path time (dynamic
@@ -70,14 +70,14 @@ pub fn fastest_touch_orders(balls: &[BallPathTimes]) -> Vec<TouchOrder> {
     }
     let shortest = |all: &Vec<OrderCandidate>| {
         let times = all.iter().enumerate();
-        times.min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s)).map(|(number, _)| number)
+        times.min_by(|a, b| a.1.shortest_time_s.total_cmp(&b.1.shortest_time_s)).map(|(number, _)| number)
     };
     let mut number = reached.last().and_then(shortest).unwrap_or_default();
     let mut chosen: Vec<TouchOrder> = Vec::new();
     for all in reached.iter().rev() {
         let Some(this) = all.get(number) else { break };
         chosen.push(this.touch_order);
-        number = this.previous_index;
+        number = this.previous_candidate_index;
     }
     chosen.reverse();
     chosen
@@ -94,13 +94,18 @@ fn extend_candidates(path_times: &BallPathTimes, before: &[OrderCandidate]) -> V
         let pairs = order.windows(2);
         let within: f64 = pairs.map(|pair| seconds(&path_times.between_touches_s, pair[0], pair[1])).sum();
         let entered = before.iter().enumerate().map(|(number, reached)| {
-            let end = reached.order.last().copied().unwrap_or_default();
-            (number, reached.time_s + seconds(&path_times.from_previous_ball_s, end, first))
+            let end = reached.touch_indices.last().copied().unwrap_or_default();
+            (number, reached.shortest_time_s + seconds(&path_times.from_previous_ball_s, end, first))
         });
         let (before, entered) = entered
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .unwrap_or((0, seconds(&path_times.from_previous_ball_s, 0, first)));
-        OrderCandidate { touch_order: around, order, time_s: entered + within, previous_index: before }
+        OrderCandidate {
+            touch_order: around,
+            touch_indices: order,
+            shortest_time_s: entered + within,
+            previous_candidate_index: before,
+        }
     };
     TouchOrder::all_orders(touches).into_iter().map(one).collect()
 }
@@ -111,7 +116,7 @@ mod tests {
     use estimation::random::seeded_stream;
     use rand::RngExt;
 
-    fn total_s(balls: &[BallPathTimes], order: &[Vec<usize>]) -> f64 {
+    fn total_path_time_s(balls: &[BallPathTimes], order: &[Vec<usize>]) -> f64 {
         let mut seconds = 0.0;
         for (number, touches) in order.iter().enumerate() {
             let from = number.checked_sub(1).map_or(0, |before| *order[before].last().unwrap());
@@ -124,14 +129,14 @@ mod tests {
     #[test]
     fn touches_follow_the_circle_with_the_pole_first_or_last() {
         let applied = |first, backward, pole_first| {
-            let around = TouchOrder { first_touch: first, is_backward: backward, is_pole_first: pole_first };
+            let around = TouchOrder { first_touch_index: first, is_backward: backward, is_pole_first: pole_first };
             around.apply(vec!["+45", "+135", "-135", "-45", "pole"]).join(" ")
         };
         assert_eq!(applied(0, false, false), "+45 +135 -135 -45 pole");
         assert_eq!(applied(2, false, true), "pole -135 -45 +45 +135");
         assert_eq!(applied(2, true, false), "-135 +135 +45 -45 pole");
         assert!(TouchOrder::default().apply(Vec::<u8>::new()).is_empty());
-        let four = TouchOrder { first_touch: 3, ..TouchOrder::default() }.apply(vec![1, 2, 3, 9]);
+        let four = TouchOrder { first_touch_index: 3, ..TouchOrder::default() }.apply(vec![1, 2, 3, 9]);
         assert_eq!(four, [1, 2, 3, 9]);
     }
 
@@ -157,13 +162,13 @@ mod tests {
             for second in &orders[1] {
                 for third in &orders[2] {
                     let order = [first.clone(), second.clone(), third.clone()];
-                    best = best.min(total_s(&balls, &order));
+                    best = best.min(total_path_time_s(&balls, &order));
                 }
             }
         }
         let chosen = fastest_touch_orders(&balls);
         let order: Vec<Vec<usize>> =
             chosen.iter().zip([5, 4, 5]).map(|(around, count)| around.apply((0..count).collect())).collect();
-        assert!((total_s(&balls, &order) - best).abs() < 1e-12);
+        assert!((total_path_time_s(&balls, &order) - best).abs() < 1e-12);
     }
 }

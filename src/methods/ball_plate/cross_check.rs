@@ -5,22 +5,23 @@ use std::fmt;
 
 use nalgebra::Vector3;
 
-use super::four_steps::solve_in_four_steps;
-use super::layout::{MOTION_COMPONENTS, UnknownsLayout};
+use super::four_step_solution::solve_in_four_steps;
 use super::solved::SolvedRun;
-use crate::identification::{Identification, unit_slope};
+use super::unknowns_layout::{MOTION_COMPONENTS, UnknownsLayout};
+use crate::identification::{Identification, slope_of_unknown};
 use machine::record::estimate::Unit;
 
 /// The coefficient of an error motion with the largest difference relative to its expanded uncertainty.
-pub struct CoefficientDifference {
+pub struct LargestCoefficientDifference {
     pub symbol: String,
     pub unit: Unit,
     /// Difference of the coefficient, in its internal unit.
     pub difference: f64,
+    /// Expanded uncertainty U of the coefficient, in its internal unit.
     pub expanded: f64,
 }
 
-impl CoefficientDifference {
+impl LargestCoefficientDifference {
     /// # Errors
     /// The reason why the four steps do not apply.
     pub fn new(solved: &SolvedRun<'_>, identified: &Identification) -> Result<Self, &'static str> {
@@ -29,7 +30,7 @@ impl CoefficientDifference {
         let (stops, observations) = (&solved.design.stops, &solved.measured.observations);
         let other = solve_in_four_steps(layout, stops, observations, &deviations_without_drift(solved))
             .ok_or("the equations have no solution")?;
-        let uncertainty = |j| identified.propagation.uncertainty(&unit_slope(j, layout.unknown_count()));
+        let uncertainty = |j| identified.propagation.output_uncertainty(&slope_of_unknown(j, layout.unknown_count()));
         let expanded: Vec<f64> = (0..other.len()).map(|j| uncertainty(j).expanded()).collect();
         let by = |j: usize| (other[j] - solved.solution.x[j]).abs();
         let share = |j: usize| by(j) / expanded[j].max(f64::MIN_POSITIVE);
@@ -52,7 +53,7 @@ impl CoefficientDifference {
 }
 
 /// Sentence about the comparison for the gauge of the estimate.
-pub fn describe_cross_check(result: &Result<CoefficientDifference, &'static str>) -> String {
+pub fn describe_cross_check(result: &Result<LargestCoefficientDifference, &'static str>) -> String {
     let reference = "least squares over all visits";
     match result {
         Err(reason) => format!("{reference}; not compared with the four steps of paper 5: {reason}"),
@@ -60,7 +61,7 @@ pub fn describe_cross_check(result: &Result<CoefficientDifference, &'static str>
     }
 }
 
-impl fmt::Display for CoefficientDifference {
+impl fmt::Display for LargestCoefficientDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { symbol, unit, difference: by, expanded } = self;
         let [by, expanded] = [by, expanded].map(|value| unit.to_display_value(*value));
@@ -70,9 +71,9 @@ impl fmt::Display for CoefficientDifference {
 }
 
 fn coefficient_unit(layout: &UnknownsLayout, coefficient: usize) -> Unit {
-    let motions = MOTION_COMPONENTS.len() * layout.basis.function_count();
+    let motions = MOTION_COMPONENTS.len() * layout.angle_basis.function_count();
     let component = match coefficient.checked_sub(motions) {
-        None => coefficient / layout.basis.function_count(),
+        None => coefficient / layout.angle_basis.function_count(),
         Some(reversal) => reversal,
     };
     super::outputs::component_unit(MOTION_COMPONENTS[component])
@@ -82,13 +83,13 @@ fn coefficient_unit(layout: &UnknownsLayout, coefficient: usize) -> Unit {
 /// The reason why the four steps do not apply.
 fn check_four_steps_apply(solved: &SolvedRun<'_>) -> Result<(), &'static str> {
     let SolvedRun { design, measured, plate, settings, .. } = solved;
-    let (balls, positions) = (plate.position_steps.len(), settings.positions);
-    let steps: BTreeSet<usize> = plate.position_steps.iter().copied().collect();
+    let (balls, positions) = (plate.ball_steps.len(), settings.positions);
+    let steps: BTreeSet<usize> = plate.ball_steps.iter().copied().collect();
     let is_even = steps.len() == balls
         && positions.is_multiple_of(balls)
         && steps.iter().all(|step| step.is_multiple_of(positions / balls));
     let visits: BTreeSet<(usize, usize)> =
-        measured.observations.iter().map(|observation| (observation.stop, observation.ball)).collect();
+        measured.observations.iter().map(|observation| (observation.stop_index, observation.ball_index)).collect();
     let all = design.stops.len() * balls;
     let is_complete = visits.len() == all && measured.observations.len() == all;
     match () {
@@ -102,9 +103,9 @@ fn check_four_steps_apply(solved: &SolvedRun<'_>) -> Result<(), &'static str> {
 /// Deviations of the observations, minus the fitted drift and the steps at interruptions, mm.
 fn deviations_without_drift(solved: &SolvedRun<'_>) -> Vec<Vector3<f64>> {
     let SolvedRun { design, measured, solution, design_matrix: a, .. } = solved;
-    let drift = design.layout.drift_index(1, 0)..design.layout.position_index(0, 0);
+    let drift = design.layout.drift_unknown_index(1, 0)..design.layout.measuring_position_unknown_index(0, 0);
     let fitted = |row: usize| drift.clone().map(|j| a[(row, j)] * solution.x[j]).sum::<f64>();
     let fitted_drift = |i: usize| Vector3::from_fn(|axis, _| fitted(3 * i + axis));
     let observations = measured.observations.iter().enumerate();
-    observations.map(|(i, observation)| observation.deviation - fitted_drift(i)).collect()
+    observations.map(|(i, observation)| observation.axis_position_deviation_mm - fitted_drift(i)).collect()
 }

@@ -1,30 +1,37 @@
 //! Expected uncertainty of a run, from its plan alone.
 
 use super::identify::identify_solved;
-use super::layout::MOTION_COMPONENTS;
 use super::plate::Plate;
 use super::settings::BallPlateSettings;
 use super::solved::SolvedRun;
+use super::unknowns_layout::MOTION_COMPONENTS;
 use super::warnings::describe_not_identifiable;
 use crate::IdentifyError;
 use crate::ball_measurement::nominal_readings;
-use crate::identification::{Identification, OutputCurve, describe_assumed_repeatability, with_assumed_repeatability};
+use crate::identification::{
+    Identification, OutputCurve, describe_assumed_repeatability, plan_with_assumed_repeatability,
+};
 use machine::record::plan::Plan;
 
 /// Expected U of the error motions, and what is not identifiable, one line each. All steps of `plan` have
-/// nominal positions; the plan takes `machine_s` seconds of machine time.
+/// nominal positions; the plan takes `machine_time_s` seconds of machine time.
 ///
 /// # Errors
 /// The visits of the plan do not separate the unknowns.
-pub fn forecast(plan: &Plan, settings: &BallPlateSettings, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
-    let declared = with_assumed_repeatability(plan);
+pub fn describe_forecast(
+    plan: &Plan,
+    settings: &BallPlateSettings,
+    machine_time_s: f64,
+) -> Result<Vec<String>, IdentifyError> {
+    let declared = plan_with_assumed_repeatability(plan);
     let plate = Plate::new(&declared, settings)?;
-    let solved = SolvedRun::new(&declared, settings, &plate, &nominal_readings(plan, machine_s))?;
+    let solved = SolvedRun::new(&declared, settings, &plate, &nominal_readings(plan, machine_time_s))?;
     let identified = identify_solved(&solved, None)?;
     let motions = identified.outputs.curves.iter().take(MOTION_COMPONENTS.len());
-    let motions: Vec<String> = motions.map(|motion| largest_expanded_uncertainty(&identified, motion)).collect();
+    let motions: Vec<String> =
+        motions.map(|motion| describe_largest_expanded_uncertainty(&identified, motion)).collect();
     let mut lines =
-        vec![format!("expected U of the error motions after {:.1} h: {}", machine_s / 3600.0, motions.join(", "))];
+        vec![format!("expected U of the error motions after {:.1} h: {}", machine_time_s / 3600.0, motions.join(", "))];
     lines.extend(describe_assumed_repeatability(plan));
     lines
         .extend(describe_not_identifiable(&solved, &identified).iter().map(|line| format!("not identifiable: {line}")));
@@ -32,8 +39,8 @@ pub fn forecast(plan: &Plan, settings: &BallPlateSettings, machine_s: f64) -> Re
 }
 
 /// The largest U of the points of the curve, as text.
-fn largest_expanded_uncertainty(identified: &Identification, curve: &OutputCurve) -> String {
-    let expanded = |slope: &Vec<f64>| identified.propagation.uncertainty(slope).expanded();
+fn describe_largest_expanded_uncertainty(identified: &Identification, curve: &OutputCurve) -> String {
+    let expanded = |slope: &Vec<f64>| identified.propagation.output_uncertainty(slope).expanded();
     let largest = curve.slopes.iter().map(expanded).fold(0.0, f64::max);
     let largest = curve.unit.to_display_value(largest);
     let decimals = if largest < 1.0 { 2 } else { 1 };

@@ -1,14 +1,14 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::cross_check::{CoefficientDifference, describe_cross_check};
-use super::layout::MOTION_COMPONENTS;
+use super::cross_check::{LargestCoefficientDifference, describe_cross_check};
 use super::plate::Plate;
 use super::settings::BallPlateSettings;
 use super::solved::SolvedRun;
-use super::{cycles, outputs, warnings};
+use super::unknowns_layout::MOTION_COMPONENTS;
+use super::{outputs, single_revolutions, warnings};
 use crate::IdentifyError;
 use crate::identification::{
-    self, FitQuality, Identification, LinearFit, SolvedModel, TrialPlan, function_over_numbers, rms,
+    self, FitQuality, Identification, LinearFit, SolvedModel, TrialSettings, function_of_numbered_values, rms,
 };
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -19,7 +19,7 @@ const MONTE_CARLO_SEED: u64 = 0x6261_6c6c;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 /// Maximum number of products in the Monte Carlo propagation, so that it takes seconds.
-const MAX_TRIAL_PRODUCTS: usize = 8_000_000_000;
+const MAX_MONTE_CARLO_MULTIPLICATIONS: usize = 8_000_000_000;
 
 /// # Errors
 /// The readings do not belong to the plan or do not separate the unknowns.
@@ -27,16 +27,16 @@ pub fn identify(plan: &Plan, settings: &BallPlateSettings, readings: &[Reading])
     let plate = Plate::new(plan, settings)?;
     let solved = SolvedRun::new(plan, settings, &plate, readings)?;
     let products = (solved.design_matrix.nrows() * solved.design_matrix.ncols()).max(1);
-    let max = (MAX_TRIAL_PRODUCTS / products).clamp(2_000, 200_000);
-    let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, max);
+    let max = (MAX_MONTE_CARLO_MULTIPLICATIONS / products).clamp(2_000, 200_000);
+    let trials = TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, max);
     let identified = identify_solved(&solved, Some(trials))?;
     Ok(build_estimate(&solved, &identified))
 }
 
 /// # Errors
 /// Fewer than two trials.
-pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialPlan>) -> Result<Identification, IdentifyError> {
-    let SolvedRun { design, sources, sigma, design_matrix: a, solution, .. } = solved;
+pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialSettings>) -> Result<Identification, IdentifyError> {
+    let SolvedRun { design, sources, coordinate_sigmas_mm: sigma, design_matrix: a, solution, .. } = solved;
     let model = LinearFit { x: &solution.x, design_matrix: a, sigma, gain: &solution.gain };
     let weighted: Vec<f64> = solution.residuals.iter().zip(sigma).map(|(r, s)| r / s).collect();
     let gauge = design.layout.gauge_rows(&design.stops).nrows();
@@ -44,15 +44,15 @@ pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialPlan>) -> Res
     let core = SolvedModel {
         model: &model,
         weighted_residuals: &weighted,
-        has_declared_sizes: solved.has_declared_sizes,
-        fit_quality: FitQuality { unknowns, ..FitQuality::from_linear(solution) },
+        has_declared_source_sizes: solved.has_declared_source_sizes,
+        fit_quality: FitQuality { unknown_count: unknowns, ..FitQuality::from_linear(solution) },
         measurements: &solved.measurements(),
     };
     identification::identify(&core, sources, outputs::build_outputs(solved), trials)
 }
 
 fn build_estimate(solved: &SolvedRun<'_>, identified: &Identification) -> Estimate {
-    let cross_check = CoefficientDifference::new(solved, identified);
+    let cross_check = LargestCoefficientDifference::new(solved, identified);
     let mut gauge = warnings::describe_gauge(solved);
     gauge.push(describe_cross_check(&cross_check));
     let mut warnings = warnings::collect_warnings(solved, identified);
@@ -68,8 +68,8 @@ fn build_estimate(solved: &SolvedRun<'_>, identified: &Identification) -> Estima
     let spectra = outputs::harmonic_functions(solved);
     let spectra = spectra.iter().map(|motion| identified.spectrum(motion, &solved.solution.x));
     estimate.functions.splice(MOTION_COMPONENTS.len()..MOTION_COMPONENTS.len(), spectra);
-    estimate.functions.extend(cycles::revolution_functions(solved));
+    estimate.functions.extend(single_revolutions::single_revolution_functions(solved));
     let of_visit = solved.solution.residuals.chunks(3).map(rms);
-    estimate.functions.push(function_over_numbers("residual_rms", "visit", of_visit));
+    estimate.functions.push(function_of_numbered_values("residual_rms", "visit", of_visit));
     estimate
 }

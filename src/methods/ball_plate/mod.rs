@@ -2,23 +2,23 @@
 //! need not be known (paper 5; METHODS section 5). Every ball is measured at every stop of the table; least
 //! squares over all visits separates the table, the plate and the linear axes.
 
-mod basis;
+mod angle_basis;
 mod cross_check;
-mod cycles;
 mod design;
 mod equations;
 mod forecast;
-mod four_steps;
+mod four_step_solution;
 mod identify;
-mod layout;
 mod observe;
 mod outputs;
 mod plate;
 mod settings;
+mod single_revolutions;
 mod solved;
 mod sources;
 #[cfg(test)]
 mod tests;
+mod unknowns_layout;
 mod warnings;
 
 pub use settings::BallPlateSettings;
@@ -33,7 +33,7 @@ use machine::record::reading::Reading;
 
 pub const METHOD_NAME: &str = "ball-plate";
 /// Maximum duration of a run without `long = true`, s: drift limits the value of a longer run.
-const MAX_DURATION_S: f64 = 4.0 * 3600.0;
+const MAX_DURATION_WITHOUT_LONG_SETTING_S: f64 = 4.0 * 3600.0;
 
 pub struct BallPlate {
     settings: BallPlateSettings,
@@ -67,9 +67,9 @@ impl Method for BallPlate {
         let setup = MeasurementSetup { method: METHOD_NAME, plan, balls: plate.balls, touch_settings: touch };
         if done.is_empty() {
             design.check_rank(&self.settings, &plate)?;
-            let time_s = ball_measurement::machine_time_s(&setup, &design.visits)?;
+            let time_s = ball_measurement::visits_machine_time_s(&setup, &design.visits)?;
             MethodRefusal::require(
-                time_s <= MAX_DURATION_S || self.settings.long,
+                time_s <= MAX_DURATION_WITHOUT_LONG_SETTING_S || self.settings.long,
                 format!("this plan requires {:.1} h of machine time", time_s / 3600.0),
                 format!(
                     "choose fewer positions or revolutions, or set long = true in [method.{METHOD_NAME}]; U then \
@@ -81,7 +81,7 @@ impl Method for BallPlate {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        forecast::forecast(plan, &self.settings, machine_s)
+        forecast::describe_forecast(plan, &self.settings, machine_s)
             .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
     }
 

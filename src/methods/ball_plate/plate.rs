@@ -14,7 +14,7 @@ use machine::{Axis, Position};
 
 /// Maximum distance of a ball from its measuring position, mm. Within it the deviations of the linear axes
 /// are the same (paper 5, section 2.2).
-pub const MAX_POSITION_OFFSET_MM: f64 = 1.0;
+pub const MAX_BALL_OFFSET_FROM_POSITION_MM: f64 = 1.0;
 /// Minimum radius of the circle, mm: a smaller one does not show tilt sufficiently.
 const MIN_CIRCLE_RADIUS_MM: f64 = 10.0;
 
@@ -23,16 +23,16 @@ pub struct Plate<'a> {
     /// The axis that turns the plate.
     pub rotary_axis: Axis,
     /// Positions of all other rotary axes.
-    pub fixed_rotary_position: Position,
+    pub other_rotary_positions: Position,
     /// A point on the axis at the height of `point_mm`, table frame, mm.
     pub axis_point_mm: Vector3<f64>,
     /// Sense of rotation: +1 if a rising command turns the table right-handed about +Z.
-    pub rotation_sense: f64,
+    pub turn_sign: f64,
     /// Radius of the circle of the balls, mm.
-    pub radius_mm: f64,
+    pub circle_radius_mm: f64,
     pub radial_directions: Vec<Vector3<f64>>,
     /// Position of each ball in steps of 360°/M, counted from the first ball, counter-clockwise.
-    pub position_steps: Vec<usize>,
+    pub ball_steps: Vec<usize>,
 }
 
 impl<'a> Plate<'a> {
@@ -43,7 +43,7 @@ impl<'a> Plate<'a> {
         let chain = KinematicChain::new(&plan.machine)?;
         let table =
             UprightTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
-        let UprightTableAxis { axis, zero_position: still, turn_sign: turn } = table;
+        let UprightTableAxis { axis, position_with_rotary_axes_at_zero: still, turn_sign: turn } = table;
         let line = chain.axis_line(axis, &still).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let to_table = chain.machine_from_table(&still, &[]).inverse();
         let point = to_table.transform_point(&line.point.into()).coords;
@@ -53,21 +53,21 @@ impl<'a> Plate<'a> {
         let plate = Self {
             balls: set,
             rotary_axis: axis,
-            fixed_rotary_position: still,
+            other_rotary_positions: still,
             axis_point_mm: point,
-            rotation_sense: turn,
-            radius_mm,
-            position_steps: nearest_steps(&radial, settings.positions),
+            turn_sign: turn,
+            circle_radius_mm: radius_mm,
+            ball_steps: nearest_position_steps(&radial, settings.positions),
             radial_directions: radial.iter().map(|r| r / r.norm().max(f64::MIN_POSITIVE)).collect(),
         };
-        plate.check(settings)?;
+        plate.check_ball_positions(settings)?;
         Ok(plate)
     }
 
     /// Checks that the balls are on one circle, at one height, each on its step.
-    fn check(&self, settings: &BallPlateSettings) -> Result<(), MethodRefusal> {
-        if self.radius_mm < MIN_CIRCLE_RADIUS_MM {
-            let Self { radius_mm, rotary_axis: axis, .. } = self;
+    fn check_ball_positions(&self, settings: &BallPlateSettings) -> Result<(), MethodRefusal> {
+        if self.circle_radius_mm < MIN_CIRCLE_RADIUS_MM {
+            let Self { circle_radius_mm: radius_mm, rotary_axis: axis, .. } = self;
             return Err(MethodRefusal::new(
                 format!("the circle of the balls has a radius of {radius_mm:.1} mm about the axis {axis}"),
                 format!("centre the plate on the axis, and choose a radius of at least {MIN_CIRCLE_RADIUS_MM} mm"),
@@ -75,11 +75,11 @@ impl<'a> Plate<'a> {
         }
         let first = self.radial_directions.first().copied().unwrap_or_default();
         let height = self.balls.balls.first().map_or(0.0, |ball| ball.centre_mm[2]);
-        let limit = MAX_POSITION_OFFSET_MM + self.balls.uncertainty_mm;
-        for (ball, step) in self.balls.balls.iter().zip(&self.position_steps) {
+        let limit = MAX_BALL_OFFSET_FROM_POSITION_MM + self.balls.uncertainty_mm;
+        for (ball, step) in self.balls.balls.iter().zip(&self.ball_steps) {
             let angle = TAU * *step as f64 / settings.positions as f64;
             let turned = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * first;
-            let nominal = self.axis_point_mm.xy().push(height) + turned * self.radius_mm;
+            let nominal = self.axis_point_mm.xy().push(height) + turned * self.circle_radius_mm;
             let off = Vector3::from(ball.centre_mm) - nominal;
             if off.norm() > limit {
                 return Err(MethodRefusal {
@@ -102,22 +102,22 @@ impl<'a> Plate<'a> {
     }
 
     /// Mean height of the balls above `point_mm` of the axis, mm.
-    pub fn height_mm(&self) -> f64 {
+    pub fn mean_ball_height_mm(&self) -> f64 {
         let heights = self.balls.balls.iter().map(|ball| ball.centre_mm[2] - self.axis_point_mm.z);
         heights.sum::<f64>() / self.balls.balls.len().max(1) as f64
     }
 
     /// Measuring position of a ball at a stop `number` steps from zero: a step of the machine's circle,
     /// counted from the position of the first ball at zero.
-    pub fn measuring_position(&self, ball: usize, number: i64, positions: usize) -> usize {
-        let turned = if self.rotation_sense > 0.0 { number } else { -number };
-        let step = self.position_steps.get(ball).copied().unwrap_or(0) as i64;
+    pub fn measuring_position_index(&self, ball: usize, number: i64, positions: usize) -> usize {
+        let turned = if self.turn_sign > 0.0 { number } else { -number };
+        let step = self.ball_steps.get(ball).copied().unwrap_or(0) as i64;
         (step + turned).rem_euclid(positions as i64) as usize
     }
 }
 
 /// The nearest multiples of 360°/M, counted from the first ball.
-fn nearest_steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
+fn nearest_position_steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
     let azimuth = |r: &Vector3<f64>| r.y.atan2(r.x);
     let first = radial.first().map_or(0.0, azimuth);
     let step = |r: &Vector3<f64>| {

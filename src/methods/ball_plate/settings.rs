@@ -103,7 +103,7 @@ impl BallPlateSettings {
             format!("choose drift_order = 3, at most {MAX_DRIFT_ORDER}"),
         )?;
         self.touch_settings().check()?;
-        MethodRefusal::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 
     pub fn touch_settings(&self) -> TouchSettings {
@@ -111,11 +111,11 @@ impl BallPlateSettings {
             search_mode: SearchMode::Once,
             touch_count: self.touches,
             has_references: self.references,
-            watch_s: 0.0,
+            watch_duration_s: 0.0,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_limit_mm: self.form_limit_um * 1e-3,
-            diameter_limit_mm: self.diameter_limit_um * 1e-3,
+            diameter_deviation_limit_mm: self.diameter_limit_um * 1e-3,
         }
     }
 }

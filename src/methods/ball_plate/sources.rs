@@ -1,8 +1,8 @@
 //! Uncertainty sources of a run, and the weights that follow from them.
 
-use super::observe::MeasuredRun;
-use crate::ball_measurement::{nonzero_columns, shift_column, touch_sources};
-use crate::identification::declared::drift_mm_per_s;
+use super::observe::PlateMeasurements;
+use crate::ball_measurement::{effect_of_nonzero_columns, shift_column, touch_sources};
+use crate::identification::declared_sources::drift_rate_sd_mm_per_s;
 use crate::identification::{UncertaintySource, block_covariances};
 use machine::Axis;
 use machine::record::plan::Plan;
@@ -15,16 +15,17 @@ const THERMAL_TIME_CONSTANT_S: f64 = 7200.0;
 
 /// Sources of a run. Constant errors of X, Y and Z are part of the measuring positions and therefore no
 /// source.
-pub fn uncertainty_sources(plan: &Plan, measured: &MeasuredRun) -> Vec<UncertaintySource> {
-    let centres = &measured.observed.centres;
-    let mut list = touch_sources(plan, &measured.observed);
-    let first_s = centres.first().map_or(0.0, |centre| centre.t_s);
+pub fn uncertainty_sources(plan: &Plan, measured: &PlateMeasurements) -> Vec<UncertaintySource> {
+    let centres = &measured.observed_balls.centres;
+    let mut list = touch_sources(plan, &measured.observed_balls);
+    let first_s = centres.first().map_or(0.0, |centre| centre.mean_time_s);
     // The fitted polynomial absorbs a constant rate; this is the assumed change of the rate.
     let settled = |t_s: f64| THERMAL_TIME_CONSTANT_S * (1.0 - (-(t_s - first_s) / THERMAL_TIME_CONSTANT_S).exp());
-    let rate = drift_mm_per_s(plan);
-    let column =
-        |axis: Axis| shift_column(centres.iter().map(|centre| axis.direction() * (rate * settled(centre.t_s))));
-    list.push(UncertaintySource::new("change of the drift rate", nonzero_columns(Axis::LINEAR.map(column))));
+    let rate = drift_rate_sd_mm_per_s(plan);
+    let column = |axis: Axis| {
+        shift_column(centres.iter().map(|centre| axis.nominal_direction() * (rate * settled(centre.mean_time_s))))
+    };
+    list.push(UncertaintySource::new("change of the drift rate", effect_of_nonzero_columns(Axis::LINEAR.map(column))));
     let is_drift =
         |source: &&mut UncertaintySource| ["thermal drift", "change of the drift rate"].contains(&source.name.as_str());
     for source in list.iter_mut().filter(is_drift) {

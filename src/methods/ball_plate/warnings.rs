@@ -6,18 +6,18 @@ use super::solved::SolvedRun;
 use crate::identification::{Identification, MisfitAdvice};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "a loose ball, drift, error motions above the highest harmonic, error motions that do not repeat",
+    possible_causes: "a loose ball, drift, error motions above the highest harmonic, error motions that do not repeat",
     declaring_settings: "repeatability_um or error_motion_um",
 };
 /// Minimum displacement of a ball in one revolution for it to be named, in standard deviations.
-const MIN_NAMED_SLIP_SIGMAS: f64 = 5.0;
+const LOOSE_BALL_THRESHOLD_SIGMAS: f64 = 5.0;
 
 pub fn collect_warnings(solved: &SolvedRun<'_>, identified: &Identification) -> Vec<String> {
-    let mut lines = solved.measured.observed.skipped_measurements.clone();
+    let mut lines = solved.measured.observed_balls.skipped_measurements.clone();
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
     lines.extend(identified.outlier_check.warnings.iter().cloned());
     lines.extend(describe_loose_ball(solved));
-    lines.extend(identified.trials_warning());
+    lines.extend(identified.trial_contradiction_warning());
     lines
 }
 
@@ -28,13 +28,13 @@ fn describe_loose_ball(solved: &SolvedRun<'_>) -> Option<String> {
     let all = solved.plate.balls.balls.iter().enumerate();
     let means = all.flat_map(|(ball, of)| {
         let mean = move |revolution: usize| {
-            let (mean, u_mm) = mean_residual(solved, ball, revolution)?;
+            let (mean, u_mm) = mean_ball_residual_and_u_mm(solved, ball, revolution)?;
             Some((of, revolution, mean.norm(), u_mm))
         };
         (0..turns).filter_map(mean)
     });
     let (ball, revolution, off_mm, u_mm) = means.max_by(|a, b| a.2.total_cmp(&b.2))?;
-    (off_mm > MIN_NAMED_SLIP_SIGMAS * u_mm).then(|| {
+    (off_mm > LOOSE_BALL_THRESHOLD_SIGMAS * u_mm).then(|| {
         format!(
             "ball {} is displaced by {:.1} µm from its mean position in revolution {} of {turns} (standard \
             uncertainty of the mean: {:.1} µm). The ball may be loose: tighten the ball and measure again, \
@@ -49,14 +49,14 @@ fn describe_loose_ball(solved: &SolvedRun<'_>) -> Option<String> {
 
 /// Mean residual of a ball in one revolution, table frame, mm, and the standard uncertainty of one of its
 /// coordinates.
-fn mean_residual(solved: &SolvedRun<'_>, ball: usize, revolution: usize) -> Option<(Vector3<f64>, f64)> {
+fn mean_ball_residual_and_u_mm(solved: &SolvedRun<'_>, ball: usize, revolution: usize) -> Option<(Vector3<f64>, f64)> {
     let positions = solved.settings.positions;
     let observations = solved.measured.observations.iter().enumerate();
-    let here = observations.filter(|(_, s)| s.ball == ball && s.stop / positions == revolution);
+    let here = observations.filter(|(_, s)| s.ball_index == ball && s.stop_index / positions == revolution);
     let here = here.map(|(i, observation)| {
         let in_axes = Vector3::from_column_slice(&solved.solution.residuals[3 * i..][..3]);
-        let to_table = observation.ball_derivative.try_inverse().unwrap_or_default();
-        (to_table * in_axes, solved.sigma[3 * i])
+        let to_table = observation.derivative_by_ball_position.try_inverse().unwrap_or_default();
+        (to_table * in_axes, solved.coordinate_sigmas_mm[3 * i])
     });
     let all: Vec<(Vector3<f64>, f64)> = here.collect();
     let count = all.len() as f64;

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::difference::normalized_error;
-use machine::record::estimate::{Estimate, EstimatedFunction, FigureKind, Unit};
+use super::parameter_difference::normalized_error;
+use machine::record::estimate::{Estimate, EstimatedFunction, FunctionFigureKind, Unit};
 
 /// Difference of one function between two estimates, second minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -23,18 +23,19 @@ pub struct FunctionDifference {
     pub expanded: Vec<f64>,
     /// Normalized error |by|/U (ISO 13528): the results agree up to 1.
     #[serde(rename = "E_n")]
-    pub normalized: Vec<f64>,
+    pub normalized_errors: Vec<f64>,
 }
 
 impl FunctionDifference {
     /// Index of the largest E_n.
-    pub fn worst_index(&self) -> Option<usize> {
-        (0..self.normalized.len()).max_by(|i, j| self.normalized[*i].total_cmp(&self.normalized[*j]))
+    pub fn worst_point_index(&self) -> Option<usize> {
+        (0..self.normalized_errors.len())
+            .max_by(|i, j| self.normalized_errors[*i].total_cmp(&self.normalized_errors[*j]))
     }
 
     /// Number of points that agree.
     pub fn agreeing_point_count(&self) -> usize {
-        self.normalized.iter().filter(|e_n| **e_n <= 1.0).count()
+        self.normalized_errors.iter().filter(|e_n| **e_n <= 1.0).count()
     }
 
     fn push_point(&mut self, [one, other]: [FunctionPoint; 2], gauge: Option<[FunctionPoint; 2]>, k: f64) {
@@ -45,7 +46,7 @@ impl FunctionDifference {
         self.x.push(one.x);
         self.by.push(by);
         self.expanded.push(expanded);
-        self.normalized.push(normalized_error(by, expanded));
+        self.normalized_errors.push(normalized_error(by, expanded));
     }
 }
 
@@ -64,13 +65,17 @@ pub fn function_differences(first: &Estimate, second: &Estimate, k: f64) -> Vec<
 fn is_comparable(one: &EstimatedFunction, other: &EstimatedFunction) -> bool {
     let is_stated = |function: &EstimatedFunction| function.u.iter().any(|u| *u > 0.0);
     let of = |f: &EstimatedFunction| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
-    let is_drawn_alike = one.figure == other.figure || (is_continuous(one) && is_continuous(other));
-    of(one) == of(other) && is_drawn_alike && one.figure != FigureKind::Histogram && is_stated(one) && is_stated(other)
+    let is_drawn_alike = one.figure == other.figure || (is_curve(one) && is_curve(other));
+    of(one) == of(other)
+        && is_drawn_alike
+        && one.figure != FunctionFigureKind::Histogram
+        && is_stated(one)
+        && is_stated(other)
 }
 
 /// Whether the points of the function are those of a curve.
-fn is_continuous(function: &EstimatedFunction) -> bool {
-    matches!(function.figure, FigureKind::Curve | FigureKind::Polar)
+fn is_curve(function: &EstimatedFunction) -> bool {
+    matches!(function.figure, FunctionFigureKind::Curve | FunctionFigureKind::Polar)
 }
 
 /// Argument, value and u.
@@ -115,7 +120,7 @@ impl FunctionPoints {
 
 /// Difference of one function. `None`: the functions have no common argument.
 fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f64) -> Option<FunctionDifference> {
-    let is_continuous = is_continuous(one);
+    let is_continuous = is_curve(one);
     let points = [one, other].map(FunctionPoints::from_function);
     let at = |x: f64| match is_continuous {
         true => Some([points[0].interpolate(x)?, points[1].interpolate(x)?]),
@@ -141,7 +146,7 @@ fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f6
         x: Vec::new(),
         by: Vec::new(),
         expanded: Vec::new(),
-        normalized: Vec::new(),
+        normalized_errors: Vec::new(),
     };
     for pair in pairs.into_iter().filter(|[point, _]| Some(point.x) != gauge_at) {
         found.push_point(pair, gauge, k);
@@ -162,12 +167,12 @@ mod tests {
             unit: Unit::Um,
             y: y.to_vec(),
             u: vec![u; x.len()],
-            figure: FigureKind::Polar,
+            figure: FunctionFigureKind::Polar,
             at_mm: None,
         }
     }
 
-    fn near(found: &[f64], expected: &[f64]) {
+    fn assert_near(found: &[f64], expected: &[f64]) {
         assert_eq!(found.len(), expected.len(), "{found:?}");
         let is_near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-12;
         assert!(found.iter().zip(expected).all(is_near), "{found:?} {expected:?}");
@@ -181,44 +186,44 @@ mod tests {
         let other = function(&[-90.0, 0.0, 90.0, 180.0, 270.0], &[9.0, 6.0, 9.0, 7.0, 9.0], 0.4);
         let found = function_difference(&one, &other, 2.0).unwrap();
         assert_eq!((found.gauge_at, &found.x[..]), (Some(0.0), &[90.0, 180.0][..]));
-        near(&found.by, &[2.5, 0.0]);
-        near(&found.expanded, &[2f64.sqrt(); 2]);
-        near(&found.normalized, &[2.5 / 2f64.sqrt(), 0.0]);
-        assert_eq!((found.worst_index(), found.agreeing_point_count()), (Some(0), 1));
+        assert_near(&found.by, &[2.5, 0.0]);
+        assert_near(&found.expanded, &[2f64.sqrt(); 2]);
+        assert_near(&found.normalized_errors, &[2.5 / 2f64.sqrt(), 0.0]);
+        assert_eq!((found.worst_point_index(), found.agreeing_point_count()), (Some(0), 1));
         let back = function_difference(&other, &one, 2.0).unwrap();
-        near(&back.by, &[-2.5, 0.0]);
+        assert_near(&back.by, &[-2.5, 0.0]);
     }
 
     /// If 0° is not within the range of both functions, the reference point is the first common angle.
     #[test]
-    fn the_gauge_is_within_both() {
+    fn reference_point_is_within_both_functions() {
         let one = function(&[30.0, 60.0, 90.0], &[1.0, 2.0, 4.0], 0.1);
         let other = function(&[45.0, 60.0, 90.0], &[0.0, 0.0, 0.0], 0.1);
         let found = function_difference(&one, &other, 2.0).unwrap();
         // Both functions have two common arguments; of the function with fewer points these are 60° and 90°.
         assert_eq!((found.gauge_at, &found.x[..]), (Some(60.0), &[90.0][..]));
-        near(&found.by, &[-2.0]);
+        assert_near(&found.by, &[-2.0]);
         assert_eq!(function_difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0), None);
     }
 
     /// Functions of orders or balls are not interpolated and have no reference point.
     #[test]
-    fn single_points_are_compared_as_they_are() {
+    fn spectrum_points_are_compared_without_interpolation() {
         let points = |x: &[f64], y: &[f64]| EstimatedFunction {
             argument_unit: String::new(),
-            figure: FigureKind::Spectrum,
+            figure: FunctionFigureKind::Spectrum,
             ..function(x, y, 0.5)
         };
         let one = points(&[0.5, 1.0, 2.0, 4.0], &[1.0, 1.0, 2.0, 9.0]);
         let other = points(&[1.0, 2.0, 3.0], &[2.0, 2.0, 9.0]);
         let found = function_difference(&one, &other, 2.0).unwrap();
         assert_eq!((found.gauge_at, &found.x[..]), (None, &[1.0, 2.0][..]));
-        near(&found.by, &[1.0, 0.0]);
-        near(&found.expanded, &[2f64.sqrt(); 2]);
-        let histogram = EstimatedFunction { figure: FigureKind::Histogram, ..one.clone() };
+        assert_near(&found.by, &[1.0, 0.0]);
+        assert_near(&found.expanded, &[2f64.sqrt(); 2]);
+        let histogram = EstimatedFunction { figure: FunctionFigureKind::Histogram, ..one.clone() };
         assert!(!is_comparable(&histogram, &histogram.clone()) && is_comparable(&one, &other));
         let drawn = |figure| EstimatedFunction { figure, ..one.clone() };
-        let [curve, polar] = [FigureKind::Curve, FigureKind::Polar].map(drawn);
+        let [curve, polar] = [FunctionFigureKind::Curve, FunctionFigureKind::Polar].map(drawn);
         assert!(is_comparable(&curve, &polar) && !is_comparable(&curve, &one));
         let residuals = EstimatedFunction { u: vec![0.0; one.x.len()], ..one.clone() };
         assert!(!is_comparable(&residuals, &residuals.clone()));

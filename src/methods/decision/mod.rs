@@ -1,9 +1,9 @@
 //! Decision rules, and the evaluation of a machine's history.
 
-pub mod difference;
 pub mod function_difference;
+pub mod parameter_difference;
 pub mod reference_check;
-pub mod references;
+pub mod reference_shifts;
 pub mod trend;
 
 use estimation::coverage::student_t_cdf;
@@ -66,11 +66,11 @@ pub fn describe_unmatched_limits(estimate: &Estimate, limits: &[ParameterLimit])
         .collect()
 }
 
-fn judge_parameter(parameter: &Parameter, limit: f64, contradicted: bool) -> LimitVerdict {
+fn judge_parameter(parameter: &Parameter, limit: f64, is_model_contradicted: bool) -> LimitVerdict {
     let Parameter { value, u, expanded, dof, .. } = *parameter;
     let magnitude = value.abs();
     let is_known = parameter.identifiable && magnitude.is_finite() && expanded.is_finite();
-    let verdict = if contradicted {
+    let verdict = if is_model_contradicted {
         Verdict::UndecidedModel
     } else if !is_known {
         Verdict::Undecided
@@ -82,7 +82,7 @@ fn judge_parameter(parameter: &Parameter, limit: f64, contradicted: bool) -> Lim
         Verdict::Undecided
     };
     let below = |bound: f64| student_t_cdf((bound - value) / u, dof.unwrap_or(f64::INFINITY));
-    let conformance = (is_known && !contradicted && u > 0.0).then(|| below(limit) - below(-limit));
+    let conformance = (is_known && !is_model_contradicted && u > 0.0).then(|| below(limit) - below(-limit));
     LimitVerdict { limit, verdict, conformance }
 }
 
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
     use machine::record::estimate::Unit;
 
-    fn one(value: f64, expanded: f64) -> Parameter {
+    fn parameter_with_expanded_u(value: f64, expanded: f64) -> Parameter {
         Parameter {
             symbol: "EX0C".to_owned(),
             value,
@@ -111,29 +111,29 @@ mod tests {
     #[test]
     fn guard_band_gives_undecided() {
         let verdict = |parameter: &Parameter| judge_parameter(parameter, 10.0, false).verdict;
-        assert_eq!(verdict(&one(-7.9, 2.0)), Verdict::Pass);
-        assert_eq!(verdict(&one(-8.1, 2.0)), Verdict::Undecided);
-        assert_eq!(verdict(&one(11.9, 2.0)), Verdict::Undecided);
-        assert_eq!(verdict(&one(12.1, 2.0)), Verdict::Fail);
-        assert_eq!(verdict(&one(f64::NAN, 2.0)), Verdict::Undecided);
+        assert_eq!(verdict(&parameter_with_expanded_u(-7.9, 2.0)), Verdict::Pass);
+        assert_eq!(verdict(&parameter_with_expanded_u(-8.1, 2.0)), Verdict::Undecided);
+        assert_eq!(verdict(&parameter_with_expanded_u(11.9, 2.0)), Verdict::Undecided);
+        assert_eq!(verdict(&parameter_with_expanded_u(12.1, 2.0)), Verdict::Fail);
+        assert_eq!(verdict(&parameter_with_expanded_u(f64::NAN, 2.0)), Verdict::Undecided);
     }
 
     /// Values from tables: 84.13 % and 97.72 % of a normal distribution lie below one and two standard
     /// deviations; 95 % of Student's distribution with 5 degrees of freedom lies below 2.015.
     #[test]
-    fn the_probability_of_conformance_is_that_of_tables() {
+    fn conformance_probability_agrees_with_tables() {
         let near = |parameter: &Parameter, expected: f64| {
             let found = judge_parameter(parameter, 10.0, false).conformance.unwrap();
             assert!((found - expected).abs() < 1e-4, "{found} {expected}");
         };
-        near(&one(9.0, 2.0), 0.8413);
-        near(&one(-8.0, 2.0), 0.9772);
-        near(&one(12.0, 2.0), 0.0228);
+        near(&parameter_with_expanded_u(9.0, 2.0), 0.8413);
+        near(&parameter_with_expanded_u(-8.0, 2.0), 0.9772);
+        near(&parameter_with_expanded_u(12.0, 2.0), 0.0228);
         // With a large u both limits count.
-        near(&one(0.0, 20.0), 0.6827);
-        near(&Parameter { dof: Some(5.0), ..one(10.0 - 2.015, 2.0) }, 0.9500);
-        assert_eq!(judge_parameter(&one(f64::NAN, 2.0), 10.0, false).conformance, None);
-        let contradicted = judge_parameter(&one(1.0, 2.0), 10.0, true);
+        near(&parameter_with_expanded_u(0.0, 20.0), 0.6827);
+        near(&Parameter { dof: Some(5.0), ..parameter_with_expanded_u(10.0 - 2.015, 2.0) }, 0.9500);
+        assert_eq!(judge_parameter(&parameter_with_expanded_u(f64::NAN, 2.0), 10.0, false).conformance, None);
+        let contradicted = judge_parameter(&parameter_with_expanded_u(1.0, 2.0), 10.0, true);
         assert_eq!((contradicted.verdict, contradicted.conformance), (Verdict::UndecidedModel, None));
     }
 }

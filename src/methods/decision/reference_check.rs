@@ -1,20 +1,20 @@
 //! The references of a plan: reference points that are touched, or measured by a sensor, repeatedly to see whether the
 //! machine has moved.
 
-use super::references::{ReferencePair, ReferenceShift, ShiftLimits, TouchScatter};
-use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Plan, Stage, Step, StepKind};
+use super::reference_shifts::{ReferencePair, ReferenceShift, ShiftLimits, TouchScatter};
+use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Stage, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 
 /// Distance below which positions are the same reference point, mm or rad.
 const EQUAL_POSITION_TOLERANCE: f64 = 1e-9;
 /// Cosine of 1°, the angle within which two directions are the same.
-const MIN_DIRECTION_COSINE: f64 = 0.999_85;
+const MIN_SAME_DIRECTION_COSINE: f64 = 0.999_85;
 
 /// One reference point and its readings before the stop.
 struct ReferencePoint<'a> {
-    /// The newest step that touched the reference point.
-    step: &'a Step,
+    /// The newest step that measured the reference point.
+    newest_step: &'a Step,
     point_index: usize,
     /// In the order of measurement.
     measurements: Vec<ReferenceMeasurement<'a>>,
@@ -27,10 +27,10 @@ struct ReferenceMeasurement<'a> {
     step: &'a Step,
     /// Number within the scan: point by point, and at each point sensor by sensor.
     point_index: usize,
-    repeat: u32,
+    repeat_number: u32,
     /// Position of the surface against the direction of the touch, or along the normal of the scan, mm.
     outward_position_mm: f64,
-    t_s: f64,
+    run_time_s: f64,
 }
 
 /// Measurements of the references, in the order of measurement. Flagged readings are ignored, except good ones
@@ -49,9 +49,9 @@ fn reference_measurements<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Refer
         Some(ReferenceMeasurement {
             step,
             point_index: point,
-            repeat: first.repeat,
+            repeat_number: first.repeat,
             outward_position_mm,
-            t_s: first.t_s,
+            run_time_s: first.t_s,
         })
     };
     let readings = readings_since_last_mount(plan, readings);
@@ -68,31 +68,36 @@ fn readings_since_last_mount<'r>(plan: &Plan, readings: &'r [Reading]) -> &'r [R
     first.and_then(|first| readings.get(first..)).unwrap_or_default()
 }
 
-/// The reference points that can be compared.
-pub struct References<'a> {
+/// The reference points that were measured before a stop, for comparison with the measurements after it.
+pub struct ReferencePoints<'a> {
     plan: &'a Plan,
     points: Vec<ReferencePoint<'a>>,
 }
 
-impl<'a> References<'a> {
+impl<'a> ReferencePoints<'a> {
     /// Readings that were repeated after an earlier stop count only if the run continued after them;
     /// otherwise their agreement was never confirmed.
     pub fn from_readings(plan: &'a Plan, readings: &'a [Reading]) -> Self {
-        let ordinary = |reading: &Reading| reading.repeat < FIRST_REPEAT_AFTER_STOP;
+        let ordinary = |reading: &Reading| reading.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP;
         let agreed = readings.iter().rposition(ordinary).map_or(0, |last| last + 1);
         let mut references: Vec<ReferencePoint<'a>> = Vec::new();
         for measurement in reference_measurements(plan, readings.get(..agreed).unwrap_or_default()) {
             let is_same_point = |reference: &&mut ReferencePoint<'_>| {
-                reference.point_index == measurement.point_index && have_same_path(reference.step, measurement.step)
+                reference.point_index == measurement.point_index
+                    && have_same_path(reference.newest_step, measurement.step)
             };
             match references.iter_mut().find(is_same_point) {
                 Some(reference) => {
-                    reference.step = measurement.step;
+                    reference.newest_step = measurement.step;
                     reference.measurements.push(measurement);
                 }
                 None => {
                     let ReferenceMeasurement { step, point_index: point, .. } = measurement;
-                    references.push(ReferencePoint { step, point_index: point, measurements: vec![measurement] });
+                    references.push(ReferencePoint {
+                        newest_step: step,
+                        point_index: point,
+                        measurements: vec![measurement],
+                    });
                 }
             }
         }
@@ -104,23 +109,25 @@ impl<'a> References<'a> {
     pub fn covers_all_directions(&self) -> bool {
         let mut reference_steps = self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
         !self.points.is_empty()
-            && reference_steps.all(|step| self.points.iter().any(|reference| have_same_direction(reference.step, step)))
+            && reference_steps
+                .all(|step| self.points.iter().any(|reference| have_same_direction(reference.newest_step, step)))
     }
 
     /// The stage that measures all reference points again, after the given stages.
-    pub fn repeat_stage(&self, stages: &[Stage]) -> Stage {
-        let stops = stages.iter().filter(|stage| stage.repeat >= FIRST_REPEAT_AFTER_STOP).count();
+    pub fn reference_repeat_stage(&self, stages: &[Stage]) -> Stage {
+        let stops = stages.iter().filter(|stage| stage.repeat >= FIRST_REPEAT_NUMBER_AFTER_STOP).count();
         let last = stages.last();
-        let touches = |stage: &&Stage| self.points.iter().any(|reference| stage.steps.contains(&reference.step.id));
+        let touches =
+            |stage: &&Stage| self.points.iter().any(|reference| stage.steps.contains(&reference.newest_step.id));
         // The steps are planned for the artefact as found in that stage, not for what a later stage searches.
-        let mut steps: Vec<u32> = self.points.iter().map(|reference| reference.step.id).collect();
+        let mut steps: Vec<u32> = self.points.iter().map(|reference| reference.newest_step.id).collect();
         // The points of a scan are reference points of one step.
         steps.dedup();
         let touching_stage = stages.iter().rev().find(touches);
         Stage {
             id: last.map_or(0, |stage| stage.id),
             name: "references after a stop".to_owned(),
-            repeat: FIRST_REPEAT_AFTER_STOP + stops as u32,
+            repeat: FIRST_REPEAT_NUMBER_AFTER_STOP + stops as u32,
             steps,
             found: touching_stage.or(last).and_then(|stage| stage.found.clone()),
         }
@@ -128,7 +135,7 @@ impl<'a> References<'a> {
 
     /// Number of times that the references are touched after a stop. If the repeatability of touches is not
     /// declared, it must come from the references themselves.
-    pub fn reference_round_count(&self) -> u32 {
+    pub fn repeats_after_stop(&self) -> u32 {
         if self.declared_repeatability_mm().is_some() { 1 } else { 2 }
     }
 
@@ -141,14 +148,17 @@ impl<'a> References<'a> {
 
     /// Compares the first reading of each reference point after the stop (from `readings`) with the last reading before
     /// the stop. Returns the shifts, and the scatter that the limits follow from.
-    pub fn compare(&self, readings: &[Reading]) -> (Vec<ReferenceShift>, TouchScatter) {
+    pub fn compare_after_stop(&self, readings: &[Reading]) -> (Vec<ReferenceShift>, TouchScatter) {
         let repeated = reference_measurements(self.plan, readings);
         let after = |reference: &ReferencePoint<'_>| -> Vec<f64> {
             let is_same_point = repeated.iter().filter(|measurement| reference.is_measured_by(measurement));
             is_same_point.map(|measurement| measurement.outward_position_mm).collect()
         };
-        let series: Vec<Vec<f64>> =
-            self.points.iter().flat_map(|reference| [reference.values_before_stop_mm(), after(reference)]).collect();
+        let series: Vec<Vec<f64>> = self
+            .points
+            .iter()
+            .flat_map(|reference| [reference.outward_positions_before_stop_mm(), after(reference)])
+            .collect();
         let scatter = TouchScatter::from_series(self.declared_repeatability_mm(), &series);
         let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
         let pairs: Vec<ReferencePair> = self
@@ -159,9 +169,9 @@ impl<'a> References<'a> {
                 let (before, after) = (reference.measurements.last()?, repeated.iter().find(is_new)?);
                 Some(ReferencePair {
                     label: reference.label(),
-                    position_mm: [before, after].map(|measurement| measurement.outward_position_mm),
-                    t_s: [before.t_s, after.t_s],
-                    resolution_mm: self.resolution_mm(reference.step),
+                    position_before_after_mm: [before, after].map(|measurement| measurement.outward_position_mm),
+                    run_time_before_after_s: [before.run_time_s, after.run_time_s],
+                    resolution_mm: self.resolution_along_touch_mm(reference.newest_step),
                 })
             })
             .collect();
@@ -173,13 +183,13 @@ impl<'a> References<'a> {
     /// Labels of the reference points that have no reading in `readings`.
     pub fn labels_without_reading(&self, readings: &[Reading]) -> Vec<String> {
         let repeated = reference_measurements(self.plan, readings);
-        let has_reading =
+        let is_unread =
             |reference: &&ReferencePoint<'_>| !repeated.iter().any(|measurement| reference.is_measured_by(measurement));
-        self.points.iter().filter(has_reading).map(ReferencePoint::label).collect()
+        self.points.iter().filter(is_unread).map(ReferencePoint::label).collect()
     }
 
     /// One step of the displayed position along the touch, mm.
-    fn resolution_mm(&self, step: &Step) -> f64 {
+    fn resolution_along_touch_mm(&self, step: &Step) -> f64 {
         let width = |axis| self.plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
         let parts = touch_direction(step).map(|(axis, part)| (part * width(axis) * 1e-3).powi(2));
         parts.iter().sum::<f64>().sqrt()
@@ -188,16 +198,16 @@ impl<'a> References<'a> {
 
 impl ReferencePoint<'_> {
     fn is_measured_by(&self, measurement: &ReferenceMeasurement<'_>) -> bool {
-        (measurement.step.id, measurement.point_index) == (self.step.id, self.point_index)
+        (measurement.step.id, measurement.point_index) == (self.newest_step.id, self.point_index)
     }
 
     fn label(&self) -> String {
-        match self.step.scan {
-            None => self.step.label.clone(),
+        match self.newest_step.scan {
+            None => self.newest_step.label.clone(),
             Some(_) => {
-                let sensors = self.step.sensors.len().max(1);
-                let point = format!("{}, point {}", self.step.label, self.point_index / sensors + 1);
-                match self.step.sensors.get(self.point_index % sensors) {
+                let sensors = self.newest_step.sensors.len().max(1);
+                let point = format!("{}, point {}", self.newest_step.label, self.point_index / sensors + 1);
+                match self.newest_step.sensors.get(self.point_index % sensors) {
                     Some(sensor) if sensors > 1 => format!("{point}, {sensor}"),
                     _ => point,
                 }
@@ -206,8 +216,9 @@ impl ReferencePoint<'_> {
     }
 
     /// Readings of the reference point before any stop, mm.
-    fn values_before_stop_mm(&self) -> Vec<f64> {
-        let ordinary = self.measurements.iter().filter(|measurement| measurement.repeat < FIRST_REPEAT_AFTER_STOP);
+    fn outward_positions_before_stop_mm(&self) -> Vec<f64> {
+        let ordinary =
+            self.measurements.iter().filter(|measurement| measurement.repeat_number < FIRST_REPEAT_NUMBER_AFTER_STOP);
         ordinary.map(|measurement| measurement.outward_position_mm).collect()
     }
 }
@@ -218,8 +229,8 @@ pub fn largest_shift_limit_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> 
     // Readings before the stop may be slightly out of order in time, but precede it in the list.
     let last = readings.iter().rposition(|reading| reading.t_s <= gap_s)?;
     let (before, after) = readings.split_at(last + 1);
-    let repeated = after.iter().take_while(|reading| reading.repeat >= FIRST_REPEAT_AFTER_STOP).count();
-    let (shifts, _) = References::from_readings(plan, before).compare(after.get(..repeated)?);
+    let repeated = after.iter().take_while(|reading| reading.repeat >= FIRST_REPEAT_NUMBER_AFTER_STOP).count();
+    let (shifts, _) = ReferencePoints::from_readings(plan, before).compare_after_stop(after.get(..repeated)?);
     shifts.iter().map(|shift| shift.limit_mm).reduce(f64::max)
 }
 
@@ -237,7 +248,7 @@ fn touch_direction(step: &Step) -> [(Axis, f64); 3] {
 
 fn have_same_direction(one: &Step, other: &Step) -> bool {
     let along: f64 = touch_direction(one).iter().zip(touch_direction(other)).map(|((_, a), (_, b))| a * b).sum();
-    along > MIN_DIRECTION_COSINE
+    along > MIN_SAME_DIRECTION_COSINE
 }
 
 /// Position against the direction of the touch, mm; for a sample, minus the distance to the surface. The axes
@@ -299,10 +310,10 @@ mod tests {
     #[test]
     fn unrepeated_references_are_named() {
         let (plan, before) = (plan(), readings(0, [ReadingFlag::None; 3]));
-        let references = References::from_readings(&plan, &before);
+        let references = ReferencePoints::from_readings(&plan, &before);
         assert!(references.covers_all_directions());
-        let repeated = |flags| readings(FIRST_REPEAT_AFTER_STOP, flags);
-        let compared = |after: &[Reading]| references.compare(after).0.len();
+        let repeated = |flags| readings(FIRST_REPEAT_NUMBER_AFTER_STOP, flags);
+        let compared = |after: &[Reading]| references.compare_after_stop(after).0.len();
         let all = repeated([ReadingFlag::None, ReadingFlag::Gap, ReadingFlag::None]);
         assert_eq!((compared(&all), references.labels_without_reading(&all).len()), (3, 0));
         let some = repeated([ReadingFlag::None, ReadingFlag::Stale, ReadingFlag::Range]);
@@ -314,14 +325,14 @@ mod tests {
     /// The samples of one point may end later than those of the next point. They still count as readings
     /// before the stop.
     #[test]
-    fn references_are_found_in_slightly_disordered_readings() {
+    fn shift_limit_is_found_in_slightly_disordered_readings() {
         let (plan, seen) = (plan(), [ReadingFlag::None; 3]);
         let mut all = readings(0, seen);
         let [.., earlier, last] = all.as_mut_slice() else { unreachable!() };
         let gap_s = last.t_s;
         earlier.t_s = gap_s + 0.1;
         for round in 0..2 {
-            let mut repeated = readings(FIRST_REPEAT_AFTER_STOP + round, seen);
+            let mut repeated = readings(FIRST_REPEAT_NUMBER_AFTER_STOP + round, seen);
             repeated.iter_mut().for_each(|reading| reading.value_mm = Some(0.5 + 1e-4 * f64::from(round)));
             all.extend(repeated);
         }

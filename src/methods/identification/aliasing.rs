@@ -22,16 +22,17 @@ fn aliased_orders(angles: &[f64]) -> Vec<u32> {
 /// What the error motions of an axis are inseparable from, if the method gives nothing more exact.
 pub const LOCATION_ERRORS_TEXT: &str = "its location errors";
 
-/// A sentence for `not_identifiable`. `of` names what these orders are inseparable from. `None`: the angles
+/// A sentence for `not_identifiable`. `inseparable_from` names what
+/// these orders cannot be separated from. `None`: the angles
 /// separate all orders that are checked.
-pub fn describe_aliased_orders(axis: Axis, angles: &[f64], of: &str) -> Option<String> {
+pub fn describe_aliased_orders(axis: Axis, angles: &[f64], inseparable_from: &str) -> Option<String> {
     let orders = aliased_orders(angles);
     let first = orders.first()?;
     let named: Vec<String> = orders.iter().map(u32::to_string).collect();
     let plural = if named.len() > 1 { "s" } else { "" };
     Some(format!(
-        "error motions of {axis} at order{plural} {}: inseparable from {of} ({axis} is measured in steps of \
-        360°/{first} only; add an angle between two steps)",
+        "error motions of {axis} at order{plural} {}: inseparable from {inseparable_from} ({axis} is measured in steps \
+        of 360°/{first} only; add an angle between two steps)",
         named.join(", ")
     ))
 }

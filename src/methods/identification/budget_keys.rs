@@ -9,7 +9,7 @@ use machine::record::plan::Plan;
 
 use super::probe_map::ProbeMap;
 
-/// One line of a budget.
+/// A budget line, and the key of the machine file that declares its size.
 struct BudgetLineKey {
     line_name: &'static str,
     /// Key of the machine file; `axes.*` means each of the axes.
@@ -27,8 +27,8 @@ const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
     budget_line_key("repeatability of a touch", "probe.repeatability_um", |plan| {
         plan.probe.repeatability_um.unwrap_or_default()
     }),
-    budget_line_key("resolution", "axes.*.resolution_um", largest_resolution_um),
-    budget_line_key("resolution of the axes", "axes.*.resolution_um", largest_resolution_um),
+    budget_line_key("resolution", "axes.*.resolution_um", largest_linear_resolution_um),
+    budget_line_key("resolution of the axes", "axes.*.resolution_um", largest_linear_resolution_um),
     budget_line_key("probe lobing", "probe.lobing_um", |plan| match ProbeMap::from_plan(plan) {
         Ok(None) => plan.probe.lobing_um,
         _ => 0.0,
@@ -64,15 +64,15 @@ const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
     }),
 ];
 /// Prefix of the budget line for the error motions of one rotary axis.
-const ROTARY_MOTION_PREFIX: &str = "error motions of ";
+const ROTARY_MOTION_LINE_PREFIX: &str = "error motions of ";
 
-fn largest_axis_value(plan: &Plan, is_included: fn(&Axis) -> bool, of: fn(&AxisSpec) -> f64) -> f64 {
+fn largest_axis_value(plan: &Plan, is_included: fn(&Axis) -> bool, value: fn(&AxisSpec) -> f64) -> f64 {
     let axes = plan.machine.axes.iter().filter(|(axis, _)| is_included(axis));
-    axes.map(|(_, spec)| of(spec)).fold(0.0, f64::max)
+    axes.map(|(_, spec)| value(spec)).fold(0.0, f64::max)
 }
 
-fn largest_linear_axis_value(plan: &Plan, of: fn(&AxisSpec) -> f64) -> f64 {
-    largest_axis_value(plan, |axis| axis.is_linear(), of)
+fn largest_linear_axis_value(plan: &Plan, value: fn(&AxisSpec) -> f64) -> f64 {
+    largest_axis_value(plan, |axis| axis.is_linear(), value)
 }
 
 fn artefact_balls(plan: &Plan) -> Option<&Balls> {
@@ -82,7 +82,7 @@ fn artefact_balls(plan: &Plan) -> Option<&Balls> {
     }
 }
 
-fn largest_resolution_um(plan: &Plan) -> f64 {
+fn largest_linear_resolution_um(plan: &Plan) -> f64 {
     largest_linear_axis_value(plan, |axis| axis.resolution_um)
 }
 
@@ -102,7 +102,7 @@ fn budget_key_and_size(line: &BudgetLine, plan: &Plan) -> Option<(String, f64)> 
     if let Some(sized) = BUDGET_LINE_KEYS.iter().find(|sized| sized.line_name == line.source) {
         return Some((sized.key.to_owned(), (sized.declared_size)(plan)));
     }
-    let name = line.source.strip_prefix(ROTARY_MOTION_PREFIX)?;
+    let name = line.source.strip_prefix(ROTARY_MOTION_LINE_PREFIX)?;
     let (axis, spec) = plan.machine.axes.iter().find(|(axis, _)| axis.name() == name)?;
     Some((format!("axes.{axis}.error_motion_um"), spec.error_motion_um))
 }
@@ -113,7 +113,9 @@ fn is_key_of_line(line: &BudgetLine, key: &str) -> bool {
     let axis = section.strip_prefix("axes.");
     let mut sized = BUDGET_LINE_KEYS.iter().filter(|sized| sized.line_name == line.source).peekable();
     if sized.peek().is_none() {
-        return name == "error_motion_um" && axis.is_some() && axis == line.source.strip_prefix(ROTARY_MOTION_PREFIX);
+        return name == "error_motion_um"
+            && axis.is_some()
+            && axis == line.source.strip_prefix(ROTARY_MOTION_LINE_PREFIX);
     }
     let is_linear = axis.is_none_or(|axis| ["X", "Y", "Z"].contains(&axis));
     let is_same = |sized: &BudgetLineKey| sized.key.rsplit('.').next() == Some(name);
@@ -125,13 +127,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_assumed_if_one_of_its_own_keys_is() {
+    fn budget_line_is_assumed_only_if_its_own_key_is() {
         let is_assumed = |source: &str, key: &str| {
             is_key_of_line(&BudgetLine { source: source.to_owned(), ..BudgetLine::default() }, key)
         };
-        const LINEAR: &str = "error motions of X, Y and Z";
+        const LINEAR_MOTION_LINE: &str = "error motions of X, Y and Z";
         for (source, own, other) in [
-            (LINEAR, "axes.Z.error_motion_um", "axes.C.error_motion_um"),
+            (LINEAR_MOTION_LINE, "axes.Z.error_motion_um", "axes.C.error_motion_um"),
             ("error motions of C", "axes.C.error_motion_um", "axes.B.error_motion_um"),
             ("error motions of rotary axes", "axes.B.error_motion_um", "axes.Z.error_motion_um"),
             ("backlash", "axes.X.backlash_um", "axes.X.error_motion_um"),

@@ -5,34 +5,34 @@ use machine::record::estimate::{Parameter, Unit};
 
 use super::estimate::parameter_without_budget;
 use super::harmonics::HarmonicFunction;
-use super::range::{RangeOutput, value_range};
+use super::output_range::{RangeOutput, value_range};
 
 /// Synchronous error motion value in the fixed sensitive direction of the motion. An axial motion also has
 /// the fundamental and the residual synchronous value (the first harmonic of the other motions is
 /// eccentricity or tilt). Only identifiable harmonics are included; a motion without one has no value.
 pub fn synchronous_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<RangeOutput> {
     let symbol = &motion.symbol;
-    let mut ranges = vec![motion.range(format!("{symbol}_synchronous"))];
+    let mut ranges = vec![motion.range_output(format!("{symbol}_synchronous"))];
     let has_fundamental = motion.harmonics.iter().any(|harmonic| harmonic.order == 1.0);
     if is_axial && has_fundamental {
         let fundamental = motion.clone().retain_orders(|order| order == 1.0);
         let residual = motion.clone().retain_orders(|order| order > 1.0);
-        ranges.push(fundamental.range(format!("{symbol}_fundamental")));
-        ranges.push(residual.range(format!("{symbol}_residual_synchronous")));
+        ranges.push(fundamental.range_output(format!("{symbol}_fundamental")));
+        ranges.push(residual.range_output(format!("{symbol}_residual_synchronous")));
     }
     ranges.into_iter().flatten().collect()
 }
 
 /// Total and asynchronous value of a motion in one measurement. Both include the noise of the sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RevolutionRanges {
+pub struct ErrorMotionValues {
     /// Range over all angles and revolutions.
-    total: f64,
+    total_value: f64,
     /// Largest range over the revolutions at one angle.
-    asynchronous: f64,
+    asynchronous_value: f64,
 }
 
-impl RevolutionRanges {
+impl ErrorMotionValues {
     /// `synchronous`: the mean motion at equally spaced angles. `motion`: revolutions × angles; it may
     /// contain an unknown function of the angle that is the same in each revolution.
     pub fn new(synchronous: &[f64], motion: &[Vec<f64>]) -> Self {
@@ -44,14 +44,14 @@ impl RevolutionRanges {
             asynchronous = asynchronous.max(value_range(&deviations));
             all.extend(deviations.iter().map(|deviation| synchronous + deviation));
         }
-        Self { total: value_range(&all), asynchronous }
+        Self { total_value: value_range(&all), asynchronous_value: asynchronous }
     }
 }
 
 /// Total and asynchronous value of the motion `symbol`: the mean over the measurements and the standard
 /// uncertainty of that mean (type A). One measurement gives no uncertainty and therefore no value.
-pub fn revolution_parameters(symbol: &str, unit: Unit, values: &[RevolutionRanges]) -> Vec<Parameter> {
-    let mean = |suffix: &str, value: fn(&RevolutionRanges) -> f64| {
+pub fn total_and_asynchronous_parameters(symbol: &str, unit: Unit, values: &[ErrorMotionValues]) -> Vec<Parameter> {
+    let mean = |suffix: &str, value: fn(&ErrorMotionValues) -> f64| {
         let count = values.len() as f64;
         let mean = values.iter().map(value).sum::<f64>() / count;
         let squares: f64 = values.iter().map(|own| (value(own) - mean).powi(2)).sum();
@@ -61,5 +61,5 @@ pub fn revolution_parameters(symbol: &str, unit: Unit, values: &[RevolutionRange
     if values.len() < 2 {
         return Vec::new();
     }
-    vec![mean("total", |own| own.total), mean("asynchronous", |own| own.asynchronous)]
+    vec![mean("total", |own| own.total_value), mean("asynchronous", |own| own.asynchronous_value)]
 }

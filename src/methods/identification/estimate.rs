@@ -8,13 +8,13 @@ use machine::record::estimate::{
     BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, EstimatedFunction, Parameter, Unit, Verdict,
 };
 
-use super::likely_sources::{LikelySource, likely_sources};
-use super::model::{FitQuality, SolvedModel};
+use super::misfit_causes::{LikelyMisfitCause, find_likely_misfit_causes};
+use super::monte_carlo_trials::{TrialSettings, propagate_by_trials};
+use super::observation_model::{FitQuality, SolvedModel};
 use super::outliers::OutlierCheck;
 use super::outputs::{OutputCurve, OutputParameter, Outputs};
 use super::propagation::{Propagation, Uncertainty};
-use super::source::UncertaintySource;
-use super::trials::{TrialPlan, propagate_by_trials};
+use super::uncertainty_source::UncertaintySource;
 use crate::IdentifyError;
 
 /// Identified quantities with their uncertainty.
@@ -22,14 +22,14 @@ pub struct Identification {
     pub outputs: Outputs,
     pub propagation: Propagation,
     /// Trials of the parameters in the order of the estimate, internal units.
-    pub trials: Option<TrialStatistics>,
+    pub trial_statistics: Option<TrialStatistics>,
     pub fit_quality: FitQuality,
     pub outlier_check: OutlierCheck,
     /// Sources that may be larger than declared and would explain a misfit.
-    pub likely_sources: Vec<LikelySource>,
+    pub likely_misfit_causes: Vec<LikelyMisfitCause>,
 }
 
-/// Propagates the sources to the outputs: to first order and, with a `plan`, by Monte Carlo trials.
+/// Propagates the sources to the outputs: to first order and, with `trial_settings`, by Monte Carlo trials.
 ///
 /// # Errors
 /// A source does not match the size of the model; fewer than two trials.
@@ -37,7 +37,7 @@ pub fn identify(
     solution: &SolvedModel<'_>,
     sources: &[UncertaintySource],
     outputs: Outputs,
-    plan: Option<TrialPlan>,
+    trial_settings: Option<TrialSettings>,
 ) -> Result<Identification, IdentifyError> {
     let (observations, unknowns) = (solution.model.observation_count(), solution.model.unknown_count());
     if let Some(source) = sources.iter().find(|source| !source.has_matching_size(observations, unknowns)) {
@@ -49,17 +49,17 @@ pub fn identify(
     }
     let propagation = Propagation::new(solution, sources);
     let misfit = &propagation.misfit;
-    let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
-    let trials = plan.map(run).transpose()?;
+    let run = |settings| propagate_by_trials(solution.model, sources, misfit, &outputs, settings);
+    let trials = trial_settings.map(run).transpose()?;
     let outlier_check = OutlierCheck::new(solution, misfit, &propagation.residual_variances);
-    let likely_sources = if misfit.is_above_bound { likely_sources(solution, sources) } else { Vec::new() };
+    let likely_sources = if misfit.is_above_bound { find_likely_misfit_causes(solution, sources) } else { Vec::new() };
     Ok(Identification {
         outputs,
         propagation,
-        trials,
+        trial_statistics: trials,
         fit_quality: solution.fit_quality,
         outlier_check,
-        likely_sources,
+        likely_misfit_causes: likely_sources,
     })
 }
 
@@ -73,22 +73,22 @@ impl Identification {
             method: method.to_owned(),
             provenance: None,
             coverage_percent: Some((COVERAGE_PROBABILITY * 1e4).round() / 1e2),
-            trials: self.trials.as_ref().map(|trials| trials.trials),
+            trials: self.trial_statistics.as_ref().map(|trials| trials.trial_count),
             parameters: parameters.map(|(i, output)| self.build_parameter(i, output)).collect(),
             functions: self.outputs.curves.iter().map(|curve| self.build_function(curve)).collect(),
             circles: Vec::new(),
             arrows: Vec::new(),
             covariance: self.build_covariance(),
             rank: figures.rank,
-            unknowns: figures.unknowns,
-            condition: figures.condition,
+            unknowns: figures.unknown_count,
+            condition: figures.condition_number,
             weakest: None,
             gauge: Vec::new(),
             not_identifiable: Vec::new(),
             residual_rms_um: figures.residual_rms_mm * 1e3,
             degrees_of_freedom: figures.dof,
-            chi2_per_dof: match misfit.expected > 0.0 && figures.dof > 0 {
-                true => misfit.chi2 / misfit.expected,
+            chi2_per_dof: match misfit.expected_chi2 > 0.0 && figures.dof > 0 {
+                true => misfit.chi2 / misfit.expected_chi2,
                 false => 0.0,
             },
             verdict: match misfit.is_above_bound || !self.outlier_check.outliers.is_empty() {
@@ -98,7 +98,7 @@ impl Identification {
             decision_rule: None,
             warnings: Vec::new(),
             outliers: self.outlier_check.outliers.clone(),
-            smallest_found: self.outlier_check.detectable_deviations.clone(),
+            smallest_found: self.outlier_check.smallest_detectable_deviations.clone(),
             priors: Vec::new(),
             measured: BTreeMap::new(),
         }
@@ -106,7 +106,7 @@ impl Identification {
 
     fn build_parameter(&self, index: usize, output: &OutputParameter) -> Parameter {
         let OutputParameter { symbol, unit, value, .. } = output;
-        let interval = self.trials.as_ref().and_then(|trials| trials.shortest_interval.get(index));
+        let interval = self.trial_statistics.as_ref().and_then(|trials| trials.shortest_interval.get(index));
         Parameter {
             u_monte_carlo: self.u_by_trials(index).map(|u| unit.to_display_value(u)),
             interval_monte_carlo: interval.map(|mm| mm.map(|x| unit.to_display_value(x))),
@@ -116,28 +116,28 @@ impl Identification {
 
     /// Standard uncertainty from the trials, internal unit.
     fn u_by_trials(&self, index: usize) -> Option<f64> {
-        self.trials.as_ref()?.standard_deviation.get(index).copied()
+        self.trial_statistics.as_ref()?.standard_deviation.get(index).copied()
     }
 
     /// Uncertainty of a parameter in its internal unit, by its index in the estimate. `None`: there is no
     /// such parameter.
-    pub fn uncertainty(&self, index: usize) -> Option<Uncertainty> {
+    pub fn parameter_uncertainty(&self, index: usize) -> Option<Uncertainty> {
         let output = self.outputs.all_parameters().nth(index)?;
         Some(self.output_uncertainty(index, output))
     }
 
     fn output_uncertainty(&self, index: usize, output: &OutputParameter) -> Uncertainty {
         match &output.slope {
-            Some(slope) => self.propagation.uncertainty(slope),
+            Some(slope) => self.propagation.output_uncertainty(slope),
             None => Uncertainty { u: self.u_by_trials(index).unwrap_or(f64::NAN), dof: None, budget: Vec::new() },
         }
     }
 
     /// Covariance of the linear parameters, in the products of their reported units.
     fn build_covariance(&self) -> Covariance {
-        let outputs = &self.outputs.parameters;
-        let slopes = self.outputs.slopes(self.propagation.unknowns());
-        let full = self.propagation.covariance(&slopes);
+        let outputs = &self.outputs.linear_parameters;
+        let slopes = self.outputs.linear_parameter_slopes(self.propagation.unknown_count());
+        let full = self.propagation.output_covariance(&slopes);
         let edge: Vec<f64> = outputs.iter().map(|o| o.unit.to_display_value(1.0)).collect();
         let row = |i: usize| (0..edge.len()).map(|j| full[(i, j)] * edge[i] * edge[j]).collect();
         Covariance {
@@ -147,7 +147,7 @@ impl Identification {
     }
 
     fn build_function(&self, curve: &OutputCurve) -> EstimatedFunction {
-        let u = |slope: &Vec<f64>| curve.unit.to_display_value(self.propagation.uncertainty(slope).u);
+        let u = |slope: &Vec<f64>| curve.unit.to_display_value(self.propagation.output_uncertainty(slope).u);
         EstimatedFunction {
             symbol: curve.symbol.clone(),
             argument: curve.argument.to_owned(),
@@ -162,9 +162,9 @@ impl Identification {
     }
 
     /// Symbols of the linear parameters whose first-order u contradicts the trials (JCGM 101, 8.1.3).
-    pub fn contradicted_symbols(&self) -> Vec<&str> {
-        let Some(trials) = &self.trials else { return Vec::new() };
-        let parameters = self.outputs.parameters.iter().enumerate();
+    pub fn symbols_contradicted_by_trials(&self) -> Vec<&str> {
+        let Some(trials) = &self.trial_statistics else { return Vec::new() };
+        let parameters = self.outputs.linear_parameters.iter().enumerate();
         parameters
             .filter(|(i, output)| trials.contradicts_uncertainty(*i, self.output_uncertainty(*i, output).u))
             .map(|(_, output)| output.symbol.as_str())

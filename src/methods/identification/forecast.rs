@@ -1,12 +1,12 @@
 //! Expected uncertainty of a plan, from the estimate of nominal readings.
 
-use super::declared::repeatability_mm;
+use super::declared_sources::repeatability_mm;
 use machine::record::estimate::{Estimate, Parameter};
 use machine::record::machine::Probe;
 use machine::record::plan::Plan;
 
 /// The plan with a declared repeatability, because the residuals of nominal readings show no scatter.
-pub fn with_assumed_repeatability(plan: &Plan) -> Plan {
+pub fn plan_with_assumed_repeatability(plan: &Plan) -> Plan {
     let repeatability_um = Some(repeatability_mm(plan) * 1e3);
     Plan { probe: Probe { repeatability_um, ..plan.probe.clone() }, ..plan.clone() }
 }

@@ -3,11 +3,11 @@
 use std::f64::consts::TAU;
 
 use faer::Mat;
-use machine::record::estimate::{EstimatedFunction, FigureKind, Unit};
+use machine::record::estimate::{EstimatedFunction, FunctionFigureKind, Unit};
 
 use super::estimate::Identification;
+use super::output_range::RangeOutput;
 use super::outputs::{OutputCurve, OutputParameter, dot_product};
-use super::range::RangeOutput;
 
 /// Cosine and sine part of one harmonic.
 #[derive(Debug, Clone)]
@@ -67,13 +67,13 @@ impl HarmonicFunction {
             y: slopes.iter().map(|slope| dot_product(slope, x)).collect(),
             x: at,
             unit: self.unit,
-            figure: FigureKind::Polar,
+            figure: FunctionFigureKind::Polar,
             slopes,
         }
     }
 
     /// Cosine and sine part of each harmonic, with symbols such as `EXC_c2` and `EXC_s2`.
-    pub fn coefficients(&self, x: &[f64]) -> Vec<OutputParameter> {
+    pub fn coefficient_outputs(&self, x: &[f64]) -> Vec<OutputParameter> {
         let mut outputs = Vec::new();
         for Harmonic { order, cosine_and_sine_slopes: parts } in &self.harmonics {
             for (part, slope) in ["c", "s"].into_iter().zip(parts) {
@@ -85,7 +85,7 @@ impl HarmonicFunction {
     }
 
     /// Largest minus smallest value over one revolution. `None`: there are no harmonics.
-    pub fn range(&self, symbol: String) -> Option<RangeOutput> {
+    pub fn range_output(&self, symbol: String) -> Option<RangeOutput> {
         let angle = |i: usize| i as f64 / RANGE_ANGLE_COUNT as f64 * TAU;
         let slopes = (0..RANGE_ANGLE_COUNT).map(|i| self.slope_at(angle(i))).collect();
         (!self.harmonics.is_empty()).then_some(RangeOutput { symbol, unit: self.unit, slopes })
@@ -93,7 +93,11 @@ impl HarmonicFunction {
 }
 
 /// Values over the harmonic order in `unit`, without a stated uncertainty.
-pub fn function_over_orders(symbol: &str, unit: Unit, points: impl Iterator<Item = (f64, f64)>) -> EstimatedFunction {
+pub fn function_over_harmonic_orders(
+    symbol: &str,
+    unit: Unit,
+    points: impl Iterator<Item = (f64, f64)>,
+) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
     EstimatedFunction {
         symbol: symbol.to_owned(),
@@ -103,18 +107,18 @@ pub fn function_over_orders(symbol: &str, unit: Unit, points: impl Iterator<Item
         x,
         unit,
         y,
-        figure: FigureKind::Spectrum,
+        figure: FunctionFigureKind::Spectrum,
         at_mm: None,
     }
 }
 
 /// Values in mm, numbered from 1, without a stated uncertainty. In order of time they show movements.
-pub fn function_over_numbers(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> EstimatedFunction {
+pub fn function_of_numbered_values(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = (1..).map(f64::from).zip(mm.map(|mm| mm * 1e3)).unzip();
     EstimatedFunction {
         argument: argument.to_owned(),
-        figure: FigureKind::Points,
-        ..function_over_orders(symbol, Unit::Um, x.into_iter().zip(y))
+        figure: FunctionFigureKind::Points,
+        ..function_over_harmonic_orders(symbol, Unit::Um, x.into_iter().zip(y))
     }
 }
 
@@ -122,28 +126,29 @@ impl Identification {
     /// Amplitudes at the solution `x` over the order. The u of an amplitude is the largest u that the
     /// harmonic has at any phase, because the phase of an amplitude near zero is unknown and its derivative
     /// does not exist there. An amplitude below 2u does not differ significantly from zero.
-    pub fn spectrum(&self, of: &HarmonicFunction, x: &[f64]) -> EstimatedFunction {
-        let mut points: Vec<[f64; 3]> = of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();
+    pub fn spectrum(&self, function: &HarmonicFunction, x: &[f64]) -> EstimatedFunction {
+        let mut points: Vec<[f64; 3]> =
+            function.harmonics.iter().map(|harmonic| self.order_amplitude_and_u(harmonic, x)).collect();
         points.sort_by(|one, other| one[0].total_cmp(&other[0]));
-        let reported = |value: f64| of.unit.to_display_value(value);
+        let reported = |value: f64| function.unit.to_display_value(value);
         let amplitudes = points.iter().map(|[order, amplitude, _]| (*order, reported(*amplitude)));
         EstimatedFunction {
             u: points.iter().map(|[.., u]| reported(*u)).collect(),
-            ..function_over_orders(&format!("{}_spectrum", of.symbol), of.unit, amplitudes)
+            ..function_over_harmonic_orders(&format!("{}_spectrum", function.symbol), function.unit, amplitudes)
         }
     }
 
     /// Order, amplitude and u, internal units.
-    fn amplitude(&self, harmonic: &Harmonic, x: &[f64]) -> [f64; 3] {
+    fn order_amplitude_and_u(&self, harmonic: &Harmonic, x: &[f64]) -> [f64; 3] {
         let [cos, sin] = harmonic.cosine_and_sine_slopes.each_ref().map(|slope| dot_product(slope, x));
         let slopes = Mat::from_fn(2, x.len(), |part, j| harmonic.cosine_and_sine_slopes[part][j]);
-        let covariance = self.propagation.covariance(&slopes);
-        [harmonic.order, cos.hypot(sin), largest_variance(&covariance).sqrt()]
+        let covariance = self.propagation.output_covariance(&slopes);
+        [harmonic.order, cos.hypot(sin), largest_eigenvalue_2x2(&covariance).sqrt()]
     }
 }
 
 /// Largest eigenvalue of a symmetric 2 × 2 matrix.
-fn largest_variance(covariance: &Mat<f64>) -> f64 {
+fn largest_eigenvalue_2x2(covariance: &Mat<f64>) -> f64 {
     let mean = (covariance[(0, 0)] + covariance[(1, 1)]) / 2.0;
     let half_difference = (covariance[(0, 0)] - covariance[(1, 1)]) / 2.0;
     mean + half_difference.hypot(covariance[(0, 1)])

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::source::prior_covariance;
+use super::uncertainty_source::prior_covariance;
 use crate::MethodRefusal;
 use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
 use machine::record::estimate::Estimate;
@@ -32,7 +32,7 @@ impl<'a> KnownErrors<'a> {
         let (errors, symbols): (Vec<ErrorTerm>, Vec<&str>) = of_axes.unzip();
         let pairs = errors.iter().zip(&symbols);
         let foreign: Vec<&str> = pairs
-            .filter(|(error, _)| chain.check_parameter(error.parameter).is_err())
+            .filter(|(error, _)| chain.check_parameter_axis(error.parameter).is_err())
             .map(|(_, symbol)| *symbol)
             .collect();
         MethodRefusal::require(

@@ -7,42 +7,42 @@ use machine::record::estimate::{Estimate, EstimatedFunction, Parameter, Unit};
 
 use super::periodic_points::PeriodicPoints;
 use super::probe_map::priors_without_probe_maps;
-use super::source::{ResidualTreatment, UncertaintySource};
+use super::uncertainty_source::{ResidualTreatment, UncertaintySource};
 use crate::MethodRefusal;
 
 /// Known error motions. Each has mean zero over the revolution, because the mean is part of the location of
 /// the axis.
 #[derive(Debug, Default)]
-pub struct KnownMotions<'a> {
+pub struct KnownErrorMotions<'a> {
     priors: Vec<&'a Estimate>,
-    motions: Vec<KnownMotion<'a>>,
+    motions: Vec<KnownErrorMotion<'a>>,
 }
 
 #[derive(Debug)]
-struct KnownMotion<'a> {
+struct KnownErrorMotion<'a> {
     /// Index of the estimate that gives the motion.
     prior_index: usize,
     /// Location error that displaces the axis as this motion does at one angle.
-    error: ErrorParameter,
+    location_error: ErrorParameter,
     /// Height Z at which the motion is valid, if it is not that of `point_mm`, mm.
-    height_mm: Option<f64>,
-    form: MotionForm<'a>,
+    valid_height_mm: Option<f64>,
+    representation: MotionRepresentation<'a>,
 }
 
 #[derive(Debug)]
-enum MotionForm<'a> {
+enum MotionRepresentation<'a> {
     /// Cosine and sine parts with their symbols, if the estimate has their covariance.
     Harmonics(Vec<(&'a str, ErrorTerm)>),
     Points(PeriodicPoints),
 }
 
-impl<'a> KnownMotions<'a> {
+impl<'a> KnownErrorMotions<'a> {
     /// # Errors
     /// An estimate has no error motions of `axis` and is not a map of the probe; a function does not cover
     /// one revolution; two estimates have the same function.
     pub fn new(axis: Axis, priors: &'a [Estimate]) -> Result<Self, MethodRefusal> {
         let priors: Vec<&Estimate> = priors_without_probe_maps(priors).collect();
-        let mut motions: Vec<KnownMotion<'_>> = Vec::new();
+        let mut motions: Vec<KnownErrorMotion<'_>> = Vec::new();
         for (prior, estimate) in priors.iter().copied().enumerate() {
             let all = estimate.functions.iter().filter_map(|f| Some((location_error_of_function(f)?, f)));
             let (own, others): (Vec<_>, Vec<_>) = all.partition(|(error, _)| error.axis() == axis);
@@ -50,15 +50,20 @@ impl<'a> KnownMotions<'a> {
                 return Err(missing_motions_refusal(axis, estimate, others.first().map(|(_, other)| *other)));
             }
             for (error, function) in own {
-                if motions.iter().any(|motion| motion.error == error) {
+                if motions.iter().any(|motion| motion.location_error == error) {
                     return Err(MethodRefusal::new(
                         format!("two estimates contain {}", function.symbol),
                         "give only one of these estimates with --with",
                     ));
                 }
-                let form = MotionForm::new(estimate, error, function)?;
+                let form = MotionRepresentation::new(estimate, error, function)?;
                 let height_mm = function.at_mm.map(|at_mm| at_mm[2]);
-                motions.push(KnownMotion { prior_index: prior, error, height_mm, form });
+                motions.push(KnownErrorMotion {
+                    prior_index: prior,
+                    location_error: error,
+                    valid_height_mm: height_mm,
+                    representation: form,
+                });
             }
         }
         Ok(Self { priors, motions })
@@ -69,15 +74,18 @@ impl<'a> KnownMotions<'a> {
     }
 
     pub fn has_component(&self, component: Axis) -> bool {
-        self.motions.iter().any(|motion| motion.error.component() == component)
+        self.motions.iter().any(|motion| motion.location_error.component() == component)
     }
 
     /// Errors that displace the axis at its commanded `angle`, rad.
-    pub fn errors(&self, angle: f64) -> Vec<ErrorTerm> {
-        let terms = |motion: &KnownMotion<'_>| match &motion.form {
-            MotionForm::Harmonics(terms) => terms.iter().map(|(_, term)| *term).collect(),
-            MotionForm::Points(points) => {
-                vec![ErrorTerm { parameter: motion.error, value: points.interpolate(angle.to_degrees()).value }]
+    pub fn error_terms_at(&self, angle: f64) -> Vec<ErrorTerm> {
+        let terms = |motion: &KnownErrorMotion<'_>| match &motion.representation {
+            MotionRepresentation::Harmonics(terms) => terms.iter().map(|(_, term)| *term).collect(),
+            MotionRepresentation::Points(points) => {
+                vec![ErrorTerm {
+                    parameter: motion.location_error,
+                    value: points.interpolate(angle.to_degrees()).value,
+                }]
             }
         };
         self.motions.iter().flat_map(terms).collect()
@@ -87,30 +95,34 @@ impl<'a> KnownMotions<'a> {
     /// the angle, because estimates have no covariance of points. `angles`: commanded angle of each
     /// observation, rad. `by_component`: derivative of each observation by a displacement of the axis along
     /// or about the component.
-    pub fn sources(&self, angles: &[f64], by_component: impl Fn(Axis) -> Vec<f64>) -> Vec<UncertaintySource> {
+    pub fn uncertainty_sources(
+        &self,
+        angles: &[f64],
+        by_component: impl Fn(Axis) -> Vec<f64>,
+    ) -> Vec<UncertaintySource> {
         let mut sources = Vec::new();
         for (prior, estimate) in self.priors.iter().enumerate() {
             let (mut symbols, mut by_coefficient, mut by_points) = (vec![], vec![], vec![]);
             for motion in self.motions.iter().filter(|motion| motion.prior_index == prior) {
-                let by = by_component(motion.error.component());
+                let by = by_component(motion.location_error.component());
                 let times = |factor: &dyn Fn(f64) -> f64| {
                     angles.iter().zip(&by).map(|(angle, by)| factor(*angle) * by).collect()
                 };
-                match &motion.form {
-                    MotionForm::Harmonics(terms) => {
+                match &motion.representation {
+                    MotionRepresentation::Harmonics(terms) => {
                         for (symbol, term) in terms {
                             symbols.push(*symbol);
                             by_coefficient.push(times(&|q| term.parameter.shape_factor(q)));
                         }
                     }
-                    MotionForm::Points(points) => {
+                    MotionRepresentation::Points(points) => {
                         by_points.push(times(&|q| points.interpolate(q.to_degrees()).u));
                     }
                 }
             }
             sources.extend(UncertaintySource::from_prior(estimate, &symbols, &by_coefficient));
             let name = format!("estimate of {}", estimate.method);
-            sources.push(UncertaintySource::unweighted(name, by_points, ResidualTreatment::Expected));
+            sources.push(UncertaintySource::new_unweighted(name, by_points, ResidualTreatment::InExpectedChi2));
         }
         sources.retain(|source| !source.is_zero());
         sources
@@ -120,31 +132,31 @@ impl<'a> KnownMotions<'a> {
     pub fn describe(&self) -> Vec<String> {
         let line = |(prior, estimate): (usize, &&Estimate)| {
             let own = self.motions.iter().filter(|motion| motion.prior_index == prior);
-            let own: Vec<String> = own.map(KnownMotion::describe).collect();
+            let own: Vec<String> = own.map(KnownErrorMotion::describe).collect();
             format!("known error motions from an estimate of {}: {}", estimate.method, own.join(", "))
         };
         self.priors.iter().enumerate().map(line).collect()
     }
 }
 
-impl KnownMotion<'_> {
+impl KnownErrorMotion<'_> {
     fn describe(&self) -> String {
-        let height = self.height_mm.map_or(String::new(), |z| format!(" (valid at Z = {z:.1} mm)"));
-        let name = format!("E{}{}{height}", self.error.component(), self.error.axis());
-        match &self.form {
-            MotionForm::Harmonics(terms) => {
+        let height = self.valid_height_mm.map_or(String::new(), |z| format!(" (valid at Z = {z:.1} mm)"));
+        let name = format!("E{}{}{height}", self.location_error.component(), self.location_error.axis());
+        match &self.representation {
+            MotionRepresentation::Harmonics(terms) => {
                 let orders = terms.iter().filter_map(|(_, term)| harmonic_order(term.parameter));
                 let highest = orders.max().unwrap_or(0);
                 format!("{name} from its Fourier coefficients up to order {highest}")
             }
-            MotionForm::Points(_) => {
+            MotionRepresentation::Points(_) => {
                 format!("{name} from its points, with linear interpolation, u fully correlated over the angle")
             }
         }
     }
 }
 
-impl<'a> MotionForm<'a> {
+impl<'a> MotionRepresentation<'a> {
     fn new(estimate: &'a Estimate, error: ErrorParameter, function: &EstimatedFunction) -> Result<Self, MethodRefusal> {
         let points = PeriodicPoints::new(function).map_err(|reason| {
             MethodRefusal::new(

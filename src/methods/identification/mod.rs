@@ -8,55 +8,55 @@
 //! imports no method.
 
 mod aliasing;
-pub mod azimuth;
-mod blocks;
+pub mod azimuth_dependence;
+mod blockwise_fit;
 mod budget_keys;
-pub mod declared;
+mod checked_measurement;
+pub mod declared_sources;
 mod error_motions;
 mod estimate;
 mod forecast;
 mod harmonics;
 mod known_errors;
 mod known_motions;
-mod likely_sources;
-mod measurement;
-mod model;
+mod misfit_causes;
+mod monte_carlo_trials;
+mod observation_model;
 mod outliers;
+mod output_range;
 mod outputs;
 mod periodic_points;
 pub mod probe_map;
 mod propagation;
-mod range;
-mod source;
-mod trials;
+mod uncertainty_source;
 mod warnings;
 
 pub use aliasing::{LOCATION_ERRORS_TEXT, describe_aliased_orders, describe_plan_aliasing};
-pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
+pub use blockwise_fit::{BlockEquations, BlockFit, BlockwiseFit};
 pub use budget_keys::add_budget_sensitivities;
-pub use error_motions::{RevolutionRanges, revolution_parameters, synchronous_ranges};
+pub use checked_measurement::{CheckedMeasurement, mean_coordinate_u_mm};
+pub use error_motions::{ErrorMotionValues, synchronous_ranges, total_and_asynchronous_parameters};
 pub use estimate::{Identification, identify, parameter_with_budget, parameter_without_budget};
-pub use forecast::{describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability};
-pub use harmonics::{Harmonic, HarmonicFunction, function_over_numbers, function_over_orders};
+pub use forecast::{describe_assumed_repeatability, describe_expected_uncertainty, plan_with_assumed_repeatability};
+pub use harmonics::{Harmonic, HarmonicFunction, function_of_numbered_values, function_over_harmonic_orders};
 pub use known_errors::KnownErrors;
-pub use known_motions::KnownMotions;
-pub use measurement::{CheckedMeasurement, mean_coordinate_u_mm};
-pub use model::{
-    FitQuality, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, SolvedModel, multiply_vector,
-    rms, solve_each_trial,
+pub use known_motions::KnownErrorMotions;
+pub use monte_carlo_trials::{TrialSettings, propagate_by_trials};
+pub use observation_model::{
+    FitQuality, LinearFit, LinearResponse, NonlinearFit, ObservationEquation, ObservationModel, SolvedModel,
+    multiply_vector, rms, solve_each_trial,
 };
 pub use outliers::OutlierCheck;
+pub use output_range::{RangeOutput, range_outputs};
 pub use outputs::{
     NonlinearOutputs, OutputCurve, OutputParameter, Outputs, central_differences, dot_product, reported_unit,
-    unit_slope,
+    slope_of_unknown,
 };
 pub use propagation::{Propagation, Uncertainty};
-pub use range::{RangeOutput, range_outputs};
-pub use source::{
+pub use uncertainty_source::{
     DrawDistribution, EvaluationType, ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource,
     block_covariances, linear_combination, prior_covariance,
 };
-pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;
 
 #[cfg(test)]

@@ -5,28 +5,28 @@
 
 use std::ops::Range;
 
-use estimation::coverage::{two_sided_factor, variance_ratio_bound};
+use estimation::coverage::{two_sided_t_factor, variance_ratio_bound};
 use estimation::misfit::Misfit;
 
-use super::measurement::CheckedMeasurement;
-use super::model::SolvedModel;
-use machine::record::estimate::{DetectableDeviation, Deviation, Outlier};
+use super::checked_measurement::CheckedMeasurement;
+use super::observation_model::SolvedModel;
+use machine::record::estimate::{DetectableDeviation, Outlier, OutlierCandidate};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 /// Minimum share of the variance of a row that must remain in its residual. Below it no other row checks this
 /// row.
-const MIN_RESIDUAL_VARIANCE: f64 = 1e-4;
+const MIN_CHECKABLE_RESIDUAL_VARIANCE: f64 = 1e-4;
 /// Squared cosine between the residual patterns of two measurements above which they are indistinguishable.
 const MIN_PATTERN_COSINE_SQUARED: f64 = 1.0 - 1e-6;
-/// Probability of detecting a deviation of the size of [`OutlierCheck::detectable_deviations`].
+/// Probability of detecting a deviation of the stated smallest detectable size.
 const DETECTION_PROBABILITY: f64 = 0.95;
 
 /// Result of the comparison of each measurement with all others.
 pub struct OutlierCheck {
     pub outliers: Vec<Outlier>,
     /// Smallest detectable deviation of each measurement.
-    pub detectable_deviations: Vec<DetectableDeviation>,
+    pub smallest_detectable_deviations: Vec<DetectableDeviation>,
     /// One sentence for each outlier.
     pub warnings: Vec<String>,
 }
@@ -36,24 +36,24 @@ impl OutlierCheck {
     pub fn new(solution: &SolvedModel<'_>, misfit: &Misfit, variances: &[f64]) -> Self {
         let leverage = solution.model.leverage();
         let residuals = RowResiduals {
-            residuals: solution.weighted_residuals,
+            weighted_residuals: solution.weighted_residuals,
             variances,
-            dof: misfit.effective_dof,
-            chi2: misfit.chi2 * misfit.effective_dof / misfit.expected,
-            has_declared_sizes: solution.has_declared_sizes,
+            effective_dof: misfit.effective_dof,
+            scaled_chi2: misfit.chi2 * misfit.effective_dof / misfit.expected_chi2,
+            has_declared_source_sizes: solution.has_declared_source_sizes,
         };
         let measurements = solution.measurements;
         let check = OutlierSearch { solution, residuals, leverage: &leverage };
         let outliers = check.find_outliers();
         let warnings = outliers.iter().map(|outlier| outlier_warning(outlier, measurements)).collect();
         let detectable_deviations = measurements.iter().map(|m| check.detectable_deviation(m)).collect();
-        Self { outliers, detectable_deviations, warnings }
+        Self { outliers, smallest_detectable_deviations: detectable_deviations, warnings }
     }
 
     /// Smallest detectable deviations in words. `None`: no measurement is checked.
     pub fn describe_detection_limits(&self) -> Option<String> {
         let mut sizes: Vec<(f64, &str)> = self
-            .detectable_deviations
+            .smallest_detectable_deviations
             .iter()
             .map(|one| (one.deviation_um.unwrap_or(f64::INFINITY), one.label.as_str()))
             .collect();
@@ -82,13 +82,16 @@ impl OutlierSearch<'_> {
     fn find_outliers(&self) -> Vec<Outlier> {
         let mut list: Vec<Outlier> = Vec::new();
         for measurement in self.solution.measurements {
-            let Some(limit) = self.residual_limit(measurement) else { continue };
+            let Some(limit) = self.studentised_residual_limit(measurement) else { continue };
             let t = self.residuals.studentised_residual(measurement.residual_rows.clone());
             if t <= limit {
                 continue;
             }
-            let candidates: Vec<Deviation> =
-                self.indistinguishable_measurements(measurement).into_iter().map(|m| self.deviation(m)).collect();
+            let candidates: Vec<OutlierCandidate> = self
+                .indistinguishable_measurements(measurement)
+                .into_iter()
+                .map(|m| self.deviation_if_outlier(m))
+                .collect();
             if list.iter().all(|known| known.candidates != candidates) {
                 list.push(Outlier { candidates, t, resolution: None });
             }
@@ -97,7 +100,7 @@ impl OutlierSearch<'_> {
     }
 
     /// Limit of the measurement's studentised residual. `None`: no other measurement checks it.
-    fn residual_limit(&self, measurement: &CheckedMeasurement) -> Option<f64> {
+    fn studentised_residual_limit(&self, measurement: &CheckedMeasurement) -> Option<f64> {
         let all = self.solution.measurements.len();
         self.residuals.studentised_limit(measurement.residual_rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
@@ -115,20 +118,20 @@ impl OutlierSearch<'_> {
         let pattern = |of: &CheckedMeasurement| {
             let mut change = vec![0.0; residuals.len()];
             change[of.residual_rows.start] = of.u_mm;
-            model.linear_response(&change).residuals
+            model.linear_response(&change).residual_changes
         };
         let own = pattern(measurement);
         measurements.iter().filter(|other| are_indistinguishable([&own, &pattern(other)])).collect()
     }
 
     /// Deviation of this measurement if it is the only outlier.
-    fn deviation(&self, measurement: &CheckedMeasurement) -> Deviation {
-        let deviation_um = 1e3 * measurement.residual_mm / self.residual_fraction(measurement);
-        Deviation { label: measurement.label.clone(), deviation_um }
+    fn deviation_if_outlier(&self, measurement: &CheckedMeasurement) -> OutlierCandidate {
+        let deviation_um = 1e3 * measurement.residual_mm / self.residual_share_of_deviation(measurement);
+        OutlierCandidate { label: measurement.label.clone(), deviation_um }
     }
 
     /// Fraction of the measurement's deviation that remains in its residual.
-    fn residual_fraction(&self, measurement: &CheckedMeasurement) -> f64 {
+    fn residual_share_of_deviation(&self, measurement: &CheckedMeasurement) -> f64 {
         let rows = measurement.residual_rows.clone();
         let sum: f64 = rows.filter_map(|row| self.leverage.get(row)).sum();
         1.0 - sum / measurement.residual_rows.len() as f64
@@ -141,9 +144,9 @@ impl OutlierSearch<'_> {
         let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();
         let um = |limit: f64| {
             let residual = (limit + self.residuals.detection_margin()) * least;
-            1e3 * residual * measurement.u_mm / self.residual_fraction(measurement)
+            1e3 * residual * measurement.u_mm / self.residual_share_of_deviation(measurement)
         };
-        let deviation_um = self.residual_limit(measurement).map(um);
+        let deviation_um = self.studentised_residual_limit(measurement).map(um);
         DetectableDeviation { label: measurement.label.clone(), deviation_um }
     }
 }
@@ -151,30 +154,30 @@ impl OutlierSearch<'_> {
 /// Weighted residuals, row by row.
 pub struct RowResiduals<'a> {
     /// Residuals divided by the standard uncertainties, measured minus model.
-    pub residuals: &'a [f64],
+    pub weighted_residuals: &'a [f64],
     /// Variance of each residual from the declared sources.
     pub variances: &'a [f64],
     /// Sum of squares, scaled so that its expectation equals its effective degrees of freedom.
-    pub chi2: f64,
-    pub dof: f64,
+    pub scaled_chi2: f64,
+    pub effective_dof: f64,
     /// Whether the standard uncertainties are declared; otherwise the scatter comes from the residuals alone.
-    pub has_declared_sizes: bool,
+    pub has_declared_source_sizes: bool,
 }
 
 impl RowResiduals<'_> {
     /// Rows that other rows check.
     fn checkable_rows(&self, rows: Range<usize>) -> impl Iterator<Item = usize> {
-        rows.filter(|row| self.variances[*row] >= MIN_RESIDUAL_VARIANCE)
+        rows.filter(|row| self.variances[*row] >= MIN_CHECKABLE_RESIDUAL_VARIANCE)
     }
 
     /// The value that [`Self::studentised_residual`] of rows without an outlier exceeds with this `probability`.
     /// `None`: no other row checks them.
     pub fn studentised_limit(&self, rows: Range<usize>, probability: f64) -> Option<f64> {
         let own = self.checkable_rows(rows).count() as f64;
-        let others = self.dof - own;
+        let others = self.effective_dof - own;
         match own {
             _ if own < 1.0 || others < 1.0 => None,
-            1.0 => Some(two_sided_factor(1.0 - probability, others)),
+            1.0 => Some(two_sided_t_factor(1.0 - probability, others)),
             _ => Some((own * variance_ratio_bound(1.0 - probability, own, others)?).sqrt()),
         }
     }
@@ -182,16 +185,16 @@ impl RowResiduals<'_> {
     /// Length of the residual relative to the scatter of all others; 0 for rows that no other row checks.
     pub fn studentised_residual(&self, rows: Range<usize>) -> f64 {
         let count = self.checkable_rows(rows.clone()).count() as f64;
-        let square = |row: usize| self.residuals[row].powi(2) / self.variances[row];
+        let square = |row: usize| self.weighted_residuals[row].powi(2) / self.variances[row];
         let own: f64 = self.checkable_rows(rows).map(square).sum();
         // Residuals smaller than declared must not make a measurement an outlier.
-        let least = if self.has_declared_sizes { 1.0 } else { f64::MIN_POSITIVE };
-        (own / ((self.chi2 - own) / (self.dof - count)).max(least)).sqrt()
+        let least = if self.has_declared_source_sizes { 1.0 } else { f64::MIN_POSITIVE };
+        (own / ((self.scaled_chi2 - own) / (self.effective_dof - count)).max(least)).sqrt()
     }
 
     /// Excess of a deviation over the limit that gives a detection probability of 0.95.
     fn detection_margin(&self) -> f64 {
-        two_sided_factor(2.0 * DETECTION_PROBABILITY - 1.0, self.dof - 1.0)
+        two_sided_t_factor(2.0 * DETECTION_PROBABILITY - 1.0, self.effective_dof - 1.0)
     }
 }
 
@@ -204,7 +207,7 @@ pub fn are_indistinguishable(patterns: [&[f64]; 2]) -> bool {
 }
 
 fn outlier_warning(outlier: &Outlier, measurements: &[CheckedMeasurement]) -> String {
-    let candidate = |candidate: &Deviation| {
+    let candidate = |candidate: &OutlierCandidate| {
         let own = measurements.iter().find(|m| m.label == candidate.label);
         let in_words = own.map_or(&*candidate.label, |own| &own.description);
         format!("{in_words} by {:.1} µm", candidate.deviation_um)

@@ -2,7 +2,7 @@
 
 use faer::{Mat, MatRef};
 use machine::kinematics::{ErrorParameter, ErrorShape};
-use machine::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::{FunctionFigureKind, Unit};
 
 /// A parameter of the estimate. Internal units: mm, rad, mm/mm, s.
 #[derive(Debug, Clone)]
@@ -25,7 +25,7 @@ impl OutputParameter {
 
     /// The output that is the unknown `index` of `x`.
     pub fn from_unknown(symbol: &str, unit: Unit, index: usize, x: &[f64]) -> Self {
-        Self::from_coefficients(symbol, unit, unit_slope(index, x.len()), x)
+        Self::from_coefficients(symbol, unit, slope_of_unknown(index, x.len()), x)
     }
 }
 
@@ -35,7 +35,7 @@ pub fn dot_product(coefficients: &[f64], x: &[f64]) -> f64 {
 }
 
 /// Derivative of the unknown `index` by each of the `unknowns`: a unit vector.
-pub fn unit_slope(index: usize, unknowns: usize) -> Vec<f64> {
+pub fn slope_of_unknown(index: usize, unknowns: usize) -> Vec<f64> {
     (0..unknowns).map(|j| f64::from(u8::from(j == index))).collect()
 }
 
@@ -51,7 +51,7 @@ pub struct OutputCurve {
     pub y: Vec<f64>,
     /// Unit in which the estimate reports y.
     pub unit: Unit,
-    pub figure: FigureKind,
+    pub figure: FunctionFigureKind,
     /// Points × unknowns: derivative of each y by each unknown, internal units.
     pub slopes: Vec<Vec<f64>>,
 }
@@ -71,38 +71,38 @@ pub struct NonlinearOutputs {
 #[derive(Default)]
 pub struct Outputs {
     /// Linear parameters with budget and covariance. Each has a slope.
-    pub parameters: Vec<OutputParameter>,
+    pub linear_parameters: Vec<OutputParameter>,
     pub curves: Vec<OutputCurve>,
     pub nonlinear: Option<NonlinearOutputs>,
 }
 
 impl Outputs {
     /// Derivatives of the `parameters`: outputs × unknowns. NaN if a slope is missing.
-    pub fn slopes(&self, unknowns: usize) -> Mat<f64> {
-        let slope = |i: usize| self.parameters[i].slope.as_deref().unwrap_or_default();
-        Mat::from_fn(self.parameters.len(), unknowns, |i, j| slope(i).get(j).copied().unwrap_or(f64::NAN))
+    pub fn linear_parameter_slopes(&self, unknowns: usize) -> Mat<f64> {
+        let slope = |i: usize| self.linear_parameters[i].slope.as_deref().unwrap_or_default();
+        Mat::from_fn(self.linear_parameters.len(), unknowns, |i, j| slope(i).get(j).copied().unwrap_or(f64::NAN))
     }
 
     /// Parameters in the order of the estimate: linear parameters, then nonlinear ones.
     pub fn all_parameters(&self) -> impl Iterator<Item = &OutputParameter> {
-        self.parameters.iter().chain(self.nonlinear.iter().flat_map(|of| &of.outputs))
+        self.linear_parameters.iter().chain(self.nonlinear.iter().flat_map(|of| &of.outputs))
     }
 
     /// Functions that each trial computes, as functions × unknowns: the parameters, or all unknowns if some
     /// parameters are nonlinear.
-    pub fn functions_per_trial(&self, unknowns: usize) -> Mat<f64> {
+    pub fn trial_function_slopes(&self, unknowns: usize) -> Mat<f64> {
         match &self.nonlinear {
-            None => self.slopes(unknowns),
+            None => self.linear_parameter_slopes(unknowns),
             Some(_) => Mat::identity(unknowns, unknowns),
         }
     }
 
-    /// Trials × parameters in the order of the estimate, internal units, from trials × functions of
-    /// [`functions_per_trial`](Self::functions_per_trial). A linear parameter is computed as slope·x; if its value differs
+    /// Trials × parameters in the order of the estimate, internal units, from the values (trials × functions)
+    /// of the functions that each trial computes. A linear parameter is computed as slope·x; if its value differs
     /// from that, its trials are shifted by a constant.
-    pub fn evaluate_trials(&self, values: Mat<f64>) -> Mat<f64> {
+    pub fn parameters_from_trial_functions(&self, values: Mat<f64>) -> Mat<f64> {
         let Some(nonlinear) = &self.nonlinear else { return values };
-        let linear = &values * self.slopes(values.ncols()).transpose();
+        let linear = &values * self.linear_parameter_slopes(values.ncols()).transpose();
         let others = (nonlinear.trial_values)(values.as_ref());
         Mat::from_fn(values.nrows(), linear.ncols() + others.ncols(), |trial, j| match j.checked_sub(linear.ncols()) {
             Some(j) => others[(trial, j)],

@@ -93,7 +93,7 @@ fn merge_equal_angles(mut points: Vec<PeriodicPoint>) -> Vec<PeriodicPoint> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use machine::record::estimate::{FigureKind, Unit};
+    use machine::record::estimate::{FunctionFigureKind, Unit};
 
     fn function(x: &[f64], y: &[f64]) -> EstimatedFunction {
         EstimatedFunction {
@@ -104,7 +104,7 @@ mod tests {
             unit: Unit::Um,
             y: y.to_vec(),
             u: x.iter().map(|deg| 0.1 + deg.abs() / 1000.0).collect(),
-            figure: FigureKind::Polar,
+            figure: FunctionFigureKind::Polar,
             at_mm: None,
         }
     }

@@ -5,8 +5,8 @@ use std::borrow::Cow;
 
 use nalgebra::Vector3;
 
-use super::azimuth::{LOBING_ORDERS, amplitude_by_order, azimuth_factor, azimuth_patterns};
-use super::source::{prior_covariance, prior_draws};
+use super::azimuth_dependence::{DEFAULT_LOBING_ORDERS, azimuth_factor, azimuth_patterns, harmonic_sd_by_order};
+use super::uncertainty_source::{prior_covariance, prior_draw_changes};
 use crate::{IdentifyError, MethodRefusal};
 use machine::Axis;
 use machine::kinematics::KinematicChain;
@@ -16,42 +16,42 @@ use machine::record::plan::{Plan, Step, StepKind};
 use machine::record::reading::Reading;
 
 /// Name of the method that finds the map.
-pub const PROBE_QUALIFICATION_NAME: &str = "probe-qualification";
+pub const PROBE_QUALIFICATION_METHOD_NAME: &str = "probe-qualification";
 /// Highest order that is searched for in an estimate.
-const MAX_ORDER: u32 = 180;
+const MAX_MAP_ORDER: u32 = 180;
 
 /// Symbols of the cosine and the sine part of an order.
-pub fn map_symbols(order: u32) -> [String; 2] {
+pub fn probe_map_symbols(order: u32) -> [String; 2] {
     ["c", "s"].map(|part| format!("E_probe_{part}{order}"))
 }
 
 /// One cosine or sine part of the map.
 #[derive(Debug, Clone)]
-struct MapCoefficient {
+struct ProbeMapCoefficient {
     symbol: String,
     order: u32,
-    quarter_turns: f64,
+    phase_turns: f64,
     value_mm: f64,
     u_mm: f64,
     /// Whether the part is subtracted; otherwise it counts as an uncertainty.
     is_subtracted: bool,
 }
 
-impl MapCoefficient {
+impl ProbeMapCoefficient {
     fn direction_factor(&self, normal: &Vector3<f64>) -> f64 {
-        azimuth_factor(self.order, self.quarter_turns, normal)
+        azimuth_factor(self.order, self.phase_turns, normal)
     }
 }
 
 #[derive(Debug)]
 pub struct ProbeMap<'a> {
     prior: &'a Estimate,
-    coefficients: Vec<MapCoefficient>,
+    coefficients: Vec<ProbeMapCoefficient>,
 }
 
 /// Priors of a plan that are not probe maps.
 pub fn priors_without_probe_maps(priors: &[Estimate]) -> impl Iterator<Item = &Estimate> {
-    priors.iter().filter(|prior| prior.method != PROBE_QUALIFICATION_NAME)
+    priors.iter().filter(|prior| prior.method != PROBE_QUALIFICATION_METHOD_NAME)
 }
 
 impl<'a> ProbeMap<'a> {
@@ -60,7 +60,7 @@ impl<'a> ProbeMap<'a> {
     /// # Errors
     /// The plan has more than one map; the fit of the map contradicts its model; the map has no covariance.
     pub fn from_plan(plan: &'a Plan) -> Result<Option<Self>, MethodRefusal> {
-        let mut maps = plan.priors.iter().filter(|prior| prior.method == PROBE_QUALIFICATION_NAME);
+        let mut maps = plan.priors.iter().filter(|prior| prior.method == PROBE_QUALIFICATION_METHOD_NAME);
         let (prior, again) = (maps.next(), maps.next());
         MethodRefusal::require(
             again.is_none(),
@@ -75,7 +75,7 @@ impl<'a> ProbeMap<'a> {
         )?;
         let mut parts = read_map_coefficients(prior);
         // A part that is known less well than [probe] declares would increase the uncertainty.
-        parts.retain(|part| declared_order_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm));
+        parts.retain(|part| declared_order_sd_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm));
         let map = Self { prior, coefficients: parts };
         let known: Vec<&str> = map.subtracted_coefficients().map(|part| part.symbol.as_str()).collect();
         MethodRefusal::require(
@@ -87,7 +87,7 @@ impl<'a> ProbeMap<'a> {
         Ok(Some(map))
     }
 
-    fn subtracted_coefficients(&self) -> impl Iterator<Item = &MapCoefficient> {
+    fn subtracted_coefficients(&self) -> impl Iterator<Item = &ProbeMapCoefficient> {
         self.coefficients.iter().filter(|part| part.is_subtracted)
     }
 
@@ -105,13 +105,13 @@ impl<'a> ProbeMap<'a> {
     /// covariance of the parts that are subtracted; the parts that are known but not subtracted; and of
     /// `declared_mm` those `orders` that the map does not contain.
     pub fn uncertainty_patterns(&self, declared_mm: f64, orders: &[u32], normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-        let column = |part: &MapCoefficient, size: f64| -> Vec<f64> {
+        let column = |part: &ProbeMapCoefficient, size: f64| -> Vec<f64> {
             normals.iter().map(|normal| size * part.direction_factor(normal)).collect()
         };
-        let known: Vec<&MapCoefficient> = self.subtracted_coefficients().collect();
+        let known: Vec<&ProbeMapCoefficient> = self.subtracted_coefficients().collect();
         let symbols: Vec<&str> = known.iter().map(|part| part.symbol.as_str()).collect();
         let known: Vec<Vec<f64>> = known.iter().map(|part| column(part, 1.0)).collect();
-        let mut patterns = prior_draws(self.prior, &symbols, &known).unwrap_or_default();
+        let mut patterns = prior_draw_changes(self.prior, &symbols, &known).unwrap_or_default();
         let carried = self.coefficients.iter().filter(|part| !part.is_subtracted);
         patterns.extend(carried.map(|part| column(part, part.value_mm.hypot(part.u_mm))));
         let has = |order: u32| self.coefficients.iter().any(|part| part.order == order);
@@ -136,25 +136,25 @@ impl<'a> ProbeMap<'a> {
 }
 
 /// Standard deviation that `[probe]` declares for an order, mm. `None`: nothing is declared for this order.
-fn declared_order_mm(probe: &Probe, order: u32) -> Option<f64> {
+fn declared_order_sd_mm(probe: &Probe, order: u32) -> Option<f64> {
     if order == 1 {
         return Some(probe.stylus_offset_um * 1e-3);
     }
-    let sizes = amplitude_by_order(probe.lobing_um * 1e-3, &probe.lobing_orders, &LOBING_ORDERS);
+    let sizes = harmonic_sd_by_order(probe.lobing_um * 1e-3, &probe.lobing_orders, &DEFAULT_LOBING_ORDERS);
     sizes.into_iter().find(|(of, _)| *of == order).map(|(_, mm)| mm)
 }
 
-fn read_map_coefficients(prior: &Estimate) -> Vec<MapCoefficient> {
+fn read_map_coefficients(prior: &Estimate) -> Vec<ProbeMapCoefficient> {
     let mut parts = Vec::new();
-    for order in 1..=MAX_ORDER {
-        for (symbol, quarter_turns) in map_symbols(order).into_iter().zip([0.0, 0.25]) {
+    for order in 1..=MAX_MAP_ORDER {
+        for (symbol, quarter_turns) in probe_map_symbols(order).into_iter().zip([0.0, 0.25]) {
             let own = prior.parameters.iter().find(|parameter| parameter.symbol == symbol);
             let Some(parameter) = own else { continue };
             let unit = parameter.unit.to_display_value(1.0);
-            parts.push(MapCoefficient {
+            parts.push(ProbeMapCoefficient {
                 symbol,
                 order,
-                quarter_turns,
+                phase_turns: quarter_turns,
                 value_mm: parameter.value / unit,
                 u_mm: parameter.u / unit,
                 is_subtracted: parameter.identifiable,
@@ -185,7 +185,7 @@ pub fn subtract_pre_travel<'r>(plan: &Plan, readings: &'r [Reading]) -> Result<C
         let normal = Vector3::from(step.normal);
         let in_spindle = chain.machine_from_spindle(&at, &[]).rotation.inverse() * normal;
         // Linear axes that a rotary axis carries move in other directions than those of the machine frame.
-        let axes_from_table = chain.inverse_linear_jacobian(&at, &[]).map_err(MethodRefusal::from)?;
+        let axes_from_table = chain.inverse_linear_axes_jacobian(&at, &[]).map_err(MethodRefusal::from)?;
         let table = chain.machine_from_table(&at, &[]).rotation;
         let off = axes_from_table * (table.inverse() * normal) * map.pre_travel_mm(&in_spindle);
         for (axis, off) in Axis::LINEAR.into_iter().zip(off.iter()) {

@@ -6,8 +6,8 @@ use estimation::monte_carlo::DrawDistribution;
 use faer::Mat;
 use machine::record::estimate::{BudgetLine, Distribution, EvaluationType};
 
-use super::model::{Response, SolvedModel};
-use super::source::{ResidualTreatment, UncertaintySource};
+use super::observation_model::{LinearResponse, SolvedModel};
+use super::uncertainty_source::{ResidualTreatment, UncertaintySource};
 
 /// The effects of the sources on the unknowns.
 pub struct Propagation {
@@ -15,7 +15,7 @@ pub struct Propagation {
     /// Variance of each weighted residual from the declared sources.
     pub residual_variances: Vec<f64>,
     effects: Vec<EffectOnUnknowns>,
-    unknowns: usize,
+    unknown_count: usize,
 }
 
 /// The effect of one source on the unknowns.
@@ -23,10 +23,10 @@ struct EffectOnUnknowns {
     name: String,
     evaluation: EvaluationType,
     distribution: Distribution,
-    is_judged: bool,
+    is_scaled_by_misfit: bool,
     dof: f64,
     /// Change of the unknowns by draws of one standard deviation, unknowns × draws.
-    draws: Mat<f64>,
+    changes_by_draw: Mat<f64>,
 }
 
 /// Uncertainty of one output, in its internal unit.
@@ -55,60 +55,65 @@ impl EffectOnUnknowns {
         let mut draws = Mat::zeros(model.unknown_count(), source.draw_count());
         for draw in 0..source.draw_count() {
             let change = source.observation_change(draw, model.observation_count());
-            let Response { mut unknowns, residuals } = model.linear_response(&change);
-            let direct = source.direct_changes.get(draw).into_iter().flatten();
-            unknowns.iter_mut().zip(direct).for_each(|(x, change)| *x += change);
-            draws.col_as_slice_mut(draw).copy_from_slice(&unknowns);
-            if source.residual_treatment >= ResidualTreatment::Expected {
-                left.push(residuals);
+            let LinearResponse { mut unknown_changes, residual_changes } = model.linear_response(&change);
+            let direct = source.direct_unknown_changes.get(draw).into_iter().flatten();
+            unknown_changes.iter_mut().zip(direct).for_each(|(x, change)| *x += change);
+            draws.col_as_slice_mut(draw).copy_from_slice(&unknown_changes);
+            if source.residual_treatment >= ResidualTreatment::InExpectedChi2 {
+                left.push(residual_changes);
             }
         }
-        let is_judged = source.residual_treatment == ResidualTreatment::Judged;
+        let is_judged = source.residual_treatment == ResidualTreatment::ScaledByMisfit;
         let distribution = match source.draw_distribution {
             DrawDistribution::Normal => Distribution::Normal,
             DrawDistribution::Rectangular => Distribution::Rectangular,
         };
         let (name, evaluation, dof) = (source.name.clone(), source.evaluation, source.dof);
-        Self { name, evaluation, distribution, is_judged, dof, draws }
+        Self { name, evaluation, distribution, is_scaled_by_misfit: is_judged, dof, changes_by_draw: draws }
     }
 
     /// Variance of the output with this derivative by the unknowns. Only nonzero entries are visited, because
     /// most derivatives have few.
-    fn variance(&self, slope: &[f64]) -> f64 {
+    fn output_variance(&self, slope: &[f64]) -> f64 {
         let entries: Vec<(usize, f64)> = slope.iter().copied().enumerate().filter(|(_, s)| *s != 0.0).collect();
         let along = |draw: &[f64]| -> f64 { entries.iter().map(|(j, s)| s * draw[*j]).sum() };
-        (0..self.draws.ncols()).map(|k| along(self.draws.col_as_slice(k)).powi(2)).sum()
+        (0..self.changes_by_draw.ncols()).map(|k| along(self.changes_by_draw.col_as_slice(k)).powi(2)).sum()
     }
 }
 
 impl Propagation {
     /// Propagates each draw by the response of the model, compares the residuals with the declared sources
-    /// and scales the judged sources by [`Misfit::factor`].
+    /// and scales the sources that the residuals scale by [`Misfit::uncertainty_factor`].
     pub fn new(solution: &SolvedModel<'_>, sources: &[UncertaintySource]) -> Self {
-        let SolvedModel { model, weighted_residuals: residuals, has_declared_sizes, fit_quality: figures, .. } =
-            *solution;
+        let SolvedModel {
+            model,
+            weighted_residuals: residuals,
+            has_declared_source_sizes: has_declared_sizes,
+            fit_quality: figures,
+            ..
+        } = *solution;
         let mut left = Vec::new();
         let effects = sources.iter().map(|source| EffectOnUnknowns::new(solution, source, &mut left));
         let mut effects: Vec<EffectOnUnknowns> = effects.collect();
         let misfit = Misfit::from_residuals(residuals, &left, figures.dof, has_declared_sizes);
-        for effect in effects.iter_mut().filter(|effect| effect.is_judged) {
-            effect.draws *= faer::Scale(misfit.uncertainty_factor);
+        for effect in effects.iter_mut().filter(|effect| effect.is_scaled_by_misfit) {
+            effect.changes_by_draw *= faer::Scale(misfit.uncertainty_factor);
         }
         let variance = |row: usize| left.iter().map(|draw| draw[row].powi(2)).sum();
         let residual_variances = (0..residuals.len()).map(variance).collect();
-        Self { misfit, residual_variances, effects, unknowns: model.unknown_count() }
+        Self { misfit, residual_variances, effects, unknown_count: model.unknown_count() }
     }
 
-    /// Uncertainty of the output with this derivative by each unknown. If the residuals scale the judged
-    /// sources, these are one component with the degrees of freedom of the misfit. Each other source is a
+    /// Uncertainty of the output with this derivative by each unknown. The sources that the
+    /// residuals scale are one component with the degrees of freedom of the misfit. Each other source is a
     /// component of its own (Welch–Satterthwaite, JCGM 100, G.4).
-    pub fn uncertainty(&self, slope: &[f64]) -> Uncertainty {
-        let variances: Vec<f64> = self.effects.iter().map(|e| e.variance(slope)).collect();
+    pub fn output_uncertainty(&self, slope: &[f64]) -> Uncertainty {
+        let variances: Vec<f64> = self.effects.iter().map(|e| e.output_variance(slope)).collect();
         let is_scaled = self.misfit.uncertainty_factor != 1.0;
         let mut judged = 0.0;
         let mut components = Vec::new();
         for (effect, variance) in self.effects.iter().zip(&variances) {
-            match is_scaled && effect.is_judged {
+            match is_scaled && effect.is_scaled_by_misfit {
                 true => judged += variance,
                 false => components.push((*variance, effect.dof)),
             }
@@ -117,10 +122,10 @@ impl Propagation {
         components.extend(is_scaled.then_some((judged, self.misfit.effective_dof)));
         let lines = self.effects.iter().zip(&variances);
         let line = |(effect, variance): (&EffectOnUnknowns, &f64)| {
-            let dof = if is_scaled && effect.is_judged { self.misfit.effective_dof } else { effect.dof };
+            let dof = if is_scaled && effect.is_scaled_by_misfit { self.misfit.effective_dof } else { effect.dof };
             BudgetLine {
                 source: effect.name.clone(),
-                evaluation: Some(effect.evaluation),
+                evaluation_type: Some(effect.evaluation),
                 distribution: Some(effect.distribution),
                 u: variance.sqrt(),
                 dof: Some(dof).filter(|dof| dof.is_finite()),
@@ -136,17 +141,17 @@ impl Propagation {
 
     /// Covariance (outputs × outputs) of the outputs with the derivatives `slopes` (outputs ×
     /// unknowns), in their internal units.
-    pub fn covariance(&self, slopes: &Mat<f64>) -> Mat<f64> {
+    pub fn output_covariance(&self, slopes: &Mat<f64>) -> Mat<f64> {
         let mut covariance = Mat::zeros(slopes.nrows(), slopes.nrows());
         for effect in &self.effects {
-            let changes = slopes * &effect.draws;
+            let changes = slopes * &effect.changes_by_draw;
             covariance += &changes * changes.transpose();
         }
         covariance
     }
 
     /// Number of unknowns.
-    pub fn unknowns(&self) -> usize {
-        self.unknowns
+    pub fn unknown_count(&self) -> usize {
+        self.unknown_count
     }
 }

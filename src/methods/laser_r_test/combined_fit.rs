@@ -4,12 +4,12 @@
 use faer::{Mat, MatRef};
 use nalgebra::Matrix3;
 
-use super::centres::CentreEquations;
-use super::model::CentresLeastSquares;
+use super::centre_equations::CentreEquations;
 use super::pose_groups::PoseGroup;
+use super::sphere_model::MachineEquations;
 use crate::identification::{
-    LeastSquares, ObservationEffect, ObservationModel, Response, UncertaintySource, block_covariances, multiply_vector,
-    solve_each_trial,
+    LinearResponse, NonlinearFit, ObservationEffect, ObservationModel, UncertaintySource, block_covariances,
+    multiply_vector, solve_each_trial,
 };
 
 /// Smallest standard uncertainty of a centre, mm.
@@ -17,59 +17,60 @@ const MIN_CENTRE_STD_U_MM: f64 = 1e-6;
 
 /// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and sphere; the
 /// beam; the latency, which only the sources change.
-pub struct CentresThenMachine<'a> {
-    pub centres: LeastSquares<'a, CentreEquations>,
+pub struct CombinedFit<'a> {
+    pub centre_fit: NonlinearFit<'a, CentreEquations>,
     /// Gain of the first fit: unknowns of `centres` × dwell points.
-    pub centre_gain: &'a Mat<f64>,
-    pub machine: LeastSquares<'a, CentresLeastSquares>,
+    pub centre_gain_matrix: &'a Mat<f64>,
+    pub machine_fit: NonlinearFit<'a, MachineEquations>,
     pub groups: &'a [PoseGroup],
     /// Number of unknowns of the latency.
     pub latency_unknown_count: usize,
 }
 
-impl CentresThenMachine<'_> {
+impl CombinedFit<'_> {
     /// Changes of the centres in the table frame, three coordinates per group, for a change of the unknowns of the
     /// first fit.
-    fn centres_in_table(&self, change: &[f64]) -> Vec<f64> {
+    fn centre_changes_in_table(&self, change: &[f64]) -> Vec<f64> {
         let groups = self.groups.iter().enumerate();
         let coordinates = groups.flat_map(|(i, group)| -> [f64; 3] {
-            (group.machine_from_table.inverse() * self.centres.equation.group_centre(change, i)).into()
+            (group.machine_from_table.inverse() * self.centre_fit.equation.group_centre(change, i)).into()
         });
         coordinates.collect()
     }
 
     fn join_unknowns(&self, mut machine: Vec<f64>, centres: &[f64]) -> Vec<f64> {
-        machine.extend(&centres[..self.centres.equation.beam_unknown_count()]);
+        machine.extend(&centres[..self.centre_fit.equation.beam_unknown_count()]);
         machine.resize(self.unknown_count(), 0.0);
         machine
     }
 }
 
-impl ObservationModel for CentresThenMachine<'_> {
+impl ObservationModel for CombinedFit<'_> {
     fn observation_count(&self) -> usize {
-        self.centres.observation_count()
+        self.centre_fit.observation_count()
     }
 
     fn unknown_count(&self) -> usize {
-        self.machine.unknown_count() + self.centres.equation.beam_unknown_count() + self.latency_unknown_count
+        self.machine_fit.unknown_count() + self.centre_fit.equation.beam_unknown_count() + self.latency_unknown_count
     }
 
-    fn linear_response(&self, change: &[f64]) -> Response {
-        let centres = multiply_vector(self.centre_gain, change);
-        let Response { unknowns, residuals } = self.machine.linear_response(&self.centres_in_table(&centres));
-        Response { unknowns: self.join_unknowns(unknowns, &centres), residuals }
+    fn linear_response(&self, change: &[f64]) -> LinearResponse {
+        let centres = multiply_vector(self.centre_gain_matrix, change);
+        let LinearResponse { unknown_changes: unknowns, residual_changes: residuals } =
+            self.machine_fit.linear_response(&self.centre_changes_in_table(&centres));
+        LinearResponse { unknown_changes: self.join_unknowns(unknowns, &centres), residual_changes: residuals }
     }
 
     fn leverage(&self) -> Vec<f64> {
-        self.machine.leverage()
+        self.machine_fit.leverage()
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknown_count(), |change| {
-            let x = self.centres.solve_for_change(change);
-            let solved = self.centres.minimum.x.iter();
+            let x = self.centre_fit.solve_for_change(change);
+            let solved = self.centre_fit.minimum.x.iter();
             let moved: Vec<f64> = x.iter().zip(solved).map(|(x, solved)| x - solved).collect();
-            self.join_unknowns(self.machine.solve_for_change(&self.centres_in_table(&moved)), &x)
+            self.join_unknowns(self.machine_fit.solve_for_change(&self.centre_changes_in_table(&moved)), &x)
         })
     }
 }
@@ -80,7 +81,7 @@ pub fn observation_sensitivities(fit: &impl ObservationModel) -> Mat<f64> {
     let mut change = vec![0.0; fit.observation_count()];
     for j in 0..fit.observation_count() {
         change[j] = 1.0;
-        gain.col_as_slice_mut(j).copy_from_slice(&fit.linear_response(&change).unknowns);
+        gain.col_as_slice_mut(j).copy_from_slice(&fit.linear_response(&change).unknown_changes);
         change[j] = 0.0;
     }
     gain

@@ -2,24 +2,24 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::combined_fit::{CentresThenMachine, centre_covariances, observation_sensitivities};
+use super::combined_fit::{CombinedFit, centre_covariances, observation_sensitivities};
 use super::latency::LatencyEstimate;
-use super::model::{CentreObservation, CentresLeastSquares, SphereModel};
 use super::observe::{ObservedScans, observe_scans};
 use super::outputs;
-use super::parameters;
+use super::parameter_selection;
 use super::pose_groups::{GroupedScans, PoseGroup, group_scans};
 use super::result::IdentificationResult;
 use super::scan_purpose::ScanPurpose;
 use super::setup::LaserSetup;
 use super::sources::uncertainty_sources;
+use super::sphere_model::{CentreObservation, MachineEquations, SphereModel};
 use crate::identification::{
-    self, CheckedMeasurement, FitQuality, LeastSquares, SolvedModel, TrialPlan, mean_coordinate_u_mm,
+    self, CheckedMeasurement, FitQuality, NonlinearFit, SolvedModel, TrialSettings, mean_coordinate_u_mm,
 };
 use crate::{IdentifyError, MethodRefusal};
-use estimation::linear::{LinearError, RankAnalysis};
-use estimation::nonlinear::{NonlinearError, NonlinearSolution};
-use estimation::null_names::name_null_space;
+use estimation::linear_least_squares::{LinearError, RankAnalysis};
+use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution};
+use estimation::null_space_names::name_null_space;
 use estimation::whitening::whitening_matrix;
 use machine::frame::unit_vector;
 use machine::record::estimate::Estimate;
@@ -43,32 +43,38 @@ pub fn identify_scans<'a>(
 ) -> Result<IdentificationResult<'a>, IdentifyError> {
     let (observed, grouped, centre_fit) = fit_centres(setup, readings)?;
     let settings = setup.settings;
-    let selection = parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
-    let names = parameters::unknown_names(&selection.parameters, &setup.ball.id);
-    let centres = LeastSquares { equation: &grouped.centres, minimum: &centre_fit };
+    let selection = parameter_selection::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
+    let names = parameter_selection::unknown_names(&selection.parameters, &setup.ball.id);
+    let centres = NonlinearFit { equation: &grouped.centre_equations, minimum: &centre_fit };
     let gain = observation_sensitivities(&centres);
-    let latency_index = names.len() + grouped.centres.beam_unknown_count();
+    let latency_index = names.len() + grouped.centre_equations.beam_unknown_count();
     let sources = uncertainty_sources(setup, &observed, &grouped, &centre_fit.x, latency_index);
-    let covariances = centre_covariances(&grouped.centres, &gain, &sources);
+    let covariances = centre_covariances(&grouped.centre_equations, &gain, &sources);
     let centre_observations = centre_observations(&grouped, &centre_fit.x, covariances);
     let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters.clone() };
-    let problem = CentresLeastSquares { model, centre_observations, zero_point_prior: None };
-    let (survey, minimum) = solve_machine(setup, &problem, &names)?;
+    let problem = MachineEquations { model, centre_observations, zero_point_prior: None };
+    let (survey, minimum) = solve_machine_errors(setup, &problem, &names)?;
     let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::unknown_values);
-    let x = [&minimum.x, &centre_fit.x[..grouped.centres.beam_unknown_count()], &latency].concat();
-    let machine = LeastSquares { equation: &problem, minimum: &minimum };
+    let x = [&minimum.x, &centre_fit.x[..grouped.centre_equations.beam_unknown_count()], &latency].concat();
+    let machine = NonlinearFit { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
     let residuals = outputs::position_residuals(&problem, groups, &minimum.x);
-    let measurements = pose_outlier_measurements(&problem, groups, &residuals);
+    let measurements = checked_pose_measurements(&problem, groups, &residuals);
     let solution = SolvedModel {
-        model: &CentresThenMachine { centres, centre_gain: &gain, machine, groups, latency_unknown_count: latency },
+        model: &CombinedFit {
+            centre_fit: centres,
+            centre_gain_matrix: &gain,
+            machine_fit: machine,
+            groups,
+            latency_unknown_count: latency,
+        },
         weighted_residuals: &minimum.residuals,
-        has_declared_sizes: setup.sensor.noise_um.is_some(),
-        fit_quality: FitQuality::from_points(&survey, &minimum, &residuals),
+        has_declared_source_sizes: setup.sensor.noise_um.is_some(),
+        fit_quality: FitQuality::from_nonlinear_fit(&survey, &minimum, &residuals),
         measurements: &measurements,
     };
     let outputs = outputs::build_outputs(&problem, &names, observed.latency.as_ref(), &x);
-    let plan = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let plan = TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let identified = identification::identify(&solution, &sources, outputs, Some(plan))?;
     Ok(IdentificationResult {
         setup,
@@ -101,7 +107,10 @@ fn fit_centres(
 }
 
 fn solve_centres(grouped: &GroupedScans) -> Result<NonlinearSolution, IdentifyError> {
-    grouped.centres.solve().map_err(|error| IdentifyError::IdentificationFailed(format!("fit of the spheres: {error}")))
+    grouped
+        .centre_equations
+        .solve()
+        .map_err(|error| IdentifyError::IdentificationFailed(format!("fit of the spheres: {error}")))
 }
 
 fn check_height_count(
@@ -109,14 +118,14 @@ fn check_height_count(
     observed: &ObservedScans,
     grouped: &GroupedScans,
 ) -> Result<(), MethodRefusal> {
-    let count = grouped.height_count;
-    let is_height = |line: &&String| ScanPurpose::from_label(line) == Some(ScanPurpose::Height);
+    let count = grouped.max_heights_per_group;
+    let is_height = |line: &&String| ScanPurpose::from_step_label(line) == Some(ScanPurpose::BeamDirection);
     let missing = match observed.skipped_scans.iter().filter(is_height).cloned().collect::<Vec<_>>().as_slice() {
         [] => String::new(),
         lines => format!(" ({})", lines.join("; ")),
     };
     MethodRefusal::require(
-        grouped.centres.is_beam_free || setup.uses_touch_probe(),
+        grouped.centre_equations.is_beam_free || setup.uses_touch_probe(),
         format!(
             "the beam direction needs scans at three heights, the readings have {count}{missing}; from one height its \
              uncertainty is hundreds of urad"
@@ -133,10 +142,10 @@ fn remove_oblique_samples(
     grouped: &GroupedScans,
     centre_fit: &NonlinearSolution,
 ) -> bool {
-    let centres = &grouped.centres;
+    let centres = &grouped.centre_equations;
     let beam = unit_vector(centres.beam_vector(&centre_fit.x)).unwrap_or_default();
     let mut oblique: Vec<(usize, usize)> = Vec::new();
-    for (row, origin) in centres.dwell_points.iter().zip(&grouped.row_origins) {
+    for (row, origin) in centres.dwell_points.iter().zip(&grouped.row_scan_and_point_indices) {
         let towards = -(row.machine_from_spindle * beam);
         if centres.centre_to_spot(&centre_fit.x, row).angle(&towards) > setup.incidence_limit_rad() {
             oblique.push(*origin);
@@ -146,7 +155,7 @@ fn remove_oblique_samples(
     oblique.sort_unstable_by(|a, b| b.cmp(a));
     for (scan, point) in &oblique {
         let spot = observed.scans[*scan].sample_means.remove(*point);
-        *observed.excluded_samples.entry("beyond the incidence limit").or_default() += spot.sample_count;
+        *observed.excluded_sample_counts.entry("beyond the incidence limit").or_default() += spot.sample_count;
     }
     !oblique.is_empty()
 }
@@ -155,15 +164,15 @@ fn remove_oblique_samples(
 fn centre_observations(grouped: &GroupedScans, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<CentreObservation> {
     let groups = grouped.groups.iter().enumerate().zip(covariances);
     let observation = |((i, group), covariance): ((usize, &PoseGroup), Matrix3<f64>)| CentreObservation {
-        axis_positions: group.axis_positions(grouped.centres.group_centre(x, i)),
-        weight: whitening_matrix(covariance) * group.machine_from_table,
+        axis_positions: group.axis_positions(grouped.centre_equations.group_centre(x, i)),
+        whitening_matrix: whitening_matrix(covariance) * group.machine_from_table,
     };
     groups.map(observation).collect()
 }
 
 /// One measurement for the sphere at each pose.
-fn pose_outlier_measurements(
-    problem: &CentresLeastSquares,
+fn checked_pose_measurements(
+    problem: &MachineEquations,
     groups: &[PoseGroup],
     residuals: &[Vector3<f64>],
 ) -> Vec<CheckedMeasurement> {
@@ -172,14 +181,14 @@ fn pose_outlier_measurements(
         description: format!("the sphere at {}", group.label),
         residual_rows: 3 * i..3 * i + 3,
         residual_mm: residuals[i].norm(),
-        u_mm: mean_coordinate_u_mm(&problem.centre_observations[i].weight),
+        u_mm: mean_coordinate_u_mm(&problem.centre_observations[i].whitening_matrix),
     };
     groups.iter().enumerate().map(measurement).collect()
 }
 
-fn solve_machine(
+fn solve_machine_errors(
     setup: &LaserSetup<'_>,
-    problem: &CentresLeastSquares,
+    problem: &MachineEquations,
     names: &[String],
 ) -> Result<(RankAnalysis, NonlinearSolution), IdentifyError> {
     let errors = vec![0.0; problem.model.parameters.len()];

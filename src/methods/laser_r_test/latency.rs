@@ -8,13 +8,13 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::cells::{FittedScanSphere, group_by_cell};
 use super::measured_scan::MeasuredScan;
 use super::position_history::{PositionHistory, TimedSample};
+use super::scan_cells::{FittedScanSphere, group_by_cell};
 use super::setup::LaserSetup;
 use crate::{IdentifyError, MethodRefusal};
-use estimation::linear::cholesky_lower;
-use estimation::null_names::name_null_space;
+use estimation::linear_least_squares::cholesky_lower;
+use estimation::null_space_names::name_null_space;
 use estimation::schur::{BlockFactorisation, BlockRows, factorise};
 use machine::Axis;
 
@@ -22,7 +22,7 @@ use machine::Axis;
 const ASSUMED_SAMPLE_STD_U_MM: f64 = 1e-3;
 /// Smallest standard uncertainty of a sample, mm.
 const MIN_SAMPLE_STD_U_MM: f64 = 1e-6;
-/// Maximum number of iterations. Each one interpolates the positions again.
+/// Maximum number of iterations, each of which interpolates the positions again. After it the fit is refused.
 const MAX_LATENCY_ITERATIONS: usize = 30;
 /// The iteration ends when the latency changes by less than this, s, or by less than the fraction
 /// [`LATENCY_TOLERANCE_RATIO`] of its standard uncertainty.
@@ -54,7 +54,7 @@ pub struct LatencyEstimate {
 /// A continuous scan with its samples.
 pub struct TimedScan<'a> {
     pub scan: &'a MeasuredScan,
-    pub history: &'a PositionHistory,
+    pub position_history: &'a PositionHistory,
 }
 
 impl LatencyEstimate {
@@ -75,13 +75,13 @@ impl LatencyEstimate {
 
     /// Values in the order of the names, s and mm.
     pub fn unknown_values(&self) -> Vec<f64> {
-        let lags = self.moved_axes.iter().map(|axis| self.lost_motion_mm.dot(&axis.direction()));
+        let lags = self.moved_axes.iter().map(|axis| self.lost_motion_mm.dot(&axis.nominal_direction()));
         std::iter::once(self.latency_s).chain(lags).collect()
     }
 }
 
 fn half_lag_direction(axis: Axis, last_motion_sign: Vector3<f64>) -> Vector3<f64> {
-    axis.direction().component_mul(&last_motion_sign) / 2.0
+    axis.nominal_direction().component_mul(&last_motion_sign) / 2.0
 }
 
 /// # Errors
@@ -123,13 +123,13 @@ struct ReliableSamples<'a> {
 
 impl<'a> ReliableSamples<'a> {
     fn new(setup: &LaserSetup<'_>, timed_scan: &'a TimedScan<'a>, latency_s: f64) -> Self {
-        let samples = timed_scan.history.timed_samples(latency_s);
+        let samples = timed_scan.position_history.timed_samples(latency_s);
         let cells = group_by_cell(setup, &samples).into_iter();
         Self { timed_scan, samples_by_cell: cells.map(|all| all.into_iter().copied().collect()).collect() }
     }
 
-    fn with_latency(&self, latency_s: f64) -> Vec<Vec<TimedSample>> {
-        let sample_at = |sample: &TimedSample| self.timed_scan.history.at_latency(sample, latency_s);
+    fn samples_with_latency(&self, latency_s: f64) -> Vec<Vec<TimedSample>> {
+        let sample_at = |sample: &TimedSample| self.timed_scan.position_history.sample_at_latency(sample, latency_s);
         self.samples_by_cell.iter().map(|all| all.iter().filter_map(sample_at).collect()).collect()
     }
 }
@@ -162,7 +162,7 @@ impl LatencyIteration {
         let axes: Vec<Axis> = axes.map(|(_, axis)| axis).collect();
         let mut cells: Vec<Vec<LatencyRow>> = Vec::new();
         for reliable in reliable_samples {
-            let (scan, timed_cells) = (reliable.timed_scan.scan, reliable.with_latency(latency_s));
+            let (scan, timed_cells) = (reliable.timed_scan.scan, reliable.samples_with_latency(latency_s));
             let samples = timed_cells.concat();
             let Some(sphere) = FittedScanSphere::fit(setup, scan, &samples) else { continue };
             for all in &timed_cells {
@@ -197,10 +197,10 @@ impl LatencyIteration {
         let block = |rows: &Vec<LatencyRow>| {
             let mut block = BlockRows::zeros(rows.len(), 1, self.unknown_count());
             for (i, row) in rows.iter().enumerate() {
-                block.set_own(i, 0, 1.0 / ASSUMED_SAMPLE_STD_U_MM);
+                block.set_own_coefficient(i, 0, 1.0 / ASSUMED_SAMPLE_STD_U_MM);
                 block.set_right_side(i, row.deviation_mm / ASSUMED_SAMPLE_STD_U_MM);
                 let columns = row.deviation_derivatives.iter().enumerate();
-                columns.for_each(|(j, by)| block.set_common(i, j, by / ASSUMED_SAMPLE_STD_U_MM));
+                columns.for_each(|(j, by)| block.set_common_coefficient(i, j, by / ASSUMED_SAMPLE_STD_U_MM));
             }
             block
         };
@@ -244,7 +244,7 @@ impl LatencyIteration {
         let lags = self.moved_axes.iter().zip(x.iter().skip(1));
         LatencyEstimate {
             latency_s,
-            lost_motion_mm: lags.map(|(axis, by)| axis.direction() * *by).sum(),
+            lost_motion_mm: lags.map(|(axis, by)| axis.nominal_direction() * *by).sum(),
             covariance_root: cholesky_lower(&own),
             sample_count: samples,
             moved_axes: self.moved_axes,

@@ -1,4 +1,4 @@
-//! Dwell points and cells: positions of samples with their means.
+//! A measured scan: means of its samples, by dwell point or by cell.
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -11,23 +11,23 @@ pub struct SampleMean {
     /// Axis positions X, Y, Z, mm.
     pub xyz: Vector3<f64>,
     /// Displacement of the spindle relative to the table, machine frame.
-    pub displacement_mm: Vector3<f64>,
+    pub spindle_displacement_mm: Vector3<f64>,
     /// Reading, mm.
     pub reading_mm: f64,
     pub sample_count: usize,
-    pub t_s: f64,
+    pub run_time_s: f64,
     /// Mean velocity of X, Y, Z in mm/s, and mean sign of the last motion of each axis (0 where unknown).
     pub velocity: Vector3<f64>,
     pub last_motion_sign: Vector3<f64>,
 }
 
-/// Dwell points of one step, with the rotary axes at rest.
+/// Means of the samples of one measurement, with the rotary axes at rest.
 #[derive(Debug, Clone)]
 pub struct MeasuredScan {
     pub purpose: ScanPurpose,
     pub label: String,
     /// Positions of all rotary axes.
-    pub rotary: Position,
+    pub rotary_positions: Position,
     /// Rotation from the spindle frame to the machine frame.
     pub machine_from_spindle: Rotation3<f64>,
     pub sample_means: Vec<SampleMean>,

@@ -1,27 +1,27 @@
 //! Location errors of rotary axes from one precision sphere: the laser R-test of paper 2 with a displacement sensor
 //! in the spindle (METHODS section 2), or chase-the-ball with the touch probe.
 
-mod cells;
-mod centres;
+mod centre_equations;
 mod combined_fit;
-mod geometry;
+mod estimate_notes;
 mod identify;
 mod latency;
 mod measured_scan;
-mod model;
-mod notes;
 mod observe;
 mod outputs;
 mod paper_estimator;
-mod parameters;
+mod parameter_selection;
 mod pose_groups;
 mod position_history;
 mod result;
+mod scan_cells;
 mod scan_purpose;
 mod scan_step;
 mod settings;
 mod setup;
 mod sources;
+mod sphere_geometry;
+mod sphere_model;
 mod stages;
 #[cfg(test)]
 mod tests;
@@ -69,8 +69,8 @@ impl Method for LaserRTest {
         let stage_count = done.iter().filter(|stage| stage.repeat == 0).count();
         let Some(stage_plan) = stage_plans.get(stage_count) else { return Ok(NextStage::NoFurtherStage) };
         let geometry = match source {
-            PositionSource::Nominal => geometry::nominal_geometry(&setup),
-            PositionSource::Measured(readings) => geometry::measured_geometry(&setup, readings)?,
+            PositionSource::Nominal => sphere_geometry::nominal_geometry(&setup),
+            PositionSource::Measured(readings) => sphere_geometry::measured_geometry(&setup, readings)?,
         };
         stages::build_stage(&setup, stage_plan, &geometry, done)
     }

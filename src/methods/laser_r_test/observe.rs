@@ -1,19 +1,19 @@
-//! From readings to dwell points, or to cells of a continuous scan (see `cells.rs`).
+//! Conversion of readings to means at dwell points, or in the cells of a continuous scan.
 
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use super::cells::{average_cells, describe_sparse_motions};
 use super::latency::{LatencyEstimate, TimedScan, fit_latency};
 use super::measured_scan::{MeasuredScan, SampleMean};
 use super::position_history::PositionHistory;
+use super::scan_cells::{average_samples_by_cell, describe_sparse_motions};
 use super::scan_purpose::ScanPurpose;
 use super::setup::LaserSetup;
 use crate::decision::reference_check::largest_shift_limit_mm;
 use crate::{IdentifyError, MethodRefusal};
 use machine::Position;
-use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Plan, Sampling, Step};
+use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Sampling, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
 /// Largest motion of an axis that counts as standing still, mm.
@@ -26,14 +26,15 @@ pub struct ObservedScans {
     /// Descriptions of the steps that contain no usable data.
     pub skipped_scans: Vec<String>,
     /// Number of unused samples by reason.
-    pub excluded_samples: BTreeMap<&'static str, usize>,
+    pub excluded_sample_counts: BTreeMap<&'static str, usize>,
     pub sample_count: usize,
-    /// Scatter within dwell points and cells: Σ(sample less mean)² in mm², and its degrees of freedom.
-    pub scatter_sums: (f64, usize),
+    /// Scatter of the samples at each dwell point and in each cell: Σ(sample less mean)² in mm², and its degrees of
+    /// freedom.
+    pub scatter_square_sum_and_dof: (f64, usize),
     /// Latency of the continuous scans. `None` if there are no continuous scans.
     pub latency: Option<LatencyEstimate>,
     /// Number of samples of continuous scans at a reversal of an axis, or without a position.
-    pub reversal_sample_count: usize,
+    pub unused_continuous_sample_count: usize,
     pub interruptions: Vec<Interruption>,
     /// Descriptions of motions of continuous scans with too few samples.
     pub sparse_motions: Vec<String>,
@@ -44,29 +45,30 @@ pub struct ObservedScans {
 /// Interruption of the measurement.
 #[derive(Debug, Clone, Copy)]
 pub struct Interruption {
-    pub time_s: f64,
+    pub run_time_s: f64,
     /// Largest shift that the check of the references after the interruption accepts, mm.
     pub shift_limit_mm: f64,
 }
 
-/// One measurement of the plan with its usable data.
+/// One measurement of the plan before the correction for latency and lost motion.
 struct UncorrectedScan {
     measured_scan: MeasuredScan,
-    /// Samples of a continuous scan, and X, Y, Z of its path.
-    history: Option<(PositionHistory, Vec<Vector3<f64>>)>,
+    /// Samples of a continuous scan, and X, Y, Z of its path. `None`: the scan is not continuous.
+    history_and_path: Option<(PositionHistory, Vec<Vector3<f64>>)>,
     step_count: usize,
 }
 
 impl ObservedScans {
     /// Standard deviation of one sample from the samples at dwell points, mm.
-    pub fn scatter_mm(&self) -> Option<f64> {
-        let (squares, dof) = self.scatter_sums;
+    pub fn sample_scatter_mm(&self) -> Option<f64> {
+        let (squares, dof) = self.scatter_square_sum_and_dof;
         (dof > 0).then(|| (squares / dof as f64).sqrt())
     }
 
     pub fn describe_excluded_samples(&self) -> Option<String> {
-        let count: usize = self.excluded_samples.values().sum();
-        let counts: Vec<String> = self.excluded_samples.iter().map(|(why, count)| format!("{why} {count}")).collect();
+        let count: usize = self.excluded_sample_counts.values().sum();
+        let counts: Vec<String> =
+            self.excluded_sample_counts.iter().map(|(why, count)| format!("{why} {count}")).collect();
         (count > 0).then(|| format!("{count} of {} samples were not used: {}", self.sample_count, counts.join(", ")))
     }
 }
@@ -78,16 +80,17 @@ impl ObservedScans {
 pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<ObservedScans, IdentifyError> {
     IdentifyError::check_known_steps(setup.plan, readings)?;
     let mut of_step: BTreeMap<u32, Vec<&Reading>> = BTreeMap::new();
-    for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
+    for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP) {
         of_step.entry(reading.step).or_default().push(reading);
     }
     let mut observed = ObservedScans { positions_by_time: positions_by_time(readings), ..ObservedScans::default() };
     let mut uncorrected_scans: Vec<UncorrectedScan> = Vec::new();
     for steps in setup.plan.steps.chunk_by(|a, b| measurement_label(a) == measurement_label(b)) {
-        let Some((first, purpose)) = steps.first().and_then(|s| Some((s, ScanPurpose::from_label(&s.label)?))) else {
+        let Some((first, purpose)) = steps.first().and_then(|s| Some((s, ScanPurpose::from_step_label(&s.label)?)))
+        else {
             continue;
         };
-        let newest = |step: &Step| of_step.get(&step.id).map(|all| newest_repeat(all));
+        let newest = |step: &Step| of_step.get(&step.id).map(|all| readings_of_newest_repeat(all));
         let Some(all) = steps.iter().map(newest).collect::<Option<Vec<_>>>() else {
             observed.skipped_scans.push(format!("{}: no readings", measurement_label(first)));
             continue;
@@ -103,16 +106,16 @@ pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<Obs
 }
 
 fn positions_by_time(readings: &[Reading]) -> Vec<(f64, Vector3<f64>)> {
-    let mut path: Vec<_> = readings.iter().map(|r| (r.t_s, r.position.xyz())).collect();
+    let mut path: Vec<_> = readings.iter().map(|r| (r.t_s, r.position.xyz_or_zero())).collect();
     path.sort_by(|a, b| a.0.total_cmp(&b.0));
     path
 }
 
 fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interruption>, IdentifyError> {
-    let ordinary: Vec<&Reading> = readings.iter().filter(|r| r.repeat < FIRST_REPEAT_AFTER_STOP).collect();
+    let ordinary: Vec<&Reading> = readings.iter().filter(|r| r.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP).collect();
     let has_later_readings = |gap_s: &f64| ordinary.iter().any(|reading| reading.t_s > *gap_s);
     let with_limit = |gap_s: f64| match largest_shift_limit_mm(plan, readings, gap_s) {
-        Some(shift_limit_mm) => Ok(Interruption { time_s: gap_s, shift_limit_mm }),
+        Some(shift_limit_mm) => Ok(Interruption { run_time_s: gap_s, shift_limit_mm }),
         None => Err(MethodRefusal::new(
             format!(
                 "the run was interrupted {gap_s:.0} s after its start, and the readings contain no references after \
@@ -120,7 +123,7 @@ fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interrupt
             ),
             format!(
                 "take the readings as `trued export` writes them: those of references measured again have a repeat \
-                 of {FIRST_REPEAT_AFTER_STOP} and more"
+                 of {FIRST_REPEAT_NUMBER_AFTER_STOP} and more"
             ),
         )),
     };
@@ -132,30 +135,30 @@ fn estimate_latency(
     setup: &LaserSetup<'_>,
     uncorrected_scans: &[UncorrectedScan],
 ) -> Result<Option<LatencyEstimate>, IdentifyError> {
-    if uncorrected_scans.iter().all(|uncorrected_scan| uncorrected_scan.history.is_none()) {
+    if uncorrected_scans.iter().all(|uncorrected_scan| uncorrected_scan.history_and_path.is_none()) {
         return Ok(None);
     }
     let latency_scans = uncorrected_scans.iter().filter(|scan| scan.measured_scan.purpose == ScanPurpose::Latency);
-    let timed = latency_scans.filter_map(|UncorrectedScan { measured_scan, history, .. }| {
+    let timed = latency_scans.filter_map(|UncorrectedScan { measured_scan, history_and_path: history, .. }| {
         let (history, _) = history.as_ref()?;
-        Some(TimedScan { scan: measured_scan, history })
+        Some(TimedScan { scan: measured_scan, position_history: history })
     });
     fit_latency(setup, &timed.collect::<Vec<_>>()).map(Some)
 }
 
 /// Adds a measurement to `observed`, corrected for latency and lost motion.
 fn add_corrected_scan(setup: &LaserSetup<'_>, uncorrected_scan: UncorrectedScan, observed: &mut ObservedScans) {
-    let UncorrectedScan { mut measured_scan, history, step_count } = uncorrected_scan;
+    let UncorrectedScan { mut measured_scan, history_and_path: history, step_count } = uncorrected_scan;
     if let (Some((history, path)), Some(latency)) = (&history, &observed.latency) {
         let mut samples = history.timed_samples(latency.latency_s);
         samples.iter_mut().for_each(|sample| sample.xyz = latency.corrected_xyz(sample.xyz, sample.last_motion_sign));
-        observed.reversal_sample_count += history.reading_count() - samples.len();
+        observed.unused_continuous_sample_count += history.valid_reading_count() - samples.len();
         let sparse = describe_sparse_motions(path, &samples).into_iter();
         observed.sparse_motions.extend(sparse.map(|text| format!("{}: {text}", measured_scan.label)));
-        let (sample_means, within) = average_cells(setup, &measured_scan, &samples);
+        let (sample_means, within) = average_samples_by_cell(setup, &measured_scan, &samples);
         measured_scan.sample_means = sample_means;
-        observed.scatter_sums.0 += within.0;
-        observed.scatter_sums.1 += within.1;
+        observed.scatter_square_sum_and_dof.0 += within.0;
+        observed.scatter_square_sum_and_dof.1 += within.1;
     }
     match measured_scan.sample_means.len() < step_count {
         true => observed.skipped_scans.push(format!("{}: no usable sample", measured_scan.label)),
@@ -172,7 +175,7 @@ fn measurement_label(step: &Step) -> &str {
     }
 }
 
-fn newest_repeat<'a>(readings: &[&'a Reading]) -> Vec<&'a Reading> {
+fn readings_of_newest_repeat<'a>(readings: &[&'a Reading]) -> Vec<&'a Reading> {
     let newest = readings.iter().map(|reading| reading.repeat).max();
     readings.iter().filter(|reading| Some(reading.repeat) == newest).copied().collect()
 }
@@ -194,16 +197,16 @@ fn read_uncorrected_scan(
         let reading_mm = if step.scan.is_some() { reading.value_mm } else { Some(0.0) };
         let Some(reading_mm) = reading_mm.filter(|_| reading.flag == ReadingFlag::None) else {
             let why = if reading.flag == ReadingFlag::None { "no value" } else { reading.flag.as_str() };
-            *observed.excluded_samples.entry(why).or_default() += 1;
+            *observed.excluded_sample_counts.entry(why).or_default() += 1;
             continue;
         };
-        let xyz = reading.position.xyz();
+        let xyz = reading.position.xyz_or_zero();
         samples.push(SampleMean {
             xyz,
-            displacement_mm: machine_from_xyz * xyz,
+            spindle_displacement_mm: machine_from_xyz * xyz,
             reading_mm,
             sample_count: 1,
-            t_s: reading.t_s,
+            run_time_s: reading.t_s,
             velocity: Vector3::zeros(),
             last_motion_sign: Vector3::zeros(),
         });
@@ -212,13 +215,14 @@ fn read_uncorrected_scan(
         .scan
         .as_ref()
         .filter(|scan| matches!(scan.sampling, Sampling::Continuous { .. }))
-        .map(|scan| (PositionHistory::new(readings), scan.path.iter().map(Position::xyz).collect()));
+        .map(|scan| (PositionHistory::new(readings), scan.path.iter().map(Position::xyz_or_zero).collect()));
     let points = if history.is_some() { Vec::new() } else { group_into_points(step, samples) };
-    let sample_means = points.iter().map(|all| average_samples(all, &mut observed.scatter_sums)).collect();
+    let sample_means =
+        points.iter().map(|all| average_samples(all, &mut observed.scatter_square_sum_and_dof)).collect();
     let (label, machine_from_spindle) = (measurement_label(step).to_owned(), setup.machine_from_spindle(&rotary));
     UncorrectedScan {
-        measured_scan: MeasuredScan { purpose, label, machine_from_spindle, rotary, sample_means },
-        history,
+        measured_scan: MeasuredScan { purpose, label, machine_from_spindle, rotary_positions: rotary, sample_means },
+        history_and_path: history,
         step_count: steps,
     }
 }
@@ -240,19 +244,19 @@ fn group_into_points(step: &Step, samples: Vec<SampleMean>) -> Vec<Vec<SampleMea
     points
 }
 
-fn average_samples(all: &[SampleMean], within: &mut (f64, usize)) -> SampleMean {
+fn average_samples(all: &[SampleMean], scatter_sums: &mut (f64, usize)) -> SampleMean {
     let count = all.len().max(1) as f64;
     let average = |pick: fn(&SampleMean) -> f64| all.iter().map(pick).sum::<f64>() / count;
     let sum = |pick: fn(&SampleMean) -> Vector3<f64>| all.iter().map(pick).sum::<Vector3<f64>>() / count;
     let reading_mm = average(|spot| spot.reading_mm);
-    within.0 += all.iter().map(|spot| (spot.reading_mm - reading_mm).powi(2)).sum::<f64>();
-    within.1 += all.len().saturating_sub(1);
+    scatter_sums.0 += all.iter().map(|spot| (spot.reading_mm - reading_mm).powi(2)).sum::<f64>();
+    scatter_sums.1 += all.len().saturating_sub(1);
     SampleMean {
         xyz: sum(|spot| spot.xyz),
-        displacement_mm: sum(|spot| spot.displacement_mm),
+        spindle_displacement_mm: sum(|spot| spot.spindle_displacement_mm),
         reading_mm,
         sample_count: all.len(),
-        t_s: average(|spot| spot.t_s),
+        run_time_s: average(|spot| spot.run_time_s),
         velocity: Vector3::zeros(),
         last_motion_sign: Vector3::zeros(),
     }

@@ -4,16 +4,16 @@ use std::iter::{once, repeat};
 
 use nalgebra::Vector3;
 
-use super::centres::{BEAM_GAIN_INDEX, BEAM_UNKNOWN_COUNT, gain_deviation};
+use super::centre_equations::{BEAM_GAIN_INDEX, BEAM_UNKNOWN_COUNT, gain_deviation};
+use super::estimate_notes;
 use super::latency::LatencyEstimate;
-use super::model::{CentresLeastSquares, with_linear_axes};
-use super::notes;
 use super::pose_groups::PoseGroup;
 use super::result::IdentificationResult;
 use super::scan_purpose::describe_rotary_position;
-use crate::identification::{OutputParameter, Outputs, function_over_numbers, reported_unit};
+use super::sphere_model::{MachineEquations, with_linear_axes};
+use crate::identification::{OutputParameter, Outputs, function_of_numbered_values, reported_unit};
 use machine::record::estimate::{
-    Arrow, ArrowFigure, ArrowGroup, Estimate, EstimatedFunction, FigureKind, Unit, VectorKind,
+    Arrow, ArrowFigure, ArrowGroup, Estimate, EstimatedFunction, FunctionFigureKind, Unit, VectorFigureKind,
 };
 use machine::{Axis, Position};
 
@@ -27,16 +27,16 @@ pub fn build_estimate(result: &IdentificationResult<'_>) -> Estimate {
     Estimate {
         functions: deviation_functions(result),
         arrows: vec![deviation_arrows(result, &residuals), arrow_figure(result, "residuals", &residuals, None)],
-        gauge: notes::gauge_lines(result),
-        not_identifiable: notes::not_identifiable(result),
-        warnings: notes::estimate_warnings(result),
+        gauge: estimate_notes::gauge_lines(result),
+        not_identifiable: estimate_notes::describe_not_identifiable(result),
+        warnings: estimate_notes::estimate_warnings(result),
         ..result.identification.estimate(super::METHOD_NAME)
     }
 }
 
 /// Outputs for the unknowns `x`: machine, zero point and sphere (with `names`), then the beam, then the latency.
 pub fn build_outputs(
-    problem: &CentresLeastSquares,
+    problem: &MachineEquations,
     names: &[String],
     latency: Option<&LatencyEstimate>,
     x: &[f64],
@@ -55,11 +55,11 @@ pub fn build_outputs(
         gain.value = gain_deviation(gain.value);
         gain.slope.iter_mut().flatten().for_each(|slope| *slope = -*slope);
     }
-    Outputs { parameters, ..Outputs::default() }
+    Outputs { linear_parameters: parameters, ..Outputs::default() }
 }
 
 /// Position of the sphere by the machine with the errors in `x`, less its estimated position: machine frame, mm.
-pub fn position_residuals(problem: &CentresLeastSquares, groups: &[PoseGroup], x: &[f64]) -> Vec<Vector3<f64>> {
+pub fn position_residuals(problem: &MachineEquations, groups: &[PoseGroup], x: &[f64]) -> Vec<Vector3<f64>> {
     let centre_observations = problem.centre_observations.iter().zip(groups);
     centre_observations
         .map(|(observation, group)| group.machine_from_table * problem.model.misclosure(&observation.axis_positions, x))
@@ -74,7 +74,7 @@ fn deviation_arrows(result: &IdentificationResult<'_>, residuals: &[Vector3<f64>
     let total = position_residuals(&result.machine_equations, &result.grouped.groups, &without);
     let modelled: Vec<Vector3<f64>> = total.iter().zip(residuals).map(|(total, residual)| total - residual).collect();
     let figure = arrow_figure(result, "measured less commanded sphere", &total, Some(&modelled));
-    ArrowFigure { figure: VectorKind::Paths, ..figure }
+    ArrowFigure { figure: VectorFigureKind::Paths, ..figure }
 }
 
 /// Figure with one group of arrows for each position of the tilting axis, ordered by the angle of the turning axis.
@@ -85,7 +85,7 @@ fn arrow_figure(
     modelled: Option<&[Vector3<f64>]>,
 ) -> ArrowFigure {
     let chain = &result.setup.chain;
-    let tilting = |axis: Axis| super::parameters::tilts_table(chain, axis) && axis != Axis::S;
+    let tilting = |axis: Axis| super::parameter_selection::tilts_table(chain, axis) && axis != Axis::S;
     let ball = result.machine_equations.model.ball_centre(&result.machine_fit.x);
     let mut groups: Vec<(Position, ArrowGroup)> = Vec::new();
     for i in pose_order(result, tilting) {
@@ -112,7 +112,7 @@ fn arrow_figure(
         angle(a).total_cmp(&angle(b))
     });
     let groups = groups.into_iter().map(|(_, arrows)| arrows).collect();
-    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
+    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups, figure: VectorFigureKind::Arrows }
 }
 
 /// Indices of the poses, ordered by the angle of the axis that turns the table.
@@ -127,10 +127,10 @@ fn pose_order(result: &IdentificationResult<'_>, tilting: impl Fn(Axis) -> bool)
 
 /// Form error of each scan in the order of the poses, and deviations of the points of all scans from their spheres.
 fn deviation_functions(result: &IdentificationResult<'_>) -> Vec<EstimatedFunction> {
-    let points = result.grouped.centres.surface_deviations_mm(&result.centre_fit.x);
-    let deviations = function_over_numbers("deviation", "point", points.into_iter());
+    let points = result.grouped.centre_equations.surface_deviations_mm(&result.centre_fit.x);
+    let deviations = function_of_numbered_values("deviation", "point", points.into_iter());
     vec![
-        function_over_numbers("form", "pose", result.form_errors_mm().into_iter()),
-        EstimatedFunction { figure: FigureKind::Histogram, ..deviations },
+        function_of_numbered_values("form", "pose", result.form_error_of_each_group_mm().into_iter()),
+        EstimatedFunction { figure: FunctionFigureKind::Histogram, ..deviations },
     ]
 }

@@ -5,11 +5,11 @@
 use faer::Mat;
 use nalgebra::{Rotation3, Vector3};
 
-use super::centres::CentreEquations;
+use super::centre_equations::CentreEquations;
 use super::pose_groups::GroupedScans;
 use super::setup::LaserSetup;
 use estimation::circle::fit_circle;
-use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
+use estimation::linear_least_squares::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
 use machine::frame::unit_vector;
 use machine::record::machine::AxisSense;
 use machine::{Axis, Position};
@@ -24,11 +24,11 @@ const AXIS_INTERSECTION_TOLERANCE_MM: f64 = 1e-6;
 pub fn identify_by_paper_method(setup: &LaserSetup<'_>, grouped: &GroupedScans, x: &[f64]) -> Option<[f64; 5]> {
     let machine = &setup.plan.machine;
     let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == AxisSense::Iso);
-    let table = super::parameters::table_rotary_axes(&setup.chain);
+    let table = super::parameter_selection::table_rotary_axes(&setup.chain);
     if setup.uses_touch_probe() || table != [Axis::B, Axis::C] || !iso(Axis::B) || !iso(Axis::C) {
         return None;
     }
-    let centres = with_unit_beam(&grouped.centres, x);
+    let centres = with_unit_beam(&grouped.centre_equations, x);
     let fitted = centres.solve().ok()?;
     let centres_by_pose: Vec<(&Position, Vector3<f64>)> = grouped
         .groups
@@ -42,13 +42,13 @@ pub fn identify_by_paper_method(setup: &LaserSetup<'_>, grouped: &GroupedScans, 
         .iter()
         .map(|(at, centre)| (at.get_or_zero(Axis::B), at.get_or_zero(Axis::C), *centre - zero - origin))
         .collect();
-    location_errors(&measured)
+    location_errors_by_least_squares(&measured)
 }
 
 /// Copy of `centres` with the beam of the fit held at norm 1.
 fn with_unit_beam(centres: &CentreEquations, x: &[f64]) -> CentreEquations {
     let beam = centres.beam_frame.transpose() * unit_vector(centres.beam_vector(x)).unwrap_or_default();
-    CentreEquations { is_beam_free: false, fixed_beam: [beam.x, beam.y, beam.z - 1.0], ..centres.clone() }
+    CentreEquations { is_beam_free: false, fixed_beam_values: [beam.x, beam.y, beam.z - 1.0], ..centres.clone() }
 }
 
 /// Origin of the paper's equations: the stated intersection of B and C. `None`: they do not intersect.
@@ -71,7 +71,7 @@ fn zero_position(centres_by_pose: &[(&Position, Vector3<f64>)], origin: Vector3<
 }
 
 /// Location errors by Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
-pub fn location_errors(measured: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
+pub fn location_errors_by_least_squares(measured: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
     let (_, _, first) =
         *measured.iter().find(|(b, c, _)| b.abs() < ZERO_ANGLE_TOLERANCE_RAD && c.abs() < ZERO_ANGLE_TOLERANCE_RAD)?;
     let others: Vec<_> = measured.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO_ANGLE_TOLERANCE_RAD).collect();

@@ -2,23 +2,23 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::centres::{CentreEquations, DwellPoint, determines_centre};
+use super::centre_equations::{CentreEquations, DwellPoint, determines_centre};
 use super::measured_scan::{MeasuredScan, SampleMean};
-use super::model::with_linear_axes;
 use super::observe::ObservedScans;
 use super::scan_purpose::ScanPurpose;
-use super::settings::count_heights;
+use super::settings::count_different_heights;
 use super::setup::LaserSetup;
+use super::sphere_model::with_linear_axes;
 use crate::MethodRefusal;
-use crate::identification::declared;
+use crate::identification::declared_sources;
 use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample if none is declared or observed, mm.
-const DEFAULT_SAMPLE_NOISE_MM: f64 = 1e-3;
+const DEFAULT_SAMPLE_STD_DEV_MM: f64 = 1e-3;
 /// Smallest standard uncertainty of a dwell point, which limits its weight, mm.
 const MIN_DWELL_POINT_STD_U_MM: f64 = 1e-6;
 
-/// Scans of the sphere at one pose.
+/// Pose of a group of scans that determine one centre of the sphere.
 #[derive(Debug, Clone)]
 pub struct PoseGroup {
     pub label: String,
@@ -32,26 +32,26 @@ pub struct PoseGroup {
     pub machine_from_table: Rotation3<f64>,
 }
 
-/// Centres to be fitted, and the origin of each row.
+/// Equations for the centres. A row is a dwell point or a cell.
 pub struct GroupedScans {
     pub groups: Vec<PoseGroup>,
-    pub centres: CentreEquations,
+    pub centre_equations: CentreEquations,
     /// Axis positions, samples and time of each row.
     pub sample_means: Vec<SampleMean>,
-    /// For each row, the index of its scan and of the dwell point in the scan.
-    pub row_origins: Vec<(usize, usize)>,
-    /// Number of different heights among the scans that determine the beam.
-    pub height_count: usize,
+    /// For each row, the index of its scan in [`ObservedScans::scans`] and of the dwell point in the scan, from 0.
+    pub row_scan_and_point_indices: Vec<(usize, usize)>,
+    /// Largest number of different heights in one group. Three or more determine the beam.
+    pub max_heights_per_group: usize,
 }
 
 /// Standard deviation of one sample, mm.
-pub fn sample_noise_mm(setup: &LaserSetup<'_>, observed: &ObservedScans) -> f64 {
+pub fn sample_std_dev_mm(setup: &LaserSetup<'_>, observed: &ObservedScans) -> f64 {
     let declared = setup.sensor.noise_um.map(|um| um * 1e-3);
-    let observed_mm = observed.scatter_mm();
+    let observed_mm = observed.sample_scatter_mm();
     match (declared, observed_mm, &observed.latency) {
         // In motion, the jitter of both clocks adds to the scatter.
         (Some(declared), Some(observed_mm), Some(_)) => declared.max(observed_mm),
-        _ => declared.or(observed_mm).unwrap_or(DEFAULT_SAMPLE_NOISE_MM),
+        _ => declared.or(observed_mm).unwrap_or(DEFAULT_SAMPLE_STD_DEV_MM),
     }
 }
 
@@ -82,9 +82,9 @@ pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Resu
     let mut members: Vec<GroupWithScans<'_>> = Vec::new();
     for (index, scan) in used {
         let is_same_pose = |(group, scans): &&mut GroupWithScans<'_>| {
-            scan.purpose == ScanPurpose::Height
-                && scans.iter().all(|(_, other)| other.purpose == ScanPurpose::Height)
-                && group.rotary == scan.rotary
+            scan.purpose == ScanPurpose::BeamDirection
+                && scans.iter().all(|(_, other)| other.purpose == ScanPurpose::BeamDirection)
+                && group.rotary == scan.rotary_positions
         };
         match members.iter_mut().find(is_same_pose) {
             Some((_, scans)) => scans.push((index, scan)),
@@ -98,7 +98,7 @@ pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Resu
 }
 
 fn pose_group(setup: &LaserSetup<'_>, scan: &MeasuredScan) -> Result<PoseGroup, MethodRefusal> {
-    let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
+    let (label, rotary) = (scan.label.clone(), scan.rotary_positions.clone());
     let (machine_from_xyz, xyz_from_machine) = (setup.machine_from_xyz(&rotary), setup.xyz_from_machine(&rotary)?);
     let machine_from_table = setup.chain.machine_from_table(&rotary, &[]).rotation;
     Ok(PoseGroup { label, machine_from_xyz, xyz_from_machine, machine_from_table, rotary })
@@ -124,18 +124,24 @@ fn assemble_dwell_points(
     observed: &ObservedScans,
     members: Vec<GroupWithScans<'_>>,
 ) -> GroupedScans {
-    let (noise, resolution) = (sample_noise_mm(setup, observed), resolution_u_mm(setup));
+    let (noise, resolution) = (sample_std_dev_mm(setup, observed), coarsest_resolution_std_u_mm(setup));
     let (mut groups, mut rows, mut sample_means) = (Vec::new(), Vec::new(), Vec::new());
     let (mut row_origins, mut most) = (Vec::new(), 0);
     for (group, scans) in members {
-        let poles: Vec<f64> = scans.iter().map(|(_, scan)| pole_reading_mm(scan)).collect();
-        most = most.max(count_heights(&poles));
+        let poles: Vec<f64> = scans.iter().map(|(_, scan)| smallest_reading_mm(scan)).collect();
+        most = most.max(count_different_heights(&poles));
         for (number, scan) in scans {
             for (point, spot) in scan.sample_means.iter().enumerate() {
                 let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_DWELL_POINT_STD_U_MM);
-                let SampleMean { displacement_mm, reading_mm, .. } = *spot;
+                let SampleMean { spindle_displacement_mm: displacement_mm, reading_mm, .. } = *spot;
                 let (group, machine_from_spindle) = (groups.len(), scan.machine_from_spindle);
-                rows.push(DwellPoint { group, displacement_mm, machine_from_spindle, reading_mm, u_mm });
+                rows.push(DwellPoint {
+                    group_index: group,
+                    spindle_displacement_mm: displacement_mm,
+                    machine_from_spindle,
+                    reading_mm,
+                    u_mm,
+                });
                 sample_means.push(*spot);
                 row_origins.push((number, point));
             }
@@ -148,17 +154,23 @@ fn assemble_dwell_points(
         is_radius_free: setup.uses_touch_probe(),
         ..CentreEquations::with_nominal_beam(setup, rows)
     };
-    GroupedScans { groups, centres, sample_means, row_origins, height_count: most }
+    GroupedScans {
+        groups,
+        centre_equations: centres,
+        sample_means,
+        row_scan_and_point_indices: row_origins,
+        max_heights_per_group: most,
+    }
 }
 
-/// Smallest reading of a scan, near the pole.
-fn pole_reading_mm(scan: &MeasuredScan) -> f64 {
+/// Smallest reading of a scan, mm. It is measured near the pole.
+fn smallest_reading_mm(scan: &MeasuredScan) -> f64 {
     scan.sample_means.iter().map(|spot| spot.reading_mm).fold(f64::INFINITY, f64::min)
 }
 
 /// Coarsest display resolution of the linear axes as a standard uncertainty, mm.
-fn resolution_u_mm(setup: &LaserSetup<'_>) -> f64 {
-    let along = |axis: Axis| declared::resolution_u_mm(setup.plan, axis.direction());
+fn coarsest_resolution_std_u_mm(setup: &LaserSetup<'_>) -> f64 {
+    let along = |axis: Axis| declared_sources::resolution_u_mm(setup.plan, axis.nominal_direction());
     Axis::LINEAR.into_iter().map(along).fold(0.0, f64::max)
 }
 

@@ -10,26 +10,26 @@ pub enum ScanPurpose {
     /// Measurement of the latency between the sensor and the axis positions.
     Latency,
     /// Scan at one of the heights that determine the beam's direction.
-    Height,
+    BeamDirection,
     /// Measurement of the centre at one position of the rotary axes.
-    Pose,
+    CentreAtPose,
 }
 
 const PURPOSE_LABELS: [(ScanPurpose, &str); 4] = [
     (ScanPurpose::Search, "find"),
     (ScanPurpose::Latency, "latency"),
-    (ScanPurpose::Height, "height"),
-    (ScanPurpose::Pose, "pose"),
+    (ScanPurpose::BeamDirection, "height"),
+    (ScanPurpose::CentreAtPose, "pose"),
 ];
 
 impl ScanPurpose {
-    pub fn from_label(label: &str) -> Option<Self> {
+    pub fn from_step_label(label: &str) -> Option<Self> {
         let first = label.split('/').next()?;
         PURPOSE_LABELS.iter().find(|(_, name)| *name == first).map(|(purpose, _)| *purpose)
     }
 
     /// Label of a step. `detail` distinguishes scans at the same position.
-    pub fn label(self, detail: &str, rotary: &Position) -> String {
+    pub fn step_label(self, detail: &str, rotary: &Position) -> String {
         let name = PURPOSE_LABELS.iter().find(|(purpose, _)| *purpose == self).map_or("", |(_, name)| name);
         let parts = [name.to_owned(), detail.to_owned(), format_rotary_position(rotary, "", "", "/")];
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/")
@@ -57,10 +57,10 @@ mod tests {
     #[test]
     fn label_contains_purpose_and_position() {
         let at = Position::new().with(Axis::B, -90f64.to_radians()).with(Axis::C, 60f64.to_radians());
-        assert_eq!(ScanPurpose::Pose.label("", &at), "pose/B-90/C60");
-        assert_eq!(ScanPurpose::Height.label("2", &at), "height/2/B-90/C60");
+        assert_eq!(ScanPurpose::CentreAtPose.step_label("", &at), "pose/B-90/C60");
+        assert_eq!(ScanPurpose::BeamDirection.step_label("2", &at), "height/2/B-90/C60");
         assert_eq!(describe_rotary_position(&at), "B -90°, C 60°");
-        assert_eq!(ScanPurpose::from_label("height/2/B-90/C60"), Some(ScanPurpose::Height));
-        assert_eq!(ScanPurpose::from_label("slow/001/1/+45"), None);
+        assert_eq!(ScanPurpose::from_step_label("height/2/B-90/C60"), Some(ScanPurpose::BeamDirection));
+        assert_eq!(ScanPurpose::from_step_label("slow/001/1/+45"), None);
     }
 }

@@ -3,9 +3,9 @@
 
 use nalgebra::Vector3;
 
-use super::model::with_linear_axes;
 use super::scan_purpose::describe_rotary_position;
 use super::setup::LaserSetup;
+use super::sphere_model::with_linear_axes;
 use crate::MethodRefusal;
 use machine::frame::unit_vector;
 use machine::record::plan::{Sampling, Scan, Step, StepKind};
@@ -20,8 +20,8 @@ pub struct ExpectedGeometry {
     pub beam_direction: Vector3<f64>,
     /// Centre of the sphere, table frame.
     pub ball_centre: Vector3<f64>,
-    /// Largest distance of the sphere from its expected position, mm.
-    pub position_uncertainty_mm: f64,
+    /// Largest possible distance of the sphere from its expected position, mm.
+    pub max_position_error_mm: f64,
 }
 
 /// Motion of a scan.
@@ -47,6 +47,8 @@ pub struct ScanRequest {
     pub motion: ScanMotion,
 }
 
+/// Plans one scan.
+///
 /// # Errors
 /// The sphere is out of the sensor's range, beyond the incidence limit, on the side of its stem, or out of the
 /// axes' travel.
@@ -88,14 +90,14 @@ fn scan_half_length_mm(
     rotary: &Position,
 ) -> Result<f64, MethodRefusal> {
     let radius = setup.ball.radius_mm;
-    let half = radius * setup.incidence_limit_rad().sin() - geometry.position_uncertainty_mm;
+    let half = radius * setup.incidence_limit_rad().sin() - geometry.max_position_error_mm;
     MethodRefusal::require(
         half >= 0.1 * radius,
         format!(
             "at {}: for a sphere of {radius} mm radius with a position error of up to {:.2} mm, the incidence \
                  angle may exceed the limit of {}°",
             describe_rotary_position(rotary),
-            geometry.position_uncertainty_mm,
+            geometry.max_position_error_mm,
             setup.sensor.incidence_limit_deg
         ),
         "reduce uncertainty_mm of [artefact] (mount the sphere nearer to its stated position), or use a larger \
@@ -117,15 +119,15 @@ fn check_sensor_range(
     setup: &LaserSetup<'_>,
     geometry: &ExpectedGeometry,
     request: &ScanRequest,
-    half: f64,
+    half_length_mm: f64,
 ) -> Result<(), MethodRefusal> {
     let radius = setup.ball.radius_mm;
     // Largest distance from the pole, for the largest position error of the sphere.
-    let reach = (half + geometry.position_uncertainty_mm).min(radius);
+    let reach = (half_length_mm + geometry.max_position_error_mm).min(radius);
     let sag = radius - (radius * radius - reach * reach).sqrt();
     let [least, most] = setup.sensor.range_mm;
-    let lowest = request.pole_reading_mm - geometry.position_uncertainty_mm;
-    let highest = request.pole_reading_mm + sag + geometry.position_uncertainty_mm;
+    let lowest = request.pole_reading_mm - geometry.max_position_error_mm;
+    let highest = request.pole_reading_mm + sag + geometry.max_position_error_mm;
     MethodRefusal::require(
         lowest >= least && highest <= most,
         format!(
@@ -142,10 +144,11 @@ fn scan_path(
     setup: &LaserSetup<'_>,
     geometry: &ExpectedGeometry,
     request: &ScanRequest,
-    half: f64,
+    half_length_mm: f64,
 ) -> Result<Vec<Position>, MethodRefusal> {
     let rotary = &request.rotary;
-    let centre = super::parameters::nominal_xyz(&setup.chain, rotary, geometry.zero_point, geometry.ball_centre)?;
+    let centre =
+        super::parameter_selection::nominal_xyz(&setup.chain, rotary, geometry.zero_point, geometry.ball_centre)?;
     let xyz_from_machine = setup.xyz_from_machine(rotary)?;
     // In continuous motion the scan moves along the axes alone. Slow motion along the tilt of the beam would hide
     // the lost motion of the axes.
@@ -162,11 +165,13 @@ fn scan_path(
     let offsets: Vec<Vector3<f64>> = match request.motion {
         ScanMotion::Dwell => [along, across]
             .into_iter()
-            .flat_map(|line| shares.clone().map(move |share| line * (half * share)))
+            .flat_map(|line| shares.clone().map(move |share| line * (half_length_mm * share)))
             .collect(),
         // Each line goes from the pole to both ends and back. Every section is traversed in both directions, so
         // that effects proportional to velocity cancel.
-        _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along].map(|end| end * half).to_vec(),
+        _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along]
+            .map(|end| end * half_length_mm)
+            .to_vec(),
     };
     let position = |offset: Vector3<f64>| {
         with_linear_axes(rotary, centre + xyz_from_machine * (above + offset)).rounded_to_file_resolution()

@@ -52,6 +52,7 @@ pub struct LaserRTestSettings {
     pub points: usize,
     /// Largest distance of the sphere from its expected position, mm.
     pub margin_mm: f64,
+    /// Feed of the scans.
     pub feed_mm_min: f64,
     /// Second feed of the continuous scans that determine the sensor's latency, at least 1.5 times `feed_mm_min`.
     pub fast_feed_mm_min: f64,
@@ -59,12 +60,13 @@ pub struct LaserRTestSettings {
     pub rate_hz: f64,
     /// Dwell time at a point before its first sample.
     pub dwell_s: f64,
+    /// Number of samples at each dwell point.
     pub samples: u32,
-    /// Standard uncertainty of the sphere's stated radius.
+    /// Standard uncertainty of the sphere's stated radius, µm.
     pub radius_u_um: f64,
     /// Standard deviation of the sphere's form about its mean sphere, along any direction.
     pub form_u_um: f64,
-    /// Largest less smallest residual of one scan above which a warning is issued.
+    /// Largest less smallest residual of one pose group, µm, above which a warning is issued.
     pub form_limit_um: f64,
     /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
@@ -97,10 +99,10 @@ impl Default for LaserRTestSettings {
     }
 }
 
-/// Minimum ratio of the two feeds for the latency.
+/// Minimum ratio of the second to the first feed of continuous scans. A smaller one is refused.
 const MIN_FEED_RATIO: f64 = 1.5;
-/// Readings at the pole that differ by less than this count as one height, mm.
-pub const HEIGHT_TOLERANCE_MM: f64 = 0.5;
+/// Readings at the pole that differ by at most this distance count as one height, mm.
+pub const SAME_HEIGHT_TOLERANCE_MM: f64 = 0.5;
 
 /// Upper bounds that detect a wrong digit or unit in the machine file.
 const MAX_SAMPLES_PER_POINT: u32 = 10_000;
@@ -117,7 +119,7 @@ impl LaserRTestSettings {
             "choose points = 13",
         )?;
         MethodRefusal::require(
-            is_positive(self.margin_mm) && is_positive(self.feed_mm_min) && self.samples > 0,
+            is_positive_and_finite(self.margin_mm) && is_positive_and_finite(self.feed_mm_min) && self.samples > 0,
             "margin_mm, feed_mm_min and samples must be greater than 0",
             "omit them, or choose about 0.8, 600 and 20",
         )?;
@@ -134,16 +136,16 @@ impl LaserRTestSettings {
         )?;
         self.check_harmonics()?;
         MethodRefusal::require(
-            is_positive(self.form_limit_um),
+            is_positive_and_finite(self.form_limit_um),
             "form_limit_um must be greater than 0",
             "omit it, or choose about 10",
         )?;
         self.check_heights()?;
-        MethodRefusal::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 
     fn check_heights(&self) -> Result<(), MethodRefusal> {
-        let count = count_heights(&self.heights_mm);
+        let count = count_different_heights(&self.heights_mm);
         MethodRefusal::require(
             self.heights_mm.is_empty() || count >= 3,
             format!("heights_mm has {count} different heights; the beam direction needs three"),
@@ -161,7 +163,7 @@ impl LaserRTestSettings {
             "omit sampling, or set by = \"laser\"",
         )?;
         MethodRefusal::require(
-            is_positive(self.rate_hz),
+            is_positive_and_finite(self.rate_hz),
             format!("rate_hz = {} is not a positive number", self.rate_hz),
             "omit it, or choose the sample rate of the sensor, about 1000",
         )?;
@@ -191,18 +193,18 @@ impl LaserRTestSettings {
     }
 }
 
-fn is_positive(value: f64) -> bool {
+fn is_positive_and_finite(value: f64) -> bool {
     value > 0.0 && value.is_finite()
 }
 
 /// Number of different heights among these readings at the pole.
-pub fn count_heights(poles_mm: &[f64]) -> usize {
-    let mut sorted = poles_mm.to_vec();
+pub fn count_different_heights(pole_readings_mm: &[f64]) -> usize {
+    let mut sorted = pole_readings_mm.to_vec();
     sorted.sort_by(f64::total_cmp);
     let mut count = 0;
     let mut last = f64::NEG_INFINITY;
     for pole in sorted.into_iter().filter(|pole| pole.is_finite()) {
-        if pole - last > HEIGHT_TOLERANCE_MM {
+        if pole - last > SAME_HEIGHT_TOLERANCE_MM {
             count += 1;
             last = pole;
         }

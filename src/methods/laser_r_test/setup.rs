@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::parameters::{table_rotary_axes, tilts_table};
+use super::parameter_selection::{table_rotary_axes, tilts_table};
 use super::settings::{LaserRTestSettings, MeasuringDevice};
 use crate::MethodRefusal;
 use machine::frame::unit_vector;
@@ -15,9 +15,9 @@ use machine::{Axis, Position};
 const DEFAULT_TILT_DEG: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 const DEFAULT_TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
 /// Tolerance of an axis limit, degrees.
-const LIMIT_TOLERANCE_DEG: f64 = 1e-9;
+const AXIS_LIMIT_TOLERANCE_DEG: f64 = 1e-9;
 
-/// A plan with the derived data that this method needs.
+/// A plan with the sensor, the sphere and the kinematic chain that this method uses.
 pub struct LaserSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a LaserRTestSettings,
@@ -25,6 +25,7 @@ pub struct LaserSetup<'a> {
     /// Sensor that measures the sphere. For the touch probe it is a stand-in whose zero point is the stylus centre.
     pub sensor: Sensor,
     pub balls: &'a Balls,
+    /// The sphere to be measured.
     pub ball: &'a Ball,
 }
 
@@ -63,7 +64,7 @@ impl<'a> LaserSetup<'a> {
     /// Matrix from X, Y, Z to the displacement of the spindle relative to the table, machine frame.
     pub fn machine_from_xyz(&self, rotary: &Position) -> Matrix3<f64> {
         let table = self.chain.machine_from_table(rotary, &[]).rotation;
-        table * self.chain.linear_jacobian(rotary, &[])
+        table * self.chain.linear_axes_jacobian(rotary, &[])
     }
 
     /// Matrix from a displacement of the spindle relative to the table, machine frame, to X, Y, Z: the inverse of
@@ -73,7 +74,7 @@ impl<'a> LaserSetup<'a> {
     /// The linear axes do not span space at these positions.
     pub fn xyz_from_machine(&self, rotary: &Position) -> Result<Matrix3<f64>, MethodRefusal> {
         let table = self.chain.machine_from_table(rotary, &[]).rotation;
-        let from_table = self.chain.inverse_linear_jacobian(rotary, &[])?;
+        let from_table = self.chain.inverse_linear_axes_jacobian(rotary, &[])?;
         Ok(from_table * table.inverse())
     }
 
@@ -99,12 +100,12 @@ impl<'a> LaserSetup<'a> {
         axes.map(|axis| (axis, 0.0)).collect()
     }
 
-    /// Positions of the axis that tilts the table and of the axis that turns it, without zero. A missing axis has
-    /// none.
+    /// Positions of the axis that tilts the table and of the axis that turns it, except 0. The list of a missing axis
+    /// is empty.
     ///
     /// # Errors
     /// A configured position is outside the axis' limits, or an axis does not reach zero.
-    pub fn rotary_axis_positions(&self) -> Result<[Vec<Position>; 2], MethodRefusal> {
+    pub fn nonzero_tilt_and_turn_positions(&self) -> Result<[Vec<Position>; 2], MethodRefusal> {
         let axes = table_rotary_axes(&self.chain);
         let tilt = axes.iter().find(|axis| tilts_table(&self.chain, **axis));
         let turn = axes.iter().rev().find(|axis| Some(*axis) != tilt);
@@ -115,12 +116,12 @@ impl<'a> LaserSetup<'a> {
         )?;
         let settings = self.settings;
         Ok([
-            self.allowed_positions(tilt, &settings.tilt_deg, &DEFAULT_TILT_DEG, "tilt_deg")?,
-            self.allowed_positions(turn, &settings.turn_deg, &DEFAULT_TURN_DEG, "turn_deg")?,
+            self.nonzero_positions_within_limits(tilt, &settings.tilt_deg, &DEFAULT_TILT_DEG, "tilt_deg")?,
+            self.nonzero_positions_within_limits(turn, &settings.turn_deg, &DEFAULT_TURN_DEG, "turn_deg")?,
         ])
     }
 
-    fn allowed_positions(
+    fn nonzero_positions_within_limits(
         &self,
         axis: Option<&Axis>,
         configured_deg: &[f64],
@@ -130,8 +131,9 @@ impl<'a> LaserSetup<'a> {
         let Some((axis, spec)) = axis.and_then(|axis| self.plan.machine.axes.get_key_value(axis)) else {
             return Ok(Vec::new());
         };
-        let is_inside =
-            |degrees: &f64| (spec.min - LIMIT_TOLERANCE_DEG..=spec.max + LIMIT_TOLERANCE_DEG).contains(degrees);
+        let is_inside = |degrees: &f64| {
+            (spec.min - AXIS_LIMIT_TOLERANCE_DEG..=spec.max + AXIS_LIMIT_TOLERANCE_DEG).contains(degrees)
+        };
         let limits = format!("outside its limits [{}, {}]", spec.min, spec.max);
         if let Some(outside) = configured_deg.iter().find(|degrees| !is_inside(degrees)) {
             return Err(MethodRefusal::new(

@@ -3,14 +3,14 @@
 
 use nalgebra::Vector3;
 
-use super::centres::DwellPoint;
+use super::centre_equations::DwellPoint;
 use super::latency::LatencyEstimate;
 use super::measured_scan::SampleMean;
-use super::model::with_linear_axes;
 use super::observe::{Interruption, ObservedScans};
-use super::pose_groups::{GroupedScans, PoseGroup, sample_noise_mm};
+use super::pose_groups::{GroupedScans, PoseGroup, sample_std_dev_mm};
 use super::setup::LaserSetup;
-use crate::identification::declared::{self, RotaryErrorMotion};
+use super::sphere_model::with_linear_axes;
+use crate::identification::declared_sources::{self, RotaryErrorMotion};
 use crate::identification::{
     DrawDistribution, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource,
 };
@@ -20,24 +20,25 @@ use machine::kinematics::ErrorParameter;
 use machine::record::plan::{Step, StepKind};
 
 /// Dwell points with the geometry of the fitted centres and beam.
-struct DwellPointEffects<'a> {
+struct DwellPointGeometry<'a> {
     setup: &'a LaserSetup<'a>,
     grouped: &'a GroupedScans,
     /// Outward normal of the sphere at each dwell point, machine frame.
     normals: Vec<Vector3<f64>>,
-    /// −cos of the incidence angle: derivative of the distance by the reading.
-    distance_per_reading: Vec<f64>,
+    /// Derivative of the distance from the sphere's centre by the reading, at each dwell point: −cos of the incidence
+    /// angle.
+    distance_derivative_by_reading: Vec<f64>,
 }
 
-/// All sources. `latency_index`: index of the first latency unknown among all unknowns.
+/// All sources. `first_latency_unknown`: index of the first latency unknown among all unknowns.
 pub fn uncertainty_sources(
     setup: &LaserSetup<'_>,
     observed: &ObservedScans,
     grouped: &GroupedScans,
     x: &[f64],
-    latency_index: usize,
+    first_latency_unknown: usize,
 ) -> Vec<UncertaintySource> {
-    let centres = &grouped.centres;
+    let centres = &grouped.centre_equations;
     let normal = |row: &DwellPoint| unit_vector(centres.centre_to_spot(x, row)).unwrap_or_default();
     let normals: Vec<Vector3<f64>> = centres.dwell_points.iter().map(normal).collect();
     let beam = unit_vector(centres.beam_vector(x)).unwrap_or_default();
@@ -46,9 +47,9 @@ pub fn uncertainty_sources(
         false => n.dot(&(row.machine_from_spindle * beam)),
     };
     let distance_per_reading = centres.dwell_points.iter().zip(&normals).map(along).collect();
-    let points = DwellPointEffects { setup, grouped, normals, distance_per_reading };
+    let points = DwellPointGeometry { setup, grouped, normals, distance_derivative_by_reading: distance_per_reading };
     let mut list = vec![
-        points.noise_source(sample_noise_mm(setup, observed)),
+        points.noise_source(sample_std_dev_mm(setup, observed)),
         points.resolution_source(),
         points.linearity_source(),
         points.lobing_source(),
@@ -64,7 +65,7 @@ pub fn uncertainty_sources(
         points.incidence_source(),
     ];
     let latency = observed.latency.as_ref();
-    list.extend(latency.map(|latency| points.latency_source(latency, latency_index)));
+    list.extend(latency.map(|latency| points.latency_source(latency, first_latency_unknown)));
     list.retain(|source| !source.is_zero());
     list
 }
@@ -72,16 +73,17 @@ pub fn uncertainty_sources(
 /// A source that affects all centres alike. The residuals do not change its size, and it does not enter the weights.
 fn common_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
     UncertaintySource {
-        residual_treatment: ResidualTreatment::Expected,
+        residual_treatment: ResidualTreatment::InExpectedChi2,
         is_in_weights: false,
         ..UncertaintySource::new(name, effect)
     }
 }
 
-impl DwellPointEffects<'_> {
-    fn noise_source(&self, sample_mm: f64) -> UncertaintySource {
-        let sample_means = self.grouped.sample_means.iter().zip(&self.distance_per_reading);
-        let each = sample_means.map(|(spot, along)| sample_mm * along.abs() / (spot.sample_count as f64).sqrt());
+impl DwellPointGeometry<'_> {
+    fn noise_source(&self, sample_std_dev_mm: f64) -> UncertaintySource {
+        let sample_means = self.grouped.sample_means.iter().zip(&self.distance_derivative_by_reading);
+        let each =
+            sample_means.map(|(spot, along)| sample_std_dev_mm * along.abs() / (spot.sample_count as f64).sqrt());
         let name = match self.setup.uses_touch_probe() {
             true => "repeatability of a touch",
             false => "noise of the sensor",
@@ -91,7 +93,7 @@ impl DwellPointEffects<'_> {
     }
 
     fn resolution_source(&self) -> UncertaintySource {
-        let each = self.normals.iter().map(|n| declared::resolution_u_mm(self.setup.plan, *n));
+        let each = self.normals.iter().map(|n| declared_sources::resolution_u_mm(self.setup.plan, *n));
         let source = UncertaintySource::new("resolution of the axes", ObservationEffect::Independent(each.collect()));
         UncertaintySource { draw_distribution: DrawDistribution::Rectangular, ..source }
     }
@@ -99,16 +101,17 @@ impl DwellPointEffects<'_> {
     /// The sensor's linearity error: a smooth random function of the reading.
     fn linearity_source(&self) -> UncertaintySource {
         let readings: Vec<f64> = self.grouped.sample_means.iter().map(|spot| spot.reading_mm).collect();
-        let patterns = declared::linearity_patterns(&self.setup.sensor, &readings);
-        let columns = patterns.iter().map(|p| p.iter().zip(&self.distance_per_reading).map(|(p, a)| p * a).collect());
+        let patterns = declared_sources::linearity_patterns(&self.setup.sensor, &readings);
+        let columns =
+            patterns.iter().map(|p| p.iter().zip(&self.distance_derivative_by_reading).map(|(p, a)| p * a).collect());
         UncertaintySource::new("linearity of the sensor", ObservationEffect::Joint(columns.collect()))
     }
 
     /// Lobing of the touch probe.
     fn lobing_source(&self) -> UncertaintySource {
-        let rows = self.grouped.centres.dwell_points.iter().filter(|_| self.setup.uses_touch_probe());
+        let rows = self.grouped.centre_equations.dwell_points.iter().filter(|_| self.setup.uses_touch_probe());
         let normals = rows.zip(&self.normals).map(|(row, n)| row.machine_from_spindle.inverse() * n);
-        let patterns = declared::lobing_patterns(self.setup.plan, &normals.collect::<Vec<_>>());
+        let patterns = declared_sources::lobing_patterns(self.setup.plan, &normals.collect::<Vec<_>>());
         UncertaintySource::new("probe lobing", ObservationEffect::Joint(patterns))
     }
 
@@ -116,11 +119,11 @@ impl DwellPointEffects<'_> {
     /// at a dwell point on the side that they came from: along the `path` of all readings, those of the search and
     /// those without a value among them.
     fn backlash_source(&self, observed: &ObservedScans) -> UncertaintySource {
-        let half = declared::half_backlash_mm(self.setup.plan);
+        let half = declared_sources::half_backlash_mm(self.setup.plan);
         let path: Vec<Vector3<f64>> = observed.positions_by_time.iter().map(|(_, xyz)| *xyz).collect();
-        let along_path = declared::backlash_lags_mm(self.setup.plan, &path);
+        let along_path = declared_sources::backlash_lags_mm(self.setup.plan, &path);
         let lag = |(spot, normal): (&SampleMean, &Vector3<f64>)| {
-            let next = observed.positions_by_time.partition_point(|(t_s, _)| *t_s <= spot.t_s);
+            let next = observed.positions_by_time.partition_point(|(t_s, _)| *t_s <= spot.run_time_s);
             match self.setup.uses_touch_probe() {
                 // The motion of a touch is opposite to the normal.
                 true => normal.zip_map(&half, |n, half| half * n.signum()),
@@ -137,7 +140,7 @@ impl DwellPointEffects<'_> {
 
     fn linear_axis_source(&self) -> UncertaintySource {
         let positions: Vec<_> = self.grouped.sample_means.iter().map(|spot| spot.xyz).collect();
-        let patterns = declared::linear_motion_patterns(self.setup.plan, &positions);
+        let patterns = declared_sources::linear_motion_patterns(self.setup.plan, &positions);
         let along =
             |k: usize, pattern: &[f64]| self.normals.iter().zip(pattern).map(|(n, p)| n[k] * p).collect::<Vec<f64>>();
         let columns = patterns.iter().flat_map(|pattern| [0, 1, 2].map(|k| along(k, pattern)));
@@ -147,16 +150,16 @@ impl DwellPointEffects<'_> {
     /// Angular error motions of the linear axes. A rotation of the sensor about the sphere's centre does not change the
     /// reading, so the lever arm of each dwell point ends at the centre.
     fn angular_motion_source(&self, x: &[f64]) -> UncertaintySource {
-        let (centres, setup) = (&self.grouped.centres, self.setup);
+        let (centres, setup) = (&self.grouped.centre_equations, self.setup);
         let positions: Vec<Vector3<f64>> = self.grouped.sample_means.iter().map(|spot| spot.xyz).collect();
-        let patterns = declared::angular_motion_patterns(setup.plan, &positions);
+        let patterns = declared_sources::angular_motion_patterns(setup.plan, &positions);
         let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
         let shifts = centres.dwell_points.iter().zip(&positions).zip(&self.normals).map(|((row, xyz), n)| {
-            let group = &self.grouped.groups[row.group];
-            let missing = centres.group_centre(x, row.group) - row.displacement_mm;
+            let group = &self.grouped.groups[row.group_index];
+            let missing = centres.group_centre(x, row.group_index) - row.spindle_displacement_mm;
             let centre = setup.zero_point() + row.machine_from_spindle.inverse() * missing;
             let at = with_linear_axes(&group.rotary, *xyz);
-            let columns = setup.chain.jacobian(&at, Point::from_vec(centre), &[], &errors);
+            let columns = setup.chain.error_jacobian(&at, Point::from_vec(centre), &[], &errors);
             columns.iter().map(|column| n.dot(&(group.machine_from_table * column))).collect::<Vec<f64>>()
         });
         let shifts: Vec<Vec<f64>> = shifts.collect();
@@ -168,7 +171,9 @@ impl DwellPointEffects<'_> {
     }
 
     fn rotary_axis_source(&self, x: &[f64]) -> UncertaintySource {
-        let motions = declared::rotary_error_motions(self.setup.plan, &declared::ROTARY_MOTION_ORDERS).into_iter();
+        let motions =
+            declared_sources::rotary_error_motions(self.setup.plan, &declared_sources::DEFAULT_ROTARY_MOTION_ORDERS)
+                .into_iter();
         let columns = motions.map(|motion| self.rotary_motion_column(x, motion));
         UncertaintySource::new("error motions of rotary axes", ObservationEffect::Joint(columns.collect()))
     }
@@ -177,23 +182,23 @@ impl DwellPointEffects<'_> {
     fn rotary_motion_column(&self, x: &[f64], motion: RotaryErrorMotion) -> Vec<f64> {
         let (chain, tip) = (&self.setup.chain, Point::from_vec(self.setup.zero_point()));
         let shift = |(i, group): (usize, &PoseGroup)| {
-            let at = group.axis_positions(self.grouped.centres.group_centre(x, i));
-            let column = chain.jacobian(&at, tip, &[], &[motion.error]);
-            group.machine_from_table * column.first().copied().unwrap_or_default() * motion.size_mm
+            let at = group.axis_positions(self.grouped.centre_equations.group_centre(x, i));
+            let column = chain.error_jacobian(&at, tip, &[], &[motion.error]);
+            group.machine_from_table * column.first().copied().unwrap_or_default() * motion.amplitude_sd_mm
         };
         let shifts: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(shift).collect();
-        let rows = self.grouped.centres.dwell_points.iter().zip(&self.normals);
-        rows.map(|(row, n)| n.dot(&shifts[row.group])).collect()
+        let rows = self.grouped.centre_equations.dwell_points.iter().zip(&self.normals);
+        rows.map(|(row, n)| n.dot(&shifts[row.group_index])).collect()
     }
 
     /// Drift of the table relative to the spindle at the declared rate, zero at the middle of the run.
     fn drift_source(&self) -> UncertaintySource {
-        let rate = declared::drift_mm_per_s(self.setup.plan);
+        let rate = declared_sources::drift_rate_sd_mm_per_s(self.setup.plan);
         let sample_means = &self.grouped.sample_means;
-        let mean = sample_means.iter().map(|spot| spot.t_s).sum::<f64>() / sample_means.len().max(1) as f64;
+        let mean = sample_means.iter().map(|spot| spot.run_time_s).sum::<f64>() / sample_means.len().max(1) as f64;
         let along = |k: usize| {
             let sample_means = sample_means.iter().zip(&self.normals);
-            sample_means.map(|(spot, n)| n[k] * rate * (spot.t_s - mean)).collect()
+            sample_means.map(|(spot, n)| n[k] * rate * (spot.run_time_s - mean)).collect()
         };
         UncertaintySource::new("thermal drift", ObservationEffect::Joint((0..3).map(along).collect()))
     }
@@ -205,18 +210,20 @@ impl DwellPointEffects<'_> {
             (0..3).map(move |k| {
                 let size = interruption.shift_limit_mm * self.displacement_per_reference_change(k);
                 let sample_means = self.grouped.sample_means.iter().zip(&self.normals);
-                sample_means.map(|(s, n)| if s.t_s > interruption.time_s { n[k] * size } else { 0.0 }).collect()
+                sample_means
+                    .map(|(s, n)| if s.run_time_s > interruption.run_time_s { n[k] * size } else { 0.0 })
+                    .collect()
             })
         });
         UncertaintySource::new("steps at interruptions", ObservationEffect::Joint(columns.collect()))
     }
 
-    /// Displacement of the sphere along an axis, mm, that changes a reference by 1 mm. 1 if no reference is
-    /// sensitive to it.
+    /// Displacement of the sphere along the axis `k`, mm, that changes the most sensitive reading of a reference by 1
+    /// mm. It is 1 if no reference responds.
     fn displacement_per_reference_change(&self, k: usize) -> f64 {
         let steps = self.setup.plan.steps.iter();
         let references = steps.filter(|step| step.kind == StepKind::Reference);
-        let responses = references.map(|step| reference_response(step, k, self.setup.measuring_radius_mm()));
+        let responses = references.map(|step| max_reference_response_per_mm(step, k, self.setup.measuring_radius_mm()));
         let most = responses.fold(0.0, f64::max);
         if most > 0.0 { 1.0 / most } else { 1.0 }
     }
@@ -228,12 +235,12 @@ impl DwellPointEffects<'_> {
     }
 
     /// The latency and the lost motion of the axes, which are correlated.
-    fn latency_source(&self, latency: &LatencyEstimate, latency_index: usize) -> UncertaintySource {
+    fn latency_source(&self, latency: &LatencyEstimate, first_latency_unknown: usize) -> UncertaintySource {
         let grouped = self.grouped;
-        let rows = grouped.centres.dwell_points.iter().zip(&grouped.sample_means).zip(&self.normals);
+        let rows = grouped.centre_equations.dwell_points.iter().zip(&grouped.sample_means).zip(&self.normals);
         let each: Vec<Vec<f64>> = rows
             .map(|((row, spot), n)| {
-                let machine_from_xyz = grouped.groups[row.group].machine_from_xyz;
+                let machine_from_xyz = grouped.groups[row.group_index].machine_from_xyz;
                 let moved = latency.position_derivatives(spot.velocity, spot.last_motion_sign).into_iter();
                 moved.map(|by| n.dot(&(machine_from_xyz * by))).collect()
             })
@@ -242,13 +249,13 @@ impl DwellPointEffects<'_> {
         for draw in latency.covariance_root.col_iter() {
             let change = |derivatives: &Vec<f64>| derivatives.iter().zip(draw.iter()).map(|(by, size)| by * size).sum();
             columns.push(each.iter().map(change).collect());
-            let mut direct_change = vec![0.0; latency_index];
+            let mut direct_change = vec![0.0; first_latency_unknown];
             direct_change.extend(draw.iter());
             direct_changes.push(direct_change);
         }
         UncertaintySource {
             evaluation: EvaluationType::A,
-            direct_changes,
+            direct_unknown_changes: direct_changes,
             ..common_source("latency of the sensor", ObservationEffect::Joint(columns))
         }
     }
@@ -275,8 +282,8 @@ impl DwellPointEffects<'_> {
     fn form_source(&self) -> UncertaintySource {
         let sigma = self.setup.settings.form_u_um * 1e-3;
         let groups = &self.grouped.groups;
-        let rows = self.grouped.centres.dwell_points.iter().zip(&self.normals);
-        let outward = rows.map(|(row, normal)| groups[row.group].machine_from_table.inverse() * normal);
+        let rows = self.grouped.centre_equations.dwell_points.iter().zip(&self.normals);
+        let outward = rows.map(|(row, normal)| groups[row.group_index].machine_from_table.inverse() * normal);
         let outward: Vec<Vector3<f64>> = outward.collect();
         let column = |effect: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * effect(u)).collect();
         // Variances 1 on the diagonal and 1/2 off it, less the trace: the variance along every u is 2/3.
@@ -296,15 +303,15 @@ impl DwellPointEffects<'_> {
         if sigma == 0.0 || self.setup.uses_touch_probe() {
             return common_source(name, ObservationEffect::Joint(Vec::new()));
         }
-        let frame = self.grouped.centres.beam_frame;
-        let inclinations = self.grouped.centres.dwell_points.iter().zip(&self.normals).map(|(row, normal)| {
+        let frame = self.grouped.centre_equations.beam_frame;
+        let inclinations = self.grouped.centre_equations.dwell_points.iter().zip(&self.normals).map(|(row, normal)| {
             let n = (row.machine_from_spindle * frame).transpose() * normal;
             // If the surface faces the beam, n is (0, 0, −1).
             [n.x / -n.z, n.y / -n.z]
         });
         let inclinations: Vec<[f64; 2]> = inclinations.collect();
         let column = |effect: fn(&[f64; 2]) -> f64| {
-            let rows = inclinations.iter().zip(&self.distance_per_reading);
+            let rows = inclinations.iter().zip(&self.distance_derivative_by_reading);
             rows.map(|(inclination, along)| sigma * along * effect(inclination)).collect()
         };
         let columns = [column(|[x, y]| x * x + y * y), column(|[x, _]| *x), column(|[_, y]| *y)];
@@ -312,11 +319,11 @@ impl DwellPointEffects<'_> {
     }
 }
 
-/// Response of a reference to a displacement of the sphere by 1 mm along an axis. Across the beam only the flanks
-/// of the sphere respond.
-fn reference_response(step: &Step, k: usize, radius: f64) -> f64 {
+/// Largest change of a reading of a reference, mm, if the sphere is displaced by 1 mm along the axis `k`. Across the
+/// beam only readings on the flanks of the sphere change.
+fn max_reference_response_per_mm(step: &Step, k: usize, radius: f64) -> f64 {
     let normal = unit_vector(Vector3::from(step.normal)).unwrap_or_default();
-    let path: Vec<Vector3<f64>> = step.scan.iter().flat_map(|scan| &scan.path).map(Position::xyz).collect();
+    let path: Vec<Vector3<f64>> = step.scan.iter().flat_map(|scan| &scan.path).map(Position::xyz_or_zero).collect();
     let middle = path.iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
     let outward = path.iter().map(|at| {
         let offset = at - middle;

@@ -1,23 +1,23 @@
 //! Scans of each stage.
 
-use super::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
-use super::parameters;
+use super::parameter_selection;
 use super::scan_purpose::ScanPurpose;
 use super::scan_step::{ExpectedGeometry, ScanMotion, ScanRequest, plan_scan_step};
 use super::settings::SamplingMode;
 use super::setup::LaserSetup;
+use super::sphere_model::{CentreObservation, MachineEquations, SphereModel, with_linear_axes};
 use super::touches;
 use crate::{MethodRefusal, NextStage};
-use estimation::null_names::name_null_space;
+use estimation::null_space_names::name_null_space;
 use machine::Position;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Stage, Step, StepKind};
 use nalgebra::Matrix3;
 
-/// Heights relative to the middle of the range, in units of half the range.
-const HEIGHT_RANGE_FRACTIONS: [f64; 3] = [-0.7, 0.0, 0.7];
+/// Default heights relative to the middle of the sensor's range, in units of half the range.
+const HEIGHT_HALF_RANGE_FRACTIONS: [f64; 3] = [-0.7, 0.0, 0.7];
 
-/// Scans of one stage.
+/// Name, purpose and scans of one stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StagePlan {
     pub name: &'static str,
@@ -31,29 +31,29 @@ pub struct StagePlan {
 /// # Errors
 /// A position is outside the axis limits, or the poses do not separate the errors.
 pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefusal> {
-    let middle = mid_range_mm(setup);
+    let middle = sensor_mid_range_mm(setup);
     let continuous = setup.settings.sampling == SamplingMode::Continuous;
     let default_motion = if continuous { ScanMotion::SlowContinuous } else { ScanMotion::Dwell };
     let request = |purpose: ScanPurpose, detail: &str, rotary: &Position, motion: ScanMotion| {
-        let label = purpose.label(detail, rotary);
+        let label = purpose.step_label(detail, rotary);
         ScanRequest { rotary: rotary.clone(), pole_reading_mm: middle, label, is_reference: false, motion }
     };
     let poses = |all: &[Position]| {
-        all.iter().map(|at| request(ScanPurpose::Pose, "", at, default_motion)).collect::<Vec<ScanRequest>>()
+        all.iter().map(|at| request(ScanPurpose::CentreAtPose, "", at, default_motion)).collect::<Vec<ScanRequest>>()
     };
-    let [tilted, turned, others] = split_rotary_positions(setup)?;
+    let [tilted, turned, others] = tilted_turned_and_combined_positions(setup)?;
     let zero = setup.rotary_at_zero();
     check_pose_separability(setup, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
     // The touch probe has no beam.
-    let heights = pole_readings_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
+    let heights = planned_pole_readings_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
     let heights = heights.map(|(pole_reading_mm, n)| ScanRequest {
         pole_reading_mm,
-        ..request(ScanPurpose::Height, &format!("{n}"), &zero, default_motion)
+        ..request(ScanPurpose::BeamDirection, &format!("{n}"), &zero, default_motion)
     });
     let find = vec![request(ScanPurpose::Search, "", &zero, ScanMotion::Dwell)];
     // References use dwell points: the comparison after an interruption must not depend on a latency.
     let reference = |detail: &str| {
-        vec![ScanRequest { is_reference: true, ..request(ScanPurpose::Pose, detail, &zero, ScanMotion::Dwell) }]
+        vec![ScanRequest { is_reference: true, ..request(ScanPurpose::CentreAtPose, detail, &zero, ScanMotion::Dwell) }]
     };
     let feeds = [("1", ScanMotion::SlowContinuous), ("2", ScanMotion::FastContinuous)];
     let feeds = feeds.into_iter().filter(|_| continuous);
@@ -61,22 +61,22 @@ pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefus
     let mut stage_plans = vec![
         StagePlan { name: "find the sphere", purpose: ScanPurpose::Search, scans: find },
         StagePlan { name: "latency", purpose: ScanPurpose::Latency, scans: feeds },
-        StagePlan { name: "beam direction", purpose: ScanPurpose::Height, scans: heights.collect() },
-        StagePlan { name: "reference", purpose: ScanPurpose::Pose, scans: reference("first") },
-        StagePlan { name: "zero position: tilted", purpose: ScanPurpose::Pose, scans: poses(&tilted) },
-        StagePlan { name: "zero position: turned", purpose: ScanPurpose::Pose, scans: poses(&turned) },
-        StagePlan { name: "poses", purpose: ScanPurpose::Pose, scans: poses(&others) },
-        StagePlan { name: "reference, again", purpose: ScanPurpose::Pose, scans: reference("last") },
+        StagePlan { name: "beam direction", purpose: ScanPurpose::BeamDirection, scans: heights.collect() },
+        StagePlan { name: "reference", purpose: ScanPurpose::CentreAtPose, scans: reference("first") },
+        StagePlan { name: "zero position: tilted", purpose: ScanPurpose::CentreAtPose, scans: poses(&tilted) },
+        StagePlan { name: "zero position: turned", purpose: ScanPurpose::CentreAtPose, scans: poses(&turned) },
+        StagePlan { name: "poses", purpose: ScanPurpose::CentreAtPose, scans: poses(&others) },
+        StagePlan { name: "reference, again", purpose: ScanPurpose::CentreAtPose, scans: reference("last") },
     ];
     stage_plans.retain(|stage| !stage.scans.is_empty());
     Ok(stage_plans)
 }
 
-/// All positions except zero: the tilting axis alone, the turning axis alone, both. Consecutive positions are close
-/// together.
-fn split_rotary_positions(setup: &LaserSetup<'_>) -> Result<[Vec<Position>; 3], MethodRefusal> {
+/// All positions except zero, as three lists: the tilting axis alone, the turning axis alone, both. Consecutive
+/// positions are close together.
+fn tilted_turned_and_combined_positions(setup: &LaserSetup<'_>) -> Result<[Vec<Position>; 3], MethodRefusal> {
     let zero = setup.rotary_at_zero();
-    let [tilts, turns] = setup.rotary_axis_positions()?;
+    let [tilts, turns] = setup.nonzero_tilt_and_turn_positions()?;
     let [tilted, turned] = [&tilts, &turns].map(|all| all.iter().map(|at| zero.updated_by(at)).collect::<Vec<_>>());
     let mut others = Vec::new();
     for (number, tilted) in tilted.iter().enumerate() {
@@ -87,35 +87,35 @@ fn split_rotary_positions(setup: &LaserSetup<'_>) -> Result<[Vec<Position>; 3], 
     Ok([tilted, turned, others])
 }
 
-fn mid_range_mm(setup: &LaserSetup<'_>) -> f64 {
+fn sensor_mid_range_mm(setup: &LaserSetup<'_>) -> f64 {
     let [least, most] = setup.sensor.range_mm;
     (least + most) / 2.0
 }
 
-fn pole_readings_mm(setup: &LaserSetup<'_>) -> Vec<f64> {
+fn planned_pole_readings_mm(setup: &LaserSetup<'_>) -> Vec<f64> {
     if !setup.settings.heights_mm.is_empty() {
         return setup.settings.heights_mm.clone();
     }
     let [least, most] = setup.sensor.range_mm;
-    HEIGHT_RANGE_FRACTIONS.map(|part| mid_range_mm(setup) + part * (most - least) / 2.0).to_vec()
+    HEIGHT_HALF_RANGE_FRACTIONS.map(|part| sensor_mid_range_mm(setup) + part * (most - least) / 2.0).to_vec()
 }
 
 /// # Errors
 /// The poses do not determine all errors.
 fn check_pose_separability(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRefusal> {
     let settings = setup.settings;
-    let selection = parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
-    let names = parameters::unknown_names(&selection.parameters, &setup.ball.id);
+    let selection = parameter_selection::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
+    let names = parameter_selection::unknown_names(&selection.parameters, &setup.ball.id);
     let count = selection.parameters.len();
     let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters };
     let (zero, ball) = (setup.zero_point(), setup.ball_centre());
     let observation = |rotary: &Position| -> Result<CentreObservation, MethodRefusal> {
-        let xyz = parameters::nominal_xyz(&setup.chain, rotary, zero, ball)?;
-        Ok(CentreObservation { axis_positions: with_linear_axes(rotary, xyz), weight: Matrix3::identity() })
+        let xyz = parameter_selection::nominal_xyz(&setup.chain, rotary, zero, ball)?;
+        Ok(CentreObservation { axis_positions: with_linear_axes(rotary, xyz), whitening_matrix: Matrix3::identity() })
     };
     let centre_observations = poses.iter().map(observation).collect::<Result<_, _>>()?;
     let x = [&vec![0.0; count], zero.as_slice(), ball.as_slice()].concat();
-    let survey = CentresLeastSquares { model, centre_observations, zero_point_prior: None }.analyse_rank(&x);
+    let survey = MachineEquations { model, centre_observations, zero_point_prior: None }.analyse_rank(&x);
     let survey = survey.map_err(|why| refuse_inseparable_errors(why.to_string()))?;
     if survey.nullity == 0 {
         return Ok(());
@@ -152,10 +152,10 @@ pub fn build_stage(
         ScanPurpose::Search => setup.balls.uncertainty_mm,
         _ => setup.settings.margin_mm,
     };
-    let geometry = ExpectedGeometry { position_uncertainty_mm, ..*geometry };
+    let geometry = ExpectedGeometry { max_position_error_mm: position_uncertainty_mm, ..*geometry };
     let mut steps: Vec<Step> = Vec::new();
     for request in &stage_plan.scans {
-        match repeat_first_reference(setup, request) {
+        match relabelled_first_reference(setup, request) {
             repeated if !repeated.is_empty() => steps.extend(repeated),
             _ if setup.uses_touch_probe() => {
                 steps.extend(touches::ball_touch_steps(setup, &geometry, stage_plan.purpose, request)?)
@@ -172,8 +172,8 @@ pub fn build_stage(
     Ok(next)
 }
 
-/// Repeats the first reference at exactly the same positions.
-fn repeat_first_reference(setup: &LaserSetup<'_>, request: &ScanRequest) -> Vec<Step> {
+/// Steps of the first reference with the label of `request`. Empty if `request` is no reference or the first one.
+fn relabelled_first_reference(setup: &LaserSetup<'_>, request: &ScanRequest) -> Vec<Step> {
     let steps = setup.plan.steps.iter();
     let first = steps.filter(|step| request.is_reference && step.kind == StepKind::Reference);
     let relabelled = |step: &Step| {
@@ -193,7 +193,7 @@ fn located_artefact(setup: &LaserSetup<'_>, geometry: &ExpectedGeometry) -> Arte
     };
     let balls = setup.balls.balls.iter().map(moved).collect();
     let uncertainty_mm = match setup.balls.balls.len() {
-        1 => geometry.position_uncertainty_mm.min(setup.balls.uncertainty_mm),
+        1 => geometry.max_position_error_mm.min(setup.balls.uncertainty_mm),
         _ => setup.balls.uncertainty_mm,
     };
     Artefact::Balls(Balls { balls, uncertainty_mm, ..setup.balls.clone() })

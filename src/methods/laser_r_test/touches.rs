@@ -1,17 +1,17 @@
 //! Chase-the-ball: the sphere's centre from touches instead of sensor samples.
 
-use super::model::with_linear_axes;
-use super::parameters;
+use super::parameter_selection;
 use super::scan_purpose::{ScanPurpose, describe_rotary_position};
 use super::scan_step::{ExpectedGeometry, ScanRequest};
 use super::setup::LaserSetup;
+use super::sphere_model::with_linear_axes;
 use crate::MethodRefusal;
 use machine::frame::Point;
 use machine::record::artefact::Ball;
 use machine::record::plan::{Step, StepKind};
 use planning::{BallApproach, BallTask, TouchAccess};
 
-/// Number of touches of one measurement.
+/// Number of touches that measure one centre of the sphere.
 const TOUCHES_PER_MEASUREMENT: usize = 5;
 /// Clearance before the expected contact, and overtravel of a slow touch, in addition to the position uncertainty
 /// of the sphere, mm.
@@ -35,7 +35,8 @@ pub fn ball_touch_steps(
     };
     let access = TouchAccess::new(setup.plan, &setup.plan.artefact).map_err(|why| refused(why.to_string()))?;
     // Centre of the sphere for which the stated stylus has the same axis positions as the measured stylus.
-    let xyz = parameters::nominal_xyz(&setup.chain, &request.rotary, geometry.zero_point, geometry.ball_centre)?;
+    let xyz =
+        parameter_selection::nominal_xyz(&setup.chain, &request.rotary, geometry.zero_point, geometry.ball_centre)?;
     let at = with_linear_axes(&request.rotary, xyz);
     let centre = setup.chain.tip_in_table(&at, Point::from_vec(setup.zero_point()), &[]).mm;
     let ball = Ball { centre_mm: centre.into(), ..setup.ball.clone() };

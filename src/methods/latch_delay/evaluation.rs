@@ -2,7 +2,7 @@
 
 use super::fit::{FittedDelay, fit_delay};
 use super::observe::{ObservedTouches, observe_touches};
-use super::scan_test::{ScanTest, test_for_scan};
+use super::plc_scan_test::{PlcScanTest, test_for_plc_scan};
 use crate::IdentifyError;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -10,7 +10,7 @@ use machine::record::reading::Reading;
 pub struct EvaluatedRun {
     pub observed: ObservedTouches,
     pub fitted: FittedDelay,
-    pub scan: ScanTest,
+    pub plc_scan_test: PlcScanTest,
     /// Declared scatter of a touch including the display resolution, mm.
     pub declared_scatter_mm: Option<f64>,
 }
@@ -21,9 +21,9 @@ impl EvaluatedRun {
     pub fn from_readings(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
         let observed = observe_touches(plan, readings)?;
         let fitted = fit_delay(&observed)?;
-        let scan = test_for_scan(&observed, &fitted);
+        let scan = test_for_plc_scan(&observed, &fitted);
         let declared_um = plan.probe.repeatability_um;
         let declared_scatter_mm = declared_um.map(|um| (um * 1e-3).hypot(observed.resolution_mm / 12f64.sqrt()));
-        Ok(Self { observed, fitted, scan, declared_scatter_mm })
+        Ok(Self { observed, fitted, plc_scan_test: scan, declared_scatter_mm })
     }
 }

@@ -5,29 +5,30 @@ use machine::record::machine::{Machine, Probe};
 
 use super::settings::LatchDelaySettings;
 
-/// Minimum ratio of the two feeds.
+/// Minimum ratio of the fast to the measuring feed. A smaller one is refused.
 const MIN_FEED_RATIO: f64 = 2.0;
-/// Longest delay during which a touch must remain at its full feed, s.
-const MAX_DELAY_S: f64 = 0.05;
+/// Longest latch delay for which the touches are planned, s: the fast touch keeps its feed for this time after contact.
+const MAX_LATCH_DELAY_S: f64 = 0.05;
 /// Factor on the acceleration distance. Declared accelerations are maxima; a smooth start needs about twice the
 /// distance.
 const ACCELERATION_DISTANCE_FACTOR: f64 = 2.0;
 /// Factor by which a default feed is lowered in each step.
 const FEED_REDUCTION_FACTOR: f64 = 0.9;
 
+/// Feeds of the slow and the fast touches, and the lengths that the fast feed needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchFeeds {
     pub measuring_mm_min: f64,
     pub fast_mm_min: f64,
     /// Distance over which the fast touch accelerates to its feed, mm.
-    pub acceleration_distance_mm: f64,
+    pub fast_run_up_mm: f64,
     /// Distance that the fast touch needs before the first and beyond the last possible contact, mm, so that it
     /// moves at its feed for longer than any delay.
-    pub margin_mm: f64,
+    pub fast_touch_margin_mm: f64,
 }
 
 impl TouchFeeds {
-    /// Chooses the feeds. `length_mm`: length of a touch with a given room.
+    /// Chooses the feeds. `length_mm`: length of a touch for a given `margin_mm`.
     ///
     /// # Errors
     /// The feeds are too close to each other, no axis reaches one of them, or the touch would be longer than the
@@ -40,7 +41,7 @@ impl TouchFeeds {
     ) -> Result<Self, MethodRefusal> {
         let min_mm_min = MIN_FEED_RATIO * probe.feed_mm_min;
         let overtravel = probe.overtravel_mm;
-        let fits = |feeds: &Self| length_mm(feeds.margin_mm) <= overtravel;
+        let fits = |feeds: &Self| length_mm(feeds.fast_touch_margin_mm) <= overtravel;
         let mut feeds = Self::from_fast_feed(machine, probe, settings.fast_feed_mm_min);
         if settings.fast_feed_mm_min.is_none() {
             while feeds.fast_mm_min * FEED_REDUCTION_FACTOR >= min_mm_min && !fits(&feeds) {
@@ -66,9 +67,9 @@ impl TouchFeeds {
                 "a touch at {fast_mm_min} mm/min would be {:.2} mm long, more than the overtravel \
                  of {overtravel} mm: {:.2} mm of it are for acceleration and for a delay of up to \
                  {} ms",
-                length_mm(feeds.margin_mm),
-                2.0 * feeds.margin_mm,
-                MAX_DELAY_S * 1e3
+                length_mm(feeds.fast_touch_margin_mm),
+                2.0 * feeds.fast_touch_margin_mm,
+                MAX_LATCH_DELAY_S * 1e3
             ),
             "reduce fast_feed_mm_min in [method.latch-delay], or uncertainty_mm in [artefact] \
                  (mount the part nearer to its stated position)",
@@ -79,8 +80,13 @@ impl TouchFeeds {
     fn from_fast_feed(machine: &Machine, probe: &Probe, fast_mm_min: Option<f64>) -> Self {
         let fast_mm_min = fast_mm_min.unwrap_or(probe.search_feed_mm_min);
         let acceleration_distance_mm = ACCELERATION_DISTANCE_FACTOR * acceleration_distance_mm(machine, fast_mm_min);
-        let margin_mm = acceleration_distance_mm + fast_mm_min / 60.0 * MAX_DELAY_S;
-        Self { measuring_mm_min: probe.feed_mm_min, fast_mm_min, acceleration_distance_mm, margin_mm }
+        let margin_mm = acceleration_distance_mm + fast_mm_min / 60.0 * MAX_LATCH_DELAY_S;
+        Self {
+            measuring_mm_min: probe.feed_mm_min,
+            fast_mm_min,
+            fast_run_up_mm: acceleration_distance_mm,
+            fast_touch_margin_mm: margin_mm,
+        }
     }
 }
 

@@ -4,19 +4,19 @@ use faer::Mat;
 
 use super::observe::{ObservedTouch, ObservedTouches};
 use super::outputs;
-use crate::identification::declared::rounding_u_mm;
+use crate::identification::declared_sources::rounding_u_of_mean_mm;
 use crate::identification::{
     EvaluationType, FitQuality, Identification, LinearFit, ObservationEffect, ResidualTreatment, SolvedModel,
-    Uncertainty, UncertaintySource, identify, unit_slope,
+    Uncertainty, UncertaintySource, identify, slope_of_unknown,
 };
 use crate::{IdentifyError, MethodRefusal};
-use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
+use estimation::linear_least_squares::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
 
 /// Number of iterations: weights from the scatter, scatter from the residuals. They converge within this number.
 const FIT_ITERATIONS: usize = 5;
 
 /// Part of the error message for unsolvable equations.
-const INSEPARABLE_UNKNOWNS: &str = "delay and drift (alternate the two feeds from touch to touch)";
+const INSEPARABLE_UNKNOWNS_TEXT: &str = "delay and drift (alternate the two feeds from touch to touch)";
 
 /// Scatter of the touches at one feed.
 #[derive(Debug, Clone, Copy)]
@@ -32,49 +32,52 @@ pub struct FittedDelay {
     pub delay_s: f64,
     /// Uncertainty of the delay, s.
     pub delay_uncertainty: Uncertainty,
-    pub scatter: [FeedScatter; 2],
+    /// Scatter at the slow and at the fast feed.
+    pub scatter_by_feed: [FeedScatter; 2],
     /// Drift, mm/s, positive towards the part.
     pub drift_mm_s: f64,
     /// Position of each touch less its position without delay, mm.
-    pub overtravel_mm: Vec<f64>,
+    pub overtravel_of_touches_mm: Vec<f64>,
 }
 
+/// Fits the delay and the drift.
+///
 /// # Errors
 /// The touches do not separate delay and drift, or they do not scatter at all and no resolution of the axes is
 /// declared.
 pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyError> {
     let touches = &observed.touches;
-    let [middle_s, half_span_s] = time_span(touches);
+    let [middle_s, half_span_s] = time_middle_and_half_span_s(touches);
     let speeds = observed.speeds_mm_s();
     // Unknowns: the position in each segment, mm; the delay, s; half of the total drift, mm.
-    let delay = touches.iter().map(|touch| touch.interruption_count).max().unwrap_or(0) + 1;
+    let delay = touches.iter().map(|touch| touch.earlier_interruption_count).max().unwrap_or(0) + 1;
     let a = Mat::from_fn(touches.len(), delay + 2, |i, j| match j {
-        _ if j < delay => f64::from(u8::from(touches[i].interruption_count == j)),
+        _ if j < delay => f64::from(u8::from(touches[i].earlier_interruption_count == j)),
         _ if j == delay => speeds[touches[i].feed_index],
-        _ => (touches[i].t_s - middle_s) / half_span_s,
+        _ => (touches[i].run_time_or_order - middle_s) / half_span_s,
     });
     let (solution, scatter) = iterate_weights(observed, &a)?;
     let LinearSolution { x, gain, residuals, .. } = &solution;
-    let sigma = touch_sigma(touches, scatter);
+    let sigma = touch_std_devs_mm(touches, scatter);
     let weighted: Vec<f64> = residuals.iter().zip(&sigma).map(|(r, sigma)| r / sigma).collect();
     let solved = SolvedModel {
         model: &LinearFit { x, design_matrix: &a, sigma: &sigma, gain },
         weighted_residuals: &weighted,
-        has_declared_sizes: true,
+        has_declared_source_sizes: true,
         fit_quality: FitQuality::from_linear(&solution),
         measurements: &[],
     };
-    let slope = unit_slope(delay, x.len());
+    let slope = slope_of_unknown(delay, x.len());
     let outputs = outputs::build_outputs(observed, x, &slope);
     let identification = identify(&solved, &uncertainty_sources(observed, scatter, &slope), outputs, None)?;
     let overtravel_mm = residuals.iter().zip(touches).map(|(r, touch)| r + x[delay] * speeds[touch.feed_index]);
     Ok(FittedDelay {
         delay_s: x[delay],
-        delay_uncertainty: identification.propagation.uncertainty(&slope),
+        delay_uncertainty: identification.propagation.output_uncertainty(&slope),
         identification,
-        scatter,
+        scatter_by_feed: scatter,
         drift_mm_s: x[delay + 1] / half_span_s,
-        overtravel_mm: overtravel_mm.collect(),
+        overtravel_of_touches_mm: overtravel_mm.collect(),
     })
 }
 
@@ -93,12 +96,12 @@ fn iterate_weights(
         let problem = LinearProblem {
             a: a.as_ref(),
             y: &y,
-            sigma: &touch_sigma(touches, scatter),
+            sigma: &touch_std_devs_mm(touches, scatter),
             constraints: None,
             rank_threshold: RANK_THRESHOLD,
         };
-        let solution = linear::solve_least_squares(&problem)
-            .map_err(|error| IdentifyError::from_solver_error(error, |_| vec![INSEPARABLE_UNKNOWNS.to_owned()]))?;
+        let solution = linear_least_squares::solve_least_squares(&problem)
+            .map_err(|error| IdentifyError::from_solver_error(error, |_| vec![INSEPARABLE_UNKNOWNS_TEXT.to_owned()]))?;
         scatter = [0, 1].map(|feed| scatter_at_feed(touches, a, &solution, feed, min_mm));
         if let Some(feed) = (0..2).find(|feed| scatter[*feed].std_dev_mm <= 0.0) {
             return Err(identical_touches_error(observed.feeds_mm_min[feed]));
@@ -109,14 +112,18 @@ fn iterate_weights(
     Ok((solution, scatter))
 }
 
-fn touch_sigma(touches: &[ObservedTouch], scatter: [FeedScatter; 2]) -> Vec<f64> {
+fn touch_std_devs_mm(touches: &[ObservedTouch], scatter: [FeedScatter; 2]) -> Vec<f64> {
     touches.iter().map(|touch| scatter[touch.feed_index].std_dev_mm).collect()
 }
 
-/// Sources: the scatter at each feed, and the part of the display resolution that does not average out, as an
-/// effect on the delay itself. `delay`: derivative of the delay by the unknowns. χ² tests none of them, as the
-/// sizes already follow from the residuals.
-fn uncertainty_sources(observed: &ObservedTouches, scatter: [FeedScatter; 2], delay: &[f64]) -> [UncertaintySource; 3] {
+/// Sources: the scatter at each feed, and the part of the display resolution that does not average out, as an effect on
+/// the delay itself. `delay_slope`: derivative of the delay by the unknowns. χ² tests none of them, as the sizes
+/// already follow from the residuals.
+fn uncertainty_sources(
+    observed: &ObservedTouches,
+    scatter: [FeedScatter; 2],
+    delay_slope: &[f64],
+) -> [UncertaintySource; 3] {
     let feed_source = |feed: usize| {
         let FeedScatter { std_dev_mm, dof } = scatter[feed];
         let size = |touch: &ObservedTouch| if touch.feed_index == feed { std_dev_mm } else { 0.0 };
@@ -126,19 +133,19 @@ fn uncertainty_sources(observed: &ObservedTouches, scatter: [FeedScatter; 2], de
         UncertaintySource { evaluation, dof, ..UncertaintySource::new(name, each) }
     };
     let [slow, fast] = observed.speeds_mm_s();
-    let steps: f64 = scatter.iter().map(|s| rounding_u_mm(observed.resolution_mm, s.std_dev_mm).powi(2)).sum();
+    let steps: f64 = scatter.iter().map(|s| rounding_u_of_mean_mm(observed.resolution_mm, s.std_dev_mm).powi(2)).sum();
     let u_s = steps.sqrt() / (fast - slow);
     let resolution = UncertaintySource {
-        direct_changes: vec![delay.iter().map(|slope| slope * u_s).collect()],
+        direct_unknown_changes: vec![delay_slope.iter().map(|slope| slope * u_s).collect()],
         ..UncertaintySource::new("resolution", ObservationEffect::Joint(vec![Vec::new()]))
     };
     [feed_source(0), feed_source(1), resolution]
-        .map(|source| UncertaintySource { residual_treatment: ResidualTreatment::Absent, ..source })
+        .map(|source| UncertaintySource { residual_treatment: ResidualTreatment::ExcludedFromChi2, ..source })
 }
 
 /// Middle and half of the time span of the touches, s.
-fn time_span(touches: &[ObservedTouch]) -> [f64; 2] {
-    let times = || touches.iter().map(|touch| touch.t_s);
+fn time_middle_and_half_span_s(touches: &[ObservedTouch]) -> [f64; 2] {
+    let times = || touches.iter().map(|touch| touch.run_time_or_order);
     let first = times().fold(f64::INFINITY, f64::min);
     let last = times().fold(f64::NEG_INFINITY, f64::max);
     [(first + last) / 2.0, if last > first { (last - first) / 2.0 } else { 1.0 }]
@@ -149,17 +156,17 @@ fn scatter_at_feed(
     touches: &[ObservedTouch],
     a: &Mat<f64>,
     solution: &LinearSolution,
-    feed: usize,
-    min_mm: f64,
+    feed_index: usize,
+    min_std_dev_mm: f64,
 ) -> FeedScatter {
     let (mut squares, mut dof) = (0.0, 0.0);
-    for i in (0..touches.len()).filter(|i| touches[*i].feed_index == feed) {
+    for i in (0..touches.len()).filter(|i| touches[*i].feed_index == feed_index) {
         let hat: f64 = (0..a.ncols()).map(|k| a[(i, k)] * solution.gain[(k, i)]).sum();
         squares += solution.residuals[i].powi(2);
         dof += 1.0 - hat;
     }
     let std_dev_mm = if dof > 0.0 { (squares / dof).sqrt() } else { f64::NAN };
-    FeedScatter { std_dev_mm: std_dev_mm.max(min_mm), dof }
+    FeedScatter { std_dev_mm: std_dev_mm.max(min_std_dev_mm), dof }
 }
 
 fn identical_touches_error(feed_mm_min: f64) -> IdentifyError {

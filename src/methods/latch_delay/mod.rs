@@ -9,19 +9,19 @@ mod feeds;
 mod fit;
 mod observe;
 mod outputs;
-mod plan;
-mod scan_test;
+mod plc_scan_test;
+mod result_texts;
 mod settings;
-mod texts;
+mod touch_path;
 
-pub use scan_test::{LatchDiagnosis, ScanTime};
+pub use plc_scan_test::{LatchDiagnosis, PlcScanTime};
 pub use settings::LatchDelaySettings;
 
 use self::evaluation::EvaluatedRun;
 use self::feeds::TouchFeeds;
-use self::plan::TouchPath;
+use self::touch_path::TouchPath;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
-use machine::artefact::position_uncertainty_mm;
+use machine::artefact::max_misplacement_mm;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -34,8 +34,8 @@ pub struct LatchDelay {
 
 impl LatchDelay {
     fn choose_feeds(&self, plan: &Plan) -> Result<TouchFeeds, MethodRefusal> {
-        let uncertainty = position_uncertainty_mm(&plan.artefact);
-        let length = |margin_mm| plan::touch_length_mm(uncertainty, margin_mm);
+        let uncertainty = max_misplacement_mm(&plan.artefact);
+        let length = |margin_mm| touch_path::touch_length_mm(uncertainty, margin_mm);
         TouchFeeds::from_settings(&plan.machine, &plan.probe, &self.settings, length)
     }
 }
@@ -86,17 +86,18 @@ impl Method for LatchDelay {
 /// Results of a run for the check of the machine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LatchDelayResult {
-    pub latch: LatchDiagnosis,
+    pub latch_diagnosis: LatchDiagnosis,
     pub latch_text: String,
     /// Latch delay, s, positive if late.
     pub delay_s: f64,
-    /// Description of a delay that exceeds its uncertainty.
+    /// Description of a delay that exceeds its uncertainty. `None` for a smaller delay.
     pub delay_text: Option<String>,
-    /// Description of slow touches that scatter more than declared.
+    /// Description of slow touches that scatter more than explained. `None` if they do not, or no scatter is declared.
     pub scatter_text: Option<String>,
     /// Standard deviation of a slow touch, mm.
-    pub scatter_mm: f64,
-    /// Largest scatter of so few touches that does not contradict the declared one, mm.
+    pub slow_touch_std_dev_mm: f64,
+    /// Largest standard deviation of the slow touches that the declared scatter and a PLC scan explain, mm. `None`: no
+    /// scatter is declared.
     pub max_explained_scatter_mm: Option<f64>,
 }
 
@@ -106,13 +107,13 @@ impl LatchDelayResult {
     pub fn from_readings(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
         let run = EvaluatedRun::from_readings(plan, readings)?;
         Ok(Self {
-            latch: run.scan.latch,
-            latch_text: texts::describe_latch(&run),
+            latch_diagnosis: run.plc_scan_test.latch_diagnosis,
+            latch_text: result_texts::describe_latch(&run),
             delay_s: run.fitted.delay_s,
-            delay_text: texts::describe_delay(&run),
-            scatter_text: texts::describe_scatter(&run),
-            scatter_mm: run.fitted.scatter[0].std_dev_mm,
-            max_explained_scatter_mm: texts::max_explained_scatter_mm(&run),
+            delay_text: result_texts::describe_delay(&run),
+            scatter_text: result_texts::describe_scatter(&run),
+            slow_touch_std_dev_mm: run.fitted.scatter_by_feed[0].std_dev_mm,
+            max_explained_scatter_mm: result_texts::max_explained_slow_touch_std_dev_mm(&run),
         })
     }
 }

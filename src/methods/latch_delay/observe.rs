@@ -1,17 +1,17 @@
 //! From readings to positions along the touch.
 
 use super::feeds::{TouchFeeds, acceleration_distance_mm};
-use super::plan::SEARCH_LABEL;
-use crate::identification::declared::display_step_mm;
+use super::touch_path::SEARCH_LABEL;
+use crate::identification::declared_sources::display_step_mm;
 use crate::{IdentifyError, MethodRefusal};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 
-/// Minimum number of touches at one feed for a scatter.
-const MIN_TOUCHES_PER_FEED: usize = 3;
-/// Largest distance between starts that count as the same, mm.
-const START_TOLERANCE_MM: f64 = 1e-3;
+/// Minimum number of measured touches at one feed. Fewer have no usable scatter and are refused.
+const MIN_MEASURED_TOUCHES_PER_FEED: usize = 3;
+/// Largest difference of an axis between starts of touches that count as the same, mm.
+const SAME_START_TOLERANCE_MM: f64 = 1e-3;
 
 /// One touch.
 #[derive(Debug, Clone, Copy)]
@@ -20,9 +20,10 @@ pub struct ObservedTouch {
     pub contact_distance_mm: f64,
     /// Index of the feed: 0 is the slow one.
     pub feed_index: usize,
-    pub t_s: f64,
+    /// Time of the run, s. If the readings have no times, the number of the touch in their order.
+    pub run_time_or_order: f64,
     /// Number of interruptions before the touch.
-    pub interruption_count: usize,
+    pub earlier_interruption_count: usize,
 }
 
 pub struct ObservedTouches {
@@ -46,7 +47,7 @@ impl ObservedTouches {
 
 /// Unit vector from the start of a touch towards its end, and length in mm. Both are zero for a touch without
 /// length.
-fn touch_direction(step: &Step) -> ([f64; 3], f64) {
+fn touch_direction_and_length(step: &Step) -> ([f64; 3], f64) {
     let displacement = Axis::LINEAR.map(|axis| step.to.get_or_zero(axis) - step.from.get_or_zero(axis));
     let length = displacement.iter().map(|part| part * part).sum::<f64>().sqrt();
     (displacement.map(|part| if length > 0.0 { part / length } else { 0.0 }), length)
@@ -54,7 +55,7 @@ fn touch_direction(step: &Step) -> ([f64; 3], f64) {
 
 fn distance_along_touch(step: &Step, position: &Position) -> Option<f64> {
     let mut sum = 0.0;
-    for (axis, part) in Axis::LINEAR.into_iter().zip(touch_direction(step).0) {
+    for (axis, part) in Axis::LINEAR.into_iter().zip(touch_direction_and_length(step).0) {
         sum += part * (position.get(axis)? - step.from.get_or_zero(axis));
     }
     Some(sum)
@@ -68,25 +69,27 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
     let search = plan.steps.iter().find(|step| step.label == SEARCH_LABEL);
     let contact = search.and_then(|step| {
         let reading = readings.iter().find(|reading| reading.step == step.id)?;
-        Some((distance_along_touch(step, &reading.position)?, touch_direction(step).1))
+        Some((distance_along_touch(step, &reading.position)?, touch_direction_and_length(step).1))
     });
     let Some((at, length)) = contact else {
         return Err(MethodRefusal::new("the first touch has no reading", "start the run again"));
     };
-    if at >= feeds.acceleration_distance_mm && length - at >= feeds.margin_mm {
+    if at >= feeds.fast_run_up_mm && length - at >= feeds.fast_touch_margin_mm {
         return Ok(());
     }
     Err(MethodRefusal::new(
         format!(
             "the first contact was after {at:.3} mm of a touch of {length:.3} mm; a touch at {} \
              mm/min needs {:.3} mm before the contact and {:.3} mm beyond it",
-            feeds.fast_mm_min, feeds.acceleration_distance_mm, feeds.margin_mm
+            feeds.fast_mm_min, feeds.fast_run_up_mm, feeds.fast_touch_margin_mm
         ),
         "the part is not within uncertainty_mm of its stated position: correct centre_mm \
                   in [artefact], or mount the part again",
     ))
 }
 
+/// Distances to contact of all touches except the search.
+///
 /// # Errors
 /// Readings do not belong to the plan or are missing; the plan has not exactly two feeds or too few touches at one
 /// of them; touches are of different positions or contact the part before they reach their feed.
@@ -96,12 +99,12 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
     if let Some(step) = steps.iter().find(|step| readings.iter().all(|reading| reading.step != step.id)) {
         return Err(IdentifyError::missing_reading(step));
     }
-    let feeds_mm_min = find_two_feeds(&steps)?;
+    let feeds_mm_min = slow_and_fast_feed(&steps)?;
     let first = *steps.first().ok_or_else(|| incomplete_run_error("the plan has no touches".to_owned()))?;
     let mut touches = Vec::new();
     for (order, step) in steps.iter().enumerate() {
         let is_elsewhere =
-            |(axis, value): (Axis, f64)| (first.from.get_or_zero(axis) - value).abs() > START_TOLERANCE_MM;
+            |(axis, value): (Axis, f64)| (first.from.get_or_zero(axis) - value).abs() > SAME_START_TOLERANCE_MM;
         if step.from.iter().any(is_elsewhere) {
             return Err(incomplete_run_error(format!(
                 "{} and {} start at different positions",
@@ -116,24 +119,35 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
             let sequence = order + reading.repeat as usize * steps.len();
             touches.push((
                 sequence,
-                ObservedTouch { contact_distance_mm, feed_index, t_s: reading.t_s, interruption_count },
+                ObservedTouch {
+                    contact_distance_mm,
+                    feed_index,
+                    run_time_or_order: reading.t_s,
+                    earlier_interruption_count: interruption_count,
+                },
             ));
         }
     }
-    let has_times = touches.iter().any(|(_, touch)| Some(touch.t_s) != touches.first().map(|t| t.1.t_s));
+    let has_times = touches
+        .iter()
+        .any(|(_, touch)| Some(touch.run_time_or_order) != touches.first().map(|t| t.1.run_time_or_order));
     let touches: Vec<ObservedTouch> = touches
         .into_iter()
-        .map(|(sequence, touch)| if has_times { touch } else { ObservedTouch { t_s: sequence as f64, ..touch } })
+        .map(
+            |(sequence, touch)| {
+                if has_times { touch } else { ObservedTouch { run_time_or_order: sequence as f64, ..touch } }
+            },
+        )
         .collect();
     check_touch_count(&touches, feeds_mm_min)?;
-    let resolution_mm = display_step_mm(plan, touch_direction(first).0.into());
+    let resolution_mm = display_step_mm(plan, touch_direction_and_length(first).0.into());
     let mean_contact_distance_mm =
         touches.iter().map(|touch| touch.contact_distance_mm).sum::<f64>() / touches.len() as f64;
     Ok(ObservedTouches { touches, feeds_mm_min, resolution_mm, mean_contact_distance_mm, has_times })
 }
 
 /// Slow and fast feed, mm/min.
-fn find_two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
+fn slow_and_fast_feed(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     let mut feeds: Vec<f64> = steps.iter().map(|step| step.feed_mm_min).collect();
     feeds.sort_by(f64::total_cmp);
     feeds.dedup();
@@ -149,7 +163,7 @@ fn find_two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
 
 /// Distance from the start of a touch to the latched position, mm.
 fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) -> Result<f64, IdentifyError> {
-    let (label, length) = (&step.label, touch_direction(step).1);
+    let (label, length) = (&step.label, touch_direction_and_length(step).1);
     let at = distance_along_touch(step, &reading.position).filter(|at| at.is_finite() && reading.t_s.is_finite());
     let at = at.ok_or_else(|| {
         IdentifyError::IdentificationFailed(format!("{label}: X, Y, Z or the time of the reading is not a number"))
@@ -173,9 +187,9 @@ fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) ->
 fn check_touch_count(touches: &[ObservedTouch], feeds_mm_min: [f64; 2]) -> Result<(), IdentifyError> {
     for (index, feed) in feeds_mm_min.iter().enumerate() {
         let count = touches.iter().filter(|touch| touch.feed_index == index).count();
-        if count < MIN_TOUCHES_PER_FEED {
+        if count < MIN_MEASURED_TOUCHES_PER_FEED {
             return Err(incomplete_run_error(format!(
-                "{count} touches at {feed} mm/min, at least {MIN_TOUCHES_PER_FEED} are needed"
+                "{count} touches at {feed} mm/min, at least {MIN_MEASURED_TOUCHES_PER_FEED} are needed"
             )));
         }
     }

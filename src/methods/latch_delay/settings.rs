@@ -25,19 +25,19 @@ impl Default for LatchDelaySettings {
     }
 }
 
-/// Minimum number of touches at each feed for an estimate of their scatter.
-pub const MIN_TOUCHES_PER_FEED: u32 = 5;
-const MAX_TOUCHES_PER_FEED: u32 = 200;
+/// Minimum number of planned touches at each feed. Fewer are refused: they do not estimate the scatter.
+pub const MIN_PLANNED_TOUCHES_PER_FEED: u32 = 5;
+const MAX_PLANNED_TOUCHES_PER_FEED: u32 = 200;
 
 impl LatchDelaySettings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {
         let refused = |why, instead: &str| Err(MethodRefusal::new(why, instead));
-        if !(MIN_TOUCHES_PER_FEED..=MAX_TOUCHES_PER_FEED).contains(&self.touches) {
+        if !(MIN_PLANNED_TOUCHES_PER_FEED..=MAX_PLANNED_TOUCHES_PER_FEED).contains(&self.touches) {
             return refused(
                 format!(
-                    "touches = {} at each feed is outside {MIN_TOUCHES_PER_FEED} to \
-                     {MAX_TOUCHES_PER_FEED}",
+                    "touches = {} at each feed is outside {MIN_PLANNED_TOUCHES_PER_FEED} to \
+                     {MAX_PLANNED_TOUCHES_PER_FEED}",
                     self.touches
                 ),
                 "omit touches (default 12)",

@@ -4,25 +4,27 @@
 use estimation::revolutions::{ChannelRevolutions, DeclaredSensor, HarmonicData, SensorCalibration, calibrate_sensors};
 use machine::record::estimate::{Parameter, Unit};
 
-use super::model::{ProbeLayout, Surface};
+use super::model::{MeasuredSurface, ProbeLayout};
 use super::settings::MultiprobeSettings;
 use crate::IdentifyError;
 use crate::identification::parameter_without_budget;
 
-/// A deviation is reported if its standard uncertainty is below this fraction of the declared one.
-const MAX_REPORTED_U_RATIO: f64 = 0.9;
+/// A deviation of a sensor is reported if its standard uncertainty is below this fraction of the declared one.
+const MAX_REPORTED_TO_DECLARED_U_RATIO: f64 = 0.9;
 
+/// Determines gains and angles of the sensors.
+///
 /// # Errors
 /// The rows do not separate eccentricity and motion.
-pub fn calibrate_layout(
+pub fn calibrate_layout_sensors(
     layout: &ProbeLayout,
     settings: &MultiprobeSettings,
     data: &HarmonicData,
 ) -> Result<SensorCalibration, IdentifyError> {
     let sensors = layout.channels.iter().map(|channel| DeclaredSensor {
         section: match channel.surface {
-            Surface::Section(section) => Some(section),
-            Surface::Face { .. } => None,
+            MeasuredSurface::Section(section) => Some(section),
+            MeasuredSurface::Face { .. } => None,
         },
         angle_rad: channel.angle_rad,
         u_gain: settings.u_gain,
@@ -34,13 +36,13 @@ pub fn calibrate_layout(
 
 pub fn correct_row_gains(calibration: &SensorCalibration, rows: &mut [ChannelRevolutions]) {
     for row in rows {
-        let gain = 1.0 + calibration.deviations[row.key.channel];
+        let gain = 1.0 + calibration.gain_and_angle_deviations[row.key.channel_index];
         row.revolutions.iter_mut().flatten().for_each(|value| *value /= gain);
     }
 }
 
 pub fn correct_channel_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout) {
-    let angles = &calibration.deviations[layout.channels.len()..];
+    let angles = &calibration.gain_and_angle_deviations[layout.channels.len()..];
     layout.channels.iter_mut().zip(angles).for_each(|(channel, by)| channel.angle_rad += by);
 }
 
@@ -58,8 +60,8 @@ pub fn calibration_parameters(
             false => (format!("angle_{name}"), Unit::Urad, settings.u_sensor_angle_rad()),
         };
         let u = calibration.covariance[(i, i)].sqrt();
-        let is_better = u < MAX_REPORTED_U_RATIO * declared;
-        is_better.then(|| parameter_without_budget(&symbol, unit, calibration.deviations[i], u, None))
+        let is_better = u < MAX_REPORTED_TO_DECLARED_U_RATIO * declared;
+        is_better.then(|| parameter_without_budget(&symbol, unit, calibration.gain_and_angle_deviations[i], u, None))
     };
     (0..2 * count).filter_map(parameter).collect()
 }

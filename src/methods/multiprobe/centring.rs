@@ -2,12 +2,12 @@
 
 use std::f64::consts::PI;
 
-use super::label::StepLabel;
-use super::model::{Channel, Surface};
+use super::model::{MeasuredSurface, SensorChannel};
 use super::setup::MultiprobeSetup;
+use super::step_label::StepLabel;
 use faer::c64;
 use machine::record::reading::Reading;
-use machine::record::watch::{SectionSensor, WatchedSensor};
+use machine::record::watched_sensors::{SectionPoint, WatchedSensor};
 
 /// Number of stops in the revolution.
 pub const CENTRING_STOP_COUNT: usize = 12;
@@ -24,11 +24,11 @@ pub struct CentringResult {
 impl CentringResult {
     /// Evaluates the last round. `None`: no round was measured.
     pub fn from_readings(setup: &MultiprobeSetup<'_>, readings: &[Reading]) -> Option<Self> {
-        let is_centring = |label: &str| matches!(label.parse::<StepLabel>(), Ok(StepLabel::Centring(_)));
+        let is_centring = |label: &str| matches!(label.parse::<StepLabel>(), Ok(StepLabel::CentringRound(_)));
         let step = setup.plan.steps.iter().rev().find(|step| is_centring(&step.label))?;
         let round: Vec<&Reading> = readings.iter().filter(|r| r.step == step.id).collect();
-        let table_angle = step.to.get_or_zero(setup.axis);
-        let last = |channel: &Channel| round.iter().rfind(|reading| reading.sensor == channel.name)?.value_mm;
+        let table_angle = step.to.get_or_zero(setup.measured_axis);
+        let last = |channel: &SensorChannel| round.iter().rfind(|reading| reading.sensor == channel.name)?.value_mm;
         let offset = |section: usize| section_offset_mm(setup, section, &round, table_angle);
         Some(Self {
             section_offsets_mm: (0..setup.layout.section_z_mm.len()).map(offset).collect(),
@@ -47,11 +47,11 @@ impl CentringResult {
         let channels = setup.layout.channels.iter().zip(&self.last_readings_mm);
         let watched = channels.map(|(channel, last_mm)| {
             let watched = WatchedSensor::new(&channel.name);
-            let Surface::Section(section) = channel.surface else { return watched };
+            let MeasuredSurface::Section(section) = channel.surface else { return watched };
             let ([x, y], (sin, cos)) = (self.section_offsets_mm[section], channel.angle_rad.sin_cos());
             let (z_mm, angle) = (setup.layout.section_z_mm[section], channel.angle_rad);
             let (number, angle_deg) = (section + 1, angle.to_degrees());
-            let section = Some(SectionSensor { number, z_mm, angle_deg });
+            let section = Some(SectionPoint { number, z_mm, angle_deg });
             let target_mm = last_mm.map(|last| last + x * cos + y * sin);
             WatchedSensor { target_mm, section, ..watched }
         });
@@ -75,10 +75,16 @@ impl CentringResult {
 
 /// Centre of a section relative to the axis with the table at the angle `table_angle`, rad: the first harmonic of its
 /// sensors over the table's angle, which has the phase of γ − σq.
-fn section_offset_mm(setup: &MultiprobeSetup<'_>, section: usize, round: &[&Reading], table_angle: f64) -> [f64; 2] {
-    let of_sensor = |channel: &Channel| {
-        let own = round.iter().filter(|reading| reading.sensor == channel.name);
-        let points = own.filter_map(|r| Some((r.position.get_or_zero(setup.axis) - table_angle, -r.value_mm?)));
+fn section_offset_mm(
+    setup: &MultiprobeSetup<'_>,
+    section: usize,
+    round_readings: &[&Reading],
+    table_angle: f64,
+) -> [f64; 2] {
+    let of_sensor = |channel: &SensorChannel| {
+        let own = round_readings.iter().filter(|reading| reading.sensor == channel.name);
+        let points =
+            own.filter_map(|r| Some((r.position.get_or_zero(setup.measured_axis) - table_angle, -r.value_mm?)));
         // The last stop has the same angle as the first one.
         let is_new = |(turned, _): &(f64, f64)| turned.abs() > PI / CENTRING_STOP_COUNT as f64;
         let points: Vec<(f64, f64)> = points.filter(is_new).collect();
@@ -88,7 +94,7 @@ fn section_offset_mm(setup: &MultiprobeSetup<'_>, section: usize, round: &[&Read
             points.iter().map(|(turned, m)| c64::cis(channel.angle_rad - setup.layout.turn_sign * turned) * (m - mean));
         harmonic.sum::<c64>() * (2.0 / count)
     };
-    let sensors = setup.layout.channels.iter().filter(|c| c.surface == Surface::Section(section));
+    let sensors = setup.layout.channels.iter().filter(|c| c.surface == MeasuredSurface::Section(section));
     let offsets: Vec<c64> = sensors.map(of_sensor).collect();
     let mean = offsets.iter().sum::<c64>() / offsets.len().max(1) as f64;
     [mean.re, mean.im]

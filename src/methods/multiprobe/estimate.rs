@@ -1,18 +1,18 @@
 //! Identification: from plan and readings to the estimate.
 
 use super::calibration;
-use super::diagnosis::{Diagnosis, LayoutCheck, check_layout, find_clock_errors};
-use super::layout::{Separation, noise_gains};
-use super::model::Channel;
+use super::fault_diagnosis::{LayoutCheck, LayoutFault, check_layout, find_clock_errors};
+use super::layout_prediction::{SeparationMethod, noise_gain_by_order};
+use super::model::SensorChannel;
 use super::observe::{ObservedRevolutions, observe_revolutions};
 use super::outputs::ReportedMotions;
-use super::revolutions::error_motion_values;
 use super::settings::{MultiprobeSettings, TurnSampling};
 use super::setup::MultiprobeSetup;
 use super::sources::SourceSizes;
+use super::total_and_asynchronous::total_and_asynchronous_values;
 use super::{SeparatedMotions, identify_motions};
-use crate::identification::declared::{drift_mm_per_s, linearity_effects_on_harmonics};
-use crate::identification::{MisfitAdvice, TrialPlan, function_over_numbers, function_over_orders};
+use crate::identification::declared_sources::{drift_rate_sd_mm_per_s, linearity_effects_on_harmonics};
+use crate::identification::{MisfitAdvice, TrialSettings, function_of_numbered_values, function_over_harmonic_orders};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::revolutions::{ChannelRevolutions, HarmonicData, ResampleFilter, RevolutionsError};
 
@@ -23,15 +23,17 @@ use machine::record::reading::Reading;
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x6d75_6c74;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
-const STABLE_DIGITS: u32 = 1;
-const MAX_TRIALS: usize = 20_000;
+const STABLE_U_DIGITS: u32 = 1;
+const MAX_MONTE_CARLO_TRIALS: usize = 20_000;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "wrong angles, gains or heights of the sensors, a wrong index, a loose sensor, \
+    possible_causes: "wrong angles, gains or heights of the sensors, a wrong index, a loose sensor, \
              harmonics above the highest fitted one",
     declaring_settings: "u_gain, u_sensor_angle_deg or u_index_angle_deg",
 };
 
+/// Identifies the error motions.
+///
 /// # Errors
 /// The readings do not belong to the plan or do not separate motion and artefact; channels are swapped or have a
 /// separate clock; all indexes from one on are wrong.
@@ -48,19 +50,25 @@ pub fn build_estimate(
         return Err(refuse_fault(&fault));
     }
     // Turns in both directions cancel a constant drift rate. Other drift is part of their scatter.
-    let drift_duration_s = if settings.both_directions { 0.0 } else { observed.revolution_duration_s };
-    let drift_mm_per_revolution = drift_mm_per_s(plan) * drift_duration_s;
+    let drift_duration_s = if settings.both_directions { 0.0 } else { observed.forward_revolution_duration_s };
+    let drift_mm_per_revolution = drift_rate_sd_mm_per_s(plan) * drift_duration_s;
     let linearity_effects = Vec::new();
-    let mut sizes = SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity_effects };
-    let index_warning = check_mountings(&setup, &sizes, &mut observed)?;
-    let data = harmonic_data(settings, &observed.rows)?;
-    let calibration = calibration::calibrate_layout(&setup.layout, settings, &data)?;
-    calibration::correct_row_gains(&calibration, &mut observed.rows);
+    let mut sizes = SourceSizes {
+        settings,
+        sensor_covariance: None,
+        u_drift_mm_per_revolution: drift_mm_per_revolution,
+        linearity_effects,
+    };
+    let index_warning = check_and_remove_wrong_mounting(&setup, &sizes, &mut observed)?;
+    let data = harmonic_data(settings, &observed.all_rows)?;
+    let calibration = calibration::calibrate_layout_sensors(&setup.layout, settings, &data)?;
+    calibration::correct_row_gains(&calibration, &mut observed.all_rows);
     calibration::correct_row_gains(&calibration, &mut observed.forward_rows);
     calibration::correct_channel_angles(&calibration, &mut setup.layout);
     sizes.sensor_covariance = Some(calibration.covariance.clone());
-    let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
-    let (_, separated) = separate_motions(&setup, &observed.rows, &sizes, Some(trials))?;
+    let trials =
+        TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_U_DIGITS, MAX_MONTE_CARLO_TRIALS);
+    let (_, separated) = separate_motions(&setup, &observed.all_rows, &sizes, Some(trials))?;
     let mut estimate = separated.identification.estimate(super::METHOD_NAME);
     // The ranges come first, as tolerances are stated for them.
     let nonlinear = separated.identification.outputs.nonlinear.as_ref();
@@ -70,22 +78,22 @@ pub fn build_estimate(
     let spectra = with_harmonics.map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution()));
     estimate.functions.extend(spectra);
     if settings.sampling == TurnSampling::Continuous {
-        estimate.parameters.extend(error_motion_values(&setup.layout, &motions, &observed.forward_rows));
+        estimate.parameters.extend(total_and_asynchronous_values(&setup.layout, &motions, &observed.forward_rows));
     }
     estimate.parameters.extend(calibration::calibration_parameters(&calibration, &setup.layout, settings));
-    estimate.functions.extend(gain_functions(&setup));
+    estimate.functions.extend(noise_gain_functions(&setup));
     estimate.functions.push(separated.fit.residual_rms_by_order());
-    estimate.functions.extend(stability_functions(&setup, &observed.rows));
-    let mut gauge = vec![motions.gauge.clone()];
+    estimate.functions.extend(sensor_stability_functions(&setup, &observed.all_rows));
+    let mut gauge = vec![motions.gauge_text.clone()];
     let is_resampled = settings.sampling == TurnSampling::Continuous;
     gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
-    let mut not_identifiable = motions.not_identifiable();
+    let mut not_identifiable = motions.describe_not_identifiable();
     not_identifiable.extend((!is_resampled).then(|| describe_aliased_harmonics(settings.positions)));
     Ok(Estimate {
         warnings: estimate_warnings(&observed, index_warning, &separated),
         gauge,
         not_identifiable,
-        ..estimate.with_displacement_point(setup.reference_mm)
+        ..estimate.with_displacement_point(setup.reference_point_mm)
     })
 }
 
@@ -100,7 +108,7 @@ fn describe_aliased_harmonics(positions: usize) -> String {
 
 fn harmonic_data(settings: &MultiprobeSettings, rows: &[ChannelRevolutions]) -> Result<HarmonicData, RevolutionsError> {
     let directions = if settings.both_directions { 2 } else { 1 };
-    let without_drift = |row: &ChannelRevolutions| row.without_drift(row.revolutions.len() / directions);
+    let without_drift = |row: &ChannelRevolutions| row.without_linear_drift(row.revolutions.len() / directions);
     HarmonicData::from_revolutions(&rows.iter().map(without_drift).collect::<Vec<_>>(), settings.harmonics)
 }
 
@@ -109,7 +117,7 @@ fn separate_motions(
     setup: &MultiprobeSetup<'_>,
     rows: &[ChannelRevolutions],
     sizes: &SourceSizes<'_>,
-    trials: Option<TrialPlan>,
+    trials: Option<TrialSettings>,
 ) -> Result<(HarmonicData, SeparatedMotions), IdentifyError> {
     let data = harmonic_data(setup.settings, rows)?;
     let linearity_effects = linearity_effects_on_harmonics(&setup.plan.sensors, rows, &data);
@@ -120,32 +128,32 @@ fn separate_motions(
 
 /// Noise gains of the sensors of the first section, for each separation: standard uncertainty of a coefficient of
 /// EXC if those of one sensor have 1 µm. Undetermined orders are omitted.
-fn gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
-    let layout = setup.layout.first_section();
+fn noise_gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
+    let layout = setup.layout.reduced_to_first_section();
     let separations = [
-        ("gain_multiprobe", Separation::Multiprobe),
-        ("gain_multistep", Separation::Multistep),
-        ("gain_combined", Separation::Combined),
+        ("gain_multiprobe", SeparationMethod::Multiprobe),
+        ("gain_multistep", SeparationMethod::Multistep),
+        ("gain_combined", SeparationMethod::Combined),
     ];
-    let function = |(symbol, separation): (&str, Separation)| {
-        let gains = noise_gains(&layout, separation, 2..=setup.settings.harmonics).ok()?;
+    let function = |(symbol, separation): (&str, SeparationMethod)| {
+        let gains = noise_gain_by_order(&layout, separation, 2..=setup.settings.harmonics).ok()?;
         let kept = gains.into_iter().filter(|(_, gain)| gain.is_finite());
         let points: Vec<(f64, f64)> = kept.map(|(order, gain)| (order as f64, gain)).collect();
-        (!points.is_empty()).then(|| function_over_orders(symbol, Unit::Um, points.into_iter()))
+        (!points.is_empty()).then(|| function_over_harmonic_orders(symbol, Unit::Um, points.into_iter()))
     };
     separations.into_iter().filter_map(function).collect()
 }
 
 /// Mean of each revolution of each sensor, less that of its mounting, in the order of time.
-fn stability_functions(setup: &MultiprobeSetup<'_>, rows: &[ChannelRevolutions]) -> Vec<EstimatedFunction> {
+fn sensor_stability_functions(setup: &MultiprobeSetup<'_>, rows: &[ChannelRevolutions]) -> Vec<EstimatedFunction> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
     let of_row = |row: &ChannelRevolutions| {
         let each: Vec<f64> = row.revolutions.iter().map(|revolution| mean(revolution)).collect();
         each.iter().map(|own| own - mean(&each)).collect::<Vec<f64>>()
     };
-    let function = |(number, channel): (usize, &Channel)| {
-        let own = rows.iter().filter(|row| row.key.channel == number);
-        function_over_numbers(&format!("stability_{}", channel.name), "revolution", own.flat_map(of_row))
+    let function = |(number, channel): (usize, &SensorChannel)| {
+        let own = rows.iter().filter(|row| row.key.channel_index == number);
+        function_of_numbered_values(&format!("stability_{}", channel.name), "revolution", own.flat_map(of_row))
     };
     setup.layout.channels.iter().enumerate().map(function).collect()
 }
@@ -157,7 +165,7 @@ fn estimate_warnings(
 ) -> Vec<String> {
     let identification = &separated.identification;
     let mut lines = observed.omission_descriptions.clone();
-    let missing = observed.missing_stop_count;
+    let missing = observed.missing_channel_stop_count;
     lines.extend((missing > 0).then(|| {
         format!(
             "{missing} stops of a sensor have no distance: single stops are interpolated from the \
@@ -166,19 +174,19 @@ fn estimate_warnings(
     }));
     lines.extend(index_warning);
     lines.extend(identification.misfit_warning(&MISFIT_ADVICE));
-    lines.extend(identification.trials_warning());
+    lines.extend(identification.trial_contradiction_warning());
     lines
 }
 
-/// Corrects a single wrong index in the rows. Returns a warning on the indexes from the form of the artefact.
-fn check_mountings(
+/// Checks the mountings by the form of the artefact and removes the rows of a single wrong one. Returns a warning.
+fn check_and_remove_wrong_mounting(
     setup: &MultiprobeSetup<'_>,
     sizes: &SourceSizes<'_>,
     observed: &mut ObservedRevolutions,
 ) -> Result<Option<String>, IdentifyError> {
-    let (data, first) = separate_motions(setup, &observed.rows, sizes, None)?;
+    let (data, first) = separate_motions(setup, &observed.all_rows, sizes, None)?;
     let dof = first.identification.fit_quality.dof.max(1) as f64;
-    let expected = first.identification.propagation.misfit.expected / dof;
+    let expected = first.identification.propagation.misfit.expected_chi2 / dof;
     Ok(match check_layout(&setup.layout, &data, expected)? {
         LayoutCheck::Confirmed => None,
         LayoutCheck::NotVerifiable => {
@@ -190,16 +198,16 @@ fn check_mountings(
              wrong"
                 .to_owned(),
         ),
-        LayoutCheck::Faulty(fault @ Diagnosis::WrongIndex { first_index, affects_later_mountings: false, .. }) => {
-            observed.rows.retain(|row| row.key.index != first_index);
-            observed.forward_rows.retain(|row| row.key.index != first_index);
+        LayoutCheck::Faulty(fault @ LayoutFault::WrongIndex { first_index, affects_later_mountings: false, .. }) => {
+            observed.all_rows.retain(|row| row.key.mounting_index != first_index);
+            observed.forward_rows.retain(|row| row.key.mounting_index != first_index);
             Some(format!("not used: {fault}"))
         }
         LayoutCheck::Faulty(fault) => return Err(refuse_fault(&fault)),
     })
 }
 
-fn refuse_fault(fault: &Diagnosis) -> IdentifyError {
+fn refuse_fault(fault: &LayoutFault) -> IdentifyError {
     let instead = "correct the plan as stated (trued identify --plan), or measure again";
     MethodRefusal::new(fault.to_string(), instead).into()
 }

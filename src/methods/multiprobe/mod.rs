@@ -3,25 +3,25 @@
 //! error motions. The angular positioning error is not measurable with a round artefact.
 //!
 //! [`estimation::revolutions`] resamples to equal angles and computes harmonics with their scatter.
-//! [`identify_motions`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before the measurement
-//! what a layout separates.
+//! [`identify_motions`] separates motion and artefact harmonic by harmonic. [`layout_prediction`] predicts before the
+//! measurement what a layout separates.
 
 mod calibration;
 mod centring;
-mod checks;
-mod diagnosis;
 mod estimate;
+mod fault_diagnosis;
 mod fit;
-mod label;
-mod layout;
+mod layout_checks;
+mod layout_prediction;
 mod model;
 mod observe;
 mod outputs;
-mod revolutions;
 mod settings;
 mod setup;
 mod sources;
 mod stages;
+mod step_label;
+mod total_and_asynchronous;
 
 #[cfg(test)]
 mod tests;
@@ -33,7 +33,7 @@ use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
 use self::setup::MultiprobeSetup;
 use self::sources::{SourceSizes, uncertainty_sources};
-use crate::identification::{Identification, Outputs, TrialPlan};
+use crate::identification::{Identification, Outputs, TrialSettings};
 use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::revolutions::HarmonicData;
 use machine::record::estimate::Estimate;
@@ -99,7 +99,7 @@ fn identify_motions(
     layout: &ProbeLayout,
     data: &HarmonicData,
     sizes: &SourceSizes<'_>,
-    trials: Option<TrialPlan>,
+    trials: Option<TrialSettings>,
 ) -> Result<SeparatedMotions, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit);
@@ -107,6 +107,6 @@ fn identify_motions(
     let nonlinear = motions.motion_ranges(sizes.settings.sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
     let sources = uncertainty_sources(layout, data, &fit, sizes);
-    let identification = crate::identification::identify(&fit.solution(), &sources, outputs, trials)?;
+    let identification = crate::identification::identify(&fit.solved_model(), &sources, outputs, trials)?;
     Ok(SeparatedMotions { identification, fit })
 }

@@ -14,30 +14,32 @@
 //! X and Y are given at the reference height z0. With X1, X2 of two sections at the distance d this gives B =
 //! (X2−X1)/d, A = −(Y2−Y1)/d.
 
-use estimation::revolutions::ChannelAtIndex;
+use estimation::revolutions::ChannelAtMounting;
 use faer::{Mat, c64};
 use machine::Axis;
 
 /// Surface that a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Surface {
+pub enum MeasuredSurface {
     /// Cross section, measured radially: index in [`ProbeLayout::section_z_mm`].
     Section(usize),
     /// Face, measured axially at a distance from the axis.
     Face { radius_mm: f64 },
 }
 
+/// A sensor of the layout.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Channel {
+pub struct SensorChannel {
     pub name: String,
-    pub surface: Surface,
+    pub surface: MeasuredSurface,
     /// γ, the angle of the sensor, rad.
     pub angle_rad: f64,
 }
 
-/// Unknown function over one revolution. Each of its harmonics is one complex unknown.
+/// Error motion or form of the artefact: an unknown function over one revolution. Each of its harmonics is one complex
+/// unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Component {
+pub enum MotionOrForm {
     X,
     Y,
     A,
@@ -46,13 +48,13 @@ pub enum Component {
     /// Roundness of a section, by its index.
     Roundness(usize),
     /// Form of the face.
-    Face,
+    FaceForm,
 }
 
-impl Component {
+impl MotionOrForm {
     /// Whether the component is a property of the artefact.
     pub fn is_artefact_form(self) -> bool {
-        matches!(self, Self::Roundness(_) | Self::Face)
+        matches!(self, Self::Roundness(_) | MotionOrForm::FaceForm)
     }
 
     /// Symbol in the results of a table axis with the letter `axis`.
@@ -60,102 +62,108 @@ impl Component {
         match self {
             Self::X | Self::Y | Self::Z | Self::A | Self::B => format!("E{self:?}{axis}"),
             Self::Roundness(section) => format!("R{}", section + 1),
-            Self::Face => "F".to_owned(),
+            MotionOrForm::FaceForm => "F".to_owned(),
         }
     }
 }
 
+/// Sensors, cross sections and index angles of a measurement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProbeLayout {
-    pub channels: Vec<Channel>,
+    pub channels: Vec<SensorChannel>,
     /// Heights of the cross sections: one, or two for the tilt error motions.
     pub section_z_mm: Vec<f64>,
     /// z0, the height at which X and Y are given. With one section, its height.
     pub reference_z_mm: f64,
-    /// φn, cumulative from the first mounting, rad.
+    /// φn of each mounting, relative to the first one, rad.
     pub index_angles_rad: Vec<f64>,
-    /// The table's axis, and σ: +1 if a positive command turns the table counter-clockwise seen from +Z, −1 for C
-    /// of ISO 841, where the tool turns counter-clockwise relative to the workpiece.
+    /// The table's axis.
     pub axis: Axis,
+    /// σ: +1 if a positive command turns the table counter-clockwise seen from +Z, −1 for C of ISO 841, where the tool
+    /// turns counter-clockwise relative to the workpiece.
     pub turn_sign: f64,
 }
 
 impl ProbeLayout {
     /// Unknown functions, in the order of the columns. One section does not determine the tilt.
-    pub fn components(&self) -> Vec<Component> {
-        let mut components = vec![Component::X, Component::Y];
+    pub fn components(&self) -> Vec<MotionOrForm> {
+        let mut components = vec![MotionOrForm::X, MotionOrForm::Y];
         if self.section_z_mm.len() > 1 {
-            components.extend([Component::A, Component::B]);
+            components.extend([MotionOrForm::A, MotionOrForm::B]);
         }
-        components.extend((0..self.section_z_mm.len()).map(Component::Roundness));
-        if self.channels.iter().any(|channel| matches!(channel.surface, Surface::Face { .. })) {
-            components.extend([Component::Z, Component::Face]);
+        components.extend((0..self.section_z_mm.len()).map(MotionOrForm::Roundness));
+        if self.channels.iter().any(|channel| matches!(channel.surface, MeasuredSurface::Face { .. })) {
+            components.extend([MotionOrForm::Z, MotionOrForm::FaceForm]);
         }
         components
     }
 
     /// Layout of one section with radial sensors, and equal index steps of the artefact.
-    pub fn with_radial_sensors(angles_deg: &[f64], indexes: usize) -> Self {
-        let channel = |angle_deg: &f64| Channel {
+    pub fn with_radial_sensors(angles_deg: &[f64], index_count: usize) -> Self {
+        let channel = |angle_deg: &f64| SensorChannel {
             name: format!("{angle_deg}°"),
-            surface: Surface::Section(0),
+            surface: MeasuredSurface::Section(0),
             angle_rad: angle_deg.to_radians(),
         };
         Self {
             channels: angles_deg.iter().map(channel).collect(),
             section_z_mm: vec![0.0],
             reference_z_mm: 0.0,
-            index_angles_rad: equal_index_angles_rad(indexes),
+            index_angles_rad: equal_index_angles_rad(index_count),
             axis: Axis::C,
             turn_sign: 1.0,
         }
     }
 
     /// Layout reduced to the first section.
-    pub fn first_section(&self) -> Self {
+    pub fn reduced_to_first_section(&self) -> Self {
         let mut layout = Self { section_z_mm: vec![0.0], reference_z_mm: 0.0, ..self.clone() };
-        layout.channels.retain(|channel| channel.surface == Surface::Section(0));
+        layout.channels.retain(|channel| channel.surface == MeasuredSurface::Section(0));
         layout
     }
 
-    /// Rows of every channel at every index.
-    pub fn all_row_keys(&self) -> Vec<ChannelAtIndex> {
+    /// Keys of the rows of every channel at every index.
+    pub fn all_row_keys(&self) -> Vec<ChannelAtMounting> {
         let channels = 0..self.channels.len();
         let indexes = 0..self.index_angles_rad.len();
-        indexes.flat_map(|index| channels.clone().map(move |channel| ChannelAtIndex { index, channel })).collect()
+        indexes
+            .flat_map(|index| {
+                channels.clone().map(move |channel| ChannelAtMounting { mounting_index: index, channel_index: channel })
+            })
+            .collect()
     }
 
     /// Derivative of M by the harmonic `order` of the component.
-    fn motion_coefficient(&self, row: ChannelAtIndex, order: usize, component: Component) -> c64 {
-        let Channel { surface, angle_rad, .. } = &self.channels[row.channel];
+    fn harmonic_coefficient(&self, row: ChannelAtMounting, order: usize, component: MotionOrForm) -> c64 {
+        let SensorChannel { surface, angle_rad, .. } = &self.channels[row.channel_index];
         let (sin, cos) = angle_rad.sin_cos();
-        let artefact_angle = angle_rad - self.index_angles_rad[row.index];
+        let artefact_angle = angle_rad - self.index_angles_rad[row.mounting_index];
         let form = c64::cis(-self.turn_sign * order as f64 * artefact_angle);
         let real = |value: f64| c64::new(value, 0.0);
         let lever = |section: usize| self.section_z_mm[section] - self.reference_z_mm;
         match (*surface, component) {
-            (Surface::Section(_), Component::X) => real(cos),
-            (Surface::Section(_), Component::Y) => real(sin),
-            (Surface::Section(section), Component::A) => real(-lever(section) * sin),
-            (Surface::Section(section), Component::B) => real(lever(section) * cos),
-            (Surface::Section(own), Component::Roundness(section)) if own == section => form,
-            (Surface::Face { radius_mm }, Component::A) => real(radius_mm * sin),
-            (Surface::Face { radius_mm }, Component::B) => real(-radius_mm * cos),
-            (Surface::Face { .. }, Component::Z) => real(1.0),
-            (Surface::Face { .. }, Component::Face) => form,
+            (MeasuredSurface::Section(_), MotionOrForm::X) => real(cos),
+            (MeasuredSurface::Section(_), MotionOrForm::Y) => real(sin),
+            (MeasuredSurface::Section(section), MotionOrForm::A) => real(-lever(section) * sin),
+            (MeasuredSurface::Section(section), MotionOrForm::B) => real(lever(section) * cos),
+            (MeasuredSurface::Section(own), MotionOrForm::Roundness(section)) if own == section => form,
+            (MeasuredSurface::Face { radius_mm }, MotionOrForm::A) => real(radius_mm * sin),
+            (MeasuredSurface::Face { radius_mm }, MotionOrForm::B) => real(-radius_mm * cos),
+            (MeasuredSurface::Face { .. }, MotionOrForm::Z) => real(1.0),
+            (MeasuredSurface::Face { .. }, MotionOrForm::FaceForm) => form,
             _ => c64::ZERO,
         }
     }
 
     /// Design matrix of the harmonic `order`. Rows: the cosine parts of all `rows`, then the sine parts. Columns:
     /// cosine and sine part of each component.
-    pub fn design_matrix(&self, rows: &[ChannelAtIndex], order: usize) -> Mat<f64> {
+    pub fn design_matrix(&self, rows: &[ChannelAtMounting], order: usize) -> Mat<f64> {
         let components = self.components();
         let mut design = Mat::zeros(2 * rows.len(), 2 * components.len());
         for (i, row) in rows.iter().enumerate() {
             for (j, component) in components.iter().enumerate() {
                 // g·(c − i·s) = (re·c + im·s) − i·(re·s − im·c)
-                let g = self.motion_coefficient(*row, order, *component);
+                let g = self.harmonic_coefficient(*row, order, *component);
                 design[(i, 2 * j)] = g.re;
                 design[(i, 2 * j + 1)] = g.im;
                 design[(rows.len() + i, 2 * j)] = -g.im;
@@ -167,14 +175,14 @@ impl ProbeLayout {
 
     /// Names of the columns of [`design_matrix`](Self::design_matrix).
     pub fn unknown_names(&self, order: usize) -> Vec<String> {
-        let name = |component: Component, part| format!("{}_{part}{order}", component.symbol(self.axis));
+        let name = |component: MotionOrForm, part| format!("{}_{part}{order}", component.symbol(self.axis));
         self.components().into_iter().flat_map(|c| ["c", "s"].map(|part| name(c, part))).collect()
     }
 }
 
 /// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first harmonic.
 /// Empty if the layout does not have both components.
-pub fn co_rotating_directions(layout: &ProbeLayout, first: Component, second: Component) -> Vec<Vec<f64>> {
+pub fn co_rotating_directions(layout: &ProbeLayout, first: MotionOrForm, second: MotionOrForm) -> Vec<Vec<f64>> {
     let components = layout.components();
     let position = |component| components.iter().position(|c| *c == component);
     let (Some(i), Some(j)) = (position(first), position(second)) else { return Vec::new() };

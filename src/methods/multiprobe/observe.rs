@@ -2,13 +2,13 @@
 
 use estimation::revolutions::{
     AngleSample, ChannelRevolutions, RejectedRevolutions, ResampleFilter, Resampler, StopScan, append_revolutions,
-    common_revolutions, reject_saturated, remove_incomplete_rows,
+    common_revolutions, invalidate_saturated_samples, remove_channels_with_missing_revolutions,
 };
 use std::collections::BTreeSet;
 
-use super::label::StepLabel;
 use super::settings::TurnSampling;
 use super::setup::MultiprobeSetup;
+use super::step_label::StepLabel;
 use crate::{IdentifyError, readings_of_last_repeat};
 use machine::record::plan::Step;
 use machine::record::reading::{Reading, ReadingFlag};
@@ -17,17 +17,19 @@ use machine::record::reading::{Reading, ReadingFlag};
 #[derive(Default)]
 pub struct ObservedRevolutions {
     /// Revolutions of each channel at each index, in the order of time.
-    pub rows: Vec<ChannelRevolutions>,
+    pub all_rows: Vec<ChannelRevolutions>,
     /// Revolutions of the forward turns alone. These are consecutive.
     pub forward_rows: Vec<ChannelRevolutions>,
     /// Descriptions of omitted data.
     pub omission_descriptions: Vec<String>,
-    /// Number of dwell points of a channel without a distance.
-    pub missing_stop_count: usize,
-    /// Duration of one revolution, s.
-    pub revolution_duration_s: f64,
+    /// Number of pairs of stop and channel without any distance.
+    pub missing_channel_stop_count: usize,
+    /// Duration of one forward revolution, s.
+    pub forward_revolution_duration_s: f64,
 }
 
+/// Revolutions of all mountings.
+///
 /// # Errors
 /// A reading belongs to no step of the plan, or a mounting has no turn.
 pub fn observe_revolutions(
@@ -41,8 +43,8 @@ pub fn observe_revolutions(
         let mut rows: Vec<ChannelRevolutions> = Vec::new();
         for step in &setup.plan.steps {
             let is_forward = match step.label.parse() {
-                Ok(StepLabel::Forward(number)) if number == index + 1 => true,
-                Ok(StepLabel::Backward(number)) if number == index + 1 => false,
+                Ok(StepLabel::ForwardTurn(number)) if number == index + 1 => true,
+                Ok(StepLabel::BackwardTurn(number)) if number == index + 1 => false,
                 _ => continue,
             };
             let own = readings_of_last_repeat(step, readings)?;
@@ -52,10 +54,10 @@ pub fn observe_revolutions(
                 of_scan.iter_mut().for_each(|row| row.revolutions.reverse());
             }
             observed.record_rejected_revolutions(setup, step, rejected);
-            observed.missing_stop_count += missing_stops(setup, step, &own);
+            observed.missing_channel_stop_count += count_missing_channel_stops(setup, step, &own);
             if is_forward {
                 observed.forward_rows.extend(of_scan.iter().cloned());
-                observed.revolution_duration_s = time_span_s(&own) / setup.settings.revolutions as f64;
+                observed.forward_revolution_duration_s = time_span_s(&own) / setup.settings.revolutions as f64;
             }
             append_revolutions(&mut rows, of_scan);
         }
@@ -65,26 +67,27 @@ pub fn observe_revolutions(
 }
 
 /// Number of pairs of stop and channel without any distance.
-fn missing_stops(setup: &MultiprobeSetup<'_>, step: &Step, readings: &[&Reading]) -> usize {
-    if !is_dwell(setup) {
+fn count_missing_channel_stops(setup: &MultiprobeSetup<'_>, step: &Step, readings: &[&Reading]) -> usize {
+    if !uses_dwell_sampling(setup) {
         return 0;
     }
-    let stop = |reading: &Reading| stops_of_scan(setup, step).stop_index(reading.position.get_or_zero(setup.axis));
+    let stop =
+        |reading: &Reading| stops_of_scan(setup, step).stop_index(reading.position.get_or_zero(setup.measured_axis));
     let measured = readings.iter().filter(|reading| reading.value_mm.is_some());
     let measured: BTreeSet<(i64, &str)> = measured.map(|r| (stop(r), r.sensor.as_str())).collect();
     let stops = step.scan.as_ref().map_or(0, |scan| scan.path.len());
     (stops * setup.plan.sensors.len()).saturating_sub(measured.len())
 }
 
-fn is_dwell(setup: &MultiprobeSetup<'_>) -> bool {
+fn uses_dwell_sampling(setup: &MultiprobeSetup<'_>) -> bool {
     setup.settings.sampling == TurnSampling::Dwell
 }
 
 fn stops_of_scan(setup: &MultiprobeSetup<'_>, step: &Step) -> StopScan {
     StopScan {
-        angle_count: setup.settings.positions,
-        ends_rad: [&step.from, &step.to].map(|end| end.get_or_zero(setup.axis)),
-        fill_harmonics: is_dwell(setup).then_some(setup.settings.harmonics),
+        stops_per_revolution: setup.settings.positions,
+        ends_rad: [&step.from, &step.to].map(|end| end.get_or_zero(setup.measured_axis)),
+        fill_harmonic_count: uses_dwell_sampling(setup).then_some(setup.settings.harmonics),
     }
 }
 
@@ -105,9 +108,9 @@ fn scan_revolutions(
         let samples = channel_samples(setup, readings.iter().filter(|reading| reading.sensor == *name));
         let stops = stops_of_scan(setup, step);
         // A run resamples a continuous turn to equal angles before it stores the readings.
-        match is_dwell(setup) || stops.contains_all_samples(&samples) {
+        match uses_dwell_sampling(setup) || stops.has_all_samples_at_stops(&samples) {
             true => stops.mean_at_stops(&samples),
-            false => Resampler::resample_all(filter, stops.ends_rad, &samples),
+            false => Resampler::resample_scan(filter, stops.ends_rad, &samples),
         }
     };
     let names = setup.layout.channels.iter().map(|channel| &channel.name);
@@ -120,12 +123,12 @@ fn channel_samples<'r>(
     readings: impl Iterator<Item = &'r &'r Reading>,
 ) -> Vec<AngleSample> {
     let sample = |reading: &&Reading| AngleSample {
-        angle_rad: reading.position.get_or_zero(setup.axis),
+        angle_rad: reading.position.get_or_zero(setup.measured_axis),
         value: -reading.value_mm.unwrap_or(f64::NAN),
         is_valid: reading.value_mm.is_some() && matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap),
     };
     let mut samples: Vec<AngleSample> = readings.map(sample).collect();
-    reject_saturated(&mut samples);
+    invalidate_saturated_samples(&mut samples);
     samples
 }
 
@@ -137,20 +140,20 @@ impl ObservedRevolutions {
         rejected: Vec<RejectedRevolutions>,
     ) {
         for of_channel in rejected {
-            let name = &setup.layout.channels[of_channel.channel].name;
+            let name = &setup.layout.channels[of_channel.channel_index].name;
             self.omission_descriptions.push(format!("{}: {name}: {of_channel}", step.label));
         }
     }
 
     /// Adds the rows of an index. Channels with missing revolutions are omitted.
     fn add_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<ChannelRevolutions>) {
-        for row in remove_incomplete_rows(&mut rows) {
-            let name = &setup.layout.channels[row.channel].name;
+        for row in remove_channels_with_missing_revolutions(&mut rows) {
+            let name = &setup.layout.channels[row.channel_index].name;
             self.omission_descriptions.push(format!(
                 "mounting {}: {name} is not used: its revolutions in one direction are incomplete",
                 index + 1
             ));
         }
-        self.rows.extend(rows);
+        self.all_rows.extend(rows);
     }
 }

@@ -3,7 +3,7 @@
 use machine::record::estimate::Unit;
 
 use super::fit::SeparationFit;
-use super::model::{Component, ProbeLayout, co_rotating_directions};
+use super::model::{MotionOrForm, ProbeLayout, co_rotating_directions};
 use super::settings::TurnSampling;
 use crate::identification::{
     Harmonic, HarmonicFunction, NonlinearOutputs, OutputParameter, Outputs, range_outputs, synchronous_ranges,
@@ -20,14 +20,14 @@ pub struct ReportedMotions<'a> {
     layout: &'a ProbeLayout,
     fit: &'a SeparationFit,
     /// Components × harmonics from 1 on. `None`: not identifiable.
-    harmonic_derivatives: Vec<(Component, Vec<Option<HarmonicDerivatives>>)>,
+    harmonic_derivatives: Vec<(MotionOrForm, Vec<Option<HarmonicDerivatives>>)>,
     /// Reason why the first harmonic has no co-rotating part.
-    pub gauge: String,
+    pub gauge_text: String,
 }
 
 impl<'a> ReportedMotions<'a> {
     pub fn new(layout: &'a ProbeLayout, fit: &'a SeparationFit) -> Self {
-        let pairs = [(Component::X, Component::Y), (Component::A, Component::B)];
+        let pairs = [(MotionOrForm::X, MotionOrForm::Y), (MotionOrForm::A, MotionOrForm::B)];
         let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
         let removed: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
         let [(x, y), (a, b)] = pairs.map(|(a, b)| (a.symbol(layout.axis), b.symbol(layout.axis)));
@@ -44,22 +44,22 @@ impl<'a> ReportedMotions<'a> {
             )
         };
         let components = layout.components().into_iter().enumerate();
-        Self { layout, fit, harmonic_derivatives: components.map(derivatives).collect(), gauge }
+        Self { layout, fit, harmonic_derivatives: components.map(derivatives).collect(), gauge_text: gauge }
     }
 
     /// Harmonics that are not reported, and the combinations of unknowns that the rows do not separate.
-    pub fn not_identifiable(&self) -> Vec<String> {
-        let lost_harmonics = |(component, parts): &(Component, Vec<Option<HarmonicDerivatives>>)| {
+    pub fn describe_not_identifiable(&self) -> Vec<String> {
+        let lost_harmonics = |(component, parts): &(MotionOrForm, Vec<Option<HarmonicDerivatives>>)| {
             let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
             let name = |(_, order): (_, usize)| format!("{} harmonic {order}", component.symbol(self.layout.axis));
             lost.map(name).collect::<Vec<String>>()
         };
-        let combinations = self.fit.blocks.iter().flat_map(|harmonic| harmonic.undetermined.clone());
+        let combinations = self.fit.blocks.iter().flat_map(|harmonic| harmonic.undetermined_names.clone());
         self.harmonic_derivatives.iter().flat_map(lost_harmonics).chain(combinations).collect()
     }
 
     /// Whether the harmonic `order`, counted from 1, is identifiable.
-    pub fn is_identifiable(&self, component: Component, order: usize) -> bool {
+    pub fn is_identifiable(&self, component: MotionOrForm, order: usize) -> bool {
         let own = self.harmonic_derivatives.iter().find(|(own, _)| *own == component);
         own.is_some_and(|(_, parts)| matches!(parts.get(order - 1), Some(Some(_))))
     }
@@ -67,10 +67,10 @@ impl<'a> ReportedMotions<'a> {
     /// The identifiable harmonics of one component. The first harmonic of a form is omitted, as it is eccentricity.
     fn harmonic_function(
         &self,
-        (component, parts): &(Component, Vec<Option<HarmonicDerivatives>>),
+        (component, parts): &(MotionOrForm, Vec<Option<HarmonicDerivatives>>),
     ) -> HarmonicFunction {
         let harmonic = |(block, parts): (usize, &Option<HarmonicDerivatives>)| {
-            let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.extend_to_all_unknowns(block, slope));
+            let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.extend_slope_to_all_unknowns(block, slope));
             Some(Harmonic { order: (block + 1) as f64, cosine_and_sine_slopes: parts })
         };
         let first = usize::from(component.is_artefact_form());
@@ -82,7 +82,7 @@ impl<'a> ReportedMotions<'a> {
     }
 
     /// The error motions, without the forms of the artefact.
-    pub fn error_motions(&self) -> impl Iterator<Item = (Component, HarmonicFunction)> {
+    pub fn error_motions(&self) -> impl Iterator<Item = (MotionOrForm, HarmonicFunction)> {
         let motions = self.harmonic_derivatives.iter().filter(|(component, _)| !component.is_artefact_form());
         motions.map(|parts| (parts.0, self.harmonic_function(parts)))
     }
@@ -92,11 +92,11 @@ impl<'a> ReportedMotions<'a> {
     fn section_centre_outputs(&self, section: usize) -> Vec<OutputParameter> {
         let (layout, sign) = (self.layout, self.layout.turn_sign);
         let lever = layout.section_z_mm[section] - layout.reference_z_mm;
-        let form = layout.components().iter().position(|c| *c == Component::Roundness(section));
+        let form = layout.components().iter().position(|c| *c == MotionOrForm::Roundness(section));
         let index_angle = layout.index_angles_rad.first().copied().unwrap_or(0.0);
         let (sin, cos) = index_angle.sin_cos();
-        let offset = co_rotating_directions(layout, Component::X, Component::Y);
-        let tilt = co_rotating_directions(layout, Component::A, Component::B);
+        let offset = co_rotating_directions(layout, MotionOrForm::X, MotionOrForm::Y);
+        let tilt = co_rotating_directions(layout, MotionOrForm::A, MotionOrForm::B);
         let slope = |axis: usize, lever: f64, of_form: [f64; 2]| {
             let mut slope: Vec<f64> = offset[axis].iter().map(|d| d / 2.0).collect();
             let tilt = tilt.get(1 - axis).into_iter().flatten();
@@ -109,7 +109,7 @@ impl<'a> ReportedMotions<'a> {
             OutputParameter::from_coefficients(
                 &symbol,
                 Unit::Um,
-                self.fit.extend_to_all_unknowns(0, &slope),
+                self.fit.extend_slope_to_all_unknowns(0, &slope),
                 &self.fit.x,
             )
         };
@@ -121,13 +121,13 @@ impl<'a> ReportedMotions<'a> {
         let x = self.solution();
         let motions: Vec<HarmonicFunction> = self.error_motions().map(|(_, motion)| motion).collect();
         let sections = 0..self.layout.section_z_mm.len();
-        let mut parameters: Vec<OutputParameter> = motions.iter().flat_map(|m| m.coefficients(x)).collect();
+        let mut parameters: Vec<OutputParameter> = motions.iter().flat_map(|m| m.coefficient_outputs(x)).collect();
         parameters.extend(sections.flat_map(|section| self.section_centre_outputs(section)));
-        let curves = self.harmonic_derivatives.iter().filter(|(component, _)| *component != Component::Face);
+        let curves = self.harmonic_derivatives.iter().filter(|(component, _)| *component != MotionOrForm::FaceForm);
         let curves = curves.map(|parts| self.harmonic_function(parts));
         let curves = curves.filter(|function| !function.harmonics.is_empty());
         Outputs {
-            parameters,
+            linear_parameters: parameters,
             curves: curves.map(|function| function.curve("C", CURVE_POINT_COUNT, x)).collect(),
             nonlinear: None,
         }
@@ -136,13 +136,15 @@ impl<'a> ReportedMotions<'a> {
     /// Values of the motions by ISO 230-7, and roundness (peak to valley from the least-squares circle). ISO 230-7
     /// specifies a turning axis. For dwell points the same range is named `EXC_range`.
     pub fn motion_ranges(&self, sampling: TurnSampling) -> NonlinearOutputs {
-        let ranges = |parts: &(Component, Vec<Option<HarmonicDerivatives>>)| {
+        let ranges = |parts: &(MotionOrForm, Vec<Option<HarmonicDerivatives>>)| {
             let function = self.harmonic_function(parts);
             match (parts.0, sampling) {
-                (Component::Face, _) => Vec::new(),
-                (Component::Roundness(section), _) => Vec::from_iter(function.range(format!("RONt_{}", section + 1))),
-                (component, TurnSampling::Continuous) => synchronous_ranges(&function, component == Component::Z),
-                _ => Vec::from_iter(function.range(format!("{}_range", function.symbol))),
+                (MotionOrForm::FaceForm, _) => Vec::new(),
+                (MotionOrForm::Roundness(section), _) => {
+                    Vec::from_iter(function.range_output(format!("RONt_{}", section + 1)))
+                }
+                (component, TurnSampling::Continuous) => synchronous_ranges(&function, component == MotionOrForm::Z),
+                _ => Vec::from_iter(function.range_output(format!("{}_range", function.symbol))),
             }
         };
         range_outputs(self.harmonic_derivatives.iter().flat_map(ranges).collect(), self.solution())
@@ -153,9 +155,9 @@ impl<'a> ReportedMotions<'a> {
     }
 }
 
-fn component_unit(component: Component) -> Unit {
+fn component_unit(component: MotionOrForm) -> Unit {
     match component {
-        Component::A | Component::B => Unit::Urad,
+        MotionOrForm::A | MotionOrForm::B => Unit::Urad,
         _ => Unit::Um,
     }
 }

@@ -29,14 +29,16 @@ pub struct MultiprobeSettings {
     pub indexes: usize,
     /// Revolutions in each direction at one mounting.
     pub revolutions: usize,
+    /// Whether each turn is repeated backward.
     pub both_directions: bool,
-    /// Equal angles per revolution: stops, or results of the resampling.
+    /// Number of equal angles per revolution: stops, or results of the resampling.
     pub positions: usize,
     /// Highest harmonic of the error motions.
     pub harmonics: usize,
     pub sampling: TurnSampling,
-    /// Dwell time at a stop before its samples, and number of samples of each sensor at a stop.
+    /// Dwell time at a stop before its samples.
     pub dwell_s: f64,
+    /// Number of samples of each sensor at a stop.
     pub samples: u32,
     /// Minimum number of samples per second from each sensor in a continuous turn. Additional samples are used too.
     pub rate_hz: f64,
@@ -84,10 +86,11 @@ impl Default for MultiprobeSettings {
     }
 }
 
-/// Upper bounds. Larger values would need a day, and more memory than the computer has.
+/// Upper bounds of the settings. Larger values are refused: they would need a day, and more memory than the computer
+/// has.
 const MAX_MOUNTING_ANGLES: usize = 72;
 const MAX_REVOLUTIONS: usize = 100;
-const MAX_POSITIONS: usize = 3600;
+const MAX_POSITIONS_PER_REVOLUTION: usize = 3600;
 
 impl MultiprobeSettings {
     /// # Errors
@@ -95,18 +98,18 @@ impl MultiprobeSettings {
     pub fn check(&self) -> Result<(), MethodRefusal> {
         let (positions, harmonics) = (self.positions, self.harmonics);
         MethodRefusal::require(
-            harmonics > 0 && self.highest_order() >= harmonics,
+            harmonics > 0 && self.highest_determined_harmonic() >= harmonics,
             format!("{positions} positions per revolution do not determine {harmonics} harmonics"),
             format!("choose positions = {}, or fewer harmonics", (9 * harmonics.max(1)).div_ceil(2)),
         )?;
         MethodRefusal::require(
             (1..=MAX_MOUNTING_ANGLES).contains(&self.indexes)
                 && (1..=MAX_REVOLUTIONS).contains(&self.revolutions)
-                && positions <= MAX_POSITIONS,
+                && positions <= MAX_POSITIONS_PER_REVOLUTION,
             "indexes, revolutions or positions are outside their limits",
             format!(
                 "choose 1 to {MAX_MOUNTING_ANGLES} indexes, 1 to {MAX_REVOLUTIONS} revolutions, at most \
-                 {MAX_POSITIONS} positions"
+                 {MAX_POSITIONS_PER_REVOLUTION} positions"
             ),
         )?;
         MethodRefusal::check_number_ranges(
@@ -125,7 +128,7 @@ impl MultiprobeSettings {
                 ("u_index_angle_deg", self.u_index_angle_deg),
             ],
         )?;
-        MethodRefusal::check_trials(self.monte_carlo_trials)?;
+        MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)?;
         MethodRefusal::require(
             self.revolutions > 1 || self.both_directions,
             "one revolution has no scatter, so the uncertainty cannot be estimated",
@@ -134,13 +137,13 @@ impl MultiprobeSettings {
         self.check_sample_spacing()
     }
 
-    pub fn excluded_ranges(&self) -> Vec<AngleRange> {
+    pub fn excluded_sensor_angles(&self) -> Vec<AngleRange> {
         let range = |[from_deg, to_deg]: &[f64; 2]| AngleRange { from_deg: *from_deg, to_deg: *to_deg };
         self.excluded_deg.iter().map(range).collect()
     }
 
     /// Highest harmonic that the positions of one revolution determine.
-    fn highest_order(&self) -> usize {
+    fn highest_determined_harmonic(&self) -> usize {
         match self.sampling {
             TurnSampling::Dwell => self.positions.saturating_sub(1) / 2,
             TurnSampling::Continuous => ResampleFilter::new(self.positions).max_passed_harmonic(),

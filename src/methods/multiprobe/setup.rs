@@ -1,8 +1,8 @@
 //! Positions of the sensors relative to the table's axis, from machine, artefact and sensors as the plan declares
 //! them.
 
-use super::checks;
-use super::model::{Channel, Component, ProbeLayout, Surface, equal_index_angles_rad};
+use super::layout_checks;
+use super::model::{MeasuredSurface, MotionOrForm, ProbeLayout, SensorChannel, equal_index_angles_rad};
 use super::settings::MultiprobeSettings;
 use crate::MethodRefusal;
 use machine::artefact::{ObservedCylinder, ObservedSurface};
@@ -16,12 +16,12 @@ pub struct MultiprobeSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a MultiprobeSettings,
     /// The measured axis.
-    pub axis: Axis,
+    pub measured_axis: Axis,
     /// Positions of all axes except the measured one at the start of a turn.
-    pub start_position: Position,
+    pub other_axis_positions: Position,
     pub layout: ProbeLayout,
     /// Point at which X and Y are given, machine frame, mm.
-    pub reference_mm: [f64; 3],
+    pub reference_point_mm: [f64; 3],
 }
 
 impl<'a> MultiprobeSetup<'a> {
@@ -32,9 +32,9 @@ impl<'a> MultiprobeSetup<'a> {
         let table =
             UprightTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let cylinder = find_datum_cylinder(plan)?;
-        let at = position_at_zero(plan, settings, &table)?;
+        let at = position_with_measured_axis_at_zero(plan, settings, &table)?;
         let line = chain.axis_line(table.axis, &at).ok_or_else(MethodRefusal::missing_rotary_table)?;
-        let on_table = ObservedCylinder { chain: &chain, position: &at, cylinder, axis: &line };
+        let on_table = ObservedCylinder { chain: &chain, position: &at, cylinder, table_axis: &line };
         let foot = on_table.foot_position();
         let observed = |sensor: &'a Sensor| {
             let surface = on_table
@@ -43,7 +43,7 @@ impl<'a> MultiprobeSetup<'a> {
             Ok((sensor, surface))
         };
         let surfaces = plan.sensors.iter().map(observed).collect::<Result<Vec<_>, MethodRefusal>>()?;
-        let mut sections: Vec<usize> = surfaces.iter().filter_map(|(_, surface)| surface.section).collect();
+        let mut sections: Vec<usize> = surfaces.iter().filter_map(|(_, surface)| surface.section_index).collect();
         sections.sort_unstable();
         sections.dedup();
         let channels = surfaces.iter().map(|(sensor, surface)| sensor_channel(sensor, surface, &sections));
@@ -60,7 +60,14 @@ impl<'a> MultiprobeSetup<'a> {
         };
         let start_position = at.filter_axes(|axis| axis != table.axis);
         let reference_mm = [line.point.x, line.point.y, layout.reference_z_mm];
-        Ok(Self { plan, settings, axis: table.axis, start_position, layout, reference_mm })
+        Ok(Self {
+            plan,
+            settings,
+            measured_axis: table.axis,
+            other_axis_positions: start_position,
+            layout,
+            reference_point_mm: reference_mm,
+        })
     }
 
     /// Checks before motion what the sensors and indexes do not separate.
@@ -69,22 +76,23 @@ impl<'a> MultiprobeSetup<'a> {
     /// The first undetermined quantity, with a better layout.
     pub fn check_separability(&self) -> Result<(), MethodRefusal> {
         let layout = &self.layout;
-        checks::check_surfaces(layout)?;
-        checks::check_sensor_angles(layout, &self.settings.excluded_ranges())?;
-        let is_radial = |c: &Component| matches!(c, Component::X | Component::Y | Component::A | Component::B);
-        let motions: Vec<Component> = layout.components().into_iter().filter(is_radial).collect();
-        checks::check_harmonic_orders(layout, &motions, 2..=self.settings.harmonics)
+        layout_checks::check_surfaces(layout)?;
+        layout_checks::check_sensor_angles(layout, &self.settings.excluded_sensor_angles())?;
+        let is_radial =
+            |c: &MotionOrForm| matches!(c, MotionOrForm::X | MotionOrForm::Y | MotionOrForm::A | MotionOrForm::B);
+        let motions: Vec<MotionOrForm> = layout.components().into_iter().filter(is_radial).collect();
+        layout_checks::check_harmonic_orders(layout, &motions, 2..=self.settings.harmonics)
     }
 }
 
-fn sensor_channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]) -> Channel {
+fn sensor_channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]) -> SensorChannel {
     let number = |section: usize| sections.iter().position(|own| *own == section);
-    Channel {
+    SensorChannel {
         name: sensor.name.clone(),
-        angle_rad: surface.angle_rad,
-        surface: match surface.section {
-            Some(section) => Surface::Section(number(section).unwrap_or_default()),
-            None => Surface::Face { radius_mm: surface.radius_mm },
+        angle_rad: surface.sensor_angle_rad,
+        surface: match surface.section_index {
+            Some(section) => MeasuredSurface::Section(number(section).unwrap_or_default()),
+            None => MeasuredSurface::Face { radius_mm: surface.face_radius_mm },
         },
     }
 }
@@ -108,7 +116,7 @@ fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
 }
 
 /// Positions of the axes with the measured one at zero.
-fn position_at_zero(
+fn position_with_measured_axis_at_zero(
     plan: &Plan,
     settings: &MultiprobeSettings,
     table: &UprightTableAxis,
@@ -128,5 +136,5 @@ fn position_at_zero(
         );
         return Err(MethodRefusal::new(format!("`at` does not contain {axis}"), instead));
     }
-    Ok(table.zero_position.filter_axes(|axis| axis != Axis::S).updated_by(&settings.at))
+    Ok(table.position_with_rotary_axes_at_zero.filter_axes(|axis| axis != Axis::S).updated_by(&settings.at))
 }

@@ -3,28 +3,28 @@
 
 use std::f64::consts::PI;
 
-use estimation::linear::cholesky_lower;
-use estimation::revolutions::{ChannelAtIndex, HarmonicData};
+use estimation::linear_least_squares::cholesky_lower;
+use estimation::revolutions::{ChannelAtMounting, HarmonicData};
 use faer::Mat;
 
 use super::fit::SeparationFit;
-use super::model::{Component, ProbeLayout, Surface};
+use super::model::{MeasuredSurface, MotionOrForm, ProbeLayout};
 use super::settings::MultiprobeSettings;
 use crate::identification::{EvaluationType, UncertaintySource};
 
 /// Step of the numerical derivative by an angle.
-const ANGLE_STEP_RAD: f64 = 1e-3;
+const DERIVATIVE_ANGLE_STEP_RAD: f64 = 1e-3;
 
-/// Standard uncertainties. Zero: exactly known.
+/// Standard uncertainties of the sources. 0: the quantity is exactly known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceSizes<'a> {
     /// Settings with the uncertainties of the declared layout.
     pub settings: &'a MultiprobeSettings,
     /// Covariance of the gains, then of the angles, after the calibration.
     pub sensor_covariance: Option<Mat<f64>>,
-    /// Drift of the artefact relative to the sensors along X, Y and Z during one revolution, reduced by the
-    /// revolutions in the other direction.
-    pub drift_mm_per_revolution: f64,
+    /// Standard uncertainty of the drift of the artefact relative to the sensors along X, Y and Z during one
+    /// revolution, reduced by the revolutions in the other direction.
+    pub u_drift_mm_per_revolution: f64,
     /// Effects of the sensors' linearity errors on all observations, one column per independent draw, mm.
     pub linearity_effects: Vec<Vec<f64>>,
 }
@@ -35,7 +35,7 @@ fn change_section_distance(layout: &mut ProbeLayout, by_mm: f64) {
 
 fn change_face_radius(layout: &mut ProbeLayout, by_mm: f64) {
     for channel in &mut layout.channels {
-        if let Surface::Face { radius_mm } = &mut channel.surface {
+        if let MeasuredSurface::Face { radius_mm } = &mut channel.surface {
             *radius_mm += by_mm;
         }
     }
@@ -44,7 +44,7 @@ fn change_face_radius(layout: &mut ProbeLayout, by_mm: f64) {
 /// Effect on all observations, mm, of the standard uncertainty `u` of the quantity that `change` changes by mm or rad.
 fn layout_error_effect(
     layout: &ProbeLayout,
-    rows: &[ChannelAtIndex],
+    rows: &[ChannelAtMounting],
     fit: &SeparationFit,
     u: f64,
     change: impl Fn(&mut ProbeLayout, f64),
@@ -65,7 +65,7 @@ pub fn uncertainty_sources(
     sizes: &SourceSizes<'_>,
 ) -> Vec<UncertaintySource> {
     let declared = sizes.settings;
-    let (rows, u_index) = (&data.rows, declared.u_index_angle_deg.to_radians());
+    let (rows, u_index) = (&data.row_keys, declared.u_index_angle_deg.to_radians());
     let index_error =
         |index| layout_error_effect(layout, rows, fit, u_index, |layout, by| layout.index_angles_rad[index] += by);
     // The first mounting defines the angle of the artefact.
@@ -75,12 +75,12 @@ pub fn uncertainty_sources(
     let radius_error = layout_error_effect(layout, rows, fit, declared.u_face_radius_mm, change_face_radius);
     let mut all = vec![
         noise_source(data, fit),
-        fit.declared_source("gain and angle of the sensors", sensor_error_effects(layout, data, fit, sizes)),
-        fit.declared_source("index angle", index_errors),
-        fit.declared_source("section distance", vec![distance_error]),
-        fit.declared_source("face radius", vec![radius_error]),
-        fit.declared_source("linearity of the sensors", sizes.linearity_effects.clone()),
-        fit.declared_source("drift", drift_effects(layout, data, sizes.drift_mm_per_revolution)),
+        fit.unweighted_source("gain and angle of the sensors", sensor_error_effects(layout, data, fit, sizes)),
+        fit.unweighted_source("index angle", index_errors),
+        fit.unweighted_source("section distance", vec![distance_error]),
+        fit.unweighted_source("face radius", vec![radius_error]),
+        fit.unweighted_source("linearity of the sensors", sizes.linearity_effects.clone()),
+        fit.unweighted_source("drift", drift_effects(layout, data, sizes.u_drift_mm_per_revolution)),
     ];
     all.retain(|source| !source.is_zero());
     all
@@ -88,8 +88,8 @@ pub fn uncertainty_sources(
 
 /// Noise source: scatter of the mean over the revolutions, independent between harmonics.
 fn noise_source(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
-    let effect = fit.block_covariance_effect(|block| data.covariance(block + 1));
-    let dof = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
+    let effect = fit.block_covariance_effect(|block| data.observation_covariance(block + 1));
+    let dof = data.harmonic_scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let evaluation = EvaluationType::A;
     UncertaintySource { evaluation, dof, ..UncertaintySource::new("noise", effect) }
 }
@@ -105,8 +105,8 @@ fn sensor_error_effects(
     let gains = (0..count).map(|channel| gain_effect(data, channel));
     let angle = |channel: usize| {
         let change = |layout: &mut ProbeLayout, by| layout.channels[channel].angle_rad += by;
-        let changes = layout_error_effect(layout, &data.rows, fit, ANGLE_STEP_RAD, change);
-        changes.into_iter().map(|effect| effect / ANGLE_STEP_RAD).collect()
+        let changes = layout_error_effect(layout, &data.row_keys, fit, DERIVATIVE_ANGLE_STEP_RAD, change);
+        changes.into_iter().map(|effect| effect / DERIVATIVE_ANGLE_STEP_RAD).collect()
     };
     let effects: Vec<Vec<f64>> = gains.chain((0..count).map(angle)).collect();
     let (u_gain, u_angle) = (sizes.settings.u_gain, sizes.settings.u_sensor_angle_rad());
@@ -126,22 +126,22 @@ fn sensor_error_effects(
 /// Change of all observations by an increase of one channel's relative gain by 1.
 fn gain_effect(data: &HarmonicData, channel: usize) -> Vec<f64> {
     let observed = (1..=data.max_order()).flat_map(|order| data.observations(order));
-    let rows = data.rows.iter().cycle();
-    observed.zip(rows).map(|(m, row)| if row.channel == channel { m } else { 0.0 }).collect()
+    let rows = data.row_keys.iter().cycle();
+    observed.zip(rows).map(|(m, row)| if row.channel_index == channel { m } else { 0.0 }).collect()
 }
 
 /// Displacement proportional to the angle, along X, Y and Z. Over one revolution it is v·(q/2π − ½) = −Σ v/(πk)·sin
 /// kq.
-fn drift_effects(layout: &ProbeLayout, data: &HarmonicData, size_mm: f64) -> Vec<Vec<f64>> {
+fn drift_effects(layout: &ProbeLayout, data: &HarmonicData, u_mm_per_revolution: f64) -> Vec<Vec<f64>> {
     let components = layout.components();
     let column = |j: usize| {
         let block_effect = |order: usize| {
-            let sine = -size_mm / (PI * order as f64);
-            let design = layout.design_matrix(&data.rows, order);
+            let sine = -u_mm_per_revolution / (PI * order as f64);
+            let design = layout.design_matrix(&data.row_keys, order);
             design.col_as_slice(2 * j + 1).iter().map(|d| d * sine).collect::<Vec<f64>>()
         };
         (1..=data.max_order()).flat_map(block_effect).collect()
     };
-    let is_shifted = |c: &Component| matches!(c, Component::X | Component::Y | Component::Z);
+    let is_shifted = |c: &MotionOrForm| matches!(c, MotionOrForm::X | MotionOrForm::Y | MotionOrForm::Z);
     (0..components.len()).filter(|j| is_shifted(&components[*j])).map(column).collect()
 }

@@ -2,18 +2,18 @@
 //! turns forward and backward.
 
 use super::centring::{CENTRING_STOP_COUNT, CentringResult};
-use super::checks::describe_weak_points;
-use super::label::StepLabel;
+use super::layout_checks::describe_weak_points;
 use super::settings::{MultiprobeSettings, TurnSampling};
 use super::setup::MultiprobeSetup;
+use super::step_label::StepLabel;
 use crate::revolution_steps::RevolutionSteps;
 use crate::{MethodRefusal, NextStage, PositionSource};
-use estimation::revolutions::KERNEL_HALF_STEPS;
+use estimation::revolutions::KERNEL_HALF_WIDTH_STEPS;
 use machine::Position;
 use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
-use machine::record::watch::WatchedSensor;
+use machine::record::watched_sensors::WatchedSensor;
 
-/// Maximum number of centring rounds.
+/// Maximum number of centring rounds. If the artefact is still off centre, the run is refused.
 const MAX_CENTRING_ROUNDS: usize = 20;
 
 /// The stage that follows the `done` ones.
@@ -27,14 +27,14 @@ pub fn next_stage(
 ) -> Result<NextStage, MethodRefusal> {
     let labels: Vec<StepLabel> = setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
     let count = |is: fn(&StepLabel) -> bool| labels.iter().filter(|label| is(label)).count();
-    let rounds = count(|label| matches!(label, StepLabel::Centring(_)));
-    let mounted = count(|label| matches!(label, StepLabel::Mount(_)));
+    let rounds = count(|label| matches!(label, StepLabel::CentringRound(_)));
+    let mounted = count(|label| matches!(label, StepLabel::MountPrompt(_)));
     let measured = match source {
         PositionSource::Nominal => None,
         PositionSource::Measured(readings) => CentringResult::from_readings(setup, readings),
     };
     let off_centre = measured.filter(|centring| !centring.is_within_limit(setup));
-    let turn = turn_angles_deg(setup)?;
+    let turn = forward_turn_angles_deg(setup)?;
     let (name, steps) = match (rounds, mounted, &off_centre) {
         (0, _, _) => {
             let steps = vec![first_mount_prompt(setup)?, centring_turn(setup, &turn, 1)];
@@ -68,9 +68,9 @@ fn first_mount_prompt(setup: &MultiprobeSetup<'_>) -> Result<Step, MethodRefusal
          sensors ({}) to the middle of their ranges. All axes will move to the positions of `at` \
          (rotary axes without a position to 0°), then the table will turn once.{}",
         names.join(", "),
-        describe_weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.excluded_ranges())?
+        describe_weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.excluded_sensor_angles())?
     );
-    let watch = setup.plan.sensors.iter().map(WatchedSensor::at_mid_range).collect();
+    let watch = setup.plan.sensors.iter().map(WatchedSensor::with_mid_range_target).collect();
     Ok(Step { watch, ..Step::prompt("centre/1".to_owned(), text) })
 }
 
@@ -78,13 +78,17 @@ fn first_mount_prompt(setup: &MultiprobeSetup<'_>) -> Result<Step, MethodRefusal
 fn centring_turn(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], round: usize) -> Step {
     let step_deg = 360.0 / CENTRING_STOP_COUNT as f64;
     let angles = (0..=CENTRING_STOP_COUNT).map(|k| turn_deg[0] + k as f64 * step_deg);
-    turn_scan(setup, StepLabel::Centring(round), StepKind::Scan, angles.collect(), dwell_sampling(setup))
+    turn_scan(setup, StepLabel::CentringRound(round), StepKind::Scan, angles.collect(), dwell_sampling(setup))
 }
 
-/// Steps of one mounting, counted from 1.
-fn mounting_steps(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<Step>, MethodRefusal> {
-    let index_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
-    let text = match number {
+/// Steps of the mounting number `mounting_number`, from 1.
+fn mounting_steps(
+    setup: &MultiprobeSetup<'_>,
+    turn_deg: &[f64],
+    mounting_number: usize,
+) -> Result<Vec<Step>, MethodRefusal> {
+    let index_deg = setup.layout.index_angles_rad[mounting_number - 1].to_degrees();
+    let text = match mounting_number {
         1 => format!(
             "The artefact is centred. Keep clear: at each mounting the table will turn {}°{}",
             360 * setup.settings.revolutions,
@@ -97,8 +101,8 @@ fn mounting_steps(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], number: usize) 
         ),
     };
     // The angles of all other mountings count from the first mounting.
-    let mount = (number > 1).then_some(ArtefactMount { turn_deg: index_deg });
-    let prompt = Step { mount, ..Step::prompt(StepLabel::Mount(number).to_string(), text) };
+    let mount = (mounting_number > 1).then_some(ArtefactMount { turn_deg: index_deg });
+    let prompt = Step { mount, ..Step::prompt(StepLabel::MountPrompt(mounting_number).to_string(), text) };
     let forward = turn_deg.to_vec();
     let backward: Vec<f64> = forward.iter().rev().copied().collect();
     let start = turn_deg[0];
@@ -112,11 +116,16 @@ fn mounting_steps(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], number: usize) 
     // After an interruption the reference of the same mounting is repeated. It has two stops, so that the scan is a
     // turn.
     let reference = vec![start, start + 90.0];
-    let reference =
-        turn_scan(setup, StepLabel::Reference(number), StepKind::Reference, reference, dwell_sampling(setup));
-    let mut steps = vec![prompt, reference, turns(StepLabel::Forward(number), forward)];
+    let reference = turn_scan(
+        setup,
+        StepLabel::MountingReference(mounting_number),
+        StepKind::Reference,
+        reference,
+        dwell_sampling(setup),
+    );
+    let mut steps = vec![prompt, reference, turns(StepLabel::ForwardTurn(mounting_number), forward)];
     if setup.settings.both_directions {
-        steps.push(turns(StepLabel::Backward(number), backward));
+        steps.push(turns(StepLabel::BackwardTurn(mounting_number), backward));
     }
     Ok(steps)
 }
@@ -132,7 +141,9 @@ fn turn_scan(
     angles_deg: Vec<f64>,
     sampling: Sampling,
 ) -> Step {
-    let position = |deg: &f64| setup.start_position.clone().with(setup.axis, setup.axis.to_mm_or_rad(*deg));
+    let position = |deg: &f64| {
+        setup.other_axis_positions.clone().with(setup.measured_axis, setup.measured_axis.to_mm_or_rad(*deg))
+    };
     let path: Vec<Position> = angles_deg.iter().map(position).collect();
     Step {
         kind,
@@ -147,16 +158,16 @@ fn turn_scan(
 ///
 /// # Errors
 /// The axis limits do not allow the number of revolutions.
-fn turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, MethodRefusal> {
+fn forward_turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, MethodRefusal> {
     let MultiprobeSettings { positions, revolutions, sampling, .. } = *setup.settings;
     // The filter needs samples before the first revolution and after the last one. The first and the last step are
     // incomplete, as the axis starts and stops there.
     let lead = match sampling {
         TurnSampling::Dwell => 0,
-        TurnSampling::Continuous => KERNEL_HALF_STEPS + 1,
+        TurnSampling::Continuous => KERNEL_HALF_WIDTH_STEPS + 1,
     };
-    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions, lead_steps: lead }
-        .range_within_limits(setup.plan, setup.axis)?;
+    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions, lead_steps_per_end: lead }
+        .step_range_within_limits(setup.plan, setup.measured_axis)?;
     let numbers: Vec<i64> = match sampling {
         TurnSampling::Dwell => steps.collect(),
         TurnSampling::Continuous => vec![*steps.start(), *steps.end()],

@@ -1,14 +1,14 @@
 //! Error of the tool at any pose in the working volume, from the errors of an estimate.
 
-mod slices;
+mod error_slices;
 #[cfg(test)]
 mod tests;
-mod volume;
-mod workpiece;
+mod volume_errors;
+mod workpiece_points;
 
-pub use slices::ErrorSlice;
-pub use volume::VolumeError;
-pub use workpiece::{WorkpieceFrame, WorkpiecePoint};
+pub use error_slices::ErrorSlice;
+pub use volume_errors::VolumeError;
+pub use workpiece_points::{WorkpiecePoint, WorkpieceTransform};
 
 use std::collections::BTreeMap;
 
@@ -67,16 +67,16 @@ pub struct ErrorPredictor<'a> {
     chain: KinematicChain,
     known_errors: KnownErrors<'a>,
     tip: Point<SpindleFrame>,
-    /// Ranges of the axes over which the estimate was measured, mm and degrees; empty: unknown.
+    /// Ranges of the axes over which the estimate was measured, mm and degrees. Empty: the ranges are unknown.
     measured_ranges: &'a BTreeMap<Axis, [f64; 2]>,
     /// Pose of the work zero. `None`: a work zero for each position of the rotary axes.
     work_zero: Option<Position>,
-    /// Displacement at the work zero.
-    work_zero_displacement: Option<Displacement>,
+    /// Displacement of the tip at the work zero. `None`: as for `work_zero`.
+    work_zero_displacement: Option<DisplacementWithDerivatives>,
 }
 
 /// Displacement of a point in the table frame, and its derivatives by the errors.
-type Displacement = (Vector3<f64>, Vec<Vector3<f64>>);
+type DisplacementWithDerivatives = (Vector3<f64>, Vec<Vector3<f64>>);
 
 impl<'a> ErrorPredictor<'a> {
     /// # Errors
@@ -92,10 +92,11 @@ impl<'a> ErrorPredictor<'a> {
             WorkZero::EachRotaryPosition => None,
         };
         let measured_ranges = &estimate.measured;
-        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, work_zero_displacement: None }.with_work_zero())
+        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, work_zero_displacement: None }
+            .with_updated_work_zero_displacement())
     }
 
-    fn with_work_zero(mut self) -> Self {
+    fn with_updated_work_zero_displacement(mut self) -> Self {
         self.work_zero_displacement = self.work_zero.as_ref().map(|zero| self.point_displacement(zero, self.tip));
         self
     }
@@ -116,7 +117,7 @@ impl<'a> ErrorPredictor<'a> {
             })?;
             self.known_errors.errors[index].value = 0.0;
         }
-        Ok(self.with_work_zero())
+        Ok(self.with_updated_work_zero_displacement())
     }
 
     /// Errors that the prediction includes, and what it does not include, in words.
@@ -129,12 +130,12 @@ impl<'a> ErrorPredictor<'a> {
     }
 
     /// Symbols of the axis errors in the estimate.
-    pub fn symbols(&self) -> &[&'a str] {
+    pub fn axis_error_symbols(&self) -> &[&'a str] {
         &self.known_errors.symbols
     }
 
-    /// Displacement at the work zero.
-    fn displacement_at_zero(&self, at: &Position) -> Displacement {
+    /// Displacement of the tip at the work zero that applies to the pose `at`.
+    fn displacement_at_work_zero(&self, at: &Position) -> DisplacementWithDerivatives {
         self.work_zero_displacement.clone().unwrap_or_else(|| {
             // X, Y, Z that are linearly independent with all axes at 0 are so everywhere.
             let zero = linear_axes_at_table_origin(&self.chain, self.tip, at).unwrap_or_default();
@@ -143,11 +144,11 @@ impl<'a> ErrorPredictor<'a> {
     }
 
     /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
-    fn point_displacement(&self, at: &Position, point: Point<SpindleFrame>) -> Displacement {
+    fn point_displacement(&self, at: &Position, point: Point<SpindleFrame>) -> DisplacementWithDerivatives {
         let Self { chain, known_errors, .. } = self;
         let displacement =
             chain.tip_in_table(at, point, &known_errors.errors).mm - chain.tip_in_table(at, point, &[]).mm;
-        (displacement, chain.jacobian(at, point, &known_errors.errors, &known_errors.parameters()))
+        (displacement, chain.error_jacobian(at, point, &known_errors.errors, &known_errors.parameters()))
     }
 
     /// Checks that a pose lies within the ranges over which the estimate was measured. An axis that the pose
@@ -194,7 +195,7 @@ impl<'a> ErrorPredictor<'a> {
         let above = Point::from_vec(self.tip.mm + Vector3::z() * DIRECTION_BASE_MM);
         let (above, columns) = self.point_displacement(at, above);
         // The work zero does not affect a direction.
-        let (zero, zero_columns) = self.displacement_at_zero(at);
+        let (zero, zero_columns) = self.displacement_at_work_zero(at);
         let own = tip.derivatives.iter().zip(&zero_columns);
         let turned: Vec<Vector3<f64>> =
             columns.iter().zip(own).map(|(above, (tip, zero))| (above - tip - zero) / DIRECTION_BASE_MM).collect();
@@ -208,7 +209,7 @@ impl<'a> ErrorPredictor<'a> {
 
     fn tip_error(&self, at: &Position) -> TipError {
         let (tip, columns) = self.point_displacement(at, self.tip);
-        let (zero, zero_columns) = self.displacement_at_zero(at);
+        let (zero, zero_columns) = self.displacement_at_work_zero(at);
         TipError { error_mm: tip - zero, derivatives: subtract_columns(&columns, &zero_columns) }
     }
 

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{ErrorPredictor, WorkZero, WorkpieceFrame};
-use crate::samba::tests::htm::{Triple, Truth};
+use super::{ErrorPredictor, WorkZero, WorkpieceTransform};
+use crate::samba::tests::reference_machine::{BcsAnglesRad, ReferenceMachine};
 use crate::samba::tests::{built_in, exact_estimate, paper_errors};
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
@@ -11,7 +11,7 @@ use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
 
-const POSES: [([f64; 3], Triple); 4] = [
+const POSES: [([f64; 3], BcsAnglesRad); 4] = [
     ([120.0, -80.0, 400.0], [0.0, 0.0, 0.0]),
     ([-200.0, 150.0, 500.0], [0.7, 2.0, 0.0]),
     ([50.0, 60.0, 330.0], [-1.2, -3.0, 1.5]),
@@ -19,32 +19,34 @@ const POSES: [([f64; 3], Triple); 4] = [
 ];
 
 fn machine() -> Machine {
-    built_in::plan().machine
+    built_in::built_in_plan().machine
 }
 
-fn position(xyz: [f64; 3], [b, c, s]: Triple) -> Position {
+fn position(xyz: [f64; 3], [b, c, s]: BcsAnglesRad) -> Position {
     Position::from_xyz(Vector3::from(xyz)).with(Axis::B, b).with(Axis::C, c).with(Axis::S, s)
 }
 
-fn measured() -> Estimate {
+fn estimate_with_measured_ranges() -> Estimate {
     let mut estimate = exact_estimate();
     estimate.measured = [(Axis::B, [-90.0, 90.0]), (Axis::X, [-300.0, 300.0])].into();
     estimate
 }
 
 #[test]
-fn errors_are_those_of_the_matrix_products() {
-    let (machine, estimate) = (machine(), measured());
+fn predicted_errors_equal_those_of_matrix_products() {
+    let (machine, estimate) = (machine(), estimate_with_measured_ranges());
     let tool = Vector3::from(machine.tool_mm);
-    let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
-    let nominal = Truth { errors: Default::default(), tool };
-    let off = |xyz: [f64; 3], triple| truth.tip(Vector3::from(xyz), triple) - nominal.tip(Vector3::from(xyz), triple);
+    let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
+    let nominal = ReferenceMachine { errors: Default::default(), tool };
+    let off = |xyz: [f64; 3], triple| {
+        truth.tip_in_table(Vector3::from(xyz), triple) - nominal.tip_in_table(Vector3::from(xyz), triple)
+    };
     let along = Vector3::z() * 100.0;
     let direction = |xyz: [f64; 3], triple| {
-        let of = |of: &Truth| {
-            let above = Truth { errors: of.errors.clone(), tool: tool + along };
+        let of = |of: &ReferenceMachine| {
+            let above = ReferenceMachine { errors: of.errors.clone(), tool: tool + along };
             let xyz = Vector3::from(xyz);
-            (above.tip(xyz, triple) - of.tip(xyz, triple)) / along.norm()
+            (above.tip_in_table(xyz, triple) - of.tip_in_table(xyz, triple)) / along.norm()
         };
         of(&truth) - of(&nominal)
     };
@@ -66,17 +68,17 @@ fn errors_are_those_of_the_matrix_products() {
 /// rotary axes.
 #[test]
 fn work_zero_is_reset_without_tool_centre_control() {
-    let (machine, estimate) = (machine(), measured());
+    let (machine, estimate) = (machine(), estimate_with_measured_ranges());
     let tool = Vector3::from(machine.tool_mm);
-    let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
-    let nominal = Truth { errors: Default::default(), tool };
+    let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
+    let nominal = ReferenceMachine { errors: Default::default(), tool };
     let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::EachRotaryPosition).unwrap();
     for (xyz, triple) in POSES {
-        let off = |xyz: Vector3<f64>| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
+        let off = |xyz: Vector3<f64>| truth.tip_in_table(xyz, triple) - nominal.tip_in_table(xyz, triple);
         // The nominal tip position is linear in X, Y and Z: a linear system gives the X, Y and Z with the tip
         // at the origin.
-        let at_zero = nominal.tip(Vector3::zeros(), triple);
-        let axis = |k: usize| nominal.tip(Vector3::ith(k, 1.0), triple) - at_zero;
+        let at_zero = nominal.tip_in_table(Vector3::zeros(), triple);
+        let axis = |k: usize| nominal.tip_in_table(Vector3::ith(k, 1.0), triple) - at_zero;
         let columns = Matrix3::from_columns(&[axis(0), axis(1), axis(2)]);
         let zero = -columns.try_inverse().unwrap() * at_zero;
         let expected = off(Vector3::from(xyz)) - off(zero);
@@ -89,27 +91,29 @@ fn work_zero_is_reset_without_tool_centre_control() {
 /// twice its value at C = 180°. The absolute value of a normal quantity is below 2u with the probability of k
 /// = 2.
 #[test]
-fn a_correction_leaves_the_uncertainty() {
-    let mut estimate = measured();
+fn correction_removes_the_error_and_leaves_its_uncertainty() {
+    let mut estimate = estimate_with_measured_ranges();
     let offset = estimate.covariance.symbols.iter().position(|own| own == "EX0C").unwrap();
     estimate.covariance.rows.iter_mut().flatten().for_each(|entry| *entry = 0.0);
     estimate.covariance.rows[offset][offset] = 4.0;
     let machine = machine();
     let new = || ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
-    let symbols = new().symbols().to_vec();
+    let symbols = new().axis_error_symbols().to_vec();
     let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
     let corrected = new().with_corrected_errors(&symbols).unwrap();
     assert!(corrected.pose_error(&half_turn).tip_error_mm.norm() < 1e-12);
     let [error, _] = corrected
         .volume_errors(std::slice::from_ref(&half_turn), &corrected.tip_errors(std::slice::from_ref(&half_turn)));
-    assert!((error.largest_95_mm * 1e3 - 8.0).abs() < 1.2, "{error:?}");
+    assert!((error.largest_95_percent_bound_mm * 1e3 - 8.0).abs() < 1.2, "{error:?}");
     let rest = new().with_corrected_errors(&["EX0C"]).unwrap().pose_error(&half_turn).tip_error_mm;
     let mut without = paper_errors();
     without.iter_mut().filter(|(symbol, _)| symbol == "EX0C").for_each(|(_, value)| *value = 0.0);
     let tool = Vector3::from(machine.tool_mm);
-    let (truth, nominal) =
-        (Truth { errors: without.into_iter().collect(), tool }, Truth { errors: Default::default(), tool });
-    let off = |xyz: Vector3<f64>, triple| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
+    let (truth, nominal) = (
+        ReferenceMachine { errors: without.into_iter().collect(), tool },
+        ReferenceMachine { errors: Default::default(), tool },
+    );
+    let off = |xyz: Vector3<f64>, triple| truth.tip_in_table(xyz, triple) - nominal.tip_in_table(xyz, triple);
     let expected = off(Vector3::new(30.0, 20.0, 400.0), [0.0, std::f64::consts::PI, 0.0])
         - off(Vector3::new(0.0, 0.0, -tool.z), [0.0; 3]);
     assert!((rest - expected).norm() < 1e-9, "{rest} {expected}");
@@ -118,8 +122,8 @@ fn a_correction_leaves_the_uncertainty() {
 
 /// The values of slices are the errors of single poses with the other axes as given.
 #[test]
-fn slices_are_made_of_poses() {
-    let (machine, mut estimate) = (machine(), measured());
+fn slice_values_equal_the_errors_of_single_poses() {
+    let (machine, mut estimate) = (machine(), estimate_with_measured_ranges());
     estimate.measured.extend([(Axis::C, [0.0, 360.0]), (Axis::Y, [-100.0, 100.0]), (Axis::Z, [300.0, 500.0])]);
     let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
@@ -132,7 +136,7 @@ fn slices_are_made_of_poses() {
     assert_eq!((error, u), (at.tip_error_mm.norm(), at.u_tip_error_mm.norm()));
     let at = predictor.pose_error(&position([0.0, 0.0, 400.0], [-90_f64.to_radians(), std::f64::consts::TAU, 0.0]));
     assert!((slices[4].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
-    assert_eq!((slices[4].horizontal.0, slices[4].vertical.0), (Axis::C, Axis::B));
+    assert_eq!((slices[4].horizontal_axis.0, slices[4].vertical_axis.0), (Axis::C, Axis::B));
     estimate.measured.clear();
     assert!(ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap().error_slices(&tilted).is_err());
 }
@@ -141,7 +145,7 @@ fn slices_are_made_of_poses() {
 /// at C = 180°, and equal along X and Y at 90°.
 #[test]
 fn uncertainty_is_relative_to_the_work_zero() {
-    let mut estimate = measured();
+    let mut estimate = estimate_with_measured_ranges();
     let of = |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
     let (offset, angle) = (of("EX0C"), of("EA0Y"));
     estimate.covariance.rows[offset][offset] = 4.0;
@@ -164,8 +168,8 @@ fn uncertainty_is_relative_to_the_work_zero() {
 }
 
 #[test]
-fn prediction_outside_the_measured_parameters_is_refused() {
-    let (machine, mut estimate) = (machine(), measured());
+fn prediction_outside_the_measured_ranges_is_refused() {
+    let (machine, mut estimate) = (machine(), estimate_with_measured_ranges());
     let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     assert!(predictor.check_measured_range(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
     let why = predictor.check_measured_range(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().reason;
@@ -192,11 +196,11 @@ fn prediction_outside_the_measured_parameters_is_refused() {
 }
 
 /// Reading of this machine with its stylus at `place` of the table.
-fn touch(truth: &Truth, place: Vector3<f64>, triple: Triple) -> Reading {
+fn touch_reading(truth: &ReferenceMachine, place: Vector3<f64>, triple: BcsAnglesRad) -> Reading {
     Reading {
         step: 1,
         repeat: 0,
-        position: position(truth.axes_at(place, triple).into(), triple),
+        position: position(truth.axis_positions_at_ball(place, triple).into(), triple),
         value_mm: None,
         sensor: "probe".to_owned(),
         t_s: 0.0,
@@ -207,20 +211,20 @@ fn touch(truth: &Truth, place: Vector3<f64>, triple: Triple) -> Reading {
 
 /// A touch read by the machine of the paper with its stylus at a known place of the table.
 #[test]
-fn touches_are_points_of_the_workpiece() {
-    let (mut plan, mut estimate) = (built_in::plan(), measured());
+fn touch_gives_its_true_workpiece_point_and_uncertainty() {
+    let (mut plan, mut estimate) = (built_in::built_in_plan(), estimate_with_measured_ranges());
     plan.probe.lobing_um = 0.0;
     plan.probe.stylus_offset_um = 0.0;
     for spec in plan.machine.axes.values_mut() {
         (spec.error_motion_um, spec.resolution_um) = (0.0, 0.0);
     }
     let tool = Vector3::from(plan.machine.tool_mm);
-    let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
+    let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
     let place = Vector3::new(110.0, -70.0, 90.0);
     let (_, triple) = POSES[1];
-    let reading = touch(&truth, place, triple);
+    let reading = touch_reading(&truth, place, triple);
     let point = |plan: &Plan, estimate: Option<&Estimate>| {
-        WorkpieceFrame::new(plan, estimate).unwrap().workpiece_point(&reading).unwrap()
+        WorkpieceTransform::new(plan, estimate).unwrap().workpiece_point(&reading).unwrap()
     };
     let calibrated = point(&plan, Some(&estimate));
     assert!((calibrated.position_mm - place).norm() < 1e-9, "{calibrated:?}");
@@ -244,7 +248,7 @@ fn touches_are_points_of_the_workpiece() {
     plan.machine.axes.get_mut(&Axis::X).unwrap().resolution_um = 1.0;
     plan.machine.drift_um_per_h = 5.0;
     let later = Reading { t_s: 3600.0, ..reading.clone() };
-    let u = WorkpieceFrame::new(&plan, Some(&estimate)).unwrap().workpiece_point(&later).unwrap().u_mm * 1e3;
+    let u = WorkpieceTransform::new(&plan, Some(&estimate)).unwrap().workpiece_point(&later).unwrap().u_mm * 1e3;
     assert!((u - Vector3::repeat((169.0_f64 + 1.0 / 12.0 + 25.0).sqrt())).norm() < 1e-6, "{u}");
 }
 
@@ -252,7 +256,7 @@ fn touches_are_points_of_the_workpiece() {
 /// offset.
 #[test]
 fn points_use_the_identified_stylus() {
-    let (mut plan, mut estimate) = (built_in::plan(), measured());
+    let (mut plan, mut estimate) = (built_in::built_in_plan(), estimate_with_measured_ranges());
     plan.probe.lobing_um = 0.0;
     plan.probe.repeatability_um = Some(0.0);
     for spec in plan.machine.axes.values_mut() {
@@ -260,9 +264,9 @@ fn points_use_the_identified_stylus() {
     }
     let stated = Vector3::from(plan.machine.tool_mm);
     let tool = stated + Vector3::new(0.02, -0.01, -0.017);
-    let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
+    let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
     let (place, triple) = (Vector3::new(110.0, -70.0, 90.0), POSES[2].1);
-    let reading = touch(&truth, place, triple);
+    let reading = touch_reading(&truth, place, triple);
     for (k, symbol) in ["tool_x", "tool_y", "tool_z"].into_iter().enumerate() {
         let found = serde_json::json!({"symbol": symbol, "value": tool[k], "unit": "mm", "u": 0.001, "U": 0.002,
             "k": 2.0, "dof": null, "identifiable": true});
@@ -273,22 +277,22 @@ fn points_use_the_identified_stylus() {
         *row.last_mut().unwrap() = 1e-6;
         estimate.covariance.rows.push(row);
     }
-    let frame = WorkpieceFrame::new(&plan, Some(&estimate)).unwrap();
+    let frame = WorkpieceTransform::new(&plan, Some(&estimate)).unwrap();
     assert_eq!(frame.describe_stylus(), "stylus of the estimate");
     let point = frame.workpiece_point(&reading).unwrap();
     assert!((point.position_mm - place).norm() < 1e-9, "{point:?}");
     assert!((point.u_mm - Vector3::repeat(1e-3)).norm() < 1e-6, "{point:?}");
     // 10 µm in each coordinate, as stylus_offset_um declares.
     plan.probe.stylus_offset_um = 10.0;
-    let stated = WorkpieceFrame::new(&plan, None).unwrap().workpiece_point(&reading).unwrap();
+    let stated = WorkpieceTransform::new(&plan, None).unwrap().workpiece_point(&reading).unwrap();
     assert!((stated.u_mm - Vector3::repeat(0.01)).norm() < 1e-6, "{stated:?}");
 }
 
 /// Errors of an offset e of C along X only: with the work zero at C = 0 the error is 2·e·sin(C/2), largest at
 /// 180°.
 #[test]
-fn the_volume_has_a_largest_and_a_mean_error() {
-    let mut estimate = measured();
+fn volume_errors_of_an_axis_offset_have_the_expected_size() {
+    let mut estimate = estimate_with_measured_ranges();
     estimate.parameters.retain(|parameter| parameter.symbol == "EX0C");
     estimate.covariance.symbols = vec!["EX0C".to_owned()];
     estimate.covariance.rows = vec![vec![4.0]];
@@ -297,7 +301,7 @@ fn the_volume_has_a_largest_and_a_mean_error() {
     let poses = predictor.grid_poses().unwrap();
     assert_eq!(poses.len(), 12);
     let [zeroed, fitted] = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
-    assert_eq!(poses[zeroed.worst_pose].get_or_zero(Axis::C).to_degrees().round(), 180.0);
+    assert_eq!(poses[zeroed.worst_pose_index].get_or_zero(Axis::C).to_degrees().round(), 180.0);
     let near = |value: f64, expected: f64, within: f64| {
         assert!((value - expected).abs() < within, "{value} {expected}");
     };

@@ -4,16 +4,16 @@ use super::fit::QualificationFit;
 use super::observe::ObservedTouches;
 use super::setup::QualificationSetup;
 use super::sources::PooledScatter;
-use crate::identification::probe_map::map_symbols;
+use crate::identification::probe_map::probe_map_symbols;
 use crate::identification::{MisfitAdvice, parameter_without_budget};
 use estimation::coverage::chi_square_bounds;
-use machine::record::estimate::{Estimate, EstimatedFunction, FigureKind, Parameter, Unit};
+use machine::record::estimate::{Estimate, EstimatedFunction, FunctionFigureKind, Parameter, Unit};
 
 /// Symbol of the standard deviation of one touch, from its repeats.
 const REPEATABILITY_SYMBOL: &str = "s_touch";
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "a loose stylus or ball, dirt, lobes of an order above those of the map",
+    possible_causes: "a loose stylus or ball, dirt, lobes of an order above those of the map",
     declaring_settings: "form_um of the method or error_motion_um of the axes",
 };
 
@@ -28,7 +28,7 @@ pub fn build_estimate(
         .map_orders
         .iter()
         .filter(|order| **order == 2 && !layout.separates_order(2))
-        .flat_map(|order| map_symbols(*order))
+        .flat_map(|order| probe_map_symbols(*order))
         .collect();
     for parameter in &mut estimate.parameters {
         parameter.identifiable = !carried.contains(&parameter.symbol);
@@ -51,13 +51,13 @@ pub fn build_estimate(
             ),
         ],
         not_identifiable: describe_not_identifiable(setup, fitted),
-        warnings: collect_warnings(setup, fitted),
+        warnings: estimate_warnings(setup, fitted),
         ..estimate
     }
 }
 
 fn repeatability_parameter(scatter: PooledScatter) -> Parameter {
-    let [s_mm, u_mm] = scatter.without_rounding();
+    let [s_mm, u_mm] = scatter.std_dev_and_u_without_rounding_mm();
     parameter_without_budget(REPEATABILITY_SYMBOL, Unit::Um, s_mm, u_mm, Some(scatter.dof as f64))
 }
 
@@ -71,11 +71,11 @@ fn repeatability_by_direction(
     let pitch = 360.0 / count as f64;
     let mut groups = vec![Vec::new(); count];
     let (mut squares, mut touches) = (vec![0.0; count], vec![0.0; count]);
-    for (touch, group_deviations_mm) in observed.touches.iter().zip(&fitted.group_deviations_mm) {
-        let azimuth = touch.normal.y.atan2(touch.normal.x).to_degrees();
+    for (touch, group_deviations_mm) in observed.touches.iter().zip(&fitted.deviations_from_group_mean_mm) {
+        let azimuth = touch.normal_in_machine.y.atan2(touch.normal_in_machine.x).to_degrees();
         let nearest = (azimuth / pitch).round();
         // The directions of the second circle are between those of the first.
-        if touch.is_fast || (azimuth / pitch - nearest).abs() > 0.25 || touch.normal.z > 0.9 {
+        if touch.is_fast || (azimuth / pitch - nearest).abs() > 0.25 || touch.normal_in_machine.z > 0.9 {
             continue;
         }
         let direction = (nearest as i64).rem_euclid(count as i64) as usize;
@@ -87,8 +87,8 @@ fn repeatability_by_direction(
     }
     let of_direction = |k: usize| {
         let dof = (touches[k] - groups[k].len() as f64).max(1.0);
-        let scatter = PooledScatter { s_mm: (squares[k] / dof).sqrt(), dof: dof as usize, ..fitted.scatter };
-        scatter.without_rounding().map(|mm| mm * 1e3)
+        let scatter = PooledScatter { std_dev_mm: (squares[k] / dof).sqrt(), dof: dof as usize, ..fitted.scatter };
+        scatter.std_dev_and_u_without_rounding_mm().map(|mm| mm * 1e3)
     };
     let (y, u) = (0..count).map(of_direction).map(|[s, u]| (s, u)).unzip();
     EstimatedFunction {
@@ -99,7 +99,7 @@ fn repeatability_by_direction(
         unit: Unit::Um,
         u,
         y,
-        figure: FigureKind::Curve,
+        figure: FunctionFigureKind::Curve,
         at_mm: None,
     }
 }
@@ -143,20 +143,20 @@ fn describe_not_identifiable(setup: &QualificationSetup<'_>, fitted: &Qualificat
 
 /// Probability that the scatter of correct touches is within its two-sided bounds. A warning needs the upper bound
 /// to be exceeded.
-const SCATTER_PROBABILITY: f64 = 0.998;
+const SCATTER_BOUNDS_PROBABILITY: f64 = 0.998;
 
-fn collect_warnings(setup: &QualificationSetup<'_>, fitted: &QualificationFit) -> Vec<String> {
+fn estimate_warnings(setup: &QualificationSetup<'_>, fitted: &QualificationFit) -> Vec<String> {
     let mut lines = Vec::new();
-    let PooledScatter { s_mm, dof, display_step_mm } = fitted.scatter;
+    let PooledScatter { std_dev_mm: s_mm, dof, display_step_mm } = fitted.scatter;
     if let Some(declared) = setup.plan.probe.repeatability_um {
         let expected = (declared * 1e-3).powi(2) + display_step_mm.powi(2) / 12.0;
         let chi2 = dof as f64 * s_mm.powi(2) / expected;
-        let bounds = chi_square_bounds(dof as f64, SCATTER_PROBABILITY);
+        let bounds = chi_square_bounds(dof as f64, SCATTER_BOUNDS_PROBABILITY);
         lines.extend(bounds.filter(|(_, most)| chi2 > *most).map(|_| {
             format!(
                 "the repeatability of a touch is {:.2} µm, worse than the declared repeatability_um = \
                 {declared}: declare the measured value, or check the stylus and the ball",
-                fitted.scatter.without_rounding()[0] * 1e3
+                fitted.scatter.std_dev_and_u_without_rounding_mm()[0] * 1e3
             )
         }));
     }

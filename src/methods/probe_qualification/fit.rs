@@ -2,21 +2,21 @@
 
 use faer::Mat;
 
-use super::layout::UnknownsLayout;
 use super::observe::{MeasuredTouch, ObservedTouches};
 use super::outputs;
 use super::setup::QualificationSetup;
 use super::sources::{PooledScatter, uncertainty_sources};
+use super::unknowns_layout::UnknownsLayout;
 use crate::identification::{CheckedMeasurement, FitQuality, Identification, LinearFit, SolvedModel, identify};
 use crate::{IdentifyError, MethodRefusal};
-use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
+use estimation::linear_least_squares::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
 
 pub struct QualificationFit {
     pub identification: Identification,
     pub layout: UnknownsLayout,
     pub scatter: PooledScatter,
     /// Deviation of each touch from the mean of its group, mm.
-    pub group_deviations_mm: Vec<f64>,
+    pub deviations_from_group_mean_mm: Vec<f64>,
 }
 
 /// # Errors
@@ -31,7 +31,7 @@ pub fn fit_touches(
     let equal = solve_unknowns(observed, &layout, &a, 1e-3)?;
     let group_deviations_mm = subtract_group_means(observed, &equal.residuals);
     let scatter = pooled_scatter(setup, observed, &group_deviations_mm)?;
-    let u_mm = scatter.u_mm();
+    let u_mm = scatter.touch_std_u_mm();
     let solution = solve_unknowns(observed, &layout, &a, u_mm)?;
     let sigma = vec![u_mm; observed.touches.len()];
     let weighted: Vec<f64> = solution.residuals.iter().map(|mm| mm / u_mm).collect();
@@ -39,14 +39,14 @@ pub fn fit_touches(
     let solved = SolvedModel {
         model: &LinearFit { x: &solution.x, design_matrix: &a, sigma: &sigma, gain: &solution.gain },
         weighted_residuals: &weighted,
-        has_declared_sizes: true,
+        has_declared_source_sizes: true,
         fit_quality: FitQuality::from_linear(&solution),
         measurements: &measurements,
     };
     let sources = uncertainty_sources(setup, &layout, observed, scatter);
     let outputs = outputs::build_outputs(setup, &layout, &solution.x);
     let identification = identify(&solved, &sources, outputs, None)?;
-    Ok(QualificationFit { identification, layout, scatter, group_deviations_mm })
+    Ok(QualificationFit { identification, layout, scatter, deviations_from_group_mean_mm: group_deviations_mm })
 }
 
 fn solve_unknowns(
@@ -67,7 +67,7 @@ fn solve_unknowns(
         let seen = |unknown: &usize| (0..survey.nullity).any(|k| survey.null_space[(*unknown, k)].abs() > 1e-6);
         (0..layout.unknown_count()).filter(seen).map(|unknown| layout.unknown_description(unknown)).collect()
     };
-    linear::solve_least_squares(&problem).map_err(|error| IdentifyError::from_solver_error(error, lost))
+    linear_least_squares::solve_least_squares(&problem).map_err(|error| IdentifyError::from_solver_error(error, lost))
 }
 
 /// Each residual less the mean of its group. The result is free of systematic model errors of a direction.
@@ -94,9 +94,9 @@ fn pooled_scatter(
     let axes = setup.plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     let step_um = axes.map(|(_, spec)| spec.resolution_um).fold(0.0, f64::max);
     let s_mm = (squares / dof.max(1) as f64).sqrt();
-    let scatter = PooledScatter { s_mm, dof, display_step_mm: step_um * 1e-3 };
+    let scatter = PooledScatter { std_dev_mm: s_mm, dof, display_step_mm: step_um * 1e-3 };
     MethodRefusal::require(
-        dof > 0 && scatter.u_mm() > 0.0,
+        dof > 0 && scatter.touch_std_u_mm() > 0.0,
         "the repeated touches of a direction do not scatter, or no touch was repeated",
         "set resolution_um of the axes; if all touches still have equal readings, check that the readings \
         come from the machine",

@@ -5,13 +5,13 @@
 
 mod estimate;
 mod fit;
-mod layout;
 mod observe;
 mod outputs;
 mod settings;
 mod setup;
 mod sources;
 mod stages;
+mod unknowns_layout;
 
 pub use settings::ProbeQualificationSettings;
 
@@ -29,7 +29,7 @@ pub struct ProbeQualification {
 impl RegisteredMethod for ProbeQualification {
     type Settings = ProbeQualificationSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
-        name: probe_map::PROBE_QUALIFICATION_NAME,
+        name: probe_map::PROBE_QUALIFICATION_METHOD_NAME,
         required_setup: "a precision sphere on the table; its form certificate, if later runs are to subtract the map",
         results: "repeatability of the touch probe, its pre-travel over the direction, the effect of the feed; \
             the stylus offset if the spindle can be oriented",

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
-use super::setup::{QualificationSetup, SEARCH_LABEL};
+use super::setup::{QualificationSetup, SEARCH_LABEL_PREFIX};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::sphere::fit_sphere;
 use machine::frame::Point;
@@ -17,7 +17,7 @@ use machine::{Axis, Position};
 pub struct MeasuredTouch {
     pub label: String,
     /// Unit vector from the ball's centre to the stylus centre: in the machine frame, and in the spindle frame.
-    pub normal: Vector3<f64>,
+    pub normal_in_machine: Vector3<f64>,
     pub normal_in_spindle: Vector3<f64>,
     /// Distance of the stylus centre from the centre of the fitted sphere, less both stated radii, mm.
     pub radial_deviation_mm: f64,
@@ -26,7 +26,8 @@ pub struct MeasuredTouch {
     pub is_fast: bool,
     /// Index of the spindle orientation.
     pub orientation_index: usize,
-    pub t_s: f64,
+    /// Time of the run, s.
+    pub run_time_s: f64,
     /// Number of interruptions before the touch.
     pub segment_index: usize,
     /// Index of the group: touches of one direction, orientation, feed and segment.
@@ -37,19 +38,19 @@ pub struct ObservedTouches {
     pub touches: Vec<MeasuredTouch>,
     /// Orientations of the spindle, degrees. Only 0 if the spindle is not turned.
     pub orientations_deg: Vec<f64>,
-    /// Speeds of slow and fast touches, mm/s.
+    /// Speed of slow and of fast touches, mm/s.
     pub speeds_mm_s: [f64; 2],
     /// Sum of the stated radii of ball and stylus ball, mm.
-    pub radius_mm: f64,
+    pub stated_radius_sum_mm: f64,
     /// Times of the first and the last touch, s.
-    times_s: [f64; 2],
+    first_and_last_time_s: [f64; 2],
 }
 
 impl ObservedTouches {
     /// Time of a touch, scaled from −1 to 1 over the run.
     pub fn relative_time(&self, touch: &MeasuredTouch) -> f64 {
-        let [first, last] = self.times_s;
-        if last > first { (2.0 * touch.t_s - first - last) / (last - first) } else { 0.0 }
+        let [first, last] = self.first_and_last_time_s;
+        if last > first { (2.0 * touch.run_time_s - first - last) / (last - first) } else { 0.0 }
     }
 
     pub fn group_count(&self) -> usize {
@@ -64,7 +65,7 @@ struct StepReading<'a> {
     /// Positions of all axes.
     position: Position,
     /// Stylus centre, table frame, mm.
-    stylus_mm: Vector3<f64>,
+    stylus_centre_mm: Vector3<f64>,
 }
 
 impl StepReading<'_> {
@@ -77,8 +78,8 @@ impl StepReading<'_> {
 /// Readings do not belong to the plan, are missing or do not fit a sphere.
 pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
     let step_readings = match_readings(setup, readings)?;
-    let slow = step_readings.iter().filter(|step_readings| !step_readings.is_fast(setup));
-    let points: Vec<[f64; 3]> = slow.map(|step_readings| step_readings.stylus_mm.into()).collect();
+    let slow = step_readings.iter().filter(|step_reading| !step_reading.is_fast(setup));
+    let points: Vec<[f64; 3]> = slow.map(|step_reading| step_reading.stylus_centre_mm.into()).collect();
     let sphere = fit_sphere(&points).map_err(|reason| {
         MethodRefusal::new(
             format!("the slow touches do not fit a sphere: {reason}"),
@@ -86,35 +87,35 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
         )
     })?;
     let radius_mm = setup.measured_ball()?.radius_mm + setup.plan.probe.ball_radius_mm;
-    let table = setup.chain.machine_from_table(&setup.rotary_at_zero, &[]).rotation;
+    let table = setup.chain.machine_from_table(&setup.rotary_nearest_zero, &[]).rotation;
     let mut groups = BTreeMap::new();
-    let touch = |step_readings: &StepReading<'_>| {
-        let from_centre = table * (step_readings.stylus_mm - Vector3::from(sphere.centre));
+    let touch = |step_reading: &StepReading<'_>| {
+        let from_centre = table * (step_reading.stylus_centre_mm - Vector3::from(sphere.centre));
         let normal = from_centre.normalize();
         let gaps = setup.plan.gaps_s.iter();
-        let segment_index = gaps.filter(|gap| step_readings.reading.t_s > **gap).count();
+        let segment_index = gaps.filter(|gap| step_reading.reading.t_s > **gap).count();
         let number = groups.len();
         MeasuredTouch {
-            label: step_readings.step.label.clone(),
-            normal,
-            normal_in_spindle: setup.chain.machine_from_spindle(&step_readings.position, &[]).rotation.inverse()
+            label: step_reading.step.label.clone(),
+            normal_in_machine: normal,
+            normal_in_spindle: setup.chain.machine_from_spindle(&step_reading.position, &[]).rotation.inverse()
                 * normal,
             radial_deviation_mm: from_centre.norm() - radius_mm,
-            xyz_mm: step_readings.position.xyz(),
-            is_fast: step_readings.is_fast(setup),
-            orientation_index: setup.orientation_index(&step_readings.position),
-            t_s: step_readings.reading.t_s,
+            xyz_mm: step_reading.position.xyz_or_zero(),
+            is_fast: step_reading.is_fast(setup),
+            orientation_index: setup.orientation_index(&step_reading.position),
+            run_time_s: step_reading.reading.t_s,
             segment_index,
-            group_index: *groups.entry((direction_label(&step_readings.step.label), segment_index)).or_insert(number),
+            group_index: *groups.entry((direction_label(&step_reading.step.label), segment_index)).or_insert(number),
         }
     };
     let touches: Vec<MeasuredTouch> = step_readings.iter().map(touch).collect();
-    let times = || touches.iter().map(|touch| touch.t_s);
+    let times = || touches.iter().map(|touch| touch.run_time_s);
     Ok(ObservedTouches {
         orientations_deg: setup.orientations_deg(),
         speeds_mm_s: [setup.plan.probe.feed_mm_min, setup.fast_feed_mm_min()].map(|feed| feed / 60.0),
-        radius_mm,
-        times_s: [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)],
+        stated_radius_sum_mm: radius_mm,
+        first_and_last_time_s: [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)],
         touches,
     })
 }
@@ -130,7 +131,7 @@ fn match_readings<'a>(
     if let Some(twice) = readings.iter().find(|read| !seen.insert((read.step, read.repeat))) {
         return Err(IdentifyError::DuplicateReading { step: twice.step, repeat: twice.repeat });
     }
-    let steps = plan.steps.iter().filter(|step| !step.label.starts_with(SEARCH_LABEL));
+    let steps = plan.steps.iter().filter(|step| !step.label.starts_with(SEARCH_LABEL_PREFIX));
     let steps: BTreeMap<u32, &Step> = steps.map(|step| (step.id, step)).collect();
     if let Some(missing) = steps.values().find(|step| !seen.iter().any(|(id, _)| *id == step.id)) {
         return Err(IdentifyError::missing_reading(missing));
@@ -148,12 +149,12 @@ fn match_readings<'a>(
         }
         let at = step.from.updated_by(&reading.position);
         let tip = setup.chain.tip_in_table(&at, tip, &[]).mm;
-        step_readings.push(StepReading { step, reading, position: at, stylus_mm: tip });
+        step_readings.push(StepReading { step, reading, position: at, stylus_centre_mm: tip });
     }
     Ok(step_readings)
 }
 
-/// Label without the number of the round.
+/// Label without the number of the round: the direction, orientation and feed of a touch.
 fn direction_label(label: &str) -> String {
     label.rsplit_once('/').map_or(label, |(direction, _)| direction).to_owned()
 }

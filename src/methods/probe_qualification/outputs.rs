@@ -1,12 +1,12 @@
 //! Outputs: the map, the stylus offset, the effective radius, the effects of the feed.
 
-use machine::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::{FunctionFigureKind, Unit};
 use nalgebra::Vector3;
 
-use super::layout::{UnknownsLayout, harmonic_factors};
 use super::setup::QualificationSetup;
-use crate::identification::probe_map::map_symbols;
-use crate::identification::{OutputCurve, OutputParameter, Outputs, unit_slope};
+use super::unknowns_layout::{UnknownsLayout, harmonic_factors};
+use crate::identification::probe_map::probe_map_symbols;
+use crate::identification::{OutputCurve, OutputParameter, Outputs, slope_of_unknown};
 
 /// Step of the curves, degrees.
 const CURVE_STEP_DEG: usize = 5;
@@ -15,8 +15,10 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
     let mut parameters = Vec::new();
     if let Some(first) = layout.map_orders.iter().position(|order| *order == 1) {
         // A stylus that is offset towards the surface contacts it earlier.
-        for (symbol, at) in [("x_stylus", layout.map_index(first)), ("y_stylus", layout.map_index(first) + 1)] {
-            let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
+        for (symbol, at) in
+            [("x_stylus", layout.map_cosine_index(first)), ("y_stylus", layout.map_cosine_index(first) + 1)]
+        {
+            let slope = slope_of_unknown(at, x.len()).into_iter().map(|slope| -slope).collect();
             parameters.push(OutputParameter::from_coefficients(symbol, Unit::Um, slope, x));
         }
     }
@@ -25,27 +27,33 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
         if *order > 1 && !layout.separates_order(*order) && setup.settings.form_um.is_none() {
             continue;
         }
-        let unknowns = [layout.map_index(index), layout.map_index(index) + 1];
-        let parts = map_symbols(*order).into_iter().zip(unknowns);
+        let unknowns = [layout.map_cosine_index(index), layout.map_cosine_index(index) + 1];
+        let parts = probe_map_symbols(*order).into_iter().zip(unknowns);
         parameters.extend(parts.map(|(symbol, at)| OutputParameter::from_unknown(&symbol, Unit::Um, at, x)));
     }
     parameters.push(OutputParameter::from_unknown("r_stylus", Unit::Um, layout.radius_index(), x));
-    let mut curves = vec![azimuth_curve("E_probe", layout, x, layout.map_index(0), &layout.map_orders)];
+    let mut curves = vec![azimuth_curve("E_probe", layout, x, layout.map_cosine_index(0), &layout.map_orders)];
     if !layout.fast_orders.is_empty() {
         parameters.push(OutputParameter::from_unknown("t_latch", Unit::Ms, layout.latch_delay_index(), x));
-        curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_map_index(0), &layout.fast_orders));
+        curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_map_cosine_index(0), &layout.fast_orders));
     }
-    Outputs { parameters, curves, nonlinear: None }
+    Outputs { linear_parameters: parameters, curves, nonlinear: None }
 }
 
-/// Curve over the azimuth, perpendicular to the spindle. `first`: index of the first unknown of the `orders`.
-fn azimuth_curve(symbol: &str, layout: &UnknownsLayout, x: &[f64], first: usize, orders: &[u32]) -> OutputCurve {
+/// Curve over the azimuth, perpendicular to the spindle. `first_unknown`: index of the first unknown of the `orders`.
+fn azimuth_curve(
+    symbol: &str,
+    layout: &UnknownsLayout,
+    x: &[f64],
+    first_unknown: usize,
+    orders: &[u32],
+) -> OutputCurve {
     let degrees: Vec<f64> = (0..360).step_by(CURVE_STEP_DEG).map(f64::from).collect();
     let slope = |degrees: &f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
         let mut slope = vec![0.0; layout.unknown_count()];
         for (index, order) in orders.iter().enumerate() {
-            let at = first + 2 * index;
+            let at = first_unknown + 2 * index;
             slope[at..at + 2].copy_from_slice(&harmonic_factors(*order, &Vector3::new(cos, sin, 0.0)));
         }
         slope
@@ -59,7 +67,7 @@ fn azimuth_curve(symbol: &str, layout: &UnknownsLayout, x: &[f64], first: usize,
         x: degrees,
         y: slopes.iter().map(value).collect(),
         unit: Unit::Um,
-        figure: FigureKind::Polar,
+        figure: FunctionFigureKind::Polar,
         slopes,
     }
 }

@@ -11,7 +11,7 @@ pub struct ProbeQualificationSettings {
     pub ball: String,
     /// Number of directions around the ball, at equal angles.
     pub azimuths: u32,
-    /// Touches of each direction at the measuring feed, and at the fast feed.
+    /// Number of touches of each direction at the measuring feed, and again at the fast feed.
     pub repeats: u32,
     /// Highest harmonic order of the map, unless `[probe] lobing_orders` has a higher one.
     pub orders: u32,
@@ -49,10 +49,12 @@ impl Default for ProbeQualificationSettings {
 
 const MAX_AZIMUTHS: u32 = 360;
 const MAX_REPEATS: u32 = 100;
-const MAX_ORDER: u32 = 100;
-/// Minimum distance before and beyond the expected contact: [`MIN_TRAVEL_MM`] in mm plus [`STYLUS_OFFSET_SIGMAS`]
-/// standard deviations of the stylus offset. A half turn of the spindle displaces the stylus by twice its offset.
-const MIN_TRAVEL_MM: f64 = 0.1;
+const MAX_HARMONIC_ORDER: u32 = 100;
+/// Distance before and beyond the expected contact that a touch needs in addition to the stylus offset, mm. A smaller
+/// sum is refused.
+const MIN_TOUCH_TRAVEL_MM: f64 = 0.1;
+/// Number of standard uncertainties of the stylus offset in that distance. A half turn of the spindle displaces the
+/// stylus by twice its offset.
 const STYLUS_OFFSET_SIGMAS: f64 = 6.0;
 
 impl ProbeQualificationSettings {
@@ -69,7 +71,7 @@ impl ProbeQualificationSettings {
             "choose repeats = 3",
         )?;
         MethodRefusal::require(
-            (3..=MAX_ORDER).contains(&self.orders) && self.azimuths <= MAX_AZIMUTHS,
+            (3..=MAX_HARMONIC_ORDER).contains(&self.orders) && self.azimuths <= MAX_AZIMUTHS,
             "orders must be 3 to 100, and azimuths at most 360",
             "remove orders (default 6) and azimuths (default 24)",
         )?;
@@ -81,12 +83,12 @@ impl ProbeQualificationSettings {
         )
     }
 
-    /// Checks the length of the touches. `offset_mm`: standard uncertainty of the stylus offset.
+    /// Checks the length of the touches. `u_stylus_offset_mm`: standard uncertainty of the stylus offset.
     ///
     /// # Errors
     /// The touches are so short that a turned stylus could miss the ball.
-    pub fn check_touch_length(&self, offset_mm: f64) -> Result<(), MethodRefusal> {
-        let least = MIN_TRAVEL_MM + STYLUS_OFFSET_SIGMAS * offset_mm;
+    pub fn check_touch_length(&self, u_stylus_offset_mm: f64) -> Result<(), MethodRefusal> {
+        let least = MIN_TOUCH_TRAVEL_MM + STYLUS_OFFSET_SIGMAS * u_stylus_offset_mm;
         MethodRefusal::require(
             self.standoff_mm >= least && self.search_mm >= least,
             format!("standoff_mm and search_mm must be at least {least:.2}, because of the stylus offset"),
@@ -95,12 +97,12 @@ impl ProbeQualificationSettings {
     }
 
     /// # Errors
-    /// There are too few directions to separate the orders up to `last`.
-    pub fn check_azimuths(&self, last: u32) -> Result<(), MethodRefusal> {
-        let least = last.saturating_mul(2).saturating_add(2);
+    /// There are too few directions to separate the orders up to `highest_order`.
+    pub fn check_azimuths(&self, highest_order: u32) -> Result<(), MethodRefusal> {
+        let least = highest_order.saturating_mul(2).saturating_add(2);
         MethodRefusal::require(
             self.azimuths >= least,
-            format!("{} azimuths do not separate the orders up to {last}", self.azimuths),
+            format!("{} azimuths do not separate the orders up to {highest_order}", self.azimuths),
             format!("choose azimuths = {least} or more"),
         )
     }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::settings::ProbeQualificationSettings;
-use crate::identification::azimuth::LOBING_ORDERS;
+use crate::identification::azimuth_dependence::DEFAULT_LOBING_ORDERS;
 use crate::{IdentifyError, MethodRefusal, PositionSource, readings_of_last_repeat};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Ball, Balls};
@@ -13,7 +13,7 @@ use machine::{Axis, Position};
 use planning::evaluate_ball;
 
 /// Prefix of the label of a search touch.
-pub const SEARCH_LABEL: &str = "find";
+pub const SEARCH_LABEL_PREFIX: &str = "find";
 
 pub struct QualificationSetup<'a> {
     pub plan: &'a Plan,
@@ -21,10 +21,10 @@ pub struct QualificationSetup<'a> {
     pub chain: KinematicChain,
     pub balls: &'a Balls,
     /// All rotary axes except the spindle at zero, or as near to zero as their limits allow.
-    pub rotary_at_zero: Position,
+    pub rotary_nearest_zero: Position,
 }
 
-const DEFAULT_ORIENTATIONS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
+const DEFAULT_SPINDLE_ORIENTATIONS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
 
 impl<'a> QualificationSetup<'a> {
     /// # Errors
@@ -39,7 +39,8 @@ impl<'a> QualificationSetup<'a> {
             ));
         };
         let rotary = plan.machine.rotary_zero_position();
-        let setup = Self { plan, settings, chain: KinematicChain::new(&plan.machine)?, balls, rotary_at_zero: rotary };
+        let setup =
+            Self { plan, settings, chain: KinematicChain::new(&plan.machine)?, balls, rotary_nearest_zero: rotary };
         settings.check_azimuths(setup.highest_order())?;
         settings.check_touch_length(plan.probe.stylus_offset_um * 1e-3)?;
         let (slow, fast) = (plan.probe.feed_mm_min, setup.fast_feed_mm_min());
@@ -60,7 +61,7 @@ impl<'a> QualificationSetup<'a> {
 
     /// Highest order of the map.
     pub fn highest_order(&self) -> u32 {
-        let declared = self.plan.probe.lobing_orders.iter().chain(&LOBING_ORDERS);
+        let declared = self.plan.probe.lobing_orders.iter().chain(&DEFAULT_LOBING_ORDERS);
         declared.copied().fold(self.settings.orders, u32::max)
     }
 
@@ -73,11 +74,11 @@ impl<'a> QualificationSetup<'a> {
         let Some(spec) = self.plan.machine.axes.get(&Axis::S) else { return vec![0.0] };
         let named = self.settings.spindle_deg.clone().filter(|degrees| !degrees.is_empty());
         let within = |degrees: &f64| (spec.min..=spec.max).contains(degrees);
-        let usual: Vec<f64> = DEFAULT_ORIENTATIONS_DEG.into_iter().filter(within).collect();
+        let usual: Vec<f64> = DEFAULT_SPINDLE_ORIENTATIONS_DEG.into_iter().filter(within).collect();
         named.unwrap_or(if usual.is_empty() { vec![spec.position_nearest_zero()] } else { usual })
     }
 
-    /// Index of the spindle orientation at these positions.
+    /// Index of the spindle orientation that is nearest to these positions.
     pub fn orientation_index(&self, at: &Position) -> usize {
         let degrees = Axis::S.to_mm_or_deg(at.get_or_zero(Axis::S));
         let off = |orientation: &f64| (orientation - degrees).abs();
@@ -85,12 +86,12 @@ impl<'a> QualificationSetup<'a> {
         all.min_by(|(_, a), (_, b)| off(a).total_cmp(&off(b))).map_or(0, |(number, _)| number)
     }
 
-    /// Positions of all rotary axes, with the spindle in the orientation `index`.
-    pub fn rotary_positions(&self, index: usize) -> Position {
-        let degrees = self.orientations_deg().get(index).copied().unwrap_or(0.0);
+    /// Positions of all rotary axes, with the spindle in the orientation number `orientation_index`, from 0.
+    pub fn rotary_positions(&self, orientation_index: usize) -> Position {
+        let degrees = self.orientations_deg().get(orientation_index).copied().unwrap_or(0.0);
         match self.plan.machine.axes.contains_key(&Axis::S) {
-            true => self.rotary_at_zero.clone().with(Axis::S, Axis::S.to_mm_or_rad(degrees)),
-            false => self.rotary_at_zero.clone(),
+            true => self.rotary_nearest_zero.clone().with(Axis::S, Axis::S.to_mm_or_rad(degrees)),
+            false => self.rotary_nearest_zero.clone(),
         }
     }
 
@@ -101,14 +102,15 @@ impl<'a> QualificationSetup<'a> {
     pub fn measured_ball(&self) -> Result<&Ball, IdentifyError> {
         let measured = self.plan.steps.iter().find_map(|step| {
             let id = step.label.split('/').nth(1)?;
-            let is_measured = !step.label.starts_with(SEARCH_LABEL);
+            let is_measured = !step.label.starts_with(SEARCH_LABEL_PREFIX);
             self.balls.balls.iter().find(|ball| is_measured && ball.id == id)
         });
         let none = || IdentifyError::IdentificationFailed("the plan has no touch of a ball".to_owned());
         measured.ok_or_else(none)
     }
 
-    /// The balls at their measured positions, with the uncertainty that a touch can tolerate.
+    /// The balls at their measured positions, with the position error that a touch can tolerate. Nominal positions if
+    /// nothing is measured.
     ///
     /// # Errors
     /// Touches are missing or do not fit a sphere.
@@ -128,7 +130,7 @@ impl<'a> QualificationSetup<'a> {
         let refusal = |reason: String| MethodRefusal::new(reason, "start a new run");
         let of_ball = |step: &&Step| {
             let mut parts = step.label.split('/');
-            parts.next() == Some(SEARCH_LABEL) && parts.next() == Some(id)
+            parts.next() == Some(SEARCH_LABEL_PREFIX) && parts.next() == Some(id)
         };
         let mut touches = Vec::new();
         for step in self.plan.steps.iter().filter(of_ball) {

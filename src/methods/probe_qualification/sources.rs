@@ -3,19 +3,21 @@
 use machine::Axis;
 use nalgebra::Vector3;
 
-use super::layout::{UnknownsLayout, harmonic_factors};
 use super::observe::{MeasuredTouch, ObservedTouches};
 use super::setup::QualificationSetup;
-use crate::identification::declared::{display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_u_mm};
+use super::unknowns_layout::{UnknownsLayout, harmonic_factors};
+use crate::identification::declared_sources::{
+    display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_u_of_mean_mm,
+};
 use crate::identification::{
     DrawDistribution, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource,
 };
 
-/// Repeatability of touches in one direction.
+/// Scatter of touches in one direction, pooled over all directions.
 #[derive(Debug, Clone, Copy)]
 pub struct PooledScatter {
     /// Standard deviation of one touch as displayed, mm.
-    pub s_mm: f64,
+    pub std_dev_mm: f64,
     pub dof: usize,
     /// Largest display resolution of the axes, mm.
     pub display_step_mm: f64,
@@ -23,18 +25,19 @@ pub struct PooledScatter {
 
 impl PooledScatter {
     /// Standard uncertainty of one touch, mm, including the rounding error of touches without scatter.
-    pub fn u_mm(self) -> f64 {
-        self.s_mm.hypot(rounding_u_mm(self.display_step_mm, self.s_mm))
+    pub fn touch_std_u_mm(self) -> f64 {
+        self.std_dev_mm.hypot(rounding_u_of_mean_mm(self.display_step_mm, self.std_dev_mm))
     }
 
-    /// Standard deviation of one touch without the rounding of the display, and its standard uncertainty, mm.
+    /// Standard deviation of one touch without the rounding of the display, and the standard uncertainty of this
+    /// deviation, mm.
     /// Rounding errors of touches that scatter by more than half a display step are independent and rectangular.
     /// Other rounding errors increase the uncertainty.
-    pub fn without_rounding(self) -> [f64; 2] {
-        let variance = self.s_mm.powi(2) - self.display_step_mm.powi(2) / 12.0;
+    pub fn std_dev_and_u_without_rounding_mm(self) -> [f64; 2] {
+        let variance = self.std_dev_mm.powi(2) - self.display_step_mm.powi(2) / 12.0;
         let s_mm = variance.max(0.0).sqrt();
-        let of_count = self.s_mm.powi(2) * (2.0 / self.dof.max(1) as f64).sqrt();
-        let u_variance = of_count.hypot(rounding_u_mm(self.display_step_mm, self.s_mm).powi(2));
+        let of_count = self.std_dev_mm.powi(2) * (2.0 / self.dof.max(1) as f64).sqrt();
+        let u_variance = of_count.hypot(rounding_u_of_mean_mm(self.display_step_mm, self.std_dev_mm).powi(2));
         // u(s²) = 2·s·u(s). At s = 0 the square root of u(s²) is the upper bound of u(s).
         [s_mm, (u_variance / (2.0 * s_mm.max(f64::MIN_POSITIVE))).min(u_variance.sqrt())]
     }
@@ -48,7 +51,7 @@ pub fn uncertainty_sources(
     scatter: PooledScatter,
 ) -> Vec<UncertaintySource> {
     let touches = &observed.touches;
-    let repeatability = ObservationEffect::Independent(vec![scatter.s_mm; touches.len()]);
+    let repeatability = ObservationEffect::Independent(vec![scatter.std_dev_mm; touches.len()]);
     let mut list = vec![
         UncertaintySource {
             evaluation: EvaluationType::A,
@@ -71,7 +74,7 @@ pub fn uncertainty_sources(
 
 fn joint_source(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
     UncertaintySource {
-        residual_treatment: ResidualTreatment::Expected,
+        residual_treatment: ResidualTreatment::InExpectedChi2,
         is_in_weights: false,
         ..UncertaintySource::new(name, ObservationEffect::Joint(columns))
     }
@@ -85,8 +88,8 @@ fn resolution_columns(
 ) -> Vec<Vec<f64>> {
     let mut columns = vec![vec![0.0; observed.touches.len()]; observed.group_count()];
     for (i, touch) in observed.touches.iter().enumerate() {
-        let step_mm = display_step_mm(setup.plan, touch.normal);
-        columns[touch.group_index][i] = rounding_u_mm(step_mm, scatter.s_mm);
+        let step_mm = display_step_mm(setup.plan, touch.normal_in_machine);
+        columns[touch.group_index][i] = rounding_u_of_mean_mm(step_mm, scatter.std_dev_mm);
     }
     columns
 }
@@ -97,7 +100,7 @@ fn form_columns(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, touches
     let size_mm = setup.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
     let orders = layout.map_orders.iter().filter(|order| **order > 1);
     let column = |order: u32, part: usize| {
-        touches.iter().map(|touch| size_mm * harmonic_factors(order, &touch.normal)[part]).collect()
+        touches.iter().map(|touch| size_mm * harmonic_factors(order, &touch.normal_in_machine)[part]).collect()
     };
     orders.flat_map(|order| [column(*order, 0), column(*order, 1)]).collect()
 }
@@ -105,10 +108,11 @@ fn form_columns(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, touches
 /// Squareness: a ball of radius r is touched at r·n. Two axes whose angle differs by e from a right angle change
 /// the distance by r·e·n_i·n_j.
 fn squareness_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -> Vec<Vec<f64>> {
-    let size_mm = setup.plan.machine.squareness_urad * 1e-6 * observed.radius_mm;
+    let size_mm = setup.plan.machine.squareness_urad * 1e-6 * observed.stated_radius_sum_mm;
     let touches = observed.touches.iter();
-    let column =
-        |(i, j): (usize, usize)| touches.clone().map(|touch| size_mm * touch.normal[i] * touch.normal[j]).collect();
+    let column = |(i, j): (usize, usize)| {
+        touches.clone().map(|touch| size_mm * touch.normal_in_machine[i] * touch.normal_in_machine[j]).collect()
+    };
     [(0, 1), (0, 2), (1, 2)].map(column).into()
 }
 
@@ -117,7 +121,7 @@ fn spindle_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -
     let size_mm = setup.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
     let column = |orientation: usize, k: usize| {
         let at = |touch: &MeasuredTouch| {
-            if touch.orientation_index == orientation { touch.normal[k] } else { 0.0 }
+            if touch.orientation_index == orientation { touch.normal_in_machine[k] } else { 0.0 }
         };
         observed.touches.iter().map(|touch| size_mm * at(touch)).collect()
     };
@@ -128,14 +132,14 @@ fn spindle_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -
 /// Backlash: each axis lags behind in the direction of the touch.
 fn backlash_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
     let half = half_backlash_mm(setup.plan);
-    let column = |k: usize| touches.iter().map(|touch| half[k] * touch.normal[k].abs()).collect();
+    let column = |k: usize| touches.iter().map(|touch| half[k] * touch.normal_in_machine[k].abs()).collect();
     [0, 1, 2].map(column).into()
 }
 
 fn linear_axis_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
     let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.xyz_mm).collect();
     let along = |k: usize, pattern: &[f64]| {
-        touches.iter().zip(pattern).map(|(touch, by)| touch.normal[k] * by).collect::<Vec<f64>>()
+        touches.iter().zip(pattern).map(|(touch, by)| touch.normal_in_machine[k] * by).collect::<Vec<f64>>()
     };
     let patterns = linear_motion_patterns(setup.plan, &points);
     patterns.iter().flat_map(|pattern| [0, 1, 2].map(|k| along(k, pattern))).collect()

@@ -2,29 +2,29 @@
 //! the spindle.
 
 use super::settings::ProbeQualificationSettings;
-use super::setup::{QualificationSetup, SEARCH_LABEL};
+use super::setup::{QualificationSetup, SEARCH_LABEL_PREFIX};
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::Position;
 use machine::record::artefact::{Artefact, Ball, Balls};
-use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Stage, Step, StepKind};
+use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Stage, Step, StepKind};
 use planning::{BallAccessError, BallApproach, BallTask, TouchAccess};
 
 /// Number of search touches per ball.
-const SEARCH_TOUCH_COUNT: usize = 5;
+const SEARCH_TOUCHES_PER_BALL: usize = 5;
 /// Elevations of the circle, degrees. The lowest one at which all directions are accessible is used.
-const CIRCLE_ELEVATIONS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
+const CANDIDATE_CIRCLE_ELEVATIONS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
 /// Elevation of the second circle above the first one. Its touches check that the map decreases towards the pole.
-const SECOND_CIRCLE_OFFSET_DEG: f64 = 45.0;
+const SECOND_CIRCLE_ELEVATION_OFFSET_DEG: f64 = 45.0;
 
 pub fn next_stage(
     setup: &QualificationSetup<'_>,
     done: &[Stage],
     source: PositionSource<'_>,
 ) -> Result<NextStage, MethodRefusal> {
-    let ordinary = done.iter().filter(|stage| stage.repeat < FIRST_REPEAT_AFTER_STOP).count();
+    let ordinary = done.iter().filter(|stage| stage.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP).count();
     let orientations = setup.orientations_deg();
     match ordinary {
-        0 => Ok(NextStage::from_new_steps(setup.plan, done, SEARCH_LABEL, search_steps(setup)?)),
+        0 => Ok(NextStage::from_new_steps(setup.plan, done, SEARCH_LABEL_PREFIX, search_steps(setup)?)),
         _ if ordinary > orientations.len() => Ok(NextStage::NoFurtherStage),
         number => {
             let index = number - 1;
@@ -49,8 +49,8 @@ fn search_steps(setup: &QualificationSetup<'_>) -> Result<Vec<Step>, MethodRefus
     let approach = BallApproach::Search { uncertainty_mm, standoff_mm };
     let mut steps = Vec::new();
     for ball in &setup.balls.balls {
-        let task = BallTask { ball, rotary: &rotary, approach, touch_count: SEARCH_TOUCH_COUNT };
-        let label = |touch: &str| format!("{SEARCH_LABEL}/{}/{touch}", ball.id);
+        let task = BallTask { ball, rotary: &rotary, approach, touch_count: SEARCH_TOUCHES_PER_BALL };
+        let label = |touch: &str| format!("{SEARCH_LABEL_PREFIX}/{}/{touch}", ball.id);
         let new = access.touch_steps(&task, &setup.plan.probe, StepKind::Touch, (0, 0), label);
         steps.extend(new.map_err(|reason| unreachable_refusal(ball, &reason))?);
     }
@@ -92,13 +92,15 @@ impl<'a> OrientationPlan<'a> {
 
     /// Rounds of slow touches. At the first orientation they alternate with rounds of fast ones.
     fn measuring_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
-        let (ball, level) = self.accessible_ball()?;
+        let (ball, level) = self.accessible_ball_and_elevation()?;
         let mut steps = Vec::new();
         for round in 1..=self.setup.settings.repeats {
-            steps.extend(self.slow_round(ball, level, round)?);
+            steps.extend(self.slow_round_steps(ball, level, round)?);
             if self.orientation_index == 0 {
                 let label = |touch: &str| format!("fast/{}/S0/{touch}/{round}", ball.id);
-                let fast = self.steps_along(ball, &self.circle_directions(level), label)?.into_iter();
+                let fast = self
+                    .touch_steps_in_directions(ball, &self.circle_azimuths_and_elevations(level), label)?
+                    .into_iter();
                 let feed_mm_min = self.setup.fast_feed_mm_min();
                 steps.extend(fast.map(|step| Step { feed_mm_min, ..step }));
             }
@@ -107,13 +109,13 @@ impl<'a> OrientationPlan<'a> {
     }
 
     /// The ball that is accessible all around, and the elevation of its circle.
-    fn accessible_ball(&self) -> Result<(&'a Ball, f64), MethodRefusal> {
+    fn accessible_ball_and_elevation(&self) -> Result<(&'a Ball, f64), MethodRefusal> {
         let ball_id = &self.setup.settings.ball;
         let is_selected = |ball: &&Ball| ball_id.is_empty() || ball.id == *ball_id;
         let mut first_refusal = None;
         for ball in self.found_balls.balls.iter().filter(is_selected) {
-            for level in CIRCLE_ELEVATIONS_DEG {
-                match self.slow_round(ball, level, 1) {
+            for level in CANDIDATE_CIRCLE_ELEVATIONS_DEG {
+                match self.slow_round_steps(ball, level, 1) {
                     Ok(_) => return Ok((ball, level)),
                     Err(reason) => first_refusal = first_refusal.or(Some(reason)),
                 }
@@ -124,28 +126,30 @@ impl<'a> OrientationPlan<'a> {
             .unwrap_or_else(|| MethodRefusal::new(none(), "correct `ball` in [method.probe-qualification]")))
     }
 
-    /// Azimuth and elevation of each touch of a circle, degrees.
-    fn circle_directions(&self, level: f64) -> Vec<[f64; 2]> {
+    /// Azimuth and elevation of each touch of the circle at `elevation_deg`, degrees.
+    fn circle_azimuths_and_elevations(&self, elevation_deg: f64) -> Vec<[f64; 2]> {
         let count = self.setup.settings.azimuths;
         let pitch = 360.0 / f64::from(count);
-        (0..count).map(|k| [f64::from(k) * pitch, level]).collect()
+        (0..count).map(|k| [f64::from(k) * pitch, elevation_deg]).collect()
     }
 
-    /// One round: a circle, half as many touches above it at the first orientation, and the pole.
-    fn slow_round(&self, ball: &Ball, level: f64, round: u32) -> Result<Vec<Step>, MethodRefusal> {
-        let mut directions = self.circle_directions(level);
+    /// Steps of one round at the measuring feed: a circle, half as many touches above it at the first orientation, and
+    /// the pole.
+    fn slow_round_steps(&self, ball: &Ball, elevation_deg: f64, round_number: u32) -> Result<Vec<Step>, MethodRefusal> {
+        let mut directions = self.circle_azimuths_and_elevations(elevation_deg);
         let count = directions.len();
         if self.orientation_index == 0 {
             // The azimuths are between those of the lower circle.
             let half = 180.0 / count as f64;
             let every_other = directions.iter().step_by(2);
-            let above = every_other.map(|[azimuth, level]| [azimuth + half, level + SECOND_CIRCLE_OFFSET_DEG]);
+            let above =
+                every_other.map(|[azimuth, level]| [azimuth + half, level + SECOND_CIRCLE_ELEVATION_OFFSET_DEG]);
             directions.extend(above.collect::<Vec<_>>());
         }
         directions.push([0.0, 90.0]);
         let degrees = self.setup.orientations_deg()[self.orientation_index];
-        let label = |touch: &str| format!("slow/{}/S{degrees}/{touch}/{round}", ball.id);
-        let mut steps = self.steps_along(ball, &directions, label)?;
+        let label = |touch: &str| format!("slow/{}/S{degrees}/{touch}/{round_number}", ball.id);
+        let mut steps = self.touch_steps_in_directions(ball, &directions, label)?;
         let last = steps.len() - 1;
         for reference in [0, count / 4, count / 2, count * 3 / 4, last] {
             steps[reference].kind = StepKind::Reference;
@@ -153,7 +157,7 @@ impl<'a> OrientationPlan<'a> {
         Ok(steps)
     }
 
-    fn steps_along(
+    fn touch_steps_in_directions(
         &self,
         ball: &Ball,
         directions: &[[f64; 2]],

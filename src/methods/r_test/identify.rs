@@ -1,19 +1,19 @@
 //! Identification: from plan and readings to the estimate.
 
 use super::model::SensorEquations;
-use super::nest::SensorNest;
 use super::observe::{ObservedMeans, SensorMean, observe_means};
+use super::sensor_nest::SensorNest;
 use super::settings::RTestSettings;
-use super::sources::{standard_uncertainties, uncertainty_sources};
+use super::sources::{observation_standard_uncertainties, uncertainty_sources};
 use super::{METHOD_NAME, outputs};
 use crate::identification::{
-    self, CheckedMeasurement, FitQuality, Identification, LeastSquares, MisfitAdvice, ObservationEquation, SolvedModel,
-    TrialPlan, rms,
+    self, CheckedMeasurement, FitQuality, Identification, MisfitAdvice, NonlinearFit, ObservationEquation, SolvedModel,
+    TrialSettings, rms,
 };
 use crate::{IdentifyError, MethodRefusal};
-use estimation::linear::{LinearError, RankAnalysis};
-use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
-use estimation::null_names::name_null_space;
+use estimation::linear_least_squares::{LinearError, RankAnalysis};
+use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution, minimise_squares};
+use estimation::null_space_names::name_null_space;
 use estimation::schur::factorise;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -26,7 +26,7 @@ const STABLE_DIGITS: u32 = 1;
 const MAX_TRIALS: usize = 20_000;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "a loose sensor or sphere, backlash of the table, a sensor that is not linear",
+    possible_causes: "a loose sensor or sphere, backlash of the table, a sensor that is not linear",
     declaring_settings: "noise_um or linearity_um of [[sensor]]",
 };
 
@@ -43,29 +43,29 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
         "measure the stage `turns` as well",
     )?;
     let minimum = solve_equation(&equation)?;
-    equation.check_sensors(&minimum.x)?;
+    equation.check_sensor_directions_and_gains(&minimum.x)?;
     let survey =
         survey_rank(&equation, &minimum.x).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let unknowns = minimum.x.len();
-    let weighted = minimum.residuals.iter().zip(&equation.sigma_mm);
+    let weighted = minimum.residuals.iter().zip(&equation.observation_std_u_mm);
     let solution = SolvedModel {
-        model: &LeastSquares { equation: &equation, minimum: &minimum },
+        model: &NonlinearFit { equation: &equation, minimum: &minimum },
         weighted_residuals: &minimum.residuals,
-        has_declared_sizes: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
+        has_declared_source_sizes: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
         fit_quality: FitQuality {
             rank: survey.rank,
-            unknowns,
-            condition: survey.condition,
+            unknown_count: unknowns,
+            condition_number: survey.condition,
             dof: minimum.residuals.len().saturating_sub(unknowns),
             residual_rms_mm: rms(&weighted.map(|(r, sigma)| r * sigma).collect::<Vec<f64>>()),
         },
         measurements: &sensor_measurements(&equation, &minimum),
     };
     let sources = uncertainty_sources(&equation, &minimum.x);
-    let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let trials = TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let outputs = outputs::build_outputs(&equation, &minimum.x);
     let identified = identification::identify(&solution, &sources, outputs, Some(trials))?;
-    let (axis, sphere) = (nest.axis, nest.sphere_position());
+    let (axis, sphere) = (nest.measured_axis, nest.sphere_position());
     Ok(Estimate {
         gauge: vec![format!(
             "the nest at {axis} 0° is the origin: the error motion at 0° counts as a displacement \
@@ -96,8 +96,8 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
 /// The equation, weighted by the sources that are independent between observations.
 pub fn weighted_equation<'a>(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> SensorEquations<'a> {
     let equation = SensorEquations::unweighted(nest, observed);
-    let sigma = standard_uncertainties(&equation);
-    SensorEquations { sigma_mm: sigma, ..equation }
+    let sigma = observation_standard_uncertainties(&equation);
+    SensorEquations { observation_std_u_mm: sigma, ..equation }
 }
 
 /// # Errors
@@ -128,8 +128,8 @@ fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSoluti
         label: mean.label.clone(),
         description: format!("the mean {}", mean.label),
         residual_rows: i..i + 1,
-        residual_mm: minimum.residuals[i] * equation.sigma_mm[i],
-        u_mm: equation.sigma_mm[i],
+        residual_mm: minimum.residuals[i] * equation.observation_std_u_mm[i],
+        u_mm: equation.observation_std_u_mm[i],
     };
     equation.means.iter().enumerate().map(measurement).collect()
 }
@@ -140,7 +140,7 @@ fn estimate_warnings(
     identified: &Identification,
 ) -> Vec<String> {
     let mut lines = Vec::new();
-    let missing = observed.missing_points;
+    let missing = observed.missing_mean_count;
     lines.extend((missing > 0).then(|| format!("{missing} points of a sensor have no distance and are not used")));
     let interruptions = equation.unknowns.interruption_count;
     lines.extend((interruptions > 0).then(|| {
@@ -150,6 +150,6 @@ fn estimate_warnings(
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
     lines.extend(identified.outlier_check.warnings.iter().cloned());
-    lines.extend(identified.trials_warning());
+    lines.extend(identified.trial_contradiction_warning());
     lines
 }

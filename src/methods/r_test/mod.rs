@@ -7,16 +7,16 @@
 
 mod identify;
 mod model;
-mod nest;
 mod observe;
 mod outputs;
+mod sensor_nest;
 mod settings;
 mod sources;
 mod stages;
 
 pub use settings::RTestSettings;
 
-use self::nest::SensorNest;
+use self::sensor_nest::SensorNest;
 use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};

@@ -9,8 +9,8 @@
 use estimation::schur::BlockRows;
 use nalgebra::Vector3;
 
-use super::nest::SensorNest;
-use super::observe::{Displacement, ObservedMeans, SensorMean};
+use super::observe::{ObservedMeans, SensorMean, SphereDisplacement};
+use super::sensor_nest::SensorNest;
 use crate::MethodRefusal;
 use crate::identification::ObservationEquation;
 use machine::record::sensor::Sensor;
@@ -32,34 +32,34 @@ pub struct UnknownIndices {
 }
 
 impl UnknownIndices {
-    pub fn count(&self) -> usize {
-        self.interruption_step(self.interruption_count) + 3 * self.stop_count.saturating_sub(1)
+    pub fn unknown_count(&self) -> usize {
+        self.interruption_step_index(self.interruption_count) + 3 * self.stop_count.saturating_sub(1)
     }
 
-    pub fn sensor_offset(&self, sensor: usize) -> usize {
+    pub fn sensor_offset_index(&self, sensor: usize) -> usize {
         UNKNOWNS_PER_SENSOR * sensor
     }
 
-    pub fn sensor_gradient(&self, sensor: usize) -> usize {
-        self.sensor_offset(sensor) + 1
+    pub fn sensor_gradient_index(&self, sensor: usize) -> usize {
+        self.sensor_offset_index(sensor) + 1
     }
 
-    pub fn curvature(&self) -> usize {
+    pub fn curvature_index(&self) -> usize {
         UNKNOWNS_PER_SENSOR * self.sensor_count
     }
 
     /// Index of X of the sphere. Y is the next unknown.
-    pub fn sphere_position(&self) -> usize {
-        self.curvature() + 1
+    pub fn sphere_position_index(&self) -> usize {
+        self.curvature_index() + 1
     }
 
-    pub fn interruption_step(&self, interruption: usize) -> usize {
-        self.sphere_position() + 2 + 3 * interruption
+    pub fn interruption_step_index(&self, interruption: usize) -> usize {
+        self.sphere_position_index() + 2 + 3 * interruption
     }
 
     /// Index of the displacement at a stop. `None` for the first stop, where the displacement is zero.
-    pub fn stop_displacement(&self, stop: usize) -> Option<usize> {
-        Some(self.interruption_step(self.interruption_count) + 3 * stop.checked_sub(1)?)
+    pub fn stop_displacement_index(&self, stop: usize) -> Option<usize> {
+        Some(self.interruption_step_index(self.interruption_count) + 3 * stop.checked_sub(1)?)
     }
 
     pub fn vector_at(x: &[f64], first: usize) -> Vector3<f64> {
@@ -86,113 +86,119 @@ pub struct SensorEquations<'a> {
     pub means: &'a [SensorMean],
     pub unknowns: UnknownIndices,
     /// Standard uncertainty of each mean, then of the sphere's position in X and Y, mm.
-    pub sigma_mm: Vec<f64>,
+    pub observation_std_u_mm: Vec<f64>,
 }
 
 impl<'a> SensorEquations<'a> {
     /// The equation with unit weights.
     pub fn unweighted(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> Self {
         let means = observed.means.as_slice();
-        let is_stop = |mean: &SensorMean| matches!(mean.displacement, Displacement::UnknownAtStop(_));
+        let is_stop = |mean: &SensorMean| matches!(mean.displacement, SphereDisplacement::UnknownAtStop(_));
         let stops = if means.iter().any(is_stop) { nest.settings.positions } else { 0 };
-        let interruptions = means.iter().map(|mean| mean.interruption_count).max().unwrap_or(0);
+        let interruptions = means.iter().map(|mean| mean.earlier_interruption_count).max().unwrap_or(0);
         let unknowns =
             UnknownIndices { sensor_count: nest.sensors.len(), interruption_count: interruptions, stop_count: stops };
-        Self { nest, means, unknowns, sigma_mm: vec![1.0; means.len() + 2] }
+        Self { nest, means, unknowns, observation_std_u_mm: vec![1.0; means.len() + 2] }
     }
 
     /// Initial values: the sensors as the plan declares them, with the sphere on the axis of each.
     pub fn initial_values(&self) -> Vec<f64> {
-        let mut x = vec![0.0; self.unknowns.count()];
+        let mut x = vec![0.0; self.unknowns.unknown_count()];
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
-            x[self.unknowns.sensor_gradient(number)..][..3].copy_from_slice(&sensor.direction);
+            x[self.unknowns.sensor_gradient_index(number)..][..3].copy_from_slice(&sensor.direction);
         }
-        x[self.unknowns.curvature()] = 1.0 / self.nest.plan.probe.ball_radius_mm;
-        let first = self.unknowns.sphere_position();
+        x[self.unknowns.curvature_index()] = 1.0 / self.nest.plan.probe.ball_radius_mm;
+        let first = self.unknowns.sphere_position_index();
         x[first..first + 2].copy_from_slice(self.nest.sphere_offset_from_axis_mm.xy().as_slice());
         x
     }
 
-    pub fn gradient(&self, x: &[f64], sensor: usize) -> Vector3<f64> {
-        UnknownIndices::vector_at(x, self.unknowns.sensor_gradient(sensor))
+    pub fn sensor_gradient(&self, x: &[f64], sensor: usize) -> Vector3<f64> {
+        UnknownIndices::vector_at(x, self.unknowns.sensor_gradient_index(sensor))
     }
 
     /// Displacement of the sphere at a mean, table frame.
-    fn displacement(&self, mean: &SensorMean, x: &[f64]) -> Vector3<f64> {
+    fn sphere_displacement(&self, mean: &SensorMean, x: &[f64]) -> Vector3<f64> {
         let own = match mean.displacement {
-            Displacement::Known(displacement) => displacement,
-            Displacement::UnknownAtStop(stop) => {
-                let first = self.unknowns.stop_displacement(stop);
+            SphereDisplacement::Known(displacement) => displacement,
+            SphereDisplacement::UnknownAtStop(stop) => {
+                let first = self.unknowns.stop_displacement_index(stop);
                 first.map_or(Vector3::zeros(), |first| UnknownIndices::vector_at(x, first))
             }
         };
-        let steps =
-            (0..mean.interruption_count).map(|i| UnknownIndices::vector_at(x, self.unknowns.interruption_step(i)));
+        let steps = (0..mean.earlier_interruption_count)
+            .map(|i| UnknownIndices::vector_at(x, self.unknowns.interruption_step_index(i)));
         own + mean.machine_from_table.inverse() * steps.sum::<Vector3<f64>>()
     }
 
     /// Reading of a sensor: z + g·w + κ(|w|² − (n·w)²)/2 with n along g. The last term is the effect of the
     /// sphere's curvature across the sensor's direction.
     fn predicted_reading(&self, mean: &SensorMean, x: &[f64]) -> f64 {
-        let w = self.displacement(mean, x);
-        let gradient = self.gradient(x, mean.sensor_index);
+        let w = self.sphere_displacement(mean, x);
+        let gradient = self.sensor_gradient(x, mean.sensor_index);
         let across = w - gradient * (gradient.dot(&w) / gradient.norm_squared());
-        x[self.unknowns.sensor_offset(mean.sensor_index)]
+        x[self.unknowns.sensor_offset_index(mean.sensor_index)]
             + gradient.dot(&w)
-            + x[self.unknowns.curvature()] / 2.0 * across.norm_squared()
+            + x[self.unknowns.curvature_index()] / 2.0 * across.norm_squared()
     }
 
     /// Derivatives of a reading, by unknown.
     pub fn reading_derivatives(&self, mean: &SensorMean, x: &[f64]) -> Vec<(usize, f64)> {
         let unknowns = &self.unknowns;
-        let w = self.displacement(mean, x);
-        let gradient = self.gradient(x, mean.sensor_index);
+        let w = self.sphere_displacement(mean, x);
+        let gradient = self.sensor_gradient(x, mean.sensor_index);
         let along = gradient.dot(&w) / gradient.norm_squared();
         let across = w - gradient * along;
-        let curvature = x[unknowns.curvature()];
+        let curvature = x[unknowns.curvature_index()];
         let by_gradient = w - across * (curvature * along);
         let by_displacement = gradient + across * curvature;
-        let mut slopes =
-            vec![(unknowns.sensor_offset(mean.sensor_index), 1.0), (unknowns.curvature(), across.norm_squared() / 2.0)];
+        let mut slopes = vec![
+            (unknowns.sensor_offset_index(mean.sensor_index), 1.0),
+            (unknowns.curvature_index(), across.norm_squared() / 2.0),
+        ];
         let mut add = |first: usize, by: Vector3<f64>| slopes.extend((first..).zip(by.iter().copied()));
-        add(unknowns.sensor_gradient(mean.sensor_index), by_gradient);
-        if let Displacement::UnknownAtStop(stop) = mean.displacement
-            && let Some(first) = unknowns.stop_displacement(stop)
+        add(unknowns.sensor_gradient_index(mean.sensor_index), by_gradient);
+        if let SphereDisplacement::UnknownAtStop(stop) = mean.displacement
+            && let Some(first) = unknowns.stop_displacement_index(stop)
         {
             add(first, by_displacement);
         }
-        (0..mean.interruption_count)
-            .for_each(|i| add(unknowns.interruption_step(i), mean.machine_from_table * by_displacement));
+        (0..mean.earlier_interruption_count)
+            .for_each(|i| add(unknowns.interruption_step_index(i), mean.machine_from_table * by_displacement));
         slopes
     }
 
     /// Displayed position of the sphere less the unknown one: X, Y.
     fn sphere_residuals(&self, x: &[f64]) -> [f64; 2] {
-        let first = self.unknowns.sphere_position();
+        let first = self.unknowns.sphere_position_index();
         [0, 1].map(|k| self.nest.sphere_offset_from_axis_mm[k] - x[first + k])
     }
 
     pub fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
         let residuals = self.weighted_residuals(x, &vec![0.0; self.observation_count()]);
-        let mut rows = BlockRows::zeros(residuals.len(), 0, self.unknowns.count());
+        let mut rows = BlockRows::zeros(residuals.len(), 0, self.unknowns.unknown_count());
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_right_side(row, value));
-        for (row, (mean, sigma)) in self.means.iter().zip(&self.sigma_mm).enumerate() {
+        for (row, (mean, sigma)) in self.means.iter().zip(&self.observation_std_u_mm).enumerate() {
             for (unknown, slope) in self.reading_derivatives(mean, x) {
-                rows.set_common(row, unknown, slope / sigma);
+                rows.set_common_coefficient(row, unknown, slope / sigma);
             }
         }
         for k in 0..2 {
             let row = self.means.len() + k;
-            rows.set_common(row, self.unknowns.sphere_position() + k, 1.0 / self.sigma_mm[row]);
+            rows.set_common_coefficient(
+                row,
+                self.unknowns.sphere_position_index() + k,
+                1.0 / self.observation_std_u_mm[row],
+            );
         }
         vec![rows]
     }
 
     /// # Errors
     /// The gradient of a sensor differs from its declared direction: it has another direction or gain.
-    pub fn check_sensors(&self, x: &[f64]) -> Result<(), MethodRefusal> {
+    pub fn check_sensor_directions_and_gains(&self, x: &[f64]) -> Result<(), MethodRefusal> {
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
-            let gradient = self.gradient(x, number);
+            let gradient = self.sensor_gradient(x, number);
             let cosine = |sensor: &Sensor| gradient.normalize().dot(&Vector3::from(sensor.direction));
             if cosine(sensor) < MIN_DIRECTION_COSINE {
                 let swapped = self.nest.sensors.iter().find(|other| cosine(other) >= MIN_DIRECTION_COSINE);
@@ -212,13 +218,13 @@ impl<'a> SensorEquations<'a> {
     }
 }
 
-fn refuse_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) -> MethodRefusal {
+fn refuse_direction(name: &str, gradient: Vector3<f64>, matching_sensor: Option<&str>) -> MethodRefusal {
     let [i, j, k]: [f64; 3] = gradient.into();
     let reason = format!(
         "sensor {name} measures displacements along [{i:.2}, {j:.2}, {k:.2}], not along its \
          declared direction"
     );
-    match swapped {
+    match matching_sensor {
         Some(other) => MethodRefusal::new(
             format!("{reason}, but along the direction of {other}"),
             format!("exchange the cables of {name} and {other}, or their addresses in [[sensor]]"),
@@ -245,6 +251,6 @@ impl ObservationEquation for SensorEquations<'_> {
     }
 
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
-        change.iter().zip(&self.sigma_mm).map(|(change, sigma)| change / sigma).collect()
+        change.iter().zip(&self.observation_std_u_mm).map(|(change, sigma)| change / sigma).collect()
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::nest::SensorNest;
+use super::sensor_nest::SensorNest;
 use crate::{IdentifyError, readings_of_last_repeat};
 use machine::Position;
 use machine::record::plan::Step;
@@ -17,7 +17,7 @@ pub const BACKWARD_LABEL: &str = "turn/backward";
 
 /// Displacement of the sphere relative to the nest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Displacement {
+pub enum SphereDisplacement {
     /// Known from the displayed positions, table frame, mm.
     Known(Vector3<f64>),
     /// Unknown, at this stop of the revolution.
@@ -31,21 +31,22 @@ pub struct SensorMean {
     pub label: String,
     /// Index among the sensors of the nest.
     pub sensor_index: usize,
-    pub displacement: Displacement,
+    pub displacement: SphereDisplacement,
     /// Rotation from the table frame to the machine frame.
     pub machine_from_table: Rotation3<f64>,
     pub reading_mm: f64,
     pub sample_count: usize,
-    pub t_s: f64,
+    /// Mean time of its samples, time of the run, s.
+    pub mean_run_time_s: f64,
     /// Number of interruptions before the mean.
-    pub interruption_count: usize,
+    pub earlier_interruption_count: usize,
 }
 
 #[derive(Debug, Default)]
 pub struct ObservedMeans {
     pub means: Vec<SensorMean>,
     /// Number of points of a sensor without a distance.
-    pub missing_points: usize,
+    pub missing_mean_count: usize,
 }
 
 /// # Errors
@@ -58,8 +59,8 @@ pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<Obse
         if let (true, Some(scan)) = (is_used, &step.scan) {
             let own = readings_of_last_repeat(step, readings)?;
             for point in 0..scan.path.len() {
-                let at_point = readings_at(&own, &scan.path, point);
-                observed.add_point(nest, step, point, &scan.path[point], &at_point);
+                let at_point = readings_nearest_to_point(&own, &scan.path, point);
+                observed.add_means_at_point(nest, step, point, &scan.path[point], &at_point);
             }
         }
     }
@@ -68,7 +69,7 @@ pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<Obse
 }
 
 /// Readings for which this point of the path is the nearest. All visits of a point count for the first one.
-fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) -> Vec<&'r Reading> {
+fn readings_nearest_to_point<'r>(readings: &[&'r Reading], path: &[Position], point: usize) -> Vec<&'r Reading> {
     let distance = |reading: &Reading, point: &Position| -> f64 {
         point.iter().map(|(axis, at)| (reading.position.get_or_zero(axis) - at).powi(2)).sum()
     };
@@ -82,17 +83,24 @@ impl ObservedMeans {
     /// Numbers the interruptions. Only those with means on either side count: an interrupted scan is measured again
     /// as a whole.
     fn number_interruptions(&mut self) {
-        let counts: BTreeSet<usize> = self.means.iter().map(|mean| mean.interruption_count).collect();
+        let counts: BTreeSet<usize> = self.means.iter().map(|mean| mean.earlier_interruption_count).collect();
         for mean in &mut self.means {
-            mean.interruption_count = counts.range(..mean.interruption_count).count();
+            mean.earlier_interruption_count = counts.range(..mean.earlier_interruption_count).count();
         }
     }
 
-    fn add_point(&mut self, nest: &SensorNest<'_>, step: &Step, point: usize, at: &Position, readings: &[&Reading]) {
-        let angle = at.get_or_zero(nest.axis);
+    fn add_means_at_point(
+        &mut self,
+        nest: &SensorNest<'_>,
+        step: &Step,
+        point: usize,
+        at: &Position,
+        readings: &[&Reading],
+    ) {
+        let angle = at.get_or_zero(nest.measured_axis);
         let displacement = match step.label.as_str() {
-            CALIBRATION_LABEL => Displacement::Known(nest.displacement(at)),
-            _ => Displacement::UnknownAtStop(nest.stop_index(angle)),
+            CALIBRATION_LABEL => SphereDisplacement::Known(nest.sphere_displacement_at(at)),
+            _ => SphereDisplacement::UnknownAtStop(nest.stop_index(angle)),
         };
         for (sensor_index, declared) in nest.sensors.iter().enumerate() {
             let own = readings.iter().filter(|reading| reading.sensor == declared.name);
@@ -100,7 +108,7 @@ impl ObservedMeans {
             let samples: Vec<(f64, f64)> = good.filter_map(|reading| Some((reading.value_mm?, reading.t_s))).collect();
             let count = samples.len() as f64;
             if samples.is_empty() {
-                self.missing_points += usize::from(!readings.is_empty());
+                self.missing_mean_count += usize::from(!readings.is_empty());
                 continue;
             }
             let t_s = samples.iter().map(|(_, t_s)| t_s).sum::<f64>() / count;
@@ -111,8 +119,8 @@ impl ObservedMeans {
                 machine_from_table: nest.machine_from_table(angle),
                 reading_mm: samples.iter().map(|(value, _)| value).sum::<f64>() / count,
                 sample_count: samples.len(),
-                t_s,
-                interruption_count: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),
+                mean_run_time_s: t_s,
+                earlier_interruption_count: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),
             });
         }
     }

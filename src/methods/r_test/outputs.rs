@@ -5,7 +5,7 @@
 //! about the nominal axis. Self-calibration reports the same quantity (METHODS section 1), so the two can be
 //! compared.
 
-use machine::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::{FunctionFigureKind, Unit};
 use nalgebra::Matrix3;
 
 use super::model::SensorEquations;
@@ -16,11 +16,11 @@ type XyzDerivatives = [Vec<f64>; 3];
 
 pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
     let stops = equation.unknowns.stop_count;
-    let totals: Vec<XyzDerivatives> = (0..stops).map(|stop| total_derivatives(equation, stop)).collect();
+    let totals: Vec<XyzDerivatives> = (0..stops).map(|stop| total_displacement_derivatives(equation, stop)).collect();
     let mean = mean_derivatives(&totals);
     let motions: Vec<XyzDerivatives> =
         totals.iter().enumerate().map(|(stop, total)| error_motion_derivatives(equation, stop, total, &mean)).collect();
-    let axis = equation.nest.axis;
+    let axis = equation.nest.measured_axis;
     let location = |k: usize, along: &str| {
         OutputParameter::from_coefficients(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x)
     };
@@ -39,32 +39,34 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
         }
     };
     let names = ["X", "Y", "Z"].into_iter().enumerate();
-    let total = |k: usize, along: &str| curve(format!("E{along}{axis}_total"), k, &totals, FigureKind::Curve);
+    let total = |k: usize, along: &str| curve(format!("E{along}{axis}_total"), k, &totals, FunctionFigureKind::Curve);
     let mut curves = vec![total(0, "X"), total(1, "Y")];
-    curves.extend(names.clone().map(|(k, along)| curve(format!("E{along}{axis}"), k, &motions, FigureKind::Polar)));
+    curves.extend(
+        names.clone().map(|(k, along)| curve(format!("E{along}{axis}"), k, &motions, FunctionFigureKind::Polar)),
+    );
     let ranges = names.map(|(k, along)| RangeOutput {
         symbol: format!("E{along}{axis}_range"),
         unit: Unit::Um,
         slopes: motions.iter().map(|slopes| slopes[k].clone()).collect(),
     });
     Outputs {
-        parameters: vec![location(0, "X"), location(1, "Y")],
+        linear_parameters: vec![location(0, "X"), location(1, "Y")],
         curves,
         nonlinear: Some(range_outputs(ranges.collect(), x)),
     }
 }
 
 /// Derivatives of E_total at a stop.
-fn total_derivatives(equation: &SensorEquations<'_>, stop: usize) -> XyzDerivatives {
+fn total_displacement_derivatives(equation: &SensorEquations<'_>, stop: usize) -> XyzDerivatives {
     let SensorEquations { nest, unknowns, .. } = equation;
     let turn = nest.machine_from_table(nest.stop_angle_rad(stop)).into_inner();
     let lever = Matrix3::identity() - turn;
-    let mut slopes = [(); 3].map(|()| vec![0.0; unknowns.count()]);
+    let mut slopes = [(); 3].map(|()| vec![0.0; unknowns.unknown_count()]);
     for (k, slope) in slopes.iter_mut().enumerate() {
         for i in 0..2 {
-            slope[unknowns.sphere_position() + i] = lever[(k, i)];
+            slope[unknowns.sphere_position_index() + i] = lever[(k, i)];
         }
-        if let Some(first) = unknowns.stop_displacement(stop) {
+        if let Some(first) = unknowns.stop_displacement_index(stop) {
             (0..3).for_each(|i| slope[first + i] = -turn[(k, i)]);
         }
     }

@@ -17,8 +17,9 @@ pub struct RTestSettings {
     pub feed_mm_min: f64,
     /// Feed of the turns, degrees per minute.
     pub feed_deg_min: f64,
-    /// Dwell time at a stop before its samples, and number of samples of each sensor at a stop.
+    /// Dwell time at a stop before its samples.
     pub dwell_s: f64,
+    /// Number of samples of each sensor at a stop.
     pub samples: u32,
     /// Standard deviation of the sphere's form.
     pub u_sphere_form_um: f64,
@@ -43,8 +44,8 @@ impl Default for RTestSettings {
 }
 
 /// Minimum number of stops. Fewer do not separate the axis position from an error motion of low order.
-const MIN_POSITIONS: usize = 4;
-const MAX_POSITIONS: usize = 720;
+const MIN_STOPS_PER_REVOLUTION: usize = 4;
+const MAX_STOPS_PER_REVOLUTION: usize = 720;
 /// Maximum feed of the turns. With an axis 5 mm from its stated position the sphere moves at 2 mm/s relative to the
 /// sensors.
 const MAX_FEED_DEG_MIN: f64 = 1440.0;
@@ -62,15 +63,18 @@ impl RTestSettings {
             ],
             &[("dwell_s", self.dwell_s), ("u_sphere_form_um", self.u_sphere_form_um)],
         )?;
-        MethodRefusal::check_trials(self.monte_carlo_trials)?;
+        MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)?;
         MethodRefusal::require(
             self.feed_deg_min <= MAX_FEED_DEG_MIN,
             format!("feed_deg_min = {} is too fast for sensors at a sphere", self.feed_deg_min),
             format!("choose feed_deg_min = {MAX_FEED_DEG_MIN} or less"),
         )?;
         MethodRefusal::require(
-            (MIN_POSITIONS..=MAX_POSITIONS).contains(&self.positions),
-            format!("positions = {} is outside {MIN_POSITIONS} to {MAX_POSITIONS}", self.positions),
+            (MIN_STOPS_PER_REVOLUTION..=MAX_STOPS_PER_REVOLUTION).contains(&self.positions),
+            format!(
+                "positions = {} is outside {MIN_STOPS_PER_REVOLUTION} to {MAX_STOPS_PER_REVOLUTION}",
+                self.positions
+            ),
             "choose positions = 24, at least 4 and at most 720",
         )
     }

@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 
 use super::model::SensorEquations;
-use super::observe::{CALIBRATION_LABEL, Displacement, SensorMean};
-use crate::identification::azimuth::{LOBING_ORDERS, azimuth_patterns};
-use crate::identification::declared::{
-    backlash_lags_mm, drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_u_mm,
+use super::observe::{CALIBRATION_LABEL, SensorMean, SphereDisplacement};
+use crate::identification::azimuth_dependence::{DEFAULT_LOBING_ORDERS, azimuth_patterns};
+use crate::identification::declared_sources::{
+    backlash_lags_mm, drift_rate_sd_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_u_mm,
 };
 use crate::identification::{
     DrawDistribution, EvaluationType, ObservationEffect, ObservationEquation, ResidualTreatment, UncertaintySource,
@@ -15,7 +15,7 @@ use crate::identification::{
 use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample if none is declared, mm. The residuals rescale it.
-const DEFAULT_NOISE_MM: f64 = 1e-4;
+const DEFAULT_SAMPLE_NOISE_STD_MM: f64 = 1e-4;
 /// Smallest standard uncertainty of an observation, which limits its weight, mm.
 const MIN_OBSERVATION_STD_U_MM: f64 = 1e-6;
 
@@ -27,23 +27,23 @@ pub fn uncertainty_sources(equation: &SensorEquations<'_>, x: &[f64]) -> Vec<Unc
         list.resolution_source(),
         list.linearity_source(),
         list.sphere_form_source(),
-        list.common_source("stylus offset", list.stylus_offset_columns()),
-        list.common_source("backlash", list.backlash_columns()),
-        list.common_source("error motions of X, Y and Z", list.linear_axes_columns()),
-        list.common_source("thermal drift", list.drift_columns()),
+        list.unweighted_joint_source("stylus offset", list.stylus_offset_columns()),
+        list.unweighted_joint_source("backlash", list.backlash_columns()),
+        list.unweighted_joint_source("error motions of X, Y and Z", list.linear_axis_error_columns()),
+        list.unweighted_joint_source("thermal drift", list.drift_columns()),
     ];
     all.retain(|source| !source.is_zero());
     all
 }
 
 /// Standard uncertainty of each observation, from the sources that are independent between observations.
-pub fn standard_uncertainties(equation: &SensorEquations<'_>) -> Vec<f64> {
+pub fn observation_standard_uncertainties(equation: &SensorEquations<'_>) -> Vec<f64> {
     let x = equation.initial_values();
     let list = SourceBuilder { equation, x: &x };
     let independent = [
         list.noise_source(),
         list.resolution_source(),
-        list.common_source("stylus offset", list.stylus_offset_columns()),
+        list.unweighted_joint_source("stylus offset", list.stylus_offset_columns()),
     ];
     let independent = independent.map(|source| UncertaintySource { is_in_weights: true, ..source });
     let variances = block_covariances::<1>(&independent, equation.observation_count());
@@ -57,9 +57,9 @@ struct SourceBuilder<'a> {
 
 impl SourceBuilder<'_> {
     /// A source whose size the residuals do not change, and that does not enter the weights.
-    fn common_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+    fn unweighted_joint_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
         UncertaintySource {
-            residual_treatment: ResidualTreatment::Expected,
+            residual_treatment: ResidualTreatment::InExpectedChi2,
             is_in_weights: false,
             ..UncertaintySource::new(name, ObservationEffect::Joint(columns))
         }
@@ -70,14 +70,14 @@ impl SourceBuilder<'_> {
         self.equation.means.iter().map(of_mean).chain(of_sphere).collect()
     }
 
-    fn gradient(&self, mean: &SensorMean) -> Vector3<f64> {
-        self.equation.gradient(self.x, mean.sensor_index)
+    fn sensor_gradient(&self, mean: &SensorMean) -> Vector3<f64> {
+        self.equation.sensor_gradient(self.x, mean.sensor_index)
     }
 
     fn noise_source(&self) -> UncertaintySource {
         let sensors = &self.equation.nest.sensors;
         let of_sample =
-            |mean: &SensorMean| sensors[mean.sensor_index].noise_um.map_or(DEFAULT_NOISE_MM, |um| um * 1e-3);
+            |mean: &SensorMean| sensors[mean.sensor_index].noise_um.map_or(DEFAULT_SAMPLE_NOISE_STD_MM, |um| um * 1e-3);
         let each = self.observation_column(|mean| of_sample(mean) / (mean.sample_count as f64).sqrt(), [0.0; 2]);
         let noise = UncertaintySource::new("noise of the sensor", ObservationEffect::Independent(each));
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
@@ -86,7 +86,7 @@ impl SourceBuilder<'_> {
     /// Resolution of the displayed positions: one draw for each point of the calibration and axis, and for the
     /// sphere's position.
     fn resolution_source(&self) -> UncertaintySource {
-        let u = |axis: Axis| resolution_u_mm(self.equation.nest.plan, axis.direction());
+        let u = |axis: Axis| resolution_u_mm(self.equation.nest.plan, axis.nominal_direction());
         let moved: Vec<Vector3<f64>> = self.equation.means.iter().filter_map(calibration_displacement).collect();
         let mut columns = Vec::new();
         let mut points: Vec<Vector3<f64>> = Vec::new();
@@ -97,7 +97,7 @@ impl SourceBuilder<'_> {
             points.push(point);
             for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
                 let of_mean = |mean: &SensorMean| match calibration_displacement(mean) == Some(point) {
-                    true => self.gradient(mean)[k] * u(axis),
+                    true => self.sensor_gradient(mean)[k] * u(axis),
                     false => 0.0,
                 };
                 columns.push(self.observation_column(of_mean, [0.0; 2]));
@@ -130,20 +130,20 @@ impl SourceBuilder<'_> {
                 );
             }
         }
-        self.common_source("linearity of the sensor", columns)
+        self.unweighted_joint_source("linearity of the sensor", columns)
     }
 
     /// Form of the sphere. The sensors turn around the sphere, so its first harmonic is its position.
     fn sphere_form_source(&self) -> UncertaintySource {
         let size_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
         let normals = self.equation.means.iter().map(|mean| {
-            let towards = mean.machine_from_table * self.gradient(mean);
+            let towards = mean.machine_from_table * self.sensor_gradient(mean);
             // The form is declared for the circle around the spindle's axis that the sensors measure.
             -Vector3::new(towards.x, towards.y, 0.0).normalize()
         });
-        let patterns = azimuth_patterns(size_mm, &LOBING_ORDERS, &normals.collect::<Vec<_>>(), |_| true);
+        let patterns = azimuth_patterns(size_mm, &DEFAULT_LOBING_ORDERS, &normals.collect::<Vec<_>>(), |_| true);
         let columns = patterns.into_iter().map(|pattern| pattern.into_iter().map(|by| -by).chain([0.0; 2]).collect());
-        self.common_source("form of the sphere", columns.collect())
+        self.unweighted_joint_source("form of the sphere", columns.collect())
     }
 
     /// Offset of the sphere's centre from the spindle's axis.
@@ -158,10 +158,10 @@ impl SourceBuilder<'_> {
         let nest = self.equation.nest;
         let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION_LABEL);
         let path = calibration.and_then(|step| step.scan.as_ref()).map_or(&[][..], |scan| &scan.path);
-        let xyz: Vec<Vector3<f64>> = path.iter().map(Position::xyz).collect();
+        let xyz: Vec<Vector3<f64>> = path.iter().map(Position::xyz_or_zero).collect();
         let lags = backlash_lags_mm(nest.plan, &xyz);
         let at_stops = lags.last().copied().unwrap_or_default();
-        let displacements: Vec<Vector3<f64>> = path.iter().map(|at| nest.displacement(at)).collect();
+        let displacements: Vec<Vector3<f64>> = path.iter().map(|at| nest.sphere_displacement_at(at)).collect();
         // The mean of a point includes all visits of it.
         let mean_lag_change = |by: Vector3<f64>| -> Vector3<f64> {
             let visits = displacements.iter().zip(&lags).filter(|(position, _)| **position == by);
@@ -170,11 +170,11 @@ impl SourceBuilder<'_> {
         };
         let column = |k: usize| {
             let of_mean = |mean: &SensorMean| match mean.displacement {
-                Displacement::Known(by) => {
-                    let along = Axis::LINEAR[k].direction() * mean_lag_change(by)[k];
-                    self.gradient(mean).dot(&(mean.machine_from_table.inverse() * along))
+                SphereDisplacement::Known(by) => {
+                    let along = Axis::LINEAR[k].nominal_direction() * mean_lag_change(by)[k];
+                    self.sensor_gradient(mean).dot(&(mean.machine_from_table.inverse() * along))
                 }
-                Displacement::UnknownAtStop(_) => 0.0,
+                SphereDisplacement::UnknownAtStop(_) => 0.0,
             };
             self.observation_column(of_mean, [0, 1].map(|axis| if axis == k { -at_stops[k] } else { 0.0 }))
         };
@@ -183,9 +183,9 @@ impl SourceBuilder<'_> {
 
     /// Errors of the linear axes at the position of the sphere. They do not change over the short moves of the
     /// calibration.
-    fn linear_axes_columns(&self) -> Vec<Vec<f64>> {
+    fn linear_axis_error_columns(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;
-        let patterns = linear_motion_patterns(nest.plan, &[nest.origin.xyz()]);
+        let patterns = linear_motion_patterns(nest.plan, &[nest.origin.xyz_or_zero()]);
         let at_sphere = patterns.into_iter().filter_map(|pattern| pattern.first().copied());
         at_sphere
             .flat_map(|by| [[by, 0.0], [0.0, by]])
@@ -195,13 +195,13 @@ impl SourceBuilder<'_> {
 
     /// Drift of the table relative to the spindle at the declared rate, zero at the mean time.
     fn drift_columns(&self) -> Vec<Vec<f64>> {
-        let rate = drift_mm_per_s(self.equation.nest.plan);
+        let rate = drift_rate_sd_mm_per_s(self.equation.nest.plan);
         let means = self.equation.means;
-        let mean_s = means.iter().map(|mean| mean.t_s).sum::<f64>() / means.len().max(1) as f64;
+        let mean_s = means.iter().map(|mean| mean.mean_run_time_s).sum::<f64>() / means.len().max(1) as f64;
         let column = |axis: Axis| {
             let of_mean = |mean: &SensorMean| {
-                let along = mean.machine_from_table.inverse() * axis.direction();
-                self.gradient(mean).dot(&along) * rate * (mean.t_s - mean_s)
+                let along = mean.machine_from_table.inverse() * axis.nominal_direction();
+                self.sensor_gradient(mean).dot(&along) * rate * (mean.mean_run_time_s - mean_s)
             };
             self.observation_column(of_mean, [0.0; 2])
         };
@@ -212,7 +212,7 @@ impl SourceBuilder<'_> {
 /// Displacement of the sphere by the calibration. `None` at the origin and at the stops.
 fn calibration_displacement(mean: &SensorMean) -> Option<Vector3<f64>> {
     match mean.displacement {
-        Displacement::Known(by) if by != Vector3::zeros() => Some(by),
+        SphereDisplacement::Known(by) if by != Vector3::zeros() => Some(by),
         _ => None,
     }
 }

@@ -1,18 +1,18 @@
 //! Sequence of stages: the prompt and the calibration of the sensors, then the turns.
 
 use super::identify::{solve_equation, weighted_equation};
-use super::nest::SensorNest;
 use super::observe::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, observe_means};
+use super::sensor_nest::SensorNest;
 use super::settings::RTestSettings;
 use crate::revolution_steps::RevolutionSteps;
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
-use machine::record::watch::WatchedSensor;
+use machine::record::watched_sensors::WatchedSensor;
 use machine::{Axis, Position};
 
 const MOUNT_PROMPT_LABEL: &str = "mount nest";
-const REFERENCE_LABEL: &str = "reference";
+const REFERENCE_TURN_LABEL: &str = "reference";
 
 /// The stage that follows the `done` ones.
 ///
@@ -30,7 +30,7 @@ pub fn next_stage(
         }
         1 => {
             if let PositionSource::Measured(readings) = source {
-                check_sensors(nest, readings)?;
+                check_sensor_calibration(nest, readings)?;
             }
             ("turns", turn_scans(nest)?)
         }
@@ -40,13 +40,13 @@ pub fn next_stage(
 }
 
 /// Checks the sensors before the table turns.
-fn check_sensors(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<(), MethodRefusal> {
+fn check_sensor_calibration(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<(), MethodRefusal> {
     let failed =
         |why: String| MethodRefusal::new(why, "check that each sensor measures the sphere, then start a new run");
     let observed = observe_means(nest, readings).map_err(|error| failed(error.to_string()))?;
     let equation = weighted_equation(nest, &observed);
     let minimum = solve_equation(&equation).map_err(|error| failed(error.to_string()))?;
-    equation.check_sensors(&minimum.x)
+    equation.check_sensor_directions_and_gains(&minimum.x)
 }
 
 fn mount_prompt(nest: &SensorNest<'_>) -> Step {
@@ -81,11 +81,11 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
     // The reference has two stops, so that the scan is a turn.
     let reference = forward[..2].to_vec();
     let turn = |label, kind, angles: Vec<f64>| {
-        let position = |deg: &f64| nest.origin.clone().with(nest.axis, nest.axis.to_mm_or_rad(*deg));
+        let position = |deg: &f64| nest.origin.clone().with(nest.measured_axis, nest.measured_axis.to_mm_or_rad(*deg));
         dwell_scan(nest, label, kind, angles.iter().map(position).collect(), nest.settings.feed_deg_min)
     };
     Ok(vec![
-        turn(REFERENCE_LABEL, StepKind::Reference, reference),
+        turn(REFERENCE_TURN_LABEL, StepKind::Reference, reference),
         turn(FORWARD_LABEL, StepKind::Scan, forward),
         turn(BACKWARD_LABEL, StepKind::Scan, backward),
     ])
@@ -97,17 +97,18 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
 /// The axis limits do not allow a revolution.
 fn revolution_angles_deg(nest: &SensorNest<'_>) -> Result<Vec<f64>, MethodRefusal> {
     let positions = nest.settings.positions;
-    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions: 1, lead_steps: 0 }
-        .range_within_limits(nest.plan, nest.axis)?;
+    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions: 1, lead_steps_per_end: 0 }
+        .step_range_within_limits(nest.plan, nest.measured_axis)?;
     Ok(steps.map(|number| number as f64 * 360.0 / positions as f64).collect())
 }
 
-fn dwell_scan(nest: &SensorNest<'_>, label: &str, kind: StepKind, path: Vec<Position>, feed_mm_min: f64) -> Step {
+/// Scan that takes samples at rest at each position of `path`. `feed`: mm/min, for turns degrees per minute.
+fn dwell_scan(nest: &SensorNest<'_>, label: &str, kind: StepKind, path: Vec<Position>, feed: f64) -> Step {
     let RTestSettings { dwell_s, samples, .. } = *nest.settings;
     let scan = Scan { path, sampling: Sampling::Dwell { dwell_s, samples } };
     Step {
         kind,
-        feed_mm_min,
+        feed_mm_min: feed,
         sensors: nest.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
         normal: [0.0, 0.0, 1.0],
         ..Step::scan(label.to_owned(), scan)

@@ -5,25 +5,25 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use estimation::independence::{find_linear_combination, independent_columns};
+use estimation::independence::{find_linear_combination, independent_candidate_indices};
 use machine::frame::unit_vector;
 use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
 use machine::record::artefact::Balls;
 use machine::record::estimate::Unit;
 use machine::{Axis, Position, frame::Point};
 
-use crate::ball_measurement::{ball_index, stylus_derivative};
+use crate::ball_measurement::{ball_index, tip_derivative_by_stylus};
 use crate::identification::reported_unit;
 
 /// Number of poses, and positions of balls, mm, for the separability check. They have no symmetry and cover
 /// all directions.
-const TEST_POSE_COUNT: usize = 60;
-const TEST_BALLS_MM: [[f64; 3]; 5] =
+const SEPARABILITY_POSE_COUNT: usize = 60;
+const SEPARABILITY_BALL_CENTRES_MM: [[f64; 3]; 5] =
     [[-152.0, 11.0, 41.0], [149.0, -23.0, 57.0], [160.0, 161.0, 178.0], [-158.0, 137.0, 95.0], [31.0, -166.0, 76.0]];
-/// Their square roots give angles that repeat in no axis.
-const ANGLE_PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
+/// The square roots of these primes give angles of the poses that repeat in no axis.
+const POSE_ANGLE_PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
 /// Stylus on the axis of the spindle, mm. Only there is a tilt of the spindle equivalent to an offset.
-const TEST_STYLUS_MM: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
+const SEPARABILITY_STYLUS_MM: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
 /// Minimum share of its length that an independent column keeps after projection out of the others; below it
 /// the column is a linear combination of them.
 const MIN_INDEPENDENT_SHARE: f64 = 1e-6;
@@ -33,13 +33,13 @@ const MIN_NAMED_COEFFICIENT: f64 = 1e-2;
 const UNIT_COEFFICIENT_TOLERANCE: f64 = 0.05;
 
 /// Distance of two balls with a certified length from their midpoint, mm.
-const HALF_LENGTH_MM: f64 = 150.0;
+const SEPARABILITY_HALF_LENGTH_MM: f64 = 150.0;
 /// Weight of a certified length relative to a measured coordinate, large enough to keep the length nearly
 /// fixed.
-const LENGTH_WEIGHT: f64 = 30.0;
+const CERTIFIED_LENGTH_WEIGHT: f64 = 30.0;
 /// Minimum share of its length that the column of a gain keeps; otherwise even a slight slant of a length
 /// would show a gain, without use. About 0.65·cos² of the angle between length and axis; 12° of slant.
-const MIN_GAIN_SHARE: f64 = 0.03;
+const MIN_INDEPENDENT_GAIN_SHARE: f64 = 0.03;
 /// Cosine above which the directions of two lengths are parallel.
 const MIN_PARALLEL_COSINE: f64 = 0.9999;
 
@@ -64,14 +64,14 @@ struct UnknownColumns {
     machine: Vec<Vec<f64>>,
 }
 
-/// What an error is inseparable from.
+/// The errors, stylus coordinates or balls from which an error is inseparable.
 #[derive(Debug, Default)]
 pub struct Confounding {
     /// Names of errors, coordinates of the stylus (`tool_x`), or the balls. Empty: the error has no effect on
     /// the measurements.
-    pub names: Vec<String>,
+    pub inseparable_names: Vec<String>,
     /// Sums that are reported, e.g. `tool_x is reported as tool_x + EX0S`.
-    pub sums: Vec<String>,
+    pub reported_sums: Vec<String>,
 }
 
 /// The directions of the certified lengths, from the stated positions of the balls.
@@ -92,7 +92,7 @@ impl MeasuringConditions<'_> {
     /// The coordinates of the stylus that do more than shift all balls alike.
     pub fn free_stylus_coordinates(&self) -> Vec<usize> {
         let UnknownColumns { stylus, balls, .. } = self.unknown_columns(&[]);
-        independent_columns(&balls, &stylus, |_| MIN_INDEPENDENT_SHARE)
+        independent_candidate_indices(&balls, &stylus, |_| MIN_INDEPENDENT_SHARE)
     }
 
     /// Those `candidates`, in their order, that are not linear combinations of stylus, balls and the
@@ -100,7 +100,7 @@ impl MeasuringConditions<'_> {
     pub fn separable_errors(&self, candidates: &[ErrorParameter]) -> Vec<ErrorParameter> {
         let UnknownColumns { stylus, balls, machine } = self.unknown_columns(candidates);
         let known = [stylus, balls].concat();
-        let kept = independent_columns(&known, &machine, |i| min_independent_share(&candidates[i]));
+        let kept = independent_candidate_indices(&known, &machine, |i| min_independent_share(&candidates[i]));
         kept.into_iter().map(|i| candidates[i]).collect()
     }
 
@@ -122,25 +122,25 @@ impl MeasuringConditions<'_> {
             let share = shares[j];
             if unit == reported_unit(&error) && (share.abs() - 1.0).abs() < UNIT_COEFFICIENT_TOLERANCE {
                 let sign = if share < 0.0 { '-' } else { '+' };
-                confounding.sums.push(format!("{name} is reported as {name} {sign} {error}"));
+                confounding.reported_sums.push(format!("{name} is reported as {name} {sign} {error}"));
             }
-            confounding.names.push(name);
+            confounding.inseparable_names.push(name);
         }
         if (identified.len() + free.len()..known.len()).any(is_named) {
-            confounding.names.push("the positions of the balls".to_owned());
+            confounding.inseparable_names.push("the positions of the balls".to_owned());
         }
         Some(confounding)
     }
 
     fn unknown_columns(&self, errors: &[ErrorParameter]) -> UnknownColumns {
-        let (positions, lengths) = self.ball_positions();
+        let (positions, lengths) = self.ball_positions_and_length_directions();
         let mut stylus = vec![Vec::new(); 3];
         let mut balls = vec![Vec::new(); 3 * positions.len()];
         let mut machine = vec![Vec::new(); errors.len()];
-        for (pose, ball) in (0..TEST_POSE_COUNT).flat_map(|pose| (0..positions.len()).map(move |b| (pose, b))) {
-            let Some(position) = self.test_pose(pose, positions[ball]) else { continue };
-            let of_errors = self.chain.jacobian(&position, Point::from_vec(TEST_STYLUS_MM), &[], errors);
-            let of_stylus = stylus_derivative(self.chain, &position, &[]);
+        for (pose, ball) in (0..SEPARABILITY_POSE_COUNT).flat_map(|pose| (0..positions.len()).map(move |b| (pose, b))) {
+            let Some(position) = self.separability_pose(pose, positions[ball]) else { continue };
+            let of_errors = self.chain.error_jacobian(&position, Point::from_vec(SEPARABILITY_STYLUS_MM), &[], errors);
+            let of_stylus = tip_derivative_by_stylus(self.chain, &position, &[]);
             for axis in 0..3 {
                 let own = |j| f64::from(u8::from(j == 3 * ball + axis));
                 balls.iter_mut().enumerate().for_each(|(j, column)| column.push(own(j)));
@@ -152,8 +152,8 @@ impl MeasuringConditions<'_> {
             let first = 6 * i;
             for (j, column) in balls.iter_mut().enumerate() {
                 column.push(match j.checked_sub(first) {
-                    Some(k @ 0..3) => -along[k] * LENGTH_WEIGHT,
-                    Some(k @ 3..6) => along[k - 3] * LENGTH_WEIGHT,
+                    Some(k @ 0..3) => -along[k] * CERTIFIED_LENGTH_WEIGHT,
+                    Some(k @ 3..6) => along[k - 3] * CERTIFIED_LENGTH_WEIGHT,
                     _ => 0.0,
                 });
             }
@@ -163,26 +163,27 @@ impl MeasuringConditions<'_> {
     }
 
     /// Positions of the balls, in pairs for the certified lengths first; and the directions of the lengths.
-    fn ball_positions(&self) -> (Vec<Vector3<f64>>, &[Vector3<f64>]) {
+    fn ball_positions_and_length_directions(&self) -> (Vec<Vector3<f64>>, &[Vector3<f64>]) {
         const ALONG_X: &[Vector3<f64>] = &[Vector3::new(1.0, 0.0, 0.0)];
         let lengths = if self.length_directions.is_empty() { ALONG_X } else { self.length_directions };
         let mut positions = Vec::new();
-        for (along, centre) in lengths.iter().zip(TEST_BALLS_MM.iter().cycle()) {
+        for (along, centre) in lengths.iter().zip(SEPARABILITY_BALL_CENTRES_MM.iter().cycle()) {
             let middle = Vector3::from(*centre) * 0.3;
-            positions.extend([middle - along * HALF_LENGTH_MM, middle + along * HALF_LENGTH_MM]);
+            positions
+                .extend([middle - along * SEPARABILITY_HALF_LENGTH_MM, middle + along * SEPARABILITY_HALF_LENGTH_MM]);
         }
-        positions.extend(TEST_BALLS_MM.map(Vector3::from));
+        positions.extend(SEPARABILITY_BALL_CENTRES_MM.map(Vector3::from));
         (positions, lengths)
     }
 
-    fn test_pose(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
+    fn separability_pose(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
         let turning = self.chain.topology().axes().filter(|axis| !axis.is_linear());
         let angle = |axis: Axis| match self.fixed_axes.contains(&axis) {
             true => 0.0,
-            false => (pose as f64 * ANGLE_PRIMES[axis as usize].sqrt()).fract() * TAU,
+            false => (pose as f64 * POSE_ANGLE_PRIMES[axis as usize].sqrt()).fract() * TAU,
         };
         let others: Position = turning.map(|axis| (axis, angle(axis))).collect();
-        let (target, tip) = (Point::from_vec(ball), Point::from_vec(TEST_STYLUS_MM));
+        let (target, tip) = (Point::from_vec(ball), Point::from_vec(SEPARABILITY_STYLUS_MM));
         let linear = self.chain.solve_linear_axes(target, tip, &others, &[]).ok()?;
         Some(others.updated_by(&linear))
     }
@@ -190,7 +191,7 @@ impl MeasuringConditions<'_> {
 
 /// Minimum share of its length that an independent column keeps.
 fn min_independent_share(error: &ErrorParameter) -> f64 {
-    if error.shape() == ErrorShape::Gain { MIN_GAIN_SHARE } else { MIN_INDEPENDENT_SHARE }
+    if error.shape() == ErrorShape::Gain { MIN_INDEPENDENT_GAIN_SHARE } else { MIN_INDEPENDENT_SHARE }
 }
 
 fn column_norm(column: &[f64]) -> f64 {

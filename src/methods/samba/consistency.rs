@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::model::length_u_mm;
-use super::solution::GeometrySolution;
+use super::geometry_model::length_u_mm;
+use super::geometry_solution::GeometrySolution;
 use crate::ball_measurement;
 use crate::identification::{CheckedMeasurement, mean_coordinate_u_mm};
 use estimation::coverage;
@@ -17,11 +17,11 @@ use machine::record::artefact::Ball;
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 /// Minimum share of χ² that the step of a ball must explain to be named.
-const MIN_CHI2_SHARE: f64 = 0.3;
+const MIN_EXPLAINED_CHI2_SHARE: f64 = 0.3;
 /// Leverage above which no other row checks a row.
-const MAX_LEVERAGE: f64 = 1.0 - 1e-4;
+const MAX_CHECKED_LEVERAGE: f64 = 1.0 - 1e-4;
 /// Disagreement of a certified length with its balls beyond what a machine can have, mm/mm.
-const MAX_LENGTH_DISAGREEMENT: f64 = 1e-4;
+const MAX_RELATIVE_LENGTH_DISAGREEMENT: f64 = 1e-4;
 
 impl GeometrySolution<'_> {
     fn ball_id(&self, ball: usize) -> &str {
@@ -33,11 +33,11 @@ impl GeometrySolution<'_> {
     }
 
     /// Each ball at each indexation as a measurement for the outlier check.
-    pub fn measurements(&self) -> Vec<CheckedMeasurement> {
+    pub fn checked_measurements(&self) -> Vec<CheckedMeasurement> {
         let residuals = self.position_residuals();
-        ball_measurement::outlier_measurements(&self.observed, |centre| {
-            let u_mm = mean_coordinate_u_mm(&self.problem.weight(centre));
-            (residuals[centre], self.problem.measurement_row(centre), u_mm)
+        ball_measurement::measurements_for_outlier_check(&self.observed, |centre| {
+            let u_mm = mean_coordinate_u_mm(&self.problem.weight_matrix(centre));
+            (residuals[centre], self.problem.first_row_of_measurement(centre), u_mm)
         })
     }
 
@@ -47,17 +47,17 @@ impl GeometrySolution<'_> {
         let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
             .flat_map(|ball| {
                 let centres = &self.observed.centres;
-                let visits: Vec<usize> = (0..centres.len()).filter(|i| centres[*i].ball == ball).collect();
+                let visits: Vec<usize> = (0..centres.len()).filter(|i| centres[*i].ball_index == ball).collect();
                 (1..visits.len()).map(move |split| (visits.clone(), split))
             })
             .collect();
-        let steps = candidates.iter().map(|(visits, split)| self.ball_step(visits, *split));
+        let steps = candidates.iter().map(|(visits, split)| self.fit_ball_move(visits, *split));
         let (best, (reduction, step)) = steps.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
         let (visits, split) = &candidates[best];
         let variance = (self.chi2() - reduction) / self.dof().checked_sub(3)?.max(1) as f64;
         let probability = 1.0 - 2.0 * FALSE_ALARM_PROBABILITY / candidates.len() as f64;
         let (_, limit) = coverage::chi_square_bounds(3.0, probability)?;
-        if reduction <= limit * variance || reduction <= MIN_CHI2_SHARE * self.chi2() {
+        if reduction <= limit * variance || reduction <= MIN_EXPLAINED_CHI2_SHARE * self.chi2() {
             return None;
         }
         Some(self.describe_moved_ball(visits, *split, step.norm() * 1e3))
@@ -65,11 +65,12 @@ impl GeometrySolution<'_> {
 
     /// With two or more measurements on both sides only a step of the ball explains the misfit. A single
     /// measurement at the end may be off because the ball moved, or because the measurement is wrong.
-    fn describe_moved_ball(&self, visits: &[usize], split: usize, um: f64) -> String {
+    fn describe_moved_ball(&self, visits: &[usize], first_moved: usize, um: f64) -> String {
         let centre = |visit: usize| &self.observed.centres[visits[visit]];
-        let (ball, before) = (self.ball_id(centre(split).ball), centre(split - 1).label.indexation_number());
-        let after = centre(split).label.indexation_number();
-        let alternative = match split {
+        let (ball, before) =
+            (self.ball_id(centre(first_moved).ball_index), centre(first_moved - 1).label.indexation_number());
+        let after = centre(first_moved).label.indexation_number();
+        let alternative = match first_moved {
             1 => format!(", or its first measurement, at indexation {before}, is wrong (dirt, a loose ball)"),
             last if last + 1 == visits.len() => {
                 format!(", or its last measurement, at indexation {after}, is wrong (dirt, a loose ball)")
@@ -82,16 +83,16 @@ impl GeometrySolution<'_> {
         )
     }
 
-    /// Reduction of χ² by a step of the ball before its visit `split`, and the step (table frame, mm): three
+    /// Reduction of χ² by a step of the ball before its visit `first_moved`, and the step (table frame, mm): three
     /// more unknowns, with all others free.
-    fn ball_step(&self, visits: &[usize], split: usize) -> (f64, Vector3<f64>) {
+    fn fit_ball_move(&self, visits: &[usize], first_moved: usize) -> (f64, Vector3<f64>) {
         let column = |axis: Axis| {
             let mut column = vec![0.0; self.minimum.residuals.len()];
-            for centre in visits.iter().skip(split) {
-                let effect = -(self.problem.weight(*centre) * axis.direction());
-                column[self.problem.measurement_row(*centre)..][..3].copy_from_slice(effect.as_slice());
+            for centre in visits.iter().skip(first_moved) {
+                let effect = -(self.problem.weight_matrix(*centre) * axis.nominal_direction());
+                column[self.problem.first_row_of_measurement(*centre)..][..3].copy_from_slice(effect.as_slice());
             }
-            self.minimum.factored.residuals(&column)
+            self.minimum.factorisation.residuals(&column)
         };
         let free = Axis::LINEAR.map(column);
         let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -108,17 +109,17 @@ impl GeometrySolution<'_> {
 
     /// Lengths that disagree with their balls by more than 100 µm/m. The reference is the balls as measured
     /// without this length; if nothing else gives the scale, it is the scales of the machine.
-    pub fn length_disagreements(&self) -> Vec<String> {
-        let leverage = self.minimum.factored.leverage();
+    pub fn length_disagreement_warnings(&self) -> Vec<String> {
+        let leverage = self.minimum.factorisation.leverage();
         let lines = self.balls.lengths.iter().enumerate().filter_map(|(i, length)| {
-            let row = self.problem.length_row(i);
-            let (deviation, reference) = if leverage[row] > MAX_LEVERAGE {
-                (self.mean_gain(), "the scales of the machine")
+            let row = self.problem.row_of_length(i);
+            let (deviation, reference) = if leverage[row] > MAX_CHECKED_LEVERAGE {
+                (self.mean_linear_axis_gain(), "the scales of the machine")
             } else {
                 let without_length = self.minimum.residuals[row] / (1.0 - leverage[row]);
                 (without_length * length_u_mm(length) / length.mm, "the balls as measured without this length")
             };
-            (deviation.abs() > MAX_LENGTH_DISAGREEMENT).then(|| {
+            (deviation.abs() > MAX_RELATIVE_LENGTH_DISAGREEMENT).then(|| {
                 format!(
                     "the certified length {}–{} disagrees with {reference} by {:.0} µm/m: check \
                      the certificate, its temperature and the numbers of the balls",
@@ -132,7 +133,7 @@ impl GeometrySolution<'_> {
     }
 
     /// The mean gain of the linear axes: the information of the only length about the machine's scales.
-    fn mean_gain(&self) -> f64 {
+    fn mean_linear_axis_gain(&self) -> f64 {
         let named = self.problem.model().parameters().iter().zip(&self.minimum.x);
         let gains: Vec<f64> = named
             .filter(|(p, _)| p.shape() == ErrorShape::Gain && p.component() == p.axis())
@@ -143,10 +144,10 @@ impl GeometrySolution<'_> {
 
     /// Balls that were measured at too few indexations; their measurements determine only their own
     /// coordinates.
-    pub fn under_measured_balls(&self) -> Vec<String> {
+    pub fn describe_under_measured_balls(&self) -> Vec<String> {
         let lines = self.balls.balls.iter().enumerate().filter_map(|(ball, Ball { id, .. })| {
-            let centres = self.observed.centres.iter().filter(|centre| centre.ball == ball);
-            let positions: BTreeSet<usize> = centres.map(|centre| centre.commanded_position_index).collect();
+            let centres = self.observed.centres.iter().filter(|centre| centre.ball_index == ball);
+            let positions: BTreeSet<usize> = centres.map(|centre| centre.commanded_rotary_position_index).collect();
             let count = positions.len();
             (count < 3).then(|| {
                 format!(

@@ -1,25 +1,25 @@
 //! All measurements as one least-squares problem. Machine and stylus are common to all rows; the balls are
 //! its blocks. Balls with a certified length between them share a block.
 
-mod measurement;
+mod geometry_equations;
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::model::{AffinePoint, GeometryModel, IndexationModel};
-use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
+use super::geometry_model::{AffineFunctionOfXyz, GeometryModel, IndexationModel};
+use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution, minimise_squares};
 use estimation::schur::BlockRows;
 use machine::Position;
 use machine::frame::unit_vector;
 
-pub use measurement::GeometryEquations;
+pub use geometry_equations::GeometryEquations;
 
 /// One measurement of a ball: position and weight.
 #[derive(Debug, Clone, Copy)]
 pub struct BallMeasurement {
     /// Index of the rotary position.
     pub position_index: usize,
-    pub ball: usize,
+    pub ball_index: usize,
     /// Whitening matrix W with W·Σ·Wᵀ = I, where Σ is the covariance of the measured centre, machine frame,
     /// mm².
     pub whitening: Matrix3<f64>,
@@ -36,8 +36,8 @@ pub struct LengthConstraint {
 /// Observed values, mm: the ball centres as axis positions, and the certified lengths.
 #[derive(Debug, Clone)]
 pub struct ObservedValues {
-    pub xyz: Vec<Vector3<f64>>,
-    pub lengths: Vec<f64>,
+    pub centre_axes_mm: Vec<Vector3<f64>>,
+    pub lengths_mm: Vec<f64>,
 }
 
 #[derive(Debug, Clone)]
@@ -51,7 +51,7 @@ pub struct GeometryProblem {
     /// Index of the first coordinate of each ball among the unknowns.
     ball_unknowns: Vec<usize>,
     /// Matrix of each measurement from the table frame to weighted residuals.
-    weights: Vec<Matrix3<f64>>,
+    weight_matrices: Vec<Matrix3<f64>>,
     /// Index of the first row of each measurement, then of each length.
     first_rows: Vec<usize>,
 }
@@ -59,44 +59,56 @@ pub struct GeometryProblem {
 /// Balls that share a block, with their measurements and lengths.
 #[derive(Debug, Clone, Default)]
 struct BallGroup {
-    balls: Vec<usize>,
-    measurements: Vec<usize>,
-    certified_lengths: Vec<usize>,
+    ball_indices: Vec<usize>,
+    measurement_indices: Vec<usize>,
+    length_indices: Vec<usize>,
 }
 
 impl GeometryProblem {
-    /// Each of the `balls` must have a measurement. `stylus` is the stated one; coordinates that are not free
-    /// keep their value.
+    /// Each of the `ball_count` balls must have a measurement. `stylus` is the stated one; coordinates that are not
+    /// free keep their value.
     pub fn new(
         model: GeometryModel,
         positions: Vec<Position>,
         measurements: Vec<BallMeasurement>,
         certified_lengths: Vec<LengthConstraint>,
-        balls: usize,
+        ball_count: usize,
         stylus: Vector3<f64>,
     ) -> Self {
-        let groups = group_balls(&measurements, &certified_lengths, balls);
-        let (mut ball_unknowns, mut next) = (vec![0; balls], model.shared_unknown_count());
-        for ball in groups.iter().flat_map(|group| &group.balls) {
+        let groups = group_balls(&measurements, &certified_lengths, ball_count);
+        let (mut ball_unknowns, mut next) = (vec![0; ball_count], model.shared_unknown_count());
+        for ball in groups.iter().flat_map(|group| &group.ball_indices) {
             ball_unknowns[*ball] = next;
             next += 3;
         }
         let (mut first_rows, mut row) = (vec![0; measurements.len() + certified_lengths.len()], 0);
         for group in &groups {
-            for measurement in &group.measurements {
+            for measurement in &group.measurement_indices {
                 first_rows[*measurement] = row;
                 row += 3;
             }
-            for bar in &group.certified_lengths {
+            for bar in &group.length_indices {
                 first_rows[measurements.len() + bar] = row;
                 row += 1;
             }
         }
         let zero = vec![0.0; model.parameters().len()];
-        let machine_from_table: Vec<Matrix3<f64>> =
-            positions.iter().map(|position| model.tip_function(position, &zero, Vector3::zeros()).inverse()).collect();
+        let machine_from_table: Vec<Matrix3<f64>> = positions
+            .iter()
+            .map(|position| model.tip_function(position, &zero, Vector3::zeros()).inverse_linear_part())
+            .collect();
         let weights = measurements.iter().map(|s| s.whitening * machine_from_table[s.position_index]).collect();
-        Self { model, stylus, positions, measurements, certified_lengths, groups, ball_unknowns, weights, first_rows }
+        Self {
+            model,
+            stylus,
+            positions,
+            measurements,
+            certified_lengths,
+            groups,
+            ball_unknowns,
+            weight_matrices: weights,
+            first_rows,
+        }
     }
 
     pub fn model(&self) -> &GeometryModel {
@@ -125,22 +137,22 @@ impl GeometryProblem {
     }
 
     /// Index of the ball's first coordinate among the unknowns: machine, tool, balls.
-    pub fn ball_unknown(&self, ball: usize) -> usize {
+    pub fn ball_unknown_index(&self, ball: usize) -> usize {
         self.ball_unknowns[ball]
     }
 
     /// Index of the first of the three rows of a measurement.
-    pub fn measurement_row(&self, measurement: usize) -> usize {
+    pub fn first_row_of_measurement(&self, measurement: usize) -> usize {
         self.first_rows[measurement]
     }
 
-    pub fn length_row(&self, bar: usize) -> usize {
+    pub fn row_of_length(&self, bar: usize) -> usize {
         self.first_rows[self.measurements.len() + bar]
     }
 
     /// Matrix from the table frame to the weighted residuals of a measurement.
-    pub fn weight(&self, measurement: usize) -> Matrix3<f64> {
-        self.weights[measurement]
+    pub fn weight_matrix(&self, measurement: usize) -> Matrix3<f64> {
+        self.weight_matrices[measurement]
     }
 
     /// Errors and stylus from the unknowns `x`.
@@ -163,9 +175,9 @@ impl GeometryProblem {
         }
         let mut counts = vec![0.0; self.ball_unknowns.len()];
         for (measurement, tip) in self.measurements.iter().zip(self.centres_from_measured_axes(&x, measured)) {
-            counts[measurement.ball] += 1.0;
-            let first = self.ball_unknowns[measurement.ball];
-            let mean = vector_at(&x, first) + (tip - vector_at(&x, first)) / counts[measurement.ball];
+            counts[measurement.ball_index] += 1.0;
+            let first = self.ball_unknowns[measurement.ball_index];
+            let mean = vector_at(&x, first) + (tip - vector_at(&x, first)) / counts[measurement.ball_index];
             set_vector(&mut x, first, mean);
         }
         x
@@ -176,41 +188,43 @@ impl GeometryProblem {
     /// # Errors
     /// The measurements do not separate the unknowns; the iteration does not converge.
     pub fn solve(&self, measured: &ObservedValues, start: Vec<f64>) -> Result<NonlinearSolution, NonlinearError> {
-        minimise_squares(start, |x| self.rows(x, measured), |x| self.residuals(x, measured))
+        minimise_squares(start, |x| self.row_blocks(x, measured), |x| self.weighted_residuals(x, measured))
     }
 
-    /// Position of the ball in each measurement from the machine with these errors, table frame, mm.
+    /// For each measurement, the ball centre on the table to which the measured axis positions lead if the machine
+    /// has the errors in `x`; table frame, mm.
     pub fn centres_from_measured_axes(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
         let tip_functions = self.tip_functions(x);
         let value = |(of, xyz): (&BallMeasurement, &Vector3<f64>)| tip_functions[of.position_index].value_at(*xyz);
-        self.measurements.iter().zip(&measured.xyz).map(value).collect()
+        self.measurements.iter().zip(&measured.centre_axes_mm).map(value).collect()
     }
 
     /// The tip in the table frame at each rotary position.
-    fn tip_functions(&self, x: &[f64]) -> Vec<AffinePoint> {
+    fn tip_functions(&self, x: &[f64]) -> Vec<AffineFunctionOfXyz> {
         let (errors, tool) = self.errors_and_stylus(x);
         self.positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect()
     }
 
     /// For each rotary position, the matrix from a motion of X, Y, Z to the motion of the stylus relative to
-    /// the workpiece with these errors, in the directions of the nominal axes.
+    /// the workpiece if the machine has the errors in `x`, in the directions of the nominal axes.
     pub fn motion_matrices(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
         let (errors, tool) = self.errors_and_stylus(x);
         let zero = vec![0.0; errors.len()];
-        let nominal = self.positions.iter().map(|position| self.model.tip_function(position, &zero, tool).inverse());
-        nominal.zip(self.tip_functions(x)).map(|(nominal, tip)| nominal * tip.linear()).collect()
+        let nominal =
+            self.positions.iter().map(|position| self.model.tip_function(position, &zero, tool).inverse_linear_part());
+        nominal.zip(self.tip_functions(x)).map(|(nominal, tip)| nominal * tip.linear_part()).collect()
     }
 
     /// Weighted residuals, measured minus model, in the order of the rows.
-    pub fn residuals(&self, x: &[f64], measured: &ObservedValues) -> Vec<f64> {
+    pub fn weighted_residuals(&self, x: &[f64], measured: &ObservedValues) -> Vec<f64> {
         let mut residuals = vec![0.0; self.row_count()];
         for (i, tip) in self.centres_from_measured_axes(x, measured).into_iter().enumerate() {
-            let ball = vector_at(x, self.ball_unknowns[self.measurements[i].ball]);
-            set_vector(&mut residuals, self.first_rows[i], self.weights[i] * (ball - tip));
+            let ball = vector_at(x, self.ball_unknowns[self.measurements[i].ball_index]);
+            set_vector(&mut residuals, self.first_rows[i], self.weight_matrices[i] * (ball - tip));
         }
         for (i, bar) in self.certified_lengths.iter().enumerate() {
             let vector = self.length_vector(x, bar).norm();
-            residuals[self.length_row(i)] = (measured.lengths[i] - vector) / bar.u_mm;
+            residuals[self.row_of_length(i)] = (measured.lengths_mm[i] - vector) / bar.u_mm;
         }
         residuals
     }
@@ -220,7 +234,7 @@ impl GeometryProblem {
     }
 
     /// The model linearised at `x`, group by group.
-    pub fn rows(&self, x: &[f64], measured: &ObservedValues) -> Vec<BlockRows> {
+    pub fn row_blocks(&self, x: &[f64], measured: &ObservedValues) -> Vec<BlockRows> {
         let (errors, tool) = self.errors_and_stylus(x);
         let models: Vec<IndexationModel> = self
             .positions
@@ -228,23 +242,23 @@ impl GeometryProblem {
             .map(|position| self.model.linearise_at_indexation(position, errors, tool))
             .collect();
         let group_rows = |group: &BallGroup| {
-            let count = 3 * group.measurements.len() + group.certified_lengths.len();
-            let mut rows = BlockRows::zeros(count, 3 * group.balls.len(), self.model.shared_unknown_count());
-            let first = self.ball_unknowns[group.balls[0]];
-            for (n, i) in group.measurements.iter().enumerate() {
+            let count = 3 * group.measurement_indices.len() + group.length_indices.len();
+            let mut rows = BlockRows::zeros(count, 3 * group.ball_indices.len(), self.model.shared_unknown_count());
+            let first = self.ball_unknowns[group.ball_indices[0]];
+            for (n, i) in group.measurement_indices.iter().enumerate() {
                 let indexed = &models[self.measurements[*i].position_index];
-                self.fill_ball_rows(&mut rows, 3 * n, first, *i, indexed, x, measured.xyz[*i]);
+                self.fill_ball_rows(&mut rows, 3 * n, first, *i, indexed, x, measured.centre_axes_mm[*i]);
             }
-            for (n, i) in group.certified_lengths.iter().enumerate() {
-                let row = 3 * group.measurements.len() + n;
-                self.fill_length_row(&mut rows, row, first, &self.certified_lengths[*i], x, measured.lengths[*i]);
+            for (n, i) in group.length_indices.iter().enumerate() {
+                let row = 3 * group.measurement_indices.len() + n;
+                self.fill_length_row(&mut rows, row, first, &self.certified_lengths[*i], x, measured.lengths_mm[*i]);
             }
             rows
         };
         self.groups.iter().map(group_rows).collect()
     }
 
-    /// Fills the three rows of the measurement `i`, starting at `row`; the unknowns of the block start at
+    /// Fills the three rows of `measurement`, starting at `row`; the unknowns of the block start at
     /// `first`.
     #[allow(clippy::too_many_arguments)]
     fn fill_ball_rows(
@@ -252,17 +266,18 @@ impl GeometryProblem {
         rows: &mut BlockRows,
         row: usize,
         first: usize,
-        i: usize,
+        measurement: usize,
         indexed: &IndexationModel,
         x: &[f64],
         xyz: Vector3<f64>,
     ) {
-        let (weight, ball_unknown) = (self.weights[i], self.ball_unknowns[self.measurements[i].ball]);
-        let value = weight * (vector_at(x, ball_unknown) - indexed.tip(xyz));
+        let (weight, ball_unknown) =
+            (self.weight_matrices[measurement], self.ball_unknowns[self.measurements[measurement].ball_index]);
+        let value = weight * (vector_at(x, ball_unknown) - indexed.tip_at(xyz));
         (0..3).for_each(|k| rows.set_right_side(row + k, value[k]));
         let mut set = |j: usize, column: Vector3<f64>| {
             let weighted = weight * column;
-            (0..3).for_each(|k| rows.set_common(row + k, j, weighted[k]));
+            (0..3).for_each(|k| rows.set_common_coefficient(row + k, j, weighted[k]));
         };
         let errors = self.model.parameters().len();
         (0..errors).for_each(|j| set(j, indexed.error_derivative(j, xyz)));
@@ -271,7 +286,7 @@ impl GeometryProblem {
         }
         for j in 0..3 {
             let column = -weight.column(j);
-            (0..3).for_each(|k| rows.set_own(row + k, ball_unknown - first + j, column[k]));
+            (0..3).for_each(|k| rows.set_own_coefficient(row + k, ball_unknown - first + j, column[k]));
         }
     }
 
@@ -288,22 +303,22 @@ impl GeometryProblem {
         let along = unit_vector(vector).unwrap_or_default() / bar.u_mm;
         rows.set_right_side(row, (length - vector.norm()) / bar.u_mm);
         for j in 0..3 {
-            rows.set_own(row, self.ball_unknowns[bar.to_ball] - first + j, along[j]);
-            rows.set_own(row, self.ball_unknowns[bar.from_ball] - first + j, -along[j]);
+            rows.set_own_coefficient(row, self.ball_unknowns[bar.to_ball] - first + j, along[j]);
+            rows.set_own_coefficient(row, self.ball_unknowns[bar.from_ball] - first + j, -along[j]);
         }
     }
 
-    /// Measurements of an exact machine with these unknowns. Only rows linearised there show the true null
+    /// The measurements without noise if the unknowns are `x`. Only rows linearised there show the true null
     /// space: with nonzero residuals a uniform shrinking would reduce them and appear determined.
-    pub fn ideal_values(&self, x: &[f64]) -> ObservedValues {
+    pub fn noise_free_observations(&self, x: &[f64]) -> ObservedValues {
         let tip_functions = self.tip_functions(x);
         let xyz = self.measurements.iter().map(|measurement| {
             let tip = &tip_functions[measurement.position_index];
-            let ball = vector_at(x, self.ball_unknowns[measurement.ball]);
-            tip.inverse() * (ball - tip.value_at(Vector3::zeros()))
+            let ball = vector_at(x, self.ball_unknowns[measurement.ball_index]);
+            tip.inverse_linear_part() * (ball - tip.value_at(Vector3::zeros()))
         });
         let lengths = self.certified_lengths.iter().map(|bar| self.length_vector(x, bar).norm());
-        ObservedValues { xyz: xyz.collect(), lengths: lengths.collect() }
+        ObservedValues { centre_axes_mm: xyz.collect(), lengths_mm: lengths.collect() }
     }
 }
 
@@ -311,23 +326,23 @@ impl GeometryProblem {
 fn group_balls(
     measurements: &[BallMeasurement],
     certified_lengths: &[LengthConstraint],
-    balls: usize,
+    ball_count: usize,
 ) -> Vec<BallGroup> {
-    let mut group_of: Vec<usize> = (0..balls).collect();
+    let mut group_of: Vec<usize> = (0..ball_count).collect();
     for bar in certified_lengths {
         let [from, to] = [bar.from_ball, bar.to_ball].map(|ball| group_of[ball]);
         let (kept, merged) = (from.min(to), from.max(to));
         group_of.iter_mut().filter(|group| **group == merged).for_each(|group| *group = kept);
     }
-    let mut groups = vec![BallGroup::default(); balls];
-    (0..balls).for_each(|ball| groups[group_of[ball]].balls.push(ball));
+    let mut groups = vec![BallGroup::default(); ball_count];
+    (0..ball_count).for_each(|ball| groups[group_of[ball]].ball_indices.push(ball));
     for (i, measurement) in measurements.iter().enumerate() {
-        groups[group_of[measurement.ball]].measurements.push(i);
+        groups[group_of[measurement.ball_index]].measurement_indices.push(i);
     }
     for (i, bar) in certified_lengths.iter().enumerate() {
-        groups[group_of[bar.from_ball]].certified_lengths.push(i);
+        groups[group_of[bar.from_ball]].length_indices.push(i);
     }
-    groups.retain(|group| !group.balls.is_empty());
+    groups.retain(|group| !group.ball_indices.is_empty());
     groups
 }
 

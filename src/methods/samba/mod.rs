@@ -5,21 +5,21 @@ mod confounding;
 mod consistency;
 mod design;
 mod fit;
+mod geometry_model;
+mod geometry_solution;
 mod identify;
-mod model;
 mod omitted_errors;
 mod outputs;
 mod parameters;
 mod settings;
-mod solution;
 mod sources;
 #[cfg(test)]
 pub mod tests;
 mod warnings;
 
-pub use crate::identification::LeastSquares;
+pub use crate::identification::NonlinearFit;
 pub use fit::{BallMeasurement, GeometryEquations, GeometryProblem, LengthConstraint, ObservedValues};
-pub use model::GeometryModel;
+pub use geometry_model::GeometryModel;
 pub use settings::SambaSettings;
 
 use std::sync::Arc;
@@ -28,7 +28,7 @@ use self::design::DesignSetup;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use crate::ball_measurement::{self, BallVisit, VisitCache};
 use crate::identification::{
-    describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
+    describe_assumed_repeatability, describe_expected_uncertainty, plan_with_assumed_repeatability,
 };
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -43,7 +43,9 @@ pub struct Samba {
 impl Samba {
     fn designed_visits(&self, setup: &DesignSetup<'_>) -> Result<Arc<[BallVisit]>, MethodRefusal> {
         self.visit_cache.get_or_design(setup.plan, || {
-            design::design_visits(setup, |visits| ball_measurement::machine_time_s(&setup.measurement_setup(), visits))
+            design::design_visits(setup, |visits| {
+                ball_measurement::visits_machine_time_s(&setup.measurement_setup(), visits)
+            })
         })
     }
 }
@@ -79,9 +81,10 @@ impl Method for Samba {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        let settings = SambaSettings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
+        let settings =
+            SambaSettings { monte_carlo_trials: MethodRefusal::MIN_MONTE_CARLO_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
-        let estimate = identify::identify(&with_assumed_repeatability(plan), &settings, &readings)
+        let estimate = identify::identify(&plan_with_assumed_repeatability(plan), &settings, &readings)
             .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;
         let of_machine = describe_expected_uncertainty(&estimate, |parameter| parameter.symbol.starts_with('E'));
         let lines = of_machine.into_iter().chain(describe_assumed_repeatability(plan));

@@ -1,7 +1,7 @@
 //! Errors that standards define for a machine of this kind, but that this measurement does not give.
 
 use super::confounding::{Confounding, MeasuringConditions};
-use super::model::GeometryModel;
+use super::geometry_model::GeometryModel;
 use super::parameters::implied_parameters;
 use crate::ball_measurement::tilts_spindle;
 use machine::Axis;
@@ -21,7 +21,7 @@ const SPINDLE_UPRIGHT: &str = "balls are touched from above only, so the axis st
 /// Errors that would be separable if each rotary axis turned, and the gains, without those that are
 /// identified.
 pub fn omitted_errors(model: &GeometryModel) -> Vec<OmittedError> {
-    let (conditions, identified) = (model.conditions(), model.parameters());
+    let (conditions, identified) = (model.measuring_conditions(), model.parameters());
     let chain = conditions.chain;
     let mut expected = implied_parameters(MeasuringConditions { fixed_axes: &[], ..conditions });
     let linear = chain.topology().axes().filter(|axis| axis.is_linear());
@@ -44,6 +44,7 @@ pub fn omitted_errors(model: &GeometryModel) -> Vec<OmittedError> {
 }
 
 impl OmittedError {
+    /// Name of an error that is separable but was not selected. `None`: the error is inseparable.
     pub fn unrequested_name(&self) -> Option<String> {
         self.confounding.is_none().then(|| self.error.to_string())
     }
@@ -54,7 +55,7 @@ impl OmittedError {
 pub fn describe_omitted_errors(all: &[OmittedError]) -> Vec<String> {
     let line = |omitted: &OmittedError| {
         let OmittedError { error, confounding, reason } = omitted;
-        let Confounding { names, sums } = confounding.as_ref()?;
+        let Confounding { inseparable_names: names, reported_sums: sums } = confounding.as_ref()?;
         let effect = match names.as_slice() {
             [] => "has no effect on the measurements".to_owned(),
             [name] => format!("inseparable from {name}"),

@@ -6,33 +6,33 @@ use faer::{Mat, Side};
 
 use super::confounding::COORDINATE_NAMES;
 use super::fit::vector_at;
+use super::geometry_solution::GeometrySolution;
 use super::omitted_errors::{OmittedError, describe_omitted_errors, omitted_errors};
-use super::solution::GeometrySolution;
 use super::warnings::{self, describe_rotary_position};
 use crate::identification::{Identification, OutputParameter, Outputs, describe_aliased_orders, reported_unit};
 use machine::kinematics::{ErrorParameter, ErrorShape};
-use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Estimate, Unit, VectorKind};
+use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Estimate, Unit, VectorFigureKind};
 use machine::{Axis, Position};
 
-/// Maximum number of named components of the least certain direction (`MAX_NAMED_COMPONENTS`), and minimum size of a
-/// component (`MIN_COMPONENT_RATIO`).
+/// Maximum number of named components of the least certain direction.
 const MAX_NAMED_COMPONENTS: usize = 4;
-const MIN_COMPONENT_RATIO: f64 = 0.3;
+/// Minimum size of a named component, relative to the largest component.
+const MIN_NAMED_COMPONENT_RATIO: f64 = 0.3;
 
 /// All unknowns as outputs.
 pub fn build_outputs(solved: &GeometrySolution<'_>) -> Outputs {
     let errors = solved.problem.model().parameters();
     let unit = |i: usize| errors.get(i).map_or(Unit::Mm, reported_unit);
-    let names = solved.names.iter().enumerate();
+    let names = solved.unknown_names.iter().enumerate();
     let all = names.map(|(i, name)| OutputParameter::from_unknown(name, unit(i), i, &solved.minimum.x));
-    Outputs { parameters: all.collect(), ..Outputs::default() }
+    Outputs { linear_parameters: all.collect(), ..Outputs::default() }
 }
 
 pub fn build_estimate(solved: &GeometrySolution<'_>, identified: &Identification) -> Estimate {
     let omitted = omitted_errors(solved.problem.model());
     Estimate {
         arrows: vec![residual_arrows(solved, identified)],
-        weakest: weakest_direction(solved),
+        weakest: describe_weakest_direction(solved),
         gauge: describe_gauge(solved, &omitted),
         not_identifiable: describe_not_identifiable(solved, identified, &omitted),
         warnings: warnings::estimate_warnings(solved, identified),
@@ -46,7 +46,7 @@ fn describe_not_identifiable(
     omitted: &[OmittedError],
 ) -> Vec<String> {
     let angles = |axis: Axis| -> Vec<f64> {
-        solved.observed.commanded_positions.iter().map(|position| position.get_or_zero(axis)).collect()
+        solved.observed.commanded_rotary_positions.iter().map(|position| position.get_or_zero(axis)).collect()
     };
     let axes = solved.problem.model().chain().topology().axes();
     let rotary = axes.filter(|axis| !axis.is_linear());
@@ -55,7 +55,7 @@ fn describe_not_identifiable(
         let own = own.filter(|error| error.axis() == axis && error.shape() == ErrorShape::Location);
         own.map(ToString::to_string).collect()
     };
-    let mut lines = [describe_omitted_errors(omitted), solved.under_measured_balls()].concat();
+    let mut lines = [describe_omitted_errors(omitted), solved.describe_under_measured_balls()].concat();
     lines.extend(rotary.filter_map(|axis| match locations(axis) {
         names if names.is_empty() => None,
         names => describe_aliased_orders(axis, &angles(axis), &names.join(", ")),
@@ -70,26 +70,27 @@ fn residual_arrows(solved: &GeometrySolution<'_>, identified: &Identification) -
     let outliers = identified.outlier_check.outliers.iter().flat_map(|outlier| &outlier.candidates);
     let flagged: BTreeSet<&str> = outliers.map(|candidate| candidate.label.as_str()).collect();
     let arrow = |i: usize| {
-        let ball = observed.centres[i].ball;
+        let ball = observed.centres[i].ball_index;
         Arrow {
             label: balls.balls[ball].id.clone(),
-            at_mm: vector_at(&minimum.x, problem.ball_unknown(ball)).into(),
+            at_mm: vector_at(&minimum.x, problem.ball_unknown_index(ball)).into(),
             vector: (residuals[i] * 1e3).into(),
             modelled: None,
             flagged: flagged.contains(observed.centres[i].label.measurement_label().as_str()),
         }
     };
     let group = |(index, position): (usize, &Position)| {
-        let at_position = (0..residuals.len()).filter(|i| observed.centres[*i].commanded_position_index == index);
+        let at_position =
+            (0..residuals.len()).filter(|i| observed.centres[*i].commanded_rotary_position_index == index);
         ArrowGroup { name: describe_rotary_position(position), arrows: at_position.map(arrow).collect() }
     };
-    let groups = observed.commanded_positions.iter().enumerate().map(group).collect();
-    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
+    let groups = observed.commanded_rotary_positions.iter().enumerate().map(group).collect();
+    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups, figure: VectorFigureKind::Arrows }
 }
 
 /// The direction in the scaled unknowns that the measurements determine least.
-fn weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
-    let factored = &solved.minimum.factored;
+fn describe_weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
+    let factored = &solved.minimum.factorisation;
     let (covariance, norms) = (factored.covariance(), factored.column_norms());
     let count = norms.len();
     let scaled = Mat::from_fn(count, count, |i, j| covariance[(i, j)] * norms[i] * norms[j]);
@@ -98,9 +99,9 @@ fn weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
     let mut members: Vec<usize> = (0..count).collect();
     members.sort_by(|a, b| direction[*b].abs().total_cmp(&direction[*a].abs()));
     let largest = direction[*members.first()?].abs();
-    members.retain(|i| direction[*i].abs() > MIN_COMPONENT_RATIO * largest);
+    members.retain(|i| direction[*i].abs() > MIN_NAMED_COMPONENT_RATIO * largest);
     members.truncate(MAX_NAMED_COMPONENTS);
-    let names: Vec<&str> = members.iter().map(|i| solved.names[*i].as_str()).collect();
+    let names: Vec<&str> = members.iter().map(|i| solved.unknown_names[*i].as_str()).collect();
     Some(match names.as_slice() {
         [name] => format!("{name} alone"),
         [first, others @ ..] => format!("{first} together with {}", others.join(", ")),

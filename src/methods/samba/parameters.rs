@@ -1,7 +1,7 @@
 //! The unknown machine errors: the set that a topology implies, or the errors that the user names.
 
 use super::confounding::MeasuringConditions;
-use super::settings::{SambaSettings, Spindle};
+use super::settings::{SambaSettings, SpindleOrientMode};
 use crate::MethodRefusal;
 use crate::ball_measurement::tilts_spindle;
 use machine::Axis;
@@ -19,7 +19,7 @@ pub fn fixed_axes(plan: &Plan, settings: &SambaSettings, chain: &KinematicChain)
         first.is_some_and(|first| at.any(|value| value != first))
     };
     let is_fixed = |axis: &Axis| match axis {
-        Axis::S => !machine.axes.contains_key(axis) || settings.spindle == Spindle::Fixed,
+        Axis::S => !machine.axes.contains_key(axis) || settings.spindle == SpindleOrientMode::Fixed,
         _ => tilts_spindle(chain, *axis) && !has_turned(*axis),
     };
     topology.axes().filter(|axis| !axis.is_linear()).filter(is_fixed).collect()
@@ -39,7 +39,7 @@ pub fn select_parameters(
     let mut parameters: Vec<ErrorParameter> = Vec::new();
     for name in names {
         let parameter = name.parse::<ErrorParameter>().map_err(refuse_parameters)?;
-        conditions.chain.check_parameter(parameter).map_err(refuse_parameters)?;
+        conditions.chain.check_parameter_axis(parameter).map_err(refuse_parameters)?;
         if parameters.contains(&parameter) {
             return Err(refuse_parameters(format!("`{name}` is listed twice")));
         }
@@ -76,7 +76,7 @@ pub fn implied_parameters(conditions: MeasuringConditions<'_>) -> Vec<ErrorParam
 
 /// All candidates in the order of preference.
 fn parameter_candidates(chain: &KinematicChain) -> Vec<ErrorParameter> {
-    let (workpiece, tool) = (chain.topology().workpiece(), chain.topology().tool());
+    let (workpiece, tool) = (chain.topology().workpiece_branch(), chain.topology().tool_branch());
     let from_bed = |axis| [workpiece, tool].iter().find_map(|b| b.iter().position(|a| *a == axis));
     let mut axes: Vec<Axis> = chain.topology().axes().collect();
     axes.sort_by_key(|axis| {
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[track_caller]
-    fn check(topology: &str, expected: &[&str]) {
+    fn check_implied_parameters(topology: &str, expected: &[&str]) {
         let chain = KinematicChain::new(&machine(topology)).unwrap();
         let mut found: Vec<String> =
             implied_parameters(MeasuringConditions { chain: &chain, fixed_axes: &[], length_directions: &[] })
@@ -119,7 +119,7 @@ mod tests {
     fn paper_4_thirteen_errors_are_implied() {
         let thirteen =
             ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1", "EYY1", "EZZ1"];
-        check("wCBXFZYSt", &thirteen);
+        check_implied_parameters("wCBXFZYSt", &thirteen);
     }
 
     /// Eight location errors for five axes (ISO 10791-6), and two more if the spindle turns. For four axes
@@ -127,21 +127,27 @@ mod tests {
     /// is not included, because no axis turns Z: one length does not separate it from a larger distance of
     /// the balls.
     #[test]
-    fn regress_other_topologies_have_their_parameters() {
+    fn regress_implied_parameters_of_other_topologies() {
         let gains = ["EXX1", "EYY1", "EZZ1"];
         let with_gains = |names: &[&'static str]| [names, &gains].concat();
         let squareness = ["EA0Z", "EB0Z", "EC0Y"];
-        check("wCAYFXZt", &with_gains(&[&squareness[..], &["EY0C", "EA0C", "EB0C", "EB0A", "EC0A"]].concat()));
-        check("wAFXYZBt", &with_gains(&[&squareness[..], &["EZ0B", "EA0B", "EC0B", "EB0A", "EC0A"]].concat()));
+        check_implied_parameters(
+            "wCAYFXZt",
+            &with_gains(&[&squareness[..], &["EY0C", "EA0C", "EB0C", "EB0A", "EC0A"]].concat()),
+        );
+        check_implied_parameters(
+            "wAFXYZBt",
+            &with_gains(&[&squareness[..], &["EZ0B", "EA0B", "EC0B", "EB0A", "EC0A"]].concat()),
+        );
         let four = [&squareness[..], &["EA0C", "EB0C", "EXX1", "EYY1"]].concat();
-        check("wCFXYZt", &four);
-        check("wCFXYZSt", &[&four[..], &["EX0S", "EY0S"]].concat());
+        check_implied_parameters("wCFXYZt", &four);
+        check_implied_parameters("wCFXYZSt", &[&four[..], &["EX0S", "EY0S"]].concat());
         // The rotation gives the difference of two gains. The length along X gives the third gain, or all
         // gains together.
         let b = ["EA0B", "EC0B", "EXX1", "EZZ1"];
-        check("wBFXYZt", &[&squareness[..], &b].concat());
+        check_implied_parameters("wBFXYZt", &[&squareness[..], &b].concat());
         let a = ["EB0A", "EC0A", "EXX1", "EYY1"];
-        check("wAFXYZt", &[&squareness[..], &a].concat());
+        check_implied_parameters("wAFXYZt", &[&squareness[..], &a].concat());
     }
 
     /// The gains that four axes show depend on the directions of the lengths, but not on a slight slant of a
@@ -172,7 +178,7 @@ mod tests {
 
     /// A tilting head stays upright: the set is that of the machine without it.
     #[test]
-    fn regress_fixed_head_has_no_parameters() {
+    fn regress_fixed_head_adds_no_parameters() {
         for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {
             let (with_head, plain) = (machine(topology), machine(without));
             let (head, plain) = (KinematicChain::new(&with_head).unwrap(), KinematicChain::new(&plain).unwrap());

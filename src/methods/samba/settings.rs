@@ -18,7 +18,7 @@ pub enum Design {
 
 /// Quantity that the greedy choice minimises.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Criterion {
+pub enum OptimalityCriterion {
     /// The volume of the confidence ellipsoid of the machine's parameters.
     #[default]
     D,
@@ -29,7 +29,7 @@ pub enum Criterion {
 /// Whether the spindle turns with the design.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Spindle {
+pub enum SpindleOrientMode {
     /// Oriented by the control if the machine file declares an axis S, otherwise fixed.
     #[default]
     Auto,
@@ -44,28 +44,31 @@ pub struct SambaSettings {
     /// implies for the topology, without those that an upright spindle cannot show.
     pub parameters: Vec<String>,
     pub design: Design,
-    pub criterion: Criterion,
+    pub criterion: OptimalityCriterion,
     /// Maximum number of ball measurements over all indexations.
     pub balls: usize,
     /// Maximum number of indexations.
     pub indexations: usize,
     /// Maximum machine time, min; 0: no limit.
     pub minutes: f64,
+    /// Whether each ball is searched at every indexation or only once.
     pub find: SearchMode,
-    pub spindle: Spindle,
+    pub spindle: SpindleOrientMode,
     /// Candidate positions of rotary axes that tilt the workpiece or the head (A, B), as commanded. The
     /// defaults are restricted to the limits of the axes; a position that the user states must lie within
     /// them. An axis that tilts the head stays at 0: balls are touched from above only.
     pub tilt_deg: Vec<f64>,
     /// Candidate positions of a rotary axis parallel to the spindle (C).
     pub turn_deg: Vec<f64>,
+    /// Candidate positions of the spindle (S), if it is oriented.
     pub spindle_deg: Vec<f64>,
     /// Number of touches of one measurement: 5, or more for a form check.
     pub touches: usize,
     /// Whether one ball is measured again at the start, the middle and the end, to detect drift.
     pub references: bool,
-    /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
+    /// Clearance before the expected contact of a slow touch.
     pub standoff_mm: f64,
+    /// Maximum travel of a slow touch beyond the expected contact.
     pub search_mm: f64,
     /// Maximum form of one measurement of a ball (largest minus smallest residual of its sphere), µm; beyond
     /// it the run is held.
@@ -82,12 +85,12 @@ impl Default for SambaSettings {
         Self {
             parameters: Vec::new(),
             design: Design::Optimal,
-            criterion: Criterion::D,
+            criterion: OptimalityCriterion::D,
             balls: 109,
             indexations: 32,
             minutes: 0.0,
             find: SearchMode::Every,
-            spindle: Spindle::Auto,
+            spindle: SpindleOrientMode::Auto,
             tilt_deg: vec![-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0],
             turn_deg: vec![0.0, 90.0, 180.0, 270.0],
             spindle_deg: vec![0.0, 90.0, 180.0, 270.0],
@@ -111,22 +114,22 @@ impl SambaSettings {
             search_mode: self.find,
             touch_count: self.touches,
             has_references: self.references,
-            watch_s: 0.0,
+            watch_duration_s: 0.0,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_limit_mm: self.form_limit_um * 1e-3,
-            diameter_limit_mm: self.diameter_limit_um * 1e-3,
+            diameter_deviation_limit_mm: self.diameter_limit_um * 1e-3,
         }
     }
 
-    /// Candidate positions of the axes, including those of the spindle if it is `oriented`.
-    pub fn candidate_positions(&self, oriented: bool) -> RotaryPositions<'_> {
+    /// Candidate positions of the axes, including those of the spindle if it is oriented.
+    pub fn candidate_positions(&self, is_spindle_oriented: bool) -> RotaryPositions<'_> {
         let usual = Self::default();
         let positions = ConfiguredPositions::new;
         RotaryPositions {
             tilt: positions("tilt_deg", &self.tilt_deg, &usual.tilt_deg),
             turn: positions("turn_deg", &self.turn_deg, &usual.turn_deg),
-            spindle: oriented.then(|| positions("spindle_deg", &self.spindle_deg, &usual.spindle_deg)),
+            spindle: is_spindle_oriented.then(|| positions("spindle_deg", &self.spindle_deg, &usual.spindle_deg)),
         }
     }
 
@@ -143,6 +146,6 @@ impl SambaSettings {
             format!("minutes = {} is negative or not finite", self.minutes),
             "choose minutes = 0 for no limit, or the available machine time",
         )?;
-        MethodRefusal::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 }

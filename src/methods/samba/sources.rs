@@ -1,8 +1,10 @@
 //! Sources of uncertainty as changes of the observations: X, Y, Z of each measurement (machine frame,
 //! mm), then each certified length (mm).
 
-use super::model::length_u_parts_mm;
-use crate::ball_measurement::{ObservedBalls, certified_source, kinematic_sources, nonzero_spans, touch_sources};
+use super::geometry_model::certificate_and_temperature_u_mm;
+use crate::ball_measurement::{
+    ObservedBalls, certified_source, effect_of_nonzero_spans, kinematic_sources, touch_sources,
+};
 use crate::identification::{ObservationSpan, UncertaintySource};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::CertifiedLength;
@@ -26,12 +28,12 @@ pub fn uncertainty_sources(
     list
 }
 
-fn certificate_sources(centres: usize, lengths: &[CertifiedLength]) -> [UncertaintySource; 2] {
+fn certificate_sources(centre_count: usize, lengths: &[CertifiedLength]) -> [UncertaintySource; 2] {
     [("certified length", 0), ("temperature of the certified length", 1)].map(|(name, part)| {
         let runs = lengths.iter().enumerate().map(|(i, length)| ObservationSpan {
-            first_index: 3 * centres + i,
-            changes_mm: vec![length_u_parts_mm(length)[part]],
+            first_index: 3 * centre_count + i,
+            changes_mm: vec![certificate_and_temperature_u_mm(length)[part]],
         });
-        certified_source(name, nonzero_spans(runs))
+        certified_source(name, effect_of_nonzero_spans(runs))
     })
 }

@@ -1,13 +1,13 @@
 //! Warnings of the estimate.
 
-use super::solution::GeometrySolution;
+use super::geometry_solution::GeometrySolution;
 use crate::ball_measurement::tilts_table;
 use crate::identification::{Identification, MisfitAdvice};
 use machine::Position;
 use machine::kinematics::{ErrorParameter, ErrorShape};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "error motions, sag, drift or a loose ball",
+    possible_causes: "error motions, sag, drift or a loose ball",
     declaring_settings: "repeatability_um or error_motion_um",
 };
 
@@ -16,10 +16,10 @@ pub fn estimate_warnings(solved: &GeometrySolution<'_>, identified: &Identificat
     lines.extend(misfit_warning(solved, identified));
     lines.extend(solved.moved_ball_warning());
     lines.extend(identified.outlier_check.warnings.iter().cloned());
-    lines.extend(solved.length_disagreements());
+    lines.extend(solved.length_disagreement_warnings());
     lines.extend(ball_form_warnings(solved));
     lines.extend(missing_temperature_warnings(solved));
-    lines.extend(identified.trials_warning());
+    lines.extend(identified.trial_contradiction_warning());
     lines.extend(unstable_trials_warning(identified));
     lines
 }
@@ -35,7 +35,7 @@ fn misfit_warning(solved: &GeometrySolution<'_>, identified: &Identification) ->
 /// it carries.
 fn describe_sag_errors(solved: &GeometrySolution<'_>) -> String {
     let model = solved.problem.model();
-    let table = model.chain().topology().workpiece();
+    let table = model.chain().topology().workpiece_branch();
     let Some(at) = table.iter().position(|axis| tilts_table(model.chain(), *axis)) else {
         return String::new();
     };
@@ -57,7 +57,7 @@ fn ball_form_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
     let centres = &solved.observed.centres;
     let stylus = solved.plan.probe.ball_radius_mm;
     let radius = |ball: usize| solved.balls.balls[ball].radius_mm + stylus;
-    let radius_errors: Vec<f64> = centres.iter().map(|centre| centre.radius_mm - radius(centre.ball)).collect();
+    let radius_errors: Vec<f64> = centres.iter().map(|centre| centre.radius_mm - radius(centre.ball_index)).collect();
     let mut sorted = radius_errors.clone();
     sorted.sort_by(f64::total_cmp);
     let common = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
@@ -99,7 +99,7 @@ fn missing_temperature_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
 
 /// JCGM 101, 7.9: the maximum number of trials did not satisfy the stopping rule.
 fn unstable_trials_warning(identified: &Identification) -> Option<String> {
-    let trials = identified.trials.as_ref().filter(|trials| !trials.is_stable)?.trials;
+    let trials = identified.trial_statistics.as_ref().filter(|trials| !trials.is_stable)?.trial_count;
     Some(format!(
         "after {trials} trials the Monte Carlo u is not stable in its first digit (JCGM 101, 7.9); \
          u and U are from the covariance. Set a larger monte_carlo_trials"

@@ -14,16 +14,16 @@ const DERIVATIVE_STEP_MM: f64 = 1e-6;
 /// leaves only scatter.
 pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
     let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.setup.axis.axis);
-    let Ok(circle) = fit_circle(&axis_points(layout, x)) else { return };
-    let centre = |x: &[f64]| fit_circle(&axis_points(layout, x)).ok().map(|circle| circle.centre.to_vec());
+    let Ok(circle) = fit_circle(&total_displacements_mm(layout, x)) else { return };
+    let centre = |x: &[f64]| fit_circle(&total_displacements_mm(layout, x)).ok().map(|circle| circle.centre.to_vec());
     let Some(slopes) = central_differences(x, DERIVATIVE_STEP_MM, centre) else { return };
-    let own = [0, 1].map(|i| parts.identification.propagation.uncertainty(&slopes[i]));
+    let own = [0, 1].map(|i| parts.identification.propagation.output_uncertainty(&slopes[i]));
     let centre_expanded = own.each_ref().map(|own| own.expanded() * 1e3);
     for ((symbol, value), own) in ["X", "Y"].into_iter().zip(circle.centre).zip(own) {
         let symbol = format!("E{symbol}0{axis}_lsc");
         estimate.parameters.push(parameter_with_budget(&symbol, Unit::Um, value, own));
     }
-    let um = |i: usize| axis_points(layout, x).iter().map(|point| point[i] * 1e3).collect();
+    let um = |i: usize| total_displacements_mm(layout, x).iter().map(|point| point[i] * 1e3).collect();
     estimate.circles.push(CircleFigure {
         symbol: format!("axis of {axis}"),
         unit: Unit::Um,
@@ -36,6 +36,6 @@ pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
 }
 
 /// E_total at each angle of the axis at the first height, mm.
-fn axis_points(layout: &UnknownsLayout, x: &[f64]) -> Vec<[f64; 2]> {
+fn total_displacements_mm(layout: &UnknownsLayout, x: &[f64]) -> Vec<[f64; 2]> {
     (0..layout.design.position_count).map(|i| [x[layout.ex_index(0, i)], x[layout.ey_index(0, i)]]).collect()
 }

@@ -12,7 +12,7 @@ const MM_PER_UM: f64 = 1e-3;
 /// corrected.
 pub fn add_axis_position(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
     let mean = parts.setup.heights.iter().sum::<f64>() / parts.setup.heights.len() as f64;
-    let stated = parts.setup.axis.point_at_height(mean);
+    let stated = parts.setup.axis.axis_point_at_height(mean);
     let positions = location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
     let positions = positions.map(|((error, direction), stated)| {
         let symbol = format!("{direction}_{}", parts.setup.axis.axis);
@@ -35,10 +35,10 @@ pub fn describe_axis_position(parts: &SolvedCycle<'_>, estimate: &Estimate) -> S
     let off = location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
     let [old, new] = [vec![0.0; 2], off].map(|off: Vec<f64>| {
         let off = Vector3::from_iterator(off.into_iter().chain([0.0]));
-        let point = parts.setup.axis.point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
+        let point = parts.setup.axis.displaced_point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
         format!("[{}, {}, {}]", point.x, point.y, point.z)
     });
-    let directions = match parts.setup.axis.describe_other_axes() {
+    let directions = match parts.setup.axis.describe_other_nonzero_axes() {
         others if others.is_empty() => String::new(),
         others => format!("; the directions are X and Y of the machine with {others}"),
     };

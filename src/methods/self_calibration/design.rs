@@ -48,13 +48,13 @@ impl CalibrationTest {
 
 /// A well-posed design.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Design {
+pub struct GridDesign {
     pub position_count: usize,
     /// Probe angles of Test 1, as indices; the first is 0.
-    pub probe_indices: Vec<usize>,
+    pub probe_angle_indices: Vec<usize>,
 }
 
-impl Design {
+impl GridDesign {
     /// The design of the settings.
     ///
     /// # Errors
@@ -71,10 +71,10 @@ impl Design {
             "choose positions = 8 (5 to 120)",
         )?;
         let probes = match &settings.probe_angles_deg {
-            Some(angles) => angles.iter().map(|deg| grid_index(*deg, n)).collect::<Result<_, _>>()?,
-            None => default_probe_indices(n),
+            Some(angles) => angles.iter().map(|deg| grid_index_from_deg(*deg, n)).collect::<Result<_, _>>()?,
+            None => default_probe_angle_indices(n),
         };
-        let design = Self { position_count: n, probe_indices: probes };
+        let design = Self { position_count: n, probe_angle_indices: probes };
         design.check_separability()?;
         Ok(design)
     }
@@ -83,17 +83,17 @@ impl Design {
         let step = 360.0 / self.position_count as f64;
         let remedy = format!("choose probe_angles_deg = [0, {step}], or remove probe_angles_deg");
         MethodRefusal::require(
-            self.probe_indices.first() == Some(&0) && self.probe_indices.len() >= 2,
+            self.probe_angle_indices.first() == Some(&0) && self.probe_angle_indices.len() >= 2,
             "the first of the probe_angles_deg of Test 1 must be 0°, followed by at least one more angle",
             &remedy,
         )?;
-        let twice = |(i, k): (usize, &usize)| self.probe_indices[..i].contains(k);
+        let twice = |(i, k): (usize, &usize)| self.probe_angle_indices[..i].contains(k);
         MethodRefusal::require(
-            !self.probe_indices.iter().enumerate().any(twice),
+            !self.probe_angle_indices.iter().enumerate().any(twice),
             "probe_angles_deg contains an angle twice",
             &remedy,
         )?;
-        let common = self.probe_indices.iter().fold(self.position_count, |acc, k| gcd(acc, *k));
+        let common = self.probe_angle_indices.iter().fold(self.position_count, |acc, k| gcd(acc, *k));
         MethodRefusal::require(
             common == 1,
             format!(
@@ -107,7 +107,7 @@ impl Design {
     }
 
     /// Angle of a grid index, rad.
-    pub fn grid_angle(&self, index: usize) -> f64 {
+    pub fn grid_angle_rad(&self, index: usize) -> f64 {
         TAU * index as f64 / self.position_count as f64
     }
 
@@ -117,10 +117,10 @@ impl Design {
     }
 
     /// The touches in measuring order: 1a, 1b, …, 2, 3, with references between the tests if requested.
-    pub fn cycle_touches(&self, references: bool) -> Vec<GridTouch> {
-        let first = (0..self.probe_indices.len()).map(CalibrationTest::Test1);
+    pub fn cycle_touches(&self, with_references: bool) -> Vec<GridTouch> {
+        let first = (0..self.probe_angle_indices.len()).map(CalibrationTest::Test1);
         let tests = first.chain([CalibrationTest::Test2, CalibrationTest::Test3]);
-        let reference_touches = |round| references.then(|| self.reference_touches(round)).into_iter().flatten();
+        let reference_touches = |round| with_references.then(|| self.reference_touches(round)).into_iter().flatten();
         let mut touches: Vec<GridTouch> = reference_touches(0).collect();
         for (round, test) in (1..).zip(tests) {
             touches.extend((0..self.position_count).map(|i| self.grid_touch(test, i)));
@@ -131,7 +131,7 @@ impl Design {
 
     fn grid_touch(&self, test: CalibrationTest, i: usize) -> GridTouch {
         match test {
-            CalibrationTest::Test1(probe) => GridTouch { test, c_index: i, phi_index: self.probe_indices[probe] },
+            CalibrationTest::Test1(probe) => GridTouch { test, c_index: i, phi_index: self.probe_angle_indices[probe] },
             CalibrationTest::Test3 => {
                 GridTouch { test, c_index: i, phi_index: (self.position_count - i) % self.position_count }
             }
@@ -151,11 +151,11 @@ impl Design {
     }
 }
 
-fn default_probe_indices(n: usize) -> Vec<usize> {
+fn default_probe_angle_indices(n: usize) -> Vec<usize> {
     if n.is_multiple_of(4) && n > 4 { vec![0, 1, n / 4] } else { vec![0, 1] }
 }
 
-fn grid_index(deg: f64, n: usize) -> Result<usize, MethodRefusal> {
+fn grid_index_from_deg(deg: f64, n: usize) -> Result<usize, MethodRefusal> {
     let index = deg / 360.0 * n as f64;
     let rounded = index.round();
     MethodRefusal::require(

@@ -6,21 +6,21 @@ use super::identify::SolvedCycle;
 use super::model::DRIFTING_QUANTITIES;
 use super::outputs::axis_position_coefficients;
 use super::paper_system::PaperSystem;
-use super::radial_check::RadialErrorCheck;
-use super::sense::RotationSenseCheck;
+use super::radial_error_check::RadialErrorCheck;
+use super::rotation_sense::RotationSenseCheck;
 use super::settings::SpindleMode;
 use crate::identification::probe_map::ProbeMap;
-use crate::identification::{MisfitAdvice, dot_product, unit_slope};
+use crate::identification::{MisfitAdvice, dot_product, slope_of_unknown};
 use machine::Axis;
 use machine::record::estimate::{Estimate, Verdict};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "dirt, a loose part or stylus, drift within a revolution",
+    possible_causes: "dirt, a loose part or stylus, drift within a revolution",
     declaring_settings: "repeatability_um",
 };
 
 pub fn build_estimate(parts: &SolvedCycle<'_>) -> Estimate {
-    let mut estimate = parts.identification.estimate(super::NAME);
+    let mut estimate = parts.identification.estimate(super::METHOD_NAME);
     add_axis_circle(parts, &mut estimate);
     add_axis_position(parts, &mut estimate);
     for parameter in &mut estimate.parameters {
@@ -142,7 +142,7 @@ fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialErrorCheck) -> Vec<S
         );
     }
     lines.extend(describe_interruption_steps(parts));
-    lines.extend(parts.identification.trials_warning());
+    lines.extend(parts.identification.trial_contradiction_warning());
     lines.extend(describe_paper_solution_difference(parts));
     lines
 }
@@ -152,8 +152,8 @@ fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
     let layout = &parts.fit.layout;
     let um = |gap: usize, quantity: usize| {
         let at = layout.interruption_step_index(quantity, gap);
-        let slope = unit_slope(at, layout.unknown_count());
-        let expanded = parts.identification.propagation.uncertainty(&slope).expanded();
+        let slope = slope_of_unknown(at, layout.unknown_count());
+        let expanded = parts.identification.propagation.output_uncertainty(&slope).expanded();
         format!("{} {:+.2} ± {:.2}", DRIFTING_QUANTITIES[quantity], parts.fit.x[at] * 1e3, expanded * 1e3)
     };
     let mut lines: Vec<String> = (0..layout.interruption_times.len())
@@ -175,11 +175,11 @@ fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
 /// times u.
 fn describe_paper_solution_difference(parts: &SolvedCycle<'_>) -> Option<String> {
     let mut design = parts.fit.layout.design.clone();
-    design.probe_indices.truncate(2);
+    design.probe_angle_indices.truncate(2);
     let paper = PaperSystem::new(&design).axis_position(&parts.fit.observations)?;
     let (x, y) = axis_position_coefficients(&parts.fit.layout, 0);
     let own = [dot_product(&x, &parts.fit.x), dot_product(&y, &parts.fit.x)];
-    let u = |i: usize| parts.identification.uncertainty(i).map_or(f64::NAN, |own| own.u);
+    let u = |i: usize| parts.identification.parameter_uncertainty(i).map_or(f64::NAN, |own| own.u);
     let is_far = (0..2).any(|i| (paper[i] - own[i]).abs() > 4.0 * u(i));
     let axis = parts.setup.axis.axis;
     is_far.then(|| {

@@ -3,15 +3,15 @@
 use faer::{Mat, MatRef, Scale};
 
 use super::model::{Observation, UnknownsLayout};
-use super::second_order::SecondOrderCorrection;
-use crate::identification::{FitQuality, LinearFit, ObservationModel, Response, multiply_vector, rms};
-use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
+use super::second_order_correction::SecondOrderCorrection;
+use crate::identification::{FitQuality, LinearFit, LinearResponse, ObservationModel, multiply_vector, rms};
+use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
-pub const RANK_THRESHOLD: f64 = 1e-9;
+pub const SELF_CALIBRATION_RANK_THRESHOLD: f64 = 1e-9;
 /// Maximum number of iterations of the second-order correction. The correction is some 20 µm times the error of E
 /// over the radius. It contracts by a factor of about 1e-3 per iteration.
-const MAX_CORRECTION_STEPS: usize = 8;
+const MAX_CORRECTION_ITERATIONS: usize = 8;
 /// Largest change of an unknown by the last correction, mm.
 const CONVERGENCE_TOLERANCE_MM: f64 = 1e-10;
 /// Half width of the numerical derivative by a radius, mm.
@@ -43,12 +43,12 @@ impl Fit {
         let a = layout.design_matrix(&observations);
         let radii: Vec<f64> = observations.iter().map(|observation| observation.radius_mm).collect();
         let gauge = layout.gauge_matrix();
-        let solution = linear::solve_least_squares(&LinearProblem {
+        let solution = linear_least_squares::solve_least_squares(&LinearProblem {
             a: a.as_ref(),
             y: &radii,
             sigma: &sigma,
             constraints: Some(gauge.as_ref()),
-            rank_threshold: RANK_THRESHOLD,
+            rank_threshold: SELF_CALIBRATION_RANK_THRESHOLD,
         })?;
         let bend = second_order.then(|| SecondOrderCorrection::new(&layout, &observations));
         let mut fit =
@@ -65,7 +65,7 @@ impl Fit {
         let mut x = add_to_columns(changes * gain.transpose(), linear);
         let Some(bend) = &self.second_order else { return x };
         let mut unsettled: Vec<usize> = (0..x.nrows()).collect();
-        for _ in 0..MAX_CORRECTION_STEPS {
+        for _ in 0..MAX_CORRECTION_ITERATIONS {
             let mut corrected = changes.to_owned();
             bend.add_second_order_terms(&x, &mut corrected);
             let next = add_to_columns(corrected * gain.transpose(), linear);
@@ -93,9 +93,13 @@ impl Fit {
         radii.row(0).iter().zip(model).map(|(radius, model)| radius - model).collect()
     }
 
-    pub fn figures(&self, residuals: &[f64]) -> FitQuality {
+    pub fn fit_quality(&self, residuals: &[f64]) -> FitQuality {
         let unknowns = self.layout.unknown_count() - self.layout.gauge_matrix().nrows();
-        FitQuality { unknowns, residual_rms_mm: rms(residuals), ..FitQuality::from_linear(&self.solution) }
+        FitQuality {
+            unknown_count: unknowns,
+            residual_rms_mm: rms(residuals),
+            ..FitQuality::from_linear(&self.solution)
+        }
     }
 
     /// Unknowns × observations: the derivative of the complete solution by each radius, including second order. For
@@ -139,9 +143,9 @@ impl ObservationModel for LinearisedFit<'_> {
         self.fit.design_matrix.ncols()
     }
 
-    fn linear_response(&self, change: &[f64]) -> Response {
+    fn linear_response(&self, change: &[f64]) -> LinearResponse {
         let residuals = self.linear_fit().residual_change(change);
-        Response { unknowns: multiply_vector(&self.sensitivity, change), residuals }
+        LinearResponse { unknown_changes: multiply_vector(&self.sensitivity, change), residual_changes: residuals }
     }
 
     fn leverage(&self) -> Vec<f64> {
@@ -150,12 +154,12 @@ impl ObservationModel for LinearisedFit<'_> {
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let unknowns = self.unknown_count();
-        self.functions_with_changes(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
+        self.evaluate_each_perturbation(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
     }
 
     /// First order, then one second-order correction at that point. The correction contracts an error of some 1e-8
     /// mm by 2e-2 or less.
-    fn functions_with_changes(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
+    fn evaluate_each_perturbation(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         let Fit { x, second_order: bend, solution, .. } = self.fit;
         let mut radii = changes.to_owned();
         if let Some(bend) = bend {

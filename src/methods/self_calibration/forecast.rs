@@ -1,11 +1,11 @@
 //! Forecast of the results of a run, from its plan alone.
 
+use super::cycle_setup::CycleSetup;
 use super::estimate;
 use super::identify::{nominal_reading, solve_cycle};
-use super::setup::CycleSetup;
 use crate::IdentifyError;
 use crate::identification::{
-    describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
+    describe_assumed_repeatability, describe_expected_uncertainty, plan_with_assumed_repeatability,
 };
 use machine::Axis;
 use machine::record::plan::{Plan, Step};
@@ -23,7 +23,7 @@ const MAX_SUGGESTED_POSITIONS: usize = 72;
 pub fn forecast_results(setup: &CycleSetup<'_>, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
     let CycleSetup { plan, settings, .. } = *setup;
     let mut readings = nominal_readings(setup);
-    let unchecked = unchecked_steps(setup)?;
+    let unchecked = unchecked_step_ids(setup)?;
     let again = readings.iter().filter(|one| one.repeat == 0 && unchecked.contains(&one.step));
     let again: Vec<Reading> = again.map(|one| Reading { repeat: settings.repeats, ..one.clone() }).collect();
     let repeated =
@@ -33,7 +33,7 @@ pub fn forecast_results(setup: &CycleSetup<'_>, machine_s: f64) -> Result<Vec<St
     for (number, reading) in readings.iter_mut().enumerate() {
         reading.t_s = interval_s * number as f64;
     }
-    let declared = nominal_plan(plan);
+    let declared = forecast_plan(plan);
     let declared = CycleSetup::new(&declared, settings)?.with_known_motions()?;
     let parts = solve_cycle(&declared, &readings, false)?;
     let estimate = estimate::build_estimate(&parts);
@@ -42,7 +42,7 @@ pub fn forecast_results(setup: &CycleSetup<'_>, machine_s: f64) -> Result<Vec<St
         describe_expected_uncertainty(&estimate, |parameter| symbols.contains(&parameter.symbol)).into_iter();
     let aliased = estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASING_LINE_PREFIX));
     let limits = parts.identification.outlier_check.describe_detection_limits();
-    let better = suggest_positions(plan, setup.axis.axis, parts.fit.layout.design.position_count);
+    let better = suggest_position_count(plan, setup.axis.axis, parts.fit.layout.design.position_count);
     Ok(expected
         .chain(describe_assumed_repeatability(plan))
         .chain(aliased)
@@ -54,7 +54,7 @@ pub fn forecast_results(setup: &CycleSetup<'_>, machine_s: f64) -> Result<Vec<St
 
 /// Suggests a number of positions if the grid does not separate the declared error motion orders of the axis from
 /// its location.
-fn suggest_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
+fn suggest_position_count(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
     let orders = &plan.machine.axes.get(&axis)?.error_motion_orders;
     let is_lost = |n: usize| orders.iter().any(|order| (*order as usize).is_multiple_of(n));
     if !is_lost(n) {
@@ -68,18 +68,18 @@ fn suggest_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
 ///
 /// # Errors
 /// The errors of [`forecast_results`].
-pub fn unchecked_steps(setup: &CycleSetup<'_>) -> Result<Vec<u32>, IdentifyError> {
-    let declared = nominal_plan(setup.plan);
+pub fn unchecked_step_ids(setup: &CycleSetup<'_>) -> Result<Vec<u32>, IdentifyError> {
+    let declared = forecast_plan(setup.plan);
     let declared = CycleSetup::new(&declared, setup.settings)?.with_known_motions()?;
     let parts = solve_cycle(&declared, &nominal_readings(setup), false)?;
-    let found = &parts.identification.outlier_check.detectable_deviations;
+    let found = &parts.identification.outlier_check.smallest_detectable_deviations;
     let is_unchecked = |step: &&Step| found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label);
     Ok(setup.plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
 }
 
 /// The touches of the plan, with a declared repeatability.
-fn nominal_plan(plan: &Plan) -> Plan {
-    let mut declared = with_assumed_repeatability(plan);
+fn forecast_plan(plan: &Plan) -> Plan {
+    let mut declared = plan_with_assumed_repeatability(plan);
     declared.steps.retain(|step| step.text.is_none());
     // The times of nominal readings are not those of the run.
     declared.gaps_s.clear();

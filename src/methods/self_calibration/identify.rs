@@ -1,18 +1,18 @@
 //! Identification: from plan and readings to the estimate.
 
+use super::cycle_setup::CycleSetup;
 use super::fit::{Fit, LinearisedFit};
 use super::model::{Observation, UnknownsLayout};
 use super::observe::{ObservedCycle, extract_observations};
 use super::outputs;
-use super::sense::{self, RotationSenseCheck};
-use super::setup::CycleSetup;
+use super::rotation_sense::{self, RotationSenseCheck};
 use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
-    self, CheckedMeasurement, Identification, Outputs, SolvedModel, TrialPlan, UncertaintySource, block_covariances,
+    self, CheckedMeasurement, Identification, Outputs, SolvedModel, TrialSettings, UncertaintySource, block_covariances,
 };
 use crate::{IdentifyError, MethodRefusal};
-use estimation::linear::RankAnalysis;
-use estimation::null_names::name_null_space;
+use estimation::linear_least_squares::RankAnalysis;
+use estimation::null_space_names::name_null_space;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
@@ -27,10 +27,10 @@ const MAX_NAMED_COMBINATIONS: usize = 4;
 
 /// Trials of the Monte Carlo propagation. The adaptive rule has a limit of 200 000 trials, fewer for large designs,
 /// so that it takes seconds. It usually stops earlier.
-fn trial_plan(setting: usize, fit: &Fit) -> TrialPlan {
+fn trial_plan(monte_carlo_trials: usize, fit: &Fit) -> TrialSettings {
     let products = (fit.design_matrix.nrows() * fit.design_matrix.ncols()).max(1);
     let max = (4_000_000_000 / products).clamp(10_000, 200_000);
-    TrialPlan::new(MONTE_CARLO_SEED, setting, STABLE_DIGITS, max)
+    TrialSettings::new(MONTE_CARLO_SEED, monte_carlo_trials, STABLE_DIGITS, max)
 }
 
 /// Refuses, before the first move, a cycle whose readings do not separate the unknowns: checks the rank of the
@@ -113,7 +113,7 @@ pub struct SolvedCycle<'a> {
     pub identification: Identification,
     pub sense: RotationSenseCheck,
     pub has_times: bool,
-    /// Number of readings that no step connects with the rest.
+    /// Number of readings that are not used: too few directions were touched between their interruptions.
     pub skipped_reading_count: usize,
 }
 
@@ -132,13 +132,13 @@ pub fn solve_cycle<'a>(
     let solution = SolvedModel {
         model: &LinearisedFit::new(&fit),
         weighted_residuals: &weighted,
-        has_declared_sizes: setup.plan.probe.repeatability_um.is_some(),
-        fit_quality: fit.figures(&residuals),
+        has_declared_source_sizes: setup.plan.probe.repeatability_um.is_some(),
+        fit_quality: fit.fit_quality(&residuals),
         measurements: &touch_measurements(setup.plan, &fit, &residuals),
     };
     let trials = with_trials.then(|| trial_plan(setup.settings.monte_carlo_trials, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
-    let sense = sense::check_rotation_sense(&fit);
+    let sense = rotation_sense::check_rotation_sense(&fit);
     Ok(SolvedCycle { setup, fit, identification, sense, has_times, skipped_reading_count })
 }
 
@@ -150,7 +150,7 @@ fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<CheckedM
     };
     let all = fit.observations.iter().zip(residuals).zip(&fit.sigma).enumerate();
     let measurement = |(i, ((observation, residual), sigma)): (usize, ((&Observation, &f64), &f64))| {
-        let label = label(observation.step);
+        let label = label(observation.step_id);
         let in_words = format!("touch {label}");
         CheckedMeasurement {
             label,

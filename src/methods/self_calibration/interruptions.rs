@@ -10,8 +10,9 @@ use crate::IdentifyError;
 /// determined. Any three different directions are sufficient.
 const MIN_SEGMENT_DIRECTIONS: usize = 3;
 
-/// Removes the interruptions from the times (s), and the observations that no step connects with the rest. Returns
-/// the times of the interruptions on the remaining time scale, and the number of removed observations.
+/// Removes the interruptions from the times (s), and the observations of each segment between interruptions that
+/// has fewer than [`MIN_SEGMENT_DIRECTIONS`] directions. Returns the times of the interruptions on the remaining
+/// time scale, and the number of removed observations.
 ///
 /// # Errors
 /// The readings have no times, so those before an interruption are unknown.
@@ -45,8 +46,8 @@ pub fn remove_interruptions(
     Ok((gaps, skipped_reading_count))
 }
 
-fn direction_count(observation: &[Observation]) -> usize {
-    let mut angles: Vec<usize> = observation.iter().map(|observation| observation.phi_index).collect();
+fn direction_count(observations: &[Observation]) -> usize {
+    let mut angles: Vec<usize> = observations.iter().map(|observation| observation.phi_index).collect();
     angles.sort_unstable();
     angles.dedup();
     angles.len()
@@ -55,8 +56,8 @@ fn direction_count(observation: &[Observation]) -> usize {
 /// Shifts each segment to begin one touch after the end of the segment before. Returns the times between the
 /// segments.
 fn join_segments(segments: &mut [Vec<Observation>]) -> Vec<f64> {
-    let span = |observation: &[Observation]| {
-        let times = || observation.iter().map(|observation| observation.relative_time);
+    let span = |observations: &[Observation]| {
+        let times = || observations.iter().map(|observation| observation.relative_time);
         (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max))
     };
     let measured: f64 = segments.iter().map(|s| span(s)).map(|(first, last)| last - first).sum();

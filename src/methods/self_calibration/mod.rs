@@ -4,38 +4,38 @@
 
 mod axis_circle;
 mod axis_position;
+mod cycle_setup;
 mod design;
 mod estimate;
 mod fit;
 mod forecast;
 mod identify;
 mod interruptions;
+mod measured_table_axis;
 mod model;
 mod observe;
 mod outputs;
 mod paper_system;
 mod plan;
-mod radial_check;
-mod second_order;
-mod sense;
+mod radial_error_check;
+mod rotation_sense;
+mod second_order_correction;
 mod settings;
-mod setup;
 mod sources;
-mod table_axis;
 
 #[cfg(test)]
 mod tests;
 
 pub use fit::{Fit, LinearisedFit};
 pub use identify::FittedCycle;
-pub use second_order::SecondOrderCorrection;
+pub use second_order_correction::SecondOrderCorrection;
 pub use settings::SelfCalibrationSettings;
 
 use std::cmp::Ordering;
 
-use self::setup::{CycleSetup, PartGeometry};
-use self::table_axis::MeasuredTableAxis;
-use super::identification::KnownMotions;
+use self::cycle_setup::{CycleSetup, PartGeometry};
+use self::measured_table_axis::MeasuredTableAxis;
+use super::identification::KnownErrorMotions;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::circle;
 use machine::record::artefact::{Artefact, Cylinder};
@@ -43,7 +43,7 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
-pub const NAME: &str = "self-calibration";
+pub const METHOD_NAME: &str = "self-calibration";
 const UNCHECKED_TOUCHES_STAGE_NAME: &str = "touches without redundancy, repeated";
 
 pub struct SelfCalibration {
@@ -78,7 +78,7 @@ impl SelfCalibration {
 impl RegisteredMethod for SelfCalibration {
     type Settings = SelfCalibrationSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
-        name: NAME,
+        name: METHOD_NAME,
         required_setup: "any clean round part",
         results: "location and error motions of the rotary axis that turns the part (C, or another letter), \
                 squareness and scale difference of X and Y, form of the part",
@@ -120,7 +120,7 @@ impl Method for SelfCalibration {
         let (name, steps) = match pass.cmp(&self.settings.repeats) {
             Ordering::Less => (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone()),
             Ordering::Equal => {
-                let steps = forecast::unchecked_steps(&setup.with_known_motions()?).map_err(refusal_from_error)?;
+                let steps = forecast::unchecked_step_ids(&setup.with_known_motions()?).map_err(refusal_from_error)?;
                 (UNCHECKED_TOUCHES_STAGE_NAME.to_owned(), steps)
             }
             Ordering::Greater => return Ok(NextStage::NoFurtherStage),
@@ -140,7 +140,7 @@ impl Method for SelfCalibration {
 
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
         let axis = MeasuredTableAxis::new(plan, &self.settings)?;
-        KnownMotions::new(axis.axis, &plan.priors).map(drop)
+        KnownErrorMotions::new(axis.axis, &plan.priors).map(drop)
     }
 
     fn accepts_probe_map(&self) -> bool {

@@ -12,15 +12,15 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::design::Design;
+use super::design::GridDesign;
 use machine::Axis;
 
 /// One reading, reduced to the grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
     /// Id of the step of the reading.
-    pub step: u32,
-    pub height: usize,
+    pub step_id: u32,
+    pub height_index: usize,
     pub c_index: usize,
     pub phi_index: usize,
     /// Position of the ball centre along the ray, mm.
@@ -34,7 +34,7 @@ pub struct Observation {
 /// Indices of the unknowns. Each height has its own R, E, E_r and W. The drift is common to all heights.
 #[derive(Debug, Clone)]
 pub struct UnknownsLayout {
-    pub design: Design,
+    pub design: GridDesign,
     pub height_count: usize,
     pub drift_order: usize,
     /// Times of the interruptions, as `Observation::relative_time`. A step is fitted at each, as the motion of the
@@ -67,12 +67,12 @@ impl UnknownsLayout {
         self.ex_index(height, c) + self.design.position_count
     }
 
-    pub fn er_index(&self, height: usize, phi: usize) -> usize {
+    pub fn radial_error_index(&self, height: usize, phi: usize) -> usize {
         self.ey_index(height, phi) + self.design.position_count
     }
 
-    pub fn w_index(&self, height: usize, theta: usize) -> usize {
-        self.er_index(height, theta) + self.design.position_count
+    pub fn flank_form_index(&self, height: usize, theta: usize) -> usize {
+        self.radial_error_index(height, theta) + self.design.position_count
     }
 
     fn drift_index(&self, quantity: usize, power: usize) -> usize {
@@ -99,11 +99,11 @@ impl UnknownsLayout {
             let at = if self.height_count > 1 { format!(" at height {height}") } else { String::new() };
             names[self.radius_index(height)] = format!("R{at}");
             for i in 0..self.design.position_count {
-                let deg = (self.design.grid_angle(i).to_degrees() * 1e6).round() / 1e6;
+                let deg = (self.design.grid_angle_rad(i).to_degrees() * 1e6).round() / 1e6;
                 names[self.ex_index(height, i)] = format!("EX{axis}_total({deg}°){at}");
                 names[self.ey_index(height, i)] = format!("EY{axis}_total({deg}°){at}");
-                names[self.er_index(height, i)] = format!("E_radial({deg}°){at}");
-                names[self.w_index(height, i)] = format!("W_radial({deg}°){at}");
+                names[self.radial_error_index(height, i)] = format!("E_radial({deg}°){at}");
+                names[self.flank_form_index(height, i)] = format!("W_radial({deg}°){at}");
             }
         }
         for (quantity, name) in DRIFTING_QUANTITIES.into_iter().enumerate() {
@@ -120,7 +120,7 @@ impl UnknownsLayout {
 
     /// Unit vector along the ray at a grid angle, machine frame.
     pub fn ray_direction(&self, index: usize) -> Vector3<f64> {
-        let (sin, cos) = self.design.grid_angle(index).sin_cos();
+        let (sin, cos) = self.design.grid_angle_rad(index).sin_cos();
         Vector3::new(cos, sin, 0.0)
     }
 
@@ -130,11 +130,11 @@ impl UnknownsLayout {
         for (row, observation) in observations.iter().enumerate() {
             let normal = self.ray_direction(observation.phi_index);
             let theta = self.design.theta_index(observation.c_index, observation.phi_index);
-            a[(row, self.radius_index(observation.height))] = 1.0;
-            a[(row, self.ex_index(observation.height, observation.c_index))] = normal.x;
-            a[(row, self.ey_index(observation.height, observation.c_index))] = normal.y;
-            a[(row, self.er_index(observation.height, observation.phi_index))] = -1.0;
-            a[(row, self.w_index(observation.height, theta))] = 1.0;
+            a[(row, self.radius_index(observation.height_index))] = 1.0;
+            a[(row, self.ex_index(observation.height_index, observation.c_index))] = normal.x;
+            a[(row, self.ey_index(observation.height_index, observation.c_index))] = normal.y;
+            a[(row, self.radial_error_index(observation.height_index, observation.phi_index))] = -1.0;
+            a[(row, self.flank_form_index(observation.height_index, theta))] = 1.0;
             for (quantity, along) in [normal.x, normal.y, 1.0].into_iter().enumerate() {
                 for power in 1..=self.drift_order {
                     a[(row, self.drift_index(quantity, power))] = observation.relative_time.powi(power as i32) * along;
@@ -158,18 +158,18 @@ impl UnknownsLayout {
             let row = per_height * height;
             rows[(row, self.ex_index(height, 0))] = 1.0;
             rows[(row + 1, self.ey_index(height, 0))] = 1.0;
-            rows[(row + 2, self.w_index(height, 0))] = 1.0;
-            rows[(row + 3, self.er_index(height, 0))] = 1.0;
+            rows[(row + 2, self.flank_form_index(height, 0))] = 1.0;
+            rows[(row + 3, self.radial_error_index(height, 0))] = 1.0;
             if self.has_quarter_angles() {
-                rows[(row + 4, self.er_index(height, 0))] = 1.0;
-                rows[(row + 4, self.er_index(height, n / 2))] = -1.0;
-                rows[(row + 5, self.er_index(height, n / 4))] = 1.0;
-                rows[(row + 5, self.er_index(height, 3 * n / 4))] = -1.0;
+                rows[(row + 4, self.radial_error_index(height, 0))] = 1.0;
+                rows[(row + 4, self.radial_error_index(height, n / 2))] = -1.0;
+                rows[(row + 5, self.radial_error_index(height, n / 4))] = 1.0;
+                rows[(row + 5, self.radial_error_index(height, 3 * n / 4))] = -1.0;
             } else {
                 for i in 0..n {
-                    let (sin, cos) = self.design.grid_angle(i).sin_cos();
-                    rows[(row + 4, self.er_index(height, i))] = cos;
-                    rows[(row + 5, self.er_index(height, i))] = sin;
+                    let (sin, cos) = self.design.grid_angle_rad(i).sin_cos();
+                    rows[(row + 4, self.radial_error_index(height, i))] = cos;
+                    rows[(row + 5, self.radial_error_index(height, i))] = sin;
                 }
             }
         }

@@ -2,11 +2,11 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::design::Design;
+use super::cycle_setup::CycleSetup;
+use super::design::GridDesign;
 use super::interruptions;
 use super::model::Observation;
 use super::plan::{LOCATE_LABEL_PREFIX, is_top_touch};
-use super::setup::CycleSetup;
 use crate::IdentifyError;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
@@ -21,12 +21,12 @@ pub struct ObservedCycle {
     pub has_times: bool,
     /// Times of the interruptions, as `Observation::relative_time`.
     pub interruption_times: Vec<f64>,
-    /// Number of readings between interruptions that are not connected with the rest.
+    /// Number of readings that are not used: too few directions were touched between their interruptions.
     pub skipped_reading_count: usize,
 }
 
 /// Largest deviation of the table from its planned angle, rad (0.1°). A larger one is a skipped index.
-const INDEX_TOLERANCE_RAD: f64 = 1.8e-3;
+const GRID_ANGLE_TOLERANCE_RAD: f64 = 1.8e-3;
 
 /// # Errors
 /// Missing or unknown steps, duplicates, or a table at another angle than planned.
@@ -79,7 +79,7 @@ fn reduce_reading(setup: &CycleSetup<'_>, step: &Step, reading: &Reading) -> Res
     let actual = reading.position.get(name).unwrap_or(planned);
     // A control may count full turns differently.
     let off = (actual - planned + PI).rem_euclid(TAU) - PI;
-    if off.abs() > INDEX_TOLERANCE_RAD {
+    if off.abs() > GRID_ANGLE_TOLERANCE_RAD {
         return Err(IdentifyError::IdentificationFailed(format!(
             "step {} ({}): {name} was at {:.4}° instead of {:.4}°; check for a skipped index position",
             step.id,
@@ -97,30 +97,30 @@ fn reduce_reading(setup: &CycleSetup<'_>, step: &Step, reading: &Reading) -> Res
         )));
     }
     let centre = axis.corrected_ball_centre(step, reading, known_motions);
-    let height = nearest_height(heights, centre.z);
-    let off = centre - axis.point_at_height(heights[height]);
+    let height = nearest_height_index(heights, centre.z);
+    let off = centre - axis.axis_point_at_height(heights[height]);
     Ok(Observation {
-        step: step.id,
-        height,
-        c_index: grid_index(design, planned * axis.rotation_sense),
-        phi_index: grid_index(design, phi),
+        step_id: step.id,
+        height_index: height,
+        c_index: grid_index_from_rad(design, planned * axis.clockwise_sign),
+        phi_index: grid_index_from_rad(design, phi),
         radius_mm: off.x * nx + off.y * ny,
         lateral_mm: -off.x * ny + off.y * nx,
         relative_time: reading.t_s,
     })
 }
 
-fn is_on_grid(design: &Design, angle: f64) -> bool {
+fn is_on_grid(design: &GridDesign, angle: f64) -> bool {
     let index = angle / TAU * design.position_count as f64;
-    (index - index.round()).abs() < INDEX_TOLERANCE_RAD
+    (index - index.round()).abs() < GRID_ANGLE_TOLERANCE_RAD
 }
 
-fn grid_index(design: &Design, angle: f64) -> usize {
+fn grid_index_from_rad(design: &GridDesign, angle: f64) -> usize {
     let index = (angle / TAU * design.position_count as f64).round() as i64;
     index.rem_euclid(design.position_count as i64) as usize
 }
 
-fn nearest_height(heights: &[f64], z: f64) -> usize {
+fn nearest_height_index(heights: &[f64], z: f64) -> usize {
     let distance = |i: &usize| (heights[*i] - z).abs();
     (0..heights.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
 }

@@ -2,9 +2,9 @@
 //! functions of angle.
 
 use super::model::UnknownsLayout;
-use crate::identification::{OutputCurve, OutputParameter, Outputs, dot_product, linear_combination, unit_slope};
+use crate::identification::{OutputCurve, OutputParameter, Outputs, dot_product, linear_combination, slope_of_unknown};
 use machine::Axis;
-use machine::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::{FunctionFigureKind, Unit};
 
 /// All outputs. `axis`: the measured rotary axis.
 pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[f64]) -> Outputs {
@@ -12,9 +12,9 @@ pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[
         1 => String::new(),
         _ => format!("@Z{:.1}", heights[height]),
     };
-    let curves = |height| build_functions(layout, axis, height, &suffix(height), x);
+    let curves = |height| build_curves(layout, axis, height, &suffix(height), x);
     Outputs {
-        parameters: build_parameters(layout, axis, heights, x),
+        linear_parameters: build_parameters(layout, axis, heights, x),
         curves: (0..layout.height_count).flat_map(curves).collect(),
         nonlinear: None,
     }
@@ -53,9 +53,9 @@ fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -
 }
 
 /// The functions of one height.
-fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<OutputCurve> {
+fn build_curves(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<OutputCurve> {
     let n = layout.design.position_count;
-    let unit_vector = |index: usize| unit_slope(index, layout.unknown_count());
+    let unit_vector = |index: usize| slope_of_unknown(index, layout.unknown_count());
     let motion = |i, along_y| error_motion_coefficients(layout, height, i, along_y);
     let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
         let slopes: Vec<Vec<f64>> = (0..n).map(point).collect();
@@ -63,7 +63,7 @@ fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &
             symbol: format!("{symbol}{suffix}"),
             argument,
             argument_unit: "deg",
-            x: (0..n).map(|i| rounded_deg(layout.design.grid_angle(i))).collect(),
+            x: (0..n).map(|i| rad_to_rounded_deg(layout.design.grid_angle_rad(i))).collect(),
             y: slopes.iter().map(|slope| dot_product(slope, x)).collect(),
             unit: Unit::Um,
             figure,
@@ -72,32 +72,37 @@ fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &
     };
     let of_axis = |component, what| format!("E{component}{axis}{what}");
     let name = axis.name();
-    use FigureKind::{Curve as Line, Polar};
+    use FunctionFigureKind::{Curve as Line, Polar};
     vec![
         function(&of_axis("X", "_total"), name, Line, &|i| unit_vector(layout.ex_index(height, i))),
         function(&of_axis("Y", "_total"), name, Line, &|i| unit_vector(layout.ey_index(height, i))),
         function(&of_axis("X", ""), name, Line, &|i| motion(i, false)),
         function(&of_axis("Y", ""), name, Line, &|i| motion(i, true)),
-        function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.er_index(height, i))),
-        function("W_radial", "theta", Polar, &|i| unit_vector(layout.w_index(height, i))),
-        function("W_form", "theta", Polar, &|i| form_coefficients(layout, height, i)),
+        function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.radial_error_index(height, i))),
+        function("W_radial", "theta", Polar, &|i| unit_vector(layout.flank_form_index(height, i))),
+        function("W_form", "theta", Polar, &|i| part_form_coefficients(layout, height, i)),
     ]
 }
 
-/// Error motion at the grid angle `i`: the displacement without the effect of the axis position.
-pub fn error_motion_coefficients(layout: &UnknownsLayout, height: usize, i: usize, along_y: bool) -> Vec<f64> {
+/// Error motion at a grid angle: the displacement without the effect of the axis position.
+pub fn error_motion_coefficients(
+    layout: &UnknownsLayout,
+    height: usize,
+    angle_index: usize,
+    along_y: bool,
+) -> Vec<f64> {
     let (cx, cy) = axis_position_coefficients(layout, height);
-    let (sin, cos) = layout.design.grid_angle(i).sin_cos();
-    let own = if along_y { layout.ey_index(height, i) } else { layout.ex_index(height, i) };
+    let (sin, cos) = layout.design.grid_angle_rad(angle_index).sin_cos();
+    let own = if along_y { layout.ey_index(height, angle_index) } else { layout.ex_index(height, angle_index) };
     let (near, far, turn) = if along_y { (&cy, &cx, -sin) } else { (&cx, &cy, sin) };
-    let mut coefficients = unit_slope(own, layout.unknown_count());
+    let mut coefficients = slope_of_unknown(own, layout.unknown_count());
     for (k, c) in coefficients.iter_mut().enumerate() {
         *c += turn * far[k] - (1.0 - cos) * near[k];
     }
     coefficients
 }
 
-fn rounded_deg(angle: f64) -> f64 {
+fn rad_to_rounded_deg(angle: f64) -> f64 {
     (angle.to_degrees() * 1e9).round() / 1e9
 }
 
@@ -114,14 +119,14 @@ pub fn axis_position_coefficients(layout: &UnknownsLayout, height: usize) -> (Ve
 }
 
 /// W without its mean and first harmonic: the form of the part without its set-up error.
-fn form_coefficients(layout: &UnknownsLayout, height: usize, i: usize) -> Vec<f64> {
+fn part_form_coefficients(layout: &UnknownsLayout, height: usize, i: usize) -> Vec<f64> {
     let n = layout.design.position_count;
     let mut coefficients = vec![0.0; layout.unknown_count()];
     for j in 0..n {
-        let angle = layout.design.grid_angle(i) - layout.design.grid_angle(j);
-        coefficients[layout.w_index(height, j)] -= (1.0 + 2.0 * angle.cos()) / n as f64;
+        let angle = layout.design.grid_angle_rad(i) - layout.design.grid_angle_rad(j);
+        coefficients[layout.flank_form_index(height, j)] -= (1.0 + 2.0 * angle.cos()) / n as f64;
     }
-    coefficients[layout.w_index(height, i)] += 1.0;
+    coefficients[layout.flank_form_index(height, i)] += 1.0;
     coefficients
 }
 
@@ -132,10 +137,10 @@ pub fn scale_and_squareness_coefficients(layout: &UnknownsLayout, height: usize,
     let mut scale = vec![0.0; layout.unknown_count()];
     let mut square = vec![0.0; layout.unknown_count()];
     for i in 0..n {
-        let (sin, cos) = (2.0 * layout.design.grid_angle(i)).sin_cos();
+        let (sin, cos) = (2.0 * layout.design.grid_angle_rad(i)).sin_cos();
         let weight = -4.0 / (n as f64 * radius);
-        scale[layout.er_index(height, i)] = weight * cos;
-        square[layout.er_index(height, i)] = weight * sin;
+        scale[layout.radial_error_index(height, i)] = weight * cos;
+        square[layout.radial_error_index(height, i)] = weight * sin;
     }
     (scale, square)
 }

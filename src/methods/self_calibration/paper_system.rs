@@ -5,14 +5,14 @@
 
 use faer::Mat;
 
-use super::design::{CalibrationTest, Design, GridTouch};
-use super::fit::RANK_THRESHOLD;
+use super::design::{CalibrationTest, GridDesign, GridTouch};
+use super::fit::SELF_CALIBRATION_RANK_THRESHOLD;
 use super::model::{Observation, UnknownsLayout};
 use super::outputs::axis_position_coefficients;
 use crate::identification::dot_product;
-use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
+use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearSolution};
 
-/// Linear system of the paper for a design. That of the paper has one probe angle φ_b in addition to 0.
+/// Linear system of the paper for a design. The paper's own design has one probe angle φ_b in addition to 0.
 pub struct PaperSystem {
     pub layout: UnknownsLayout,
     pub touches: Vec<GridTouch>,
@@ -22,7 +22,7 @@ pub struct PaperSystem {
 }
 
 impl PaperSystem {
-    pub fn new(design: &Design) -> Self {
+    pub fn new(design: &GridDesign) -> Self {
         let touches: Vec<GridTouch> = design.cycle_touches(false);
         let layout =
             UnknownsLayout { design: design.clone(), height_count: 1, drift_order: 0, interruption_times: Vec::new() };
@@ -38,12 +38,12 @@ impl PaperSystem {
 
     /// Solves for the differences (4N, in the order of `touches`), each with the standard uncertainty `sigma`.
     pub fn solve(&self, differences: &[f64], sigma: f64) -> Result<LinearSolution, LinearError> {
-        linear::solve_least_squares(&LinearProblem {
+        linear_least_squares::solve_least_squares(&LinearProblem {
             a: self.design_matrix.as_ref(),
             y: differences,
             sigma: &vec![sigma; differences.len()],
             constraints: Some(self.gauge.as_ref()),
-            rank_threshold: RANK_THRESHOLD,
+            rank_threshold: SELF_CALIBRATION_RANK_THRESHOLD,
         })
     }
 
@@ -53,7 +53,7 @@ impl PaperSystem {
         let radius = |t: &GridTouch| {
             observations
                 .iter()
-                .find(|s| s.height == 0 && s.c_index == t.c_index && s.phi_index == t.phi_index)
+                .find(|s| s.height_index == 0 && s.c_index == t.c_index && s.phi_index == t.phi_index)
                 .map(|s| s.radius_mm)
         };
         let reference = radius(self.touches.first()?)?;
@@ -68,8 +68,8 @@ impl PaperSystem {
 fn unmeasured_observation(touch: GridTouch) -> Observation {
     debug_assert!(!matches!(touch.test, CalibrationTest::Reference(_)));
     Observation {
-        step: 0,
-        height: 0,
+        step_id: 0,
+        height_index: 0,
         c_index: touch.c_index,
         phi_index: touch.phi_index,
         radius_mm: 0.0,

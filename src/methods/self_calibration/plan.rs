@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
+use super::cycle_setup::{CycleSetup, PartGeometry};
 use super::design::{CalibrationTest, GridTouch};
+use super::measured_table_axis::MeasuredTableAxis;
 use super::settings::SpindleMode;
-use super::setup::{CycleSetup, PartGeometry};
-use super::table_axis::MeasuredTableAxis;
 use crate::MethodRefusal;
 use machine::record::plan::{Step, StepKind};
 use machine::{Axis, Position};
@@ -72,7 +72,7 @@ impl CycleSetup<'_> {
     }
 
     fn touch_label(&self, touch: GridTouch) -> String {
-        let degrees = |index| self.design.grid_angle(index).to_degrees().round();
+        let degrees = |index| self.design.grid_angle_rad(index).to_degrees().round();
         let place = if touch.c_index == 0 && !matches!(touch.test, CalibrationTest::Test1(_)) {
             format!("P{:03}", degrees(touch.phi_index))
         } else {
@@ -101,12 +101,12 @@ impl CycleSetup<'_> {
         touch: GridTouch,
         part: PartGeometry,
     ) -> Result<Step, MethodRefusal> {
-        let angle = self.design.grid_angle(touch.phi_index);
-        let axis = self.axis.point_at_height(z);
+        let angle = self.design.grid_angle_rad(touch.phi_index);
+        let axis = self.axis.axis_point_at_height(z);
         let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
         let off_axis = PartGeometry { centre: from_axis, ..part };
-        let turned = self.design.grid_angle(touch.c_index);
-        let radius = expected_radius(off_axis, turned, angle).ok_or_else(|| {
+        let turned = self.design.grid_angle_rad(touch.c_index);
+        let radius = expected_contact_distance_mm(off_axis, turned, angle).ok_or_else(|| {
             MethodRefusal::new(
                 format!("at {} the ray from the axis misses the part", spec.label),
                 format!(
@@ -129,7 +129,7 @@ impl CycleSetup<'_> {
             let turn = normal.y.atan2(normal.x).rem_euclid(std::f64::consts::TAU);
             orientation.set(Axis::S, turn);
         }
-        let rotary = self.axis.rest_position.updated_by(&orientation);
+        let rotary = self.axis.cycle_rotary_position.updated_by(&orientation);
         let rotary = rotary.with(self.axis.axis, self.axis_command_rad(spec.c_index)?);
         // The table turns with the axis, but the ray does not.
         let place = |out: f64| self.axis.solve_linear_axes(contact + out * normal, &orientation);
@@ -153,8 +153,8 @@ impl CycleSetup<'_> {
     /// Command of the axis for a grid index, rad: with the sense of the axis, and shifted by a full turn if the
     /// limits require it.
     fn axis_command_rad(&self, index: usize) -> Result<f64, MethodRefusal> {
-        let MeasuredTableAxis { axis, spec, rotation_sense: sense, .. } = &self.axis;
-        let commanded_rad = self.design.grid_angle(index) * sense;
+        let MeasuredTableAxis { axis, spec, clockwise_sign: sense, .. } = &self.axis;
+        let commanded_rad = self.design.grid_angle_rad(index) * sense;
         let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
         let turn = std::f64::consts::TAU;
         // Prefer the turn nearest to zero.
@@ -191,7 +191,7 @@ struct TouchSpec {
 
 /// Distance from the stated axis along the ray at `phi` to the ball centre in contact, with the table turned by
 /// `c`. `None` if the ray misses the part. The part's centre is relative to the axis.
-fn expected_radius(part: PartGeometry, c: f64, phi: f64) -> Option<f64> {
+fn expected_contact_distance_mm(part: PartGeometry, c: f64, phi: f64) -> Option<f64> {
     let [x, y] = part.centre;
     // In the machine frame the part turns by −c: its centre is at R(−c)·centre.
     let (sin, cos) = (phi + c).sin_cos();

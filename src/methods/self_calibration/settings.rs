@@ -79,7 +79,7 @@ impl Default for SelfCalibrationSettings {
     }
 }
 
-const MIN_HEIGHT_STEP_MM: f64 = 1.0;
+const MIN_HEIGHT_DIFFERENCE_MM: f64 = 1.0;
 /// Minimum cosine of the tilt of an upright axis: one degree.
 pub const MIN_UPRIGHT_COSINE: f64 = 0.99985;
 
@@ -98,7 +98,7 @@ impl SelfCalibrationSettings {
             "repeats must be 1 to 100, and drift_order 0 to 3",
             "remove both settings",
         )?;
-        MethodRefusal::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 
     /// Checks that the touches reach the part at every position within its uncertainty.
@@ -145,7 +145,8 @@ impl SelfCalibrationSettings {
             format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
             "choose heights_mm above the ball's radius and up to the part's height_mm",
         )?;
-        let close = |(i, a): (usize, &f64)| self.heights_mm[..i].iter().any(|b| (a - b).abs() < MIN_HEIGHT_STEP_MM);
+        let close =
+            |(i, a): (usize, &f64)| self.heights_mm[..i].iter().any(|b| (a - b).abs() < MIN_HEIGHT_DIFFERENCE_MM);
         MethodRefusal::require(
             !self.heights_mm.iter().enumerate().any(close),
             "two values of heights_mm differ by less than 1 mm",

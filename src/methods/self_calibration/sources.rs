@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 
+use super::cycle_setup::CycleSetup;
 use super::model::{Observation, UnknownsLayout};
 use super::settings::SpindleMode;
-use super::setup::CycleSetup;
-use crate::identification::declared::{
-    RotaryErrorMotion, angular_motion_patterns, drift_mm_per_s, half_backlash_mm, linear_motion_patterns,
+use crate::identification::declared_sources::{
+    RotaryErrorMotion, angular_motion_patterns, drift_rate_sd_mm_per_s, half_backlash_mm, linear_motion_patterns,
     lobing_patterns, repeatability_mm, resolution_u_mm, rotary_error_motions, stylus_offset_u_mm,
 };
 use crate::identification::{self, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource};
@@ -33,7 +33,7 @@ pub fn uncertainty_sources(
         source_absent_in_residuals("stylus offset", touches.stylus_offset_columns(setup.settings.spindle)),
         source_absent_in_residuals("probe lobing", touches.lobing_columns(setup.settings.spindle)),
         source_absent_in_residuals("backlash", touches.backlash_columns()),
-        source_absent_in_residuals("error motions of X, Y and Z", touches.linear_axis_columns()),
+        source_absent_in_residuals("error motions of X, Y and Z", touches.linear_axis_error_columns()),
         source_absent_in_residuals("angular error motions of X, Y and Z", touches.angular_motion_columns()),
     ];
     if layout.drift_order == 0 {
@@ -45,7 +45,7 @@ pub fn uncertainty_sources(
 
 /// A normal source of joint draws that does not contribute to the expectation of χ².
 fn source_absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
-    UncertaintySource::unweighted(name, columns, ResidualTreatment::Absent)
+    UncertaintySource::new_unweighted(name, columns, ResidualTreatment::ExcludedFromChi2)
 }
 
 /// Error motions of the measured axis: the uncertainty of the known ones, and the declared ones at orders that are
@@ -59,9 +59,9 @@ pub fn rotary_axis_sources(
     let CycleSetup { plan, axis, known_motions, .. } = setup;
     // Commanded angles of the observations within a revolution, rad.
     let commanded_angle =
-        |observation: &Observation| layout.design.grid_angle(observation.c_index) * axis.rotation_sense;
+        |observation: &Observation| layout.design.grid_angle_rad(observation.c_index) * axis.clockwise_sign;
     let angles: Vec<f64> = observations.iter().map(commanded_angle).collect();
-    let by_component = |component| radii_by_motion(setup, layout, observations, component);
+    let by_component = |component| radius_derivatives_by_motion(setup, layout, observations, component);
     let is_lost = |error: &ErrorParameter| match error.shape() {
         ErrorShape::Cos(n) | ErrorShape::Sin(n) => (n as usize).is_multiple_of(layout.design.position_count),
         _ => false,
@@ -71,19 +71,19 @@ pub fn rotary_axis_sources(
         let RotaryErrorMotion { error, .. } = motion;
         error.axis() == axis.axis && is_lost(error) && !known_motions.has_component(error.component())
     });
-    let column = |RotaryErrorMotion { error, size_mm }| {
+    let column = |RotaryErrorMotion { error, amplitude_sd_mm: size_mm }| {
         let by = by_component(error.component());
         angles.iter().zip(by).map(|(angle, by)| size_mm * error.shape_factor(*angle) * by).collect()
     };
     let name = format!("error motions of {}", axis.axis);
     let mut list = vec![source_absent_in_residuals(&name, declared.map(column).collect())];
-    list.extend(known_motions.sources(&angles, by_component));
+    list.extend(known_motions.uncertainty_sources(&angles, by_component));
     list.retain(|source| !source.is_zero());
     list
 }
 
 /// Derivative of each radius by an error motion of the axis along or about `component`.
-fn radii_by_motion(
+fn radius_derivatives_by_motion(
     setup: &CycleSetup<'_>,
     layout: &UnknownsLayout,
     observations: &[Observation],
@@ -92,10 +92,10 @@ fn radii_by_motion(
     let of_radius = |observation: &Observation| {
         let normal = layout.ray_direction(observation.phi_index);
         let across = Vector3::z().cross(&normal);
-        let centre = setup.axis.point_at_height(setup.heights[observation.height])
+        let centre = setup.axis.axis_point_at_height(setup.heights[observation.height_index])
             + observation.radius_mm * normal
             + observation.lateral_mm * across;
-        setup.axis.radius_by_motion(component, centre, normal)
+        setup.axis.radius_derivative_by_motion(component, centre, normal)
     };
     observations.iter().map(of_radius).collect()
 }
@@ -115,7 +115,8 @@ impl<'a> CycleTouches<'a> {
         let CycleSetup { plan, heights, .. } = setup;
         let normals: Vec<Vector3<f64>> = observations.iter().map(|s| layout.ray_direction(s.phi_index)).collect();
         let mean = heights.iter().sum::<f64>() / heights.len() as f64;
-        let point = |(s, n): (&Observation, &Vector3<f64>)| n * s.radius_mm + Vector3::z() * (heights[s.height] - mean);
+        let point =
+            |(s, n): (&Observation, &Vector3<f64>)| n * s.radius_mm + Vector3::z() * (heights[s.height_index] - mean);
         let points = observations.iter().zip(&normals).map(point).collect();
         Self { plan, observations, normals, points }
     }
@@ -139,7 +140,7 @@ impl<'a> CycleTouches<'a> {
 
     /// Drift of X, Y and the radius at the declared rates.
     fn drift_columns(&self, seconds_per_unit: f64) -> Vec<Vec<f64>> {
-        let rate = drift_mm_per_s(self.plan) * seconds_per_unit;
+        let rate = drift_rate_sd_mm_per_s(self.plan) * seconds_per_unit;
         let column = |component: fn(&Vector3<f64>) -> f64| {
             let touches = self.observations.iter().zip(&self.normals);
             touches.map(|(s, n)| rate * s.relative_time * component(n)).collect()
@@ -157,7 +158,7 @@ impl<'a> CycleTouches<'a> {
     /// straightness. A rotation about Z acts across the ray.
     fn angular_motion_columns(&self) -> Vec<Vec<f64>> {
         let column = |(error, angles): (ErrorParameter, Vec<f64>)| {
-            let about = error.component().direction();
+            let about = error.component().nominal_direction();
             let along = self.points.iter().zip(&self.normals).map(|(p, n)| about.cross(p).dot(n));
             along.zip(angles).map(|(along, angle)| along * angle).collect()
         };
@@ -165,7 +166,7 @@ impl<'a> CycleTouches<'a> {
     }
 
     /// Positioning and straightness errors of X, Y and Z along the ray. Those of Z are relative to the mean height.
-    fn linear_axis_columns(&self) -> Vec<Vec<f64>> {
+    fn linear_axis_error_columns(&self) -> Vec<Vec<f64>> {
         let along_ray = |pattern: &[f64], k: usize| -> Vec<f64> {
             pattern.iter().zip(&self.normals).map(|(value, n)| -value * n[k]).collect()
         };

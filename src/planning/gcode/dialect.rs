@@ -3,21 +3,21 @@
 use include_dir::{Dir, include_dir};
 use minijinja::Environment;
 
-use super::environment::template_environment;
+use super::dialect_options::{DialectOptions, ProbeFault};
+use super::dialect_spec::DialectSpec;
 use super::error::DialectError;
-use super::options::{DialectOptions, ProbeFault};
-use super::spec::DialectSpec;
+use super::template_environment::template_environment;
 use machine::record::machine::{Machine, Probe};
 use machine::record::motion::Motion;
 
 static DIALECT_FOLDERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../gcode-templates");
 
 /// Languages that have a reader.
-const READABLE_LANGUAGES: [&str; 1] = ["rs274"];
+const LANGUAGES_WITH_READER: [&str; 1] = ["rs274"];
 
 /// Time after which a probe that was switched on is ready, s; the heads of dialects whose control receives the text
 /// line by line wait as long.
-const PROBE_SETTLING_S: f64 = 1.0;
+const PROBE_SWITCH_ON_TIME_S: f64 = 1.0;
 
 /// Format of programs for one control: words, decimals and a template for each neutral motion. If a motion has no
 /// template, the control cannot execute it.
@@ -34,14 +34,15 @@ impl Dialect {
     /// # Errors
     /// The name is unknown (the error lists the known names), or the folder is not complete.
     pub fn from_name(name: &str) -> Result<Self, DialectError> {
-        let folder = DIALECT_FOLDERS
-            .get_dir(name)
-            .ok_or_else(|| DialectError::UnknownDialect { name: name.to_owned(), known: Self::names() })?;
+        let folder = DIALECT_FOLDERS.get_dir(name).ok_or_else(|| DialectError::UnknownDialect {
+            name: name.to_owned(),
+            known: Self::available_dialect_names(),
+        })?;
         Self::from_folder(folder)
             .map_err(|reason| DialectError::InvalidFolder { folder: name.to_owned(), reason: reason.to_string() })
     }
 
-    fn names() -> Vec<String> {
+    fn available_dialect_names() -> Vec<String> {
         let mut names: Vec<_> = DIALECT_FOLDERS.dirs().map(|dir| dir.path().to_string_lossy().into_owned()).collect();
         names.sort();
         names
@@ -51,7 +52,7 @@ impl Dialect {
         let text =
             |path: &std::path::Path| folder.get_file(path).and_then(|file| file.contents_utf8()).unwrap_or_default();
         let spec: DialectSpec = toml::from_str(text(&folder.path().join("dialect.toml")))?;
-        if !READABLE_LANGUAGES.contains(&spec.language.as_str()) {
+        if !LANGUAGES_WITH_READER.contains(&spec.language.as_str()) {
             return Err(format!("unknown language `{}`", spec.language).into());
         }
         let mut templates = template_environment();
@@ -69,7 +70,7 @@ impl Dialect {
     }
 
     /// File extension of programs, without the dot.
-    pub fn extension(&self) -> &str {
+    pub fn program_file_extension(&self) -> &str {
         &self.spec.extension
     }
 
@@ -78,33 +79,33 @@ impl Dialect {
     /// # Errors
     /// A command is not exactly one M word, already has another meaning, or has two meanings; an input has a name
     /// that this control does not use.
-    pub fn with_options(mut self, machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
+    pub fn with_machine_options(mut self, machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
         let options = DialectOptions::new(machine, probe)?;
-        self.spec.inputs.check("[probe] error_input", options.error_input.as_deref())?;
-        self.spec.inputs.check("[probe] battery_input", options.battery_input.as_deref())?;
+        self.spec.inputs.check_input_name("[probe] error_input", options.probe_error_input.as_deref())?;
+        self.spec.inputs.check_input_name("[probe] battery_input", options.probe_battery_input.as_deref())?;
         self.options = options;
         Ok(self)
     }
 
     /// Returns the same dialect without the command that switches the probe off: for a control that receives one
     /// program per block, and the command that switches the probe off in a program of its own.
-    pub fn without_probe_off(&self) -> Self {
+    pub fn without_probe_off_command(&self) -> Self {
         let mut same = self.clone();
-        same.options.probe_off = None;
+        same.options.probe_off_command = None;
         same
     }
 
     pub fn has_probe_on_command(&self) -> bool {
-        self.options.probe_on.is_some()
+        self.options.probe_on_command.is_some()
     }
 
     pub fn has_probe_off_command(&self) -> bool {
-        self.options.probe_off.is_some()
+        self.options.probe_off_command.is_some()
     }
 
     /// Time after the head until the switched devices are ready, s; `None` if the head switches nothing.
-    pub fn settling_time_s(&self) -> Option<f64> {
-        let probe = self.options.probe_on.iter().map(|_| PROBE_SETTLING_S);
+    pub fn settling_time_after_head_s(&self) -> Option<f64> {
+        let probe = self.options.probe_on_command.iter().map(|_| PROBE_SWITCH_ON_TIME_S);
         let clamps = self.options.clamps.values().map(|clamp| clamp.wait_s);
         probe.chain(clamps).reduce(f64::max)
     }
@@ -117,9 +118,11 @@ impl Dialect {
     }
 
     /// Inputs that report the state of the probe, and the fault that each reports when it is on.
-    pub fn health_inputs(&self) -> impl Iterator<Item = (&str, ProbeFault)> {
-        let inputs =
-            [(&self.options.error_input, ProbeFault::Error), (&self.options.battery_input, ProbeFault::Battery)];
+    pub fn probe_health_inputs(&self) -> impl Iterator<Item = (&str, ProbeFault)> {
+        let inputs = [
+            (&self.options.probe_error_input, ProbeFault::ErrorReported),
+            (&self.options.probe_battery_input, ProbeFault::LowBattery),
+        ];
         inputs.into_iter().filter_map(|(input, fault)| Some((input.as_deref()?, fault)))
     }
 }

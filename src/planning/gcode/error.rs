@@ -1,4 +1,4 @@
-//! Errors between motion and text.
+//! Errors of dialects, of rendering motions as text, and of the comparison of the text with its motions.
 
 use machine::Axis;
 
@@ -31,37 +31,38 @@ impl DialectError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RenderError {
     #[error("the value {0} is not a finite number")]
-    NotFinite(f64),
+    ValueNotFinite(f64),
     #[error("the dialect {dialect} has no template `{missing_template}`: the control does not support this motion")]
-    Unsupported { dialect: String, missing_template: &'static str },
+    MissingTemplate { dialect: String, missing_template: &'static str },
     #[error("the dialect {dialect} has no word for the axis {axis}")]
-    NoWord { dialect: String, axis: Axis },
+    NoWordForAxis { dialect: String, axis: Axis },
     #[error("the step number {0} is too large for an N word (at most 99999)")]
-    StepTooLarge(u32),
+    StepNumberTooLarge(u32),
     #[error("a motion has no target axis")]
-    NoTarget,
+    MotionWithoutTargetAxis,
     #[error("template `{template}`: {reason}")]
-    Template { template: String, reason: String },
+    TemplateFailed { template: String, reason: String },
 }
 
 impl RenderError {
     /// What the operator should do next. Nothing has been sent.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Unsupported { missing_template: "orient", .. } => {
+            RenderError::MissingTemplate { missing_template: "orient", .. } => {
                 "write spindle = \"fixed\" in the method's section of the machine file, or choose a \
                  dialect that orients the spindle"
                     .to_owned()
             }
-            Self::Unsupported { dialect, missing_template } => {
+            RenderError::MissingTemplate { dialect, missing_template } => {
                 format!("choose another dialect, or add gcode-templates/{dialect}/{missing_template}.j2")
             }
-            Self::NoWord { dialect, axis } => {
+            RenderError::NoWordForAxis { dialect, axis } => {
                 format!("choose another dialect, or add {axis} to gcode-templates/{dialect}/dialect.toml")
             }
-            Self::NotFinite(_) | Self::StepTooLarge(_) | Self::NoTarget | Self::Template { .. } => {
-                "report this error with the plan".to_owned()
-            }
+            RenderError::ValueNotFinite(_)
+            | RenderError::StepNumberTooLarge(_)
+            | RenderError::MotionWithoutTargetAxis
+            | RenderError::TemplateFailed { .. } => "report this error with the plan".to_owned(),
         }
     }
 }
@@ -70,7 +71,7 @@ impl RenderError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReadBackMismatch {
     #[error("the program has {read} motions instead of {expected}")]
-    MotionCount { expected: usize, read: usize },
+    MotionCountDiffers { expected: usize, read: usize },
     #[error("line {line} of the program differs from step {step}: {reason}")]
-    Motion { step: u32, line: usize, reason: String },
+    MotionDiffers { step: u32, line: usize, reason: String },
 }

@@ -3,11 +3,11 @@
 use super::rs274::{self, DeclaredCommands, ReadMotion};
 use testing::fuzz::fuzz_parser;
 
-const GRBL_PROGRAM: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
-const LINUXCNC_PROGRAM: &[u8] = include_bytes!("../../../gcode-templates/linuxcnc/golden.ngc");
+const GRBL_GOLDEN_PROGRAM: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
+const LINUXCNC_GOLDEN_PROGRAM: &[u8] = include_bytes!("../../../gcode-templates/linuxcnc/golden.ngc");
 
 #[test]
-fn the_reader_accepts_or_refuses_any_text() {
+fn reader_gives_finite_motions_or_an_error_for_any_text() {
     let words = [
         "G0 ",
         "G1",
@@ -37,27 +37,27 @@ fn the_reader_accepts_or_refuses_any_text() {
         "\n",
         "\n",
     ];
-    fuzz_parser("gcode-rs274", &[GRBL_PROGRAM, LINUXCNC_PROGRAM], &words, |input| {
+    fuzz_parser("gcode-rs274", &[GRBL_GOLDEN_PROGRAM, LINUXCNC_GOLDEN_PROGRAM], &words, |input| {
         let text = String::from_utf8_lossy(input);
         let read = || rs274::read_program(&text, Some("G59.3"), &DeclaredCommands::default());
         assert_eq!(read(), read());
         let Ok(motions) = read() else { return 0 };
         for motion in &motions {
-            assert!(is_finite(motion), "{motion:?}");
+            assert!(has_only_finite_values(motion), "{motion:?}");
         }
         assert!(motions.len() <= text.lines().count());
         size_of_val(motions.as_slice())
     });
 }
 
-fn is_finite(motion: &ReadMotion) -> bool {
+fn has_only_finite_values(motion: &ReadMotion) -> bool {
     let of_kind = match motion.kind {
         rs274::MotionKind::Dwell { seconds } => seconds,
         rs274::MotionKind::Orient { s } => s,
         rs274::MotionKind::Rapid
         | rs274::MotionKind::Feed
         | rs274::MotionKind::Probe { .. }
-        | rs274::MotionKind::Stop => 0.0,
+        | rs274::MotionKind::ProgramStop => 0.0,
     };
     let target = motion.target.iter().map(|(_, value)| value);
     target.chain(motion.feed_mm_min).chain([of_kind]).all(f64::is_finite)

@@ -22,7 +22,7 @@ impl Dialect {
 
     /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and
     /// a small allowance for the decimal fraction itself.
-    pub fn rounding_tolerance(&self, axis: Axis) -> f64 {
+    pub fn position_rounding_tolerance(&self, axis: Axis) -> f64 {
         let decimals = match axis {
             Axis::S => return axis.to_mm_or_rad(THIRD_DECIMAL_TOLERANCE),
             axis if axis.is_linear() => self.spec.decimals_mm,
@@ -36,17 +36,22 @@ impl Dialect {
     ///
     /// # Errors
     /// The first motion that has another meaning.
-    pub fn check_motions(&self, step: u32, expected: &[Motion], read: &[ReadMotion]) -> Result<(), ReadBackMismatch> {
+    pub fn check_read_motions(
+        &self,
+        step: u32,
+        expected: &[Motion],
+        read: &[ReadMotion],
+    ) -> Result<(), ReadBackMismatch> {
         if expected.len() != read.len() {
-            return Err(ReadBackMismatch::MotionCount { expected: expected.len(), read: read.len() });
+            return Err(ReadBackMismatch::MotionCountDiffers { expected: expected.len(), read: read.len() });
         }
         expected.iter().zip(read).try_for_each(|(motion, read)| {
-            let differs = |reason| ReadBackMismatch::Motion { step, line: read.line, reason };
-            self.check_motion(step, motion, read).map_err(differs)
+            let differs = |reason| ReadBackMismatch::MotionDiffers { step, line: read.line, reason };
+            self.check_read_motion(step, motion, read).map_err(differs)
         })
     }
 
-    fn check_motion(&self, step: u32, motion: &Motion, read: &ReadMotion) -> Result<(), String> {
+    fn check_read_motion(&self, step: u32, motion: &Motion, read: &ReadMotion) -> Result<(), String> {
         if read.step_number != Some(step) {
             return Err(format!("the N word is {:?}", read.step_number));
         }
@@ -59,11 +64,16 @@ impl Dialect {
             | (Motion::Guarded { to, feed_mm_min }, MotionKind::Probe { must_touch: false })
             | (Motion::Probe { to, feed_mm_min }, MotionKind::Probe { .. }) => (to, Some(*feed_mm_min)),
             (Motion::Dwell { seconds }, MotionKind::Dwell { seconds: read }) => {
-                return check_value("dwell", *seconds, read, THIRD_DECIMAL_TOLERANCE);
+                return check_value_within_tolerance("dwell", *seconds, read, THIRD_DECIMAL_TOLERANCE);
             }
             (Motion::Orient { s }, MotionKind::Orient { s: read }) => {
                 let turn = (s - read + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
-                return check_value("orientation", 0.0, Axis::S.to_mm_or_deg(turn), THIRD_DECIMAL_TOLERANCE);
+                return check_value_within_tolerance(
+                    "orientation",
+                    0.0,
+                    Axis::S.to_mm_or_deg(turn),
+                    THIRD_DECIMAL_TOLERANCE,
+                );
             }
             (_, kind) => return Err(format!("the motion is a {kind:?}")),
         };
@@ -72,11 +82,16 @@ impl Dialect {
         }
         for (axis, value) in to.iter() {
             let other = read.target.get(axis).ok_or_else(|| format!("{axis} does not move"))?;
-            let half_unit = axis.to_mm_or_deg(self.rounding_tolerance(axis));
-            check_value(&axis.to_string(), axis.to_mm_or_deg(value), axis.to_mm_or_deg(other), half_unit)?;
+            let half_unit = axis.to_mm_or_deg(self.position_rounding_tolerance(axis));
+            check_value_within_tolerance(
+                &axis.to_string(),
+                axis.to_mm_or_deg(value),
+                axis.to_mm_or_deg(other),
+                half_unit,
+            )?;
         }
         match (feed, read.feed_mm_min) {
-            (Some(feed), Some(read)) => check_value("feed", feed, read, THIRD_DECIMAL_TOLERANCE),
+            (Some(feed), Some(read)) => check_value_within_tolerance("feed", feed, read, THIRD_DECIMAL_TOLERANCE),
             (None, None) => Ok(()),
             _ => Err("the feed is missing or unexpected".to_owned()),
         }
@@ -84,7 +99,7 @@ impl Dialect {
 }
 
 /// Written so that a NaN on either side is refused.
-fn check_value(what: &str, expected: f64, read: f64, tolerance: f64) -> Result<(), String> {
+fn check_value_within_tolerance(what: &str, expected: f64, read: f64, tolerance: f64) -> Result<(), String> {
     if (expected - read).abs() <= tolerance {
         return Ok(());
     }

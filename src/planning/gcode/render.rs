@@ -10,27 +10,28 @@ use machine::{Axis, Position};
 use minijinja::Error;
 use minijinja::value::Value;
 
+/// Largest step number in an N word.
 const MAX_STEP_NUMBER: u32 = 99_999;
 
-/// Inputs of head and foot.
+/// Values for the head and the foot of a program.
 #[derive(Debug, Clone, Copy)]
-pub struct ProgramHeader<'a> {
+pub struct HeadAndFootValues<'a> {
     /// A comment for the reader of the program.
     pub title: &'a str,
     /// The machine's axes.
     pub axes: &'a [Axis],
     /// Absolute path of the results file, on a control that writes one itself.
-    pub log: Option<&'a str>,
+    pub result_log_path: Option<&'a str>,
 }
 
 impl Dialect {
     /// The lines that set all modal state.
-    pub fn render_head(&self, program: &ProgramHeader) -> Result<Vec<String>, RenderError> {
+    pub fn render_head(&self, program: &HeadAndFootValues) -> Result<Vec<String>, RenderError> {
         render_head_or_foot(self, "head", program)
     }
 
     /// The lines that restore what the head changed, as far as the language allows.
-    pub fn render_foot(&self, program: &ProgramHeader) -> Result<Vec<String>, RenderError> {
+    pub fn render_foot(&self, program: &HeadAndFootValues) -> Result<Vec<String>, RenderError> {
         render_head_or_foot(self, "foot", program)
     }
 
@@ -40,7 +41,7 @@ impl Dialect {
     /// A value is not finite, an axis has no word, or the control cannot execute the motion.
     pub fn render_block(&self, block: &Block) -> Result<Vec<String>, RenderError> {
         if block.step > MAX_STEP_NUMBER {
-            return Err(RenderError::StepTooLarge(block.step));
+            return Err(RenderError::StepNumberTooLarge(block.step));
         }
         let mut all = Vec::new();
         for (i, motion) in block.motions.iter().enumerate() {
@@ -49,7 +50,7 @@ impl Dialect {
             names.push(("repeat", Value::from(block.repeat)));
             // Number of the motion within its block.
             names.push(("i", Value::from(i)));
-            all.extend(render_lines(self, template, names)?);
+            all.extend(render_template_lines(self, template, names)?);
         }
         Ok(all)
     }
@@ -60,13 +61,13 @@ impl Dialect {
     /// The control has no such stop.
     pub fn render_prompt(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
         if step > MAX_STEP_NUMBER {
-            return Err(RenderError::StepTooLarge(step));
+            return Err(RenderError::StepNumberTooLarge(step));
         }
-        render_lines(self, "ask", vec![("n", step.into()), ("text", comment_text(text).into())])
+        render_template_lines(self, "ask", vec![("n", step.into()), ("text", safe_comment_text(text).into())])
     }
 
     /// A whole program: head, blocks, foot; each line ends with a newline.
-    pub fn render_program(&self, program: &ProgramHeader, blocks: &[Block]) -> Result<String, RenderError> {
+    pub fn render_program(&self, program: &HeadAndFootValues, blocks: &[Block]) -> Result<String, RenderError> {
         let mut lines = self.render_head(program)?;
         for block in blocks {
             lines.extend(self.render_block(block)?);
@@ -82,19 +83,19 @@ type TemplateValues = Vec<(&'static str, Value)>;
 fn render_head_or_foot(
     dialect: &Dialect,
     template: &'static str,
-    program: &ProgramHeader,
+    program: &HeadAndFootValues,
 ) -> Result<Vec<String>, RenderError> {
-    let title = comment_text(program.title);
+    let title = safe_comment_text(program.title);
     let axes = program.axes.iter().filter(|axis| dialect.spec.axes.contains(axis));
     let letters: Value = axes.map(|axis| Value::from(axis.letter())).collect();
     let mut names = vec![("title", Value::from(title)), ("axes", letters)];
-    names.extend(program.log.map(|log| ("log", Value::from(log))));
+    names.extend(program.result_log_path.map(|log| ("log", Value::from(log))));
     names.extend(dialect.options.template_values(None));
-    render_lines(dialect, template, names)
+    render_template_lines(dialect, template, names)
 }
 
-/// Removes characters such as a bracket or a percent sign, which would end the comment or the program.
-fn comment_text(text: &str) -> String {
+/// Replaces special characters by blanks, because a bracket would end the comment, and a percent sign the program.
+fn safe_comment_text(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
     text.chars().map(|c| if plain(c) { c } else { ' ' }).collect()
 }
@@ -103,7 +104,7 @@ fn comment_text(text: &str) -> String {
 /// `to`, also the machine's options (`options`).
 fn motion_template(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, TemplateValues), RenderError> {
     let moving = |template, to: &Position, feed: Option<f64>| {
-        let mut names = vec![("to", axis_words(dialect, to)?)];
+        let mut names = vec![("to", axis_word_values(dialect, to)?)];
         names.extend(dialect.options.template_values(Some(to)));
         names.extend(feed.map(|feed| ("feed", Value::from(feed))));
         Ok((template, names))
@@ -124,15 +125,15 @@ fn motion_template(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, 
 }
 
 /// Axis words: `letter`, `value` (mm or degrees), `decimals`.
-fn axis_words(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
+fn axis_word_values(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
     if to.is_empty() {
-        return Err(RenderError::NoTarget);
+        return Err(RenderError::MotionWithoutTargetAxis);
     }
     let spec = &dialect.spec;
     to.iter()
         .map(|(axis, value)| {
             if !spec.axes.contains(&axis) {
-                return Err(RenderError::NoWord { dialect: spec.name.clone(), axis });
+                return Err(RenderError::NoWordForAxis { dialect: spec.name.clone(), axis });
             }
             let decimals = if axis.is_linear() { spec.decimals_mm } else { spec.decimals_deg };
             Ok(Value::from_pairs([
@@ -144,15 +145,20 @@ fn axis_words(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
         .collect()
 }
 
-fn render_lines(dialect: &Dialect, template: &'static str, names: TemplateValues) -> Result<Vec<String>, RenderError> {
-    let unsupported = |_| RenderError::Unsupported { dialect: dialect.spec.name.clone(), missing_template: template };
+fn render_template_lines(
+    dialect: &Dialect,
+    template: &'static str,
+    names: TemplateValues,
+) -> Result<Vec<String>, RenderError> {
+    let unsupported =
+        |_| RenderError::MissingTemplate { dialect: dialect.spec.name.clone(), missing_template: template };
     let found = dialect.templates.get_template(template).map_err(unsupported)?;
-    let text = found.render(Value::from_pairs(names)).map_err(|error| template_error(template, &error))?;
+    let text = found.render(Value::from_pairs(names)).map_err(|error| render_error_from_template(template, &error))?;
     Ok(text.lines().map(str::to_owned).collect())
 }
 
-/// The error of the filter `num`, if it is the cause.
-fn template_error(template: &str, error: &Error) -> RenderError {
+/// The error of the filter `num` if it is the cause, otherwise an error of the template.
+fn render_error_from_template(template: &str, error: &Error) -> RenderError {
     let mut cause = error.source();
     while let Some(inner) = cause {
         if let Some(own) = inner.downcast_ref::<RenderError>() {
@@ -160,5 +166,5 @@ fn template_error(template: &str, error: &Error) -> RenderError {
         }
         cause = inner.source();
     }
-    RenderError::Template { template: template.to_owned(), reason: error.to_string() }
+    RenderError::TemplateFailed { template: template.to_owned(), reason: error.to_string() }
 }

@@ -2,20 +2,20 @@
 
 use super::dialect::Dialect;
 use super::error::RenderError;
-use super::render::ProgramHeader;
+use super::render::HeadAndFootValues;
 use machine::Axis;
 use machine::record::motion::{Block, Motion};
 
 /// Form in which a control receives blocks. The driver declares it; the proof reads exactly the text that is sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Transmission {
+pub enum TransmissionForm {
     /// Single lines, each shorter than `max_line_bytes`. The modes that the head sets remain active until the foot.
     Lines { max_line_bytes: usize },
     /// A program with a head and a foot for each part of a block. A part ends after a back-off, because the probe
     /// must read open before the next move. The control writes its results to the file `log`.
     Programs { log: String },
     /// Rows of a table that a program in the control executes: the motions as read back from the text.
-    Rows,
+    TableRows,
 }
 
 /// Text that is sent at once: the lines of one motion, or one program.
@@ -32,12 +32,12 @@ pub struct TransmissionUnit {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TransmissionText {
     /// The units of each block.
-    pub blocks: Vec<Vec<TransmissionUnit>>,
+    pub units_by_block: Vec<Vec<TransmissionUnit>>,
     /// The programs that a reader must read, each from an unknown state: the whole text, in the order of
     /// transmission.
     pub programs: Vec<String>,
     /// Number of lines of the programs before the first unit.
-    pub head_lines: usize,
+    pub head_line_count: usize,
 }
 
 impl Dialect {
@@ -47,53 +47,59 @@ impl Dialect {
     /// A block cannot be rendered.
     pub(crate) fn render_for_transmission(
         &self,
-        transmission: &Transmission,
+        transmission: &TransmissionForm,
         axes: &[Axis],
         blocks: &[Block],
     ) -> Result<TransmissionText, RenderError> {
         match transmission {
-            Transmission::Lines { .. } | Transmission::Rows => self.render_lines_text(axes, blocks),
-            Transmission::Programs { log } => self.render_programs(axes, log, blocks),
+            TransmissionForm::Lines { .. } | TransmissionForm::TableRows => self.render_unit_per_motion(axes, blocks),
+            TransmissionForm::Programs { log } => self.render_program_per_block_part(axes, log, blocks),
         }
     }
 
     /// Renders one program, with a unit for each motion.
-    fn render_lines_text(&self, axes: &[Axis], blocks: &[Block]) -> Result<TransmissionText, RenderError> {
-        let program = ProgramHeader { title: "stage", axes, log: None };
+    fn render_unit_per_motion(&self, axes: &[Axis], blocks: &[Block]) -> Result<TransmissionText, RenderError> {
+        let program = HeadAndFootValues { title: "stage", axes, result_log_path: None };
         let mut text = join_lines(self.render_head(&program)?);
         let head_lines = text.lines().count();
         let mut all = Vec::new();
         for block in blocks {
             let units: Vec<TransmissionUnit> =
-                block.motions.iter().map(|m| self.line_unit(block, m)).collect::<Result<_, _>>()?;
+                block.motions.iter().map(|m| self.render_motion_unit(block, m)).collect::<Result<_, _>>()?;
             text.extend(units.iter().map(|unit| unit.text.as_str()));
             all.push(units);
         }
         text += &join_lines(self.render_foot(&program)?);
-        Ok(TransmissionText { blocks: all, programs: vec![text], head_lines })
+        Ok(TransmissionText { units_by_block: all, programs: vec![text], head_line_count: head_lines })
     }
 
-    fn line_unit(&self, block: &Block, motion: &Motion) -> Result<TransmissionUnit, RenderError> {
+    fn render_motion_unit(&self, block: &Block, motion: &Motion) -> Result<TransmissionUnit, RenderError> {
         let motions = vec![motion.clone()];
         let lines = self.render_block(&Block { motions: motions.clone(), ..*block })?;
         Ok(TransmissionUnit { motions, text: join_lines(lines), clamp_wait_s: self.clamp_wait_s(motion) })
     }
 
     /// Renders a program for each part of a block. The probe stays on from program to program.
-    fn render_programs(&self, axes: &[Axis], log: &str, blocks: &[Block]) -> Result<TransmissionText, RenderError> {
-        let dialect = self.without_probe_off();
+    fn render_program_per_block_part(
+        &self,
+        axes: &[Axis],
+        log: &str,
+        blocks: &[Block],
+    ) -> Result<TransmissionText, RenderError> {
+        let dialect = self.without_probe_off_command();
         let mut all = Vec::new();
         for block in blocks {
             let parts = block.motions.split_inclusive(is_back_off);
-            let units: Vec<TransmissionUnit> =
-                parts.map(|motions| dialect.program_unit(axes, log, block, motions)).collect::<Result<_, _>>()?;
+            let units: Vec<TransmissionUnit> = parts
+                .map(|motions| dialect.render_program_unit(axes, log, block, motions))
+                .collect::<Result<_, _>>()?;
             all.push(units);
         }
         let programs = all.iter().flatten().map(|unit| unit.text.clone()).collect();
-        Ok(TransmissionText { blocks: all, programs, head_lines: 0 })
+        Ok(TransmissionText { units_by_block: all, programs, head_line_count: 0 })
     }
 
-    fn program_unit(
+    fn render_program_unit(
         &self,
         axes: &[Axis],
         log: &str,
@@ -101,7 +107,7 @@ impl Dialect {
         motions: &[Motion],
     ) -> Result<TransmissionUnit, RenderError> {
         let title = format!("step {} repeat {}", block.step, block.repeat);
-        let program = ProgramHeader { title: &title, axes, log: Some(log) };
+        let program = HeadAndFootValues { title: &title, axes, result_log_path: Some(log) };
         let motions = motions.to_vec();
         let part = Block { motions: motions.clone(), ..*block };
         let text = self.render_program(&program, std::slice::from_ref(&part))?;

@@ -54,7 +54,7 @@ impl CollisionShape {
         }
     }
 
-    pub fn from_part(part: &ArtefactBody) -> Self {
+    pub fn from_artefact_body(part: &ArtefactBody) -> Self {
         match part.shape {
             artefact::BodyShape::Ball { centre, radius } => Self::ball(centre, radius),
             artefact::BodyShape::Cylinder { from, to, radius } => Self::cylinder(from, to, radius),
@@ -70,13 +70,13 @@ impl CollisionShape {
     }
 
     /// Centre (carrier frame) and radius, if the shape is a ball.
-    pub fn as_ball(&self) -> Option<(Vector3<f64>, f64)> {
+    pub fn ball_centre_and_radius(&self) -> Option<(Vector3<f64>, f64)> {
         let ball = matches!(self.core, ShapeCore::Point);
         ball.then_some((self.carrier_from_core.translation.vector, self.rounding_radius))
     }
 
     /// Bounding ball of the shape, carrier frame.
-    pub fn bounds(&self) -> (Vector3<f64>, f64) {
+    pub fn bounding_ball(&self) -> (Vector3<f64>, f64) {
         let radius = match self.core {
             ShapeCore::Point => 0.0,
             ShapeCore::Cylinder(cylinder) => cylinder.half_height.hypot(cylinder.radius),
@@ -86,7 +86,7 @@ impl CollisionShape {
     }
 
     /// Points and a radius: the shape lies in the convex hull of the balls about the points, carrier frame.
-    pub fn corners(&self) -> (Vec<Vector3<f64>>, f64) {
+    pub fn hull_points_and_radius(&self) -> (Vec<Vector3<f64>>, f64) {
         let (points, radius) = match self.core {
             ShapeCore::Point => (vec![Vector3::zeros()], 0.0),
             ShapeCore::Cylinder(cylinder) => {
@@ -105,7 +105,7 @@ impl CollisionShape {
     }
 
     /// Distance of a point (carrier frame) from the shape; 0 inside.
-    pub fn distance(&self, point: Vector3<f64>) -> f64 {
+    pub fn distance_to_point(&self, point: Vector3<f64>) -> f64 {
         let local = self.carrier_from_core.inverse_transform_point(&point.into()).coords;
         let distance = match self.core {
             ShapeCore::Point => local.norm(),
@@ -115,21 +115,21 @@ impl CollisionShape {
         (distance - self.rounding_radius).max(0.0)
     }
 
-    pub fn in_machine_frame(&self, machine_from_carrier: &Pose) -> MachineShape {
+    pub fn in_machine_frame(&self, machine_from_carrier: &Pose) -> ShapeInMachineFrame {
         let machine_from_core = *machine_from_carrier * self.carrier_from_core;
-        MachineShape { core: self.core, rounding_radius: self.rounding_radius, machine_from_core }
+        ShapeInMachineFrame { core: self.core, rounding_radius: self.rounding_radius, machine_from_core }
     }
 }
 
 /// A shape in the machine frame.
-pub struct MachineShape {
+pub struct ShapeInMachineFrame {
     core: ShapeCore,
     pub rounding_radius: f64,
     pub machine_from_core: Pose,
 }
 
 /// Support of the core; the gap subtracts the rounding radius.
-impl SupportMapping for MachineShape {
+impl SupportMapping for ShapeInMachineFrame {
     fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
         let local = self.machine_from_core.inverse_transform_vector(&direction);
         let point = match self.core {
@@ -144,15 +144,16 @@ impl SupportMapping for MachineShape {
 /// Role of a body in a touch. The touched bodies of the artefact are numbered.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BodyRole {
-    Touched(usize),
+    /// Body of the artefact that a touch may meet.
+    Touchable(usize),
     /// Stem that carries a touched body and moves with it.
-    StemOf(usize),
+    StemOfTouchable(usize),
     /// Part of the artefact that is neither touched nor the stem of a touched body.
-    ArtefactFrame,
+    OtherArtefactPart,
     /// A datum cylinder, which displacement sensors measure.
     DatumCylinder,
     /// The body of a displacement sensor in the spindle or on the bed.
-    Sensor,
+    SpindleOrBedSensor,
     /// The body of a displacement sensor on the table, which measures the stylus ball.
     TableSensor {
         /// Gap to the ball at the near end of the range, at most the margin, mm.
@@ -161,7 +162,7 @@ pub enum BodyRole {
     StylusBall,
     /// Stem of the stylus: the probe detects contact with it as well.
     StylusStem,
-    Other,
+    OtherBody,
 }
 
 /// A body that nothing else may collide with.
@@ -171,6 +172,6 @@ pub struct CollisionBody {
     pub role: BodyRole,
     pub shape: CollisionShape,
     pub carrier_chain: CarrierChain,
-    /// Corners of the shape, by [`CollisionShape::corners`].
-    pub corners: (Vec<Vector3<f64>>, f64),
+    /// Points and a radius: the shape lies in the convex hull of the balls about the points, carrier frame.
+    pub hull_points_and_radius: (Vec<Vector3<f64>>, f64),
 }

@@ -1,7 +1,7 @@
 //! Proven blocks for tests of drivers and controls, where no plan declares bodies.
 
-use super::proven::{ProvenBlock, StageProofError, read_back_block};
-use crate::gcode::{Dialect, DialectError, Transmission};
+use super::proven_blocks::{ProvenBlock, StageProofError, read_back_block};
+use crate::gcode::{Dialect, DialectError, TransmissionForm};
 use machine::record::motion::Block;
 use machine::{Axis, Position};
 
@@ -9,7 +9,7 @@ use machine::{Axis, Position};
 ///
 /// # Errors
 /// An unknown name.
-pub fn dialect(name: &str) -> Result<Dialect, DialectError> {
+pub fn load_dialect(name: &str) -> Result<Dialect, DialectError> {
     Dialect::from_name(name)
 }
 
@@ -18,25 +18,25 @@ pub fn dialect(name: &str) -> Result<Dialect, DialectError> {
 ///
 /// # Errors
 /// The block cannot be rendered, or the text does not agree with its motions.
-pub fn proven_block(
+pub fn prove_block_text(
     block: &Block,
     axes: &[Axis],
     dialect: &Dialect,
-    transmission: &Transmission,
+    transmission: &TransmissionForm,
 ) -> Result<ProvenBlock, StageProofError> {
-    proven_block_from(Position::new(), block, axes, dialect, transmission)
+    prove_block_text_from(Position::new(), block, axes, dialect, transmission)
 }
 
-/// Like [`proven_block`], from the position `begins`, at which the machine must be.
+/// Like [`prove_block_text`], from the position `begins`, at which the machine must be.
 ///
 /// # Errors
-/// As [`proven_block`].
-pub fn proven_block_from(
+/// As [`prove_block_text`].
+pub fn prove_block_text_from(
     begins: Position,
     block: &Block,
     axes: &[Axis],
     dialect: &Dialect,
-    transmission: &Transmission,
+    transmission: &TransmissionForm,
 ) -> Result<ProvenBlock, StageProofError> {
     let sent = dialect.render_for_transmission(transmission, axes, std::slice::from_ref(block))?;
     read_back_block(block, begins, dialect, transmission, sent)

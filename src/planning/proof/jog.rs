@@ -6,13 +6,13 @@
 //! closed, so a retract is a feed move, which contact does not stop. The operator chooses axis and sense: after an
 //! unexpected contact, the machine may not be at its position in the plan.
 
-use super::proven::{ProvenBlock, StageProofError, read_back_block, read_programs};
+use super::collision_scene::{ClearanceRule, CollisionScene};
+use super::motion_rules;
+use super::proven_blocks::{ProvenBlock, StageProofError, read_back_block, read_back_programs};
 use super::refusal::{ProofRefusal, RefusalReason};
-use super::rules;
-use super::scene::{ClearanceRule, Scene};
 use super::sweep::JointPath;
 use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
-use crate::gcode::{Dialect, Transmission};
+use crate::gcode::{Dialect, TransmissionForm};
 use machine::record::motion::Block;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
@@ -21,7 +21,7 @@ use machine::{Axis, Position};
 /// Maximum length of a jog, mm or degrees.
 const MAX_JOG_LENGTH_MM_OR_DEG: f64 = 10.0;
 /// Maximum length of a retract, mm.
-const MAX_RETRACT_MM: f64 = 2.0;
+const MAX_RETRACT_LENGTH_MM: f64 = 2.0;
 
 /// The move that a text must contain.
 #[derive(Debug, Clone, Copy)]
@@ -29,12 +29,12 @@ pub struct JogProofRequest<'a> {
     /// Machine, probe and bodies.
     pub plan: &'a Plan,
     /// Positions of all axes.
-    pub position: &'a Position,
+    pub start_position: &'a Position,
     pub axis: Axis,
     /// Target of the axis, mm or rad.
-    pub target: f64,
+    pub target_mm_or_rad: f64,
     /// Maximum feed, mm/min or degrees/min.
-    pub max_feed: f64,
+    pub max_feed_mm_or_deg_per_min: f64,
     pub dialect: &'a Dialect,
 }
 
@@ -45,10 +45,10 @@ pub struct JogProofRequest<'a> {
 /// The jog cannot be rendered; the first line that is wrong; the bodies that would come too near.
 pub fn prove_jog(
     request: &JogProofRequest<'_>,
-    transmission: &Transmission,
+    transmission: &TransmissionForm,
     block: &Block,
 ) -> Result<ProvenBlock, StageProofError> {
-    prove_move(request, transmission, block, check_jog)
+    prove_single_move(request, transmission, block, check_jog)
 }
 
 /// Renders a retract for its transmission, and proves that it moves this linear axis alone, to this target, by a
@@ -58,52 +58,52 @@ pub fn prove_jog(
 /// As [`prove_jog`].
 pub fn prove_retract(
     request: &JogProofRequest<'_>,
-    transmission: &Transmission,
+    transmission: &TransmissionForm,
     block: &Block,
 ) -> Result<ProvenBlock, StageProofError> {
-    prove_move(request, transmission, block, check_retract)
+    prove_single_move(request, transmission, block, check_retract)
 }
 
-type CheckResult = Result<Option<Clearance>, ProofRefusal>;
+type MinClearanceResult = Result<Option<Clearance>, ProofRefusal>;
 
-fn prove_move(
+fn prove_single_move(
     request: &JogProofRequest<'_>,
-    transmission: &Transmission,
+    transmission: &TransmissionForm,
     block: &Block,
-    check: fn(&JogProofRequest<'_>, &[String]) -> CheckResult,
+    check: fn(&JogProofRequest<'_>, &[String]) -> MinClearanceResult,
 ) -> Result<ProvenBlock, StageProofError> {
     let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
     let blocks = std::slice::from_ref(block);
     let sent = request.dialect.render_for_transmission(transmission, &axes, blocks)?;
     check(request, &sent.programs)?;
-    read_back_block(block, request.position.clone(), request.dialect, transmission, sent)
+    read_back_block(block, request.start_position.clone(), request.dialect, transmission, sent)
 }
 
 /// Checks a jog. Returns the smallest clearance, if there are bodies.
-pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> CheckResult {
+pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
     let motion = read_single_move(request, programs)?;
     let refusal = |reason: RefusalReason| reason.at_line(motion.line);
-    check_axis(request, &motion, MAX_JOG_LENGTH_MM_OR_DEG)
+    check_single_axis_move(request, &motion, MAX_JOG_LENGTH_MM_OR_DEG)
         .and_then(|()| check_guard_and_feed(request, &motion))
         .map_err(refusal)?;
-    check_clearance(request, &motion).map_err(refusal)
+    check_clearance_of_any_axis(request, &motion).map_err(refusal)
 }
 
 /// Checks a retract, like [`check_jog`].
-pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) -> CheckResult {
+pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
     let motion = read_single_move(request, programs)?;
     let refusal = |reason: RefusalReason| reason.at_line(motion.line);
-    check_axis(request, &motion, MAX_RETRACT_MM).map_err(refusal)?;
+    check_single_axis_move(request, &motion, MAX_RETRACT_LENGTH_MM).map_err(refusal)?;
     if motion.kind != MotionKind::Feed || !request.axis.is_linear() {
         return Err(refusal(RefusalReason::InvalidRetract));
     }
-    let max_feed = request.max_feed.min(request.plan.probe.search_feed_mm_min);
-    rules::check_max_feed("the retract", &motion, max_feed).map_err(refusal)?;
-    check_no_approach(request, &motion).map_err(refusal)
+    let max_feed = request.max_feed_mm_or_deg_per_min.min(request.plan.probe.search_feed_mm_min);
+    motion_rules::check_max_feed("the retract", &motion, max_feed).map_err(refusal)?;
+    check_no_body_is_approached(request, &motion).map_err(refusal)
 }
 
 fn read_single_move(request: &JogProofRequest<'_>, programs: &[String]) -> Result<ReadMotion, ProofRefusal> {
-    let motions = read_programs(request.dialect, programs)?;
+    let motions = read_back_programs(request.dialect, programs)?;
     <[ReadMotion; 1]>::try_from(motions)
         .map(|[motion]| motion)
         .map_err(|motions| RefusalReason::NotSingleMove(motions.len()).at_line(1))
@@ -111,22 +111,26 @@ fn read_single_move(request: &JogProofRequest<'_>, programs: &[String]) -> Resul
 
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
 /// longer than `longest`, mm or degrees.
-fn check_axis(request: &JogProofRequest<'_>, motion: &ReadMotion, longest: f64) -> Result<(), RefusalReason> {
+fn check_single_axis_move(
+    request: &JogProofRequest<'_>,
+    motion: &ReadMotion,
+    longest: f64,
+) -> Result<(), RefusalReason> {
     let JogProofRequest { plan, axis, dialect, .. } = *request;
     if let MotionFrame::Work(slot) = &motion.frame {
         return Err(RefusalReason::NotMachineCoordinates(slot.clone()));
     }
     if let Some((other, _)) = motion.target.iter().find(|(other, _)| *other != axis) {
-        return Err(RefusalReason::WrongAxis(other));
+        return Err(RefusalReason::UnrequestedAxis(other));
     }
-    let meant = Position::new().with(axis, request.target);
-    if let Some(off) = rules::find_axis_mismatch(&motion.target, &meant, dialect) {
+    let meant = Position::new().with(axis, request.target_mm_or_rad);
+    if let Some(off) = motion_rules::find_axis_mismatch(&motion.target, &meant, dialect) {
         return Err(off.into_refusal_reason(RefusalReason::WrongTarget));
     }
-    rules::check_limits(motion, &plan.machine, dialect)?;
-    let by = axis.to_mm_or_deg((request.target - request.position.get_or_zero(axis)).abs());
+    motion_rules::check_axis_limits(motion, &plan.machine, dialect)?;
+    let by = axis.to_mm_or_deg((request.target_mm_or_rad - request.start_position.get_or_zero(axis)).abs());
     if by > longest {
-        return Err(RefusalReason::JogTooLong { by, most: longest });
+        return Err(RefusalReason::MoveTooLong { by, most: longest });
     }
     Ok(())
 }
@@ -137,20 +141,23 @@ fn check_guard_and_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> R
     match motion.kind {
         // Moves of linear axes are guarded: contact stops them.
         MotionKind::Probe { must_touch: false } if axis.is_linear() => {
-            rules::braking_distance_mm(motion, &plan.machine, &plan.probe)?;
+            motion_rules::checked_braking_distance_mm(motion, &plan.machine, &plan.probe)?;
         }
         MotionKind::Feed if !axis.is_linear() => {}
         _ => return Err(RefusalReason::UnguardedJog),
     }
-    rules::check_max_feed("the jog", motion, request.max_feed)
+    motion_rules::check_max_feed("the jog", motion, request.max_feed_mm_or_deg_per_min)
 }
 
 /// Checks the clearance for every axis that the drives may actually move.
-fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, RefusalReason> {
-    let JogProofRequest { plan, position, axis, .. } = *request;
-    let scene = Scene::new(plan, &plan.artefact)?;
-    let from = rules::axis_commands(&plan.machine, position)?;
-    let by = axis.to_mm_or_deg((request.target - position.get_or_zero(axis)).abs());
+fn check_clearance_of_any_axis(
+    request: &JogProofRequest<'_>,
+    motion: &ReadMotion,
+) -> Result<Option<Clearance>, RefusalReason> {
+    let JogProofRequest { plan, start_position: position, axis, .. } = *request;
+    let scene = CollisionScene::new(plan, &plan.artefact)?;
+    let from = motion_rules::axis_commands(&plan.machine, position)?;
+    let by = axis.to_mm_or_deg((request.target_mm_or_rad - position.get_or_zero(axis)).abs());
     let mut nearest: Option<Clearance> = None;
     for moved in plan.machine.axes.keys().copied().filter(|moved| *moved != Axis::S) {
         for sense in [-1.0, 1.0] {
@@ -159,7 +166,8 @@ fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result
                 *command += sense * moved.to_mm_or_rad(by);
             }
             let most = nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
-            let nearest_pair = scene.nearest_pair(&JointPath { from, to }, &ClearanceRule::Unguarded, most)?;
+            let nearest_pair =
+                scene.check_path_and_find_nearest_pair(&JointPath { from, to }, &ClearanceRule::UnguardedMove, most)?;
             if let Some((clearance_mm, between)) = nearest_pair {
                 nearest = Some(Clearance { step: 0, line: motion.line, clearance_mm, between });
             }
@@ -169,14 +177,17 @@ fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result
 }
 
 /// Checks that no declared body is approached, at the assumed position of the machine.
-fn check_no_approach(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, RefusalReason> {
-    let JogProofRequest { plan, position, axis, target: to, .. } = *request;
-    let scene = Scene::new(plan, &plan.artefact)?;
+fn check_no_body_is_approached(
+    request: &JogProofRequest<'_>,
+    motion: &ReadMotion,
+) -> Result<Option<Clearance>, RefusalReason> {
+    let JogProofRequest { plan, start_position: position, axis, target_mm_or_rad: to, .. } = *request;
+    let scene = CollisionScene::new(plan, &plan.artefact)?;
     let joint_path = JointPath {
-        from: rules::axis_commands(&plan.machine, position)?,
-        to: rules::axis_commands(&plan.machine, &position.clone().with(axis, to))?,
+        from: motion_rules::axis_commands(&plan.machine, position)?,
+        to: motion_rules::axis_commands(&plan.machine, &position.clone().with(axis, to))?,
     };
-    let nearest_pair = scene.nearest_pair(&joint_path, &ClearanceRule::Retract, f64::INFINITY)?;
+    let nearest_pair = scene.check_path_and_find_nearest_pair(&joint_path, &ClearanceRule::Retract, f64::INFINITY)?;
     let line = motion.line;
     Ok(nearest_pair.map(|(clearance_mm, between)| Clearance { step: 0, line, clearance_mm, between }))
 }

@@ -1,44 +1,61 @@
 //! Proofs of a jog: its text, and bodies whose distances are computed by hand.
 
 use super::jog::{check_jog, check_retract};
-use super::tests::{beside, plan};
+use super::tests::{cylinder_touch_plan, position_beside_part};
 use super::{JogProofRequest, ProofRefusal, RefusalReason};
 use crate::gcode::Dialect;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
 use machine::{Axis, Position};
 
-type CheckResult<E> = Result<Option<Clearance>, E>;
+type MinClearanceResult<E> = Result<Option<Clearance>, E>;
 
-fn proven(plan: &Plan, lines: &str, target: (Axis, f64), position: &Position) -> CheckResult<RefusalReason> {
-    checked(plan, lines, target, position, check_jog)
+fn prove_jog_lines(
+    plan: &Plan,
+    lines: &str,
+    target: (Axis, f64),
+    position: &Position,
+) -> MinClearanceResult<RefusalReason> {
+    check_lines(plan, lines, target, position, check_jog)
 }
 
-fn retracted(plan: &Plan, lines: &str, target: (Axis, f64), position: &Position) -> CheckResult<RefusalReason> {
-    checked(plan, lines, target, position, check_retract)
+fn prove_retract_lines(
+    plan: &Plan,
+    lines: &str,
+    target: (Axis, f64),
+    position: &Position,
+) -> MinClearanceResult<RefusalReason> {
+    check_lines(plan, lines, target, position, check_retract)
 }
 
-fn checked(
+fn check_lines(
     plan: &Plan,
     lines: &str,
     (axis, to): (Axis, f64),
     position: &Position,
-    check: fn(&JogProofRequest<'_>, &[String]) -> CheckResult<ProofRefusal>,
-) -> CheckResult<RefusalReason> {
+    check: fn(&JogProofRequest<'_>, &[String]) -> MinClearanceResult<ProofRefusal>,
+) -> MinClearanceResult<RefusalReason> {
     let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}\n");
     let to = axis.to_mm_or_rad(to);
-    let request = JogProofRequest { plan, position, axis, target: to, max_feed: 60.0, dialect: &dialect };
+    let request = JogProofRequest {
+        plan,
+        start_position: position,
+        axis,
+        target_mm_or_rad: to,
+        max_feed_mm_or_deg_per_min: 60.0,
+        dialect: &dialect,
+    };
     check(&request, &[text]).map_err(|refusal| refusal.reason)
 }
 
 #[test]
 fn a_jog_moves_its_axis_alone_slowly_and_guarded() {
-    let plan = plan(|_| {});
-    let x = |lines: &str| proven(&plan, lines, (Axis::X, 101.0), &beside());
+    let plan = cylinder_touch_plan(|_| {});
+    let x = |lines: &str| prove_jog_lines(&plan, lines, (Axis::X, 101.0), &position_beside_part());
     assert!(x("N1 G38.3 X101 F60").is_ok());
-    assert_eq!(x("N1 G38.3 X101 Y1 F60"), Err(RefusalReason::WrongAxis(Axis::Y)));
-    assert_eq!(x("N1 G38.3 Y1 F60"), Err(RefusalReason::WrongAxis(Axis::Y)));
+    assert_eq!(x("N1 G38.3 X101 Y1 F60"), Err(RefusalReason::UnrequestedAxis(Axis::Y)));
+    assert_eq!(x("N1 G38.3 Y1 F60"), Err(RefusalReason::UnrequestedAxis(Axis::Y)));
     assert!(matches!(x("N1 G38.3 X102 F60"), Err(RefusalReason::WrongTarget(_))));
     assert!(matches!(x("N1 G38.3 X101 F600"), Err(RefusalReason::WrongFeed { .. })));
     assert_eq!(x("N1 G53 G0 X101"), Err(RefusalReason::UnguardedJog));
@@ -47,51 +64,51 @@ fn a_jog_moves_its_axis_alone_slowly_and_guarded() {
     assert_eq!(x("N1 G38.3 X101 F60\nN1 G38.3 X100 F60"), Err(RefusalReason::NotSingleMove(2)));
     assert!(matches!(x("G54\nN1 G38.3 X101 F60"), Err(RefusalReason::NotMachineCoordinates(_))));
 
-    let far = proven(&plan, "N1 G38.3 X140 F60", (Axis::X, 140.0), &beside());
-    assert_eq!(far, Err(RefusalReason::JogTooLong { by: 40.0, most: 10.0 }));
-    let beyond = proven(&plan, "N1 G38.3 X301 F60", (Axis::X, 301.0), &beside());
+    let far = prove_jog_lines(&plan, "N1 G38.3 X140 F60", (Axis::X, 140.0), &position_beside_part());
+    assert_eq!(far, Err(RefusalReason::MoveTooLong { by: 40.0, most: 10.0 }));
+    let beyond = prove_jog_lines(&plan, "N1 G38.3 X301 F60", (Axis::X, 301.0), &position_beside_part());
     assert!(matches!(beyond, Err(RefusalReason::OutsideLimits { .. })));
-    let turn = |lines: &str| proven(&plan, lines, (Axis::C, 1.0), &beside());
+    let turn = |lines: &str| prove_jog_lines(&plan, lines, (Axis::C, 1.0), &position_beside_part());
     assert!(turn("N1 G53 G1 C1 F60").is_ok());
     assert_eq!(turn("N1 G53 G0 C1"), Err(RefusalReason::UnguardedJog), "C has no clamp");
 }
 
 #[test]
 fn a_jog_is_checked_for_every_axis_that_may_move() {
-    let plan = plan(|_| {});
+    let plan = cylinder_touch_plan(|_| {});
     // Ball of radius 3 beside a part of radius 45, with an uncertainty of 1 mm, at half its height.
-    let at = |x: f64| beside().with(Axis::X, x).with(Axis::Z, 170.0);
+    let at = |x: f64| position_beside_part().with(Axis::X, x).with(Axis::Z, 170.0);
     // 1 mm away from the part; but the motor may turn the other way: 54 - 1 - 45 - 3 - 1.
-    let clear = proven(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &at(54.0)).unwrap().unwrap();
+    let clear = prove_jog_lines(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &at(54.0)).unwrap().unwrap();
     assert!((clear.clearance_mm - 4.0).abs() < 0.05, "{clear:?}");
     let away = |x: f64| {
         let line = format!("N1 G38.3 X{} F60", x + 1.0);
-        proven(&plan, &line, (Axis::X, x + 1.0), &at(x))
+        prove_jog_lines(&plan, &line, (Axis::X, x + 1.0), &at(x))
     };
     assert!(away(52.1).is_ok());
     assert!(matches!(away(51.9), Err(RefusalReason::ClearanceTooSmall { .. })));
     // A jog of Y, along the flank, may in fact move X.
-    let y = |x: f64| proven(&plan, "N1 G38.3 Y1 F60", (Axis::Y, 1.0), &at(x));
+    let y = |x: f64| prove_jog_lines(&plan, "N1 G38.3 Y1 F60", (Axis::Y, 1.0), &at(x));
     assert!(y(52.1).is_ok());
     assert!(matches!(y(51.9), Err(RefusalReason::ClearanceTooSmall { .. })));
     // If the position of an axis is unknown, nothing can be proven.
     let blind = at(54.0).filter_axes(|axis| axis != Axis::B);
-    let unknown = proven(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &blind);
-    assert_eq!(unknown, Err(RefusalReason::UnknownPosition(Axis::B)));
+    let unknown = prove_jog_lines(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &blind);
+    assert_eq!(unknown, Err(RefusalReason::UnknownAxisPosition(Axis::B)));
 }
 
 #[test]
 fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
-    let plan = plan(|_| {});
-    let z = |lines: &str, to: f64| retracted(&plan, lines, (Axis::Z, to), &beside());
+    let plan = cylinder_touch_plan(|_| {});
+    let z = |lines: &str, to: f64| prove_retract_lines(&plan, lines, (Axis::Z, to), &position_beside_part());
     assert!(z("N1 G53 G1 Z301 F60", 301.0).is_ok());
     assert!(z("N1 G53 G1 Z299 F60", 299.0).is_ok());
-    assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(RefusalReason::WrongAxis(Axis::X)));
-    assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(RefusalReason::WrongAxis(Axis::X)));
+    assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(RefusalReason::UnrequestedAxis(Axis::X)));
+    assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(RefusalReason::UnrequestedAxis(Axis::X)));
     assert!(matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(RefusalReason::WrongTarget(_))), "the other sense");
     assert!(z("N1 G53 G1 Z302 F60", 302.0).is_ok());
     let long = z("N1 G53 G1 Z302.5 F60", 302.5);
-    assert_eq!(long, Err(RefusalReason::JogTooLong { by: 2.5, most: 2.0 }));
+    assert_eq!(long, Err(RefusalReason::MoveTooLong { by: 2.5, most: 2.0 }));
     assert!(matches!(z("N1 G53 G1 Z301 F61", 301.0), Err(RefusalReason::WrongFeed { .. })));
     assert_eq!(z("N1 G53 G0 Z301", 301.0), Err(RefusalReason::InvalidRetract));
     assert_eq!(z("N1 G38.3 Z301 F60", 301.0), Err(RefusalReason::InvalidRetract));
@@ -101,37 +118,37 @@ fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
     assert!(z("N1 G1 Z301 F60\nG54", 301.0).is_ok(), "G59 holds zeros");
     assert!(matches!(z("G54\nN1 G1 Z301 F60", 301.0), Err(RefusalReason::NotMachineCoordinates(_))));
 
-    let turn = retracted(&plan, "N1 G53 G1 C1 F60", (Axis::C, 1.0), &beside());
+    let turn = prove_retract_lines(&plan, "N1 G53 G1 C1 F60", (Axis::C, 1.0), &position_beside_part());
     assert_eq!(turn, Err(RefusalReason::InvalidRetract));
-    let top = beside().with(Axis::Z, 449.5);
-    let beyond = retracted(&plan, "N1 G53 G1 Z450.5 F60", (Axis::Z, 450.5), &top);
+    let top = position_beside_part().with(Axis::Z, 449.5);
+    let beyond = prove_retract_lines(&plan, "N1 G53 G1 Z450.5 F60", (Axis::Z, 450.5), &top);
     assert!(matches!(beyond, Err(RefusalReason::OutsideLimits { .. })), "{beyond:?}");
-    let slow_probe = super::tests::plan(|plan| plan["probe"]["search_feed_mm_min"] = 30.0.into());
-    let fast = retracted(&slow_probe, "N1 G53 G1 Z301 F60", (Axis::Z, 301.0), &beside());
+    let slow_probe = super::tests::cylinder_touch_plan(|plan| plan["probe"]["search_feed_mm_min"] = 30.0.into());
+    let fast = prove_retract_lines(&slow_probe, "N1 G53 G1 Z301 F60", (Axis::Z, 301.0), &position_beside_part());
     assert!(matches!(fast, Err(RefusalReason::WrongFeed { .. })), "{fast:?}");
 }
 
 #[test]
 fn a_retract_approaches_no_declared_body() {
     let x = |plan: &Plan, from: f64, to: f64| {
-        let position = beside().with(Axis::X, from).with(Axis::Z, 170.0);
-        retracted(plan, &format!("N1 G53 G1 X{to} F60"), (Axis::X, to), &position)
+        let position = position_beside_part().with(Axis::X, from).with(Axis::Z, 170.0);
+        prove_retract_lines(plan, &format!("N1 G53 G1 X{to} F60"), (Axis::X, to), &position)
     };
     // Ball of radius 3 beside a part of radius 45, with an uncertainty of 1 mm: 0.5 mm apart at the assumed
     // position.
-    let part = plan(|_| {});
+    let part = cylinder_touch_plan(|_| {});
     assert!(x(&part, 48.5, 49.5).is_ok());
     assert!(matches!(x(&part, 48.5, 47.5), Err(RefusalReason::ClearanceTooSmall { .. })));
     assert!(matches!(x(&part, 48.5, 48.0), Err(RefusalReason::ClearanceTooSmall { .. })));
-    let along = beside().with(Axis::X, 48.5).with(Axis::Z, 170.0);
-    assert!(retracted(&part, "N1 G53 G1 Y1 F60", (Axis::Y, 1.0), &along).is_ok());
+    let along = position_beside_part().with(Axis::X, 48.5).with(Axis::Z, 170.0);
+    assert!(prove_retract_lines(&part, "N1 G53 G1 Y1 F60", (Axis::Y, 1.0), &along).is_ok());
     // In the model the ball is inside the part, that is, in contact: either sense is accepted.
     assert!(x(&part, 47.0, 48.0).is_ok());
     // Nor can the proof detect that the machine is far from its assumed position: 100 - 3 - 45 mm from the part.
     assert!(x(&part, 100.0, 99.0).is_ok());
 
     // A box with a face at X = 110: 3 mm for the ball, 2 mm for the margin.
-    let boxed = plan(|plan| {
+    let boxed = cylinder_touch_plan(|plan| {
         plan["keepout"] = serde_json::json!([{"name": "clamp", "min_mm": [110.0, -5.0, 0.0],
             "max_mm": [130.0, 5.0, 200.0]}]);
     });
@@ -142,9 +159,9 @@ fn a_retract_approaches_no_declared_body() {
     // Nearer than the margin, the ball may keep its distance, and may leave.
     assert!(x(&boxed, 106.5, 105.5).is_ok());
     assert!(matches!(x(&boxed, 106.5, 106.6), Err(RefusalReason::ClearanceTooSmall { .. })));
-    let beside_it = beside().with(Axis::X, 106.5).with(Axis::Z, 170.0);
-    assert!(retracted(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &beside_it).is_ok());
+    let beside_it = position_beside_part().with(Axis::X, 106.5).with(Axis::Z, 170.0);
+    assert!(prove_retract_lines(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &beside_it).is_ok());
     let blind = beside_it.filter_axes(|axis| axis != Axis::B);
-    let unknown = retracted(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &blind);
-    assert_eq!(unknown, Err(RefusalReason::UnknownPosition(Axis::B)));
+    let unknown = prove_retract_lines(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &blind);
+    assert_eq!(unknown, Err(RefusalReason::UnknownAxisPosition(Axis::B)));
 }

@@ -17,12 +17,11 @@
 //! - There is no other feed move. Guarded moves (probing moves other than the touch) stay clear of everything, and
 //!   stop within the overtravel if they meet an obstacle nevertheless.
 //! - Until a scan, or touches along three independent normals, have confirmed the position of the machine, there is
-//!   no rapid, and the whole approach to a step is careful ([`unconfirmed_rules`]).
+//!   no rapid, and the whole approach to a step is careful ([`unconfirmed_position_rules`]).
 //! - Pairs of bodies whose contact the probe cannot detect stay half a millimetre apart on guarded moves and
 //!   touches. The probe detects contact of the stylus ball and stylus stem with the artefact, including its stems.
 //! - Rapids and turns of a rotary axis or the spindle keep [`MIN_UNGUARDED_CLEARANCE_MM`] from everything, and every
-//!   step ends with
-//!   that distance.
+//!   step ends with that distance.
 //!
 //! Each body of the artefact is enlarged by its uncertainty. During a touch, only parts that move with the spindle
 //! may be nearer, only to the touched body and its stem (which is displaced like its ball), and only as far as
@@ -41,20 +40,20 @@
 
 mod body;
 mod body_gap;
+mod collision_pairs;
+mod collision_scene;
 #[doc(hidden)]
 pub mod for_tests;
 mod jog;
-mod pairs;
+mod motion_rules;
 mod program_check;
-mod proven;
-mod proven_modes;
+mod proven_blocks;
+mod proven_mode_text;
 mod refusal;
-mod rules;
 mod scan;
-mod scene;
 mod sweep;
 mod touch;
-mod unconfirmed_rules;
+mod unconfirmed_position_rules;
 
 #[cfg(test)]
 mod ball_tests;
@@ -65,11 +64,11 @@ mod scan_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
-mod unconfirmed_rules_tests;
+mod unconfirmed_position_rules_tests;
 
 pub use jog::{JogProofRequest, prove_jog, prove_retract};
-pub use proven::{AlteredBlock, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};
-pub use proven_modes::{ProvenModeText, prove_modes};
+pub use proven_blocks::{AlteredBlockError, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};
+pub use proven_mode_text::{ProvenModeText, render_and_prove_mode_text};
 pub use refusal::{ProofRefusal, RefusalReason};
 
 use crate::ConfirmedDirections;
@@ -79,7 +78,7 @@ use machine::Position;
 use machine::record::artefact::Artefact;
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
-use proven::read_programs;
+use proven_blocks::read_back_programs;
 
 /// Minimum clearance of rapids and turning axes from everything, mm.
 pub const MIN_UNGUARDED_CLEARANCE_MM: f64 = 2.0;
@@ -114,10 +113,10 @@ pub struct StageSteps<'a> {
 /// # Errors
 /// The first line that is wrong or cannot be proven.
 pub fn prove_programs(request: &ProofRequest<'_>) -> Result<Proof, ProofRefusal> {
-    prove_motions(request, read_programs(request.dialect, request.programs)?)
+    prove_read_motions(request, read_back_programs(request.dialect, request.programs)?)
 }
 
 /// Like [`prove_programs`], for programs that were read back already.
-fn prove_motions(request: &ProofRequest<'_>, motions: Vec<ReadMotion>) -> Result<Proof, ProofRefusal> {
+fn prove_read_motions(request: &ProofRequest<'_>, motions: Vec<ReadMotion>) -> Result<Proof, ProofRefusal> {
     program_check::ProgramCheck::begin(request, motions)?.check_all_motions()
 }

@@ -2,10 +2,10 @@
 
 use std::f64::consts::PI;
 
+use super::collision_scene::{ClearanceRule, CollisionScene};
 use super::refusal::{ProofRefusal, RefusalReason};
-use super::scene::{ClearanceRule, Scene};
 use super::sweep::JointPath;
-use super::{ProofRequest, rules, touch};
+use super::{ProofRequest, motion_rules, touch};
 use crate::ConfirmedDirections;
 use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
 use machine::kinematics::{AxisCommands, KinematicChain};
@@ -16,12 +16,10 @@ use machine::{Axis, Position};
 /// Progress of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum StepPhase {
+    /// Before the touch, the first point of the scan, or the stop of the prompt.
     Approach,
     /// On the path of a scan: number of points reached, and time of rest at the last one, s.
-    Scanning {
-        reached_count: usize,
-        dwelled_s: f64,
-    },
+    Scanning { reached_count: usize, dwelled_s: f64 },
     /// The touch is finished, and the machine is where contact stopped it.
     Touched,
     /// The machine is back at `from`.
@@ -34,21 +32,23 @@ fn is_prompt(step: &Step) -> bool {
     step.kind == StepKind::Prompt
 }
 
+/// State of the check of a program, from motion to motion.
 pub struct ProgramCheck<'a> {
     pub(super) request: &'a ProofRequest<'a>,
     motions: Vec<ReadMotion>,
-    /// Steps of all stages, each with the number of its stage.
-    step_queue: Vec<(&'a Step, usize)>,
-    scenes: Vec<Scene>,
-    /// Index of the current turn.
-    step_index: Option<usize>,
+    /// Steps of all stages in order, each with the index of its stage.
+    steps_with_stage_index: Vec<(&'a Step, usize)>,
+    /// Scene of each stage.
+    scenes_by_stage: Vec<CollisionScene>,
+    /// Index of the current step in the list of all steps; `None` before the first step.
+    current_step_index: Option<usize>,
     pub(super) step_phase: StepPhase,
     pub(super) position: Position,
     /// Current line, from 1.
-    line: usize,
+    current_line: usize,
     proof: Proof,
     /// Smallest clearance of the current step.
-    nearest: Option<Clearance>,
+    min_clearance_of_step: Option<Clearance>,
     /// Lines whose path is not known.
     unchecked_lines: Vec<usize>,
     pub(super) confirmed: ConfirmedDirections,
@@ -64,10 +64,10 @@ impl<'a> ProgramCheck<'a> {
         let mut scenes = Vec::new();
         for (stage, staged) in request.stages.iter().enumerate() {
             let artefact = staged.found_artefact.unwrap_or(&request.plan.artefact);
-            scenes.push(Scene::new(request.plan, artefact).map_err(|reason| reason.at_line(1))?);
+            scenes.push(CollisionScene::new(request.plan, artefact).map_err(|reason| reason.at_line(1))?);
             for id in staged.step_ids {
                 let step = request.plan.steps.iter().find(|step| step.id == *id);
-                turns.push((step.ok_or(RefusalReason::UnknownStep(*id).at_line(1))?, stage));
+                turns.push((step.ok_or(RefusalReason::StepNotInPlan(*id).at_line(1))?, stage));
             }
         }
         let position = request.start_position.cloned().unwrap_or_default();
@@ -76,14 +76,14 @@ impl<'a> ProgramCheck<'a> {
         Ok(Self {
             request,
             motions,
-            step_queue: turns,
-            scenes,
-            step_index: None,
+            steps_with_stage_index: turns,
+            scenes_by_stage: scenes,
+            current_step_index: None,
             step_phase: StepPhase::BackedOff,
             position,
-            line: 1,
+            current_line: 1,
             proof: Proof::default(),
-            nearest: None,
+            min_clearance_of_step: None,
             unchecked_lines: Vec::new(),
             confirmed: request.confirmed,
             chain,
@@ -93,32 +93,35 @@ impl<'a> ProgramCheck<'a> {
     /// Checks all motions.
     pub fn check_all_motions(mut self) -> Result<Proof, ProofRefusal> {
         for motion in std::mem::take(&mut self.motions) {
-            self.line = motion.line;
-            self.check_motion(&motion).map_err(|reason| self.refusal(reason))?;
-            self.proof.motions += usize::from(motion.kind != MotionKind::Stop);
+            self.current_line = motion.line;
+            self.check_motion(&motion).map_err(|reason| self.refusal_at_current_line(reason))?;
+            self.proof.motions += usize::from(motion.kind != MotionKind::ProgramStop);
         }
-        self.check_end().map_err(|reason| self.refusal(reason))?;
+        self.check_all_steps_complete().map_err(|reason| self.refusal_at_current_line(reason))?;
         Ok(self.into_proof())
     }
 
-    fn refusal(&self, reason: RefusalReason) -> ProofRefusal {
-        let step = self.step().map(|step| (step.id, step.label.clone()));
-        ProofRefusal { step, line: self.line, reason }
+    fn refusal_at_current_line(&self, reason: RefusalReason) -> ProofRefusal {
+        let step = self.current_step().map(|step| (step.id, step.label.clone()));
+        ProofRefusal { step, line: self.current_line, reason }
     }
 
-    pub(super) fn step(&self) -> Option<&'a Step> {
-        self.step_queue.get(self.step_index?).map(|(step, _)| *step)
+    pub(super) fn current_step(&self) -> Option<&'a Step> {
+        self.steps_with_stage_index.get(self.current_step_index?).map(|(step, _)| *step)
     }
 
     /// Whether touches have confirmed the position of the machine.
-    pub(super) fn is_confirmed(&self) -> bool {
-        self.confirmed.is_all()
+    pub(super) fn is_position_confirmed(&self) -> bool {
+        self.confirmed.has_three_independent_directions()
     }
 
     /// Scene of the current stage; before any step, of the first stage.
-    fn scene(&self) -> Option<&Scene> {
-        let stage = self.step_index.and_then(|turn| self.step_queue.get(turn)).map_or(0, |(_, stage)| *stage);
-        self.scenes.get(stage)
+    fn current_scene(&self) -> Option<&CollisionScene> {
+        let stage = self
+            .current_step_index
+            .and_then(|turn| self.steps_with_stage_index.get(turn))
+            .map_or(0, |(_, stage)| *stage);
+        self.scenes_by_stage.get(stage)
     }
 
     fn check_motion(&mut self, motion: &ReadMotion) -> CheckResult {
@@ -127,46 +130,46 @@ impl<'a> ProgramCheck<'a> {
             return Err(RefusalReason::NotMachineCoordinates(slot.clone()));
         }
         let machine = &self.request.plan.machine;
-        rules::check_limits(motion, machine, self.request.dialect)?;
-        if self.step().is_some_and(is_prompt) {
-            return self.check_prompt(motion.kind);
+        motion_rules::check_axis_limits(motion, machine, self.request.dialect)?;
+        if self.current_step().is_some_and(is_prompt) {
+            return self.check_motion_in_prompt(motion.kind);
         }
-        if let Some((step, scan)) = self.step().and_then(|step| Some((step, step.scan.as_ref()?))) {
+        if let Some((step, scan)) = self.current_step().and_then(|step| Some((step, step.scan.as_ref()?))) {
             return self.check_scan_motion(motion, step, scan);
         }
         match motion.kind {
             MotionKind::Dwell { .. } => Ok(()),
-            MotionKind::Feed if self.step_phase == StepPhase::Approach && !self.is_confirmed() => {
-                self.check_unconfirmed_feed(motion)
+            MotionKind::Feed if self.step_phase == StepPhase::Approach && !self.is_position_confirmed() => {
+                self.check_unconfirmed_feed_move(motion)
             }
             MotionKind::Feed => self.check_back_off(motion),
             _ if self.step_phase == StepPhase::Touched => Err(RefusalReason::MissingBackOff),
             MotionKind::Orient { s } => self.check_orientation(s),
-            MotionKind::Rapid if !self.is_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
-            MotionKind::Rapid => self.check_move(&motion.target, &ClearanceRule::Unguarded),
+            MotionKind::Rapid if !self.is_position_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
+            MotionKind::Rapid => self.check_straight_move(&motion.target, &ClearanceRule::UnguardedMove),
             MotionKind::Probe { must_touch } => self.check_probing_move(motion, must_touch),
-            MotionKind::Stop => Err(RefusalReason::UnexpectedStop),
+            MotionKind::ProgramStop => Err(RefusalReason::UnexpectedProgramStop),
         }
     }
 
     /// Checks a prompt: it is one stop, and after it the position of the machine is unknown.
-    fn check_prompt(&mut self, kind: MotionKind) -> CheckResult {
+    fn check_motion_in_prompt(&mut self, kind: MotionKind) -> CheckResult {
         match (kind, self.step_phase) {
-            (MotionKind::Stop, StepPhase::Approach) => {
+            (MotionKind::ProgramStop, StepPhase::Approach) => {
                 (self.position, self.step_phase) = (Position::new(), StepPhase::PromptShown);
                 self.confirmed = ConfirmedDirections::default();
                 Ok(())
             }
-            (MotionKind::Stop, _) => Err(RefusalReason::UnexpectedStop),
+            (MotionKind::ProgramStop, _) => Err(RefusalReason::UnexpectedProgramStop),
             _ => Err(RefusalReason::MotionInPrompt),
         }
     }
 
     /// Continues the current step, or completes it and begins the next one.
     fn advance_to_step(&mut self, n: u32) -> CheckResult {
-        let next = self.step_index.map_or(0, |turn| turn + 1);
-        let expected = self.step_queue.get(next).map(|(step, _)| step.id);
-        match self.step() {
+        let next = self.current_step_index.map_or(0, |turn| turn + 1);
+        let expected = self.steps_with_stage_index.get(next).map(|(step, _)| step.id);
+        match self.current_step() {
             Some(step) if step.id == n => return Ok(()),
             _ if expected != Some(n) => {
                 return Err(RefusalReason::WrongStepOrder { found: n, expected });
@@ -174,45 +177,47 @@ impl<'a> ProgramCheck<'a> {
             Some(_) => self.complete_step()?,
             None => {}
         }
-        (self.step_index, self.step_phase) = (Some(next), StepPhase::Approach);
+        (self.current_step_index, self.step_phase) = (Some(next), StepPhase::Approach);
         Ok(())
     }
 
     fn complete_step(&mut self) -> CheckResult {
-        match (self.step().and_then(|step| step.scan.as_ref()), self.step_phase) {
+        match (self.current_step().and_then(|step| step.scan.as_ref()), self.step_phase) {
             (_, StepPhase::PromptShown) => return Ok(()),
             (Some(scan), _) => self.check_scan_complete(scan)?,
             (None, StepPhase::Touched) => {
                 return Err(RefusalReason::IncompleteStep("the back-off from contact"));
             }
-            (None, StepPhase::BackedOff) => self.check_move(&Position::new(), &ClearanceRule::Unguarded)?,
+            (None, StepPhase::BackedOff) => {
+                self.check_straight_move(&Position::new(), &ClearanceRule::UnguardedMove)?
+            }
             (None, _) => return Err(RefusalReason::IncompleteStep("the touch")),
         }
-        self.proof.steps.extend(self.nearest.take());
-        if let Some(step) = self.step() {
+        self.proof.steps.extend(self.min_clearance_of_step.take());
+        if let Some(step) = self.current_step() {
             self.confirmed = self.confirmed.after_step(step);
         }
         Ok(())
     }
 
-    fn check_end(&mut self) -> CheckResult {
-        if self.step_index.is_some() {
+    fn check_all_steps_complete(&mut self) -> CheckResult {
+        if self.current_step_index.is_some() {
             self.complete_step()?;
         }
-        let next = self.step_index.map_or(0, |turn| turn + 1);
-        self.step_queue.get(next).map_or(Ok(()), |(step, _)| Err(RefusalReason::MissingStep(step.id)))
+        let next = self.current_step_index.map_or(0, |turn| turn + 1);
+        self.steps_with_stage_index.get(next).map_or(Ok(()), |(step, _)| Err(RefusalReason::MissingStep(step.id)))
     }
 
     /// Checks a probing move: the touch of the current step if it begins at `from` or ends at `to`, otherwise a
     /// guarded move.
     fn check_probing_move(&mut self, motion: &ReadMotion, must_touch: bool) -> CheckResult {
-        let step = self.step().ok_or(RefusalReason::MotionWithoutStep)?;
+        let step = self.current_step().ok_or(RefusalReason::MotionWithoutStep)?;
         let dialect = self.request.dialect;
         let changes = |(axis, value): (Axis, f64)| self.position.get(axis) != Some(value);
         let turns = motion.target.iter().filter(|(axis, _)| !axis.is_linear()).any(changes);
         let ends = self.position.updated_by(&motion.target);
-        let begins = rules::find_axis_mismatch(&self.position, &step.from, dialect);
-        let to = rules::find_axis_mismatch(&ends, &step.to.filter_axes(Axis::is_linear), dialect);
+        let begins = motion_rules::find_axis_mismatch(&self.position, &step.from, dialect);
+        let to = motion_rules::find_axis_mismatch(&ends, &step.to.filter_axes(Axis::is_linear), dialect);
         if !turns && (begins.is_none() || to.is_none()) {
             match (self.step_phase, begins, to) {
                 (StepPhase::Approach, None, None) => return self.check_touch(motion, step),
@@ -222,7 +227,7 @@ impl<'a> ProgramCheck<'a> {
                 (StepPhase::Approach, Some(begins), _) => {
                     return Err(begins.into_refusal_reason(RefusalReason::WrongTouchStart));
                 }
-                (_, _, None) => return Err(RefusalReason::RepeatedTouch),
+                (_, _, None) => return Err(RefusalReason::SecondTouchInStep),
                 _ => {}
             }
         }
@@ -230,38 +235,41 @@ impl<'a> ProgramCheck<'a> {
             return Err(RefusalReason::UnexpectedProbingMove);
         }
         let probe = &self.request.plan.probe;
-        rules::check_max_feed("the guarded move", motion, probe.guarded_feed_mm_min)?;
-        rules::braking_distance_mm(motion, &self.request.plan.machine, probe)?;
-        let rule = match (turns, self.is_confirmed()) {
+        motion_rules::check_max_feed("the guarded move", motion, probe.guarded_feed_mm_min)?;
+        motion_rules::checked_braking_distance_mm(motion, &self.request.plan.machine, probe)?;
+        let rule = match (turns, self.is_position_confirmed()) {
             (true, false) => return Err(RefusalReason::TurnBeforeConfirmation),
-            (true, true) => ClearanceRule::Unguarded,
-            (false, false) => self.unconfirmed_guarded_rule(motion)?,
-            (false, true) => self.guarded_move_rule(),
+            (true, true) => ClearanceRule::UnguardedMove,
+            (false, false) => self.unconfirmed_guarded_clearance_rule(motion)?,
+            (false, true) => self.guarded_move_clearance_rule(),
         };
-        self.check_move(&motion.target, &rule)
+        self.check_straight_move(&motion.target, &rule)
     }
 
     /// Clearance rule of a guarded move. A machine that was stopped at a low position may first move up from it.
-    pub(super) fn guarded_move_rule(&self) -> ClearanceRule {
-        if self.proof.motions == 0 { ClearanceRule::LeavingStart } else { ClearanceRule::GuardedMove }
+    pub(super) fn guarded_move_clearance_rule(&self) -> ClearanceRule {
+        if self.proof.motions == 0 { ClearanceRule::GuardedFirstMove } else { ClearanceRule::GuardedMove }
     }
 
     fn check_touch(&mut self, motion: &ReadMotion, step: &Step) -> CheckResult {
         let plan = self.request.plan;
-        rules::check_exact_feed("the touch", motion, step.feed_mm_min)?;
-        let braking = rules::braking_distance_mm(motion, &plan.machine, &plan.probe)?;
+        motion_rules::check_exact_feed("the touch", motion, step.feed_mm_min)?;
+        let braking = motion_rules::checked_braking_distance_mm(motion, &plan.machine, &plan.probe)?;
         let to = self.position.updated_by(&motion.target);
-        rules::check_touch_length(&self.position, &to, plan.probe.overtravel_mm)?;
-        let from = self.commands(&self.position)?;
-        let joint_path = JointPath { from, to: self.commands(&to)? };
+        motion_rules::check_touch_length(&self.position, &to, plan.probe.overtravel_mm)?;
+        let from = self.axis_commands(&self.position)?;
+        let joint_path = JointPath { from, to: self.axis_commands(&to)? };
         let reach = {
-            let scene = self.scene().ok_or(RefusalReason::MotionWithoutStep)?;
-            touch::touch_reach(scene, &joint_path, braking, step.normal)?
+            let scene = self.current_scene().ok_or(RefusalReason::MotionWithoutStep)?;
+            touch::find_touch_reach(scene, &joint_path, braking, step.normal)?
         };
         // At its start, the ball is clear of the artefact, wherever the artefact is.
-        self.check_clearance(&JointPath { from, to: from }, &ClearanceRule::GuardedMove)?;
-        self.check_clearance(&joint_path, &ClearanceRule::TouchOtherBodies(reach.touched_body))?;
-        self.check_clearance(&reach.joint_path, &ClearanceRule::TouchMovingParts(reach.touched_body, reach.lateral))?;
+        self.check_path_clearance(&JointPath { from, to: from }, &ClearanceRule::GuardedMove)?;
+        self.check_path_clearance(&joint_path, &ClearanceRule::TouchOtherBodies(reach.touched_body_number))?;
+        self.check_path_clearance(
+            &reach.joint_path,
+            &ClearanceRule::TouchMovingParts(reach.touched_body_number, reach.lateral_misplacement),
+        )?;
         self.position = self.position.filter_axes(|axis| motion.target.get(axis).is_none());
         self.step_phase = StepPhase::Touched;
         Ok(())
@@ -269,14 +277,14 @@ impl<'a> ProgramCheck<'a> {
 
     /// Checks a G1 move: from contact straight back to `from`, along the path that was proven for the touch.
     fn check_back_off(&mut self, motion: &ReadMotion) -> CheckResult {
-        let step = self.step().ok_or(RefusalReason::MotionWithoutStep)?;
+        let step = self.current_step().ok_or(RefusalReason::MotionWithoutStep)?;
         if self.step_phase != StepPhase::Touched {
             return Err(RefusalReason::UnexpectedFeedMove);
         }
         let probe = &self.request.plan.probe;
-        rules::check_max_feed("the back-off from contact", motion, probe.search_feed_mm_min)?;
+        motion_rules::check_max_feed("the back-off from contact", motion, probe.search_feed_mm_min)?;
         let ends = self.position.updated_by(&motion.target);
-        if let Some(off) = rules::find_axis_mismatch(&ends, &step.from, self.request.dialect) {
+        if let Some(off) = motion_rules::find_axis_mismatch(&ends, &step.from, self.request.dialect) {
             return Err(off.into_refusal_reason(RefusalReason::WrongBackOffTarget));
         }
         (self.position, self.step_phase) = (ends, StepPhase::BackedOff);
@@ -285,41 +293,43 @@ impl<'a> ProgramCheck<'a> {
 
     /// Checks an orientation of the spindle to `s`; the sense of rotation is unknown.
     pub(super) fn check_orientation(&mut self, s: f64) -> CheckResult {
-        if !self.is_confirmed() {
-            self.check_z_at_top(&Position::new().with(Axis::S, s))?;
+        if !self.is_position_confirmed() {
+            self.check_z_alone_or_at_top(&Position::new().with(Axis::S, s))?;
         }
         let turned = |by: f64| self.position.clone().with(Axis::S, s + by);
-        let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
+        let (from, to) = (self.axis_commands(&turned(-PI)), self.axis_commands(&turned(PI)));
         match (from, to) {
-            (Ok(from), Ok(to)) => self.check_clearance(&JointPath { from, to }, &ClearanceRule::Unguarded)?,
-            _ => self.unchecked_lines.push(self.line),
+            (Ok(from), Ok(to)) => self.check_path_clearance(&JointPath { from, to }, &ClearanceRule::UnguardedMove)?,
+            _ => self.unchecked_lines.push(self.current_line),
         }
         self.position.set(Axis::S, s);
         Ok(())
     }
 
     /// Checks a straight move to `target`.
-    pub(super) fn check_move(&mut self, target: &Position, rule: &ClearanceRule) -> CheckResult {
+    pub(super) fn check_straight_move(&mut self, target: &Position, rule: &ClearanceRule) -> CheckResult {
         let ends = self.position.updated_by(target);
-        match (self.commands(&self.position), self.commands(&ends)) {
-            (Ok(from), Ok(to)) => self.check_clearance(&JointPath { from, to }, rule)?,
-            _ => self.unchecked_lines.push(self.line),
+        match (self.axis_commands(&self.position), self.axis_commands(&ends)) {
+            (Ok(from), Ok(to)) => self.check_path_clearance(&JointPath { from, to }, rule)?,
+            _ => self.unchecked_lines.push(self.current_line),
         }
         self.position = ends;
         Ok(())
     }
 
-    fn commands(&self, position: &Position) -> Result<AxisCommands, RefusalReason> {
-        rules::axis_commands(&self.request.plan.machine, position)
+    fn axis_commands(&self, position: &Position) -> Result<AxisCommands, RefusalReason> {
+        motion_rules::axis_commands(&self.request.plan.machine, position)
     }
 
     /// Checks that the path is free, and keeps the smallest clearance.
-    fn check_clearance(&mut self, joint_path: &JointPath, rule: &ClearanceRule) -> CheckResult {
-        let most = self.nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
-        let nearest_pair = self.scene().map_or(Ok(None), |scene| scene.nearest_pair(joint_path, rule, most))?;
+    fn check_path_clearance(&mut self, joint_path: &JointPath, rule: &ClearanceRule) -> CheckResult {
+        let most = self.min_clearance_of_step.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
+        let nearest_pair = self
+            .current_scene()
+            .map_or(Ok(None), |scene| scene.check_path_and_find_nearest_pair(joint_path, rule, most))?;
         if let Some((clearance_mm, between)) = nearest_pair {
-            let step = self.step().map_or(0, |step| step.id);
-            self.nearest = Some(Clearance { step, line: self.line, clearance_mm, between });
+            let step = self.current_step().map_or(0, |step| step.id);
+            self.min_clearance_of_step = Some(Clearance { step, line: self.current_line, clearance_mm, between });
         }
         Ok(())
     }
@@ -328,7 +338,7 @@ impl<'a> ProgramCheck<'a> {
         let mut proof = self.proof;
         let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
         proof.nearest = proof.steps.iter().min_by(least).cloned();
-        let scene = self.scenes.into_iter().next();
+        let scene = self.scenes_by_stage.into_iter().next();
         proof.not_looked_at = scene.map_or(Vec::new(), |scene| scene.unchecked_items);
         if let (Some(first), Some(last)) = (self.unchecked_lines.first(), self.unchecked_lines.last()) {
             proof

@@ -33,7 +33,7 @@ fn step_prefix(step: &Option<(u32, String)>) -> String {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefusalReason {
     #[error(transparent)]
-    Unreadable(LineError),
+    UnreadableLine(LineError),
     #[error("the program differs from the plan: {0}")]
     TextMismatch(String),
     #[error("the line is longer than the control's line buffer: `{0}`")]
@@ -43,7 +43,7 @@ pub enum RefusalReason {
     #[error("the solid `{solid}` is on an axis that the machine does not have")]
     UnknownCarrier { solid: String },
     #[error("the plan has no step {0}")]
-    UnknownStep(u32),
+    StepNotInPlan(u32),
     #[error("the motion has no step number (N word)")]
     MotionWithoutStep,
     #[error("a motion of step {found} is out of order{}", next_step_note(.expected))]
@@ -63,7 +63,7 @@ pub enum RefusalReason {
     #[error(
         "the braking distance from {feed} mm/min is {distance_mm:.2} mm, more than the probe's overtravel of {overtravel} mm"
     )]
-    BrakingTooLong { feed: f64, distance_mm: f64, overtravel: f64 },
+    BrakingDistanceTooLong { feed: f64, distance_mm: f64, overtravel: f64 },
     #[error("the touch begins with {0}")]
     WrongTouchStart(PositionMismatch),
     #[error("the move ends with {0}")]
@@ -73,7 +73,7 @@ pub enum RefusalReason {
     #[error("the probing move requires contact (G38.2), but is not the touch of the step")]
     UnexpectedProbingMove,
     #[error("the step contains a second touch")]
-    RepeatedTouch,
+    SecondTouchInStep,
     #[error("the stylus ball does not reach the artefact before the touch ends")]
     TouchWithoutContact,
     #[error("the touch would miss {body} if the position of {body} is off by {uncertainty} mm (uncertainty_mm)")]
@@ -81,7 +81,7 @@ pub enum RefusalReason {
     #[error("the touch meets {body} {off:.0}° away from the contact direction of the step (`normal`)")]
     WrongContactSide { body: String, off: f64 },
     #[error("the position of {0} is unknown")]
-    UnknownPosition(Axis),
+    UnknownAxisPosition(Axis),
     #[error("another motion comes between the touch and its back-off")]
     MissingBackOff,
     #[error("the back-off from contact must end at the start of the touch, but ends with {0}")]
@@ -96,9 +96,9 @@ pub enum RefusalReason {
         "a sideways move or a turn with {0}: until touches have confirmed the machine position, only Z \
          may move while Z is below its upper limit"
     )]
-    SidewaysBelowTopZ(PositionMismatch),
+    SidewaysMoveBelowTopZ(PositionMismatch),
     #[error("a probing move in a scan: a scan must not touch")]
-    ProbeInScan,
+    ProbingMoveInScan,
     #[error("a dwell in a continuous scan")]
     DwellInContinuousScan,
     #[error("a motion in the scan is not part of the path of the scan")]
@@ -106,15 +106,15 @@ pub enum RefusalReason {
     #[error("the scan move ends with {0}")]
     WrongScanPoint(PositionMismatch),
     #[error("a stop (M0) outside a prompt")]
-    UnexpectedStop,
+    UnexpectedProgramStop,
     #[error("a prompt contains a motion other than a stop (M0)")]
     MotionInPrompt,
     #[error("the program has {0} motions instead of one")]
     NotSingleMove(usize),
     #[error("the motion moves {0}, which is not the requested axis")]
-    WrongAxis(Axis),
+    UnrequestedAxis(Axis),
     #[error("the move is {by} mm or degrees long, more than the limit of {most}")]
-    JogTooLong { by: f64, most: f64 },
+    MoveTooLong { by: f64, most: f64 },
     #[error("the jog is neither a guarded move of a linear axis nor a feed move of a rotary axis")]
     UnguardedJog,
     #[error("the retract is not a feed move (G1) of one linear axis")]
@@ -167,7 +167,7 @@ impl ProofRefusal {
                 "set the part up nearer to its position in the machine file and lower [artefact] \
                  uncertainty_mm, or lower the method's distances"
             }
-            RefusalReason::BrakingTooLong { .. } => "lower this feed in [probe] of the machine file",
+            RefusalReason::BrakingDistanceTooLong { .. } => "lower this feed in [probe] of the machine file",
             RefusalReason::Kinematics(_) | RefusalReason::UnknownCarrier { .. } => {
                 "correct [machine], [axes] and [[solid]] in the machine file"
             }

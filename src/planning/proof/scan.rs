@@ -3,13 +3,13 @@
 //! keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`], except that the ball in a nest of sensors on the table may be as near
 //! as their range allows.
 
+use super::collision_scene::ClearanceRule;
+use super::motion_rules;
 use super::program_check::{CheckResult, ProgramCheck, StepPhase};
 use super::refusal::RefusalReason;
-use super::rules;
-use super::scene::ClearanceRule;
 use crate::gcode::rs274::{MotionKind, ReadMotion};
 use crate::turn_feeds;
-use crate::unconfirmed_approach::{is_in_nest, near_part_feed_mm_min, nest_feed_mm_min};
+use crate::unconfirmed_approach::{are_step_sensors_on_table, max_nest_feed_mm_min, near_part_feed_mm_min};
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::{Axis, Position};
 
@@ -29,54 +29,54 @@ impl ProgramCheck<'_> {
             }
             (MotionKind::Dwell { .. }, _) => Ok(()),
             (MotionKind::Feed, StepPhase::Scanning { reached_count, .. }) => {
-                self.check_dwell(scan)?;
-                rules::check_exact_feed("the scan", motion, step.feed_mm_min)?;
-                if self.is_in_nest() && !has_rotary_motion(motion) {
-                    rules::check_max_feed("the move between sensors", motion, self.nest_feed_mm_min())?;
+                self.check_dwell_complete(scan)?;
+                motion_rules::check_exact_feed("the scan", motion, step.feed_mm_min)?;
+                if self.are_step_sensors_on_table() && !has_rotary_motion(motion) {
+                    motion_rules::check_max_feed("the move between sensors", motion, self.max_nest_feed_mm_min())?;
                 }
-                self.check_scan_point(motion, scan, reached_count)
+                self.check_move_to_scan_point(motion, scan, reached_count)
             }
             (MotionKind::Feed, _) => {
                 let ends = self.position.updated_by(&motion.target);
-                match rules::find_axis_mismatch(&ends, &first_point(scan)?, self.request.dialect) {
+                match motion_rules::find_axis_mismatch(&ends, &first_point_without_s(scan)?, self.request.dialect) {
                     None => {
-                        let most = self.max_approach_feed(motion, scan)?;
-                        rules::check_max_feed("the approach to the scan", motion, most)?;
-                        self.check_scan_point(motion, scan, 0)
+                        let most = self.max_scan_approach_feed(motion, scan)?;
+                        motion_rules::check_max_feed("the approach to the scan", motion, most)?;
+                        self.check_move_to_scan_point(motion, scan, 0)
                     }
                     Some(_) => self.check_scan_approach(motion),
                 }
             }
-            (MotionKind::Stop, _) => Err(RefusalReason::UnexpectedStop),
+            (MotionKind::ProgramStop, _) => Err(RefusalReason::UnexpectedProgramStop),
             (_, StepPhase::Scanning { .. }) => Err(RefusalReason::OffScanPath),
-            (MotionKind::Rapid, _) if !self.is_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
-            (MotionKind::Rapid, _) => self.check_move(&motion.target, &ClearanceRule::Unguarded),
+            (MotionKind::Rapid, _) if !self.is_position_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
+            (MotionKind::Rapid, _) => self.check_straight_move(&motion.target, &ClearanceRule::UnguardedMove),
             (MotionKind::Orient { s }, _) => self.check_orientation(s),
-            (MotionKind::Probe { .. }, _) => Err(RefusalReason::ProbeInScan),
+            (MotionKind::Probe { .. }, _) => Err(RefusalReason::ProbingMoveInScan),
         }
     }
 
     /// Maximum feed of the last move to the first point. Until the position is confirmed, a turn has the reduced
     /// feed of such turns; an axis that the scan itself does not turn may turn only with Z at its upper end.
-    fn max_approach_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, RefusalReason> {
+    fn max_scan_approach_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, RefusalReason> {
         let plan = self.request.plan;
-        let in_nest = self.is_in_nest();
-        let near = if in_nest { nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, self.confirmed) };
-        if self.is_confirmed() {
-            let turn = self.max_turn_feed(motion).filter(|_| in_nest);
+        let in_nest = self.are_step_sensors_on_table();
+        let near = if in_nest { max_nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, self.confirmed) };
+        if self.is_position_confirmed() {
+            let turn = self.max_turn_feed_deg_min(motion).filter(|_| in_nest);
             return Ok(turn.unwrap_or(near));
         }
         let is_turned =
             |axis: Axis| scan.path.windows(2).any(|way| way[0].get_or_zero(axis) != way[1].get_or_zero(axis));
         let mut rotary = motion.target.iter().filter(|(axis, _)| !axis.is_linear());
         if rotary.any(|(axis, _)| !is_turned(axis)) {
-            self.check_z_at_top(&motion.target)?;
+            self.check_z_alone_or_at_top(&motion.target)?;
         }
-        Ok(self.max_turn_feed(motion).unwrap_or(near))
+        Ok(self.max_turn_feed_deg_min(motion).unwrap_or(near))
     }
 
     /// Maximum feed of a motion that turns one axis, degrees/min; `None` for any other motion.
-    pub(super) fn max_turn_feed(&self, motion: &ReadMotion) -> Option<f64> {
+    pub(super) fn max_turn_feed_deg_min(&self, motion: &ReadMotion) -> Option<f64> {
         let mut moved = motion.target.iter().map(|(axis, _)| axis);
         let turned = moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())?;
         let plan = self.request.plan;
@@ -84,21 +84,21 @@ impl ProgramCheck<'_> {
     }
 
     /// Whether the sensors of the current step are on the table.
-    fn is_in_nest(&self) -> bool {
-        self.step().is_some_and(|step| is_in_nest(self.request.plan, step))
+    fn are_step_sensors_on_table(&self) -> bool {
+        self.current_step().is_some_and(|step| are_step_sensors_on_table(self.request.plan, step))
     }
 
-    fn nest_feed_mm_min(&self) -> f64 {
-        nest_feed_mm_min(self.request.plan)
+    fn max_nest_feed_mm_min(&self) -> f64 {
+        max_nest_feed_mm_min(self.request.plan)
     }
 
     /// Required clearance of a feed move of a scan. A move that is too fast for a hold to stop it in time keeps the
     /// margin from the sensors too.
-    fn scan_move_rule(&self, motion: &ReadMotion) -> ClearanceRule {
-        let is_slow = || rules::check_max_feed("", motion, self.nest_feed_mm_min()).is_ok();
-        match self.is_in_nest() && (has_rotary_motion(motion) || is_slow()) {
-            true => ClearanceRule::InNest,
-            false => ClearanceRule::Unguarded,
+    fn scan_move_clearance_rule(&self, motion: &ReadMotion) -> ClearanceRule {
+        let is_slow = || motion_rules::check_max_feed("", motion, self.max_nest_feed_mm_min()).is_ok();
+        match self.are_step_sensors_on_table() && (has_rotary_motion(motion) || is_slow()) {
+            true => ClearanceRule::UnguardedInNest,
+            false => ClearanceRule::UnguardedMove,
         }
     }
 
@@ -108,7 +108,9 @@ impl ProgramCheck<'_> {
         if is_any || !scan.is_rotary_only() {
             return Ok(());
         }
-        if rules::find_axis_mismatch(&self.position, &first_point(scan)?, self.request.dialect).is_none() {
+        if motion_rules::find_axis_mismatch(&self.position, &first_point_without_s(scan)?, self.request.dialect)
+            .is_none()
+        {
             self.step_phase = StepPhase::Scanning { reached_count: 1, dwelled_s: 0.0 };
         }
         Ok(())
@@ -116,32 +118,32 @@ impl ProgramCheck<'_> {
 
     /// Checks a feed move before the first point.
     fn check_scan_approach(&mut self, motion: &ReadMotion) -> CheckResult {
-        if !self.is_confirmed() && has_rotary_motion(motion) {
-            return self.check_unconfirmed_feed(motion);
+        if !self.is_position_confirmed() && has_rotary_motion(motion) {
+            return self.check_unconfirmed_feed_move(motion);
         }
-        if !self.is_confirmed() {
-            self.check_z_at_top(&motion.target)?;
+        if !self.is_position_confirmed() {
+            self.check_z_alone_or_at_top(&motion.target)?;
         }
-        let turn = self.max_turn_feed(motion).filter(|_| self.is_in_nest());
+        let turn = self.max_turn_feed_deg_min(motion).filter(|_| self.are_step_sensors_on_table());
         let most = turn.unwrap_or(self.request.plan.probe.guarded_feed_mm_min);
-        rules::check_max_feed("the approach to the scan", motion, most)?;
-        self.check_move(&motion.target, &self.scan_move_rule(motion))
+        motion_rules::check_max_feed("the approach to the scan", motion, most)?;
+        self.check_straight_move(&motion.target, &self.scan_move_clearance_rule(motion))
     }
 
     /// Checks that the move reaches the point `number`, which is the next one.
-    fn check_scan_point(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> CheckResult {
+    fn check_move_to_scan_point(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> CheckResult {
         let ends = self.position.updated_by(&motion.target);
         let point = scan.path.get(number).ok_or(RefusalReason::OffScanPath)?;
-        if let Some(off) = rules::find_axis_mismatch(&ends, point, self.request.dialect) {
+        if let Some(off) = motion_rules::find_axis_mismatch(&ends, point, self.request.dialect) {
             return Err(off.into_refusal_reason(RefusalReason::WrongScanPoint));
         }
-        self.check_move(&motion.target, &self.scan_move_rule(motion))?;
+        self.check_straight_move(&motion.target, &self.scan_move_clearance_rule(motion))?;
         self.step_phase = StepPhase::Scanning { reached_count: number + 1, dwelled_s: 0.0 };
         Ok(())
     }
 
     /// Checks that the scan has rested long enough at the present point.
-    fn check_dwell(&self, scan: &Scan) -> CheckResult {
+    fn check_dwell_complete(&self, scan: &Scan) -> CheckResult {
         match (scan.sampling, self.step_phase) {
             (Sampling::Dwell { dwell_s, .. }, StepPhase::Scanning { dwelled_s, .. })
                 if dwelled_s < dwell_s - DWELL_TOLERANCE_S =>
@@ -154,7 +156,7 @@ impl ProgramCheck<'_> {
 
     /// Checks that the scan has reached all of its points.
     pub(super) fn check_scan_complete(&self, scan: &Scan) -> CheckResult {
-        self.check_dwell(scan)?;
+        self.check_dwell_complete(scan)?;
         match self.step_phase {
             StepPhase::Scanning { reached_count, .. } if reached_count == scan.path.len() => Ok(()),
             _ => Err(RefusalReason::IncompleteStep("reaching all points of the scan")),
@@ -167,7 +169,7 @@ fn has_rotary_motion(motion: &ReadMotion) -> bool {
 }
 
 /// First point of the scan without the spindle, which is oriented separately.
-fn first_point(scan: &Scan) -> Result<Position, RefusalReason> {
+fn first_point_without_s(scan: &Scan) -> Result<Position, RefusalReason> {
     let first = scan.path.first().ok_or(RefusalReason::OffScanPath)?;
     Ok(first.filter_axes(|axis| axis != Axis::S))
 }

@@ -9,7 +9,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::body::CollisionBody;
-use super::body_gap::{LateralUncertainty, body_gap};
+use super::body_gap::{LateralMisplacement, compute_body_gap};
 use machine::Axis;
 use machine::frame::unit_vector;
 use machine::kinematics::{AxisCommands, CarrierMotion};
@@ -28,7 +28,7 @@ pub struct JointPath {
 
 impl JointPath {
     /// Whether a rotary axis or the spindle moves.
-    pub fn has_rotation(&self) -> bool {
+    pub fn moves_rotary_axis(&self) -> bool {
         Axis::ALL.iter().any(|axis| !axis.is_linear() && self.moves_axis(*axis))
     }
 
@@ -36,11 +36,11 @@ impl JointPath {
         self.from[axis as usize] != self.to[axis as usize]
     }
 
-    fn position_at(&self, at: f64) -> AxisCommands {
+    fn commands_at_share(&self, at: f64) -> AxisCommands {
         std::array::from_fn(|i| self.from[i] + at * (self.to[i] - self.from[i]))
     }
 
-    fn half_extent(&self, share: f64) -> AxisCommands {
+    fn axis_distances_of_share(&self, share: f64) -> AxisCommands {
         std::array::from_fn(|i| share * (self.to[i] - self.from[i]).abs())
     }
 }
@@ -50,10 +50,10 @@ impl JointPath {
 pub struct ClearanceDemand {
     /// Minimum distance of the bodies, mm.
     pub min_clearance_mm: f64,
-    /// Position uncertainty of one body in all directions, mm.
-    pub position_uncertainty_mm: f64,
-    /// Position uncertainty across one direction only.
-    pub lateral: Option<LateralUncertainty>,
+    /// Maximum misplacement of one body, in any direction, mm.
+    pub max_misplacement_mm: f64,
+    /// Possible misplacement perpendicular to one direction only.
+    pub lateral_misplacement: Option<LateralMisplacement>,
     /// Clearances above this value are ignored, mm.
     pub ignored_above_mm: f64,
 }
@@ -62,15 +62,16 @@ pub struct ClearanceDemand {
 ///
 /// # Errors
 /// The clearance, mm, if the bodies come within `demand.min_clearance_mm` or cannot be proven not to.
-pub fn min_distance_on_path(
+pub fn check_min_clearance_on_path(
     joint_path: &JointPath,
     one: &CollisionBody,
     other: &CollisionBody,
     demand: &ClearanceDemand,
 ) -> Result<Option<f64>, f64> {
-    let bounds = (one.shape.bounds(), other.shape.bounds());
+    let bounds = (one.shape.bounding_ball(), other.shape.bounding_ball());
     let reaches = bounds.0.1 + bounds.1.1;
-    let uncertainty_mm = demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
+    let uncertainty_mm =
+        demand.max_misplacement_mm + demand.lateral_misplacement.map_or(0.0, |lateral| lateral.max_misplacement_mm);
     let relative_translation = relative_translation(joint_path, one, other);
     let mut nearest = demand.ignored_above_mm;
     // Middle and half-length of the parts that are not evaluated yet.
@@ -80,14 +81,14 @@ pub fn min_distance_on_path(
             body.carrier_chain.pose(&joint_path.to).transform_point(&centre.into()).coords
         };
         let end = at_end(other, bounds.1) - at_end(one, bounds.0);
-        unit_vector(nearest_point_to_origin(end - goes, end)).unwrap_or(Vector3::x())
+        unit_vector(segment_point_nearest_to_origin(end - goes, end)).unwrap_or(Vector3::x())
     });
     let [one_goes, other_goes] =
         [one, other].map(|body| body.carrier_chain.motion_between(&joint_path.from, &joint_path.to));
     while let Some((at, share)) = parts.pop() {
-        let (middle, half) = (joint_path.position_at(at), joint_path.half_extent(share));
+        let (middle, half) = (joint_path.commands_at_share(at), joint_path.axis_distances_of_share(share));
         let sweep = |body: &CollisionBody, goes: &CarrierMotion| {
-            let (corners, radius) = &body.corners;
+            let (corners, radius) = &body.hull_points_and_radius;
             goes.pose_and_displacement_bound(&middle, &half, corners, *radius)
         };
         let (one_at, one_stray) = sweep(one, &one_goes);
@@ -103,11 +104,12 @@ pub fn min_distance_on_path(
         // Without rotation, the gap across one direction changes linearly along the path.
         let change =
             |direction: Vector3<f64>| relative_translation.map_or(stray, |goes| share * goes.dot(&direction).abs());
-        let wide = required_mm + demand.position_uncertainty_mm;
+        let wide = required_mm + demand.max_misplacement_mm;
         let enough = |direction| wide + change(direction);
-        let nearest_gap = body_gap(&one_at, &other_at, direction_hint, demand.lateral, enough, wide + stray);
+        let nearest_gap =
+            compute_body_gap(&one_at, &other_at, direction_hint, demand.lateral_misplacement, enough, wide + stray);
         direction_hint = Some(nearest_gap.direction);
-        let clearance = nearest_gap.distance_mm - demand.position_uncertainty_mm;
+        let clearance = nearest_gap.distance_lower_bound_mm - demand.max_misplacement_mm;
         let change = change(nearest_gap.direction);
         if clearance <= demand.min_clearance_mm
             || (stray < COLLISION_RESOLUTION_MM && clearance - change <= demand.min_clearance_mm)
@@ -134,7 +136,7 @@ fn relative_translation(joint_path: &JointPath, one: &CollisionBody, other: &Col
 }
 
 /// Point nearest to the origin on the straight line between two points.
-pub(super) fn nearest_point_to_origin(from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
+pub(super) fn segment_point_nearest_to_origin(from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
     let goes = to - from;
     let square = goes.norm_squared();
     let share = if square > 0.0 { (-from.dot(&goes) / square).clamp(0.0, 1.0) } else { 0.0 };

@@ -12,9 +12,9 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use super::body::{CollisionBody, CollisionShape};
-use super::body_gap::LateralUncertainty;
+use super::body_gap::LateralMisplacement;
+use super::collision_scene::CollisionScene;
 use super::refusal::RefusalReason;
-use super::scene::Scene;
 use super::sweep::JointPath;
 use machine::frame::{Pose, perpendicular_directions, unit_vector};
 use machine::kinematics::AxisCommands;
@@ -22,29 +22,29 @@ use machine::kinematics::AxisCommands;
 /// Maximum distance between contact and trigger, mm.
 const MAX_PRE_TRAVEL_MM: f64 = 0.1;
 /// Number of directions across the touch in which the artefact is shifted.
-const LATERAL_SHIFT_COUNT: u32 = 8;
+const LATERAL_SHIFT_DIRECTION_COUNT: u32 = 8;
 const BISECTION_STEP_COUNT: u32 = 40;
 /// Maximum angle between the expected contact with a ball and the normal of the step, degrees.
 const MAX_CONTACT_ANGLE_ERROR_DEG: f64 = 25.0;
 /// Rounding tolerance of the text, mm.
-const TEXT_ROUNDING_MM: f64 = 2e-3;
+const TEXT_ROUNDING_TOLERANCE_MM: f64 = 2e-3;
 
 /// Part of a touch that contact allows.
 pub struct TouchReach {
     /// Number of the touched body.
-    pub touched_body: usize,
+    pub touched_body_number: usize,
     pub joint_path: JointPath,
-    pub lateral: LateralUncertainty,
+    pub lateral_misplacement: LateralMisplacement,
 }
 
 /// Straight path of the stylus ball in the frame of the artefact: only linear axes move, whether or not they carry
 /// the table.
-struct BallLine {
-    table: Pose,
+struct StylusBallLine {
+    table_pose_at_start: Pose,
     from: Vector3<f64>,
     to: Vector3<f64>,
-    along: Vector3<f64>,
-    radius: f64,
+    unit_direction: Vector3<f64>,
+    stylus_ball_radius_mm: f64,
 }
 
 /// Finds the body that the ball meets first when all bodies are at their assumed positions: this is the touched
@@ -54,33 +54,40 @@ struct BallLine {
 /// # Errors
 /// The ball meets no body before the end of the path, or would miss a ball at some position within its uncertainty,
 /// or meets it on another side than the step states.
-pub fn touch_reach(
-    scene: &Scene,
+pub fn find_touch_reach(
+    scene: &CollisionScene,
     joint_path: &JointPath,
     braking: f64,
     normal: [f64; 3],
 ) -> Result<TouchReach, RefusalReason> {
-    let line = BallLine::new(scene, joint_path).ok_or(RefusalReason::TouchWithoutContact)?;
+    let line = StylusBallLine::new(scene, joint_path).ok_or(RefusalReason::TouchWithoutContact)?;
     let met = scene
-        .touched_bodies()
+        .touchable_bodies()
         .filter_map(|(number, body)| Some((number, body, line.contact_share(&body.shape, Vector3::zeros())?)));
     let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
-    if let Some(ball) = body.shape.as_ball() {
-        line.check_touch_cannot_miss(body, ball.0, ball.1, scene.uncertainty)?;
+    if let Some(ball) = body.shape.ball_centre_and_radius() {
+        line.check_touch_cannot_miss(body, ball.0, ball.1, scene.max_artefact_misplacement_mm)?;
         line.check_contact_side(body, ball.0, at, Vector3::from(normal))?;
     }
-    let farthest = line.latest_contact_share(&body.shape, at, scene.uncertainty);
+    let farthest = line.latest_contact_share(&body.shape, at, scene.max_artefact_misplacement_mm);
     let end = (farthest + (MAX_PRE_TRAVEL_MM + braking) / line.from.metric_distance(&line.to)).min(1.0);
     let stop = std::array::from_fn(|i| joint_path.from[i] + end * (joint_path.to[i] - joint_path.from[i]));
-    let lateral = LateralUncertainty { direction: line.table.rotation * line.along, amount_mm: scene.uncertainty };
-    Ok(TouchReach { touched_body: number, joint_path: JointPath { from: joint_path.from, to: stop }, lateral })
+    let lateral = LateralMisplacement {
+        perpendicular_to: line.table_pose_at_start.rotation * line.unit_direction,
+        max_misplacement_mm: scene.max_artefact_misplacement_mm,
+    };
+    Ok(TouchReach {
+        touched_body_number: number,
+        joint_path: JointPath { from: joint_path.from, to: stop },
+        lateral_misplacement: lateral,
+    })
 }
 
-impl BallLine {
-    fn new(scene: &Scene, joint_path: &JointPath) -> Option<Self> {
-        let (_, artefact) = scene.touched_bodies().next()?;
+impl StylusBallLine {
+    fn new(scene: &CollisionScene, joint_path: &JointPath) -> Option<Self> {
+        let (_, artefact) = scene.touchable_bodies().next()?;
         let tip = scene.stylus_ball()?;
-        let (centre, radius) = tip.shape.bounds();
+        let (centre, radius) = tip.shape.bounding_ball();
         let ball_at = |commands: &AxisCommands| {
             let table = artefact.carrier_chain.pose(commands);
             let tool = tip.carrier_chain.pose(commands);
@@ -88,7 +95,13 @@ impl BallLine {
         };
         let (from, to) = (ball_at(&joint_path.from), ball_at(&joint_path.to));
         let along = unit_vector(to - from)?;
-        Some(Self { table: artefact.carrier_chain.pose(&joint_path.from), from, to, along, radius })
+        Some(Self {
+            table_pose_at_start: artefact.carrier_chain.pose(&joint_path.from),
+            from,
+            to,
+            unit_direction: along,
+            stylus_ball_radius_mm: radius,
+        })
     }
 
     fn point_at(&self, share: f64) -> Vector3<f64> {
@@ -97,16 +110,17 @@ impl BallLine {
 
     /// Position of the ball, as a share of the path, at which it meets a shape that is displaced by `shift`.
     fn contact_share(&self, shape: &CollisionShape, shift: Vector3<f64>) -> Option<f64> {
-        first_contact_share(|share| shape.distance(self.point_at(share) - shift) - self.radius)
+        first_contact_share(|share| shape.distance_to_point(self.point_at(share) - shift) - self.stylus_ball_radius_mm)
     }
 
-    /// Latest contact with a shape that is displaced across the path; `straight`: contact without displacement.
-    fn latest_contact_share(&self, shape: &CollisionShape, straight: f64, uncertainty: f64) -> f64 {
-        let [right, up] = perpendicular_directions(self.along);
+    /// Latest contact with a shape that is displaced across the path; `undisplaced_share`: contact without
+    /// displacement.
+    fn latest_contact_share(&self, shape: &CollisionShape, undisplaced_share: f64, uncertainty: f64) -> f64 {
+        let [right, up] = perpendicular_directions(self.unit_direction);
         // Contact is a convex function of the displacement: the corners of a polygon around the circle bound it.
-        let corner = uncertainty / (TAU / f64::from(2 * LATERAL_SHIFT_COUNT)).cos();
-        (0..LATERAL_SHIFT_COUNT).fold(straight, |farthest, k| {
-            let (sin, cos) = (TAU * f64::from(k) / f64::from(LATERAL_SHIFT_COUNT)).sin_cos();
+        let corner = uncertainty / (TAU / f64::from(2 * LATERAL_SHIFT_DIRECTION_COUNT)).cos();
+        (0..LATERAL_SHIFT_DIRECTION_COUNT).fold(undisplaced_share, |farthest, k| {
+            let (sin, cos) = (TAU * f64::from(k) / f64::from(LATERAL_SHIFT_DIRECTION_COUNT)).sin_cos();
             let shifted = self.contact_share(shape, corner * (cos * right + sin * up));
             farthest.max(shifted.unwrap_or(1.0))
         })
@@ -121,9 +135,9 @@ impl BallLine {
         radius: f64,
         uncertainty: f64,
     ) -> Result<(), RefusalReason> {
-        let ahead = (centre - self.from).dot(&self.along).clamp(0.0, self.from.metric_distance(&self.to));
-        let apart = centre.metric_distance(&(self.from + ahead * self.along));
-        if apart <= radius + self.radius - uncertainty + TEXT_ROUNDING_MM {
+        let ahead = (centre - self.from).dot(&self.unit_direction).clamp(0.0, self.from.metric_distance(&self.to));
+        let apart = centre.metric_distance(&(self.from + ahead * self.unit_direction));
+        if apart <= radius + self.stylus_ball_radius_mm - uncertainty + TEXT_ROUNDING_TOLERANCE_MM {
             return Ok(());
         }
         Err(RefusalReason::TouchCanMiss { body: body.name.clone(), uncertainty })
@@ -133,11 +147,11 @@ impl BallLine {
         &self,
         body: &CollisionBody,
         centre: Vector3<f64>,
-        at: f64,
+        contact_share: f64,
         normal: Vector3<f64>,
     ) -> Result<(), RefusalReason> {
-        let expected = self.table.rotation.inverse() * normal;
-        let out = self.point_at(at) - centre;
+        let expected = self.table_pose_at_start.rotation.inverse() * normal;
+        let out = self.point_at(contact_share) - centre;
         // Without a normal, the value is NaN, and the touch is refused.
         let cos = out.dot(&expected) / (out.norm() * expected.norm());
         let off = cos.clamp(-1.0, 1.0).acos().to_degrees();

@@ -1,14 +1,14 @@
 //! Path of the ball into a nest of sensors on the table.
 
 use super::*;
-use crate::gcode::{Dialect, Transmission};
+use crate::gcode::{Dialect, TransmissionForm};
 use crate::proof::{StageProofRequest, StageSteps, prove_blocks};
 use machine::record::motion::Motion;
 
 /// Ball of 11 mm radius, 120 mm below the spindle datum; three sensors at 120°, 35.26° below the centre of the
 /// nest, which is at Z = 60 with all axes at zero.
 fn nest_plan(steps: Vec<Step>) -> Plan {
-    let mut plan = plan(steps);
+    let mut plan = cylinder_plan(steps);
     plan.artefact = serde_json::from_value(json!({"kind": "none"})).unwrap();
     plan.probe.ball_radius_mm = 11.0;
     let elevation = (1.0 / 3.0_f64.sqrt()).asin();
@@ -26,11 +26,11 @@ fn nest_plan(steps: Vec<Step>) -> Plan {
     plan
 }
 
-fn point(x: f64, z: f64, c: f64) -> Position {
-    at(&[(Axis::X, x), (Axis::Y, 0.0), (Axis::Z, 180.0 + z), (Axis::B, 0.0), (Axis::C, c)])
+fn nest_position(x: f64, z: f64, c: f64) -> Position {
+    position_from_mm_or_rad(&[(Axis::X, x), (Axis::Y, 0.0), (Axis::Z, 180.0 + z), (Axis::B, 0.0), (Axis::C, c)])
 }
 
-fn scan(id: u32, path: Vec<Position>) -> Step {
+fn nest_scan_step(id: u32, path: Vec<Position>) -> Step {
     Step {
         kind: StepKind::Scan,
         from: path[0].clone(),
@@ -38,13 +38,13 @@ fn scan(id: u32, path: Vec<Position>) -> Step {
         feed_mm_min: 60.0,
         sensors: vec!["n0".into(), "n1".into(), "n2".into()],
         scan: Some(Scan { path, sampling: Sampling::Dwell { dwell_s: 0.5, samples: 3 } }),
-        ..touch(id, 0.0, 0.0, 0.0, 0.0)
+        ..radial_touch_step(id, 0.0, 0.0, 0.0, 0.0)
     }
 }
 
 /// Checks that all steps of `plan` can be proven from an unconfirmed position.
 #[track_caller]
-fn is_proven(plan: &Plan, blocks: &[Block], position: &Position) {
+fn assert_blocks_are_proven(plan: &Plan, blocks: &[Block], position: &Position) {
     let steps: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
     let request = StageProofRequest {
         plan,
@@ -52,7 +52,7 @@ fn is_proven(plan: &Plan, blocks: &[Block], position: &Position) {
         start_position: Some(position),
         confirmed: ConfirmedDirections::default(),
         dialect: &Dialect::from_name("grbl-m19").unwrap(),
-        transmission: &Transmission::Rows,
+        transmission: &TransmissionForm::TableRows,
         blocks,
     };
     let (proof, _) = prove_blocks(&request).unwrap_or_else(|error| panic!("{error}"));
@@ -61,13 +61,18 @@ fn is_proven(plan: &Plan, blocks: &[Block], position: &Position) {
 
 #[test]
 fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
-    let learn = vec![point(0.0, 0.0, 0.0), point(0.1, 0.0, 0.0), point(0.0, 0.1, 0.0)];
-    let ring = vec![point(0.0, 0.0, 0.0), point(0.0, 0.0, 1.0), point(0.0, 0.0, 2.0)];
-    let turned = vec![point(0.1, 0.0, 1.0), point(0.0, 0.0, 1.0)];
-    let steps = vec![scan(0, learn), scan(1, ring), scan(2, turned), scan(3, vec![point(0.0, 0.0, 0.0)])];
+    let learn = vec![nest_position(0.0, 0.0, 0.0), nest_position(0.1, 0.0, 0.0), nest_position(0.0, 0.1, 0.0)];
+    let ring = vec![nest_position(0.0, 0.0, 0.0), nest_position(0.0, 0.0, 1.0), nest_position(0.0, 0.0, 2.0)];
+    let turned = vec![nest_position(0.1, 0.0, 1.0), nest_position(0.0, 0.0, 1.0)];
+    let steps = vec![
+        nest_scan_step(0, learn),
+        nest_scan_step(1, ring),
+        nest_scan_step(2, turned),
+        nest_scan_step(3, vec![nest_position(0.0, 0.0, 0.0)]),
+    ];
     let plan = nest_plan(steps);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
-    let mut position = point(50.0, 120.0, 0.5);
+    let mut position = nest_position(50.0, 120.0, 0.5);
     let mut confirmed = ConfirmedDirections::default();
     let mut planned = Vec::new();
     for step in &plan.steps {
@@ -79,7 +84,7 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
         confirmed = confirmed.after_step(step);
         planned.push(blocks);
     }
-    is_proven(&plan, &planned.concat(), &point(50.0, 120.0, 0.5));
+    assert_blocks_are_proven(&plan, &planned.concat(), &nest_position(50.0, 120.0, 0.5));
     let count = |number: usize| {
         let scan = plan.steps[number].scan.as_ref().unwrap();
         out_of_range_block_count(scan, planned[number].len())
@@ -88,12 +93,12 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     let motions = || planned.iter().flatten().flat_map(|block| &block.motions);
     assert!(!motions().any(|motion| matches!(motion, Motion::Rapid { .. } | Motion::Guarded { .. })));
     let [up, down, first] = [0, 1, 2].map(|block| &planned[0][block].motions);
-    assert_eq!(up.iter().filter_map(motion_target).collect::<Vec<_>>(), [at(&[(Axis::Z, 450.0)])]);
+    assert_eq!(up.iter().filter_map(motion_target).collect::<Vec<_>>(), [position_from_mm_or_rad(&[(Axis::Z, 450.0)])]);
     // The near ends of the measuring lines are 10 mm · sin 35.26° below the centre: the lowest point of the ball is
     // 3 mm above them at 8.2 mm. The last 10 mm are slow in any case.
-    assert_eq!(motion_target(down.last().unwrap()), Some(at(&[(Axis::Z, 190.0)])));
+    assert_eq!(motion_target(down.last().unwrap()), Some(position_from_mm_or_rad(&[(Axis::Z, 190.0)])));
     let Motion::Feed { to, feed_mm_min } = &first[0] else { panic!("{first:?}") };
-    assert_eq!(*to, at(&[(Axis::Z, 180.0)]));
+    assert_eq!(*to, position_from_mm_or_rad(&[(Axis::Z, 180.0)]));
     // The gap at the near end of the range is 0.5 mm: a hold after 0.3 s, and braking at 1000 mm/s².
     let speed = feed_mm_min / 60.0;
     assert!((speed * 0.3 + speed * speed / 2000.0 - 0.5).abs() < 1e-9, "{speed}");
@@ -101,10 +106,13 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     let ways = |number: usize| -> Vec<Position> {
         planned[number].iter().flat_map(|block| &block.motions).filter_map(motion_target).collect()
     };
-    let turn = |c: f64| at(&[(Axis::C, c)]);
-    let back = at(&[(Axis::Z, 180.0)]);
+    let turn = |c: f64| position_from_mm_or_rad(&[(Axis::C, c)]);
+    let back = position_from_mm_or_rad(&[(Axis::Z, 180.0)]);
     assert_eq!(ways(1), [back, turn(1.0), turn(2.0)]);
-    assert_eq!(ways(2), [turn(1.0), at(&[(Axis::X, 0.1)]), at(&[(Axis::X, 0.0)])]);
+    assert_eq!(
+        ways(2),
+        [turn(1.0), position_from_mm_or_rad(&[(Axis::X, 0.1)]), position_from_mm_or_rad(&[(Axis::X, 0.0)])]
+    );
     assert_eq!(ways(3), [turn(0.0)]);
 }
 
@@ -112,17 +120,17 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
 #[test]
 fn a_turn_begins_in_an_unconfirmed_nest_but_other_moves_begin_above_it() {
     let plan = nest_plan(vec![
-        scan(0, vec![point(0.0, 0.0, 0.0), point(0.0, 0.0, 1.0)]),
-        scan(1, vec![point(0.1, 0.0, 1.0), point(0.0, 0.0, 1.0)]),
+        nest_scan_step(0, vec![nest_position(0.0, 0.0, 0.0), nest_position(0.0, 0.0, 1.0)]),
+        nest_scan_step(1, vec![nest_position(0.1, 0.0, 1.0), nest_position(0.0, 0.0, 1.0)]),
     ]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
-    let position = point(0.0, 0.0, 0.0);
+    let position = nest_position(0.0, 0.0, 0.0);
     let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
     let turn = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
     let only = |number: usize| Plan { steps: vec![plan.steps[number].clone()], ..plan.clone() };
-    is_proven(&only(0), &turn, &position);
+    assert_blocks_are_proven(&only(0), &turn, &position);
     let way = step_blocks(&plan, &plan.steps[1], 0, start, &clearance).unwrap();
-    is_proven(&only(1), &way, &position);
+    assert_blocks_are_proven(&only(1), &way, &position);
     let count = |number: usize| {
         let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
         let blocks = step_blocks(&plan, &plan.steps[number], 0, start, &clearance).unwrap();

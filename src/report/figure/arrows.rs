@@ -3,21 +3,22 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::scale::{round_step, tick_label, value_bounds};
+use super::ticked_axis::{round_up_to_1_2_or_5, tick_label, value_bounds};
 use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
 use crate::report::number;
 use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Unit};
 
-/// Width of the square panels, height of the scale below them, and size of the picture, in picture units.
+/// Side of the square panels, in picture units.
 pub(super) const PANEL_SIZE: i32 = 500;
-pub(super) const SCALE_HEIGHT: i32 = 70;
-pub(super) const PICTURE_SIZE: (u32, u32) = (3 * PANEL_SIZE as u32, (PANEL_SIZE + SCALE_HEIGHT) as u32);
-/// Axes of each panel, to the right and upwards: from above, and from two sides.
-pub(super) const PANEL_VIEWS: [(i32, [usize; 2]); 3] = [(0, [0, 1]), (1, [0, 2]), (2, [1, 2])];
-/// Distance from the middle of a panel to the farthest position, and length of the longest arrow without a
-/// flag, in picture units.
-const PANEL_HALF_WIDTH: f64 = 140.0;
-const UNFLAGGED_ARROW_LENGTH: f64 = 80.0;
+/// Height of the strip with the scale arrow below the panels, in picture units.
+pub(super) const SCALE_ARROW_STRIP_HEIGHT: i32 = 70;
+pub(super) const PICTURE_SIZE: (u32, u32) = (3 * PANEL_SIZE as u32, (PANEL_SIZE + SCALE_ARROW_STRIP_HEIGHT) as u32);
+/// Index of each panel, and its axes to the right and upwards: from above, and from two sides.
+pub(super) const PANEL_INDICES_AND_AXES: [(i32, [usize; 2]); 3] = [(0, [0, 1]), (1, [0, 2]), (2, [1, 2])];
+/// Distance from the middle of a panel to the farthest position, in picture units.
+const FARTHEST_POSITION_OFFSET: f64 = 140.0;
+/// Length of the longest arrow without a flag, in picture units.
+const MAX_UNFLAGGED_ARROW_LENGTH: f64 = 80.0;
 /// Maximum length of an arrow, in picture units: flagged ones may be longer than the others by orders of
 /// magnitude.
 const MAX_ARROW_LENGTH: f64 = 100.0;
@@ -27,8 +28,9 @@ const ARROWHEAD_LENGTH: f64 = 18.0;
 pub(in crate::report) struct ArrowScales {
     /// Centre of all positions, mm.
     pub(super) centre_mm: [f64; 3],
-    /// Picture units per mm, and per unit of the vectors.
+    /// Picture units per mm between positions.
     pub(super) units_per_mm: f64,
+    /// Picture units per unit of the vectors.
     pub(super) vector: f64,
     /// Value and label of the scale arrow.
     scale_arrow: (f64, String),
@@ -48,40 +50,46 @@ impl ArrowScales {
         };
         let length = [longest(false), longest(true)].into_iter().find(|length| *length > 0.0);
         let length = length.unwrap_or(1.0);
-        let value = round_step(0.4 * length);
+        let value = round_up_to_1_2_or_5(0.4 * length);
         let text = format!("{} {}", tick_label(value, value), number::unit_symbol(figure.unit));
-        let place = if reach > 0.0 { PANEL_HALF_WIDTH / reach } else { 1.0 };
+        let place = if reach > 0.0 { FARTHEST_POSITION_OFFSET / reach } else { 1.0 };
         Some(Self {
             centre_mm: middle,
             units_per_mm: place,
-            vector: UNFLAGGED_ARROW_LENGTH / length,
+            vector: MAX_UNFLAGGED_ARROW_LENGTH / length,
             scale_arrow: (value, text),
         })
     }
 
     pub(in crate::report) fn draw(&self, group: &ArrowGroup) -> Option<String> {
         draw_picture(PICTURE_SIZE, |area| {
-            for (panel, sides) in PANEL_VIEWS {
+            for (panel, sides) in PANEL_INDICES_AND_AXES {
                 self.draw_panel(area, panel, sides, group)?;
             }
-            self.draw_scale(area)
+            self.draw_scale_arrow(area)
         })
     }
 
     fn draw_panel(&self, area: &Area<'_>, panel: i32, sides: [usize; 2], group: &ArrowGroup) -> DrawResult {
         let left = panel * PANEL_SIZE;
-        draw_frame(area, panel, sides)?;
+        draw_panel_frame(area, panel, sides)?;
         // Flagged arrows are drawn last, on top.
         let order = finite_arrows(group).filter(|a| !a.flagged).chain(finite_arrows(group).filter(|a| a.flagged));
         for arrow in order {
             let from = sides.map(|k| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]));
             let from = (left + PANEL_SIZE / 2 + from[0].round() as i32, PANEL_SIZE / 2 - from[1].round() as i32);
-            self.draw_flagged_arrow(area, from, sides.map(|k| arrow.vector[k]), arrow)?;
+            self.draw_arrow_with_any_flag(area, from, sides.map(|k| arrow.vector[k]), arrow)?;
         }
         Ok(())
     }
 
-    fn draw_flagged_arrow(&self, area: &Area<'_>, from: (i32, i32), along: [f64; 2], arrow: &Arrow) -> DrawResult {
+    fn draw_arrow_with_any_flag(
+        &self,
+        area: &Area<'_>,
+        from: (i32, i32),
+        along: [f64; 2],
+        arrow: &Arrow,
+    ) -> DrawResult {
         let colour = if arrow.flagged { FIT_COLOUR } else { LINE_COLOUR };
         area.draw(&Circle::new(from, 4, INK_COLOUR.mix(0.5).filled()))?;
         let factor = self.arrow_scale(arrow.vector);
@@ -102,9 +110,9 @@ impl ArrowScales {
         self.vector * (MAX_ARROW_LENGTH / (self.vector * vector_length(vector))).min(1.0)
     }
 
-    pub(super) fn draw_scale(&self, area: &Area<'_>) -> DrawResult {
+    pub(super) fn draw_scale_arrow(&self, area: &Area<'_>) -> DrawResult {
         let (value, text) = &self.scale_arrow;
-        let from = (24, PANEL_SIZE + SCALE_HEIGHT / 2);
+        let from = (24, PANEL_SIZE + SCALE_ARROW_STRIP_HEIGHT / 2);
         draw_arrow(area, from, [self.vector * value, 0.0], INK_COLOUR)?;
         let style = text_style(FONT_SIZE).pos(Pos::new(HPos::Left, VPos::Center));
         let right = from.0 + (self.vector * value) as i32 + 20;
@@ -129,7 +137,7 @@ impl ArrowScales {
 }
 
 /// Draws the frame of a panel with the names of its axes.
-pub(super) fn draw_frame(area: &Area<'_>, panel: i32, sides: [usize; 2]) -> DrawResult {
+pub(super) fn draw_panel_frame(area: &Area<'_>, panel: i32, sides: [usize; 2]) -> DrawResult {
     let left = panel * PANEL_SIZE;
     let frame = [(left + 4, 4), (left + PANEL_SIZE - 4, PANEL_SIZE - 4)];
     area.draw(&Rectangle::new(frame, GRID_COLOUR.stroke_width(2)))?;

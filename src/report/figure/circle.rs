@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use plotters::prelude::*;
 
-use super::scale::{TickedAxis, value_bounds};
+use super::ticked_axis::{TickedAxis, value_bounds};
 use super::{BAND_OPACITY, FIT_COLOUR, LINE_COLOUR, PICTURE_MARGIN, X_LABEL_HEIGHT, Y_LABEL_WIDTH};
 use super::{draw_axes, draw_picture, finite_or_zero};
 use crate::report::number;
@@ -21,7 +21,7 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
     let [ux, uy] = figure.centre_expanded.map(finite_or_zero);
     let points = figure.x.iter().copied().zip(figure.y.iter().copied());
     let points: Vec<_> = points.filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
-    let half = half_width(figure, &points)?;
+    let half = plot_half_width(figure, &points)?;
     let ellipse = |rx: f64, ry: f64| -> Vec<_> {
         let angles = (0..=120).map(|n| f64::from(n) * TAU / 120.0);
         angles.map(|angle| (x + rx * angle.cos(), y + ry * angle.sin())).collect()
@@ -29,7 +29,7 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
     let unit = number::unit_symbol(figure.unit);
     let (x_name, y_name) = (format!("x / {unit}"), format!("y / {unit}"));
     draw_picture(PICTURE_SIZE, |area| {
-        let axis = |middle: f64| TickedAxis::round(middle - half..middle + half);
+        let axis = |middle: f64| TickedAxis::with_round_ticks(middle - half..middle + half);
         let mut chart = draw_axes(area, (axis(x), &x_name), (axis(y), &y_name))?;
         chart.draw_series([Polygon::new(ellipse(ux, uy), FIT_COLOUR.mix(BAND_OPACITY))])?;
         chart.draw_series([PathElement::new(points.clone(), LINE_COLOUR.mix(0.5).stroke_width(2))])?;
@@ -43,7 +43,7 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
 }
 
 /// Half the side of the smallest square about the centre that contains everything.
-fn half_width(figure: &CircleFigure, points: &[(f64, f64)]) -> Option<f64> {
+fn plot_half_width(figure: &CircleFigure, points: &[(f64, f64)]) -> Option<f64> {
     let [x, y] = figure.centre;
     if !(x.is_finite() && y.is_finite() && figure.radius.is_finite()) {
         return None;

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::PlotPoint;
-use super::scale::value_bounds;
+use super::ticked_axis::value_bounds;
 
 /// Centre about which the value of an error motion is taken (ISO 230-7).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,7 +52,7 @@ impl MotionCircles {
             MotionCentre::Chart => [0.0, 0.0],
         };
         let circles = Self { centre, inner: 0.0, outer: 0.0 };
-        let distances = samples.iter().map(|sample| sample.y - circles.offset(sample.x));
+        let distances = samples.iter().map(|sample| sample.y - circles.centre_offset_at_angle(sample.x));
         let (inner, outer) = value_bounds(distances)?;
         Some(Self { inner, outer, ..circles })
     }
@@ -64,7 +64,7 @@ impl MotionCircles {
 
     /// Difference at an angle between a circle about this centre and the same circle about the centre of the
     /// chart.
-    pub(super) fn offset(&self, degrees: f64) -> f64 {
+    pub(super) fn centre_offset_at_angle(&self, degrees: f64) -> f64 {
         let (sin, cos) = degrees.to_radians().sin_cos();
         self.centre[0] * cos + self.centre[1] * sin
     }
@@ -94,17 +94,17 @@ fn least_squares_centre(samples: &[PlotPoint]) -> Option<[f64; 2]> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{coordinates, is_inside_picture, sine_function};
-    use super::super::{draw_function, error_motion};
+    use super::super::tests::{is_inside_picture, sine_function, svg_coordinates};
+    use super::super::{draw_function, motion_circles_of_polar_figure};
     use super::MotionCentre;
-    use machine::record::estimate::{EstimatedFunction, FigureKind};
+    use machine::record::estimate::{EstimatedFunction, FunctionFigureKind};
 
     /// A function over whole revolutions in steps of 5°.
     fn function_of_angle(symbol: &str, revolutions: u32, value: impl Fn(f64) -> f64) -> EstimatedFunction {
         let x: Vec<f64> = (0..=72 * revolutions).map(|n| f64::from(5 * n)).collect();
         let y: Vec<f64> = x.iter().map(|x| value(x.to_radians())).collect();
         let u = vec![0.0; x.len()];
-        EstimatedFunction { symbol: symbol.to_owned(), x, y, u, ..sine_function(FigureKind::Polar, 1) }
+        EstimatedFunction { symbol: symbol.to_owned(), x, y, u, ..sine_function(FunctionFigureKind::Polar, 1) }
     }
 
     /// 2 + 1.5·cos θ − 0.8·sin θ + 0.6·cos 3θ: a circle about (1.5, −0.8) and three lobes of ±0.6 on it.
@@ -112,7 +112,7 @@ mod tests {
     fn error_motion_value_is_relative_to_its_centre() {
         let lobes = |turn: f64| 1.5 * turn.cos() - 0.8 * turn.sin() + 0.6 * (3.0 * turn).cos() + 2.0;
         for symbol in ["EXC", "EAC", "EZA", "EXB"] {
-            let (centre, circles) = error_motion(&function_of_angle(symbol, 1, lobes)).unwrap();
+            let (centre, circles) = motion_circles_of_polar_figure(&function_of_angle(symbol, 1, lobes)).unwrap();
             assert_eq!(centre, MotionCentre::LeastSquares, "{symbol}");
             let known = [(circles.centre[0], 1.5), (circles.centre[1], -0.8), (circles.value(), 1.2)];
             for (found, expected) in known {
@@ -122,23 +122,23 @@ mod tests {
         // The first harmonic of an axial motion is a motion: 1.7·cos(θ + ..) alone has the range 3.4.
         for symbol in ["EZC", "ECC", "EXA", "EYB"] {
             let round = function_of_angle(symbol, 1, |turn| 1.5 * turn.cos() - 0.8 * turn.sin());
-            let (centre, circles) = error_motion(&round).unwrap();
+            let (centre, circles) = motion_circles_of_polar_figure(&round).unwrap();
             assert_eq!((centre, circles.centre), (MotionCentre::Chart, [0.0; 2]));
             assert!((circles.value() - 3.4).abs() < 0.01, "{symbol}: {}", circles.value());
         }
         for symbol in ["W_form", "EXC_total", "EXX", "ESC", "R_1", "E"] {
-            assert_eq!(error_motion(&function_of_angle(symbol, 1, lobes)), None, "{symbol}");
+            assert_eq!(motion_circles_of_polar_figure(&function_of_angle(symbol, 1, lobes)), None, "{symbol}");
         }
         let mut unequal = function_of_angle("EXC", 1, lobes);
         (0..30).for_each(|_| {
             unequal.x.remove(12);
             unequal.y.remove(12);
         });
-        let (_, circles) = error_motion(&EstimatedFunction { u: vec![0.0; 43], ..unequal }).unwrap();
+        let (_, circles) = motion_circles_of_polar_figure(&EstimatedFunction { u: vec![0.0; 43], ..unequal }).unwrap();
         // At unequal angles the lobes are not orthogonal to the circle.
         assert!((circles.centre[0] - 1.5).abs() < 0.3 && circles.value() >= 1.2 - 1e-9);
-        let one_angle = EstimatedFunction { x: vec![45.0; 8], ..sine_function(FigureKind::Polar, 8) };
-        assert_eq!(error_motion(&EstimatedFunction { symbol: "EXC".to_owned(), ..one_angle }), None);
+        let one_angle = EstimatedFunction { x: vec![45.0; 8], ..sine_function(FunctionFigureKind::Polar, 8) };
+        assert_eq!(motion_circles_of_polar_figure(&EstimatedFunction { symbol: "EXC".to_owned(), ..one_angle }), None);
     }
 
     /// For cos θ + 0.6·cos 3θ the rings are from −2 to 2 µm, 60 units apart; the centre is 1 µm to the right.
@@ -147,7 +147,7 @@ mod tests {
         let motion = function_of_angle("EYC", 1, |turn| turn.cos() + 0.6 * (3.0 * turn).cos());
         let svg = draw_function(&motion, 2.0).unwrap();
         let lines: Vec<Vec<f64>> =
-            svg.lines().filter(|line| line.contains("stroke=\"#C2571A\"")).map(coordinates).collect();
+            svg.lines().filter(|line| line.contains("stroke=\"#C2571A\"")).map(svg_coordinates).collect();
         let [inner, outer, across, upright] = lines.as_slice() else { panic!("{}", lines.len()) };
         assert_eq!((&across[..], &upright[..]), (&[492.0, 450.0, 528.0, 450.0][..], &[510.0, 432.0, 510.0, 468.0][..]));
         // At 0° the outer circle is at 0.6 + 1 µm, at 180° the inner one at −0.6 − 1 µm.
@@ -162,7 +162,7 @@ mod tests {
     fn curve_of_two_revolutions_closes_after_the_second() {
         let svg = draw_function(&function_of_angle("EXC", 2, |turn| (turn / 2.0).sin()), 2.0).unwrap();
         let curve = svg.lines().find(|line| line.contains("stroke-width=\"4\"")).unwrap();
-        let points = coordinates(curve).len() / 2;
+        let points = svg_coordinates(curve).len() / 2;
         // 144 steps of 5° in chords of at most 2°, each with both ends; the curve closes at 720°.
         assert_eq!(points, 144 * 4 + 2);
         assert!(is_inside_picture(&svg));

@@ -5,45 +5,47 @@ use std::f64::consts::TAU;
 
 use plotters::prelude::*;
 
-use super::scale::{TickedAxis, round_step, value_bounds};
+use super::ticked_axis::{TickedAxis, round_up_to_1_2_or_5, value_bounds};
 use super::{FIT_COLOUR, LINE_COLOUR, PlotPoint, draw_picture};
 use crate::report::number;
 use machine::record::estimate::EstimatedFunction;
 
 const PICTURE_SIZE: (u32, u32) = (1400, 640);
 /// Maximum number of columns; more would show no further detail.
-const MAX_COLUMNS: f64 = 60.0;
+const MAX_BIN_COUNT: f64 = 60.0;
 
 pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
     let values: Vec<f64> = samples.iter().map(|sample| sample.y).collect();
     let columns = HistogramBins::from_values(&values)?;
     let tallest = columns.counts.iter().copied().max()?;
-    let normal = columns.normal_curve(&values);
+    let normal = columns.expected_normal_counts(&values);
     let top = normal.iter().map(|(_, count)| *count).fold(tallest as f64, f64::max);
     let unit = number::unit_symbol(function.unit);
-    let x_name = format!("{} / {unit}", number::plain_symbol(&function.symbol));
-    let x_axis = TickedAxis::round(columns.bin_edge(0)..columns.bin_edge(columns.counts.len()));
+    let x_name = format!("{} / {unit}", number::one_line_symbol(&function.symbol));
+    let x_axis = TickedAxis::with_round_ticks(columns.bin_edge(0)..columns.bin_edge(columns.counts.len()));
     draw_picture(PICTURE_SIZE, |area| {
-        let y_axis = TickedAxis::round(0.0..1.08 * top);
+        let y_axis = TickedAxis::with_round_ticks(0.0..1.08 * top);
         let mut chart = super::draw_axes(area, (x_axis, &x_name), (y_axis, "count"))?;
         chart.draw_series(columns.counts.iter().enumerate().map(|(i, count)| {
             let corners = [(columns.bin_edge(i), *count as f64), (columns.bin_edge(i + 1), 0.0)];
             Rectangle::new(corners, LINE_COLOUR.mix(0.6).filled())
         }))?;
-        if !are_lengths(samples) {
+        if !are_all_nonnegative(samples) {
             chart.draw_series([PathElement::new(normal, FIT_COLOUR.stroke_width(4))])?;
         }
         Ok(())
     })
 }
 
-fn are_lengths(samples: &[PlotPoint]) -> bool {
+fn are_all_nonnegative(samples: &[PlotPoint]) -> bool {
     samples.iter().all(|sample| sample.y >= 0.0)
 }
 
+/// Columns of equal width, each with the number of its values.
 struct HistogramBins {
-    first: f64,
-    width: f64,
+    /// Lower edge of the first column.
+    first_edge: f64,
+    bin_width: f64,
     counts: Vec<usize>,
 }
 
@@ -56,11 +58,11 @@ impl HistogramBins {
         let (low, high) = value_bounds(sorted.iter().copied())?;
         let at = |quarter: usize| sorted.get(quarter * (sorted.len() - 1) / 4).copied();
         let wanted = 2.0 * (at(3)? - at(1)?) / (sorted.len() as f64).cbrt();
-        let least = (high - low) / MAX_COLUMNS;
+        let least = (high - low) / MAX_BIN_COUNT;
         // Equal values give one column.
         let alike = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
         let width = [wanted.max(least), alike].into_iter().find(|width| *width > 0.0)?;
-        let width = round_step(width);
+        let width = round_up_to_1_2_or_5(width);
         let first = (low / width).floor() * width;
         let place = |value: f64| ((value - first) / width) as usize;
         let mut counts = vec![0; place(high) + 1];
@@ -69,15 +71,15 @@ impl HistogramBins {
                 *count += 1;
             }
         }
-        Some(Self { first, width, counts })
+        Some(Self { first_edge: first, bin_width: width, counts })
     }
 
     fn bin_edge(&self, number: usize) -> f64 {
-        self.first + self.width * number as f64
+        self.first_edge + self.bin_width * number as f64
     }
 
     /// Expected count of a column centred at each position.
-    fn normal_curve(&self, values: &[f64]) -> Vec<(f64, f64)> {
+    fn expected_normal_counts(&self, values: &[f64]) -> Vec<(f64, f64)> {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
@@ -89,7 +91,7 @@ impl HistogramBins {
         let at = |step: i32| {
             let x = low + (high - low) * f64::from(step) / 200.0;
             let height = (-0.5 * ((x - mean) / sd).powi(2)).exp() / (sd * TAU.sqrt());
-            (x, n * self.width * height)
+            (x, n * self.bin_width * height)
         };
         (0..=200).map(at).collect()
     }
@@ -100,13 +102,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_value_is_in_one_column() {
+    fn every_value_is_in_one_bin() {
         // Quartiles 1 apart, 8 values: columns 1 wide.
         let values = [0.1, 0.2, 0.9, 1.0, 1.1, 1.15, 1.9, 2.5];
         let columns = HistogramBins::from_values(&values).unwrap();
-        assert_eq!((columns.first, columns.width), (0.0, 1.0));
+        assert_eq!((columns.first_edge, columns.bin_width), (0.0, 1.0));
         assert_eq!(columns.counts, [3, 4, 1]);
-        let normal = columns.normal_curve(&values);
+        let normal = columns.expected_normal_counts(&values);
         // The range covers nearly the whole normal distribution; its tails are not drawn.
         let step = 3.0 / 200.0;
         let area: f64 = normal.iter().map(|(_, count)| count * step).sum();

@@ -3,9 +3,9 @@
 
 use plotters::prelude::*;
 
-use super::legend::{self, DASH_PATTERN, LegendSymbol};
-use super::scale::{TickedAxis, add_margin, value_bounds};
-use super::strip::{self, Temperatures};
+use super::legend::{self, DASH_AND_GAP_LENGTH, LegendSymbol};
+use super::temperature_strip::{self, TemperatureCurves};
+use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{
     Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PlotPoint, Y_LABEL_WIDTH, draw_picture,
 };
@@ -16,35 +16,38 @@ const PICTURE_SIZE: (u32, u32) = (1400, 560);
 
 /// Maximum ratio of the picture's value range with a tolerance line to the range without it. Beyond it, the
 /// line is only named in the legend, as the values would be too small to see.
-const MAX_RANGE_RATIO: f64 = 4.0;
+const MAX_RANGE_RATIO_WITH_TOLERANCE: f64 = 4.0;
 
 /// Chart of one parameter; times in seconds before now, negative.
 #[derive(Debug, Clone, Default)]
 pub struct IndividualsChart {
     pub symbol: String,
     /// Time, value and expanded uncertainty, in order of time.
-    pub values: Vec<[f64; 3]>,
+    pub times_values_and_expanded_u: Vec<[f64; 3]>,
     /// Lower limit, centre and upper limit, and the index of the first value for which they are valid.
-    pub limits: Option<([f64; 3], usize)>,
+    pub control_limits_and_first_index: Option<([f64; 3], usize)>,
     /// Maximum magnitude of the value.
     pub tolerance: Option<f64>,
     /// Times of the steps.
-    pub steps: Vec<f64>,
-    pub temperatures: Temperatures,
+    pub step_times_s: Vec<f64>,
+    pub temperatures: TemperatureCurves,
 }
 
 /// Units of time with their lengths in seconds.
-const TIME_UNITS: [(f64, &str); 4] = [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
+const TIME_UNITS_IN_SECONDS: [(f64, &str); 4] =
+    [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
 
 /// Data of the chart with its scales.
 struct ScaledChart {
     samples: Vec<PlotPoint>,
-    /// First and last time, in units of `scale` seconds.
-    time: (f64, f64),
-    scale: f64,
-    value: (f64, f64),
+    /// First and last time in the picture, in the unit of time.
+    time_range: (f64, f64),
+    /// Length of the unit of time, s.
+    seconds_per_time_unit: f64,
+    /// Lowest and highest value in the picture.
+    value_range: (f64, f64),
     /// Tolerance lines inside the picture.
-    tolerance: Vec<f64>,
+    drawn_tolerance_lines: Vec<f64>,
 }
 
 impl IndividualsChart {
@@ -52,33 +55,43 @@ impl IndividualsChart {
     pub fn draw(&self, unit: Unit) -> Option<String> {
         let (scale, word) = self.time_unit();
         let scaled = self.scale_data(scale)?;
-        let legend_entries = self.legend_entries(unit, &scaled.tolerance);
-        let temperature_range = strip::temperature_range(&self.temperatures);
-        let rows = if legend_entries.is_empty() { 0 } else { legend::ROW_HEIGHT };
-        let below = if temperature_range.is_some() { legend::ROW_HEIGHT + strip::STRIP_HEIGHT } else { 0 };
+        let legend_entries = self.legend_entries(unit, &scaled.drawn_tolerance_lines);
+        let temperature_range = temperature_strip::temperature_scale_range(&self.temperatures);
+        let rows = if legend_entries.is_empty() { 0 } else { legend::LEGEND_ROW_HEIGHT };
+        let below = if temperature_range.is_some() {
+            legend::LEGEND_ROW_HEIGHT + temperature_strip::TEMPERATURE_STRIP_HEIGHT
+        } else {
+            0
+        };
         let x_name = format!("{word} before now");
-        let y_name = format!("{} / {}", number::plain_symbol(&self.symbol), number::unit_symbol(unit));
-        let time = TickedAxis::round(scaled.time.0..scaled.time.1);
+        let y_name = format!("{} / {}", number::one_line_symbol(&self.symbol), number::unit_symbol(unit));
+        let time = TickedAxis::with_round_ticks(scaled.time_range.0..scaled.time_range.1);
         draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + rows + below), |area| {
             let (above, rest) = area.split_vertically(rows as i32);
             legend::draw_legend(&above, Y_LABEL_WIDTH, &legend_entries)?;
             let (upper, lower) = rest.split_vertically(PICTURE_SIZE.1 as i32);
-            self.draw_chart(&upper, &scaled, (time.clone(), &x_name), &y_name)?;
+            self.draw_values_and_limits(&upper, &scaled, (time.clone(), &x_name), &y_name)?;
             let Some(range) = temperature_range else { return Ok(()) };
-            let (names, lower) = lower.split_vertically(legend::ROW_HEIGHT as i32);
-            legend::draw_legend(&names, Y_LABEL_WIDTH, &strip::legend_entries(&self.temperatures))?;
-            strip::draw_strip(&lower, &self.temperatures, time, &x_name, scale, range.0, range.1)
+            let (names, lower) = lower.split_vertically(legend::LEGEND_ROW_HEIGHT as i32);
+            legend::draw_legend(
+                &names,
+                Y_LABEL_WIDTH,
+                &temperature_strip::thermometer_legend_entries(&self.temperatures),
+            )?;
+            temperature_strip::draw_strip(&lower, &self.temperatures, time, &x_name, scale, range.0, range.1)
         })
     }
 
     fn scale_data(&self, scale: f64) -> Option<ScaledChart> {
-        let finite = self.values.iter().filter(|value| value.iter().all(|part| part.is_finite()));
+        let finite = self.times_values_and_expanded_u.iter().filter(|value| value.iter().all(|part| part.is_finite()));
         let samples: Vec<PlotPoint> =
-            finite.map(|[t_s, y, half]| PlotPoint { x: t_s / scale, y: *y, half_width: *half }).collect();
-        let limits = self.limits.map(|(limits, _)| limits).into_iter().flatten();
-        let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
+            finite.map(|[t_s, y, half]| PlotPoint { x: t_s / scale, y: *y, uncertainty_half_width: *half }).collect();
+        let limits = self.control_limits_and_first_index.map(|(limits, _)| limits).into_iter().flatten();
+        let ends = samples
+            .iter()
+            .flat_map(|sample| [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width]);
         let (mut low, mut high) = value_bounds(ends.chain(limits))?;
-        let most = MAX_RANGE_RATIO * (high - low).max(f64::MIN_POSITIVE);
+        let most = MAX_RANGE_RATIO_WITH_TOLERANCE * (high - low).max(f64::MIN_POSITIVE);
         let mut tolerance: Vec<f64> = self.tolerance.iter().flat_map(|limit| [-limit, *limit]).collect();
         // The nearer line first: there may be room for one only.
         let middle = (low + high) / 2.0;
@@ -92,30 +105,49 @@ impl IndividualsChart {
             fits
         });
         let time = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);
-        Some(ScaledChart { samples, time, scale, value: add_margin((low, high)), tolerance })
+        Some(ScaledChart {
+            samples,
+            time_range: time,
+            seconds_per_time_unit: scale,
+            value_range: add_margin((low, high)),
+            drawn_tolerance_lines: tolerance,
+        })
     }
 
     /// Entries of the legend.
     fn legend_entries(&self, unit: Unit, drawn: &[f64]) -> Vec<(LegendSymbol, String)> {
         let mut legend_entries = Vec::new();
-        legend_entries.extend(self.limits.map(|_| (LegendSymbol::Band, "control limits".to_owned())));
+        legend_entries
+            .extend(self.control_limits_and_first_index.map(|_| (LegendSymbol::Band, "control limits".to_owned())));
         legend_entries.extend(self.tolerance.map(|limit| {
             let beyond = match drawn.len() {
                 2 => "",
                 1 => " (one line beyond)",
                 _ => " (beyond)",
             };
-            (LegendSymbol::Dashed, format!("tolerance ±{limit} {}{beyond}", number::unit_symbol(unit)))
+            (LegendSymbol::DashedLine, format!("tolerance ±{limit} {}{beyond}", number::unit_symbol(unit)))
         }));
-        legend_entries.extend((!self.steps.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
+        legend_entries.extend((!self.step_times_s.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
         legend_entries
     }
 
-    fn draw_chart(&self, area: &Area<'_>, scaled: &ScaledChart, x: (TickedAxis, &str), y_name: &str) -> DrawResult {
-        let ScaledChart { samples, time: (first, last), scale, value: (low, high), tolerance } = scaled;
-        let mut chart = super::draw_axes(area, x, (TickedAxis::round(*low..*high), y_name))?;
-        if let Some(([lower, centre, upper], from)) = self.limits {
-            let begin = self.values.get(from).map_or(*first, |[t_s, ..]| t_s / scale);
+    fn draw_values_and_limits(
+        &self,
+        area: &Area<'_>,
+        scaled: &ScaledChart,
+        x: (TickedAxis, &str),
+        y_name: &str,
+    ) -> DrawResult {
+        let ScaledChart {
+            samples,
+            time_range: (first, last),
+            seconds_per_time_unit: scale,
+            value_range: (low, high),
+            drawn_tolerance_lines: tolerance,
+        } = scaled;
+        let mut chart = super::draw_axes(area, x, (TickedAxis::with_round_ticks(*low..*high), y_name))?;
+        if let Some(([lower, centre, upper], from)) = self.control_limits_and_first_index {
+            let begin = self.times_values_and_expanded_u.get(from).map_or(*first, |[t_s, ..]| t_s / scale);
             let band = [(begin, lower), (*last, upper)];
             chart.draw_series([Rectangle::new(band, GRID_COLOUR.mix(0.4).filled())])?;
             for (y, width) in [(lower, 3), (centre, 2), (upper, 3)] {
@@ -124,14 +156,14 @@ impl IndividualsChart {
             }
         }
         for y in tolerance {
-            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], DASH_PATTERN);
+            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], DASH_AND_GAP_LENGTH);
             chart.draw_series(DashedLineSeries::new(line, dash, gap, INK_COLOUR.stroke_width(4)))?;
         }
-        for t_s in &self.steps {
+        for t_s in &self.step_times_s {
             let line = vec![(t_s / scale, *low), (t_s / scale, *high)];
             chart.draw_series([PathElement::new(line, INK_COLOUR.stroke_width(3))])?;
         }
-        let bars = samples.iter().map(|PlotPoint { x, y, half_width: half }| {
+        let bars = samples.iter().map(|PlotPoint { x, y, uncertainty_half_width: half }| {
             let ends = vec![(*x, y - half), (*x, y + half)];
             PathElement::new(ends, LINE_COLOUR.mix(0.5).stroke_width(4))
         });
@@ -144,15 +176,16 @@ impl IndividualsChart {
 
     /// Largest unit of time of which the chart covers at least two.
     fn time_unit(&self) -> (f64, &'static str) {
-        let [first, last] = [self.values.first(), self.values.last()].map(|value| value.map_or(0.0, |[t_s, ..]| *t_s));
+        let [first, last] = [self.times_values_and_expanded_u.first(), self.times_values_and_expanded_u.last()]
+            .map(|value| value.map_or(0.0, |[t_s, ..]| *t_s));
         let reach = (last - first).max(-first);
-        TIME_UNITS.into_iter().find(|(scale, _)| reach >= 2.0 * scale).unwrap_or((1.0, "seconds"))
+        TIME_UNITS_IN_SECONDS.into_iter().find(|(scale, _)| reach >= 2.0 * scale).unwrap_or((1.0, "seconds"))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{attributes, is_inside_picture};
+    use super::super::tests::{attribute_values, is_inside_picture};
     use super::*;
 
     #[test]
@@ -160,9 +193,9 @@ mod tests {
         let value = |day: i32| [-86_400.0 * f64::from(10 - day), f64::from(day % 2), 0.5];
         let chart = IndividualsChart {
             symbol: "EX0C".to_owned(),
-            values: (0..10).map(value).collect(),
-            limits: Some(([-1.0, 0.5, 2.0], 4)),
-            steps: vec![-86_400.0 * 6.5],
+            times_values_and_expanded_u: (0..10).map(value).collect(),
+            control_limits_and_first_index: Some(([-1.0, 0.5, 2.0], 4)),
+            step_times_s: vec![-86_400.0 * 6.5],
             ..IndividualsChart::default()
         };
         let svg = chart.draw(Unit::Um).unwrap();
@@ -170,18 +203,23 @@ mod tests {
         let dots: Vec<f64> = svg
             .lines()
             .filter(|line| line.contains("<circle"))
-            .map(|line| attributes(line, "cx")[0].parse().unwrap())
+            .map(|line| attribute_values(line, "cx")[0].parse().unwrap())
             .collect();
         assert_eq!(dots.len(), 10);
         assert!(dots.windows(2).all(|pair| pair[1] > pair[0]));
         let is_band = |line: &&str| line.contains("<rect") && line.contains("0.4");
         let band = svg.lines().rev().find(is_band).unwrap();
         // The limits begin at the fifth value.
-        let begins: f64 = attributes(band, "x")[0].parse().unwrap();
+        let begins: f64 = attribute_values(band, "x")[0].parse().unwrap();
         assert!((begins - dots[4]).abs() <= 1.0, "{begins} {dots:?}");
-        let none = IndividualsChart { values: vec![[0.0, f64::NAN, 1.0]], ..chart.clone() };
+        let none = IndividualsChart { times_values_and_expanded_u: vec![[0.0, f64::NAN, 1.0]], ..chart.clone() };
         assert_eq!(none.draw(Unit::Um), None);
-        let soon = IndividualsChart { values: vec![[-30.0, 1.0, 1.0]], limits: None, steps: vec![], ..chart };
+        let soon = IndividualsChart {
+            times_values_and_expanded_u: vec![[-30.0, 1.0, 1.0]],
+            control_limits_and_first_index: None,
+            step_times_s: vec![],
+            ..chart
+        };
         assert!(soon.draw(Unit::Um).unwrap().contains("seconds before now"));
     }
 
@@ -190,7 +228,7 @@ mod tests {
             let (x, y) = pair.split_once(',')?;
             Some([x.parse().ok()?, y.parse().ok()?])
         };
-        attributes(line, "points")[0].split_whitespace().filter_map(pair).collect()
+        attribute_values(line, "points")[0].split_whitespace().filter_map(pair).collect()
     }
 
     /// Horizontal lines of this colour and width below the legend: both ends and the height in the picture.
@@ -199,7 +237,7 @@ mod tests {
         let lines = svg.lines().filter(|line| line.contains("<polyline"));
         let lines = lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(polyline_points);
         let level = |line: &Vec<[f64; 2]>| line.iter().all(|[_, y]| *y == line[0][1]);
-        let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::ROW_HEIGHT));
+        let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::LEGEND_ROW_HEIGHT));
         lines.map(|line| [line[0][0], line[line.len() - 1][0], line[0][1]]).collect()
     }
 
@@ -207,8 +245,8 @@ mod tests {
         let value = |day: i32| [-86_400.0 * f64::from(10 - day), f64::from(day % 2), 0.5];
         IndividualsChart {
             symbol: "EX0C".to_owned(),
-            values: (0..10).map(value).collect(),
-            limits: Some(([-1.0, 0.5, 2.0], 0)),
+            times_values_and_expanded_u: (0..10).map(value).collect(),
+            control_limits_and_first_index: Some(([-1.0, 0.5, 2.0], 0)),
             tolerance,
             ..IndividualsChart::default()
         }
@@ -244,8 +282,12 @@ mod tests {
         assert!(horizontal_lines(&svg, "#22262B", 4).is_empty());
         let far = daily_chart(Some(50.0));
         let near_one = IndividualsChart {
-            values: far.values.iter().map(|[t, y, half]| [*t, y + 48.0, *half]).collect(),
-            limits: None,
+            times_values_and_expanded_u: far
+                .times_values_and_expanded_u
+                .iter()
+                .map(|[t, y, half]| [*t, y + 48.0, *half])
+                .collect(),
+            control_limits_and_first_index: None,
             ..far
         };
         let svg = near_one.draw(Unit::Um).unwrap();
@@ -262,16 +304,16 @@ mod tests {
             |(day, value): (usize, &[f64; 3])| (value[0], (day != 3 && day != 4).then_some(20.0 + day as f64));
         let bed = |value: &[f64; 3]| (value[0], Some(20.0));
         let temperatures = vec![
-            ("spindle".to_owned(), chart.values.iter().enumerate().map(spindle).collect()),
-            ("bed".to_owned(), chart.values.iter().map(bed).collect()),
-            ("nobody".to_owned(), chart.values.iter().map(|value| (value[0], None)).collect()),
+            ("spindle".to_owned(), chart.times_values_and_expanded_u.iter().enumerate().map(spindle).collect()),
+            ("bed".to_owned(), chart.times_values_and_expanded_u.iter().map(bed).collect()),
+            ("nobody".to_owned(), chart.times_values_and_expanded_u.iter().map(|value| (value[0], None)).collect()),
         ];
         let plain = chart.draw(Unit::Um).unwrap();
         let svg = IndividualsChart { temperatures, ..chart.clone() }.draw(Unit::Um).unwrap();
         assert!(is_inside_picture(&svg) && svg.contains("temperature spindle") && svg.contains("°C"));
         assert!(!plain.contains("temperature"));
         let circles = svg.lines().filter(|line| line.contains("<circle") && line.contains("r=\"7\""));
-        let dots: Vec<f64> = circles.map(|line| attributes(line, "cx")[0].parse().unwrap()).collect();
+        let dots: Vec<f64> = circles.map(|line| attribute_values(line, "cx")[0].parse().unwrap()).collect();
         let lines = svg.lines().filter(|line| line.contains("<polyline")).map(polyline_points);
         let below = 616.0;
         let curves: Vec<_> = lines.filter(|line| line.len() > 2 && line.iter().all(|[_, y]| *y > below)).collect();
@@ -293,9 +335,9 @@ mod tests {
     }
 
     #[test]
-    fn no_strip_without_temperatures() {
+    fn chart_without_finite_temperatures_has_no_strip() {
         let chart = daily_chart(None);
-        let none = vec![("bed".to_owned(), chart.values.iter().map(|v| (v[0], None)).collect())];
+        let none = vec![("bed".to_owned(), chart.times_values_and_expanded_u.iter().map(|v| (v[0], None)).collect())];
         let nan = vec![("bed".to_owned(), vec![(-1.0, Some(f64::NAN))])];
         let plain = chart.draw(Unit::Um);
         for temperatures in [none, nan] {

@@ -9,7 +9,7 @@ use crate::report::number;
 use machine::record::estimate::Covariance;
 
 /// Numbers of results with a picture: fewer need none, more cannot be read.
-const DRAWN_RESULT_COUNTS: std::ops::RangeInclusive<usize> = 3..=60;
+const RESULT_COUNTS_WITH_MATRIX: std::ops::RangeInclusive<usize> = 3..=60;
 const PICTURE_SIDE: i32 = 1500;
 /// Mean width of a letter, as a share of the font size.
 const LETTER_WIDTH_RATIO: f64 = 0.56;
@@ -26,8 +26,8 @@ pub(in crate::report) fn correlation_coefficient(covariance: &Covariance, i: usi
 
 /// Draws the matrix; `None` unless there are 3 to 60 names.
 pub(in crate::report) fn draw_matrix(covariance: &Covariance) -> Option<String> {
-    let names: Vec<String> = covariance.symbols.iter().map(|s| number::plain_symbol(s)).collect();
-    DRAWN_RESULT_COUNTS.contains(&names.len()).then_some(())?;
+    let names: Vec<String> = covariance.symbols.iter().map(|s| number::one_line_symbol(s)).collect();
+    RESULT_COUNTS_WITH_MATRIX.contains(&names.len()).then_some(())?;
     let layout = MatrixLayout::for_names(&names);
     draw_picture((PICTURE_SIDE as u32, PICTURE_SIDE as u32), |area| {
         for (i, name) in names.iter().enumerate() {
@@ -42,9 +42,9 @@ pub(in crate::report) fn draw_matrix(covariance: &Covariance) -> Option<String> 
 
 struct MatrixLayout {
     /// Left and top position of the cells.
-    begin: i32,
-    cell: f64,
-    font: f64,
+    cells_left_and_top: i32,
+    cell_side: f64,
+    font_size: f64,
 }
 
 impl MatrixLayout {
@@ -55,18 +55,18 @@ impl MatrixLayout {
         let letters = LETTER_WIDTH_RATIO * longest as f64 + 0.7;
         let cell = (f64::from(PICTURE_SIDE - COLOUR_SCALE_HEIGHT) / (count + 0.8 * letters)).min(70.0);
         let font = (0.8 * cell).min(34.0);
-        Self { begin: (letters * font) as i32, cell, font }
+        Self { cells_left_and_top: (letters * font) as i32, cell_side: cell, font_size: font }
     }
 
-    fn cell_edge(&self, n: usize) -> i32 {
-        self.begin + (n as f64 * self.cell).round() as i32
+    fn cell_start(&self, n: usize) -> i32 {
+        self.cells_left_and_top + (n as f64 * self.cell_side).round() as i32
     }
 
     /// Draws a name to the left of its row and above its column.
     fn draw_name(&self, area: &Area<'_>, n: usize, name: &str) -> DrawResult {
-        let middle = (self.cell_edge(n) + self.cell_edge(n + 1)) / 2;
-        let before = self.begin - (0.35 * self.font) as i32;
-        let style = text_style(self.font);
+        let middle = (self.cell_start(n) + self.cell_start(n + 1)) / 2;
+        let before = self.cells_left_and_top - (0.35 * self.font_size) as i32;
+        let style = text_style(self.font_size);
         let row = style.clone().pos(Pos::new(HPos::Right, VPos::Center));
         area.draw(&Text::new(name.to_owned(), (before, middle), row))?;
         let turned = style.transform(FontTransform::Rotate270);
@@ -76,7 +76,8 @@ impl MatrixLayout {
     }
 
     fn draw_cell(&self, area: &Area<'_>, [i, j]: [usize; 2], value: Option<f64>) -> DrawResult {
-        let corners = [(self.cell_edge(j), self.cell_edge(i)), (self.cell_edge(j + 1) - 1, self.cell_edge(i + 1) - 1)];
+        let corners =
+            [(self.cell_start(j), self.cell_start(i)), (self.cell_start(j + 1) - 1, self.cell_start(i + 1) - 1)];
         match value {
             _ if i == j => area.draw(&Rectangle::new(corners, GRID_COLOUR.filled()))?,
             Some(value) => draw_tile(area, corners, value)?,
@@ -90,7 +91,7 @@ impl MatrixLayout {
         let (top, wide) = (PICTURE_SIDE - 66, 64);
         let style = text_style(30.0).pos(Pos::new(HPos::Center, VPos::Center));
         for n in -5..=5 {
-            let left = self.begin.max(60) + (n + 5) * wide;
+            let left = self.cells_left_and_top.max(60) + (n + 5) * wide;
             draw_tile(area, [(left, top), (left + wide - 2, top + 24)], f64::from(n) / 5.0)?;
             if n % 5 == 0 {
                 let label = number::format_fixed(f64::from(n) / 5.0, 0);

@@ -3,34 +3,34 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use self::scale::TickedAxis;
-use machine::record::estimate::{EstimatedFunction, FigureKind};
+use self::ticked_axis::TickedAxis;
+use machine::record::estimate::{EstimatedFunction, FunctionFigureKind};
 
 mod arrows;
 mod circle;
 mod curve;
+mod error_map;
 mod error_motion;
 mod histogram;
 mod individuals;
 mod legend;
-mod map;
 mod matrix;
 mod paths;
 mod points;
 mod polar;
-mod scale;
 mod spectrum;
-mod strip;
+mod temperature_strip;
 #[cfg(test)]
 mod tests;
+mod ticked_axis;
 
 pub(super) use arrows::ArrowScales;
 pub(super) use circle::draw_circle;
+pub use error_map::ErrorMap;
 pub(super) use error_motion::{MotionCentre, MotionCircles};
 pub use individuals::IndividualsChart;
-pub use map::ErrorMap;
 pub(super) use matrix::{correlation_coefficient, draw_matrix};
-pub use strip::Temperatures;
+pub use temperature_strip::TemperatureCurves;
 
 /// Colours by their role; the page's style sheet replaces these exact values in dark mode.
 const INK_COLOUR: RGBColor = RGBColor(0x22, 0x26, 0x2B);
@@ -43,32 +43,34 @@ const PICTURE_MARGIN: u32 = 24;
 const X_LABEL_HEIGHT: u32 = 96;
 const Y_LABEL_WIDTH: u32 = 140;
 /// Maximum number of points with marks; more marks would hide the line.
-const MAX_MARKS: usize = 100;
+const MAX_POINTS_WITH_MARKS: usize = 100;
 
 /// A point of a function: argument, value, half-width of the uncertainty band.
 #[derive(Debug, Clone, Copy)]
 struct PlotPoint {
     x: f64,
     y: f64,
-    half_width: f64,
+    uncertainty_half_width: f64,
 }
 
-/// Draws `draw_function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
+/// Draws `function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
 pub(super) fn draw_function(function: &EstimatedFunction, k: f64) -> Option<String> {
-    let samples = finite_samples(function, k);
+    let samples = finite_plot_points(function, k);
     match function.figure {
-        FigureKind::Curve => curve::draw_curve(function, &samples),
-        FigureKind::Polar => polar::draw_polar(function, &samples, motion_circles(function, &samples).map(|(_, c)| c)),
-        FigureKind::Points => points::draw_points(function, &samples),
-        FigureKind::Histogram => histogram::draw_histogram(function, &samples),
-        FigureKind::Spectrum => spectrum::draw_spectrum(function, &samples),
+        FunctionFigureKind::Curve => curve::draw_curve(function, &samples),
+        FunctionFigureKind::Polar => {
+            polar::draw_polar(function, &samples, motion_circles(function, &samples).map(|(_, c)| c))
+        }
+        FunctionFigureKind::Points => points::draw_points(function, &samples),
+        FunctionFigureKind::Histogram => histogram::draw_histogram(function, &samples),
+        FunctionFigureKind::Spectrum => spectrum::draw_spectrum(function, &samples),
     }
 }
 
 /// Centre and circles of a polar figure of an error motion.
-pub(super) fn error_motion(function: &EstimatedFunction) -> Option<(MotionCentre, MotionCircles)> {
-    let is_polar = function.figure == FigureKind::Polar;
-    is_polar.then(|| motion_circles(function, &finite_samples(function, 0.0))).flatten()
+pub(super) fn motion_circles_of_polar_figure(function: &EstimatedFunction) -> Option<(MotionCentre, MotionCircles)> {
+    let is_polar = function.figure == FunctionFigureKind::Polar;
+    is_polar.then(|| motion_circles(function, &finite_plot_points(function, 0.0))).flatten()
 }
 
 fn motion_circles(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<(MotionCentre, MotionCircles)> {
@@ -77,11 +79,11 @@ fn motion_circles(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option
 }
 
 /// Finite values of the function.
-fn finite_samples(function: &EstimatedFunction, k: f64) -> Vec<PlotPoint> {
+fn finite_plot_points(function: &EstimatedFunction, k: f64) -> Vec<PlotPoint> {
     let points = function.x.iter().zip(&function.y);
     points
         .zip(function.u.iter().copied().chain(std::iter::repeat(0.0)))
-        .map(|((x, y), u)| PlotPoint { x: *x, y: *y, half_width: finite_or_zero(k * u) })
+        .map(|((x, y), u)| PlotPoint { x: *x, y: *y, uncertainty_half_width: finite_or_zero(k * u) })
         .filter(|sample| sample.x.is_finite() && sample.y.is_finite())
         .collect()
 }

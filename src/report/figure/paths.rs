@@ -3,19 +3,22 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::arrows::{ArrowScales, PANEL_SIZE, PANEL_VIEWS, PICTURE_SIZE, SCALE_HEIGHT, draw_frame, finite_arrows};
+use super::arrows::{
+    ArrowScales, PANEL_INDICES_AND_AXES, PANEL_SIZE, PICTURE_SIZE, SCALE_ARROW_STRIP_HEIGHT, draw_panel_frame,
+    finite_arrows,
+};
 use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
 use machine::record::estimate::{Arrow, ArrowGroup};
 
 /// Names in the legend, with their positions at the foot of the picture.
-const LEGEND_ENTRIES: [(&str, i32); 3] = [("commanded", 320), ("measured", 580), ("model", 810)];
+const LEGEND_TEXTS_AND_MARK_X: [(&str, i32); 3] = [("commanded", 320), ("measured", 580), ("model", 810)];
 
 impl ArrowScales {
     /// Draws one group as [`ArrowScales::draw`] does, and joins the positions in their order to a closed path.
     pub(in crate::report) fn draw_path(&self, group: &ArrowGroup) -> Option<String> {
         draw_picture(PICTURE_SIZE, |area| {
-            for (panel, sides) in PANEL_VIEWS {
-                draw_frame(area, panel, sides)?;
+            for (panel, sides) in PANEL_INDICES_AND_AXES {
+                draw_panel_frame(area, panel, sides)?;
                 self.draw_closed_path(
                     area,
                     group,
@@ -40,9 +43,9 @@ impl ArrowScales {
                     draw_marks(area, places, arrow.flagged)?;
                 }
             }
-            self.draw_scale(area)?;
-            for (number, (text, left)) in LEGEND_ENTRIES.into_iter().enumerate() {
-                let here = (left, PANEL_SIZE + SCALE_HEIGHT / 2);
+            self.draw_scale_arrow(area)?;
+            for (number, (text, left)) in LEGEND_TEXTS_AND_MARK_X.into_iter().enumerate() {
+                let here = (left, PANEL_SIZE + SCALE_ARROW_STRIP_HEIGHT / 2);
                 let place = |k: usize| (k == number).then_some(here);
                 draw_marks(area, [place(0), place(1), place(2)], false)?;
                 let style = text_style(FONT_SIZE).pos(Pos::new(HPos::Left, VPos::Center));
@@ -52,17 +55,18 @@ impl ArrowScales {
         })
     }
 
-    /// Position in the picture; `None` if the vector is not finite.
+    /// Position of the tip of `vector` in the picture; `None` if the vector is not finite.
     fn picture_position(
         &self,
         panel: i32,
-        sides: [usize; 2],
+        view_axes: [usize; 2],
         arrow: &Arrow,
         vector: Option<[f64; 3]>,
     ) -> Option<(i32, i32)> {
         let vector = vector.filter(|vector| vector.iter().all(|part| part.is_finite()))?;
         let factor = self.arrow_scale(vector);
-        let [right, up] = sides.map(|k| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]) + factor * vector[k]);
+        let [right, up] =
+            view_axes.map(|k| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]) + factor * vector[k]);
         let middle = PANEL_SIZE / 2;
         Some((panel * PANEL_SIZE + middle + right.round() as i32, middle - up.round() as i32))
     }
@@ -82,8 +86,8 @@ impl ArrowScales {
 }
 
 /// Marks of the commanded, measured and modelled positions.
-fn draw_marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -> DrawResult {
-    let [commanded, measured, modelled] = places;
+fn draw_marks(area: &Area<'_>, commanded_measured_modelled: [Option<(i32, i32)>; 3], is_flagged: bool) -> DrawResult {
+    let [commanded, measured, modelled] = commanded_measured_modelled;
     if let Some(at) = commanded {
         area.draw(&Circle::new(at, 6, INK_COLOUR.filled()))?;
     }
@@ -92,7 +96,7 @@ fn draw_marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -
     }
     if let Some(at) = measured {
         area.draw(&Circle::new(at, 9, LINE_COLOUR.stroke_width(4)))?;
-        if flagged {
+        if is_flagged {
             area.draw(&Circle::new(at, 15, FIT_COLOUR.stroke_width(4)))?;
         }
     }
@@ -101,9 +105,9 @@ fn draw_marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{attributes, is_inside_picture};
+    use super::super::tests::{attribute_values, is_inside_picture};
     use super::*;
-    use machine::record::estimate::{ArrowFigure, Unit, VectorKind};
+    use machine::record::estimate::{ArrowFigure, Unit, VectorFigureKind};
 
     /// Two positions 200 mm apart in X; the longest deviation, 40 µm, is drawn 80 units long.
     #[test]
@@ -118,7 +122,7 @@ mod tests {
         let arrows =
             vec![arrow(-100.0, [40.0, 0.0, 0.0], None), arrow(100.0, [0.0, 10.0, 30.0], Some([0.0, 0.0, 20.0]))];
         let groups = vec![ArrowGroup { name: "B 0°".to_owned(), arrows }];
-        let (symbol, figure) = ("deviation".to_owned(), VectorKind::Paths);
+        let (symbol, figure) = ("deviation".to_owned(), VectorFigureKind::Paths);
         let mut figure = ArrowFigure { symbol, unit: Unit::Um, groups, figure };
         let common = ArrowScales::new(&figure).unwrap();
         // 80 units per 0.040 mm against 140 units per 100 mm.
@@ -127,7 +131,7 @@ mod tests {
         let svg = common.draw_path(&figure.groups[0]).unwrap();
         let rings = |radius: &str| -> Vec<[String; 2]> {
             let marked = svg.lines().filter(|line| line.contains(&format!(" r=\"{radius}\"")));
-            marked.map(|l| ["cx", "cy"].map(|name| attributes(l, name)[0].to_owned())).collect()
+            marked.map(|l| ["cx", "cy"].map(|name| attribute_values(l, name)[0].to_owned())).collect()
         };
         let commanded = [["110", "250"], ["390", "250"], ["610", "250"], ["890", "250"]];
         assert_eq!(rings("6")[..4], commanded);

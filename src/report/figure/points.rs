@@ -2,24 +2,26 @@
 
 use plotters::prelude::*;
 
-use super::scale::{TickedAxis, add_margin, value_bounds};
+use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{INK_COLOUR, LINE_COLOUR, PlotPoint, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
 
 const PICTURE_SIZE: (u32, u32) = (1400, 640);
 
 pub(super) fn draw_points(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
-    let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
+    let ends = samples
+        .iter()
+        .flat_map(|sample| [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width]);
     let (low, high) = add_margin(value_bounds(ends.chain([0.0]))?);
     let (first, last) = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);
-    let (x_name, y_name) = curve::axis_names(function);
-    let axes = (TickedAxis::round(first..last), TickedAxis::round(low..high));
+    let (x_name, y_name) = curve::axis_names_with_units(function);
+    let axes = (TickedAxis::with_round_ticks(first..last), TickedAxis::with_round_ticks(low..high));
     draw_picture(PICTURE_SIZE, |area| {
         let mut chart = super::draw_axes(area, (axes.0, &x_name), (axes.1, &y_name))?;
         let zero = vec![(first, 0.0), (last, 0.0)];
         chart.draw_series([PathElement::new(zero, INK_COLOUR.stroke_width(2))])?;
-        let bars = samples.iter().filter(|sample| sample.half_width > 0.0).map(|sample| {
-            let ends = [sample.y - sample.half_width, sample.y + sample.half_width];
+        let bars = samples.iter().filter(|sample| sample.uncertainty_half_width > 0.0).map(|sample| {
+            let ends = [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width];
             PathElement::new(ends.map(|y| (sample.x, y)), LINE_COLOUR.mix(0.5).stroke_width(4))
         });
         chart.draw_series(bars)?;

@@ -1,8 +1,8 @@
-use super::scale::value_bounds;
+use super::ticked_axis::value_bounds;
 use super::*;
-use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, CircleFigure, Covariance, Unit, VectorKind};
+use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, CircleFigure, Covariance, Unit, VectorFigureKind};
 
-pub(super) fn sine_function(figure: FigureKind, count: u32) -> EstimatedFunction {
+pub(super) fn sine_function(figure: FunctionFigureKind, count: u32) -> EstimatedFunction {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
     EstimatedFunction {
         symbol: "EXC_total".to_owned(),
@@ -30,15 +30,15 @@ fn circle_figure(radius: f64) -> CircleFigure {
     }
 }
 
-pub(super) fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
+pub(super) fn attribute_values<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
     let start = format!(" {name}=\"");
     svg.match_indices(&start).filter_map(|(at, _)| svg[at + start.len()..].split('"').next()).collect()
 }
 
 /// All coordinates; panics on one that is not a number.
-pub(super) fn coordinates(svg: &str) -> Vec<f64> {
+pub(super) fn svg_coordinates(svg: &str) -> Vec<f64> {
     let names = ["x", "y", "x1", "y1", "x2", "y2", "cx", "cy", "r", "width", "height", "points"];
-    let values = names.iter().flat_map(|name| attributes(svg, name));
+    let values = names.iter().flat_map(|name| attribute_values(svg, name));
     values
         .flat_map(|value| value.split([' ', ',']))
         .filter(|value| !value.is_empty())
@@ -49,18 +49,18 @@ pub(super) fn coordinates(svg: &str) -> Vec<f64> {
 /// Whether all coordinates are inside the picture. Pixel positions that plotters cannot represent saturate at
 /// the limits of an i32.
 pub(super) fn is_inside_picture(svg: &str) -> bool {
-    coordinates(svg).iter().all(|value| (-100.0..1600.0).contains(value))
+    svg_coordinates(svg).iter().all(|value| (-100.0..1600.0).contains(value))
 }
 
 #[test]
 fn axes_are_labelled_with_units() {
-    let svg = draw_function(&sine_function(FigureKind::Curve, 8), 2.0).unwrap();
+    let svg = draw_function(&sine_function(FunctionFigureKind::Curve, 8), 2.0).unwrap();
     for text in ["C / °", "E_XC,total / µm", "315", "−4"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
     assert_eq!(svg.matches("<circle").count(), 8);
     assert!(is_inside_picture(&svg));
-    let svg = draw_function(&sine_function(FigureKind::Polar, 8), 2.0).unwrap();
+    let svg = draw_function(&sine_function(FunctionFigureKind::Polar, 8), 2.0).unwrap();
     for text in ["0°", "315°", "−2 µm"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
@@ -71,11 +71,12 @@ fn axes_are_labelled_with_units() {
 
 /// Two revolutions are two lines, each with its band.
 #[test]
-fn new_curve_starts_where_the_argument_decreases() {
-    let one = draw_function(&sine_function(FigureKind::Curve, 8), 2.0).unwrap();
-    let EstimatedFunction { x, y, u, .. } = sine_function(FigureKind::Curve, 8);
+fn new_line_starts_where_the_argument_decreases() {
+    let one = draw_function(&sine_function(FunctionFigureKind::Curve, 8), 2.0).unwrap();
+    let EstimatedFunction { x, y, u, .. } = sine_function(FunctionFigureKind::Curve, 8);
     let [x, y, u] = [x, y, u].map(|values| [values.clone(), values].concat());
-    let two = draw_function(&EstimatedFunction { x, y, u, ..sine_function(FigureKind::Curve, 8) }, 2.0).unwrap();
+    let two =
+        draw_function(&EstimatedFunction { x, y, u, ..sine_function(FunctionFigureKind::Curve, 8) }, 2.0).unwrap();
     let added = |element: &str| two.matches(element).count() - one.matches(element).count();
     assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 8]);
 }
@@ -84,12 +85,12 @@ fn new_curve_starts_where_the_argument_decreases() {
 /// ticks show its width.
 #[test]
 fn band_half_width_is_k_times_u() {
-    let flat = EstimatedFunction { y: vec![0.0; 8], ..sine_function(FigureKind::Curve, 8) };
+    let flat = EstimatedFunction { y: vec![0.0; 8], ..sine_function(FunctionFigureKind::Curve, 8) };
     for (k, inside, outside) in [(4.0, ["2", "−2"], "3"), (2.0, ["1.0", "−1.0"], "1.5")] {
         let svg = draw_function(&flat, k).unwrap();
         let band = svg.split("<polygon").nth(1).unwrap();
         let y = |pair: &str| pair.split(',').nth(1).unwrap().parse::<f64>().unwrap();
-        let corners = attributes(band, "points")[0].split_whitespace().map(y);
+        let corners = attribute_values(band, "points")[0].split_whitespace().map(y);
         let (low, high) = value_bounds(corners).unwrap();
         let share = (high - low) / (640.0 - f64::from(X_LABEL_HEIGHT + 2 * PICTURE_MARGIN));
         assert!((share - 1.0 / 1.16).abs() < 0.01, "{share}");
@@ -101,14 +102,14 @@ fn band_half_width_is_k_times_u() {
 /// With values 1 to 4 and ±2 about them, a bar is as long as the distance from one value to the next but one.
 #[test]
 fn points_are_drawn_with_error_bars() {
-    let mut points = sine_function(FigureKind::Points, 4);
+    let mut points = sine_function(FunctionFigureKind::Points, 4);
     points.y = vec![1.0, 2.0, 3.0, 4.0];
     points.u = vec![0.5; 4];
     let svg = draw_function(&points, 2.0).unwrap();
     let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
-    let y_of: Vec<f64> = marks.iter().map(|m| attributes(m, "cy")[0].parse().unwrap()).collect();
+    let y_of: Vec<f64> = marks.iter().map(|m| attribute_values(m, "cy")[0].parse().unwrap()).collect();
     let bars = svg.lines().filter(|line| line.contains("<polyline")).rev().take(4);
-    let bars: Vec<Vec<f64>> = bars.map(coordinates).collect();
+    let bars: Vec<Vec<f64>> = bars.map(svg_coordinates).collect();
     for (bar, y) in bars.iter().rev().zip(&y_of) {
         let length = (bar[3] - bar[1]).abs();
         assert!((length - 2.0 * (y_of[0] - y_of[1])).abs() <= 2.0, "{bar:?} {y_of:?}");
@@ -119,13 +120,13 @@ fn points_are_drawn_with_error_bars() {
 /// By construction 0 µm is on one ring and 1 µm on another.
 #[test]
 fn polar_figure_is_counter_clockwise_from_the_right() {
-    let mut function = sine_function(FigureKind::Polar, 4);
+    let mut function = sine_function(FunctionFigureKind::Polar, 4);
     function.y = vec![0.0, 1.0, 0.0, 0.0];
     function.u = vec![0.0; 4];
     let svg = super::draw_function(&function, 2.0).unwrap();
     let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
-    let x: Vec<_> = marks.iter().map(|mark| attributes(mark, "cx")[0].to_owned()).collect();
-    let y: Vec<_> = marks.iter().map(|mark| attributes(mark, "cy")[0].to_owned()).collect();
+    let x: Vec<_> = marks.iter().map(|mark| attribute_values(mark, "cx")[0].to_owned()).collect();
+    let y: Vec<_> = marks.iter().map(|mark| attribute_values(mark, "cy")[0].to_owned()).collect();
     // Zero is on the inner ring (radius 120), one on the outer ring (360); y grows downwards.
     assert_eq!(x, ["570", "450", "330", "450"]);
     assert_eq!(y, ["450", "90", "450", "570"]);
@@ -133,7 +134,13 @@ fn polar_figure_is_counter_clockwise_from_the_right() {
 
 #[test]
 fn non_finite_numbers_are_not_drawn() {
-    let kinds = [FigureKind::Curve, FigureKind::Polar, FigureKind::Points, FigureKind::Histogram, FigureKind::Spectrum];
+    let kinds = [
+        FunctionFigureKind::Curve,
+        FunctionFigureKind::Polar,
+        FunctionFigureKind::Points,
+        FunctionFigureKind::Histogram,
+        FunctionFigureKind::Spectrum,
+    ];
     for figure in kinds {
         let mut flat = sine_function(figure, 8);
         flat.y = vec![5.0; 8];
@@ -147,7 +154,7 @@ fn non_finite_numbers_are_not_drawn() {
         assert_eq!(draw_function(&sine_function(figure, 0), 2.0), None);
         let many = draw_function(&sine_function(figure, 720), 2.0).unwrap();
         assert!(is_inside_picture(&many));
-        assert_eq!(many.contains("r=\"7\""), figure == FigureKind::Points);
+        assert_eq!(many.contains("r=\"7\""), figure == FunctionFigureKind::Points);
     }
     let mut holes = circle_figure(3.0);
     (holes.x[1], holes.centre_expanded[0]) = (f64::NAN, f64::INFINITY);
@@ -156,7 +163,7 @@ fn non_finite_numbers_are_not_drawn() {
     assert_eq!(draw_circle(&circle_figure(f64::NAN)), None);
 }
 
-fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
+fn covariance_with_entries(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
     Covariance {
         symbols: (0..count).map(|n| format!("ball_{n}_x")).collect(),
         rows: (0..count).map(|i| (0..count).map(|j| entry(i, j)).collect()).collect(),
@@ -165,9 +172,9 @@ fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
 
 /// Variances 4 and 9 with covariance −3 give the correlation −0.5. The colours show sign and magnitude.
 #[test]
-fn matrix_colour_shows_sign_and_size() {
+fn matrix_colour_shows_sign_and_magnitude() {
     let known = [[4.0, -3.0, 0.0], [-3.0, 9.0, 2.25], [0.0, 2.25, 1.0]];
-    let three = covariance(3, |i, j| known[i][j]);
+    let three = covariance_with_entries(3, |i, j| known[i][j]);
     assert_eq!(correlation_coefficient(&three, 0, 1), Some(-0.5));
     assert_eq!(correlation_coefficient(&three, 2, 1), Some(0.75));
     let svg = draw_matrix(&three).unwrap();
@@ -185,15 +192,15 @@ fn matrix_colour_shows_sign_and_size() {
 fn matrix_is_drawn_for_3_to_60_names() {
     let unit = |i: usize, j: usize| if i == j { 1.0 } else { 0.9 };
     for (count, drawn) in [(0, false), (2, false), (3, true), (60, true), (61, false)] {
-        assert_eq!(draw_matrix(&covariance(count, unit)).is_some(), drawn, "{count}");
+        assert_eq!(draw_matrix(&covariance_with_entries(count, unit)).is_some(), drawn, "{count}");
     }
-    let mut holes = covariance(4, |i, j| if i == j { 0.0 } else { f64::NAN });
+    let mut holes = covariance_with_entries(4, |i, j| if i == j { 0.0 } else { f64::NAN });
     holes.rows.truncate(3);
     assert_eq!(correlation_coefficient(&holes, 0, 0), None);
     assert!(is_inside_picture(&draw_matrix(&holes).unwrap()));
 }
 
-fn arrow_figure(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
+fn arrow_figure(positions_vectors_flags: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
     let arrow = |(n, (at_mm, vector, flagged)): (usize, &([f64; 3], [f64; 3], bool))| Arrow {
         label: format!("ball {n}"),
         at_mm: *at_mm,
@@ -201,9 +208,9 @@ fn arrow_figure(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
         modelled: None,
         flagged: *flagged,
     };
-    let arrows = all.iter().enumerate().map(arrow).collect();
+    let arrows = positions_vectors_flags.iter().enumerate().map(arrow).collect();
     let groups = vec![ArrowGroup { name: "B 0°".to_owned(), arrows }];
-    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
+    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups, figure: VectorFigureKind::Arrows }
 }
 
 /// Tips of the arrowheads: the first corner of each head.
@@ -212,7 +219,7 @@ fn arrow_tips(svg: &str) -> Vec<(f64, f64)> {
         let (x, y) = points.split_whitespace().next().unwrap().split_once(',').unwrap();
         (x.parse().unwrap(), y.parse().unwrap())
     };
-    let heads = svg.split("<polygon").skip(1).map(|head| attributes(head, "points")[0]);
+    let heads = svg.split("<polygon").skip(1).map(|head| attribute_values(head, "points")[0]);
     heads.map(corner).collect()
 }
 

@@ -1,9 +1,9 @@
 //! Errors in a readings file, with their location and remedy.
 
 use super::FIRST_LINE;
-use machine::record::reading::UnknownFlag;
+use machine::record::reading::UnknownReadingFlag;
 
-/// A problem and its line (from 1).
+/// Problem in a readings file, and its line (from 1).
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error("readings file, line {line}: {problem}")]
 pub struct ReadingsError {
@@ -15,7 +15,7 @@ pub struct ReadingsError {
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ReadingsProblem {
     #[error("the file must begin with `{FIRST_LINE}`, not with `{found}`")]
-    FirstLine { found: String },
+    WrongFirstLine { found: String },
     #[error("the file is not UTF-8 text; save it as UTF-8")]
     NotUtf8,
     #[error("the line of column names is missing; write at least step,x_mm,y_mm,z_mm")]
@@ -27,11 +27,11 @@ pub enum ReadingsProblem {
     #[error("column `{name}` is missing; it is required for every reading")]
     MissingColumn { name: String },
     #[error("{found} fields instead of {expected}; is the line cut off?")]
-    FieldCount { found: usize, expected: usize },
+    WrongFieldCount { found: usize, expected: usize },
     #[error("the last line has no line end; if the file is complete and not cut off, add one")]
-    CutOff,
+    NoFinalLineEnd,
     #[error("`{name}` is empty; write a value for every reading, or remove the column if it is a time")]
-    Empty { name: String },
+    EmptyField { name: String },
     #[error("`{text}` in `{name}` is not a number; write a number such as 12 or -0.125")]
     NotANumber { name: String, text: String },
     #[error("`{text}` in `{name}` is not a whole number of at least 0")]
@@ -39,9 +39,9 @@ pub enum ReadingsProblem {
     #[error("`{text}` in `{name}` is not finite; remove the row and measure the step again")]
     NotFinite { name: String, text: String },
     #[error(transparent)]
-    Flag(#[from] UnknownFlag),
+    UnknownFlag(#[from] UnknownReadingFlag),
     #[error("step {step} repeat {repeat} occurs already in line {first}; number repeated touches in `repeat`")]
-    Duplicate { step: u32, repeat: u32, first: u64 },
+    DuplicateTouch { step: u32, repeat: u32, first: u64 },
     #[error("{0}")]
-    Csv(String),
+    InvalidCsv(String),
 }

@@ -5,7 +5,7 @@ use machine::Axis;
 use machine::record::reading::Reading;
 use testing::fuzz::fuzz_parser;
 
-const READINGS_FILE: &[u8] = b"# trued-readings 1
+const VALID_READINGS_FILE: &[u8] = b"# trued-readings 1
 # run 3: self-calibration on bench
 step,repeat,x_mm,y_mm,z_mm,b_deg,c_deg,s_deg,value_mm,sensor,t_s,flag,temp_table left_c
 0,0,-47.99,0.0012,50,0,45,,,probe,12.25,,21.5
@@ -31,7 +31,7 @@ fn fuzz_readings_reader() {
         "excluded",
         "#",
     ];
-    fuzz_parser("readings-csv", &[READINGS_FILE], &words, |input| match read_readings(input) {
+    fuzz_parser("readings-csv", &[VALID_READINGS_FILE], &words, |input| match read_readings(input) {
         Err(error) => error.to_string().len(),
         Ok(readings) => {
             let mut again = Vec::new();

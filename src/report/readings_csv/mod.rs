@@ -25,7 +25,7 @@ const FIRST_LINE: &str = "# trued-readings 1";
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Column {
     Step,
-    Repeat,
+    RepeatNumber,
     Position(Axis),
     Value,
     Sensor,
@@ -37,7 +37,7 @@ enum Column {
 impl Column {
     /// All columns except the temperatures, in the order in which they are written.
     fn fixed_columns() -> impl Iterator<Item = Column> {
-        let head = [Column::Step, Column::Repeat].into_iter();
+        let head = [Column::Step, Column::RepeatNumber].into_iter();
         let tail = [Column::Value, Column::Sensor, Column::Time, Column::Flag];
         head.chain(Axis::ALL.into_iter().map(Column::Position)).chain(tail)
     }
@@ -45,7 +45,7 @@ impl Column {
     fn name(&self) -> String {
         match self {
             Column::Step => "step".to_owned(),
-            Column::Repeat => "repeat".to_owned(),
+            Column::RepeatNumber => "repeat".to_owned(),
             Column::Position(axis) => {
                 let unit = if axis.is_linear() { "mm" } else { "deg" };
                 format!("{}_{unit}", axis.letter().to_ascii_lowercase())
@@ -94,7 +94,7 @@ fn format_field(reading: &Reading, column: &Column) -> io::Result<String> {
     };
     match column {
         Column::Step => Ok(reading.step.to_string()),
-        Column::Repeat => Ok(reading.repeat.to_string()),
+        Column::RepeatNumber => Ok(reading.repeat.to_string()),
         Column::Position(axis) => number(reading.position.get(*axis).map(|value| axis.to_mm_or_deg(value))),
         Column::Value => number(reading.value_mm),
         Column::Sensor => Ok(reading.sensor.clone()),

@@ -14,7 +14,7 @@ use machine::{Axis, Position};
 /// # Errors
 /// The first problem in the file, with its line.
 pub fn read_readings(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
-    let text = checked_text(bytes)?;
+    let text = decode_and_check_file(bytes)?;
     let mut rows =
         csv::ReaderBuilder::new().has_headers(false).flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
     let Some((line, names)) = next_record(&mut rows)? else {
@@ -32,7 +32,7 @@ pub fn read_readings(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
             && is_touch
             && let Some(first) = touches.insert((step, repeat), line)
         {
-            return Err(error_at(line, ReadingsProblem::Duplicate { step, repeat, first }));
+            return Err(error_at(line, ReadingsProblem::DuplicateTouch { step, repeat, first }));
         }
         readings.push(reading);
     }
@@ -44,7 +44,7 @@ fn error_at(line: u64, problem: ReadingsProblem) -> ReadingsError {
 }
 
 /// The file as text, after the checks of the whole file.
-fn checked_text(bytes: &[u8]) -> Result<&str, ReadingsError> {
+fn decode_and_check_file(bytes: &[u8]) -> Result<&str, ReadingsError> {
     let text = std::str::from_utf8(bytes).map_err(|error| {
         let before = bytes.iter().take(error.valid_up_to());
         error_at(1 + before.filter(|byte| **byte == b'\n').count() as u64, ReadingsProblem::NotUtf8)
@@ -54,11 +54,11 @@ fn checked_text(bytes: &[u8]) -> Result<&str, ReadingsError> {
     let first = text.lines().next().unwrap_or_default().trim_end();
     if first != FIRST_LINE {
         let found = first.chars().take(60).collect();
-        return Err(error_at(1, ReadingsProblem::FirstLine { found }));
+        return Err(error_at(1, ReadingsProblem::WrongFirstLine { found }));
     }
     // A truncated line can look complete: 12.3 may be the beginning of 12.345, and an empty flag of `excluded`.
     if !text.ends_with('\n') {
-        return Err(error_at(text.lines().count() as u64, ReadingsProblem::CutOff));
+        return Err(error_at(text.lines().count() as u64, ReadingsProblem::NoFinalLineEnd));
     }
     Ok(text)
 }
@@ -73,15 +73,17 @@ fn next_record(rows: &mut csv::Reader<&[u8]>) -> Result<Option<(u64, StringRecor
     match more {
         Ok(true) => Ok(Some((ended.saturating_sub(1), record))),
         Ok(false) => Ok(None),
-        Err(error) => Err(error_at(ended, ReadingsProblem::Csv(error.to_string()))),
+        Err(error) => Err(error_at(ended, ReadingsProblem::InvalidCsv(error.to_string()))),
     }
 }
 
 fn parse_header(names: &StringRecord) -> Result<Vec<Column>, ReadingsProblem> {
     let mut columns = Vec::new();
     for name in names.iter().map(str::trim) {
-        let column = parse_column(name)
-            .ok_or_else(|| ReadingsProblem::UnknownColumn { name: name.to_owned(), nearest: nearest_column(name) })?;
+        let column = parse_column(name).ok_or_else(|| ReadingsProblem::UnknownColumn {
+            name: name.to_owned(),
+            nearest: nearest_column_name(name),
+        })?;
         if columns.contains(&column) {
             return Err(ReadingsProblem::RepeatedColumn { name: name.to_owned() });
         }
@@ -102,7 +104,7 @@ fn parse_column(name: &str) -> Option<Column> {
         .or_else(|| temperature().map(|sensor| Column::Temperature(sensor.to_owned())))
 }
 
-fn nearest_column(name: &str) -> String {
+fn nearest_column_name(name: &str) -> String {
     let known = Column::fixed_columns().chain([Column::Temperature("NAME".to_owned())]);
     let likeness = |candidate: &String| strsim::normalized_damerau_levenshtein(name, candidate);
     known.map(|column| column.name()).max_by(|a, b| likeness(a).total_cmp(&likeness(b))).unwrap_or_default()
@@ -110,7 +112,7 @@ fn nearest_column(name: &str) -> String {
 
 fn parse_row(columns: &[Column], record: &StringRecord) -> Result<Reading, ReadingsProblem> {
     if record.len() != columns.len() {
-        return Err(ReadingsProblem::FieldCount { found: record.len(), expected: columns.len() });
+        return Err(ReadingsProblem::WrongFieldCount { found: record.len(), expected: columns.len() });
     }
     let mut reading = Reading {
         step: 0,
@@ -139,12 +141,12 @@ fn set_field(reading: &mut Reading, column: &Column, text: &str) -> Result<(), R
     let empty = text.trim().is_empty();
     match column {
         Column::Step => reading.step = parse_count(column, text)?,
-        Column::Repeat => reading.repeat = if empty { 0 } else { parse_count(column, text)? },
+        Column::RepeatNumber => reading.repeat = if empty { 0 } else { parse_count(column, text)? },
         Column::Position(axis) if axis.is_linear() && empty => {
-            return Err(ReadingsProblem::Empty { name: column.name() });
+            return Err(ReadingsProblem::EmptyField { name: column.name() });
         }
         // The column must be complete, as missing times would look like drift.
-        Column::Time if empty => return Err(ReadingsProblem::Empty { name: column.name() }),
+        Column::Time if empty => return Err(ReadingsProblem::EmptyField { name: column.name() }),
         Column::Sensor => reading.sensor = text.to_owned(),
         Column::Flag => reading.flag = text.trim().parse()?,
         _ if empty => {}

@@ -13,7 +13,7 @@ fn csv_text(readings: &[Reading]) -> String {
     String::from_utf8(bytes).unwrap()
 }
 
-fn problem_of_rows(rows: &str) -> (u64, ReadingsProblem) {
+fn line_and_problem_of_rows(rows: &str) -> (u64, ReadingsProblem) {
     let error = read_readings(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap_err();
     (error.line, error.problem)
 }
@@ -56,7 +56,7 @@ fn written_readings_are_read_back_bit_for_bit() {
 }
 
 #[test]
-fn angles_are_in_degrees() {
+fn angles_are_written_in_degrees() {
     let third = std::f64::consts::TAU / 3.0;
     let position = Position::new().with(Axis::X, 1.5).with(Axis::Y, -0.0).with(Axis::Z, 1e-7);
     let reading = Reading {
@@ -92,18 +92,18 @@ fn other_column_orders_and_missing_optional_columns_are_accepted() {
 }
 
 #[test]
-fn samples_of_a_scan_share_their_step() {
+fn several_samples_of_one_step_are_accepted() {
     let rows = "step,x_mm,y_mm,z_mm,value_mm\n1,0,0,0,0.5\n1,1,0,0,0.6\n";
     assert_eq!(read_readings(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap().len(), 2);
 }
 
 #[test]
 fn unknown_column_is_reported_with_the_nearest_name() {
-    let (line, problem) = problem_of_rows("# note\nstep,x_mm,y_mm,zmm\n");
+    let (line, problem) = line_and_problem_of_rows("# note\nstep,x_mm,y_mm,zmm\n");
     assert_eq!(line, 3);
     assert_eq!(problem.to_string(), "unknown column `zmm`; the most similar known column is `z_mm`");
     for (name, nearest) in [("c_rad", "c_deg"), ("temp_table", "temp_NAME_c"), ("Step", "step")] {
-        let (_, problem) = self::problem_of_rows(&format!("{name},x_mm,y_mm,z_mm\n"));
+        let (_, problem) = self::line_and_problem_of_rows(&format!("{name},x_mm,y_mm,z_mm\n"));
         let expected = ReadingsProblem::UnknownColumn { name: name.to_owned(), nearest: nearest.to_owned() };
         assert_eq!(problem, expected);
     }
@@ -113,26 +113,26 @@ fn unknown_column_is_reported_with_the_nearest_name() {
 fn bad_line_is_reported_with_its_number() {
     let header = "# a comment\nstep,repeat,x_mm,y_mm,z_mm,flag\n0,0,1,2,3,\n# another\n";
     for (row, expected) in [
-        ("1,0,1,2,3,", ReadingsProblem::CutOff),
-        ("1,0,1,2,\n", ReadingsProblem::FieldCount { found: 5, expected: 6 }),
-        ("1,0,1,2,,\n", ReadingsProblem::Empty { name: "z_mm".to_owned() }),
-        ("1,0,NaN,2,3,\n", not_finite("NaN")),
-        ("1,0,-inf,2,3,\n", not_finite("-inf")),
-        ("1,0,1e999,2,3,\n", not_finite("1e999")),
-        ("1,0,1.2.3,2,3,\n", not_a_number("1.2.3")),
+        ("1,0,1,2,3,", ReadingsProblem::NoFinalLineEnd),
+        ("1,0,1,2,\n", ReadingsProblem::WrongFieldCount { found: 5, expected: 6 }),
+        ("1,0,1,2,,\n", ReadingsProblem::EmptyField { name: "z_mm".to_owned() }),
+        ("1,0,NaN,2,3,\n", not_finite_x_problem("NaN")),
+        ("1,0,-inf,2,3,\n", not_finite_x_problem("-inf")),
+        ("1,0,1e999,2,3,\n", not_finite_x_problem("1e999")),
+        ("1,0,1.2.3,2,3,\n", not_a_number_x_problem("1.2.3")),
         ("-1,0,1,2,3,\n", ReadingsProblem::NotACount { name: "step".to_owned(), text: "-1".to_owned() }),
         ("1,0,1,2,3,range!\n", "range!".parse::<ReadingFlag>().unwrap_err().into()),
-        ("0,0,1,2,3,\n", ReadingsProblem::Duplicate { step: 0, repeat: 0, first: 4 }),
+        ("0,0,1,2,3,\n", ReadingsProblem::DuplicateTouch { step: 0, repeat: 0, first: 4 }),
     ] {
-        assert_eq!(problem_of_rows(&format!("{header}{row}")), (6, expected), "{row}");
+        assert_eq!(line_and_problem_of_rows(&format!("{header}{row}")), (6, expected), "{row}");
     }
 }
 
-fn not_finite(text: &str) -> ReadingsProblem {
+fn not_finite_x_problem(text: &str) -> ReadingsProblem {
     ReadingsProblem::NotFinite { name: "x_mm".to_owned(), text: text.to_owned() }
 }
 
-fn not_a_number(text: &str) -> ReadingsProblem {
+fn not_a_number_x_problem(text: &str) -> ReadingsProblem {
     ReadingsProblem::NotANumber { name: "x_mm".to_owned(), text: text.to_owned() }
 }
 
@@ -151,20 +151,20 @@ fn truncation_within_a_line_is_detected() {
 }
 
 #[test]
-fn foreign_file_is_refused() {
+fn files_with_an_invalid_head_are_refused() {
     for first in ["", "step,x_mm,y_mm,z_mm\n1,2,3,4\n", "# trued-readings 2\n"] {
         let error = read_readings(first.as_bytes()).unwrap_err();
-        assert!(matches!(error.problem, ReadingsProblem::FirstLine { .. }), "{error}");
+        assert!(matches!(error.problem, ReadingsProblem::WrongFirstLine { .. }), "{error}");
         assert_eq!(error.line, 1);
     }
     let latin1 = [FIRST_LINE.as_bytes(), b"\n# M\xfcller\nstep\n"].concat();
     let error = read_readings(&latin1).unwrap_err();
     assert_eq!((error.line, error.problem), (2, ReadingsProblem::NotUtf8));
-    assert_eq!(problem_of_rows("# nothing else\n"), (2, ReadingsProblem::NoHeader));
+    assert_eq!(line_and_problem_of_rows("# nothing else\n"), (2, ReadingsProblem::NoHeader));
     let missing = ReadingsProblem::MissingColumn { name: "y_mm".to_owned() };
-    assert_eq!(problem_of_rows("step,x_mm,z_mm\n"), (2, missing));
+    assert_eq!(line_and_problem_of_rows("step,x_mm,z_mm\n"), (2, missing));
     let twice = ReadingsProblem::RepeatedColumn { name: "x_mm".to_owned() };
-    assert_eq!(problem_of_rows("step,x_mm,x_mm\n"), (2, twice));
+    assert_eq!(line_and_problem_of_rows("step,x_mm,x_mm\n"), (2, twice));
 }
 
 #[test]

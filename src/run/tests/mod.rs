@@ -1,6 +1,6 @@
 //! Runs on the simulated control; the calls to its driver are counted.
 
-mod asking;
+mod prompt_runs;
 mod time_left;
 
 use std::sync::{Arc, Mutex};
@@ -17,44 +17,44 @@ use planning::proof::ProvenBlock;
 type CallLog = Arc<Mutex<Vec<&'static str>>>;
 
 /// Counts the calls to the inner control.
-struct CountingController {
+struct CallLoggingController {
     inner: Controller,
     calls: CallLog,
 }
 
-impl CountingController {
-    fn count(&self, call: &'static str) -> &Controller {
+impl CallLoggingController {
+    fn log_call(&self, call: &'static str) -> &Controller {
         self.calls.lock().unwrap().push(call);
         &self.inner
     }
 }
 
-impl ControllerDriver for CountingController {
+impl ControllerDriver for CallLoggingController {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
-        self.count("prepare").prepare().await
+        self.log_call("prepare").prepare().await
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        self.count("execute").execute(block).await
+        self.log_call("execute").execute(block).await
     }
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
-        self.count("look").read_snapshot().await
+        self.log_call("look").read_snapshot().await
     }
 
     async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.count("introduce").identify_device().await
+        self.log_call("introduce").identify_device().await
     }
 
-    async fn finish(&mut self) -> Result<(), ControllerError> {
-        self.count("finish").finish().await
+    async fn restore_modes(&mut self) -> Result<(), ControllerError> {
+        self.log_call("finish").restore_modes().await
     }
 }
 
 struct RunWorkspace {
-    folder: tempfile::TempDir,
+    journal_folder: tempfile::TempDir,
     journal: Journal,
-    file: MachineFile,
+    machine_file: MachineFile,
     calls: CallLog,
 }
 
@@ -62,41 +62,41 @@ impl RunWorkspace {
     /// `more`: text added to the machine file.
     fn new(more: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let text = crate::setup::built_in_file("self-calibration").text;
+        let text = crate::setup::built_in_machine_file("self-calibration").text;
         let text = format!("{text}\n[method.self-calibration]\npositions = 5\nrepeats = 2\n{more}");
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let journal = Journal::open(folder.path()).unwrap();
-        Self { folder, journal, file, calls: CallLog::default() }
+        Self { journal_folder: folder, journal, machine_file: file, calls: CallLog::default() }
     }
 
-    fn method(&self) -> (Box<dyn Method>, Plan) {
-        setup::configure_method_and_plan(&self.file, "self-calibration", None).unwrap()
+    fn method_and_plan(&self) -> (Box<dyn Method>, Plan) {
+        setup::configure_method_and_plan(&self.machine_file, "self-calibration", None).unwrap()
     }
 
-    async fn devices(&self, past: EarlierSessions<'_>) -> (Devices, HaltHandle) {
-        let mut devices = setup::open_devices(&self.file, SimulationPace::Fast, past).await.unwrap();
+    async fn open_call_logging_devices(&self, past: EarlierSessions<'_>) -> (Devices, HaltHandle) {
+        let mut devices = setup::open_devices(&self.machine_file, SimulationPace::Immediate, past).await.unwrap();
         let halt = devices.controller.halt_handle();
         let (halt_too, calls) = (halt.clone(), self.calls.clone());
-        let counted = |inner| Controller::spawn(CountingController { inner, calls }, halt_too);
+        let counted = |inner| Controller::spawn(CallLoggingController { inner, calls }, halt_too);
         let inner = std::mem::replace(&mut devices.controller, unreachable_controller());
         devices.controller = counted(inner);
         (devices, halt)
     }
 
-    /// Runs until the end. `answers` and `tell` get the halt handle.
+    /// Runs until the end. `answers` and `on_event` get the halt handle.
     async fn run_method(
         &self,
         method: &dyn Method,
         answers: impl FnOnce(HaltHandle) -> PromptAnswerSource,
-        tell: impl Fn(&Event, &HaltHandle),
+        on_event: impl Fn(&Event, &HaltHandle),
     ) -> (Result<(), RunError>, StoredRun) {
-        let (_, plan) = self.method();
-        let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
+        let (_, plan) = self.method_and_plan();
+        let new = NewRun { machine_file_text: self.machine_file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
-        let (devices, halt) = self.devices(EarlierSessions::default()).await;
-        let mut tell = |event: &Event| tell(event, &halt);
-        let run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
-        let ended = run.with_answers(answers(halt.clone())).execute().await;
+        let (devices, halt) = self.open_call_logging_devices(EarlierSessions::default()).await;
+        let mut with_halt = |event: &Event| on_event(event, &halt);
+        let run = Run::new(id, method, &devices, &self.journal, plan, &mut with_halt);
+        let ended = run.with_prompt_answer_source(answers(halt.clone())).execute().await;
         (ended, self.journal.load_run(id).unwrap())
     }
 
@@ -105,17 +105,26 @@ impl RunWorkspace {
         &self,
         method: &dyn Method,
         stored: StoredRun,
-        tell: impl Fn(&Event, &HaltHandle),
+        on_event: impl Fn(&Event, &HaltHandle),
     ) -> (Result<(), RunError>, StoredRun) {
         let id = stored.summary.id;
-        let past = EarlierSessions { readings: &stored.readings, elapsed_s: 60.0, ..EarlierSessions::default() };
-        let (devices, halt) = self.devices(past).await;
-        let mut tell = |event: &Event| tell(event, &halt);
-        let answered_prompts = super::prompts::answered_prompts(&stored.events);
+        let past = EarlierSessions {
+            readings: &stored.readings,
+            time_since_last_reading_s: 60.0,
+            ..EarlierSessions::default()
+        };
+        let (devices, halt) = self.open_call_logging_devices(past).await;
+        let mut with_halt = |event: &Event| on_event(event, &halt);
+        let answered_prompts = super::prompts::answered_prompt_steps_and_repeats(&stored.events);
         let (stages, readings) = (stored.stages.clone(), stored.readings.clone());
-        let run = Run::new(id, method, &devices, &self.journal, stored.plan.clone(), &mut tell);
-        let before = InterruptedRun { stages, readings, answered_prompts, elapsed_s: 60.0 };
-        let ended = run.with_answers(answers_by_operator()).resume(before).await;
+        let run = Run::new(id, method, &devices, &self.journal, stored.plan.clone(), &mut with_halt);
+        let before = InterruptedRun {
+            started_stages: stages,
+            readings,
+            answered_prompt_steps_and_repeats: answered_prompts,
+            time_since_last_reading_s: 60.0,
+        };
+        let ended = run.with_prompt_answer_source(answers_by_operator()).resume(before).await;
         (ended, self.journal.load_run(id).unwrap())
     }
 
@@ -126,8 +135,8 @@ impl RunWorkspace {
 
 /// Placeholder for a control while it is replaced.
 fn unreachable_controller() -> Controller {
-    struct NoMethod;
-    impl ControllerDriver for NoMethod {
+    struct UnreachableDriver;
+    impl ControllerDriver for UnreachableDriver {
         async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
             Err(ControllerError::DriverTaskEnded)
         }
@@ -140,11 +149,11 @@ fn unreachable_controller() -> Controller {
         async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
             Err(ControllerError::DriverTaskEnded)
         }
-        async fn finish(&mut self) -> Result<(), ControllerError> {
+        async fn restore_modes(&mut self) -> Result<(), ControllerError> {
             Err(ControllerError::DriverTaskEnded)
         }
     }
-    Controller::spawn(NoMethod, HaltHandle::new(|| {}))
+    Controller::spawn(UnreachableDriver, HaltHandle::new(|| {}))
 }
 
 fn answers_by_operator() -> PromptAnswerSource {

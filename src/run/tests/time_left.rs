@@ -41,15 +41,15 @@ fn record_time_left(left: &TimesLeft, event: &Event) {
 }
 
 #[tokio::test]
-async fn time_left_decreases_and_survives_stops_and_repeats() {
+async fn time_left_decreases_and_agrees_after_stops_and_repeats() {
     let shop = RunWorkspace::new("");
     let whole = TimesLeft::default();
     let told = |event: &Event, _: &HaltHandle| record_time_left(&whole, event);
-    shop.run_method(shop.method().0.as_ref(), |_| answers_by_operator(), told).await.0.unwrap();
+    shop.run_method(shop.method_and_plan().0.as_ref(), |_| answers_by_operator(), told).await.0.unwrap();
     let whole = whole.into_inner().unwrap();
     assert!(whole.windows(2).all(|pair| pair[1].2 < pair[0].2), "{whole:?}");
 
-    let method = RepeatingMethod { inner: shop.method().0 };
+    let method = RepeatingMethod { inner: shop.method_and_plan().0 };
     let left = TimesLeft::default();
     let stopped_in_the_middle = |event: &Event, halt: &HaltHandle| {
         record_time_left(&left, event);
@@ -58,7 +58,7 @@ async fn time_left_decreases_and_survives_stops_and_repeats() {
         }
     };
     let (held, stored) = shop.run_method(&method, |_| answers_by_operator(), stopped_in_the_middle).await;
-    assert!(held.unwrap_err().is_stop());
+    assert!(held.unwrap_err().is_requested_stop());
     let told = |event: &Event, _: &HaltHandle| record_time_left(&left, event);
     shop.resume(&method, stored, told).await.0.unwrap();
     let left = left.into_inner().unwrap();

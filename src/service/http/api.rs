@@ -7,13 +7,13 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::openapi::views::{AuditView, ComparisonView, DocumentedObject, RunView, SeriesView};
+use super::machine_status::MachineStatus;
+use super::openapi::schemas::{AuditSchema, ComparisonSchema, DocumentedObject, RunSchema, SeriesView};
 use super::problem::Problem;
-use super::status::MachineStatus;
 use super::{AppState, ServedMachine};
 use crate::archive::compare::{Comparison, compare_runs};
 use crate::archive::history::{ParameterSeries, machine_history};
-use crate::archive::run_story::run_story;
+use crate::archive::run_story::describe_events_with_times;
 use crate::store::{RunFilter, RunId, RunSummary, StoredAuditEntry};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -56,7 +56,7 @@ async fn get_trends(
     Path(name): Path<String>,
 ) -> Result<Json<Vec<ParameterSeries>>, Problem> {
     // A machine that is no longer served has no tolerances, but may still have runs in the journal.
-    let limits = app.find_machine(&name).map(|machine| machine.tolerance.clone()).ok();
+    let limits = app.find_machine(&name).map(|machine| machine.parameter_limits.clone()).ok();
     let series = app.read_journal(move |journal| match limits.is_some() || journal.machine_names()?.contains(&name) {
         true => Ok(machine_history(journal, &name, &limits.unwrap_or_default())?),
         false => Err(Problem::not_found(&name)),
@@ -110,7 +110,7 @@ impl RunListQuery {
 }
 
 /// Runs, newest first.
-#[utoipa::path(get, path = "/api/v1/runs", operation_id = "runs", params(RunListQuery), responses((status = OK, body = Vec<RunView>)))]
+#[utoipa::path(get, path = "/api/v1/runs", operation_id = "runs", params(RunListQuery), responses((status = OK, body = Vec<RunSchema>)))]
 async fn list_runs(
     State(app): State<AppState>,
     Query(range): Query<RunListQuery>,
@@ -119,7 +119,7 @@ async fn list_runs(
 }
 
 /// Audit log: requests, who made them, and their outcome, newest first.
-#[utoipa::path(get, path = "/api/v1/audit", operation_id = "audit", params(AuditListQuery), responses((status = OK, body = Vec<AuditView>)))]
+#[utoipa::path(get, path = "/api/v1/audit", operation_id = "audit", params(AuditListQuery), responses((status = OK, body = Vec<AuditSchema>)))]
 async fn list_audit_log(
     State(app): State<AppState>,
     Query(AuditListQuery { before, limit }): Query<AuditListQuery>,
@@ -130,7 +130,7 @@ async fn list_audit_log(
 #[derive(Debug, Serialize, ToSchema)]
 struct RunDetail {
     #[serde(flatten)]
-    #[schema(value_type = RunView)]
+    #[schema(value_type = RunSchema)]
     summary: RunSummary,
     stages: usize,
     steps: usize,
@@ -148,7 +148,7 @@ async fn get_run(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Js
         stages: stored.stages.len(),
         steps: stored.plan.steps.len(),
         readings: stored.readings.len(),
-        story: run_story(&stored),
+        story: describe_events_with_times(&stored),
         summary: stored.summary,
     }))
 }
@@ -175,7 +175,7 @@ async fn list_readings(
     Query(range): Query<ReadingListQuery>,
 ) -> Result<Json<ReadingsPage>, Problem> {
     let (after, most) = (range.after.unwrap_or(0), item_limit(range.limit));
-    let query = app.read_journal(move |journal| journal.list_readings(RunId(run), after, most));
+    let query = app.read_journal(move |journal| journal.count_and_list_readings(RunId(run), after, most));
     let (all, readings) = query.await??;
     Ok(Json(ReadingsPage { all, after, readings }))
 }
@@ -197,7 +197,7 @@ pub(super) struct RunPair {
 }
 
 /// Difference of run `b` from run `a`: each value's and each function's, with its expanded uncertainty and E_n.
-#[utoipa::path(get, path = "/api/v1/compare", operation_id = "compared", params(RunPair), responses((status = OK, body = ComparisonView)))]
+#[utoipa::path(get, path = "/api/v1/compare", operation_id = "compared", params(RunPair), responses((status = OK, body = ComparisonSchema)))]
 async fn get_comparison(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Json<Comparison>, Problem> {
     Ok(Json(compare_pair(&app, pair).await?))
 }

@@ -35,28 +35,28 @@ use super::problem::Problem;
 use crate::service::lock;
 
 /// Maximum number of connections, without the fresh ones.
-const MAX_CONNECTIONS: usize = 256;
+const MAX_NON_FRESH_CONNECTIONS: usize = 256;
 /// Time for which a new connection without a request counts as fresh; fresh connections use few resources.
-const FRESH_DURATION: Duration = Duration::from_secs(1);
+const FRESH_CONNECTION_DURATION: Duration = Duration::from_secs(1);
 const MAX_FRESH_CONNECTIONS: usize = 512;
 /// Maximum number of connections that receive events.
 const MAX_EVENT_STREAMS: usize = 64;
 /// Maximum time to receive the head of a request, from the end of the previous request.
-const HEADER_TIMEOUT: Duration = Duration::from_secs(15);
-/// Maximum time for the client to receive a response; after that, the connection is closed. Events continue for as
-/// long as the client receives them.
+const REQUEST_HEAD_TIMEOUT: Duration = Duration::from_secs(15);
+/// Maximum time from the head of a request until the client has received the response; after that, the connection is
+/// closed. Events continue for as long as the client receives them.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
 /// Maximum size of the head of a request, bytes; [`MAX_HEADER_FIELDS`] is its maximum number of header fields.
-const MAX_HEAD_BYTES: usize = 16 * 1024;
+const MAX_REQUEST_HEAD_BYTES: usize = 16 * 1024;
 const MAX_HEADER_FIELDS: usize = 64;
-/// Size above which a response is large, bytes; [`MAX_LARGE_RESPONSES`] is the maximum number of large ones at a time.
-const LARGE_RESPONSE_BYTES: u64 = 64 * 1024;
-const MAX_LARGE_RESPONSES: usize = 16;
+/// Size above which a response is large, bytes; [`MAX_CONCURRENT_LARGE_RESPONSES`] is the maximum number of large ones at a time.
+const LARGE_RESPONSE_THRESHOLD_BYTES: u64 = 64 * 1024;
+const MAX_CONCURRENT_LARGE_RESPONSES: usize = 16;
 
-/// State of a connection.
+/// State of a connection, in the order in which connections are closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum ConnectionState {
-    /// No request yet.
+    /// No request has begun yet.
     New,
     Idle,
     Responding,
@@ -73,7 +73,8 @@ struct Connection {
 
 impl Connection {
     fn is_fresh(&self, now: Instant) -> bool {
-        self.state == ConnectionState::New && now.saturating_duration_since(self.state_since) < FRESH_DURATION
+        self.state == ConnectionState::New
+            && now.saturating_duration_since(self.state_since) < FRESH_CONNECTION_DURATION
     }
 }
 
@@ -86,49 +87,52 @@ struct Connections {
 /// An open connection of the server; dropping the guard removes the connection.
 struct ConnectionGuard {
     connections: Connections,
-    number: u64,
+    connection_number: u64,
 }
 
 impl Drop for ConnectionGuard {
     fn drop(&mut self) {
-        self.connections.lock_open().remove(&self.number);
+        self.connections.lock_open_connections().remove(&self.connection_number);
     }
 }
 
 impl Connections {
     fn new() -> Self {
-        Self { open_connections: Arc::default(), large_response_permits: Arc::new(Semaphore::new(MAX_LARGE_RESPONSES)) }
+        Self {
+            open_connections: Arc::default(),
+            large_response_permits: Arc::new(Semaphore::new(MAX_CONCURRENT_LARGE_RESPONSES)),
+        }
     }
 
-    fn lock_open(&self) -> MutexGuard<'_, BTreeMap<u64, Connection>> {
+    fn lock_open_connections(&self) -> MutexGuard<'_, BTreeMap<u64, Connection>> {
         lock(&self.open_connections)
     }
 
-    fn register(&self, number: u64, from: IpAddr, now: Instant) -> ConnectionGuard {
-        let mut all = self.lock_open();
+    fn register_within_limits(&self, number: u64, from: IpAddr, now: Instant) -> ConnectionGuard {
+        let mut all = self.lock_open_connections();
         let is_fresh = |connection: &Connection| connection.is_fresh(now);
         let fresh = all.values().filter(|connection| is_fresh(connection)).count();
         let settled = all.len() - fresh;
         if fresh >= MAX_FRESH_CONNECTIONS {
-            close_one(&mut all, is_fresh);
+            close_one_candidate(&mut all, is_fresh);
         }
-        for _ in MAX_CONNECTIONS..=settled {
-            close_one(&mut all, |connection| !is_fresh(connection));
+        for _ in MAX_NON_FRESH_CONNECTIONS..=settled {
+            close_one_candidate(&mut all, |connection| !is_fresh(connection));
         }
         let (state, client) = (ConnectionState::New, from.to_string());
         all.insert(number, Connection { state, state_since: now, client, task: None });
         drop(all);
-        ConnectionGuard { connections: self.clone(), number }
+        ConnectionGuard { connections: self.clone(), connection_number: number }
     }
 
     fn set_task(&self, number: u64, task: AbortHandle) {
-        if let Some(connection) = self.lock_open().get_mut(&number) {
+        if let Some(connection) = self.lock_open_connections().get_mut(&number) {
             connection.task = Some(task);
         }
     }
 
     fn set_state(&self, number: u64, state: ConnectionState) {
-        let mut all = self.lock_open();
+        let mut all = self.lock_open_connections();
         if let Some(connection) = all.get_mut(&number) {
             (connection.state, connection.state_since) = (state, Instant::now());
         }
@@ -136,30 +140,30 @@ impl Connections {
         if state == ConnectionState::Streaming
             && all.values().filter(|connection| is_streaming(connection)).count() > MAX_EVENT_STREAMS
         {
-            close_one(&mut all, is_streaming);
+            close_one_candidate(&mut all, is_streaming);
         }
     }
 
     fn set_client(&self, number: u64, client: &str) {
-        if let Some(connection) = self.lock_open().get_mut(&number) {
+        if let Some(connection) = self.lock_open_connections().get_mut(&number) {
             client.clone_into(&mut connection.client);
         }
     }
 
     /// Closes the connections whose client does not receive the response in time.
-    fn close_stuck(&self) {
-        let mut all = self.lock_open();
+    fn close_overdue_responses(&self) {
+        let mut all = self.lock_open_connections();
         let is_stuck = |connection: &Connection| {
             connection.state == ConnectionState::Responding && connection.state_since.elapsed() > RESPONSE_TIMEOUT
         };
-        while close_one(&mut all, is_stuck) {}
+        while close_one_candidate(&mut all, is_stuck) {}
     }
 }
 
 /// Closes one of the connections for which `is_candidate` is true. Candidates are those with the lowest
 /// [`ConnectionState`]; of these, the oldest of the client with the most connections is closed. Returns whether one was
 /// closed.
-fn close_one(all: &mut BTreeMap<u64, Connection>, is_candidate: impl Fn(&Connection) -> bool) -> bool {
+fn close_one_candidate(all: &mut BTreeMap<u64, Connection>, is_candidate: impl Fn(&Connection) -> bool) -> bool {
     let least = all.values().filter(|connection| is_candidate(connection)).map(|connection| connection.state).min();
     let mut shares = BTreeMap::new();
     for (number, connection) in all.iter().filter(|(_, p)| Some(p.state) == least && is_candidate(p)) {
@@ -175,7 +179,7 @@ fn close_one(all: &mut BTreeMap<u64, Connection>, is_candidate: impl Fn(&Connect
     was_closed
 }
 
-/// Serves for as long as the process lives.
+/// Accepts and serves connections for as long as the process lives.
 pub async fn accept_connections(listener: TcpListener, router: Router) -> std::io::Result<()> {
     let connections = Connections::new();
     let mut stuck_check = interval(Duration::from_secs(1));
@@ -188,10 +192,10 @@ pub async fn accept_connections(listener: TcpListener, router: Router) -> std::i
                     // The client has disconnected already, or no file descriptor is free: retry later.
                     Err(_) => sleep(Duration::from_millis(50)).await,
                 },
-                _ = stuck_check.tick() => connections.close_stuck(),
+                _ = stuck_check.tick() => connections.close_overdue_responses(),
             }
         };
-        let guard = connections.register(number, from.ip(), Instant::now());
+        let guard = connections.register_within_limits(number, from.ip(), Instant::now());
         let task = tokio::spawn(serve_connection(stream, from, router.clone(), guard));
         connections.set_task(number, task.abort_handle());
     }
@@ -205,14 +209,14 @@ async fn serve_connection(stream: TcpStream, from: SocketAddr, router: Router, g
     let _ = set_tcp_user_timeout(&stream, RESPONSE_TIMEOUT.as_millis().try_into().unwrap_or(u32::MAX));
     let router = TowerToHyperService::new(router);
     let service = service_fn(|mut request: hyper::Request<Incoming>| {
-        let (connections, number) = (guard.connections.clone(), guard.number);
+        let (connections, number) = (guard.connections.clone(), guard.connection_number);
         connections.set_state(number, ConnectionState::Responding);
         request.extensions_mut().insert(ConnectInfo(from));
         let response = router.call(request);
         async move { Ok::<_, Infallible>(connections.track_response(number, response.await.into_response())) }
     });
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(MAX_HEAD_BYTES);
+    http.timer(TokioTimer::new()).header_read_timeout(REQUEST_HEAD_TIMEOUT).max_buf_size(MAX_REQUEST_HEAD_BYTES);
     // A client that has closed its sending side may still wait; its request, above all a hold, is executed and logged.
     http.max_headers(MAX_HEADER_FIELDS).half_close(true);
     // An error concerns only this connection.
@@ -228,14 +232,16 @@ impl Connections {
                 self.set_client(number, client);
             }
             self.set_state(number, ConnectionState::Streaming);
-        } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_BYTES {
+        } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_THRESHOLD_BYTES {
             permit = Arc::clone(&self.large_response_permits).try_acquire_owned().ok();
             if permit.is_none() {
                 return self.track_response(number, too_many_large_responses().into_response());
             }
         }
         let connections = self.clone();
-        response.map(|body| Body::new(TrackedBody { body, connections, number, _permit: permit }))
+        response.map(|body| {
+            Body::new(TrackedBody { body, connections, connection_number: number, _large_response_permit: permit })
+        })
     }
 }
 
@@ -244,17 +250,17 @@ fn too_many_large_responses() -> Problem {
     Problem::new(status, "busy", "too many large responses are in progress", "repeat the request in a few seconds")
 }
 
-/// The body of a response in progress, until it is received or given up.
+/// Body of a response in progress; dropping it sets the state of its connection to idle.
 struct TrackedBody {
     body: Body,
     connections: Connections,
-    number: u64,
-    _permit: Option<OwnedSemaphorePermit>,
+    connection_number: u64,
+    _large_response_permit: Option<OwnedSemaphorePermit>,
 }
 
 impl Drop for TrackedBody {
     fn drop(&mut self) {
-        self.connections.set_state(self.number, ConnectionState::Idle);
+        self.connections.set_state(self.connection_number, ConnectionState::Idle);
     }
 }
 
@@ -283,8 +289,8 @@ mod tests {
     use super::*;
 
     /// Number of connections of a client, and how many of them receive events.
-    fn connection_counts(connections: &Connections, client: &str) -> (usize, usize) {
-        let all = connections.lock_open();
+    fn connection_and_stream_counts(connections: &Connections, client: &str) -> (usize, usize) {
+        let all = connections.lock_open_connections();
         let own = all.values().filter(|connection| connection.client == client);
         (own.clone().count(), own.filter(|connection| connection.state == ConnectionState::Streaming).count())
     }
@@ -293,33 +299,45 @@ mod tests {
     fn client_with_most_connections_loses_one() {
         let (connections, begun) = (Connections::new(), Instant::now());
         let [few, many] = [[127, 0, 0, 1], [127, 0, 0, 2]].map(IpAddr::from);
-        let guard: Vec<ConnectionGuard> = (0..3).map(|number| connections.register(number, few, begun)).collect();
-        let now = begun + 2 * FRESH_DURATION;
-        let crowd: Vec<ConnectionGuard> = (10..4000).map(|number| connections.register(number, many, now)).collect();
+        let guard: Vec<ConnectionGuard> =
+            (0..3).map(|number| connections.register_within_limits(number, few, begun)).collect();
+        let now = begun + 2 * FRESH_CONNECTION_DURATION;
+        let crowd: Vec<ConnectionGuard> =
+            (10..4000).map(|number| connections.register_within_limits(number, many, now)).collect();
         assert_eq!(
-            (connection_counts(&connections, "127.0.0.1").0, connection_counts(&connections, "127.0.0.2").0),
+            (
+                connection_and_stream_counts(&connections, "127.0.0.1").0,
+                connection_and_stream_counts(&connections, "127.0.0.2").0
+            ),
             (3, MAX_FRESH_CONNECTIONS)
         );
-        let newest = connections.register(4000, few, now);
+        let newest = connections.register_within_limits(4000, few, now);
         assert_eq!(
-            (connection_counts(&connections, "127.0.0.1").0, connection_counts(&connections, "127.0.0.2").0),
+            (
+                connection_and_stream_counts(&connections, "127.0.0.1").0,
+                connection_and_stream_counts(&connections, "127.0.0.2").0
+            ),
             (4, MAX_FRESH_CONNECTIONS - 1)
         );
         // The connections are not fresh any more.
-        let next = connections.register(4001, few, now + 2 * FRESH_DURATION);
+        let next = connections.register_within_limits(4001, few, now + 2 * FRESH_CONNECTION_DURATION);
         assert_eq!(
-            (connection_counts(&connections, "127.0.0.1").0, connection_counts(&connections, "127.0.0.2").0),
-            (5, MAX_CONNECTIONS - 5)
+            (
+                connection_and_stream_counts(&connections, "127.0.0.1").0,
+                connection_and_stream_counts(&connections, "127.0.0.2").0
+            ),
+            (5, MAX_NON_FRESH_CONNECTIONS - 5)
         );
         drop((guard, crowd, newest, next));
-        assert!(connections.lock_open().is_empty());
+        assert!(connections.lock_open_connections().is_empty());
     }
 
     #[test]
-    fn active_requests_are_closed_last() {
+    fn responding_and_streaming_connections_are_closed_last() {
         let (connections, mut now) = (Connections::new(), Instant::now());
         let from = IpAddr::from([127, 0, 0, 1]);
-        let _taken: Vec<ConnectionGuard> = (0..300).map(|number| connections.register(number, from, now)).collect();
+        let _taken: Vec<ConnectionGuard> =
+            (0..300).map(|number| connections.register_within_limits(number, from, now)).collect();
         let listens = |number: u64, client: &str| {
             connections.set_client(number, client);
             connections.set_state(number, ConnectionState::Streaming);
@@ -327,20 +345,26 @@ mod tests {
         listens(0, "tablet");
         (1..=MAX_EVENT_STREAMS as u64 + 2).for_each(|number| listens(number, "crowd"));
         assert_eq!(
-            (connection_counts(&connections, "tablet").1, connection_counts(&connections, "crowd").1),
+            (
+                connection_and_stream_counts(&connections, "tablet").1,
+                connection_and_stream_counts(&connections, "crowd").1
+            ),
             (1, MAX_EVENT_STREAMS - 1)
         );
         connections.set_state(100, ConnectionState::Responding);
         let _more: Vec<ConnectionGuard> = (1000..1600)
             .map(|number| {
-                now += 2 * FRESH_DURATION;
-                connections.register(number, from, now)
+                now += 2 * FRESH_CONNECTION_DURATION;
+                connections.register_within_limits(number, from, now)
             })
             .collect();
-        assert_eq!(connections.lock_open().len(), MAX_CONNECTIONS);
-        assert_eq!(connections.lock_open()[&100].state, ConnectionState::Responding);
+        assert_eq!(connections.lock_open_connections().len(), MAX_NON_FRESH_CONNECTIONS);
+        assert_eq!(connections.lock_open_connections()[&100].state, ConnectionState::Responding);
         assert_eq!(
-            (connection_counts(&connections, "tablet").1, connection_counts(&connections, "crowd").1),
+            (
+                connection_and_stream_counts(&connections, "tablet").1,
+                connection_and_stream_counts(&connections, "crowd").1
+            ),
             (1, MAX_EVENT_STREAMS - 1)
         );
     }

@@ -14,7 +14,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::access::Caller;
-use super::status::MachineStatus;
+use super::machine_status::MachineStatus;
 use super::{AppState, ServedMachine};
 
 /// Minimum time between two events that report changes.

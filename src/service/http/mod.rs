@@ -8,6 +8,7 @@ mod actions;
 mod api;
 mod connections;
 mod events;
+mod machine_status;
 mod newest_result;
 mod openapi;
 mod page;
@@ -15,7 +16,6 @@ mod page_address;
 mod problem;
 mod request_checks;
 mod schedule;
-mod status;
 
 use std::net::TcpListener;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use tokio::sync::Semaphore;
 
-use self::access::Access;
+use self::access::AccessControl;
 pub use self::access::{Role, Token, TokenError, TokenStore};
 pub use self::page::machine_page_path;
 pub use self::page_address::PageAddressFile;
@@ -48,26 +48,26 @@ use machine::record::estimate::ParameterLimit;
 pub struct ServedMachine {
     pub name: String,
     /// SHA-256 of its machine file.
-    pub file_sha256: String,
+    pub machine_file_sha256: String,
     pub gate: CommandGate,
     pub cycles: Vec<CycleConfig>,
     /// Conditions that a person must confirm to start a cycle.
     pub required_interlocks: Vec<StartInterlock>,
-    pub tolerance: Vec<ParameterLimit>,
+    pub parameter_limits: Vec<ParameterLimit>,
     /// Time for which a verdict stays valid.
     pub verdict_validity: Duration,
     /// Live part of its page.
-    pub live_part: Arc<page::RenderingCache>,
+    pub live_part_cache: Arc<page::RenderingCache>,
 }
 
-/// Shared state of all handlers.
+/// State that all request handlers share.
 #[derive(Clone)]
 struct AppState {
     machines: Arc<[ServedMachine]>,
     journal: Arc<Journal>,
     metrics: Metrics,
-    access: Arc<Access>,
-    reader_permits: Arc<Semaphore>,
+    access: Arc<AccessControl>,
+    journal_reader_permits: Arc<Semaphore>,
     hold_log: actions::HoldLog,
 }
 
@@ -83,7 +83,7 @@ impl AppState {
     ) -> Result<T, Problem> {
         let journal = Arc::clone(&self.journal);
         // If the client disconnects while it waits for a reader, nothing is read.
-        let permit = Arc::clone(&self.reader_permits).acquire_owned().await;
+        let permit = Arc::clone(&self.journal_reader_permits).acquire_owned().await;
         let read = move || {
             let read = read(&journal);
             drop(permit);
@@ -106,7 +106,7 @@ impl FromRequestParts<AppState> for ServedMachine {
     }
 }
 
-/// Starts the server, which runs for as long as the process lives.
+/// Starts the HTTP server, which runs for as long as the process lives.
 ///
 /// # Errors
 /// The address cannot be listened on, the tokens cannot be read, or the thread cannot be started.
@@ -121,9 +121,9 @@ pub fn start_http_server(
     let listener = TcpListener::bind(config.listen).map_err(listen_error)?;
     listener.set_nonblocking(true).map_err(listen_error)?;
     let at = listener.local_addr().map_err(listen_error)?;
-    let names = request_checks::HostNames::new(at, &config.proxy_names);
-    let access = Access::new(config, journal.state_dir(), log)?;
-    let files = machines.iter().map(|machine| (machine.name.clone(), machine.file_sha256.clone()));
+    let names = request_checks::OwnHostNames::new(at, &config.proxy_names);
+    let access = AccessControl::new(config, journal.state_dir(), log)?;
+    let files = machines.iter().map(|machine| (machine.name.clone(), machine.machine_file_sha256.clone()));
     let address_file = PageAddressFile { pid: std::process::id(), page: at, machine_files: files.collect() };
     if let Err(error) = address_file.write(journal.state_dir()) {
         log.error(&format!(
@@ -131,12 +131,19 @@ pub fn start_http_server(
         ));
     }
     for machine in &machines {
-        if let Err(error) = machine.gate.query_newest_runs(&journal, &machine.name) {
+        if let Err(error) = machine.gate.refresh_newest_runs(&journal, &machine.name) {
             log.error(&format!("the last result of {} cannot be read: {error}", machine.name));
         }
     }
-    let (machines, reader_permits) = (machines.into(), Arc::new(Semaphore::new(MAX_READERS)));
-    let app = AppState { machines, journal, metrics, access, reader_permits, hold_log: actions::HoldLog::default() };
+    let (machines, reader_permits) = (machines.into(), Arc::new(Semaphore::new(MAX_JOURNAL_READERS)));
+    let app = AppState {
+        machines,
+        journal,
+        metrics,
+        access,
+        journal_reader_permits: reader_permits,
+        hold_log: actions::HoldLog::default(),
+    };
     let (router, server_log) = (build_router(app.clone(), names), log.clone());
     spawn_thread("http", move || {
         // The reader threads that this thread starts inherit its lower priority.
@@ -150,25 +157,25 @@ pub fn start_http_server(
 }
 
 /// Maximum number of concurrent readers of the journal; others wait, so that the run has the rest of the computer.
-const MAX_READERS: usize = 2;
+const MAX_JOURNAL_READERS: usize = 2;
 
 fn run_http_server(listener: TcpListener, app: AppState, router: Router) -> std::io::Result<()> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();
-    let runtime = runtime.enable_all().max_blocking_threads(MAX_READERS).build()?;
+    let runtime = runtime.enable_all().max_blocking_threads(MAX_JOURNAL_READERS).build()?;
     runtime.block_on(async {
         for machine in app.machines.iter() {
-            tokio::spawn(newest_result::refresh_on_changes(app.clone(), machine.clone()));
+            tokio::spawn(newest_result::refresh_newest_runs(app.clone(), machine.clone()));
         }
         let listener = tokio::net::TcpListener::from_std(listener)?;
         connections::accept_connections(listener, router).await
     })
 }
 
-fn build_router(app: AppState, names: request_checks::HostNames) -> Router {
+fn build_router(app: AppState, names: request_checks::OwnHostNames) -> Router {
     let access = Arc::clone(&app.access);
     let all = openapi::openapi_routes().merge(page::page_routes()).merge(access::login_routes());
     let all = all.route("/metrics", get(serve_metrics));
-    request_checks::with_checks(all.with_state(app), names, access)
+    request_checks::with_request_checks(all.with_state(app), names, access)
 }
 
 const OPEN_METRICS_CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";

@@ -7,17 +7,17 @@ use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::openapi::views::VerdictView;
+use super::openapi::schemas::VerdictSchema;
 use super::{AppState, ServedMachine};
 use crate::service::command_gate::CommandGate;
 use crate::service::machine_state::ServiceState;
-use crate::store::{LatestResult, NewestRuns};
+use crate::store::{NewestMeasuredRuns, NewestRunResult};
 use machine::record::estimate::Verdict;
 
 /// Period of the journal query; another process that measures does not notify this service.
 const JOURNAL_POLL_PERIOD: Duration = Duration::from_secs(10);
 /// Maximum time by which a result may be later than the clock, because the clock may have been set back since.
-const MAX_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1);
+const MAX_TOLERATED_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1);
 
 /// Result of the newest finished run of a machine.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -27,7 +27,7 @@ pub struct NewestResult {
     /// Time at which the run ended.
     #[schema(value_type = String, format = DateTime)]
     pub measured: Timestamp,
-    #[schema(value_type = VerdictView)]
+    #[schema(value_type = VerdictSchema)]
     pub verdict: Verdict,
     /// Whether the result no longer describes the machine: it is older than `[serve] verdict_h`, or later than this
     /// computer's clock, or a newer run is measured and not identified.
@@ -36,34 +36,35 @@ pub struct NewestResult {
 
 impl NewestResult {
     /// Newest result, with its validity at `now`. `None`: no run is finished.
-    pub fn from_latest(newest: &NewestRuns, verdict_validity: Duration, now: Timestamp) -> Option<Self> {
-        let LatestResult { run, ended, verdict, .. } = newest.result.as_ref()?;
+    pub fn from_newest_runs(newest: &NewestMeasuredRuns, verdict_validity: Duration, now: Timestamp) -> Option<Self> {
+        let NewestRunResult { run, ended, verdict, .. } = newest.newest_result.as_ref()?;
         let validity = SignedDuration::try_from(verdict_validity).unwrap_or(SignedDuration::MAX);
         let age = now.duration_since(*ended);
-        let outdated = age > validity || age < -MAX_CLOCK_SETBACK || newest.not_identified.is_some();
+        let outdated =
+            age > validity || age < -MAX_TOLERATED_CLOCK_SETBACK || newest.newer_run_without_estimate.is_some();
         Some(Self { run: run.0, measured: *ended, verdict: *verdict, outdated })
     }
 }
 
 /// Queries the journal whenever a run may have ended, for as long as the process lives.
-pub async fn refresh_on_changes(app: AppState, machine: ServedMachine) {
+pub async fn refresh_newest_runs(app: AppState, machine: ServedMachine) {
     let mut changes = machine.gate.subscribe_changes();
     loop {
-        let previous_key = run_end_key(&machine.gate);
+        let previous_key = result_change_key(&machine.gate);
         let (gate, name) = (machine.gate.clone(), machine.name.clone());
         // After an error there is no result, and the page shows it as unknown.
-        let _ = app.read_journal(move |journal| gate.query_newest_runs(journal, &name)).await;
+        let _ = app.read_journal(move |journal| gate.refresh_newest_runs(journal, &name)).await;
         let next_run_end =
-            async { while changes.changed().await.is_ok() && run_end_key(&machine.gate) == previous_key {} };
+            async { while changes.changed().await.is_ok() && result_change_key(&machine.gate) == previous_key {} };
         let _ = tokio::time::timeout(JOURNAL_POLL_PERIOD, next_run_end).await;
     }
 }
 
 /// Values that change when the journal may have another result: the state, the run whose verdict the gate has, and
 /// the number of runs that were identified while the machine waited.
-fn run_end_key(gate: &CommandGate) -> (ServiceState, Option<u32>, u16) {
+fn result_change_key(gate: &CommandGate) -> (ServiceState, Option<u32>, u16) {
     let machine_state = gate.machine_state();
-    (machine_state.state, machine_state.verdict.map(|_| machine_state.run), machine_state.identified_runs)
+    (machine_state.state, machine_state.verdict.map(|_| machine_state.run), machine_state.identified_run_count)
 }
 
 #[cfg(test)]
@@ -74,10 +75,10 @@ mod tests {
     #[test]
     fn verdict_is_outdated_after_its_validity_or_far_in_the_future() {
         let ended: Timestamp = "2026-11-22T05:30:00Z".parse().unwrap();
-        let result = LatestResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
-        let newest = NewestRuns { result: Some(result), not_identified: None };
+        let result = NewestRunResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
+        let newest = NewestMeasuredRuns { newest_result: Some(result), newer_run_without_estimate: None };
         let (hours, validity) = (SignedDuration::from_hours, Duration::from_secs(192 * 3600));
-        let outdated = |age| NewestResult::from_latest(&newest, validity, ended + age).unwrap().outdated;
+        let outdated = |age| NewestResult::from_newest_runs(&newest, validity, ended + age).unwrap().outdated;
         assert!(!outdated(hours(0)) && !outdated(hours(192)));
         assert!(outdated(hours(193)) && outdated(hours(24 * 366)));
         // The clock was set back: by an hour, as after daylight saving time, and by a year.

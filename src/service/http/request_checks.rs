@@ -12,13 +12,13 @@ use axum::http::header::{CONTENT_TYPE, HOST, HeaderName, HeaderValue, ORIGIN};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 
-use super::access::{Access, check_access};
+use super::access::{AccessControl, check_access};
 use super::problem::Problem;
 
 /// Maximum size of a request body, bytes.
-const MAX_BODY_BYTES: usize = 16 * 1024;
+const MAX_REQUEST_BODY_BYTES: usize = 16 * 1024;
 /// Maximum time to receive and process a request that changes something.
-const CHANGE_TIMEOUT: Duration = Duration::from_secs(10);
+const CHANGING_REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// The report contains inline styles. No page contains inline scripts, and nothing is loaded from other origins.
 const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; img-src 'self'; \
                       style-src 'self' 'unsafe-inline'; form-action 'self'; frame-ancestors 'none'; \
@@ -26,14 +26,14 @@ const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; script-src 'self'; co
 
 /// Host names of this server.
 #[derive(Debug, Clone)]
-pub struct HostNames(Arc<[String]>);
+pub struct OwnHostNames(Arc<[String]>);
 
-impl HostNames {
-    /// `more`: host names of the proxy in front of the server.
-    pub fn new(at: SocketAddr, more: &[String]) -> Self {
-        let port = at.port();
-        let own = [at.to_string(), format!("localhost:{port}"), format!("127.0.0.1:{port}")];
-        let all = own.into_iter().chain([format!("[::1]:{port}")]).chain(more.iter().cloned());
+impl OwnHostNames {
+    /// `listen`: address on which the server listens. `proxy_names`: host names of the proxy in front of the server.
+    pub fn new(listen: SocketAddr, proxy_names: &[String]) -> Self {
+        let port = listen.port();
+        let own = [listen.to_string(), format!("localhost:{port}"), format!("127.0.0.1:{port}")];
+        let all = own.into_iter().chain([format!("[::1]:{port}")]).chain(proxy_names.iter().cloned());
         Self(all.map(|name| name.to_ascii_lowercase()).collect())
     }
 
@@ -42,35 +42,36 @@ impl HostNames {
     }
 }
 
-/// Adds all checks to `router`.
-pub fn with_checks(router: Router, names: HostNames, access: Arc<Access>) -> Router {
+/// Adds all checks and the security headers to `router`.
+pub fn with_request_checks(router: Router, names: OwnHostNames, access: Arc<AccessControl>) -> Router {
     router
-        .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))
+        .layer(DefaultBodyLimit::max(MAX_REQUEST_BODY_BYTES))
         .layer(from_fn_with_state(access, check_access))
-        .layer(from_fn_with_state(names, check_destination))
+        .layer(from_fn_with_state(names, check_headers_and_limit_time))
         .layer(from_fn(add_security_headers))
 }
 
-async fn check_destination(State(names): State<HostNames>, request: Request, next: Next) -> Response {
-    if let Err(problem) = check_headers(&names, &request) {
+/// Refuses a request that is not for this server or comes from another site, and limits the time of a request that
+/// changes something.
+async fn check_headers_and_limit_time(State(names): State<OwnHostNames>, request: Request, next: Next) -> Response {
+    if let Err(problem) = check_host_and_origin(&names, &request) {
         return problem.into_response();
     }
     // A request that changes something has a time limit; the response to any other may continue for long, as events do.
     match request.method().is_safe() {
         true => next.run(request).await,
-        false => tokio::time::timeout(CHANGE_TIMEOUT, next.run(request)).await.unwrap_or_else(|_| {
+        false => tokio::time::timeout(CHANGING_REQUEST_TIMEOUT, next.run(request)).await.unwrap_or_else(|_| {
             let (status, remedy) = (StatusCode::REQUEST_TIMEOUT, "repeat the request");
             Problem::new(status, "too-slow", "the request was not completed in time", remedy).into_response()
         }),
     }
 }
 
-fn check_headers(names: &HostNames, request: &Request) -> Result<(), Problem> {
+fn check_host_and_origin(names: &OwnHostNames, request: &Request) -> Result<(), Problem> {
     let headers = request.headers();
     let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
     let has_one_host = headers.get_all(HOST).iter().count() == 1;
-    let is_own_authority =
-        request.uri().authority().is_none_or(|is_own_authority| names.contains(is_own_authority.as_str()));
+    let is_own_authority = request.uri().authority().is_none_or(|authority| names.contains(authority.as_str()));
     if !(has_one_host && is_own_authority && text(HOST).is_some_and(|host| names.contains(host))) {
         return Err(Problem::new(
             StatusCode::MISDIRECTED_REQUEST,

@@ -12,7 +12,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::actions::{ActionRequest, audit_entry, run_to_completion, truncate_reason};
-use super::openapi::views::AgendaView;
+use super::openapi::schemas::AgendaSchema;
 use super::page::{errors_as_pages, machine_page_path};
 use super::problem::Problem;
 use super::{AppState, ServedMachine};
@@ -28,7 +28,7 @@ pub fn schedule_routes() -> OpenApiRouter<AppState> {
 }
 
 /// Schedule of a machine: the next times, the armings, and the outcome of the last slots, newest first.
-#[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", operation_id = "schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
+#[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", operation_id = "schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaSchema)))]
 async fn get_schedule(State(app): State<AppState>, machine: ServedMachine) -> Result<Json<Agenda>, Problem> {
     Ok(Json(query_agenda(&app, &machine).await?))
 }
@@ -50,7 +50,7 @@ struct ArmRequest {
 }
 
 /// Arm a cycle: it may start unattended at its scheduled times, until the given instant.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/arm", operation_id = "arm", params(("name" = String, Path)), request_body = ArmRequest, responses((status = ACCEPTED, body = AgendaView)))]
+#[utoipa::path(post, path = "/api/v1/machines/{name}/arm", operation_id = "arm", params(("name" = String, Path)), request_body = ArmRequest, responses((status = ACCEPTED, body = AgendaSchema)))]
 async fn arm_cycle(action: ActionRequest<ArmRequest>) -> Result<Response, Problem> {
     let ArmRequest { cycle, who, until, why } = &action.body;
     let (machine, who) = (&action.machine, action.caller.audit_name(who)?);
@@ -62,7 +62,7 @@ async fn arm_cycle(action: ActionRequest<ArmRequest>) -> Result<Response, Proble
         let remedy = "state the end of the arming, for example 14d or 2027-01-31T18:00:00+01:00";
         Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
     })?;
-    action.app.journal.arm(&arming).await?;
+    action.app.journal.arm_cycle(&arming).await?;
     respond_with_agenda(&action).await
 }
 
@@ -77,11 +77,11 @@ struct DisarmRequest {
 }
 
 /// Disarm cycles: they no longer start unattended.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/disarm", operation_id = "disarm", params(("name" = String, Path)), request_body = DisarmRequest, responses((status = ACCEPTED, body = AgendaView)))]
+#[utoipa::path(post, path = "/api/v1/machines/{name}/disarm", operation_id = "disarm", params(("name" = String, Path)), request_body = DisarmRequest, responses((status = ACCEPTED, body = AgendaSchema)))]
 async fn disarm_cycles(action: ActionRequest<DisarmRequest>) -> Result<Response, Problem> {
     let DisarmRequest { cycle, who, why } = &action.body;
     let (machine, who) = (&action.machine.name, action.caller.audit_name(who)?);
-    action.app.journal.disarm(machine, *cycle, &who, &truncate_reason(why)).await?;
+    action.app.journal.disarm_cycles(machine, *cycle, &who, &truncate_reason(why)).await?;
     respond_with_agenda(&action).await
 }
 
@@ -95,7 +95,7 @@ struct DueCycleRequest {
 }
 
 /// Report that a cycle is due now. It starts once, under the conditions of the schedule: armed and ready.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/due", operation_id = "due", params(("name" = String, Path)), request_body = DueCycleRequest, responses((status = ACCEPTED, body = AgendaView)))]
+#[utoipa::path(post, path = "/api/v1/machines/{name}/due", operation_id = "due", params(("name" = String, Path)), request_body = DueCycleRequest, responses((status = ACCEPTED, body = AgendaSchema)))]
 async fn report_due(action: ActionRequest<DueCycleRequest>) -> Result<Response, Problem> {
     let who = action.caller.audit_name(&action.body.who)?;
     let action = run_to_completion(async move { request_due_start(&action, who).await.map(|()| action) }).await?;
@@ -104,7 +104,7 @@ async fn report_due(action: ActionRequest<DueCycleRequest>) -> Result<Response, 
 
 async fn request_due_start(action: &ActionRequest<DueCycleRequest>, who: String) -> Result<(), Problem> {
     let (machine, DueCycleRequest { cycle, why, .. }) = (&action.machine, &action.body);
-    let result = match machine.gate.request_due(*cycle, who.clone()) {
+    let result = match machine.gate.request_due_cycle(*cycle, who.clone()) {
         Some(receiver) => receiver.await.unwrap_or_else(|_| Err(Refusal::NotReady.into())),
         None => Err(Refusal::NotReady.into()),
     };

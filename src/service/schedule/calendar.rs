@@ -29,23 +29,23 @@ impl Calendar {
             format!("zone = \"{zone}\" is not a known time zone: use a name such as \"Europe/Berlin\" or \"UTC\"")
         })?;
         let calendar = Self { cron, zone };
-        let never = calendar.times_after(Timestamp::now()).next().is_none();
+        let never = calendar.due_times_after(Timestamp::now()).next().is_none();
         match never {
             true => Err(format!("at = \"{pattern}\" is never due: the calendar has no such day")),
             false => Ok(calendar),
         }
     }
 
-    /// Times after `instant`, without end.
-    pub fn times_after(&self, instant: Timestamp) -> impl Iterator<Item = Zoned> {
+    /// Due times after `instant`, without end.
+    pub fn due_times_after(&self, instant: Timestamp) -> impl Iterator<Item = Zoned> {
         let first = Some(self.to_local(instant));
         let next = |last: &Zoned| self.cron.find_next_occurrence(last, false).ok();
         std::iter::successors(first, next).skip(1)
     }
 
-    /// Times after `from` and until `to`, oldest first: only the newest `max_count` of them, and whether there were
+    /// Due times after `from` and until `to`, oldest first: only the newest `max_count` of them, and whether there were
     /// more.
-    pub fn times_between(&self, from: Timestamp, to: Timestamp, max_count: usize) -> (Vec<Timestamp>, bool) {
+    pub fn newest_due_times_between(&self, from: Timestamp, to: Timestamp, max_count: usize) -> (Vec<Timestamp>, bool) {
         if to <= from {
             return (Vec::new(), false);
         }
@@ -76,16 +76,16 @@ impl Calendar {
 mod tests {
     use super::*;
 
-    fn timestamp(text: &str) -> Timestamp {
+    fn parse_timestamp(text: &str) -> Timestamp {
         text.parse().unwrap()
     }
 
     fn due_times(pattern: &str, zone: &str, from: &str, to: &str) -> Vec<String> {
         let calendar = Calendar::new(pattern, zone).unwrap();
-        let (back, more) = calendar.times_between(timestamp(from), timestamp(to), 100);
+        let (back, more) = calendar.newest_due_times_between(parse_timestamp(from), parse_timestamp(to), 100);
         assert!(!more);
-        let forth = calendar.times_after(timestamp(from)).map(|next| next.timestamp());
-        let forth: Vec<Timestamp> = forth.take_while(|next| *next <= timestamp(to)).collect();
+        let forth = calendar.due_times_after(parse_timestamp(from)).map(|next| next.timestamp());
+        let forth: Vec<Timestamp> = forth.take_while(|next| *next <= parse_timestamp(to)).collect();
         assert_eq!(back, forth, "forward and backward search must find the same times");
         back.iter().map(Timestamp::to_string).collect()
     }
@@ -95,21 +95,21 @@ mod tests {
     // Berlin also agree with `date -d`, which takes the later of two.
 
     #[test]
-    fn a_fixed_time_in_the_gap_is_due_once_after_it() {
+    fn time_skipped_by_daylight_saving_is_due_once_after_the_gap() {
         let times = due_times("30 2 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-29T12:00:00Z");
-        let requirements = ["2027-03-27T01:30:00Z", "2027-03-28T01:00:00Z", "2027-03-29T00:30:00Z"];
-        assert_eq!(times, requirements);
+        let expected = ["2027-03-27T01:30:00Z", "2027-03-28T01:00:00Z", "2027-03-29T00:30:00Z"];
+        assert_eq!(times, expected);
     }
 
     #[test]
-    fn a_fixed_time_that_comes_twice_is_due_once() {
+    fn time_repeated_by_daylight_saving_is_due_once() {
         let times = due_times("30 2 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-11-01T12:00:00Z");
-        let requirements = ["2027-10-30T00:30:00Z", "2027-10-31T00:30:00Z", "2027-11-01T01:30:00Z"];
-        assert_eq!(times, requirements);
+        let expected = ["2027-10-30T00:30:00Z", "2027-10-31T00:30:00Z", "2027-11-01T01:30:00Z"];
+        assert_eq!(times, expected);
     }
 
     #[test]
-    fn the_hour_on_the_wall_stays_through_both_changes() {
+    fn local_hour_stays_through_both_daylight_saving_changes() {
         let spring = due_times("30 5 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-28T12:00:00Z");
         assert_eq!(spring, ["2027-03-27T04:30:00Z", "2027-03-28T03:30:00Z"]);
         let autumn = due_times("30 5 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-10-31T12:00:00Z");
@@ -120,32 +120,37 @@ mod tests {
     }
 
     #[test]
-    fn every_half_hour_goes_by_the_clock_on_the_wall() {
+    fn half_hour_pattern_follows_local_time_through_both_changes() {
         let spring = due_times("*/30 * * * *", "Europe/Berlin", "2027-03-28T00:00:00Z", "2027-03-28T02:00:00Z");
-        let requirements =
-            ["2027-03-28T00:30:00Z", "2027-03-28T01:00:00Z", "2027-03-28T01:30:00Z", "2027-03-28T02:00:00Z"];
-        assert_eq!(spring, requirements);
+        let expected = ["2027-03-28T00:30:00Z", "2027-03-28T01:00:00Z", "2027-03-28T01:30:00Z", "2027-03-28T02:00:00Z"];
+        assert_eq!(spring, expected);
         let autumn = due_times("*/30 2 * * *", "Europe/Berlin", "2027-10-30T23:00:00Z", "2027-10-31T03:00:00Z");
-        let requirements =
-            ["2027-10-31T00:00:00Z", "2027-10-31T00:30:00Z", "2027-10-31T01:00:00Z", "2027-10-31T01:30:00Z"];
-        assert_eq!(autumn, requirements);
+        let expected = ["2027-10-31T00:00:00Z", "2027-10-31T00:30:00Z", "2027-10-31T01:00:00Z", "2027-10-31T01:30:00Z"];
+        assert_eq!(autumn, expected);
     }
 
     #[test]
     fn only_the_newest_due_times_of_a_long_period_are_returned() {
         let calendar = Calendar::new("* * * * *", "UTC").unwrap();
-        let (times, more) =
-            calendar.times_between(timestamp("1970-01-01T00:00:00Z"), timestamp("2027-01-01T00:00:30Z"), 3);
-        let requirements = ["2026-12-31T23:58:00Z", "2026-12-31T23:59:00Z", "2027-01-01T00:00:00Z"];
-        assert_eq!((times, more), (requirements.map(timestamp).to_vec(), true));
+        let (times, more) = calendar.newest_due_times_between(
+            parse_timestamp("1970-01-01T00:00:00Z"),
+            parse_timestamp("2027-01-01T00:00:30Z"),
+            3,
+        );
+        let expected = ["2026-12-31T23:58:00Z", "2026-12-31T23:59:00Z", "2027-01-01T00:00:00Z"];
+        assert_eq!((times, more), (expected.map(parse_timestamp).to_vec(), true));
         assert_eq!(
-            calendar.times_between(timestamp("2027-01-01T00:00:00Z"), timestamp("2027-01-01T00:00:59Z"), 3),
+            calendar.newest_due_times_between(
+                parse_timestamp("2027-01-01T00:00:00Z"),
+                parse_timestamp("2027-01-01T00:00:59Z"),
+                3
+            ),
             (vec![], false)
         );
     }
 
     #[test]
-    fn invalid_calendar_is_refused_with_an_example() {
+    fn invalid_patterns_and_zones_are_refused_with_a_hint() {
         for (pattern, zone, words) in [
             ("30 5 * *", "UTC", "30 5 * * 1-5"),
             ("0 30 5 * * *", "UTC", "30 5 * * 1-5"),
@@ -153,8 +158,8 @@ mod tests {
             ("30 5 * * *", "Europe/Berlim", "Europe/Berlin"),
             ("30 5 30 2 *", "UTC", "no such day"),
         ] {
-            let readiness = Calendar::new(pattern, zone).unwrap_err();
-            assert!(readiness.contains(words), "{readiness}");
+            let error = Calendar::new(pattern, zone).unwrap_err();
+            assert!(error.contains(words), "{error}");
         }
     }
 }

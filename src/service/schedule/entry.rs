@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::calendar::Calendar;
-use crate::service::key_range::check_range;
+use crate::service::key_range::check_key_range;
 
 /// Condition of a scheduled start beyond the `demand` of `[serve]`; the machine reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -52,37 +52,47 @@ pub struct ScheduleEntry {
     pub name: String,
     pub cycle: u16,
     /// Pattern as written in the machine file.
-    pub pattern: String,
+    pub cron_pattern: String,
     pub zone: String,
     pub calendar: Calendar,
     /// Maximum delay of the start after the scheduled time.
-    pub max_delay: Duration,
+    pub max_start_delay: Duration,
     /// Minimum time for which the control must have executed no program.
-    pub min_idle: Duration,
+    pub min_idle_time: Duration,
     pub required_conditions: Vec<ReadinessCondition>,
-    pub overlap: OverlapPolicy,
+    pub overlap_policy: OverlapPolicy,
 }
 
 /// Schedule name of starts that a person or a timer requests.
-pub const DUE_REQUEST_SCHEDULE: &str = "due";
+pub const DUE_REQUEST_SCHEDULE_NAME: &str = "due";
 
 impl TryFrom<ScheduleKeys> for ScheduleEntry {
     type Error = String;
 
     fn try_from(keys: ScheduleKeys) -> Result<Self, String> {
         let ScheduleKeys { name, cycle, at, zone, latest_min, idle_min, ready, overlap } = keys;
-        let is_valid_name = !name.is_empty() && name.chars().count() <= 60 && name != DUE_REQUEST_SCHEDULE;
+        let is_valid_name = !name.is_empty() && name.chars().count() <= 60 && name != DUE_REQUEST_SCHEDULE_NAME;
         if !is_valid_name || name.chars().any(char::is_control) {
             return Err(format!(
-                "name = \"{name}\" of a schedule is not valid: use 1 to 60 printable characters, and not \"{DUE_REQUEST_SCHEDULE}\""
+                "name = \"{name}\" of a schedule is not valid: use 1 to 60 printable characters, and not \"{DUE_REQUEST_SCHEDULE_NAME}\""
             ));
         }
         let latest_min = latest_min.unwrap_or(30);
-        check_range(&format!("latest_min of schedule {name}"), latest_min, 1, 1440)?;
-        check_range(&format!("idle_min of schedule {name}"), idle_min, 0, 1440)?;
+        check_key_range(&format!("latest_min of schedule {name}"), latest_min, 1, 1440)?;
+        check_key_range(&format!("idle_min of schedule {name}"), idle_min, 0, 1440)?;
         let calendar = Calendar::new(&at, &zone).map_err(|why| format!("schedule {name}: {why}"))?;
         let [max_delay, min_idle] = [latest_min, idle_min].map(|min| Duration::from_secs(60 * u64::from(min)));
-        Ok(Self { name, cycle, pattern: at, zone, calendar, max_delay, min_idle, required_conditions: ready, overlap })
+        Ok(Self {
+            name,
+            cycle,
+            cron_pattern: at,
+            zone,
+            calendar,
+            max_start_delay: max_delay,
+            min_idle_time: min_idle,
+            required_conditions: ready,
+            overlap_policy: overlap,
+        })
     }
 }
 
@@ -90,7 +100,7 @@ impl TryFrom<ScheduleKeys> for ScheduleEntry {
 ///
 /// # Errors
 /// A schedule has the name of another one, or an unknown cycle.
-pub fn validate_entries(entries: &[ScheduleEntry], cycles: &[u16]) -> Result<(), String> {
+pub fn validate_schedule_entries(entries: &[ScheduleEntry], cycles: &[u16]) -> Result<(), String> {
     for (index, ScheduleEntry { name, cycle, .. }) in entries.iter().enumerate() {
         if !cycles.contains(cycle) {
             return Err(format!("schedule {name} starts cycle {cycle}, which is not configured"));

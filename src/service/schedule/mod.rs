@@ -1,15 +1,15 @@
 //! A due cycle starts if a person has armed it and the machine reports that it is ready; otherwise the reason is
 //! recorded.
 //!
-//! `slot_window` finds the due slots, and `start_decision` decides whether a slot may start; both are pure functions.
+//! `due_and_missed_slots` finds the slots, and `start_decision` decides whether one may start; both are pure functions.
 //! The `Scheduler` checks the clock once a second, on its own thread, so that a clock that was set or a computer that
 //! slept does no harm. The outcome of a slot is in the journal before the machine moves.
 
 pub mod calendar;
+mod due_and_missed_slots;
 pub mod entry;
-mod records;
 mod scheduler;
-mod slot_window;
+mod slot_recorder;
 mod start_decision;
 #[cfg(test)]
 mod tests;
@@ -20,9 +20,9 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
-use self::records::SlotRecorder;
 use self::scheduler::Scheduler;
 pub use self::scheduler::planned_schedules;
+use self::slot_recorder::SlotRecorder;
 use super::command_gate::CommandGate;
 use super::config::ServeConfig;
 use super::schedule_state::DueRequest;
@@ -39,7 +39,7 @@ const CLOCK_CHECK_PERIOD: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// The journal cannot be written, or the thread cannot be started.
-pub fn start_schedule(
+pub fn start_scheduler(
     machine: &str,
     config: &ServeConfig,
     gate: &CommandGate,
@@ -47,11 +47,11 @@ pub fn start_schedule(
     log: &Log,
 ) -> Result<(), ServeError> {
     let (due_requests, due_receiver) = channel();
-    gate.set_due_requests(due_requests);
+    gate.set_due_request_sender(due_requests);
     let records = SlotRecorder { machine: machine.to_owned(), journal: Arc::clone(journal), log: log.clone() };
     let (config, gate) = (config.clone(), gate.clone());
     let (result_sender, result_receiver) = channel();
-    let run = move || match Scheduler::begin(records, config, gate) {
+    let run = move || match Scheduler::create_and_record_earlier_slots(records, config, gate) {
         Ok(scheduler) => {
             let _ = result_sender.send(Ok(()));
             run_scheduler(scheduler, &due_receiver);
@@ -60,7 +60,7 @@ pub fn start_schedule(
     };
     // The scheduler blocks on the journal, so it needs a thread without a tokio runtime.
     spawn_thread("schedule", run)?;
-    let died = || ServeError::Thread(std::io::Error::other("the thread of the schedule panicked"));
+    let died = || ServeError::ThreadNotStarted(std::io::Error::other("the thread of the schedule panicked"));
     Ok(result_receiver.recv().map_err(|_| died())??)
 }
 
@@ -72,7 +72,7 @@ fn run_scheduler(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) 
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        if scheduler.has_ended() {
+        if scheduler.is_service_ending() {
             return;
         }
         let (now, now_s) = (Timestamp::now(), clock.now_s());

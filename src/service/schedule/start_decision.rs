@@ -13,21 +13,21 @@ use crate::store::Arming;
 
 /// Maximum time by which an arming may be later than the clock; beyond it, the clock was set back, and the arming is
 /// invalid.
-const MAX_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1);
+const MAX_TOLERATED_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1);
 
-/// Conditions of a start.
+/// Conditions that a start must meet.
 #[derive(Debug, Clone)]
 pub struct StartRequirements<'a> {
     pub required_interlocks: &'a [StartInterlock],
     pub required_conditions: &'a [ReadinessCondition],
-    pub min_idle: Duration,
-    pub overlap: OverlapPolicy,
+    pub min_idle_time: Duration,
+    pub overlap_policy: OverlapPolicy,
     pub latest_start: Timestamp,
 }
 
-/// Current state of the machine, for the decision.
+/// Conditions at the time of the decision.
 #[derive(Debug, Clone)]
-pub struct StartConditions<'a> {
+pub struct CurrentConditions<'a> {
     pub now: Timestamp,
     /// Reason for which the gate would refuse a start now.
     pub gate_refusal: Option<Refusal>,
@@ -47,18 +47,18 @@ pub enum StartDecision {
     Skip(NotStartedReason),
 }
 
-pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> StartDecision {
+pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &CurrentConditions<'_>) -> StartDecision {
     if let Err(why) = check_arming(conditions.arming, conditions.now) {
         return StartDecision::Skip(why);
     }
     let Some(why) = unmet_condition(requirements, conditions) else { return StartDecision::Start };
     if conditions.now > requirements.latest_start {
-        return StartDecision::Skip(NotStartedReason::TooLate(Box::new(why)));
+        return StartDecision::Skip(NotStartedReason::LatestStartPassed(Box::new(why)));
     }
     match conditions.gate_refusal {
         // Waiting does not help: no person will be at the machine later either.
         Some(Refusal::PlanHasPrompts) => StartDecision::Skip(why),
-        Some(Refusal::Busy) if requirements.overlap == OverlapPolicy::Skip => StartDecision::Skip(why),
+        Some(Refusal::Busy) if requirements.overlap_policy == OverlapPolicy::Skip => StartDecision::Skip(why),
         _ => StartDecision::Wait(why),
     }
 }
@@ -68,7 +68,7 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartCond
 /// # Errors
 /// Why the arming is not valid.
 pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), NotStartedReason> {
-    let Arming { who, ended, broken, until, armed, .. } = arming.ok_or(NotStartedReason::NotArmed)?;
+    let Arming { who, ended, broken, until, armed, .. } = arming.ok_or(NotStartedReason::CycleNotArmed)?;
     let who = who.clone();
     if let Some((when, why)) = ended {
         return Err(NotStartedReason::ArmingEnded { who, when: *when, why: why.clone() });
@@ -79,33 +79,40 @@ pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), NotSt
     if now >= *until {
         return Err(NotStartedReason::ArmingExpired { who, until: *until });
     }
-    match armed.duration_since(now) > MAX_CLOCK_SETBACK {
+    match armed.duration_since(now) > MAX_TOLERATED_CLOCK_SETBACK {
         true => Err(NotStartedReason::ClockSetBack { who }),
         false => Ok(()),
     }
 }
 
-fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> Option<NotStartedReason> {
+fn unmet_condition(
+    requirements: &StartRequirements<'_>,
+    conditions: &CurrentConditions<'_>,
+) -> Option<NotStartedReason> {
     let Some(readiness) = conditions.readiness else {
         return Some(match conditions.gate_refusal {
-            None | Some(Refusal::Stale) => NotStartedReason::NoReport { inputs: input_names(requirements) },
-            Some(why) => NotStartedReason::NotReady(why),
+            None | Some(Refusal::Stale) => {
+                NotStartedReason::InputsNotReported { inputs: required_input_names(requirements) }
+            }
+            Some(why) => NotStartedReason::GateWouldRefuse(why),
         });
     };
     if let Some(why) = conditions.gate_refusal {
-        return Some(NotStartedReason::NotReady(why));
+        return Some(NotStartedReason::GateWouldRefuse(why));
     }
     let unmet_input = requirements.required_conditions.iter().find_map(|input| match input {
-        ReadinessCondition::Probe => (!readiness.probe).then_some("the probe is ready (`probe`)"),
-        ReadinessCondition::Artefact => (!readiness.artefact).then_some("the artefact is in place (`artefact`)"),
+        ReadinessCondition::Probe => (!readiness.is_probe_ready).then_some("the probe is ready (`probe`)"),
+        ReadinessCondition::Artefact => {
+            (!readiness.is_artefact_in_place).then_some("the artefact is in place (`artefact`)")
+        }
         ReadinessCondition::Temperature => {
-            (!readiness.temperature).then_some("the temperature is as agreed (`temperature`)")
+            (!readiness.is_temperature_in_range).then_some("the temperature is as agreed (`temperature`)")
         }
     });
     if let Some(condition) = unmet_input {
         return Some(NotStartedReason::UnmetCondition { condition });
     }
-    unmet_idle_time(requirements.min_idle, conditions.idle_time)
+    unmet_idle_time(requirements.min_idle_time, conditions.idle_time)
 }
 
 fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<NotStartedReason> {
@@ -121,7 +128,7 @@ fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<No
 }
 
 /// Names of all inputs that the machine would have to report.
-fn input_names(requirements: &StartRequirements<'_>) -> String {
+fn required_input_names(requirements: &StartRequirements<'_>) -> String {
     let demands = requirements.required_interlocks.iter().map(|demand| match demand {
         StartInterlock::Enable => "enable",
         StartInterlock::Auto => "auto",
@@ -132,7 +139,7 @@ fn input_names(requirements: &StartRequirements<'_>) -> String {
         ReadinessCondition::Artefact => "artefact",
         ReadinessCondition::Temperature => "temperature",
     });
-    let idle = (!requirements.min_idle.is_zero()).then_some("idle");
+    let idle = (!requirements.min_idle_time.is_zero()).then_some("idle");
     demands.chain(inputs).chain(idle).collect::<Vec<_>>().join(", ")
 }
 
@@ -145,56 +152,69 @@ mod tests {
     const ALL_INTERLOCKS: [StartInterlock; 3] = [StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door];
     const ALL_CONDITIONS: [ReadinessCondition; 3] =
         [ReadinessCondition::Probe, ReadinessCondition::Artefact, ReadinessCondition::Temperature];
-    const MIN_IDLE: Duration = Duration::from_secs(20 * 60);
+    const MIN_IDLE_TIME: Duration = Duration::from_secs(20 * 60);
 
-    fn timestamp(text: &str) -> Timestamp {
+    fn parse_timestamp(text: &str) -> Timestamp {
         text.parse().unwrap()
     }
 
-    fn arming() -> Arming {
+    fn valid_arming() -> Arming {
         Arming {
             machine: "m".to_owned(),
             cycle: 1,
             who: "Ada".to_owned(),
             why: String::new(),
-            armed: timestamp("2026-11-20T16:00:00Z"),
-            until: timestamp("2026-11-27T16:00:00Z"),
+            armed: parse_timestamp("2026-11-20T16:00:00Z"),
+            until: parse_timestamp("2026-11-27T16:00:00Z"),
             ended: None,
             broken: None,
         }
     }
 
-    fn readiness() -> Readiness {
-        let interlocks = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
-        Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true }
+    fn full_readiness() -> Readiness {
+        let interlocks = Interlocks {
+            is_fresh: true,
+            is_start_enabled: true,
+            is_auto_mode: true,
+            is_door_closed: true,
+            is_stop_set: false,
+            has_person_for_prompts: false,
+        };
+        Readiness {
+            interlocks,
+            is_probe_ready: true,
+            is_artefact_in_place: true,
+            is_temperature_in_range: true,
+            is_control_idle: true,
+        }
     }
 
     /// Decision with all conditions met at 05:30 in Berlin, after `change`.
-    fn decide_with(
-        change: impl FnOnce(&mut StartRequirements<'_>, &mut StartConditions<'_>, &mut Arming),
+    fn decide_start_after(
+        change: impl FnOnce(&mut StartRequirements<'_>, &mut CurrentConditions<'_>, &mut Arming),
     ) -> StartDecision {
         let (mut arming, mut requirements, mut conditions) = (
-            arming(),
+            valid_arming(),
             StartRequirements {
                 required_interlocks: &ALL_INTERLOCKS,
                 required_conditions: &ALL_CONDITIONS,
-                min_idle: MIN_IDLE,
-                overlap: OverlapPolicy::Wait,
-                latest_start: timestamp("2026-11-23T05:00:00Z"),
+                min_idle_time: MIN_IDLE_TIME,
+                overlap_policy: OverlapPolicy::Wait,
+                latest_start: parse_timestamp("2026-11-23T05:00:00Z"),
             },
-            StartConditions {
-                now: timestamp("2026-11-23T04:30:00Z"),
+            CurrentConditions {
+                now: parse_timestamp("2026-11-23T04:30:00Z"),
                 gate_refusal: None,
                 arming: None,
-                readiness: Some(readiness()),
-                idle_time: Some(MIN_IDLE),
+                readiness: Some(full_readiness()),
+                idle_time: Some(MIN_IDLE_TIME),
             },
         );
         change(&mut requirements, &mut conditions, &mut arming);
-        decide_start(&requirements, &StartConditions { arming: Some(&arming), ..conditions })
+        decide_start(&requirements, &CurrentConditions { arming: Some(&arming), ..conditions })
     }
 
-    fn decision_text(decision: StartDecision) -> (char, String) {
+    fn decision_letter_and_reason(decision: StartDecision) -> (char, String) {
         match decision {
             StartDecision::Start => ('!', String::new()),
             StartDecision::Wait(why) => ('w', why.to_string()),
@@ -203,55 +223,58 @@ mod tests {
     }
 
     #[test]
-    fn start_when_ready_and_armed() {
-        assert_eq!(decision_text(decide_with(|_, _, _| {})).0, '!');
-        let latest_start = decide_with(|requirements, conditions, _| conditions.now = requirements.latest_start);
-        assert_eq!(decision_text(latest_start).0, '!');
+    fn armed_and_ready_cycle_starts_until_the_latest_start() {
+        assert_eq!(decision_letter_and_reason(decide_start_after(|_, _, _| {})).0, '!');
+        let latest_start = decide_start_after(|requirements, conditions, _| conditions.now = requirements.latest_start);
+        assert_eq!(decision_letter_and_reason(latest_start).0, '!');
     }
 
     #[test]
     fn each_unmet_condition_is_awaited_and_named() {
-        type Change = fn(&mut Readiness);
-        let cases: [(Change, &str); 3] = [
-            (|readiness| readiness.probe = false, "`probe`"),
-            (|readiness| readiness.artefact = false, "`artefact`"),
-            (|readiness| readiness.temperature = false, "`temperature`"),
+        type ReadinessChange = fn(&mut Readiness);
+        let cases: [(ReadinessChange, &str); 3] = [
+            (|readiness| readiness.is_probe_ready = false, "`probe`"),
+            (|readiness| readiness.is_artefact_in_place = false, "`artefact`"),
+            (|readiness| readiness.is_temperature_in_range = false, "`temperature`"),
         ];
         for (change, name) in cases {
-            let (kind, why) = decision_text(decide_with(|_, conditions, _| {
-                let mut readiness = readiness();
+            let (kind, why) = decision_letter_and_reason(decide_start_after(|_, conditions, _| {
+                let mut readiness = full_readiness();
                 change(&mut readiness);
                 conditions.readiness = Some(readiness);
             }));
             assert!(kind == 'w' && why.contains(name), "{kind} {why}");
         }
         for (refused, name) in [(Refusal::NotEnabled, "external start"), (Refusal::DoorOpen, "guard")] {
-            let (kind, why) = decision_text(decide_with(|_, conditions, _| conditions.gate_refusal = Some(refused)));
+            let (kind, why) = decision_letter_and_reason(decide_start_after(|_, conditions, _| {
+                conditions.gate_refusal = Some(refused)
+            }));
             assert!(kind == 'w' && why.contains(name), "{kind} {why}");
         }
-        for (idle, name) in [(None, "`idle`"), (Some(MIN_IDLE / 4), "5 of 20 minutes")] {
-            let (kind, why) = decision_text(decide_with(|_, conditions, _| conditions.idle_time = idle));
+        for (idle, name) in [(None, "`idle`"), (Some(MIN_IDLE_TIME / 4), "5 of 20 minutes")] {
+            let (kind, why) =
+                decision_letter_and_reason(decide_start_after(|_, conditions, _| conditions.idle_time = idle));
             assert!(kind == 'w' && why.contains(name), "{kind} {why}");
         }
     }
 
     #[test]
-    fn unreported_condition_is_not_assumed() {
-        let nobody = |conditions: &mut StartConditions<'_>| {
+    fn start_without_a_report_waits_and_names_all_inputs() {
+        let remove_reports = |conditions: &mut CurrentConditions<'_>| {
             (conditions.readiness, conditions.idle_time) = (None, None);
             conditions.gate_refusal = Some(Refusal::Stale);
         };
-        let (kind, why) = decision_text(decide_with(|_, conditions, _| nobody(conditions)));
+        let (kind, why) = decision_letter_and_reason(decide_start_after(|_, conditions, _| remove_reports(conditions)));
         let all = "not ready: no current report of enable, auto, door, probe, artefact, temperature, idle";
         assert_eq!((kind, why.as_str()), ('w', all));
     }
 
     #[test]
-    fn no_start_after_the_latest_time_with_a_reason() {
-        let (kind, why) = decision_text(decide_with(|requirements, conditions, _| {
-            conditions.now = timestamp("2026-11-23T05:00:01Z");
+    fn start_after_latest_time_is_skipped_with_the_unmet_condition() {
+        let (kind, why) = decision_letter_and_reason(decide_start_after(|requirements, conditions, _| {
+            conditions.now = parse_timestamp("2026-11-23T05:00:01Z");
             conditions.gate_refusal = Some(Refusal::DoorOpen);
-            requirements.overlap = OverlapPolicy::Wait;
+            requirements.overlap_policy = OverlapPolicy::Wait;
         }));
         assert_eq!((kind, why.as_str()), ('s', "the latest start time has passed: not ready: a guard is open"));
     }
@@ -259,40 +282,41 @@ mod tests {
     #[test]
     fn start_during_a_run_waits_or_is_skipped_by_the_overlap_policy() {
         let busy = |overlap| {
-            let (kind, why) = decision_text(decide_with(|requirements, conditions, _| {
-                (requirements.overlap, conditions.gate_refusal) = (overlap, Some(Refusal::Busy));
+            let (kind, why) = decision_letter_and_reason(decide_start_after(|requirements, conditions, _| {
+                (requirements.overlap_policy, conditions.gate_refusal) = (overlap, Some(Refusal::Busy));
             }));
             assert!(why.contains("a run is in progress"), "{why}");
             kind
         };
         assert_eq!([busy(OverlapPolicy::Wait), busy(OverlapPolicy::Skip)], ['w', 's']);
         // The minimum interval after the end of the run is not over yet: a later start is possible.
-        let soon = decide_with(|requirements, conditions, _| {
-            (requirements.overlap, conditions.gate_refusal) = (OverlapPolicy::Skip, Some(Refusal::TooSoon));
+        let soon = decide_start_after(|requirements, conditions, _| {
+            (requirements.overlap_policy, conditions.gate_refusal) = (OverlapPolicy::Skip, Some(Refusal::TooSoon));
         });
-        assert_eq!(decision_text(soon).0, 'w');
+        assert_eq!(decision_letter_and_reason(soon).0, 'w');
     }
 
     #[test]
-    fn cycle_with_prompts_is_not_started() {
-        let (kind, why) =
-            decision_text(decide_with(|_, conditions, _| conditions.gate_refusal = Some(Refusal::PlanHasPrompts)));
+    fn cycle_with_prompts_is_skipped() {
+        let (kind, why) = decision_letter_and_reason(decide_start_after(|_, conditions, _| {
+            conditions.gate_refusal = Some(Refusal::PlanHasPrompts)
+        }));
         assert!(kind == 's' && why.contains("has prompts"), "{kind} {why}");
     }
 
     #[test]
-    fn no_start_without_a_valid_arming() {
-        type Change = fn(&mut Arming);
-        let cases: [(Change, &str); 4] = [
-            (|arming| arming.until = timestamp("2026-11-23T04:30:00Z"), "expired at"),
+    fn start_without_valid_arming_is_skipped_with_the_reason() {
+        type ArmingChange = fn(&mut Arming);
+        let cases: [(ArmingChange, &str); 4] = [
+            (|arming| arming.until = parse_timestamp("2026-11-23T04:30:00Z"), "expired at"),
             (|arming| arming.broken = Some(RunId(7)), "run 7"),
             (|arming| arming.ended = Some((arming.armed, "it is Sunday".to_owned())), "Sunday"),
-            (|arming| arming.armed = timestamp("2026-11-23T05:30:01Z"), "set back"),
+            (|arming| arming.armed = parse_timestamp("2026-11-23T05:30:01Z"), "set back"),
         ];
         for (change, name) in cases {
-            let (kind, why) = decision_text(decide_with(|_, _, arming| change(arming)));
+            let (kind, why) = decision_letter_and_reason(decide_start_after(|_, _, arming| change(arming)));
             assert!(kind == 's' && why.contains(name), "{kind} {why}");
         }
-        assert!(check_arming(None, timestamp("2026-11-23T04:30:00Z")).is_err());
+        assert!(check_arming(None, parse_timestamp("2026-11-23T04:30:00Z")).is_err());
     }
 }

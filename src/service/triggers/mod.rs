@@ -1,7 +1,7 @@
 //! Triggers: the daemon's own Modbus TCP server, and a text line. Both send commands to the gate.
 
-pub mod line;
 pub mod modbus;
+pub mod text_line;
 
 use super::command_gate::CommandGate;
 use super::config::ServeConfig;
@@ -12,11 +12,11 @@ use super::{Log, ServeError};
 /// # Errors
 /// An address cannot be listened on, or a thread cannot be started.
 pub fn start_triggers(config: &ServeConfig, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
-    if let Some(modbus) = &config.modbus {
+    if let Some(modbus) = &config.modbus_server {
         modbus::start_modbus_server(modbus, gate, log)?;
     }
-    if let Some(line) = &config.line {
-        tokio::spawn(line::serve_line(line.0.clone(), gate.clone(), log.clone()));
+    if let Some(line) = &config.line_interface {
+        tokio::spawn(text_line::serve_trigger_line(line.0.clone(), gate.clone(), log.clone()));
     }
     Ok(())
 }

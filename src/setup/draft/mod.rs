@@ -23,8 +23,8 @@ const DRAFT_TEMPLATE: &str = include_str!("machine.toml.j2");
 /// Data for a draft: `[controller]` as in a machine file, and the user's optional entries.
 pub struct MachineFileDraft {
     /// Keys of `[controller]`, with `kind`.
-    pub controller: toml::Table,
-    pub name: Option<String>,
+    pub controller_keys: toml::Table,
+    pub machine_name: Option<String>,
     /// Topology, if the user has given it.
     pub topology: Option<String>,
 }
@@ -34,12 +34,12 @@ impl MachineFileDraft {
     ///
     /// # Errors
     /// The driver refuses the keys.
-    pub fn control(&self) -> Result<Arc<dyn ControllerConfig>, SetupError> {
-        let mut keys = self.controller.clone();
+    pub fn control_config(&self) -> Result<Arc<dyn ControllerConfig>, SetupError> {
+        let mut keys = self.controller_keys.clone();
         let kind = keys.remove("kind");
         let kind = kind.as_ref().and_then(toml::Value::as_str).unwrap_or_default().to_owned();
         let control = controls::configure_control(&kind, toml::Value::Table(keys));
-        control.map_err(|error| SetupError::Draft { why: error.message().to_owned() })
+        control.map_err(|error| SetupError::MachineFileDraft { why: error.message().to_owned() })
     }
 
     /// Opens `control` and reads its device information. Nothing moves. Call inside a tokio runtime.
@@ -47,19 +47,20 @@ impl MachineFileDraft {
     /// # Errors
     /// The control cannot be opened or does not answer.
     pub async fn query_device_info(&self, control: &dyn ControllerConfig) -> Result<DeviceInfo, SetupError> {
-        let modes = prove_mode_text(&Dialect::from_name(control.dialect())?, &empty_machine(), control.result_log())?;
+        let modes =
+            prove_mode_text(&Dialect::from_name(control.dialect())?, &empty_machine(), control.result_log_path())?;
         let controller = control.open(&empty_machine(), modes, Arc::new(HostClock::start())).await?;
         Ok(controller.identify_device().await?)
     }
 
-    /// Possible causes why [`Self::query_device_info`] has `failed`.
-    pub async fn diagnose(
+    /// Possible causes why the query of the device information ended with `failure`.
+    pub async fn diagnose_connection_failure(
         &self,
         control: &dyn ControllerConfig,
-        failed: &ControllerError,
-        leave: DiagnosisMode,
+        failure: &ControllerError,
+        mode: DiagnosisMode,
     ) -> Vec<PossibleCause> {
-        control.diagnose(ConnectionDiagnosisRequest { machine: &empty_machine(), failure: failed, mode: leave }).await
+        control.diagnose_connection(ConnectionDiagnosisRequest { machine: &empty_machine(), failure, mode }).await
     }
 
     /// Text of the machine file.
@@ -75,45 +76,45 @@ impl MachineFileDraft {
                 "the topology contains the axis {missing}, but the control does not have this \
                 axis"
             );
-            return Err(SetupError::Draft { why });
+            return Err(SetupError::MachineFileDraft { why });
         }
-        let reported = |axis: &Axis| axis_values(*axis, info.axes.get(axis).copied().unwrap_or_default());
+        let reported = |axis: &Axis| axis_template_values(*axis, info.axes.get(axis).copied().unwrap_or_default());
         let axes: Vec<Value> = axes.iter().map(reported).collect();
         let remarks = info.findings.iter().map(|remark| {
             context! {
                 hinders => remark.is_blocking,
-                what => one_line(&remark.description),
-                remedy => one_line(&remark.remedy),
+                what => replace_control_characters(&remark.description),
+                remedy => replace_control_characters(&remark.remedy),
             }
         });
         let names = context! {
             version => env!("CARGO_PKG_VERSION"),
-            identity => one_line(&info.identity),
+            identity => replace_control_characters(&info.identity),
             remarks => remarks.collect::<Vec<_>>(),
-            name => toml_string(self.name.as_deref().unwrap_or("my five-axis machine")),
+            name => quote_toml_string(self.machine_name.as_deref().unwrap_or("my five-axis machine")),
             in_words => topology::describe_topology(&topology),
-            topology => toml_string(&topology),
+            topology => quote_toml_string(&topology),
             axes,
-            controller => self.controller.iter().map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>(),
+            controller => self.controller_keys.iter().map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>(),
         };
         let mut environment = Environment::new();
         environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
         let rendered = environment.render_str(DRAFT_TEMPLATE, names);
-        rendered.map(|text| text + "\n").map_err(|error| SetupError::Draft { why: error.to_string() })
+        rendered.map(|text| text + "\n").map_err(|error| SetupError::MachineFileDraft { why: error.to_string() })
     }
 }
 
-fn toml_string(text: &str) -> String {
+fn quote_toml_string(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
-/// Replaces control characters, as the control's text is written into a comment.
-fn one_line(text: &str) -> String {
+/// Replaces control characters by spaces, because the text of the control is written into a one-line comment.
+fn replace_control_characters(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 /// Template values of one axis. Without limits from the control the range is kept short.
-fn axis_values(axis: Axis, reported: ReportedAxis) -> Value {
+fn axis_template_values(axis: Axis, reported: ReportedAxis) -> Value {
     let turns = !axis.is_linear();
     let half = match axis {
         Axis::C => 360.0,

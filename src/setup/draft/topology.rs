@@ -22,15 +22,17 @@ pub(super) fn default_topology(driven: &[Axis]) -> String {
     format!("V[{}]", all.join("-"))
 }
 
-/// Axes that move, sorted; the spindle in brackets is left out.
+/// Axes of the topology that move, sorted; the spindle is left out.
 pub(super) fn moving_axes(topology: &str) -> Vec<Axis> {
-    let mut axes: Vec<Axis> =
-        chain_letters(topology).filter_map(|letter| letter.parse().ok()).filter(|axis| *axis != Axis::S).collect();
+    let mut axes: Vec<Axis> = topology_components(topology)
+        .filter_map(|letter| letter.parse().ok())
+        .filter(|axis| *axis != Axis::S)
+        .collect();
     axes.sort();
     axes
 }
 
-fn chain_letters(topology: &str) -> impl Iterator<Item = &str> {
+fn topology_components(topology: &str) -> impl Iterator<Item = &str> {
     let inside = topology.trim_start_matches("V[").trim_end_matches(']');
     inside.split('-')
 }
@@ -44,6 +46,6 @@ pub(super) fn describe_topology(topology: &str) -> String {
         "(C)" | "S" => "spindle".to_owned(),
         axis => axis.to_owned(),
     };
-    let words: Vec<String> = chain_letters(topology).map(component_name).collect();
+    let words: Vec<String> = topology_components(topology).map(component_name).collect();
     words.join(", ")
 }

@@ -6,32 +6,32 @@ use std::path::Path;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::balls_csv::{self, CommonBallData, TableColumns, column_of_key};
+use super::balls_csv::{self, BallCsvColumns, CommonBallData, column_of_key};
 use super::document::TomlDocument;
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use machine::artefact::{self, ArtefactEntry, ArtefactFault};
 use machine::record::artefact::{Artefact, Balls};
 
-/// Maximum certified uncertainty, mm. A larger value is taken for a wrong unit.
-const MAX_CERTIFIED_U_MM: f64 = 0.1;
+/// Maximum standard uncertainty of a certificate, mm. A larger value is refused, because its unit is probably wrong.
+const MAX_CERTIFICATE_STD_U_MM: f64 = 0.1;
 
 /// Keys of the placement of balls: origin of their coordinates in the table frame, and rotation about its Z
 /// axis.
-const PLACEMENT_KEYS: [&str; 2] = ["origin_mm", "turned_deg"];
+const BALL_PLACEMENT_KEYS: [&str; 2] = ["origin_mm", "turned_deg"];
 
-/// Source of data outside the text of a machine file.
+/// Source of the artefact's data outside the text of a machine file.
 #[derive(Debug, Clone, Copy)]
 pub enum ArtefactSource<'a> {
     /// No other data: the text is complete.
     TextOnly,
     /// Other files in this folder.
-    Folder(&'a Path),
+    MachineFileFolder(&'a Path),
     /// The artefact as it was read when the run began; the folder may have been deleted or changed since.
-    Artefact(&'a Artefact),
+    RecordedArtefact(&'a Artefact),
 }
 
 #[derive(Deserialize)]
-struct ArtefactKind {
+struct ArtefactKindKey {
     kind: String,
 }
 
@@ -41,10 +41,10 @@ struct ArtefactKind {
 struct NoKeys {}
 
 pub fn read_artefact(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Artefact, MachineFileError> {
-    if let ArtefactSource::Artefact(artefact) = source {
+    if let ArtefactSource::RecordedArtefact(artefact) = source {
         return Ok(artefact.clone());
     }
-    let ArtefactKind { kind } = document.read_required(&["artefact"])?;
+    let ArtefactKindKey { kind } = document.deserialize_required_section(&["artefact"])?;
     match kind.as_str() {
         "cylinder" => read_artefact_fields(document, &["kind"]).map(Artefact::Cylinder),
         "balls" => read_balls(document, source).map(Artefact::Balls),
@@ -57,7 +57,7 @@ pub fn read_artefact(document: &TomlDocument, source: ArtefactSource<'_>) -> Res
     }
 }
 
-/// Reads the table without the keys in `other_keys`, which were read before.
+/// Reads `[artefact]` without the keys in `other_keys`, which are read separately.
 fn read_artefact_fields<T: DeserializeOwned>(
     document: &TomlDocument,
     other_keys: &[&str],
@@ -68,8 +68,10 @@ fn read_artefact_fields<T: DeserializeOwned>(
 }
 
 fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
-    let mut balls: Balls =
-        read_artefact_fields(document, &[&["kind", "file"], &PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat())?;
+    let mut balls: Balls = read_artefact_fields(
+        document,
+        &[&["kind", "file"], &BALL_PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat(),
+    )?;
     let wrong = |key: &str, why: &str| document.value_error(&["artefact", key], why);
     let file: Option<String> = read_artefact_key(document, "file")?;
     let table = match file {
@@ -86,12 +88,12 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
             None
         }
         Some(name) => {
-            let ArtefactSource::Folder(folder) = source else {
+            let ArtefactSource::MachineFileFolder(folder) = source else {
                 let why = "names a file, but the folder of the machine file is not known: write \
                     [[artefact.balls]] instead";
                 return Err(wrong("file", why));
             };
-            Some(BallTable::read(&folder.join(name), &read_common_ball_data(document)?)?)
+            Some(BallCsvTable::read(&folder.join(name), &read_common_ball_data(document)?)?)
         }
     };
     if let Some(table) = &table {
@@ -101,7 +103,7 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
         let why = "contains no ball: add [[artefact.balls]], or file = \"NAME.csv\"";
         return Err(document.value_error(&["artefact"], why));
     }
-    if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MAX_CERTIFIED_U_MM)) {
+    if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MAX_CERTIFICATE_STD_U_MM)) {
         return Err(wrong(
             "certificate_u_mm",
             "must be greater than 0 and at most 0.1: half of the certificate's U (k = 2), in mm",
@@ -113,14 +115,18 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
     if balls.uncertainty_mm < 0.0 {
         return Err(wrong("uncertainty_mm", "must not be negative"));
     }
-    let origin_mm = read_artefact_key(document, PLACEMENT_KEYS[0])?.unwrap_or_default();
-    place_balls(&mut balls, origin_mm, read_artefact_key(document, PLACEMENT_KEYS[1])?.unwrap_or_default());
+    let origin_mm = read_artefact_key(document, BALL_PLACEMENT_KEYS[0])?.unwrap_or_default();
+    transform_balls_to_table_frame(
+        &mut balls,
+        origin_mm,
+        read_artefact_key(document, BALL_PLACEMENT_KEYS[1])?.unwrap_or_default(),
+    );
     artefact::check_balls(&balls).map_err(|fault| artefact_fault_error(document, table.as_ref(), fault))?;
     Ok(balls)
 }
 
 /// Transforms the balls from the artefact's own coordinates into the table frame.
-fn place_balls(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
+fn transform_balls_to_table_frame(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
     let (sin, cos) = turned_deg.to_radians().sin_cos();
     let turned = |[x, y, z]: [f64; 3]| match turned_deg == 0.0 {
         true => [x, y, z],
@@ -146,24 +152,28 @@ fn read_common_ball_data(document: &TomlDocument) -> Result<CommonBallData, Mach
     })
 }
 
-struct BallTable {
-    file: String,
-    columns: TableColumns,
-    balls: Vec<balls_csv::NumberedBall>,
+struct BallCsvTable {
+    file_path: String,
+    columns: BallCsvColumns,
+    balls: Vec<balls_csv::BallWithLineNumber>,
 }
 
-impl BallTable {
+impl BallCsvTable {
     fn read(path: &Path, common: &CommonBallData) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
-            .map_err(|source| MachineFileError::ReadBalls { file: file.clone(), source })?;
-        let (columns, balls) = balls_csv::read_ball_table(&file, &text, common)?;
-        Ok(Self { file, columns, balls })
+            .map_err(|source| MachineFileError::UnreadableBallTable { file: file.clone(), source })?;
+        let (columns, balls) = balls_csv::parse_ball_csv(&file, &text, common)?;
+        Ok(Self { file_path: file, columns, balls })
     }
 }
 
 /// Error at the location of a fault: in the table file, or at the key of the machine file.
-fn artefact_fault_error(document: &TomlDocument, table: Option<&BallTable>, fault: ArtefactFault) -> MachineFileError {
+fn artefact_fault_error(
+    document: &TomlDocument,
+    table: Option<&BallCsvTable>,
+    fault: ArtefactFault,
+) -> MachineFileError {
     let ArtefactFault { entry: of, key, message: why } = fault;
     let (name, index) = match (of, table) {
         // The machine file contains the properties that all balls share.
@@ -174,9 +184,9 @@ fn artefact_fault_error(document: &TomlDocument, table: Option<&BallTable>, faul
         }
         (ArtefactEntry::Ball(index), Some(table)) => {
             let line = table.balls.get(index).map(|(_, line)| *line);
-            let place = FileLocation { file: table.file.clone(), line };
-            let problem = MachineFileProblem::Column { column: column_of_key(key).to_owned(), why };
-            return MachineFileError::Content { place, problem };
+            let place = FileLocation { file: table.file_path.clone(), line };
+            let problem = MachineFileProblem::InvalidColumn { column: column_of_key(key).to_owned(), why };
+            return MachineFileError::InvalidContent { place, problem };
         }
         (ArtefactEntry::Ball(index), None) => ("balls", index),
         (ArtefactEntry::Length(index), _) => ("lengths", index),

@@ -2,16 +2,16 @@
 //! `#` begins a comment. Properties that all balls share may be in `[artefact]` instead.
 
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
-use super::hint;
+use super::key_hint;
 use machine::record::artefact::Ball;
 
 const REQUIRED_COLUMNS: [&str; 5] = ["ball", "x_mm", "y_mm", "z_mm", "radius_mm"];
 const STEM_COLUMNS: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm", "stem_length_mm"];
 
 /// A ball and its line number (from 1).
-pub type NumberedBall = (Ball, usize);
+pub type BallWithLineNumber = (Ball, usize);
 
-/// Values for columns that a table lacks, or for empty cells.
+/// Values of `[artefact]` that replace missing columns and empty cells of the table.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CommonBallData {
     pub radius_mm: Option<f64>,
@@ -24,18 +24,18 @@ impl CommonBallData {
     pub const KEYS: [&'static str; 4] = ["radius_mm", "stem", "stem_radius_mm", "stem_length_mm"];
 }
 
-/// Reads a table of balls.
+/// Parses a table of balls. `file`: its name in error messages.
 ///
 /// # Errors
 /// An unknown or missing column, or a value that is no finite number; with file and line.
-pub fn read_ball_table(
+pub fn parse_ball_csv(
     file: &str,
     text: &str,
     common: &CommonBallData,
-) -> Result<(TableColumns, Vec<NumberedBall>), MachineFileError> {
+) -> Result<(BallCsvColumns, Vec<BallWithLineNumber>), MachineFileError> {
     let error = |line: usize, problem| {
         let place = FileLocation { file: file.to_owned(), line: Some(line) };
-        MachineFileError::Content { place, problem }
+        MachineFileError::InvalidContent { place, problem }
     };
     // A final line end, so that lines can be counted by their ends.
     let text = format!("{text}\n");
@@ -44,7 +44,7 @@ pub fn read_ball_table(
         .trim(csv::Trim::All)
         .has_headers(false)
         .from_reader(text.as_bytes());
-    let mut columns: Option<TableColumns> = None;
+    let mut columns: Option<BallCsvColumns> = None;
     let mut balls = Vec::new();
     let mut record = csv::StringRecord::new();
     loop {
@@ -55,11 +55,11 @@ pub fn read_ball_table(
         match more {
             Ok(true) => {}
             Ok(false) => break,
-            Err(broken) => return Err(error(line, MachineFileProblem::Table(broken.to_string()))),
+            Err(broken) => return Err(error(line, MachineFileProblem::InvalidCsv(broken.to_string()))),
         }
         match &columns {
             None => {
-                let header = TableColumns::new(&record, common);
+                let header = BallCsvColumns::new(&record, common);
                 columns = Some(header.map_err(|problem| error(line, problem))?);
             }
             Some(columns) => {
@@ -83,11 +83,11 @@ pub fn column_of_key(key: &str) -> &str {
 
 /// Column names of a table.
 #[derive(Debug, Clone, Default)]
-pub struct TableColumns {
+pub struct BallCsvColumns {
     names: Vec<String>,
 }
 
-impl TableColumns {
+impl BallCsvColumns {
     /// Whether the table has a column for a ball's key.
     pub fn has_column_of_key(&self, key: &str) -> bool {
         self.names.iter().any(|name| name == column_of_key(key))
@@ -97,8 +97,8 @@ impl TableColumns {
         let names: Vec<&str> = header.iter().collect();
         let known = [REQUIRED_COLUMNS, STEM_COLUMNS].concat();
         if let Some(name) = names.iter().find(|name| !known.contains(name)) {
-            let why = format!("is unknown; {}", hint::unknown_key_hint(name, &known));
-            return Err(MachineFileProblem::Column { column: (*name).to_owned(), why });
+            let why = format!("is unknown; {}", key_hint::unknown_key_hint(name, &known));
+            return Err(MachineFileProblem::InvalidColumn { column: (*name).to_owned(), why });
         }
         let stated = |name: &str| name == "radius_mm" && common.radius_mm.is_some();
         let is_missing = |name: &&&str| !names.contains(name) && !stated(name);
@@ -107,12 +107,12 @@ impl TableColumns {
                 "radius_mm" => "is missing; state radius_mm in [artefact] if all balls have the same",
                 _ => "is missing; the first line names the columns",
             };
-            return Err(MachineFileProblem::Column { column: (*missing).to_owned(), why: why.to_owned() });
+            return Err(MachineFileProblem::InvalidColumn { column: (*missing).to_owned(), why: why.to_owned() });
         }
         let is_duplicate = |name: &&&str| names.iter().filter(|other| other == name).count() > 1;
         if let Some(name) = names.iter().find(is_duplicate) {
             let why = "occurs twice".to_owned();
-            return Err(MachineFileProblem::Column { column: (*name).to_owned(), why });
+            return Err(MachineFileProblem::InvalidColumn { column: (*name).to_owned(), why });
         }
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
@@ -123,7 +123,7 @@ impl TableColumns {
             record.get(index).filter(|text| !text.is_empty())
         };
         let number = |name: &'static str, common_value: Option<f64>| {
-            let wrong = |why: String| MachineFileProblem::Column { column: name.to_owned(), why };
+            let wrong = |why: String| MachineFileProblem::InvalidColumn { column: name.to_owned(), why };
             match (text(name), common_value) {
                 (None, Some(value)) => Ok(value),
                 (None, None) => Err(wrong("is empty".to_owned())),

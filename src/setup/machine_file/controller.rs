@@ -7,30 +7,30 @@ use serde::Deserialize;
 
 use super::document::TomlDocument;
 use super::error::MachineFileError;
-use super::value::LocatedValue;
+use super::located_value::LocatedValue;
 use devices::controllers;
 
 use crate::setup::controls;
-use crate::setup::simulated::SimulatedControl;
+use crate::setup::simulated::SimulatedControlConfig;
 
-const SIMULATED_KIND: &str = "simulated";
+const SIMULATED_CONTROL_KIND: &str = "simulated";
 
 #[derive(Debug, Clone)]
-pub struct ControllerConfig {
-    pub control: Control,
+pub struct ControllerSection {
+    pub control: ControlConfig,
     /// Compensations that are active in the control, in the maker's terms. They are part of the record: results
     /// are the errors that remain with them.
     pub compensations_active: Vec<String>,
 }
 
 #[derive(Debug, Clone)]
-pub enum Control {
+pub enum ControlConfig {
     /// Simulated firmware that moves the simulated machine of `[simulated]`.
-    Simulated(SimulatedControl),
+    Simulated(SimulatedControlConfig),
     Real(Arc<dyn controllers::ControllerConfig>),
 }
 
-impl Control {
+impl ControlConfig {
     /// Name of the control's dialect.
     pub fn dialect(&self) -> &str {
         match self {
@@ -42,15 +42,15 @@ impl Control {
 
 /// Keys of every control.
 #[derive(Deserialize)]
-struct CommonKeys {
+struct CommonControllerKeys {
     kind: String,
     #[serde(default)]
     compensations_active: Vec<String>,
 }
 
-pub fn read_controller(document: &TomlDocument) -> Result<ControllerConfig, MachineFileError> {
-    let CommonKeys { kind, compensations_active } = document.read_required(&["controller"])?;
-    let known = [vec![SIMULATED_KIND], controls::control_kinds()].concat();
+pub fn read_controller(document: &TomlDocument) -> Result<ControllerSection, MachineFileError> {
+    let CommonControllerKeys { kind, compensations_active } = document.deserialize_required_section(&["controller"])?;
+    let known = [vec![SIMULATED_CONTROL_KIND], controls::control_kinds()].concat();
     if !known.contains(&kind.as_str()) {
         let why = format!("is `{kind}`; known: {}", known.join(", "));
         return Err(document.value_error(&["controller", "kind"], why));
@@ -58,10 +58,10 @@ pub fn read_controller(document: &TomlDocument) -> Result<ControllerConfig, Mach
     let own = |keys: LocatedValue<'_>| {
         let keys = keys.without_key("kind").without_key("compensations_active");
         match kind.as_str() {
-            SIMULATED_KIND => SimulatedControl::deserialize(keys).map(Control::Simulated),
-            real => controls::configure_control(real, keys).map(Control::Real),
+            SIMULATED_CONTROL_KIND => SimulatedControlConfig::deserialize(keys).map(ControlConfig::Simulated),
+            real => controls::configure_control(real, keys).map(ControlConfig::Real),
         }
     };
     let control = document.read_required_section(&["controller"], own)?;
-    Ok(ControllerConfig { control, compensations_active })
+    Ok(ControllerSection { control, compensations_active })
 }

@@ -10,25 +10,25 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
-use super::value::{LocatedValue, ValueFault, ValueFaultKind, deserialize_with_location};
+use super::located_value::{LocatedValue, ValueFault, ValueFaultKind, deserialize_with_location};
 
 #[derive(Debug, Clone)]
 pub struct TomlDocument {
-    file: String,
+    file_name: String,
     text: String,
 }
 
 impl TomlDocument {
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
-        let document = Self { file: file.to_owned(), text };
+        let document = Self { file_name: file.to_owned(), text };
         document.parse_root()?;
         Ok(document)
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).map_err(|source| MachineFileError::Read { file: file.clone(), source })?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| MachineFileError::UnreadableFile { file: file.clone(), source })?;
         Self::parse(&file, text)
     }
 
@@ -39,7 +39,7 @@ impl TomlDocument {
     fn parse_root(&self) -> Result<DeTable<'_>, MachineFileError> {
         DeTable::parse(&self.text).map(Spanned::into_inner).map_err(|error| {
             let offset = error.span().map(|span| span.start);
-            self.error(offset, MachineFileProblem::Syntax(error.message().to_owned()))
+            self.error_at_offset(offset, MachineFileProblem::InvalidToml(error.message().to_owned()))
         })
     }
 
@@ -58,7 +58,7 @@ impl TomlDocument {
     }
 
     /// Checks that every name directly below `path` is one of `known`.
-    pub fn check_known_keys(&self, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
+    pub fn check_keys_are_known(&self, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
         for name in self.key_names(path)? {
             if !known.contains(&name.as_str()) {
                 let full = [path, &[name.as_str()]].concat();
@@ -79,7 +79,7 @@ impl TomlDocument {
         path: &[&str],
         read: impl FnOnce(LocatedValue<'t>) -> Result<R, ValueFault>,
     ) -> Result<Option<R>, MachineFileError> {
-        match find_value(self.parse_root()?, path) {
+        match find_offset_and_value(self.parse_root()?, path) {
             None => Ok(None),
             Some((_, value)) => {
                 deserialize_with_location(value, read).map(Some).map_err(|fault| self.to_file_error(path, fault))
@@ -88,17 +88,20 @@ impl TomlDocument {
     }
 
     /// Passes an empty table to `read`, for a section that the file does not contain.
-    pub fn read_empty_table<R>(
+    pub fn read_from_empty_table<R>(
         &self,
         path: &[&str],
         read: impl FnOnce(LocatedValue<'_>) -> Result<R, ValueFault>,
     ) -> Result<R, MachineFileError> {
         let nothing = Spanned::new(0..0, DeValue::Table(DeTable::default()));
-        read(LocatedValue(nothing)).map_err(|fault| self.to_file_error(path, ValueFault { offset: None, ..fault }))
+        read(LocatedValue(nothing)).map_err(|fault| self.to_file_error(path, ValueFault { byte_offset: None, ..fault }))
     }
 
     /// Reads a required section.
-    pub fn read_required<'t, T: Deserialize<'t>>(&'t self, path: &[&str]) -> Result<T, MachineFileError> {
+    pub fn deserialize_required_section<'t, T: Deserialize<'t>>(
+        &'t self,
+        path: &[&str],
+    ) -> Result<T, MachineFileError> {
         self.read_required_section(path, T::deserialize)
     }
 
@@ -109,7 +112,7 @@ impl TomlDocument {
         read: impl FnOnce(LocatedValue<'t>) -> Result<R, ValueFault>,
     ) -> Result<R, MachineFileError> {
         self.read_section(path, read)?
-            .ok_or_else(|| self.error(None, MachineFileProblem::MissingSection { section: path.join(".") }))
+            .ok_or_else(|| self.error_at_offset(None, MachineFileProblem::MissingSection { section: path.join(".") }))
     }
 
     /// Reads an optional list `[[name]]`.
@@ -121,9 +124,9 @@ impl TomlDocument {
     pub fn error_at_key(&self, path: &[&str], problem: MachineFileProblem) -> MachineFileError {
         let offset = (1..=path.len()).rev().find_map(|depth| {
             let root = DeTable::parse(&self.text).ok()?.into_inner();
-            find_value(root, &path[..depth]).map(|(offset, _)| offset)
+            find_offset_and_value(root, &path[..depth]).map(|(offset, _)| offset)
         });
-        self.error(offset, problem)
+        self.error_at_offset(offset, problem)
     }
 
     /// Error for the value at the key `path`.
@@ -157,7 +160,7 @@ impl TomlDocument {
         key: &str,
         problem: MachineFileProblem,
     ) -> MachineFileError {
-        let list = self.parse_root().ok().and_then(|root| find_value(root, path));
+        let list = self.parse_root().ok().and_then(|root| find_offset_and_value(root, path));
         let entry = list.and_then(|(_, value)| match value.into_inner() {
             DeValue::Array(entries) => entries.into_iter().nth(index),
             _ => None,
@@ -172,13 +175,13 @@ impl TomlDocument {
                 _ => head,
             }
         });
-        self.error(offset, problem)
+        self.error_at_offset(offset, problem)
     }
 
     /// Error for a fault in the value at `path`.
     fn to_file_error(&self, path: &[&str], fault: ValueFault) -> MachineFileError {
         let mut keys: Vec<&str> = path.to_vec();
-        keys.extend(fault.path.iter().map(String::as_str));
+        keys.extend(fault.key_path.iter().map(String::as_str));
         let section = keys.join(".");
         let problem = match fault.kind {
             ValueFaultKind::UnknownKey { key, known } => MachineFileProblem::UnknownKey {
@@ -192,12 +195,12 @@ impl TomlDocument {
             }
             ValueFaultKind::InvalidValue(why) => value_problem(&keys, why),
         };
-        self.error(fault.offset, problem)
+        self.error_at_offset(fault.byte_offset, problem)
     }
 
-    fn error(&self, offset: Option<usize>, problem: MachineFileProblem) -> MachineFileError {
+    fn error_at_offset(&self, offset: Option<usize>, problem: MachineFileProblem) -> MachineFileError {
         let line = offset.and_then(|offset| self.text.get(..offset)).map(|head| head.matches('\n').count() + 1);
-        MachineFileError::Content { place: FileLocation { file: self.file.clone(), line }, problem }
+        MachineFileError::InvalidContent { place: FileLocation { file: self.file_name.clone(), line }, problem }
     }
 }
 
@@ -205,14 +208,14 @@ impl TomlDocument {
 fn value_problem(keys: &[&str], why: String) -> MachineFileProblem {
     match keys {
         [section @ .., key] if !section.is_empty() => {
-            MachineFileProblem::Value { section: section.join("."), key: (*key).to_owned(), why }
+            MachineFileProblem::InvalidValue { section: section.join("."), key: (*key).to_owned(), why }
         }
-        _ => MachineFileProblem::Section { section: keys.join("."), why },
+        _ => MachineFileProblem::InvalidSection { section: keys.join("."), why },
     }
 }
 
 /// Byte offset of the last key of `path`, and its value.
-fn find_value<'i>(mut table: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
+fn find_offset_and_value<'i>(mut table: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
     let (last, parents) = path.split_last()?;
     for key in parents {
         match table.remove(*key)?.into_inner() {

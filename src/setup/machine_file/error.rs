@@ -3,19 +3,19 @@
 use std::fmt;
 use std::io;
 
-use super::hint;
+use super::key_hint;
 
 #[derive(Debug, thiserror::Error)]
 pub enum MachineFileError {
     #[error("{file} cannot be read: {source}; check the path")]
-    Read { file: String, source: io::Error },
+    UnreadableFile { file: String, source: io::Error },
     #[error(
         "{file} cannot be read: {source}; check `file` in [artefact]: the path is relative to the folder of \
         the machine file"
     )]
-    ReadBalls { file: String, source: io::Error },
+    UnreadableBallTable { file: String, source: io::Error },
     #[error("{place}: {problem}")]
-    Content { place: FileLocation, problem: MachineFileProblem },
+    InvalidContent { place: FileLocation, problem: MachineFileProblem },
 }
 
 /// File name, and the line (from 1) if it is known.
@@ -38,23 +38,23 @@ impl fmt::Display for FileLocation {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MachineFileProblem {
     #[error("the file is not valid TOML: {0}")]
-    Syntax(String),
-    #[error("unknown section [{section}]; {}", hint::unknown_key_hint(section, &as_strs(known)))]
+    InvalidToml(String),
+    #[error("unknown section [{section}]; {}", key_hint::unknown_key_hint(section, &as_strs(known)))]
     UnknownSection { section: String, known: Vec<String> },
-    #[error("unknown key `{key}` in [{section}]; {}", hint::unknown_key_hint(key, &as_strs(known)))]
+    #[error("unknown key `{key}` in [{section}]; {}", key_hint::unknown_key_hint(key, &as_strs(known)))]
     UnknownKey { section: String, key: String, known: Vec<String> },
     #[error("the key `{key}` is missing in [{section}]; add it")]
     MissingKey { section: String, key: String },
     #[error("the section [{section}] is missing; add it")]
     MissingSection { section: String },
     #[error("`{key}` in [{section}] {why}")]
-    Value { section: String, key: String, why: String },
+    InvalidValue { section: String, key: String, why: String },
     #[error("the file is not a valid table of comma-separated values: {0}")]
-    Table(String),
+    InvalidCsv(String),
     #[error("column `{column}` {why}")]
-    Column { column: String, why: String },
+    InvalidColumn { column: String, why: String },
     #[error("[{section}] {why}")]
-    Section { section: String, why: String },
+    InvalidSection { section: String, why: String },
 }
 
 fn as_strs(words: &[String]) -> Vec<&str> {

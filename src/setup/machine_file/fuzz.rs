@@ -43,18 +43,18 @@ fn fuzz_machine_file() {
         let text = String::from_utf8_lossy(input).into_owned();
         match MachineFile::parse("fuzz.toml", text) {
             Err(error) => error.to_string().len(),
-            Ok(file) => plan(&file),
+            Ok(file) => build_parts_and_check_finite_numbers(&file),
         }
     });
 }
 
 #[test]
 fn fuzz_ball_table() {
-    const SET: &[u8] = b"# set\nball,x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,\
+    const BALL_TABLE_CSV: &[u8] = b"# set\nball,x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,\
         stem_length_mm\n1,-150,0,40,6,0,0,-1,2,40\n2,150,0,40,6,0,0,-1,2,40\n3,0,90,40,6,,,,,\n";
     let words = ["ball", ",x_mm", ",y_mm", ",z_mm", ",radius_mm", ",stem_x", ",1", "\n", "\"", "#"];
-    fuzz_parser("balls-csv", &[SET], &words, |input| {
-        match balls_csv::read_ball_table("set.csv", &String::from_utf8_lossy(input), &Default::default()) {
+    fuzz_parser("balls-csv", &[BALL_TABLE_CSV], &words, |input| {
+        match balls_csv::parse_ball_csv("set.csv", &String::from_utf8_lossy(input), &Default::default()) {
             Err(error) => error.to_string().len(),
             Ok((_, balls)) => {
                 let balls: Vec<_> = balls.into_iter().map(|(ball, _)| ball).collect();
@@ -66,9 +66,9 @@ fn fuzz_ball_table() {
     });
 }
 
-/// Builds all parts that need no motion and checks that every number is finite. Returns the size of the plan's
-/// text, bytes.
-fn plan(file: &MachineFile) -> usize {
+/// Checks that every number of the file is finite, and builds the plan, the first stage and the world. Returns the
+/// size of the file's parts as JSON, bytes.
+fn build_parts_and_check_finite_numbers(file: &MachineFile) -> usize {
     let machine = serde_json::to_string(&(&file.machine, &file.probe, &file.artefact)).unwrap();
     assert!(!machine.contains("null"), "{machine}");
     let bodies = serde_json::to_string(&(&file.keepout_boxes, &file.solids)).unwrap();

@@ -18,35 +18,35 @@ use machine::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
 use machine::record::sensor::Sensor;
 
 mod artefact;
-mod assumed;
+mod assumed_values;
 mod balls_csv;
 #[cfg(test)]
 mod balls_tests;
-mod check;
 mod controller;
 mod document;
 mod encoder;
 mod error;
 #[cfg(test)]
 mod fuzz;
-mod hint;
+mod key_hint;
+mod located_value;
 mod prompt;
+mod semantic_checks;
 mod sensor;
 #[cfg(test)]
 mod tests;
 mod tolerance;
-mod value;
 
-use super::built_in::{BuiltInFile, built_in_file};
-use super::simulated::{SimulatedControl, SimulatedFaults};
+use super::built_in::{BuiltInMachineFile, built_in_machine_file};
+use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
-pub use controller::{Control, ControllerConfig};
+pub use controller::{ControlConfig, ControllerSection};
 pub use document::TomlDocument;
 pub use encoder::Encoder;
 pub use error::{MachineFileError, MachineFileProblem};
+pub use located_value::{LocatedValue, ValueFault};
 use prompt::Prompt;
 pub use sensor::{SensorConnection, SensorEntry};
-pub use value::{LocatedValue, ValueFault};
 
 const KNOWN_SECTIONS: [&str; 15] = [
     "machine",
@@ -71,7 +71,7 @@ const KNOWN_SECTIONS: [&str; 15] = [
 pub struct MachineFile {
     /// The machine with its axes, which the file states in `[axes.X]`.
     pub machine: Machine,
-    pub controller: ControllerConfig,
+    pub controller: ControllerSection,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
     /// Encoder whose count the sensors' samples contain.
@@ -91,12 +91,12 @@ pub struct MachineFile {
 impl MachineFile {
     /// The built-in machine file for a method.
     pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
-        let BuiltInFile { file, text } = built_in_file(method);
+        let BuiltInMachineFile { file_name: file, text } = built_in_machine_file(method);
         Self::parse(&file, text.to_owned())
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
-        let source = ArtefactSource::Folder(path.parent().unwrap_or(Path::new("")));
+        let source = ArtefactSource::MachineFileFolder(path.parent().unwrap_or(Path::new("")));
         Self::from_document(TomlDocument::read(path)?, source)
     }
 
@@ -106,29 +106,29 @@ impl MachineFile {
     }
 
     /// The machine file of a stored run, with the artefact of its plan.
-    pub fn from_stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
-        Self::from_document(TomlDocument::parse(file, text)?, ArtefactSource::Artefact(artefact))
+    pub fn from_stored_run(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
+        Self::from_document(TomlDocument::parse(file, text)?, ArtefactSource::RecordedArtefact(artefact))
     }
 
     fn from_document(document: TomlDocument, source: ArtefactSource<'_>) -> Result<Self, MachineFileError> {
-        document.check_known_keys(&[], &KNOWN_SECTIONS)?;
+        document.check_keys_are_known(&[], &KNOWN_SECTIONS)?;
         let mut machine = read_machine(&document)?;
-        let mut probe = document.read_required(&["probe"])?;
-        check::check_probe(&document, &probe)?;
-        let mut assumed = assumed::fill_assumed_values(&document, &mut machine, &mut probe)?;
+        let mut probe = document.deserialize_required_section(&["probe"])?;
+        semantic_checks::check_probe(&document, &probe)?;
+        let mut assumed = assumed_values::fill_assumed_values(&document, &mut machine, &mut probe)?;
         let sensors: Vec<SensorEntry> = document.read_list("sensor")?;
-        check::check_unique_names(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
-        sensor::check_port_settings(&document, &sensors)?;
+        semantic_checks::check_unique_names(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
+        sensor::check_shared_port_settings(&document, &sensors)?;
         let encoder = encoder::read_encoder(&document, &machine, &sensors)?;
         let thermometers: Vec<thermometer::ThermometerConfig> = document.read_list("thermometer")?;
-        check::check_unique_names(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
+        semantic_checks::check_unique_names(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
         let keepout: Vec<Keepout> = document.read_list("keepout")?;
-        check::check_keepouts(&document, &keepout)?;
+        semantic_checks::check_keepouts(&document, &keepout)?;
         let solids: Vec<Solid> = document.read_list("solid")?;
-        check::check_solids(&document, &solids, &machine)?;
+        semantic_checks::check_solids(&document, &solids, &machine)?;
         let mut artefact = artefact::read_artefact(&document, source)?;
-        check::check_artefact(&document, &artefact)?;
-        assumed::fill_assumed_temperatures(&mut artefact, &mut assumed);
+        semantic_checks::check_artefact(&document, &artefact)?;
+        assumed_values::fill_assumed_temperature_uncertainties(&mut artefact, &mut assumed);
         let prompts = prompt::read_prompts(&document, &machine)?;
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;
@@ -160,7 +160,7 @@ impl MachineFile {
     }
 
     /// `[simulated]` as the owner's type; `None` if the file has no such section.
-    pub fn read_simulated<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
+    pub fn read_simulated_section<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
         self.document.read_section(&["simulated"], T::deserialize)
     }
 
@@ -168,26 +168,26 @@ impl MachineFile {
     ///
     /// # Errors
     /// The section is missing or invalid.
-    pub fn read_serve<'t, T: Deserialize<'t>>(&'t self) -> Result<T, MachineFileError> {
-        self.document.read_required(&["serve"])
+    pub fn read_serve_section<'t, T: Deserialize<'t>>(&'t self) -> Result<T, MachineFileError> {
+        self.document.deserialize_required_section(&["serve"])
     }
 
     /// `[[simulated.fault]]` in the keys of the simulated control; no faults if the file has none.
-    pub fn simulated_faults(&self, control: &SimulatedControl) -> Result<SimulatedFaults, MachineFileError> {
+    pub fn simulated_faults(&self, control: &SimulatedControlConfig) -> Result<SimulatedFaults, MachineFileError> {
         let faults = self.document.read_section(&["simulated", "fault"], |list| control.read_faults(list))?;
         Ok(faults.unwrap_or_default())
     }
 
     /// `[method.NAME]`, passed to the method's own reader as a serde deserializer; an empty table if the file
     /// has no such section.
-    pub fn read_method<R>(
+    pub fn read_method_section<R>(
         &self,
         name: &str,
         read: impl Fn(LocatedValue<'_>) -> Result<R, ValueFault>,
     ) -> Result<R, MachineFileError> {
         match self.document.read_section(&["method", name], &read)? {
             Some(settings) => Ok(settings),
-            None => self.document.read_empty_table(&["method", name], &read),
+            None => self.document.read_from_empty_table(&["method", name], &read),
         }
     }
 
@@ -195,21 +195,21 @@ impl MachineFile {
     pub fn prompts_for_method(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
         let asked = self.prompts.iter().filter(|prompt| prompt.applies_to(method));
         let sensor_prompt = match self.controller.control {
-            Control::Real(_) => prompt::sensor_prompt(sensors),
+            ControlConfig::Real(_) => prompt::sensor_prompt(sensors),
             // A simulated machine has no operator.
-            Control::Simulated(_) => None,
+            ControlConfig::Simulated(_) => None,
         };
         asked.map(|prompt| prompt.text.clone()).chain(sensor_prompt).collect()
     }
 
-    /// The same machine without prompts.
+    /// The same machine without the prompts of the file.
     pub fn without_prompts(&self) -> Self {
         Self { prompts: Vec::new(), ..self.clone() }
     }
 
     /// Refuses a `[method.NAME]` or a prompt for an unknown method.
     pub fn check_method_names(&self, known: &[&str]) -> Result<(), MachineFileError> {
-        self.document.check_known_keys(&["method"], known)?;
+        self.document.check_keys_are_known(&["method"], known)?;
         prompt::check_prompt_methods(&self.document, &self.prompts, known)
     }
 }
@@ -220,8 +220,8 @@ fn read_machine(document: &TomlDocument) -> Result<Machine, MachineFileError> {
             MachineFileProblem::UnknownSection { section: "machine.axes".to_owned(), known: vec!["axes".to_owned()] };
         return Err(document.error_at_key(&["machine", "axes"], problem));
     }
-    let axes: BTreeMap<Axis, AxisSpec> = document.read_required(&["axes"])?;
-    let machine = Machine { axes, ..document.read_required(&["machine"])? };
-    check::check_machine(document, &machine)?;
+    let axes: BTreeMap<Axis, AxisSpec> = document.deserialize_required_section(&["axes"])?;
+    let machine = Machine { axes, ..document.deserialize_required_section(&["machine"])? };
+    semantic_checks::check_machine(document, &machine)?;
     Ok(machine)
 }

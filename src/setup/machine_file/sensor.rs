@@ -9,7 +9,7 @@ use machine::record::sensor::{self, SensorKind, SensorMount};
 
 use super::document::TomlDocument;
 use super::error::MachineFileError;
-use crate::setup::simulated::SimulatedSensor;
+use crate::setup::simulated::SimulatedSensorConfig;
 
 /// A sensor as `[[sensor]]` states it.
 #[derive(Debug, Clone, Deserialize)]
@@ -17,19 +17,19 @@ use crate::setup::simulated::SimulatedSensor;
 pub struct SensorEntry {
     pub sensor: sensor::Sensor,
     /// Configured sample rate, samples per second.
-    pub rate_hz: Option<f64>,
+    pub sample_rate_hz: Option<f64>,
     pub connection: SensorConnection,
 }
 
 #[derive(Debug, Clone)]
 pub enum SensorConnection {
     /// A sensor that measures the simulated machine of `[simulated]`.
-    Simulated(SimulatedSensor),
+    Simulated(SimulatedSensorConfig),
     Real(Arc<dyn SensorConfig>),
 }
 
 impl SensorConnection {
-    fn port(&self) -> Option<SharedPort> {
+    fn shared_port(&self) -> Option<SharedPort> {
         match self {
             Self::Simulated(_) => None,
             Self::Real(real) => real.shared_port(),
@@ -45,7 +45,7 @@ impl SensorConnection {
     }
 
     /// Location of the sensor, for display.
-    pub fn location(&self) -> String {
+    pub fn describe_address(&self) -> String {
         match self {
             Self::Simulated(_) => "simulated".to_owned(),
             Self::Real(real) => real.describe_address(),
@@ -54,8 +54,8 @@ impl SensorConnection {
 }
 
 /// Checks that sensors on one port agree on its settings.
-pub fn check_port_settings(document: &TomlDocument, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
-    let ports: Vec<_> = sensors.iter().map(|entry| entry.connection.port()).collect();
+pub fn check_shared_port_settings(document: &TomlDocument, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
+    let ports: Vec<_> = sensors.iter().map(|entry| entry.connection.shared_port()).collect();
     for (index, own) in ports.iter().enumerate() {
         let earlier = sensors.iter().zip(&ports).take(index);
         let mut conflicts =
@@ -98,7 +98,7 @@ struct SensorKeys {
     can: Option<can::CanConfig>,
     serial: Option<serial::SerialConfig>,
     modbus: Option<modbus::ModbusSensorConfig>,
-    simulated: Option<SimulatedSensor>,
+    simulated: Option<SimulatedSensorConfig>,
 }
 
 /// Maximum deviation of a direction's length from 1.
@@ -150,7 +150,7 @@ impl TryFrom<SensorKeys> for SensorEntry {
         if let Some(hz) = keys.rate_hz.filter(|hz| !(0.001..=1e6).contains(hz)) {
             return Err(format!("`rate_hz` is {hz}; it must be between 0.001 and 1000000 samples per second"));
         }
-        Ok(Self { sensor, rate_hz: keys.rate_hz, connection })
+        Ok(Self { sensor, sample_rate_hz: keys.rate_hz, connection })
     }
 }
 

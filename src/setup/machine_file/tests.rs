@@ -8,13 +8,13 @@ use machine::record::artefact::Cylinder;
 const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
 
 /// The embedded file with `from` replaced once by `to`; `from` must be there.
-fn edited(from: &str, to: &str) -> Result<MachineFile, MachineFileError> {
+fn parse_edited(from: &str, to: &str) -> Result<MachineFile, MachineFileError> {
     assert!(EMBEDDED.contains(from), "the embedded file lacks {from}");
     MachineFile::parse("shop.toml", EMBEDDED.replacen(from, to, 1))
 }
 
 /// Line (from 1) of the first line that starts with `head`, after `after`.
-fn line(after: &str, head: &str) -> usize {
+fn find_line_number(after: &str, head: &str) -> usize {
     let start = EMBEDDED.find(after).unwrap();
     let at = EMBEDDED[start..].find(&format!("\n{head}")).unwrap() + start + 1;
     EMBEDDED[..at].matches('\n').count() + 1
@@ -22,7 +22,7 @@ fn line(after: &str, head: &str) -> usize {
 
 #[track_caller]
 fn assert_refused(from: &str, to: &str, message: &str) {
-    let error = edited(from, to).expect_err("accepted").to_string();
+    let error = parse_edited(from, to).expect_err("accepted").to_string();
     assert_eq!(error, message);
 }
 
@@ -50,7 +50,7 @@ fn the_embedded_machine_reads_as_written() {
     assert_eq!(file.probe.repeatability_um, Some(0.5));
     let Artefact::Cylinder(Cylinder { radius_mm, .. }) = file.artefact else { panic!() };
     assert_eq!(radius_mm, 45.0);
-    assert!(matches!(file.controller.control, Control::Simulated(_)));
+    assert!(matches!(file.controller.control, ControlConfig::Simulated(_)));
     assert_eq!(file.text(), EMBEDDED);
     assert!(file.parameter_limits.is_empty(), "the first command must end with code 0");
 }
@@ -64,8 +64,8 @@ fn the_hash_is_sha256_of_the_text() {
 }
 
 #[test]
-fn a_wrong_unit_names_the_right_key() {
-    let at = line("[artefact]", "radius_mm");
+fn wrong_unit_of_a_key_suggests_the_right_key() {
+    let at = find_line_number("[artefact]", "radius_mm");
     let expected =
         format!("shop.toml:{at}: unknown key `radius_um` in [artefact]; did you mean `radius_mm` (in mm, not µm)?");
     assert_refused("\nradius_mm", "\nradius_um", &expected);
@@ -73,38 +73,38 @@ fn a_wrong_unit_names_the_right_key() {
 
 #[test]
 fn typing_errors_are_reported_with_their_line() {
-    let at = line("[machine]", "topology");
+    let at = find_line_number("[machine]", "topology");
     let expected = format!("shop.toml:{at}: unknown key `topolgy` in [machine]; did you mean `topology`?");
     assert_refused("\ntopology", "\ntopolgy", &expected);
 
-    let at = line("", "[artefact]");
+    let at = find_line_number("", "[artefact]");
     let expected = format!("shop.toml:{at}: unknown section [artifact]; did you mean `artefact`?");
     assert_refused("\n[artefact]", "\n[artifact]", &expected);
 
-    let at = line("[axes.B]", "positive");
+    let at = find_line_number("[axes.B]", "positive");
     let expected = format!("shop.toml:{at}: `positive` in [axes.B] is `isso`; known: iso, reversed");
     assert_refused("positive = \"iso\"", "positive = \"isso\"", &expected);
 
-    let at = line("", "[axes.B]");
+    let at = find_line_number("", "[axes.B]");
     let expected = format!("shop.toml:{at}: unknown key `Q` in [axes]; known keys: X, Y, Z, A, B, C, S");
     assert_refused("[axes.B]", "[axes.Q]", &expected);
 }
 
 #[test]
-fn types_and_missing_keys_have_lines() {
-    let at = line("[artefact]", "radius_mm");
+fn wrong_types_and_missing_keys_are_refused_with_their_line() {
+    let at = find_line_number("[artefact]", "radius_mm");
     let expected = format!("shop.toml:{at}: `radius_mm` in [artefact] must be a number, not string \"45\"");
     assert_refused("radius_mm = 45.0", "radius_mm = \"45\"", &expected);
 
-    let at = line("[machine]", "tool_mm");
+    let at = find_line_number("[machine]", "tool_mm");
     let expected = format!("shop.toml:{at}: `tool_mm` in [machine] has 2 elements, must be an array of length 3");
     assert_refused("[0.0, 0.0, -120.0]", "[0.0, -120.0]", &expected);
 
-    let at = line("", "[axes.B]");
+    let at = find_line_number("", "[axes.B]");
     let expected = format!("shop.toml:{at}: the key `min` is missing in [axes.B]; add it");
     assert_refused("min = -110.0", "", &expected);
 
-    let at = line("", "[artefact]");
+    let at = find_line_number("", "[artefact]");
     let expected = format!("shop.toml:{at}: the key `radius_mm` is missing in [artefact]; add it");
     assert_refused("radius_mm = 45.0", "", &expected);
 
@@ -115,21 +115,21 @@ fn types_and_missing_keys_have_lines() {
 
 #[test]
 fn impossible_values_are_refused() {
-    let at = line("[axes.X]", "max");
+    let at = find_line_number("[axes.X]", "max");
     let expected = format!("shop.toml:{at}: `max` in [axes.X] is -260; it must be greater than min = -250");
     assert_refused("max = 250.0", "max = -260.0", &expected);
 
-    let at = line("[probe]", "ball_radius_mm");
+    let at = find_line_number("[probe]", "ball_radius_mm");
     let expected = format!("shop.toml:{at}: `ball_radius_mm` in [probe] is -3; it must be greater than 0");
     assert_refused("ball_radius_mm = 3.0", "ball_radius_mm = -3.0", &expected);
 
-    let at = line("[machine]", "drift_um_per_h");
+    let at = find_line_number("[machine]", "drift_um_per_h");
     let expected = format!("shop.toml:{at}: `drift_um_per_h` in [machine] must be a finite number");
     assert_refused("drift_um_per_h = 5.0", "drift_um_per_h = nan", &expected);
     assert_refused("drift_um_per_h = 5.0", "drift_um_per_h = -inf", &expected);
 
-    let at = line("", "[axes.B]");
-    let topology = line("[machine]", "topology");
+    let at = find_line_number("", "[axes.B]");
+    let topology = find_line_number("[machine]", "topology");
     assert_refused(
         "[axes.B]",
         "[axes.A]",
@@ -149,15 +149,15 @@ fn impossible_values_are_refused() {
 }
 
 #[test]
-fn a_box_turned_inside_out_is_refused() {
+fn keepout_box_with_min_above_max_is_refused() {
     let text = format!("{EMBEDDED}\n[[keepout]]\nname = \"setter\"\nmin_mm = [1, 0, 0]\nmax_mm = [0, 1, 1]\n");
     let error = MachineFile::parse("shop.toml", text).unwrap_err().to_string();
     assert!(error.contains("the box `setter` is not valid: each min_mm must be below its max_mm"), "{error}");
 }
 
 #[test]
-fn links_are_checked() {
-    let controller = |keys: &str| edited("kind = \"simulated\"\n", keys);
+fn controller_needs_a_known_kind_and_exactly_one_valid_link() {
+    let controller = |keys: &str| parse_edited("kind = \"simulated\"\n", keys);
     let wire = "wire = \"memory\"";
     let strip = |keys: &str| {
         let text = EMBEDDED.replacen("kind = \"simulated\"", keys, 1).replacen(wire, "", 1);
@@ -180,7 +180,7 @@ fn links_are_checked() {
 }
 
 #[test]
-fn tolerances_carry_their_units() {
+fn tolerance_keys_need_a_unit_and_a_positive_limit() {
     let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[tolerance]\n{keys}\n"));
     let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().parameter_limits;
     let found: Vec<_> = limits.iter().map(|limit| (limit.symbol.as_str(), limit.unit, limit.limit)).collect();
@@ -215,9 +215,9 @@ enum Shape {
 }
 
 #[test]
-fn other_modules_read_their_own_sections() {
+fn method_section_is_read_by_its_own_type_with_located_errors() {
     let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[method.some]\n{keys}\n")).unwrap();
-    let read = |file: &MachineFile| file.read_method("some", |section| Settings::deserialize(section));
+    let read = |file: &MachineFile| file.read_method_section("some", |section| Settings::deserialize(section));
     let silent = MachineFile::embedded_for("self-calibration").unwrap();
     assert_eq!(read(&silent).unwrap(), Settings { angles: 8, shape: Shape::Round });
     let oval = read(&with("angles = 12\nshape = { kind = \"oval\", flat_mm = 1 }")).unwrap();
@@ -243,21 +243,21 @@ fn other_modules_read_their_own_sections() {
 }
 
 #[test]
-fn the_simulated_truth_is_handed_out_and_may_be_absent() {
+fn simulated_section_is_read_and_may_be_absent() {
     #[derive(Deserialize)]
     struct Seed {
         seed: u64,
     }
     let file = MachineFile::embedded_for("self-calibration").unwrap();
-    assert_eq!(file.read_simulated::<Seed>().unwrap().unwrap().seed, 1);
+    assert_eq!(file.read_simulated_section::<Seed>().unwrap().unwrap().seed, 1);
     let real = EMBEDDED.split("[simulated]").next().unwrap().to_owned();
-    assert!(MachineFile::parse("x", real).unwrap().read_simulated::<Seed>().unwrap().is_none());
+    assert!(MachineFile::parse("x", real).unwrap().read_simulated_section::<Seed>().unwrap().is_none());
 }
 
 #[test]
 fn invalid_toml_is_refused_with_its_line_and_a_missing_file_with_its_path() {
-    let message = edited("name = ", "name ").unwrap_err().to_string();
-    let at = line("[machine]", "name");
+    let message = parse_edited("name = ", "name ").unwrap_err().to_string();
+    let at = find_line_number("[machine]", "name");
     assert!(message.starts_with(&format!("shop.toml:{at}: the file is not valid TOML: ")), "{message}");
     let message = MachineFile::read(Path::new("no/such.toml")).unwrap_err().to_string();
     assert!(message.contains("no/such.toml cannot be read"), "{message}");
@@ -265,7 +265,7 @@ fn invalid_toml_is_refused_with_its_line_and_a_missing_file_with_its_path() {
 }
 
 #[test]
-fn switches_of_probe_and_clamps_are_checked_with_their_place() {
+fn invalid_clamp_and_probe_keys_are_refused_with_a_reason() {
     let with = |after: &str, line: &str| {
         let head = format!("\n{after}\n");
         assert!(EMBEDDED.contains(&head), "{after}");
@@ -287,8 +287,8 @@ fn switches_of_probe_and_clamps_are_checked_with_their_place() {
 }
 
 #[test]
-fn solids_and_the_stylus_must_be_possible() {
-    let at = |name: &str, key: &str| line(&format!("name = \"{name}\""), key);
+fn impossible_solids_and_stylus_sizes_are_refused_with_their_line() {
+    let at = |name: &str, key: &str| find_line_number(&format!("name = \"{name}\""), key);
     let solid = |key: &str, why: &str, line: usize| format!("shop.toml:{line}: `{key}` in [solid] {why}");
     assert_refused(
         "name = \"cradle\"",
@@ -314,11 +314,11 @@ fn solids_and_the_stylus_must_be_possible() {
         "radius_mm = -130.0",
         &solid("radius_mm", "is -130; it must be greater than 0", at("table", "radius_mm")),
     );
-    let unknown = edited("on = \"B\"", "on = \"ceiling\"").expect_err("accepted").to_string();
+    let unknown = parse_edited("on = \"B\"", "on = \"ceiling\"").expect_err("accepted").to_string();
     let cradle = at("cradle", "on");
     assert!(unknown.starts_with(&format!("shop.toml:{cradle}: ")), "{unknown}");
 
-    let stem = line("[probe]", "stem_radius_mm");
+    let stem = find_line_number("[probe]", "stem_radius_mm");
     assert_refused(
         "stem_radius_mm = 1.5",
         "stem_radius_mm = 3.0",
@@ -327,7 +327,7 @@ fn solids_and_the_stylus_must_be_possible() {
             ball touches before the stem"
         ),
     );
-    let body = line("[probe]", "body_length_mm");
+    let body = find_line_number("[probe]", "body_length_mm");
     assert_refused(
         "stem_length_mm = 95.0",
         "stem_length_mm = 0.0",
@@ -339,7 +339,7 @@ fn solids_and_the_stylus_must_be_possible() {
 }
 
 #[test]
-fn a_person_confirms_the_zero_of_an_axis_without_a_homing_switch() {
+fn axis_without_homing_switch_adds_a_prompt_and_must_be_rotary() {
     let stated = |axis: &str| {
         let header = format!("[axes.{axis}]\n");
         EMBEDDED.replace(&header, &(header.clone() + "homing = \"none\"\n"))
@@ -352,7 +352,7 @@ fn a_person_confirms_the_zero_of_an_axis_without_a_homing_switch() {
 }
 
 #[test]
-fn prompts_of_a_method_are_those_of_the_file() {
+fn prompts_apply_to_their_methods_and_invalid_prompts_are_refused() {
     let with = |more: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n{more}"));
     let two = "[[prompt]]\ntext = \"clean\"\n[[prompt]]\ntext = \"cap off\"\nmethods = [\"laser-r-test\"]\n";
     let file = with(two).unwrap();

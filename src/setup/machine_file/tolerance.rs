@@ -14,7 +14,7 @@ pub fn read_tolerances(document: &TomlDocument) -> Result<Vec<ParameterLimit>, M
     if document.key_names(&["tolerance"])?.is_empty() {
         return Ok(Vec::new());
     }
-    let raw: BTreeMap<String, f64> = document.read_required(&["tolerance"])?;
+    let raw: BTreeMap<String, f64> = document.deserialize_required_section(&["tolerance"])?;
     raw.iter()
         .map(|(key, &limit)| parse_limit(key, limit).map_err(|why| document.value_error(&["tolerance", key], why)))
         .collect()

@@ -25,19 +25,19 @@ use simulator::sensors::listen_locally;
 /// `[controller]` of kind `simulated`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "ControlKeys")]
-pub struct SimulatedControl {
+pub struct SimulatedControlConfig {
     protocol: ControlProtocol,
     wire: ControlWire,
     /// Baud rate of the control. On a pseudo-terminal, a client with another baud rate is not understood.
     baud: Option<u32>,
     /// `$` settings that differ from those of the machine.
-    settings: BTreeMap<u16, f64>,
+    grbl_setting_overrides: BTreeMap<u16, f64>,
 }
 
-impl Default for SimulatedControl {
+impl Default for SimulatedControlConfig {
     fn default() -> Self {
         let (protocol, wire) = (ControlProtocol::Grbl, ControlWire::Memory);
-        Self { protocol, wire, baud: None, settings: BTreeMap::new() }
+        Self { protocol, wire, baud: None, grbl_setting_overrides: BTreeMap::new() }
     }
 }
 
@@ -79,7 +79,7 @@ pub struct SimulatedFaults {
     modbus: Vec<controls::modbus::Fault>,
 }
 
-/// The simulated machine of the control.
+/// Inputs of a simulated control: its machine, the world that it moves, its pace and its faults.
 pub struct SimulationSetup<'a> {
     pub machine: &'a Machine,
     pub world: Arc<Mutex<SimulatedWorld>>,
@@ -100,7 +100,7 @@ impl Drop for SimulatedControlServer {
     }
 }
 
-/// Its location, as `[controller]` of a machine file states it.
+/// Displays the address of the server, as `[controller]` of a machine file states it.
 impl fmt::Display for SimulatedControlServer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.address.fmt(f)
@@ -110,7 +110,7 @@ impl fmt::Display for SimulatedControlServer {
 impl SimulatedControlServer {
     /// `[controller]` for a real control with the same connection.
     pub fn controller_toml(&self) -> String {
-        format!("kind = \"{}\"\n{}", self.control_kind(), self.driver_keys())
+        format!("kind = \"{}\"\n{}", self.control_kind(), self.driver_keys_toml())
     }
 
     fn control_kind(&self) -> &'static str {
@@ -121,7 +121,7 @@ impl SimulatedControlServer {
     }
 
     /// Keys of the driver's own configuration, without the kind.
-    fn driver_keys(&self) -> String {
+    fn driver_keys_toml(&self) -> String {
         let mut keys = self.address.to_toml();
         let on_tcp = matches!(self.address, link::LinkConfig::Tcp(_));
         if self.control_kind() == modbus::CONTROL_KIND && !on_tcp {
@@ -134,7 +134,7 @@ impl SimulatedControlServer {
     }
 
     /// Description of the served control.
-    pub fn description(&self) -> &'static str {
+    pub fn control_description(&self) -> &'static str {
         match self.protocol {
             ControlProtocol::Grbl => "grblHAL machine",
             ControlProtocol::Modbus => "machine with a Modbus register window",
@@ -151,7 +151,7 @@ const UNIT_ADDRESS_KEY: &str = "unit = 1\n";
 /// Size of the in-process wire, bytes.
 const WIRE_BUFFER_BYTES: usize = 4096;
 
-impl TryFrom<ControlKeys> for SimulatedControl {
+impl TryFrom<ControlKeys> for SimulatedControlConfig {
     type Error = String;
 
     fn try_from(ControlKeys { protocol, wire, baud, settings }: ControlKeys) -> Result<Self, String> {
@@ -177,11 +177,11 @@ impl TryFrom<ControlKeys> for SimulatedControl {
             Err(_) => Err(format!("`settings` contains `{key}`, which is not the number of a setting")),
         };
         let settings = settings.into_iter().map(number).collect::<Result<_, _>>()?;
-        Ok(Self { protocol, wire, baud, settings })
+        Ok(Self { protocol, wire, baud, grbl_setting_overrides: settings })
     }
 }
 
-impl SimulatedControl {
+impl SimulatedControlConfig {
     /// Dialect of the control, which orients its spindle.
     pub fn dialect(&self) -> &'static str {
         "grbl-m19"
@@ -209,7 +209,7 @@ impl SimulatedControl {
     ///
     /// # Errors
     /// The wire or the driver cannot be opened.
-    pub async fn open(
+    pub async fn start_and_open_driver(
         &self,
         setup: SimulationSetup<'_>,
         modes: ProvenModeText,
@@ -231,7 +231,7 @@ impl SimulatedControl {
                 Controller::spawn(driver, halt)
             }
             ControlProtocol::Modbus | ControlProtocol::ModbusProgram => {
-                let keys = format!("{UNIT_ADDRESS_KEY}{}", served.driver_keys());
+                let keys = format!("{UNIT_ADDRESS_KEY}{}", served.driver_keys_toml());
                 let config: modbus::ModbusConfig = toml::from_str(&keys)
                     .map_err(|error| ControllerError::UnreadableReply { text: error.to_string() })?;
                 config.open(machine, modes, Arc::new(HostClock::start())).await?
@@ -308,7 +308,7 @@ impl SimulatedControl {
         use controls::grbl::{Firmware, SimulatedGrblOptions};
         let mut options = SimulatedGrblOptions::for_machine(setup.machine, setup.pace);
         options.faults = setup.faults.grbl;
-        options.settings.extend(&self.settings);
+        options.settings.extend(&self.grbl_setting_overrides);
         Firmware::new(setup.world, options)
     }
 

@@ -6,5 +6,5 @@ mod sensor_wire;
 #[cfg(test)]
 mod tests;
 
-pub use control::{SimulatedControl, SimulatedControlServer, SimulatedFaults, SimulationSetup};
-pub use sensor::SimulatedSensor;
+pub use control::{SimulatedControlConfig, SimulatedControlServer, SimulatedFaults, SimulationSetup};
+pub use sensor::SimulatedSensorConfig;

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use devices::sensors::{Sensor, SensorError, can};
+use devices::sensors::{SensorError, SensorHandle, can};
 use link::Clock;
 use link::can::CanReceiver;
 use machine::record::sensor;
@@ -13,7 +13,7 @@ use simulator::sensors::serial::OutputFormat;
 use simulator::sensors::{SampleSource, can as simulated_can};
 use simulator::{SensorOutput, SimulatedWorld};
 
-use super::sensor_wire::{self, SensorWire, parse_data_sheet};
+use super::sensor_wire::{self, SensorWire, parse_driver_config};
 
 /// `[sensor.simulated]`.
 #[derive(Debug, Deserialize)]
@@ -33,9 +33,9 @@ struct SimulatedSensorKeys {
 /// with it, and a run is not reproducible.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "SimulatedSensorKeys")]
-pub struct SimulatedSensor {
+pub struct SimulatedSensorConfig {
     interface: SensorInterface,
-    rate_hz: f64,
+    sample_rate_hz: f64,
 }
 
 #[derive(Debug, Clone)]
@@ -47,7 +47,7 @@ enum SensorInterface {
     Modbus(SensorWire),
 }
 
-impl TryFrom<SimulatedSensorKeys> for SimulatedSensor {
+impl TryFrom<SimulatedSensorKeys> for SimulatedSensorConfig {
     type Error = String;
 
     /// Converts the keys.
@@ -57,16 +57,16 @@ impl TryFrom<SimulatedSensorKeys> for SimulatedSensor {
     fn try_from(SimulatedSensorKeys { protocol, wire, rate_hz }: SimulatedSensorKeys) -> Result<Self, String> {
         let interface = match protocol {
             SensorProtocol::Can => SensorInterface::Can(wire),
-            SensorProtocol::Serial => SensorInterface::Serial(OutputFormat::Text, SensorWire::from_name(&wire)?),
+            SensorProtocol::Serial => SensorInterface::Serial(OutputFormat::TextLines, SensorWire::from_name(&wire)?),
             SensorProtocol::SerialFrames => {
-                SensorInterface::Serial(OutputFormat::Frames, SensorWire::from_name(&wire)?)
+                SensorInterface::Serial(OutputFormat::BinaryFrames, SensorWire::from_name(&wire)?)
             }
             SensorProtocol::Modbus => SensorInterface::Modbus(
                 SensorWire::from_name(&wire)?
                     .ok_or("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`")?,
             ),
         };
-        Ok(Self { interface, rate_hz })
+        Ok(Self { interface, sample_rate_hz: rate_hz })
     }
 }
 
@@ -90,9 +90,9 @@ enum SensorProtocol {
     Modbus,
 }
 
-impl Default for SimulatedSensor {
+impl Default for SimulatedSensorConfig {
     fn default() -> Self {
-        Self { interface: SensorInterface::Can(default_wire()), rate_hz: default_rate_hz() }
+        Self { interface: SensorInterface::Can(default_wire()), sample_rate_hz: default_rate_hz() }
     }
 }
 
@@ -113,36 +113,44 @@ impl Clock for WorldClock {
     }
 }
 
-impl SimulatedSensor {
+impl SimulatedSensorConfig {
     /// Starts the sensor and opens its driver. Call inside a tokio runtime.
     ///
     /// # Errors
     /// The wire or the driver cannot be opened.
-    pub async fn open(
+    pub async fn start_and_open_driver(
         &self,
         sensor: &sensor::Sensor,
         world: &Arc<Mutex<SimulatedWorld>>,
-    ) -> Result<Sensor, SensorError> {
+    ) -> Result<SensorHandle, SensorError> {
         let name = sensor.name.as_str();
         let (next_sample, clock) = (self.sample_source(name, world.clone()), Arc::new(WorldClock(world.clone())));
         match &self.interface {
             SensorInterface::Can(wire) => self.open_can(wire, next_sample, sensor, clock),
             SensorInterface::Serial(format, wire) => {
-                let driver = sensor_wire::open_serial(*format, *wire, next_sample, self.rate_hz, sensor, clock).await?;
-                Ok(Sensor::spawn(name, driver))
+                let driver =
+                    sensor_wire::start_serial_sensor(*format, *wire, next_sample, self.sample_rate_hz, sensor, clock)
+                        .await?;
+                Ok(SensorHandle::spawn(name, driver))
             }
             SensorInterface::Modbus(wire) => {
-                let driver =
-                    sensor_wire::open_modbus(SampleTiming::WhenRead, *wire, next_sample, self.rate_hz, sensor, clock)
-                        .await?;
-                Ok(Sensor::spawn(name, driver))
+                let driver = sensor_wire::start_modbus_sensor(
+                    SampleTiming::WhenRead,
+                    *wire,
+                    next_sample,
+                    self.sample_rate_hz,
+                    sensor,
+                    clock,
+                )
+                .await?;
+                Ok(SensorHandle::spawn(name, driver))
             }
         }
     }
 
     /// Source of samples; each sample advances the world by one period.
     fn sample_source(&self, name: &str, world: Arc<Mutex<SimulatedWorld>>) -> SampleSource {
-        let (name, period_s) = (name.to_owned(), 1.0 / self.rate_hz);
+        let (name, period_s) = (name.to_owned(), 1.0 / self.sample_rate_hz);
         Box::new(move || {
             let mut world = world.lock().unwrap_or_else(PoisonError::into_inner);
             world.sample_after(&name, period_s).unwrap_or(SensorOutput::NoEcho)
@@ -155,16 +163,16 @@ impl SimulatedSensor {
         next_sample: SampleSource,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
-    ) -> Result<Sensor, SensorError> {
-        let data_sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET);
-        let config: can::CanConfig = parse_data_sheet(&data_sheet)?;
+    ) -> Result<SensorHandle, SensorError> {
+        let data_sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET_TOML);
+        let config: can::CanConfig = parse_driver_config(&data_sheet)?;
         if wire == default_wire() {
             let frames = simulated_can::frame_source(next_sample, clock.clone());
             let bus = CanReceiver::from_generator("the simulated sensor", frames);
             return Ok(config.spawn_sensor(bus, sensor, clock, None));
         }
         let bus = config.open_bus(clock.clone())?;
-        let served = simulated_can::send_periodically(wire, next_sample, self.rate_hz, clock.clone())?;
+        let served = simulated_can::spawn_frame_sender(wire, next_sample, self.sample_rate_hz, clock.clone())?;
         Ok(config.spawn_sensor(bus, sensor, clock, Some(served)))
     }
 }

@@ -8,8 +8,8 @@ use devices::sensors::serial::{self, SerialDriver};
 use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use serde::de::DeserializeOwned;
-use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_pty, serve_on_tcp};
-use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, send_on_pty, send_on_tcp, serve_on_demand};
+use simulator::sensors::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_pty, serve_on_tcp};
+use simulator::sensors::serial::{OutputFormat, REQUEST_KEY_TOML, send_on_pty, send_on_tcp, serve_on_demand};
 use simulator::sensors::{SampleSource, serial as simulated_serial};
 
 /// Wire between the daemon and a simulated sensor outside of this process.
@@ -39,7 +39,7 @@ impl SensorWire {
 ///
 /// # Errors
 /// None in practice: tests open each configuration.
-pub(super) fn parse_data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorError> {
+pub(super) fn parse_driver_config<T: DeserializeOwned>(keys: &str) -> Result<T, SensorError> {
     toml::from_str(keys).map_err(|error| SensorError::InvalidData {
         text: error.to_string(),
         remedy: "report this fault to the developers".to_owned(),
@@ -51,7 +51,7 @@ pub(super) fn parse_data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, Sen
 ///
 /// # Errors
 /// The wire or the driver cannot be opened.
-pub async fn open_serial(
+pub async fn start_serial_sensor(
     format: OutputFormat,
     wire: Option<SensorWire>,
     next_sample: SampleSource,
@@ -59,17 +59,18 @@ pub async fn open_serial(
     sensor: &sensor::Sensor,
     clock: Arc<dyn Clock>,
 ) -> Result<SerialDriver, SensorError> {
-    let sheet = simulated_serial::data_sheet(format);
+    let sheet = simulated_serial::data_sheet_toml(format);
     let (at, client_side) = match wire {
         None => {
-            let config: serial::SerialConfig = parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
+            let config: serial::SerialConfig =
+                parse_driver_config(&format!("serial = \"memory\"\n{REQUEST_KEY_TOML}{sheet}"))?;
             let stream = serve_on_demand(format, next_sample);
             return Ok(SerialDriver::from_stream(stream, config, sensor, clock, rate_hz));
         }
         Some(SensorWire::Pty) => send_on_pty(format, next_sample, rate_hz)?,
         Some(SensorWire::Tcp) => send_on_tcp(format, next_sample, rate_hz)?,
     };
-    let config: serial::SerialConfig = parse_data_sheet(&format!("{}{sheet}", at.to_toml()))?;
+    let config: serial::SerialConfig = parse_driver_config(&format!("{}{sheet}", at.to_toml()))?;
     let serial = SerialDriver::open(config, sensor, clock, SharedPorts::default()).await;
     // The driver holds the pseudo-terminal open now.
     drop(client_side);
@@ -81,7 +82,7 @@ pub async fn open_serial(
 ///
 /// # Errors
 /// The wire or the driver cannot be opened.
-pub async fn open_modbus(
+pub async fn start_modbus_sensor(
     timing: SampleTiming,
     wire: SensorWire,
     next_sample: SampleSource,
@@ -94,8 +95,8 @@ pub async fn open_modbus(
         SensorWire::Tcp => serve_on_tcp(timing, next_sample, rate_hz)?,
     };
     let parity = if matches!(at, link::LinkConfig::Tcp(_)) { "" } else { "parity = \"none\"\n" };
-    let keys = format!("{}{parity}rate_hz = {rate_hz}\n{DATA_SHEET}", at.to_toml());
-    let config: modbus::ModbusSensorConfig = parse_data_sheet(&keys)?;
+    let keys = format!("{}{parity}rate_hz = {rate_hz}\n{DATA_SHEET_TOML}", at.to_toml());
+    let config: modbus::ModbusSensorConfig = parse_driver_config(&keys)?;
     let simulated_hz = (timing == SampleTiming::WhenRead).then_some(rate_hz);
     let registers = ModbusSensorDriver::open(config, sensor, clock, simulated_hz).await;
     drop(client_side);

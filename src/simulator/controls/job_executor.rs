@@ -14,13 +14,13 @@ const BRUSH_REPORT_COUNT: u8 = 2;
 pub(super) struct JobExecutor {
     world: Arc<Mutex<SimulatedWorld>>,
     pace: SimulationPace,
-    pub active: Option<ActiveJob>,
+    pub active_job: Option<ActiveJob>,
     pub probe_fault: ProbeInputFault,
 }
 
 impl JobExecutor {
     pub fn new(world: Arc<Mutex<SimulatedWorld>>, pace: SimulationPace) -> Self {
-        Self { world, pace, active: None, probe_fault: ProbeInputFault::default() }
+        Self { world, pace, active_job: None, probe_fault: ProbeInputFault::default() }
     }
 
     pub fn with_world<T>(&self, act: impl FnOnce(&mut SimulatedWorld) -> T) -> T {
@@ -34,8 +34,8 @@ impl JobExecutor {
     }
 
     /// Displayed position at `now`.
-    pub fn position_at(&self, now: Duration) -> Position {
-        self.active.as_ref().map_or_else(|| self.displayed_position(), |active| active.position(now))
+    pub fn displayed_position_at(&self, now: Duration) -> Position {
+        self.active_job.as_ref().map_or_else(|| self.displayed_position(), |active| active.position_at(now))
     }
 
     /// Whether the probe input reads closed.
@@ -52,28 +52,28 @@ impl JobExecutor {
     pub fn start_job(&mut self, job: Job, now: Duration) -> bool {
         let is_brushed = self.probe_fault == ProbeInputFault::BrushPending && job.is_free_move();
         if is_brushed {
-            self.probe_fault = ProbeInputFault::Brushed(BRUSH_REPORT_COUNT);
+            self.probe_fault = ProbeInputFault::BrushedForReports(BRUSH_REPORT_COUNT);
         }
-        self.active = Some(self.with_world(|world| ActiveJob::start(job, world, self.probe_fault, self.pace, now)));
+        self.active_job = Some(self.with_world(|world| ActiveJob::start(job, world, self.probe_fault, self.pace, now)));
         is_brushed
     }
 
     /// Ends the active job.
     pub fn finish_job(&mut self) -> Option<(Job, JobResult)> {
-        let active = self.active.take()?;
+        let active = self.active_job.take()?;
         let result = self.with_world(|world| active.finish(world, self.probe_fault));
         Some((active.job, result))
     }
 
     /// Stops the active job at its current position; returns the remaining job.
     pub fn hold_job(&mut self, now: Duration) -> Option<Job> {
-        let active = self.active.take()?;
+        let active = self.active_job.take()?;
         Some(self.with_world(|world| active.hold(world, now)))
     }
 
     /// Removes the obstacle after a probing move; returns whether there was one.
     pub fn remove_obstacle(&mut self) -> bool {
-        let was_present = self.probe_fault == ProbeInputFault::Obstacle;
+        let was_present = self.probe_fault == ProbeInputFault::ObstacleOnNextProbe;
         if was_present {
             self.probe_fault = ProbeInputFault::NoFault;
         }

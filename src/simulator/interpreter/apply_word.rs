@@ -11,21 +11,21 @@ impl ModalState {
         match word.letter {
             'G' => return self.apply_g_word((word.value * 10.0).round() as u32, line),
             'M' => return Self::apply_m_word(word.value, line),
-            letter => line.add_letter(letter)?,
+            letter => line.add_unique_letter(letter)?,
         }
         if let Some(axis) = axes.iter().find(|axis| axis.letter() == word.letter) {
-            line.axes.push((*axis, word.value));
+            line.axis_words.push((*axis, word.value));
             return Ok(());
         }
         match word.letter {
             'F' if word.value < 0.0 => Err(4),
             'F' => {
-                line.feed = Some(word.value);
+                line.feed_word = Some(word.value);
                 Ok(())
             }
             'N' if !(0.0..=9_999_999.0).contains(&word.value) => Err(27),
             'N' | 'L' | 'P' | 'R' => {
-                line.values.push((word.letter, word.value));
+                line.unconsumed_values.push((word.letter, word.value));
                 Ok(())
             }
             'S' | 'T' => Ok(()),
@@ -48,21 +48,21 @@ impl ModalState {
             40 | 100 | 530 | 920 | 921 => 0,
             _ => return Err(20),
         };
-        line.add_modal_group(group)?;
+        line.add_unique_modal_group(group)?;
         match tenths {
             0 => line.motion = Some(MotionMode::Rapid),
             10 => line.motion = Some(MotionMode::Feed),
             382 | 383 => line.motion = Some(MotionMode::Probe { alarms_on_miss: tenths == 382 }),
-            800 => line.motion = Some(MotionMode::Off),
-            170 | 180 | 190 => self.plane = tenths / 10,
+            800 => line.motion = Some(MotionMode::Cancelled),
+            170 | 180 | 190 => self.plane_code = tenths / 10,
             900 | 910 => self.is_relative = tenths == 910,
             200 | 210 => self.uses_inches = tenths == 200,
-            540..=590 => self.coordinate_system = (tenths / 10 - 54) as usize,
-            40 => line.non_modal = Some(NonModalCode::Dwell),
-            100 => line.non_modal = Some(NonModalCode::SetOffset),
-            530 => line.non_modal = Some(NonModalCode::MachineCoordinates),
-            920 => line.non_modal = Some(NonModalCode::SetG92Offset),
-            921 => line.non_modal = Some(NonModalCode::ClearG92Offset),
+            540..=590 => self.coordinate_system_index = (tenths / 10 - 54) as usize,
+            40 => line.non_modal_code = Some(NonModalCode::Dwell),
+            100 => line.non_modal_code = Some(NonModalCode::SetCoordinateSystemOffset),
+            530 => line.non_modal_code = Some(NonModalCode::MachineCoordinates),
+            920 => line.non_modal_code = Some(NonModalCode::SetG92Offset),
+            921 => line.non_modal_code = Some(NonModalCode::ClearG92Offset),
             _ => {}
         }
         Ok(())
@@ -77,9 +77,9 @@ impl ModalState {
             62.0 | 63.0 | 64.0 | 65.0 => 110,
             _ => return Err(20),
         };
-        line.has_orient |= value == 19.0;
-        line.has_output |= matches!(value, 62.0..=65.0);
+        line.has_spindle_orient |= value == 19.0;
+        line.has_digital_output |= matches!(value, 62.0..=65.0);
         line.ends_program |= matches!(value, 2.0 | 30.0);
-        line.add_modal_group(group)
+        line.add_unique_modal_group(group)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::{Contact, ProbeResult, SimulatedWorld, Speed};
+use crate::{LatchedContact, ProbeResult, SimulatedWorld, Speed};
 use machine::{Axis, Position};
 
 /// Action that a line requests. Positions are machine coordinates of the axes that move.
@@ -36,46 +36,46 @@ pub enum ProbeInputFault {
     StuckClosed,
     StuckOpen,
     /// An obstacle is in the path of the next probing move.
-    Obstacle,
-    /// The stylus is brushed during the next rapid or turn (`BrushPending`), or now (`Brushed`: the number of further
-    /// reports that read closed).
+    ObstacleOnNextProbe,
+    /// The stylus is brushed during the next rapid or turn (`BrushPending`), or now (`BrushedForReports`: the number
+    /// of further reports that read closed).
     BrushPending,
-    Brushed(u8),
+    BrushedForReports(u8),
 }
 
 impl ProbeInputFault {
     /// Whether the probe input reads closed.
     pub fn is_probe_closed(self, world: &SimulatedWorld) -> bool {
         match self {
-            Self::StuckClosed | Self::Brushed(_) => true,
+            Self::StuckClosed | ProbeInputFault::BrushedForReports(_) => true,
             Self::StuckOpen => false,
-            Self::NoFault | Self::Obstacle | Self::BrushPending => world.is_probe_closed(),
+            Self::NoFault | ProbeInputFault::ObstacleOnNextProbe | Self::BrushPending => world.is_probe_closed(),
         }
     }
 
     /// State after a report has shown the probe input.
     pub fn after_report(self) -> Self {
         match self {
-            Self::Brushed(0..=1) => Self::NoFault,
-            Self::Brushed(left) => Self::Brushed(left - 1),
+            ProbeInputFault::BrushedForReports(0..=1) => Self::NoFault,
+            ProbeInputFault::BrushedForReports(left) => ProbeInputFault::BrushedForReports(left - 1),
             probe_fault => probe_fault,
         }
     }
 
-    fn probe(self, world: &mut SimulatedWorld, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
+    fn run_probing_move(self, world: &mut SimulatedWorld, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
         let from = world.position();
         let at_obstacle = |(axis, end)| (axis, from.get_or_zero(axis) + 0.4 * (end - from.get_or_zero(axis)));
         let end_position: Position = match self {
-            Self::NoFault | Self::StuckClosed | Self::BrushPending | Self::Brushed(_) => {
+            Self::NoFault | Self::StuckClosed | Self::BrushPending | ProbeInputFault::BrushedForReports(_) => {
                 return world.probe(to, feed_mm_min, n);
             }
             Self::StuckOpen => to.clone(),
-            Self::Obstacle => to.iter().map(at_obstacle).collect(),
+            ProbeInputFault::ObstacleOnNextProbe => to.iter().map(at_obstacle).collect(),
         };
         let moved = world.travel(&end_position, Speed::Feed { mm_min: feed_mm_min });
-        let contact = Contact { position: world.position(), t_s: world.time_s() };
+        let contact = LatchedContact { latched_position: world.position(), latch_time_s: world.time_s() };
         ProbeResult {
-            contact: (self == Self::Obstacle).then_some(contact),
+            contact: (self == ProbeInputFault::ObstacleOnNextProbe).then_some(contact),
             has_crashed: moved.has_crashed,
             duration_s: moved.duration_s,
         }
@@ -86,9 +86,9 @@ impl ProbeInputFault {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SimulationPace {
     /// Moves end at once.
-    Fast,
+    Immediate,
     /// Moves take their real duration.
-    Real,
+    RealTime,
 }
 
 /// A running job. Times are host times since a zero that the owner defines.
@@ -112,8 +112,8 @@ impl ActiveJob {
     ) -> Self {
         let from = world.position();
         let (end_position, duration) = match pace {
-            SimulationPace::Fast => (Position::new(), Duration::ZERO),
-            SimulationPace::Real => {
+            SimulationPace::Immediate => (Position::new(), Duration::ZERO),
+            SimulationPace::RealTime => {
                 let mut copy = world.clone();
                 job.run(&mut copy, probe_fault);
                 let seconds = (copy.time_s() - world.time_s()).max(0.0);
@@ -130,7 +130,7 @@ impl ActiveJob {
 
     /// Stops the job at its current position; returns the remaining job.
     pub fn hold(self, world: &mut SimulatedWorld, now: Duration) -> Job {
-        let (at, fraction) = (self.position(now), self.fraction(now));
+        let (at, fraction) = (self.position_at(now), self.elapsed_fraction(now));
         self.job.run_partially(world, &at, fraction);
         match self.job {
             Job::Dwell { seconds } => Job::Dwell { seconds: seconds * (1.0 - fraction) },
@@ -139,13 +139,13 @@ impl ActiveJob {
     }
 
     /// Share of the duration that has passed.
-    fn fraction(&self, now: Duration) -> f64 {
+    fn elapsed_fraction(&self, now: Duration) -> f64 {
         let whole = (self.end_time - self.start_time).as_secs_f64();
         if whole > 0.0 { (now.saturating_sub(self.start_time).as_secs_f64() / whole).min(1.0) } else { 1.0 }
     }
 
-    pub fn position(&self, now: Duration) -> Position {
-        let fraction = self.fraction(now);
+    pub fn position_at(&self, now: Duration) -> Position {
+        let fraction = self.elapsed_fraction(now);
         let interpolate = |(axis, from): (_, f64)| {
             let to = self.end_position.get(axis).unwrap_or(from);
             (axis, from + fraction * (to - from))
@@ -157,8 +157,8 @@ impl ActiveJob {
 /// Result of a job.
 pub enum JobResult {
     Moved { has_crashed: bool },
-    Probed { contact: Option<Contact>, has_crashed: bool, alarms_on_miss: bool },
-    Waited,
+    Probed { contact: Option<LatchedContact>, has_crashed: bool, alarms_on_miss: bool },
+    DwellOrOrientFinished,
 }
 
 impl Job {
@@ -190,7 +190,7 @@ impl Job {
                 JobResult::Moved { has_crashed: world.travel(to, speed).has_crashed }
             }
             Job::Probe { to, feed_mm_min, alarms_on_miss, n } => {
-                let probed = probe_fault.probe(world, to, *feed_mm_min, *n);
+                let probed = probe_fault.run_probing_move(world, to, *feed_mm_min, *n);
                 JobResult::Probed {
                     contact: probed.contact,
                     has_crashed: probed.has_crashed,
@@ -199,11 +199,11 @@ impl Job {
             }
             Job::Orient { s } => {
                 world.orient(*s);
-                JobResult::Waited
+                JobResult::DwellOrOrientFinished
             }
             Job::Dwell { seconds } => {
                 world.dwell(*seconds);
-                JobResult::Waited
+                JobResult::DwellOrOrientFinished
             }
         }
     }

@@ -8,14 +8,14 @@ pub(super) enum MotionMode {
     Rapid,
     Feed,
     Probe { alarms_on_miss: bool },
-    Off,
+    Cancelled,
 }
 
 /// Non-modal G codes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum NonModalCode {
     Dwell,
-    SetOffset,
+    SetCoordinateSystemOffset,
     MachineCoordinates,
     SetG92Offset,
     ClearG92Offset,
@@ -24,41 +24,41 @@ pub(super) enum NonModalCode {
 /// The words of one line, sorted.
 #[derive(Debug, Default)]
 pub(super) struct LineWords {
-    groups: Vec<u8>,
-    letters: Vec<char>,
-    pub axes: Vec<(Axis, f64)>,
+    used_modal_groups: Vec<u8>,
+    used_letters: Vec<char>,
+    pub axis_words: Vec<(Axis, f64)>,
     pub motion: Option<MotionMode>,
-    pub non_modal: Option<NonModalCode>,
-    pub has_orient: bool,
-    pub has_output: bool,
+    pub non_modal_code: Option<NonModalCode>,
+    pub has_spindle_orient: bool,
+    pub has_digital_output: bool,
     pub ends_program: bool,
-    pub feed: Option<f64>,
+    pub feed_word: Option<f64>,
     /// Words that a command must consume.
-    pub values: Vec<(char, f64)>,
+    pub unconsumed_values: Vec<(char, f64)>,
 }
 
 impl LineWords {
     /// Removes the word `letter` and returns its value.
     pub(super) fn take_value(&mut self, letter: char) -> Option<f64> {
-        let index = self.values.iter().position(|(name, _)| *name == letter)?;
-        Some(self.values.remove(index).1)
+        let index = self.unconsumed_values.iter().position(|(name, _)| *name == letter)?;
+        Some(self.unconsumed_values.remove(index).1)
     }
 
     /// Rejects a second word with the same letter in a line, except G and M.
-    pub(super) fn add_letter(&mut self, letter: char) -> Result<(), GrblErrorCode> {
-        if self.letters.contains(&letter) {
+    pub(super) fn add_unique_letter(&mut self, letter: char) -> Result<(), GrblErrorCode> {
+        if self.used_letters.contains(&letter) {
             return Err(25);
         }
-        self.letters.push(letter);
+        self.used_letters.push(letter);
         Ok(())
     }
 
     /// Rejects a second word of the same modal group in a line.
-    pub(super) fn add_modal_group(&mut self, group: u8) -> Result<(), GrblErrorCode> {
-        if self.groups.contains(&group) {
+    pub(super) fn add_unique_modal_group(&mut self, group: u8) -> Result<(), GrblErrorCode> {
+        if self.used_modal_groups.contains(&group) {
             return Err(21);
         }
-        self.groups.push(group);
+        self.used_modal_groups.push(group);
         Ok(())
     }
 }

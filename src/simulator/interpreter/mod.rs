@@ -21,8 +21,8 @@ use machine::{Axis, Position};
 #[derive(Debug, Clone)]
 pub struct Interpreter {
     axes: Vec<Axis>,
-    limits: BTreeMap<Axis, (f64, f64)>,
-    modal: ModalState,
+    travel_limits: BTreeMap<Axis, (f64, f64)>,
+    modal_state: ModalState,
 }
 
 /// Action that a line requests.
@@ -43,10 +43,10 @@ impl Interpreter {
         let limits: BTreeMap<Axis, (f64, f64)> = controlled_axes
             .map(|(axis, spec)| (*axis, (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max))))
             .collect();
-        Self { axes: limits.keys().copied().collect(), limits, modal: ModalState::default() }
+        Self { axes: limits.keys().copied().collect(), travel_limits: limits, modal_state: ModalState::default() }
     }
 
-    /// Axis words, in the order of the reports.
+    /// Axes of the control, in the order of the reports.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
@@ -57,28 +57,28 @@ impl Interpreter {
     /// Grbl's error code for the line; a line in error does not change the modal state.
     pub fn interpret_line(&mut self, line: &str, here: &Position) -> Result<LineAction, GrblErrorCode> {
         let words = words::parse_words(line)?;
-        Ok(match self.modal.interpret_words(&words, here, &self.axes)? {
+        Ok(match self.modal_state.interpret_words(&words, here, &self.axes)? {
             None => LineAction::NoMotion,
-            Some(job) if job.target().is_some_and(|to| !self.within_limits(to)) => LineAction::OutOfTravel,
+            Some(job) if job.target().is_some_and(|to| !self.is_within_limits(to)) => LineAction::OutOfTravel,
             Some(job) => LineAction::Execute(job),
         })
     }
 
     /// The active modes, as in Grbl's answer to `$G`, without the brackets.
-    pub fn modes(&self) -> String {
-        self.modal.modes_report()
+    pub fn modes_report(&self) -> String {
+        self.modal_state.modes_report()
     }
 
     /// Names and offsets, as in Grbl's answer to `$#`.
-    pub fn offsets(&self) -> Vec<(String, Position)> {
-        self.modal.offsets()
+    pub fn named_offsets(&self) -> Vec<(String, Position)> {
+        self.modal_state.named_offsets()
     }
 
     /// Whether `to` is within the travel of all axes.
-    pub fn within_limits(&self, to: &Position) -> bool {
+    pub fn is_within_limits(&self, to: &Position) -> bool {
         // The tolerance covers the rounding of the text.
         let is_within = |(axis, value): (Axis, f64)| {
-            let limits = self.limits.get(&axis);
+            let limits = self.travel_limits.get(&axis);
             limits.is_none_or(|(min, max)| (min - 1e-6..=max + 1e-6).contains(&value))
         };
         to.iter().all(is_within)

@@ -12,7 +12,7 @@ pub(super) struct Word {
 
 /// The words of one line; comments `(..)` and `;..` are dropped.
 pub(super) fn parse_words(line: &str) -> Result<Vec<Word>, GrblErrorCode> {
-    let code = strip_comments(line);
+    let code = strip_comments_and_spaces(line);
     let mut rest = code.as_str();
     let mut words = Vec::new();
     while let Some(letter) = rest.chars().next() {
@@ -28,7 +28,7 @@ pub(super) fn parse_words(line: &str) -> Result<Vec<Word>, GrblErrorCode> {
     Ok(words)
 }
 
-fn strip_comments(line: &str) -> String {
+fn strip_comments_and_spaces(line: &str) -> String {
     let mut in_comment = false;
     let mut bare = String::new();
     for character in line.chars() {
@@ -45,5 +45,5 @@ fn strip_comments(line: &str) -> String {
 
 /// Whether the line contains nothing to execute.
 pub fn is_blank(line: &str) -> bool {
-    matches!(strip_comments(line).as_str(), "" | "%")
+    matches!(strip_comments_and_spaces(line).as_str(), "" | "%")
 }

@@ -5,13 +5,13 @@ use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::{STATUS_OUT_OF_RANGE, SampleSource, distance_and_status};
+use super::{OUT_OF_RANGE_STATUS_BIT, SampleSource, distance_mm_and_status_bits};
 use crate::SensorOutput;
 use link::Clock;
 use link::can::{CanError, CanFrame, CanId, CanSender};
 
 /// The data sheet, as keys of `[sensor.can]`.
-pub const DATA_SHEET: &str = r#"
+pub const DATA_SHEET_TOML: &str = r#"
 id = 0x181
 order = "big"
 value = { byte = 2, width = 24, signed = true, scale_mm = 1e-5 }
@@ -26,14 +26,14 @@ length = 6
 
 const FRAME_ID: u32 = 0x181;
 const COUNTS_PER_MM: f64 = 100_000.0;
-const MAX_COUNTS: f64 = 8_388_607.0;
+const MAX_DISTANCE_COUNTS: f64 = 8_388_607.0;
 
 /// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first.
 fn frame_bytes(count: u16, output: SensorOutput) -> [u8; 6] {
-    let (mm, status) = distance_and_status(output);
+    let (mm, status) = distance_mm_and_status_bits(output);
     let counts = (mm * COUNTS_PER_MM).round();
-    let status = if counts.abs() > MAX_COUNTS { status | STATUS_OUT_OF_RANGE } else { status };
-    let counts = counts.clamp(-MAX_COUNTS, MAX_COUNTS) as i32;
+    let status = if counts.abs() > MAX_DISTANCE_COUNTS { status | OUT_OF_RANGE_STATUS_BIT } else { status };
+    let counts = counts.clamp(-MAX_DISTANCE_COUNTS, MAX_DISTANCE_COUNTS) as i32;
     let [high, low] = count.to_be_bytes();
     let [_, first, second, third] = counts.to_be_bytes();
     [high, low, first, second, third, status]
@@ -55,7 +55,7 @@ pub fn frame_source(mut next_sample: SampleSource, clock: Arc<dyn Clock>) -> imp
 ///
 /// # Errors
 /// The interface cannot be opened.
-pub fn send_periodically(
+pub fn spawn_frame_sender(
     interface: &str,
     next_sample: SampleSource,
     rate_hz: f64,
@@ -63,19 +63,24 @@ pub fn send_periodically(
 ) -> Result<Arc<()>, CanError> {
     let sender = CanSender::open(interface)?;
     let keep_alive = Arc::new(());
-    let listener = Arc::downgrade(&keep_alive);
+    let weak_keep_alive = Arc::downgrade(&keep_alive);
     let next = frame_source(next_sample, clock);
     let period = Duration::from_secs_f64(1.0 / rate_hz);
     thread::Builder::new()
         .name("simulated sensor".to_owned())
-        .spawn(move || send_frames(&sender, next, period, &listener))
+        .spawn(move || send_frames(&sender, next, period, &weak_keep_alive))
         .map_err(|source| CanError::OpenFailed { interface: interface.to_owned(), source })?;
     Ok(keep_alive)
 }
 
-fn send_frames(sender: &CanSender, mut next: impl FnMut() -> Option<CanFrame>, period: Duration, listener: &Weak<()>) {
+fn send_frames(
+    sender: &CanSender,
+    mut next: impl FnMut() -> Option<CanFrame>,
+    period: Duration,
+    weak_keep_alive: &Weak<()>,
+) {
     let mut due = Instant::now();
-    while listener.strong_count() > 0 {
+    while weak_keep_alive.strong_count() > 0 {
         due += period;
         thread::sleep(due.saturating_duration_since(Instant::now()));
         let Some(frame) = next() else { return };

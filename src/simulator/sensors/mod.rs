@@ -12,13 +12,13 @@ use crate::SensorOutput;
 
 /// Distance, mm, and status bits as transmitted: 1 no echo, 2 out of range, 4 saturated. Without a distance a sensor
 /// sends zero.
-fn distance_and_status(output: SensorOutput) -> (f64, u8) {
+fn distance_mm_and_status_bits(output: SensorOutput) -> (f64, u8) {
     match output {
         SensorOutput::Distance(mm) => (mm, 0),
         SensorOutput::NoEcho => (0.0, 1),
-        SensorOutput::OutOfRange(mm) => (mm, STATUS_OUT_OF_RANGE),
+        SensorOutput::OutOfRange(mm) => (mm, OUT_OF_RANGE_STATUS_BIT),
         SensorOutput::TooMuchLight => (0.0, 4),
     }
 }
 
-const STATUS_OUT_OF_RANGE: u8 = 2;
+const OUT_OF_RANGE_STATUS_BIT: u8 = 2;

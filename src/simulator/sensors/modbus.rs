@@ -13,14 +13,14 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_modbus::server::{Service, rtu, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response, SlaveRequest};
 
-use super::distance_and_status;
+use super::distance_mm_and_status_bits;
 use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
 use link::LinkError;
 
 const COUNTS_PER_MM: f64 = 1e5;
 
 /// The data sheet, as keys of `[sensor.modbus]`.
-pub const DATA_SHEET: &str = r#"
+pub const DATA_SHEET_TOML: &str = r#"
 counter = { register = 1, type = "u16" }
 value = { register = 2, type = "i32", order = "cdab", scale_mm = 0.00001 }
 status = [
@@ -44,8 +44,8 @@ pub enum SampleTiming {
 /// # Errors
 /// The pseudo-terminal cannot be created.
 pub fn serve_on_pty(timing: SampleTiming, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let sensor = SimulatedSensor::new(timing, next_sample);
-    let measuring = sensor.clone().measure_at_rate(rate_hz);
+    let sensor = SimulatedModbusSensor::new(timing, next_sample);
+    let measuring = sensor.clone().update_registers_at_rate(rate_hz);
     serve_pty(move |device| async move {
         let serve = rtu::Server::new(device).serve_forever(sensor);
         tokio::select! { _ = serve => {}, () = measuring => {} }
@@ -57,8 +57,8 @@ pub fn serve_on_pty(timing: SampleTiming, next_sample: SampleSource, rate_hz: f6
 /// # Errors
 /// The port cannot be opened.
 pub fn serve_on_tcp(timing: SampleTiming, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let sensor = SimulatedSensor::new(timing, next_sample);
-    let measuring = sensor.clone().measure_at_rate(rate_hz);
+    let sensor = SimulatedModbusSensor::new(timing, next_sample);
+    let measuring = sensor.clone().update_registers_at_rate(rate_hz);
     serve_tcp(move |listener| async move {
         let connected = move |stream: TcpStream, _| {
             let sensor = sensor.clone();
@@ -70,25 +70,26 @@ pub fn serve_on_tcp(timing: SampleTiming, next_sample: SampleSource, rate_hz: f6
 }
 
 struct SampleRegisters {
-    words: [u16; 4],
+    register_values: [u16; 4],
     next_sample: SampleSource,
 }
 
 #[derive(Clone)]
-struct SimulatedSensor {
+struct SimulatedModbusSensor {
     registers: Arc<Mutex<SampleRegisters>>,
     timing: SampleTiming,
 }
 
-impl SimulatedSensor {
+impl SimulatedModbusSensor {
     /// Creates the sensor and takes its first sample.
     fn new(timing: SampleTiming, next_sample: SampleSource) -> Self {
-        let sensor = Self { registers: Arc::new(Mutex::new(SampleRegisters { words: [0; 4], next_sample })), timing };
-        sensor.measure();
+        let sensor =
+            Self { registers: Arc::new(Mutex::new(SampleRegisters { register_values: [0; 4], next_sample })), timing };
+        sensor.update_registers();
         sensor
     }
 
-    async fn measure_at_rate(self, rate_hz: f64) {
+    async fn update_registers_at_rate(self, rate_hz: f64) {
         if self.timing == SampleTiming::WhenRead {
             std::future::pending::<()>().await;
         }
@@ -96,21 +97,21 @@ impl SimulatedSensor {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         loop {
             ticks.tick().await;
-            self.measure();
+            self.update_registers();
         }
     }
 
     /// Updates all four registers at once.
-    fn measure(&self) {
+    fn update_registers(&self) {
         let mut registers = self.registers.lock().unwrap_or_else(PoisonError::into_inner);
-        let (mm, status) = distance_and_status((registers.next_sample)());
+        let (mm, status) = distance_mm_and_status_bits((registers.next_sample)());
         let number = (mm * COUNTS_PER_MM).round() as i32 as u32;
-        let [_, count, ..] = registers.words;
-        registers.words = [status.into(), count.wrapping_add(1), number as u16, (number >> 16) as u16];
+        let [_, count, ..] = registers.register_values;
+        registers.register_values = [status.into(), count.wrapping_add(1), number as u16, (number >> 16) as u16];
     }
 }
 
-impl Service for SimulatedSensor {
+impl Service for SimulatedModbusSensor {
     type Request = SlaveRequest<'static>;
     type Response = Response;
     type Exception = ExceptionCode;
@@ -125,10 +126,10 @@ impl Service for SimulatedSensor {
             return ready(Err(ExceptionCode::IllegalDataAddress));
         }
         if self.timing == SampleTiming::WhenRead {
-            self.measure();
+            self.update_registers();
         }
         let registers = self.registers.lock().unwrap_or_else(PoisonError::into_inner);
-        let words = registers.words.get(first..first + count).unwrap_or_default();
+        let words = registers.register_values.get(first..first + count).unwrap_or_default();
         ready(Ok(Response::ReadInputRegisters(words.to_vec())))
     }
 }

@@ -11,7 +11,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::time::{MissedTickBehavior, interval};
 
-use super::distance_and_status;
+use super::distance_mm_and_status_bits;
 use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
 use crate::SensorOutput;
 use crate::crc16::crc16_modbus;
@@ -21,7 +21,7 @@ use link::{ByteStreamHandle, LinkError};
 const WIRE_BUFFER_BYTES: usize = 4096;
 const COUNTS_PER_MM: f64 = 1e5;
 
-const TEXT_DATA_SHEET: &str = r#"
+const TEXT_DATA_SHEET_TOML: &str = r#"
 [line]
 end = "\r\n"
 prefix = "D"
@@ -39,7 +39,7 @@ codes = [
 ]
 "#;
 
-const FRAME_DATA_SHEET: &str = r#"
+const FRAME_DATA_SHEET_TOML: &str = r#"
 [frame]
 sync = [0xAA, 0x55]
 length = 7
@@ -57,26 +57,26 @@ checksum = { kind = "crc16-modbus", order = "little" }
 /// Output format of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutputFormat {
-    Text,
-    Frames,
+    TextLines,
+    BinaryFrames,
 }
 
 /// The data sheet of `format`, as keys of `[sensor.serial]`.
-pub fn data_sheet(format: OutputFormat) -> &'static str {
+pub fn data_sheet_toml(format: OutputFormat) -> &'static str {
     match format {
-        OutputFormat::Text => TEXT_DATA_SHEET,
-        OutputFormat::Frames => FRAME_DATA_SHEET,
+        OutputFormat::TextLines => TEXT_DATA_SHEET_TOML,
+        OutputFormat::BinaryFrames => FRAME_DATA_SHEET_TOML,
     }
 }
 
 /// Request that makes [`serve_on_demand`] send a sample, as a key of `[sensor.serial]`.
-pub const REQUEST_KEY: &str = "request = \"M\\n\"\n";
+pub const REQUEST_KEY_TOML: &str = "request = \"M\\n\"\n";
 
 /// A sensor inside this process that sends one sample for each line end it receives. Call inside a tokio
 /// runtime.
 pub fn serve_on_demand(format: OutputFormat, next_sample: SampleSource) -> ByteStreamHandle {
     let (near, far) = tokio::io::duplex(WIRE_BUFFER_BYTES);
-    tokio::spawn(SimulatedSensor { format, count: 0, next_sample }.serve_requests(far));
+    tokio::spawn(SimulatedSerialSensor { format, sample_counter: 0, next_sample }.serve_requests(far));
     ByteStreamHandle::from_stream("the simulated sensor", near)
 }
 
@@ -85,8 +85,8 @@ pub fn serve_on_demand(format: OutputFormat, next_sample: SampleSource) -> ByteS
 /// # Errors
 /// The pseudo-terminal cannot be created.
 pub fn send_on_pty(format: OutputFormat, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let mut sensor = SimulatedSensor { format, count: 0, next_sample };
-    serve_pty(move |device| async move { drop(sensor.send(device, rate_hz).await) })
+    let mut sensor = SimulatedSerialSensor { format, sample_counter: 0, next_sample };
+    serve_pty(move |device| async move { drop(sensor.send_samples_at_rate(device, rate_hz).await) })
 }
 
 /// Serves a sensor on a TCP port, which sends continuously to one client after the other.
@@ -94,28 +94,28 @@ pub fn send_on_pty(format: OutputFormat, next_sample: SampleSource, rate_hz: f64
 /// # Errors
 /// The port cannot be opened.
 pub fn send_on_tcp(format: OutputFormat, next_sample: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
-    let mut sensor = SimulatedSensor { format, count: 0, next_sample };
+    let mut sensor = SimulatedSerialSensor { format, sample_counter: 0, next_sample };
     serve_tcp(move |listener| async move {
         while let Ok((stream, _)) = listener.accept().await {
-            drop(sensor.send(stream, rate_hz).await);
+            drop(sensor.send_samples_at_rate(stream, rate_hz).await);
         }
     })
 }
 
-struct SimulatedSensor {
+struct SimulatedSerialSensor {
     format: OutputFormat,
-    count: u16,
+    sample_counter: u16,
     next_sample: SampleSource,
 }
 
-impl SimulatedSensor {
+impl SimulatedSerialSensor {
     /// One sample in the output format.
-    fn sample_bytes(&mut self) -> Vec<u8> {
+    fn next_sample_bytes(&mut self) -> Vec<u8> {
         let output = (self.next_sample)();
-        self.count = self.count.wrapping_add(1);
+        self.sample_counter = self.sample_counter.wrapping_add(1);
         match self.format {
-            OutputFormat::Text => text_line(output, self.count),
-            OutputFormat::Frames => binary_frame(output, self.count),
+            OutputFormat::TextLines => text_line(output, self.sample_counter),
+            OutputFormat::BinaryFrames => binary_frame(output, self.sample_counter),
         }
     }
 
@@ -126,7 +126,7 @@ impl SimulatedSensor {
             let count = stream.read(&mut buffer).await?;
             let request = buffer.get(..count).unwrap_or_default();
             for _ in request.iter().filter(|byte| **byte == b'\n') {
-                stream.write_all(&self.sample_bytes()).await?;
+                stream.write_all(&self.next_sample_bytes()).await?;
             }
             if count == 0 {
                 return Ok(());
@@ -135,12 +135,12 @@ impl SimulatedSensor {
     }
 
     /// Sends a sample each period, whether or not a client reads. Samples that the host delayed follow at once.
-    async fn send(&mut self, mut stream: impl AsyncWrite + Unpin, rate_hz: f64) -> io::Result<()> {
+    async fn send_samples_at_rate(&mut self, mut stream: impl AsyncWrite + Unpin, rate_hz: f64) -> io::Result<()> {
         let mut ticks = interval(Duration::from_secs_f64(1.0 / rate_hz));
         ticks.set_missed_tick_behavior(MissedTickBehavior::Burst);
         loop {
             ticks.tick().await;
-            stream.write_all(&self.sample_bytes()).await?;
+            stream.write_all(&self.next_sample_bytes()).await?;
         }
     }
 }
@@ -156,7 +156,7 @@ fn text_line(output: SensorOutput, count: u16) -> Vec<u8> {
 }
 
 fn binary_frame(output: SensorOutput, count: u16) -> Vec<u8> {
-    let (mm, status) = distance_and_status(output);
+    let (mm, status) = distance_mm_and_status_bits(output);
     let mut body = ((mm * COUNTS_PER_MM).round() as i32).to_be_bytes().to_vec();
     body.extend(count.to_be_bytes());
     body.push(status);

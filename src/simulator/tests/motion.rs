@@ -9,8 +9,8 @@ fn rapid(world: &mut SimulatedWorld, to: &Position) -> MoveResult {
 }
 
 #[test]
-fn regress_time_is_that_of_the_slowest_axis() {
-    let mut world = Bench::ideal().world();
+fn regress_move_duration_is_that_of_the_slowest_axis() {
+    let mut world = TestBench::ideal().build_world();
     let up = world.position().get_or_zero(Axis::Z);
     // 100 mm at 100 mm/s and 1000 mm/s²: 1 s and one ramp of 0.1 s.
     let long = rapid(&mut world, &Position::new().with(Axis::X, 100.0));
@@ -33,60 +33,71 @@ fn regress_time_is_that_of_the_slowest_axis() {
 
 #[test]
 fn regress_the_machine_brakes_after_contact() {
-    let mut world = Bench::ideal().world();
-    for to in [ball_at(60.0, 0.0, 200.0), ball_at(60.0, 0.0, 50.0)] {
-        assert!(!rapid(&mut world, &to).has_touched);
+    let mut world = TestBench::ideal().build_world();
+    for to in [position_with_ball_at(60.0, 0.0, 200.0), position_with_ball_at(60.0, 0.0, 50.0)] {
+        assert!(!rapid(&mut world, &to).has_probe_closed);
     }
     let before = world.time_s();
-    let probed = world.probe(&ball_at(0.0, 0.0, 50.0), 300.0, 7);
+    let probed = world.probe(&position_with_ball_at(0.0, 0.0, 50.0), 300.0, 7);
     let contact = probed.contact.unwrap();
-    assert!((contact.position.get_or_zero(Axis::X) - CIRCLE).abs() < 1e-9);
+    assert!((contact.latched_position.get_or_zero(Axis::X) - BALL_CENTRE_CIRCLE_RADIUS_MM).abs() < 1e-9);
     // 12 mm at 5 mm/s, and half of the 5 ms ramp before; then braking over v²/2a.
-    assert!((contact.t_s - before - 2.4 - 0.0025).abs() < 1e-9);
-    assert!((world.position().get_or_zero(Axis::X) - (CIRCLE - 0.0125)).abs() < 1e-9);
+    assert!((contact.latch_time_s - before - 2.4 - 0.0025).abs() < 1e-9);
+    assert!((world.position().get_or_zero(Axis::X) - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.0125)).abs() < 1e-9);
     assert!((probed.duration_s - 2.4075).abs() < 1e-9);
     assert!(world.is_probe_closed() && !probed.has_crashed);
     // Leaving contact does not count as a new contact.
-    assert!(!rapid(&mut world, &ball_at(49.0, 0.0, 50.0)).has_touched);
+    assert!(!rapid(&mut world, &position_with_ball_at(49.0, 0.0, 50.0)).has_probe_closed);
     assert!(!world.is_probe_closed());
-    assert_eq!(world.probe(&ball_at(48.5, 0.0, 50.0), 30.0, 8).contact, None);
+    assert_eq!(world.probe(&position_with_ball_at(48.5, 0.0, 50.0), 30.0, 8).contact, None);
     assert_eq!(world.position().get_or_zero(Axis::X), 48.5);
 }
 
 /// A touch at 300 mm/min that begins `gap` mm before contact. Returns how far beyond contact it is latched (mm),
 /// when (s), and how far beyond contact the axis comes to rest (mm).
-fn late_touch(latch: LatchDelay, gap: f64, n: u32) -> (f64, f64, f64) {
-    let mut bench = Bench::ideal();
+fn latch_overshoot_time_and_rest_overshoot(latch: LatchDelay, gap: f64, n: u32) -> (f64, f64, f64) {
+    let mut bench = TestBench::ideal();
     bench.truth.latch = latch;
-    let mut world = bench.world();
-    for to in [ball_at(CIRCLE + gap, 0.0, 200.0), ball_at(CIRCLE + gap, 0.0, 50.0)] {
+    let mut world = bench.build_world();
+    for to in [
+        position_with_ball_at(BALL_CENTRE_CIRCLE_RADIUS_MM + gap, 0.0, 200.0),
+        position_with_ball_at(BALL_CENTRE_CIRCLE_RADIUS_MM + gap, 0.0, 50.0),
+    ] {
         rapid(&mut world, &to);
     }
     let before = world.time_s();
-    let contact = world.probe(&ball_at(CIRCLE - 1.0, 0.0, 50.0), 300.0, n).contact.unwrap();
+    let contact =
+        world.probe(&position_with_ball_at(BALL_CENTRE_CIRCLE_RADIUS_MM - 1.0, 0.0, 50.0), 300.0, n).contact.unwrap();
     let rest = world.position().get_or_zero(Axis::X);
-    (CIRCLE - contact.position.get_or_zero(Axis::X), contact.t_s - before, CIRCLE - rest)
+    (
+        BALL_CENTRE_CIRCLE_RADIUS_MM - contact.latched_position.get_or_zero(Axis::X),
+        contact.latch_time_s - before,
+        BALL_CENTRE_CIRCLE_RADIUS_MM - rest,
+    )
 }
 
 #[test]
-fn a_late_latch_is_the_feed_times_the_delay_further_on_and_braking_begins_there() {
+fn latch_delay_moves_the_latched_position_and_the_start_of_braking() {
     let delay = LatchDelay { delay_ms: 4.0, scan_ms: 0.0 };
-    let (beyond, time, rest) = late_touch(delay, 12.0, 1);
+    let (beyond, time, rest) = latch_overshoot_time_and_rest_overshoot(delay, 12.0, 1);
     assert!((beyond - 0.02).abs() < 1e-9, "{beyond}");
     assert!((time - 2.4 - 0.0025 - 0.004).abs() < 1e-9);
     assert!((rest - 0.02 - 0.0125).abs() < 1e-9);
     // Contact 0.5 µm after the start comes after 1 ms, while the axis still accelerates.
-    let (beyond, time, _) = late_touch(LatchDelay { delay_ms: 2.0, scan_ms: 0.0 }, 0.0005, 1);
+    let (beyond, time, _) =
+        latch_overshoot_time_and_rest_overshoot(LatchDelay { delay_ms: 2.0, scan_ms: 0.0 }, 0.0005, 1);
     assert!((time - 0.003).abs() < 1e-9 && (beyond - (0.0045 - 0.0005)).abs() < 1e-9);
     // A latch after the end of the move keeps the end position.
-    let (beyond, _, rest) = late_touch(LatchDelay { delay_ms: 900.0, scan_ms: 0.0 }, 12.0, 1);
+    let (beyond, _, rest) =
+        latch_overshoot_time_and_rest_overshoot(LatchDelay { delay_ms: 900.0, scan_ms: 0.0 }, 12.0, 1);
     assert!((beyond - 1.0).abs() < 1e-9 && (rest - 1.0).abs() < 1e-9);
 }
 
 #[test]
-fn a_scan_notices_contact_anywhere_within_it() {
+fn plc_scan_adds_a_latch_delay_uniform_over_its_period() {
     let scan = LatchDelay { delay_ms: 1.0, scan_ms: 10.0 };
-    let waited: Vec<f64> = (0..400).map(|n| late_touch(scan, 12.0, n).0 / 5.0 * 1e3).collect();
+    let waited: Vec<f64> =
+        (0..400).map(|n| latch_overshoot_time_and_rest_overshoot(scan, 12.0, n).0 / 5.0 * 1e3).collect();
     let mean = waited.iter().sum::<f64>() / 400.0;
     let square = waited.iter().map(|ms| (ms - mean).powi(2)).sum::<f64>() / 399.0;
     assert!(waited.iter().all(|ms| (1.0..=11.0).contains(ms)));
@@ -94,89 +105,95 @@ fn a_scan_notices_contact_anywhere_within_it() {
     // variance to 4.5 %.
     assert!((mean - 6.0).abs() < 0.45, "{mean}");
     assert!((square / (100.0 / 12.0) - 1.0).abs() < 0.15, "{square}");
-    assert_eq!(late_touch(scan, 12.0, 7), late_touch(scan, 12.0, 7));
+    assert_eq!(
+        latch_overshoot_time_and_rest_overshoot(scan, 12.0, 7),
+        latch_overshoot_time_and_rest_overshoot(scan, 12.0, 7)
+    );
 }
 
 #[test]
 fn regress_a_touch_at_excessive_feed_crashes() {
-    let mut bench = Bench::ideal();
-    bench.axis(Axis::X).acceleration_per_s2 = 50.0;
+    let mut bench = TestBench::ideal();
+    bench.axis_spec_mut(Axis::X).acceleration_per_s2 = 50.0;
     bench.probe.overtravel_mm = 1.0;
-    let mut world = bench.world();
-    for to in [ball_at(80.0, 0.0, 200.0), ball_at(80.0, 0.0, 50.0)] {
+    let mut world = bench.build_world();
+    for to in [position_with_ball_at(80.0, 0.0, 200.0), position_with_ball_at(80.0, 0.0, 50.0)] {
         rapid(&mut world, &to);
     }
     // At 20 mm/s the braking distance is 4 mm.
-    assert!(world.probe(&ball_at(0.0, 0.0, 50.0), 1200.0, 1).has_crashed);
+    assert!(world.probe(&position_with_ball_at(0.0, 0.0, 50.0), 1200.0, 1).has_crashed);
 }
 
 #[test]
 fn regress_contact_on_the_way_of_an_index_move_is_reported() {
-    let mut bench = Bench::ideal();
+    let mut bench = TestBench::ideal();
     bench.truth.centre_offset_mm = [-2.0, 0.0];
-    let mut world = bench.world();
-    for to in [ball_at(CIRCLE - 1.0, 0.0, 200.0), ball_at(CIRCLE - 1.0, 0.0, 50.0)] {
-        assert!(!rapid(&mut world, &to).has_touched);
+    let mut world = bench.build_world();
+    for to in [
+        position_with_ball_at(BALL_CENTRE_CIRCLE_RADIUS_MM - 1.0, 0.0, 200.0),
+        position_with_ball_at(BALL_CENTRE_CIRCLE_RADIUS_MM - 1.0, 0.0, 50.0),
+    ] {
+        assert!(!rapid(&mut world, &to).has_probe_closed);
     }
     // Half a turn moves the part 3 mm into the ball; a full turn moves it out again.
     let turned = rapid(&mut world, &Position::new().with(Axis::C, PI));
-    assert!(turned.has_touched && !turned.has_crashed && world.is_probe_closed());
-    assert!(!rapid(&mut world, &Position::new().with(Axis::C, 2.0 * PI)).has_touched);
+    assert!(turned.has_probe_closed && !turned.has_crashed && world.is_probe_closed());
+    assert!(!rapid(&mut world, &Position::new().with(Axis::C, 2.0 * PI)).has_probe_closed);
     let round = rapid(&mut world, &Position::new().with(Axis::C, 0.0));
-    assert!(round.has_touched && !world.is_probe_closed());
+    assert!(round.has_probe_closed && !world.is_probe_closed());
     // Straight through the part: deflected beyond the overtravel of the stylus.
-    let through = rapid(&mut world, &ball_at(-60.0, 0.0, 50.0));
-    assert!(through.has_touched && through.has_crashed && !world.is_probe_closed());
+    let through = rapid(&mut world, &position_with_ball_at(-60.0, 0.0, 50.0));
+    assert!(through.has_probe_closed && through.has_crashed && !world.is_probe_closed());
     // Above the part: no contact.
-    for to in [ball_at(-60.0, 0.0, 104.0), ball_at(60.0, 0.0, 104.0)] {
-        assert!(!rapid(&mut world, &to).has_touched);
+    for to in [position_with_ball_at(-60.0, 0.0, 104.0), position_with_ball_at(60.0, 0.0, 104.0)] {
+        assert!(!rapid(&mut world, &to).has_probe_closed);
     }
 }
 
 #[test]
-fn regress_the_display_shows_whole_steps_and_the_truth_does_not() {
-    let mut bench = Bench::ideal();
+fn regress_display_is_rounded_to_resolution_but_contact_is_not() {
+    let mut bench = TestBench::ideal();
     bench.truth.errors.insert("EX0C_um".to_owned(), 12.34567);
-    let exact = touch(&mut bench.world(), 0.0, 0.0, 1).0;
-    assert!((exact - CIRCLE - 0.01234567).abs() < 1e-9);
+    let exact = touch_radius_and_time(&mut bench.build_world(), 0.0, 0.0, 1).0;
+    assert!((exact - BALL_CENTRE_CIRCLE_RADIUS_MM - 0.01234567).abs() < 1e-9);
     for axis in Axis::LINEAR {
-        bench.axis(axis).resolution_um = 1.0;
+        bench.axis_spec_mut(axis).resolution_um = 1.0;
     }
-    let mut world = bench.world();
-    assert!((touch(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
-    world.travel(&ball_at(60.00049, 0.0, 50.0), Speed::Rapid);
+    let mut world = bench.build_world();
+    assert!((touch_radius_and_time(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
+    world.travel(&position_with_ball_at(60.00049, 0.0, 50.0), Speed::Rapid);
     assert!((world.position().get_or_zero(Axis::X) - 60.0).abs() < 1e-12);
     // The rounded position would be in contact; the ball itself is not.
-    world.travel(&ball_at(48.01239, 0.0, 50.0), Speed::Rapid);
+    world.travel(&position_with_ball_at(48.01239, 0.0, 50.0), Speed::Rapid);
     assert!(!world.is_probe_closed() && (world.position().get_or_zero(Axis::X) - 48.012).abs() < 1e-12);
 }
 
 #[test]
-fn regress_an_axis_lags_behind_its_last_direction() {
-    let mut bench = Bench::ideal();
+fn regress_backlash_displaces_the_contact_by_half_the_gap() {
+    let mut bench = TestBench::ideal();
     bench.truth.backlash_um.insert(Axis::X, 20.0);
-    let mut world = bench.world();
+    let mut world = bench.build_world();
     // While X decreases, it is half the gap above its command: the command must go that much
     // farther.
-    assert!((touch(&mut world, 0.0, 0.0, 1).0 - (CIRCLE - 0.010)).abs() < 1e-9);
+    assert!((touch_radius_and_time(&mut world, 0.0, 0.0, 1).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.010)).abs() < 1e-9);
     // From the other side the same is true along the outward direction.
-    assert!((touch(&mut world, PI, 0.0, 2).0 - (CIRCLE - 0.010)).abs() < 1e-9);
+    assert!((touch_radius_and_time(&mut world, PI, 0.0, 2).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.010)).abs() < 1e-9);
     // Y has no lost motion; X, lagging across, shortens the chord by 0.01²/96 mm.
-    assert!((touch(&mut world, PI / 2.0, 0.0, 3).0 - CIRCLE).abs() < 2e-6);
+    assert!((touch_radius_and_time(&mut world, PI / 2.0, 0.0, 3).0 - BALL_CENTRE_CIRCLE_RADIUS_MM).abs() < 2e-6);
 }
 
 #[test]
 fn regress_a_retract_within_the_backlash_does_not_free_the_stylus() {
-    let mut bench = Bench::ideal();
+    let mut bench = TestBench::ideal();
     bench.truth.backlash_um.insert(Axis::X, 20.0);
-    let mut world = bench.world();
-    for to in [ball_at(60.0, 0.0, 200.0), ball_at(60.0, 0.0, 50.0)] {
+    let mut world = bench.build_world();
+    for to in [position_with_ball_at(60.0, 0.0, 200.0), position_with_ball_at(60.0, 0.0, 50.0)] {
         rapid(&mut world, &to);
     }
-    world.probe(&ball_at(40.0, 0.0, 50.0), 30.0, 1);
+    world.probe(&position_with_ball_at(40.0, 0.0, 50.0), 30.0, 1);
     let rest = world.position().get_or_zero(Axis::X);
-    assert!(rapid(&mut world, &Position::new().with(Axis::X, rest + 0.019)).has_touched);
+    assert!(rapid(&mut world, &Position::new().with(Axis::X, rest + 0.019)).has_probe_closed);
     assert!(world.is_probe_closed());
-    assert!(!rapid(&mut world, &Position::new().with(Axis::X, rest + 0.021)).has_touched);
+    assert!(!rapid(&mut world, &Position::new().with(Axis::X, rest + 0.021)).has_probe_closed);
     assert!(!world.is_probe_closed());
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use jiff::Timestamp;
 use rusqlite::Connection;
 
-use super::{estimate, new_run, plan_stage, plan_step, reading};
+use super::{estimate_with_value, new_run, plan_stage, plan_step, reading_of_step};
 use crate::store::*;
 use machine::record::event::Event;
 
@@ -22,7 +22,7 @@ fn file_contents(dir: &Path) -> BTreeMap<String, Vec<u8>> {
 
 /// Checks that opening and `backup` both refuse `dir` with a message that contains all of `words`, and that no
 /// file changes.
-fn assert_refused_unchanged(dir: &Path, words: &[&str]) {
+fn assert_journal_refused_and_unchanged(dir: &Path, words: &[&str]) {
     let (before, to) = (file_contents(dir), tempfile::tempdir().unwrap());
     let opened = Journal::open(dir).map(drop).unwrap_err();
     assert_eq!(file_contents(dir), before, "opening: {opened}");
@@ -60,7 +60,7 @@ fn database_of_another_program_is_refused_unchanged() {
         format!("PRAGMA application_id = 252006673; PRAGMA user_version = 1; {table}"),
     ] {
         let dir = foreign_database(&statements);
-        assert_refused_unchanged(dir.path(), &["not a journal of trued", "--state"]);
+        assert_journal_refused_and_unchanged(dir.path(), &["not a journal of trued", "--state"]);
     }
 }
 
@@ -74,7 +74,7 @@ fn foreign_database_with_write_ahead_log_is_refused_unchanged() {
         std::fs::copy(dir.path().join(name), copy.path().join(name)).unwrap();
     }
     assert!(!file_contents(copy.path())["journal.sqlite-wal"].is_empty());
-    assert_refused_unchanged(copy.path(), &["not a journal of trued"]);
+    assert_journal_refused_and_unchanged(copy.path(), &["not a journal of trued"]);
 }
 
 #[test]
@@ -85,16 +85,16 @@ fn empty_file_becomes_a_journal() {
 }
 
 /// A journal with rows in each of its tables.
-fn journal_with_run() -> (tempfile::TempDir, RunId) {
+fn journal_with_rows_in_each_table() -> (tempfile::TempDir, RunId) {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
     journal.add_stage(run, &plan_stage(0, vec![0, 1]), &[plan_step(0), plan_step(1)]).wait().unwrap();
-    journal.add_reading(run, &reading(0)).wait().unwrap();
-    let sample = |number| Reading { step: 1, repeat: 0, ..reading(number) };
+    journal.add_reading(run, &reading_of_step(0)).wait().unwrap();
+    let sample = |number| Reading { step: 1, repeat: 0, ..reading_of_step(number) };
     journal.add_scan(run, &[sample(1), sample(2)]).wait().unwrap();
     journal.add_event(run, &Event::Held { reason: "Ctrl-C".to_owned() }).wait().unwrap();
-    let estimate_sha256 = journal.add_estimate(run, &estimate(0.1)).wait().unwrap();
+    let estimate_sha256 = journal.add_estimate(run, &estimate_with_value(0.1)).wait().unwrap();
     let (who, remark) = ("Ada".to_owned(), "as ever".to_owned());
     journal.add_signature(run, &Signature { who, remark, estimate_sha256 }).wait().unwrap();
     let now = Timestamp::now();
@@ -109,7 +109,7 @@ fn journal_with_run() -> (tempfile::TempDir, RunId) {
         ended: None,
         broken: None,
     };
-    journal.arm(&arming).wait().unwrap();
+    journal.arm_cycle(&arming).wait().unwrap();
     journal.register_schedules("mill", vec![(schedule.clone(), "0 6 * * 1".to_owned())], now).wait().unwrap();
     let slot = ScheduleSlot { machine, schedule, cycle: 1, at: now, outcome: SlotOutcome::Started, why, run: 0 };
     assert!(journal.store_slot(&slot).wait().unwrap());
@@ -119,26 +119,26 @@ fn journal_with_run() -> (tempfile::TempDir, RunId) {
 /// Rows that the program itself has written and changed are sound.
 #[test]
 fn rows_changed_by_the_program_keep_valid_checksums() {
-    let (dir, run) = journal_with_run();
+    let (dir, run) = journal_with_rows_in_each_table();
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Held).wait().unwrap();
     journal.set_state(run, RunState::Running).wait().unwrap();
     journal.add_event(run, &Event::Resumed { gap_s: 12.5 }).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     journal.remove_scan_samples(run).unwrap();
-    assert_eq!(journal.disarm("mill", None, "Ada", "").wait().unwrap(), 1);
+    assert_eq!(journal.disarm_cycles("mill", None, "Ada", "").wait().unwrap(), 1);
     let slot = journal.newest_slots("mill", 1).unwrap().remove(0);
     assert!(journal.store_slot(&ScheduleSlot { outcome: SlotOutcome::Ran, run: run.0, ..slot }).wait().unwrap());
     let other = journal.begin_run(&new_run()).wait().unwrap();
     let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
-    assert_eq!(journal.mark_interrupted(&lock).wait().unwrap(), [other]);
+    assert_eq!(journal.mark_running_runs_interrupted(&lock).wait().unwrap(), [other]);
     drop(journal);
     backup(dir.path(), &dir.path().join("copy.sqlite")).unwrap();
     assert!(Journal::open(dir.path()).unwrap().load_run(run).is_ok());
 }
 
 /// One changed value in a row of each table, as by a failing disk. Page and number stay well-formed.
-const ROW_DAMAGES: [(&str, &str, bool); 12] = [
+const DAMAGING_ROW_UPDATES: [(&str, &str, bool); 12] = [
     ("runs", "started = replace(started, 'T', ' ')", true),
     ("runs", "state = 'closed'", true),
     ("audit", "outcome = 'dome'", true),
@@ -156,8 +156,8 @@ const ROW_DAMAGES: [(&str, &str, bool); 12] = [
 /// `backup` and every reader of the row refuse it. Opening refuses it if the row belongs to no single run.
 #[test]
 fn damaged_row_is_refused() {
-    let (sound, run) = journal_with_run();
-    for (table, change, is_verified_at_opening) in ROW_DAMAGES {
+    let (sound, run) = journal_with_rows_in_each_table();
+    for (table, change, is_verified_at_opening) in DAMAGING_ROW_UPDATES {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(JOURNAL_FILE_NAME);
         std::fs::copy(sound.path().join(JOURNAL_FILE_NAME), &path).unwrap();
@@ -171,7 +171,7 @@ fn damaged_row_is_refused() {
         drop(raw);
         let row = format!("table {table}");
         if is_verified_at_opening {
-            assert_refused_unchanged(dir.path(), &["damaged", &row]);
+            assert_journal_refused_and_unchanged(dir.path(), &["damaged", &row]);
             continue;
         }
         let before = file_contents(dir.path());
@@ -187,7 +187,7 @@ fn damaged_row_is_refused() {
 /// A changed byte of the file, and missing pages.
 #[test]
 fn damaged_file_is_refused_unchanged() {
-    let (sound, _) = journal_with_run();
+    let (sound, _) = journal_with_rows_in_each_table();
     let sound = std::fs::read(sound.path().join(JOURNAL_FILE_NAME)).unwrap();
     let find = |text: &str| sound.windows(text.len()).position(|some| some == text.as_bytes());
     let changed = |at: usize, byte: u8| {
@@ -200,21 +200,21 @@ fn damaged_file_is_refused_unchanged() {
     for damaged in [changed(config + 1, b'x'), changed(63, 3), sound[..sound.len() / 2].to_vec()] {
         let dir = tempfile::tempdir().unwrap();
         std::fs::write(dir.path().join(JOURNAL_FILE_NAME), damaged).unwrap();
-        assert_refused_unchanged(dir.path(), &["damaged"]);
+        assert_journal_refused_and_unchanged(dir.path(), &["damaged"]);
     }
 }
 
 /// Damaged estimates in the list of runs and in trends.
 #[test]
-fn damaged_estimate_is_not_a_result() {
-    let (dir, run) = journal_with_run();
+fn damaged_estimate_is_an_error_in_result_queries() {
+    let (dir, run) = journal_with_rows_in_each_table();
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
-    assert!(journal.newest_results("mill").unwrap().result.is_some());
+    assert!(journal.newest_measured_runs("mill").unwrap().newest_result.is_some());
     let raw = Connection::open(dir.path().join(JOURNAL_FILE_NAME)).unwrap();
     let change = "UPDATE estimates SET estimate = replace(estimate, '\"value\":0.1', '\"value\":0.3')";
     raw.execute(change, []).unwrap();
-    assert!(matches!(journal.newest_results("mill").unwrap_err().fault, StoreFault::Damaged(_)));
-    let all = journal.visit_measured_runs("mill", 9, |_| panic!("a damaged estimate was read"));
+    assert!(matches!(journal.newest_measured_runs("mill").unwrap_err().fault, StoreFault::Damaged(_)));
+    let all = journal.visit_finished_run_results("mill", 9, |_| panic!("a damaged estimate was read"));
     assert!(matches!(all.unwrap_err().fault, StoreFault::Damaged(_)));
 }

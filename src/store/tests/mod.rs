@@ -1,7 +1,7 @@
+mod backup_and_retention;
 mod damage;
-mod files;
-mod keeping;
-mod pages;
+mod list_pages;
+mod state_dir_files;
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use machine::record::plan::{Step, StepKind};
 use machine::record::reading::ReadingFlag;
 use machine::{Axis, Position};
 
-fn empty_plan() -> Plan {
+fn plan_without_steps() -> Plan {
     serde_json::from_value(serde_json::json!({
         "trued_plan": 1,
         "method": "self-calibration",
@@ -27,7 +27,7 @@ fn empty_plan() -> Plan {
 }
 
 fn new_run() -> NewRun {
-    NewRun { config: "[machine]\nname = \"mill\"\n".to_owned(), plan: empty_plan() }
+    NewRun { machine_file_text: "[machine]\nname = \"mill\"\n".to_owned(), plan: plan_without_steps() }
 }
 
 fn plan_step(id: u32) -> Step {
@@ -49,8 +49,8 @@ fn plan_step(id: u32) -> Step {
     }
 }
 
-/// No number in it has a short decimal form, neither in radians nor in degrees.
-fn reading(step: u32) -> Reading {
+/// A reading none of whose numbers has a short decimal form, neither in radians nor in degrees.
+fn reading_of_step(step: u32) -> Reading {
     let angle = f64::from(step) * std::f64::consts::TAU / 7.0;
     Reading {
         step,
@@ -67,7 +67,7 @@ fn reading(step: u32) -> Reading {
     }
 }
 
-fn estimate(value: f64) -> Estimate {
+fn estimate_with_value(value: f64) -> Estimate {
     let mut estimate: Estimate = serde_json::from_value(serde_json::json!({
         "trued_estimate": 1, "method": "self-calibration", "parameters": [], "functions": [],
         "covariance": {"symbols": ["EX0C"], "rows": [[0.1]]}, "rank": 1, "unknowns": 1,
@@ -103,7 +103,7 @@ fn all_data_is_read_back_after_reopening() {
     let events =
         [Event::StageStarted { stage: plan_stage(0, vec![0, 1]) }, Event::Held { reason: "Ctrl-C".to_owned() }];
     let stages = [plan_stage(0, vec![0, 1]), plan_stage(1, vec![2, 0])];
-    let readings: Vec<_> = (0..9).map(reading).collect();
+    let readings: Vec<_> = (0..9).map(reading_of_step).collect();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
     journal.add_stage(run, &stages[0], &[plan_step(0), plan_step(1)]).wait().unwrap();
@@ -114,20 +114,20 @@ fn all_data_is_read_back_after_reopening() {
     for event in &events {
         journal.add_event(run, event).wait().unwrap();
     }
-    let hash = journal.add_estimate(run, &estimate(0.1 + 0.2)).wait().unwrap();
+    let hash = journal.add_estimate(run, &estimate_with_value(0.1 + 0.2)).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     drop(journal);
 
     let stored = Journal::open(dir.path()).unwrap().load_run(run).unwrap();
-    assert_eq!(stored.config, new_run().config);
+    assert_eq!(stored.machine_file_text, new_run().machine_file_text);
     assert_eq!(stored.plan.steps, [plan_step(0), plan_step(1), plan_step(2)]);
-    assert_eq!(Plan { steps: Vec::new(), ..stored.plan.clone() }, empty_plan());
+    assert_eq!(Plan { steps: Vec::new(), ..stored.plan.clone() }, plan_without_steps());
     assert_eq!(stored.stages, stages);
     assert_eq!(stored.readings, readings);
     assert_eq!(stored.events.iter().map(|(_, event)| event.clone()).collect::<Vec<_>>(), events);
-    assert_eq!(stored.estimates[0].estimate, estimate(0.1 + 0.2));
+    assert_eq!(stored.estimates[0].estimate, estimate_with_value(0.1 + 0.2));
     assert_eq!(stored.estimates[0].sha256, hash);
-    assert_eq!(hash, sha256(&estimate(0.1 + 0.2)).unwrap());
+    assert_eq!(hash, sha256(&estimate_with_value(0.1 + 0.2)).unwrap());
     let head = &stored.summary;
     assert_eq!((head.method.as_str(), head.machine.as_str()), ("self-calibration", "mill"));
     assert_eq!(head.state, RunState::Finished);
@@ -143,16 +143,16 @@ fn paper_sha256_of_abc() {
 }
 
 #[test]
-fn new_identification_adds_a_row() {
+fn second_estimate_of_a_run_keeps_the_first() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
-    let first = journal.add_estimate(run, &estimate(1.0)).wait().unwrap();
-    let second = journal.add_estimate(run, &estimate(2.0)).wait().unwrap();
+    let first = journal.add_estimate(run, &estimate_with_value(1.0)).wait().unwrap();
+    let second = journal.add_estimate(run, &estimate_with_value(2.0)).wait().unwrap();
     let stored = journal.load_run(run).unwrap().estimates;
     let hashes: Vec<_> = stored.iter().map(|row| row.sha256.clone()).collect();
     assert_eq!(hashes, [first, second]);
-    assert_eq!(stored[0].estimate, estimate(1.0));
+    assert_eq!(stored[0].estimate, estimate_with_value(1.0));
 }
 
 #[tokio::test(flavor = "current_thread")]
@@ -162,14 +162,14 @@ async fn acknowledged_reading_is_visible_to_other_connections() {
     let run = journal.begin_run(&new_run()).await.unwrap();
     let other = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     for id in 0..5 {
-        journal.add_reading(run, &reading(id)).await.unwrap();
+        journal.add_reading(run, &reading_of_step(id)).await.unwrap();
         let last: u32 = other.query_row("SELECT max(step) FROM readings", [], |row| row.get(0)).unwrap();
         assert_eq!(last, id);
     }
 }
 
 #[test]
-fn every_commit_is_synced_to_a_write_ahead_log() {
+fn writer_uses_full_sync_write_ahead_log_and_foreign_keys() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let pragmas = journal.submit_job(|connection| {
@@ -186,10 +186,10 @@ fn full_disk_is_reported_and_loses_no_acknowledged_reading() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
-    limit_pages(&journal, "SELECT page_count FROM pragma_page_count");
+    limit_page_count(&journal, "SELECT page_count FROM pragma_page_count");
     let mut acknowledged = Vec::new();
     let full = loop {
-        let next = reading(acknowledged.len() as u32);
+        let next = reading_of_step(acknowledged.len() as u32);
         match journal.add_reading(run, &next).wait() {
             Ok(()) => acknowledged.push(next),
             Err(error) => break error,
@@ -200,13 +200,13 @@ fn full_disk_is_reported_and_loses_no_acknowledged_reading() {
     assert!(!acknowledged.is_empty(), "the limit must bite in mid-run");
     assert_eq!(journal.load_run(run).unwrap().readings, acknowledged);
 
-    limit_pages(&journal, "SELECT 1000000");
-    acknowledged.push(reading(acknowledged.len() as u32));
+    limit_page_count(&journal, "SELECT 1000000");
+    acknowledged.push(reading_of_step(acknowledged.len() as u32));
     journal.add_reading(run, acknowledged.last().unwrap()).wait().unwrap();
     assert_eq!(journal.load_run(run).unwrap().readings, acknowledged);
 }
 
-fn limit_pages(journal: &Journal, select: &'static str) {
+fn limit_page_count(journal: &Journal, select: &'static str) {
     let limited = journal.submit_job(move |connection| {
         let pages: i64 = connection.query_row(select, [], |row| row.get(0))?;
         connection.pragma_update_and_check(None, "max_page_count", pages, |row| {
@@ -219,21 +219,22 @@ fn limit_pages(journal: &Journal, select: &'static str) {
 }
 
 #[test]
-fn unstorable_values_are_refused() {
+fn non_finite_numbers_unknown_runs_and_existing_steps_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
-    let nan = Reading { value_mm: Some(f64::NAN), ..reading(0) };
-    let hot = Reading { temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]).into(), ..reading(0) };
+    let nan = Reading { value_mm: Some(f64::NAN), ..reading_of_step(0) };
+    let hot =
+        Reading { temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]).into(), ..reading_of_step(0) };
     for bad in [nan, hot] {
         let error = journal.add_reading(run, &bad).wait().unwrap_err();
         assert!(matches!(error.fault, StoreFault::NotFinite { .. }), "{error}");
     }
-    let error = journal.add_estimate(run, &estimate(f64::NAN)).wait().unwrap_err();
+    let error = journal.add_estimate(run, &estimate_with_value(f64::NAN)).wait().unwrap_err();
     assert!(matches!(error.fault, StoreFault::NotFinite { .. }), "{error}");
     let nobody = RunId(77);
     for error in [
-        journal.add_reading(nobody, &reading(0)).wait().unwrap_err(),
+        journal.add_reading(nobody, &reading_of_step(0)).wait().unwrap_err(),
         journal.add_stage(nobody, &plan_stage(0, vec![]), &[]).wait().unwrap_err(),
         journal.set_state(nobody, RunState::Held).wait().unwrap_err(),
         journal.load_run(nobody).unwrap_err(),
@@ -252,7 +253,7 @@ fn touches_are_unique_but_scan_samples_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
-    let touch = reading(2);
+    let touch = reading_of_step(2);
     journal.add_reading(run, &touch).wait().unwrap();
     let error = journal.add_reading(run, &Reading { t_s: 99.0, ..touch.clone() }).wait().unwrap_err();
     assert!(matches!(error.fault, StoreFault::DuplicateTouch { step: 2, repeat: 1 }), "{error}");
@@ -261,11 +262,11 @@ fn touches_are_unique_but_scan_samples_are_not() {
     let other = journal.begin_run(&new_run()).wait().unwrap();
     journal.add_reading(other, &touch).wait().unwrap();
     for _ in 0..2 {
-        journal.add_reading(run, &reading(3)).wait().unwrap();
+        journal.add_reading(run, &reading_of_step(3)).wait().unwrap();
     }
     let stored = journal.load_run(run).unwrap();
-    assert_eq!(stored.readings, [touch, again, reading(3), reading(3)]);
-    assert!(stored.measured_until.is_some_and(|kept| kept >= stored.summary.started));
+    assert_eq!(stored.readings, [touch, again, reading_of_step(3), reading_of_step(3)]);
+    assert!(stored.last_reading_stored_at.is_some_and(|kept| kept >= stored.summary.started));
 }
 
 #[test]
@@ -279,11 +280,11 @@ fn scan_is_stored_once_completely_and_bit_for_bit() {
         sensor: ["x1", "y1", "r1"][number as usize % 3].to_owned(),
         // Temperatures of the row: the same for all of its samples.
         temperatures_c: BTreeMap::from([("table".to_owned(), 61.0 / 3.0)]).into(),
-        ..reading(number)
+        ..reading_of_step(number)
     };
     // Every flag, with and without a value.
     let samples: Vec<Reading> = (0..12).map(sample).collect();
-    let (before, after) = (reading(2), reading(5));
+    let (before, after) = (reading_of_step(2), reading_of_step(5));
     journal.add_reading(run, &before).wait().unwrap();
     journal.add_scan(run, &samples).wait().unwrap();
     journal.add_reading(run, &after).wait().unwrap();

@@ -7,8 +7,8 @@ mod commissioning;
 mod cycle;
 mod faults;
 mod readiness;
+mod recording_proxy;
 mod rig;
-mod wire;
 
 use crate::support::harness::{Pool, Trials, trials};
 
@@ -21,16 +21,16 @@ pub fn trials() -> Trials {
         readiness::a_control_that_is_not_ready_is_sent_no_motion,
         cycle::short_cycle_finds_the_true_axis,
     ]
-    .with(
+    .with_trials(
         trials![Pool::GrblHal, 0;
             commissioning::init_check_and_run_give_a_result,
-            cycle::the_latch_delay_is_found,
-            cycle::two_true_axes_are_found,
-            cycle::a_reversed_axis_is_found,
-            faults::run_held_at_the_machine_resumes,
-            faults::run_resumes_after_the_firmware_was_killed,
+            cycle::latch_delay_of_zero_is_found_within_u,
+            cycle::two_true_axis_positions_are_found_in_the_planned_time,
+            cycle::true_axis_is_found_with_a_reversed_c_axis,
+            faults::run_held_and_reset_at_the_machine_resumes_only_after_homing,
+            faults::run_resumes_only_after_homing_if_the_firmware_was_killed,
         ]
-        .ignored(),
+        .mark_ignored(),
     )
-    .skipped_without(missing_firmware)
+    .skipped_without_peer(missing_firmware)
 }

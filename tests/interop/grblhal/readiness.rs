@@ -3,14 +3,14 @@
 use libtest_mimic::Failed;
 
 use super::rig::GrblHalRig;
-use crate::linuxcnc::desk::{RunWorkspace, failure_text};
+use crate::linuxcnc::run_workspace::{RunWorkspace, failure_text};
 
 /// A method that needs no angle of the table.
-const METHOD: &str = "latch-delay";
+const METHOD_WITHOUT_TABLE_ANGLE: &str = "latch-delay";
 
-fn is_refused(rig: &GrblHalRig, desk: &RunWorkspace, named: [&str; 2]) -> Result<(), Failed> {
+fn check_run_refused(rig: &GrblHalRig, workspace: &RunWorkspace, named: [&str; 2]) -> Result<(), Failed> {
     rig.proxy.clear_record();
-    let output = desk.start_run(METHOD)?.wait_with_output()?;
+    let output = workspace.start_run(METHOD_WITHOUT_TABLE_ANGLE)?.wait_with_output()?;
     let said = failure_text(&output);
     let motions = rig.proxy.sent_motions();
     if !motions.is_empty() {
@@ -31,9 +31,9 @@ const RAPID_OVERRIDE_25: &[u8] = &[0x97];
 
 pub fn a_control_that_is_not_ready_is_sent_no_motion() -> Result<(), Failed> {
     let mut rig = GrblHalRig::start_not_homed(&[])?;
-    let desk = rig.workspace(&[])?;
-    is_refused(&rig, &desk, ["not homed", "$H"])?;
-    rig.home()?;
+    let workspace = rig.create_run_workspace(&[])?;
+    check_run_refused(&rig, &workspace, ["not homed", "$H"])?;
+    rig.home_axes()?;
     for (wrong, right, named) in [
         ("$13=1", "$13=0", ["in inches", "$13=0"]),
         ("$10=510", "$10=511", ["the machine position", "$10=511"]),
@@ -42,20 +42,20 @@ pub fn a_control_that_is_not_ready_is_sent_no_motion() -> Result<(), Failed> {
         ("$131=0", "$131=200", ["do not limit Y", "$131"]),
     ] {
         rig.query(wrong)?;
-        is_refused(&rig, &desk, named)?;
+        check_run_refused(&rig, &workspace, named)?;
         rig.query(right)?;
     }
     for (wrong, reported, right, named) in [
         (FEED_OVERRIDE_200, "|Ov:200,100,", FEED_OVERRIDE_100, ["feed 200 %", "100 %"]),
         (RAPID_OVERRIDE_25, "|Ov:100,25,", RAPID_OVERRIDE_100, ["rapid 25 %", "100 %"]),
     ] {
-        rig.send_until(wrong, reported)?;
-        is_refused(&rig, &desk, named)?;
-        rig.send_until(right, "|Ov:100,100,")?;
+        rig.send_bytes_until_reported(wrong, reported)?;
+        check_run_refused(&rig, &workspace, named)?;
+        rig.send_bytes_until_reported(right, "|Ov:100,100,")?;
     }
-    rig.reset()?;
-    is_refused(&rig, &desk, ["not homed", "$H"])?;
-    rig.home()?;
+    rig.soft_reset()?;
+    check_run_refused(&rig, &workspace, ["not homed", "$H"])?;
+    rig.home_axes()?;
     rig.restart_firmware()?;
-    is_refused(&rig, &desk, ["not homed", "$H"])
+    check_run_refused(&rig, &workspace, ["not homed", "$H"])
 }

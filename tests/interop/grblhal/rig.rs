@@ -11,13 +11,13 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 use tempfile::TempDir;
 
-use super::wire::RecordingProxy;
-use crate::linuxcnc::desk::RunWorkspace;
+use super::recording_proxy::RecordingProxy;
 use crate::linuxcnc::rig::free_port;
+use crate::linuxcnc::run_workspace::RunWorkspace;
 
 /// The table's centre in machine coordinates; the stylus ball relative to the spindle datum; the part of
 /// `config/grblhal-sim.toml`, offset from its position in that file.
-const TRUE_MACHINE: [(&str, f64); 12] = [
+const TRUE_MACHINE_VALUES: [(&str, f64); 12] = [
     ("ox", -150.0),
     ("oy", -100.0),
     ("oz", -450.0),
@@ -46,35 +46,35 @@ pub fn firmware_path() -> PathBuf {
 }
 
 pub struct GrblHalRig {
-    process: Child,
+    firmware_process: Child,
     folder: TempDir,
-    port: u16,
+    firmware_port: u16,
     pub proxy: RecordingProxy,
 }
 
 impl Drop for GrblHalRig {
     fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
+        let _ = self.firmware_process.kill();
+        let _ = self.firmware_process.wait();
     }
 }
 
 impl GrblHalRig {
-    /// A rig that has never been homed, with the settings of the machine; `truth` replaces values of `TRUE_MACHINE`.
+    /// A rig that has never been homed, with the settings of the machine; `truth` replaces values of `TRUE_MACHINE_VALUES`.
     pub fn start_not_homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
         let folder = TempDir::new()?;
-        let all = TRUE_MACHINE.iter().chain(&[("height", 100.0)]).chain(truth);
+        let all = TRUE_MACHINE_VALUES.iter().chain(&[("height", 100.0)]).chain(truth);
         let all: String = all.map(|(name, value)| format!("{name} {value}\n")).collect();
         std::fs::write(folder.path().join("truth"), all)?;
         let (process, port) = start_firmware(folder.path())?;
-        let rig = Self { process, folder, port, proxy: RecordingProxy::start(port)? };
-        rig.wake_up()?;
+        let rig = Self { firmware_process: process, folder, firmware_port: port, proxy: RecordingProxy::start(port)? };
+        rig.wait_until_firmware_answers()?;
         GRBL_SETTINGS.split_whitespace().try_for_each(|setting| rig.query(setting).map(drop))?;
         Ok(rig)
     }
 
     /// During its start the firmware reports an empty memory and loses received settings.
-    fn wake_up(&self) -> Result<(), Failed> {
+    fn wait_until_firmware_answers(&self) -> Result<(), Failed> {
         let started = Instant::now();
         while self.query_within("", START_PAUSE).is_err() {
             if started.elapsed() > REPLY_TIMEOUT {
@@ -86,12 +86,12 @@ impl GrblHalRig {
 
     pub fn start_homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
         let rig = Self::start_not_homed(truth)?;
-        rig.home()?;
+        rig.home_axes()?;
         Ok(rig)
     }
 
     /// Moves the axes to their ends by commands at the control, and homes them there.
-    pub fn home(&self) -> Result<(), Failed> {
+    pub fn home_axes(&self) -> Result<(), Failed> {
         self.query("$X")?;
         for line in ["$20=0", "G21 G90 G94 G53 G0 Z0", "G53 G0 X0 Y0 B0 C0", "G4 P0", "$20=1", "$H"] {
             self.query(line)?;
@@ -112,12 +112,12 @@ impl GrblHalRig {
         answer
     }
 
-    fn query_within(&self, line: &str, patience: Duration) -> Result<String, Failed> {
-        let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
+    fn query_within(&self, line: &str, timeout: Duration) -> Result<String, Failed> {
+        let mut wire = TcpStream::connect(("127.0.0.1", self.firmware_port))?;
         wire.set_read_timeout(Some(Duration::from_millis(100)))?;
         writeln!(wire, "{line}")?;
         let (started, mut answer, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
-        while started.elapsed() < patience {
+        while started.elapsed() < timeout {
             match wire.read(&mut bytes) {
                 Ok(count) => answer += &String::from_utf8_lossy(&bytes[..count]),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
@@ -134,8 +134,8 @@ impl GrblHalRig {
     }
 
     /// Sends real-time commands at the control, while no other client is connected, until a report contains `done`.
-    pub fn send_until(&self, bytes: &[u8], done: &str) -> Result<(), Failed> {
-        let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
+    pub fn send_bytes_until_reported(&self, bytes: &[u8], done: &str) -> Result<(), Failed> {
+        let mut wire = TcpStream::connect(("127.0.0.1", self.firmware_port))?;
         wire.set_read_timeout(Some(Duration::from_millis(100)))?;
         wire.write_all(bytes)?;
         let (started, mut answer, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
@@ -154,13 +154,13 @@ impl GrblHalRig {
     }
 
     /// Sends Ctrl-X at the control.
-    pub fn reset(&self) -> Result<(), Failed> {
-        self.send_until(b"\x18", "GrblHAL")
+    pub fn soft_reset(&self) -> Result<(), Failed> {
+        self.send_bytes_until_reported(b"\x18", "GrblHAL")
     }
 
     /// Presses or releases a button at the machine: `h` feed hold, `r` reset; `p` deflects the stylus.
     pub fn press_button(&mut self, button: char) -> Result<(), Failed> {
-        let buttons = self.process.stdin.as_mut().ok_or("no buttons")?;
+        let buttons = self.firmware_process.stdin.as_mut().ok_or("no buttons")?;
         write!(buttons, "{button}")?;
         buttons.flush()?;
         sleep(Duration::from_millis(200));
@@ -168,27 +168,27 @@ impl GrblHalRig {
     }
 
     pub fn kill_firmware(&mut self) -> Result<(), Failed> {
-        self.process.kill()?;
-        self.process.wait()?;
+        self.firmware_process.kill()?;
+        self.firmware_process.wait()?;
         Ok(())
     }
 
     /// Restarts the firmware with its stored settings; it is then at machine zero.
     pub fn restart_firmware(&mut self) -> Result<(), Failed> {
         self.kill_firmware()?;
-        (self.process, self.port) = start_firmware(self.folder.path())?;
-        self.proxy.set_firmware_port(self.port);
-        self.wake_up()
+        (self.firmware_process, self.firmware_port) = start_firmware(self.folder.path())?;
+        self.proxy.set_firmware_port(self.firmware_port);
+        self.wait_until_firmware_answers()
     }
 
     /// A workspace with the machine file of this rig, with some of its text replaced.
-    pub fn workspace(&self, changes: &[(&str, &str)]) -> Result<RunWorkspace, Failed> {
-        let address = format!("127.0.0.1:{}", self.proxy.port);
+    pub fn create_run_workspace(&self, changes: &[(&str, &str)]) -> Result<RunWorkspace, Failed> {
+        let address = format!("127.0.0.1:{}", self.proxy.listen_port);
         let changes: Vec<_> = changes.iter().copied().chain([("127.0.0.1:7001", &*address)]).collect();
         RunWorkspace::new(MACHINE_FILE, &changes)
     }
 
-    /// Waits until this many measuring touches (at 120 mm/min) have begun since the last call of `forget`, while
+    /// Waits until this many measuring touches (at 120 mm/min) have begun since the last call of `clear_record`, while
     /// `run` continues.
     pub fn wait_for_touches(&self, touches: usize, run: &mut Child) -> Result<(), Failed> {
         let measuring = |line: &&String| line.contains("G38.3") && line.ends_with("F120.000");

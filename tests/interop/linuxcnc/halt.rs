@@ -12,7 +12,10 @@ use devices::controllers::{ControllerDriver as _, ControllerError, HaltHandle};
 use libtest_mimic::Failed;
 use machine::record::motion::{Block, Motion};
 
-use super::machine::{block_on, expect_error, open_driver, open_driver_at_port, prove, xy_position, z_position};
+use super::driver::{
+    block_on, expect_error, open_driver, open_driver_at_port, polar_xy_position, prove_without_collision_check,
+    z_position,
+};
 use super::rig::lock_rig;
 
 /// Maximum time from the request to the wire.
@@ -25,12 +28,12 @@ pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
             let (mut driver, halt) = open_driver(&rig).await?;
             driver.prepare().await?;
             driver
-                .execute(prove(
+                .execute(prove_without_collision_check(
                     &driver,
                     &Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z_position(150.0) }] },
                 ))
                 .await?;
-            let motions = vec![Motion::Guarded { to: xy_position(200.0, 1.0), feed_mm_min: feed }];
+            let motions = vec![Motion::Guarded { to: polar_xy_position(200.0, 1.0), feed_mm_min: feed }];
             let far = Block { step: 1, repeat: 0, motions };
             let before = rig.joint_position(0)?.hypot(rig.joint_position(1)?);
             let hit = halt.clone();
@@ -38,13 +41,15 @@ pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
                 std::thread::sleep(Duration::from_millis(delay_ms));
                 hit.trigger();
             });
-            let held = driver.execute(prove(&driver, &far)).await;
+            let held = driver.execute(prove_without_collision_check(&driver, &far)).await;
             person.join().map_err(|_| "the halt panicked")?;
             expect_error(held, |error| matches!(error, ControllerError::Halted))?;
             let stands = rig.joint_position(0)?.hypot(rig.joint_position(1)?);
             eprintln!("halted after {delay_ms} ms at {feed} mm/min: {:.3} mm", stands - before);
-            expect_error(driver.execute(prove(&driver, &far)).await, |error| matches!(error, ControllerError::Halted))?;
-            if driver.prepare().await.is_ok() || driver.finish().await.is_ok() {
+            expect_error(driver.execute(prove_without_collision_check(&driver, &far)).await, |error| {
+                matches!(error, ControllerError::Halted)
+            })?;
+            if driver.prepare().await.is_ok() || driver.restore_modes().await.is_ok() {
                 return Err("it goes on after a halt".into());
             }
             tokio::time::sleep(Duration::from_millis(300)).await;
@@ -58,16 +63,20 @@ pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
     })
 }
 
-/// Forwards every connection to `to` and reports the time of each abort. If it `loses_one`, the first abort is
-/// answered as linuxcncrsh 2.9 does when another line arrives at the same moment, and is not forwarded.
-fn start_recording_proxy(to: u16, aborts: &Sender<Instant>, loses_one: bool) -> Result<u16, Failed> {
+/// Forwards every connection to `control_port` and reports the time of each abort. If it `loses_first_abort`, the first
+/// abort is answered as linuxcncrsh 2.9 does when another line arrives at the same moment, and is not forwarded.
+fn start_abort_timing_proxy(
+    control_port: u16,
+    aborts: &Sender<Instant>,
+    loses_first_abort: bool,
+) -> Result<u16, Failed> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let port = listener.local_addr()?.port();
     let aborts = aborts.clone();
-    let to_lose = Arc::new(AtomicBool::new(loses_one));
+    let to_lose = Arc::new(AtomicBool::new(loses_first_abort));
     std::thread::spawn(move || {
         for near in listener.incoming() {
-            let (Ok(near), Ok(far)) = (near, TcpStream::connect(("127.0.0.1", to))) else { return };
+            let (Ok(near), Ok(far)) = (near, TcpStream::connect(("127.0.0.1", control_port))) else { return };
             let (Ok(near_too), Ok(far_too)) = (near.try_clone(), far.try_clone()) else { return };
             let Ok(mut answer) = near.try_clone() else { return };
             let (aborts, to_lose) = (aborts.clone(), to_lose.clone());
@@ -100,7 +109,7 @@ fn forward_bytes(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(
 async fn halt_during_motion(driver: &mut LinuxCncDriver, halt: HaltHandle) -> Result<Instant, Failed> {
     let motions = vec![
         Motion::Rapid { to: z_position(150.0) },
-        Motion::Guarded { to: xy_position(200.0, 1.0), feed_mm_min: 600.0 },
+        Motion::Guarded { to: polar_xy_position(200.0, 1.0), feed_mm_min: 600.0 },
     ];
     let person = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(700));
@@ -108,16 +117,16 @@ async fn halt_during_motion(driver: &mut LinuxCncDriver, halt: HaltHandle) -> Re
         halt.trigger();
         asked
     });
-    let held = driver.execute(prove(driver, &Block { step: 1, repeat: 0, motions })).await;
+    let held = driver.execute(prove_without_collision_check(driver, &Block { step: 1, repeat: 0, motions })).await;
     expect_error(held, |error| matches!(error, ControllerError::Halted))?;
     person.join().map_err(|_| "the halt panicked".into())
 }
 
 /// The first hold is lost.
-pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
+pub fn lost_abort_is_sent_again() -> Result<(), Failed> {
     let rig = lock_rig()?;
     let (told, aborts) = channel();
-    let port = start_recording_proxy(rig.port, &told, true)?;
+    let port = start_abort_timing_proxy(rig.rsh_port, &told, true)?;
     block_on(async {
         let (mut driver, halt) = open_driver_at_port(port, &rig).await?;
         driver.prepare().await?;
@@ -135,14 +144,14 @@ pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
     })
 }
 
-/// The driver polls the state every 4 ms meanwhile; the delay is measured at the port. The median of five counts,
-/// because other programs run on the computer, too.
-pub fn it_is_on_the_wire_at_once() -> Result<(), Failed> {
+/// The driver polls the state every 4 ms during the halt; the delay is measured at the port. The median of five
+/// delays counts, because other programs run on the computer, too.
+pub fn halt_is_on_the_wire_within_20_ms() -> Result<(), Failed> {
     let rig = lock_rig()?;
     let mut delays = Vec::new();
     for _ in 0..5 {
         let (told, aborts) = channel();
-        let port = start_recording_proxy(rig.port, &told, false)?;
+        let port = start_abort_timing_proxy(rig.rsh_port, &told, false)?;
         block_on(async {
             let (mut driver, halt) = open_driver_at_port(port, &rig).await?;
             driver.prepare().await?;

@@ -14,14 +14,14 @@ use machine::record::plan::Plan;
 use machine::{Axis, Position};
 use planning::SafeHeights;
 use planning::gcode::rs274::{DeclaredCommands, MotionKind, ReadMotion, read_program};
-use planning::gcode::{Dialect, ProgramHeader};
+use planning::gcode::{Dialect, HeadAndFootValues};
 use rand::RngExt;
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 /// Half a unit of the last printed decimal.
 const PRINTED_TOLERANCE_MM: f64 = 0.000_051;
 /// Back-off of a hundredth of an inch after a probing move without contact.
-const PROBE_BACK_OFF: f64 = 0.255;
+const MISSED_PROBE_BACK_OFF_MM: f64 = 0.255;
 
 /// A canonical call: name and numbers.
 type CanonicalCall = (String, Vec<f64>);
@@ -30,27 +30,27 @@ type CanonicalCall = (String, Vec<f64>);
 /// time, and are repeated after a failure.
 static INTERPRETER_LOCK: Mutex<()> = Mutex::new(());
 
-fn run_interpreter(file: &Path) -> Result<Output, Failed> {
+fn run_rs274(file: &Path) -> Result<Output, Failed> {
     let _turn = INTERPRETER_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
     let run = || Command::new("rs274").arg("-g").arg(file).output();
     let output = run()?;
     Ok(if output.status.signal().is_some() { run()? } else { output })
 }
 
-fn canonical_calls(text: &str) -> Result<Vec<CanonicalCall>, Failed> {
+fn run_and_parse_canonical_calls(text: &str) -> Result<Vec<CanonicalCall>, Failed> {
     let mut file = tempfile::Builder::new().suffix(".ngc").tempfile()?;
     file.write_all(text.as_bytes())?;
-    let output = run_interpreter(file.path())?;
+    let output = run_rs274(file.path())?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     if !said.contains("FINISH()") {
         let complaint = String::from_utf8_lossy(&output.stderr).into_owned();
         return Err(format!("rs274 does not end the program:\n{said}{complaint}").into());
     }
-    Ok(said.lines().filter_map(parse_call).collect())
+    Ok(said.lines().filter_map(parse_canonical_call).collect())
 }
 
 /// `   22 N17    STRAIGHT_TRAVERSE(10.0000, ..)`
-fn parse_call(line: &str) -> Option<CanonicalCall> {
+fn parse_canonical_call(line: &str) -> Option<CanonicalCall> {
     let (before, arguments) = line.split_once('(')?;
     let name = before.split_whitespace().last()?;
     if name == "USE_LENGTH_UNITS" {
@@ -63,7 +63,7 @@ fn parse_call(line: &str) -> Option<CanonicalCall> {
 /// State of LinuxCNC's calls before the next move.
 #[derive(Default)]
 struct ModalState {
-    feed: f64,
+    feed_mm_min: f64,
     /// Offsets between work and machine coordinates.
     offsets: BTreeMap<String, Vec<f64>>,
     is_inch: bool,
@@ -74,7 +74,7 @@ impl ModalState {
     fn next_motion(&mut self, calls: &mut impl Iterator<Item = CanonicalCall>) -> Option<CanonicalCall> {
         calls.find(|(name, numbers)| {
             match name.as_str() {
-                "SET_FEED_RATE" => self.feed = numbers[0],
+                "SET_FEED_RATE" => self.feed_mm_min = numbers[0],
                 // The first number is the index of the coordinate system.
                 "SET_G5X_OFFSET" => drop(self.offsets.insert(name.clone(), numbers[1..].to_vec())),
                 "SET_G92_OFFSET" | "SET_XY_ROTATION" | "USE_TOOL_LENGTH_OFFSET" => {
@@ -92,7 +92,7 @@ impl ModalState {
 /// Checks that LinuxCNC's `theirs` and our reading of `ours` are the same motions; returns their number.
 fn compare_interpreters(ours: &str, theirs: &str) -> Result<usize, Failed> {
     let ours = read_program(ours, Some("G59.3"), &DeclaredCommands::default())?;
-    let mut calls = canonical_calls(theirs)?.into_iter();
+    let mut calls = run_and_parse_canonical_calls(theirs)?.into_iter();
     let (mut at, mut slack) = (vec![0.0; 6], vec![PRINTED_TOLERANCE_MM; 6]);
     let mut standing = ModalState::default();
     for motion in &ours {
@@ -104,7 +104,7 @@ fn compare_interpreters(ours: &str, theirs: &str) -> Result<usize, Failed> {
             MotionKind::Probe { .. } => "STRAIGHT_PROBE",
             MotionKind::Dwell { .. } => "DWELL",
             MotionKind::Orient { .. } => "ORIENT_SPINDLE",
-            MotionKind::Stop => "PROGRAM_STOP",
+            MotionKind::ProgramStop => "PROGRAM_STOP",
         };
         if name != expected {
             return Err(differ(format!("{expected} was expected")));
@@ -112,10 +112,10 @@ fn compare_interpreters(ours: &str, theirs: &str) -> Result<usize, Failed> {
         if standing.is_inch || standing.offsets.values().flatten().any(|offset| *offset != 0.0) {
             return Err(differ("not in machine coordinates and mm".to_owned()));
         }
-        if motion.feed_mm_min.is_some_and(|ours| (ours - standing.feed).abs() > PRINTED_TOLERANCE_MM) {
-            return Err(differ(format!("their feed is {}", standing.feed)));
+        if motion.feed_mm_min.is_some_and(|ours| (ours - standing.feed_mm_min).abs() > PRINTED_TOLERANCE_MM) {
+            return Err(differ(format!("their feed is {}", standing.feed_mm_min)));
         }
-        check_same_numbers(motion, &numbers, &mut at, &mut slack).map_err(differ)?;
+        check_same_motion_values(motion, &numbers, &mut at, &mut slack).map_err(differ)?;
     }
     match standing.next_motion(&mut calls) {
         Some(more) => Err(format!("LinuxCNC moves on: {more:?}").into()),
@@ -124,7 +124,12 @@ fn compare_interpreters(ours: &str, theirs: &str) -> Result<usize, Failed> {
 }
 
 /// `at` and `slack`: position before the motion, and its tolerance, by axis.
-fn check_same_numbers(motion: &ReadMotion, numbers: &[f64], at: &mut [f64], slack: &mut [f64]) -> Result<(), String> {
+fn check_same_motion_values(
+    motion: &ReadMotion,
+    numbers: &[f64],
+    at: &mut [f64],
+    slack: &mut [f64],
+) -> Result<(), String> {
     let near = |ours: f64, theirs: f64, tolerance: f64| (ours - theirs).abs() <= tolerance;
     match motion.kind {
         MotionKind::Dwell { seconds } => {
@@ -143,7 +148,7 @@ fn check_same_numbers(motion: &ReadMotion, numbers: &[f64], at: &mut [f64], slac
             return Err(format!("{axis} should be {expected}"));
         }
         let probing = matches!(motion.kind, MotionKind::Probe { .. });
-        slack[i] = if probing && named.is_some() { PROBE_BACK_OFF } else { PRINTED_TOLERANCE_MM };
+        slack[i] = if probing && named.is_some() { MISSED_PROBE_BACK_OFF_MM } else { PRINTED_TOLERANCE_MM };
         at[i] = numbers[i];
     }
     Ok(())
@@ -154,7 +159,7 @@ fn random_position(rng: &mut impl RngExt, axes: &[Axis]) -> Position {
 }
 
 /// A touch as in the cycle, with arbitrary numbers.
-fn random_block(step: u32) -> Block {
+fn random_touch_block(step: u32) -> Block {
     use Axis::*;
     let rng = &mut seeded_stream(7, &[u64::from(step)]);
     let mut feed = |high: f64| rng.random_range(1.0..high);
@@ -174,12 +179,12 @@ fn random_block(step: u32) -> Block {
 
 fn render_program(blocks: &[Block]) -> Result<String, Failed> {
     let dialect = Dialect::from_name("linuxcnc")?;
-    let program = ProgramHeader { title: "peer test", axes: &AXES, log: Some("/var/tmp/none.log") };
+    let program = HeadAndFootValues { title: "peer test", axes: &AXES, result_log_path: Some("/var/tmp/none.log") };
     let text = dialect.render_program(&program, blocks)?;
     let mut read = dialect.read_back(&text)?;
     for block in blocks {
         let after = read.split_off(block.motions.len().min(read.len()));
-        dialect.check_motions(block.step, &block.motions, &read)?;
+        dialect.check_read_motions(block.step, &block.motions, &read)?;
         read = after;
     }
     if !read.is_empty() {
@@ -188,8 +193,8 @@ fn render_program(blocks: &[Block]) -> Result<String, Failed> {
     Ok(text)
 }
 
-pub fn random_programs_are_read_alike() -> Result<(), Failed> {
-    let all: Vec<Block> = (0..40).map(random_block).collect();
+pub fn random_programs_are_read_as_linuxcnc_reads_them() -> Result<(), Failed> {
+    let all: Vec<Block> = (0..40).map(random_touch_block).collect();
     let whole = render_program(&all)?;
     let read = compare_interpreters(&whole, &whole)?;
     if read != 40 * 8 {
@@ -204,10 +209,10 @@ pub fn random_programs_are_read_alike() -> Result<(), Failed> {
 
 /// The printed program of a whole plan, and the program of each touch as the driver runs it, for a LinuxCNC machine
 /// and for one with other axes.
-pub fn whole_plans_are_read_alike() -> Result<(), Failed> {
+pub fn whole_plans_are_read_as_linuxcnc_reads_them() -> Result<(), Failed> {
     for file in ["linuxcnc-sim.toml", "simulated.toml"] {
-        let whole = plan_program(file, &["--gcode", "linuxcnc"])?;
-        let plan: Plan = serde_json::from_str(&plan_program(file, &["--json"])?)?;
+        let whole = trued_plan_stdout(file, &["--gcode", "linuxcnc"])?;
+        let plan: Plan = serde_json::from_str(&trued_plan_stdout(file, &["--json"])?)?;
         let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
         let (blocks, _) = planning::plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan)?)?;
         let motions = |blocks: &[Block]| blocks.iter().map(|b| b.motions.len()).sum::<usize>();
@@ -218,7 +223,7 @@ pub fn whole_plans_are_read_alike() -> Result<(), Failed> {
         }
         for block in &blocks {
             let blocks = std::slice::from_ref(block);
-            let program = ProgramHeader { title: "touch", axes: &axes, log: Some("/var/tmp/none.log") };
+            let program = HeadAndFootValues { title: "touch", axes: &axes, result_log_path: Some("/var/tmp/none.log") };
             let text = Dialect::from_name("linuxcnc")?.render_program(&program, blocks)?;
             if compare_interpreters(&text, &text)? != motions(blocks) {
                 return Err(text.into());
@@ -229,7 +234,7 @@ pub fn whole_plans_are_read_alike() -> Result<(), Failed> {
 }
 
 /// Output of `trued plan self-calibration` for a machine file of this repository.
-fn plan_program(file: &str, form: &[&str]) -> Result<String, Failed> {
+fn trued_plan_stdout(file: &str, form: &[&str]) -> Result<String, Failed> {
     let machine = format!("{}/config/{file}", env!("CARGO_MANIFEST_DIR"));
     let output = Command::new(env!("CARGO_BIN_EXE_trued"))
         .args(["plan", "self-calibration", "--machine", &machine])
@@ -243,7 +248,7 @@ fn plan_program(file: &str, form: &[&str]) -> Result<String, Failed> {
 
 /// Checks that the comparison can fail: LinuxCNC reads a different text.
 pub fn changed_program_is_read_differently() -> Result<(), Failed> {
-    let text = render_program(&[random_block(1)])?;
+    let text = render_program(&[random_touch_block(1)])?;
     for (from, to) in [
         ("G21 ", "G20 "),
         ("G59.3\n", "G10 L2 P1 X1\nG54\n"),

@@ -3,28 +3,28 @@
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 
-use super::cycle::TRUTH_UM;
-use super::desk::{RunWorkspace, failure_text, value_and_u};
-use super::faults::{TRAVELLING, wait_for_touches, wait_until};
+use super::cycle::TRUE_C_AXIS_UM;
+use super::faults::{IS_ABOVE_PART, wait_for_touches, wait_until};
 use super::rig::{LinuxCncRig, lock_rig};
+use super::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
 
 /// Number of touches before the stop: the part is located; the references, Test 1a, and some of Test 1b.
 const TOUCHES_BEFORE_STOP: u64 = 18;
 
-/// A run that an emergency stop has ended between two touches.
+/// Runs until an emergency stop between two touches, after `touches` of them; checks that the run is held.
 fn run_until_emergency_stop(rig: &LinuxCncRig, positions: u32, touches: u64) -> Result<RunWorkspace, Failed> {
-    let desk = RunWorkspace::with_positions(rig, positions)?;
+    let workspace = RunWorkspace::with_position_count(rig, positions)?;
     let before = rig.touch_count()?;
-    let mut run = desk.start_self_calibration()?;
+    let mut run = workspace.start_self_calibration()?;
     wait_for_touches(rig, before + touches, &mut run)?;
-    wait_until(TRAVELLING, rig, &mut run)?;
-    rig.emergency_stop()?;
+    wait_until(IS_ABOVE_PART, rig, &mut run)?;
+    rig.press_emergency_stop()?;
     let output = run.wait_with_output()?;
-    if output.status.code() == Some(5) { Ok(desk) } else { Err(failure_text(&output).into()) }
+    if output.status.code() == Some(5) { Ok(workspace) } else { Err(failure_text(&output).into()) }
 }
 
 /// Releases the machine as an operator does after an inspection, without manual motion.
-pub fn release_emergency_stop(rig: &LinuxCncRig) -> Result<(), Failed> {
+pub fn release_stop_and_switch_machine_on(rig: &LinuxCncRig) -> Result<(), Failed> {
     rig.release_emergency_stop()?;
     let mut person = rig.connect_client()?;
     person.send_line("set estop off")?;
@@ -32,12 +32,12 @@ pub fn release_emergency_stop(rig: &LinuxCncRig) -> Result<(), Failed> {
 }
 
 /// The part is 1 mm off its stated position.
-pub fn after_an_emergency_stop() -> Result<(), Failed> {
+pub fn run_resumes_after_a_released_emergency_stop() -> Result<(), Failed> {
     let rig = lock_rig()?;
     rig.set_true_value("ecc-x", 1.120)?;
-    let desk = run_until_emergency_stop(&rig, 6, TOUCHES_BEFORE_STOP)?;
+    let workspace = run_until_emergency_stop(&rig, 6, TOUCHES_BEFORE_STOP)?;
     let stands = rig.wait_for_rest()?;
-    let early = desk.start_resume()?.wait_with_output()?;
+    let early = workspace.start_resume_of_first_run()?.wait_with_output()?;
     let said = failure_text(&early);
     if early.status.success() || !said.contains("the emergency stop is pressed") {
         return Err(said.into());
@@ -45,16 +45,16 @@ pub fn after_an_emergency_stop() -> Result<(), Failed> {
     if rig.wait_for_rest()? != stands {
         return Err("it moved although the stop was pressed".into());
     }
-    release_emergency_stop(&rig)?;
-    let output = desk.start_resume()?.wait_with_output()?;
+    release_stop_and_switch_machine_on(&rig)?;
+    let output = workspace.start_resume_of_first_run()?.wait_with_output()?;
     if output.status.code() != Some(0) {
         return Err(failure_text(&output).into());
     }
-    desk.check_state("finished")?;
+    workspace.check_last_run_state("finished")?;
     eprintln!("{}", failure_text(&output));
     let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
-    for (symbol, truth) in TRUTH_UM {
-        let (value, expanded) = value_and_u(&estimate, symbol)?;
+    for (symbol, truth) in TRUE_C_AXIS_UM {
+        let (value, expanded) = value_and_expanded_u(&estimate, symbol)?;
         eprintln!("{symbol} = {value:.3} um, U = {expanded:.3} um");
         if (value - truth).abs() > expanded || expanded > 3.0 {
             return Err(format!("{symbol} = {value} um, U = {expanded} um").into());
@@ -64,14 +64,14 @@ pub fn after_an_emergency_stop() -> Result<(), Failed> {
 }
 
 /// The part moved by 20 µm along Y: the reference in Y detects it, the one in X does not.
-pub fn refused_when_the_part_has_moved() -> Result<(), Failed> {
+pub fn resume_is_refused_when_the_part_has_moved() -> Result<(), Failed> {
     let rig = lock_rig()?;
-    let desk = run_until_emergency_stop(&rig, 8, 13)?;
-    release_emergency_stop(&rig)?;
-    let kept = desk.stored_reading_count()?;
+    let workspace = run_until_emergency_stop(&rig, 8, 13)?;
+    release_stop_and_switch_machine_on(&rig)?;
+    let kept = workspace.probe_reading_count()?;
     let before = rig.touch_count()?;
     rig.set_true_value("ecc-y", -0.060)?;
-    let output = desk.start_resume()?.wait_with_output()?;
+    let output = workspace.start_resume_of_first_run()?.wait_with_output()?;
     let said = failure_text(&output);
     eprintln!("{said}");
     let refused = "the references have shifted since the stop";
@@ -82,8 +82,8 @@ pub fn refused_when_the_part_has_moved() -> Result<(), Failed> {
     if !named("P090") || named("P000") || named("P180") {
         return Err(said.into());
     }
-    desk.check_state("closed")?;
-    let (touched, more) = (rig.touch_count()? - before, desk.stored_reading_count()? - kept);
+    workspace.check_last_run_state("closed")?;
+    let (touched, more) = (rig.touch_count()? - before, workspace.probe_reading_count()? - kept);
     eprintln!("{touched} touches more, {more} kept");
     if touched == 4 && more == 4 { Ok(()) } else { Err("other than the references".into()) }
 }

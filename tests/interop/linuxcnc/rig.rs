@@ -12,9 +12,9 @@ use std::time::Duration;
 
 use libtest_mimic::Failed;
 
-use super::person::RshClient;
+use super::rsh_client::RshClient;
 
-/// True machine state at the start of a trial.
+/// Pins of the true machine, and their values at the start of a trial.
 const TRUE_MACHINE_PINS: [(&str, f64); 20] = [
     ("radius", 45.0),
     ("ball-radius-0", 0.0),
@@ -42,10 +42,10 @@ const X_LIMIT_MM: f64 = 300.0;
 
 pub struct LinuxCncRig {
     /// The rig ends when its standard input is closed.
-    process: Child,
+    rig_process: Child,
     /// Id of the session in which all of LinuxCNC runs.
-    session: String,
-    pub port: u16,
+    session_id: String,
+    pub rsh_port: u16,
     pub directory: PathBuf,
 }
 
@@ -54,7 +54,7 @@ pub fn lock_rig() -> Result<MutexGuard<'static, LinuxCncRig>, Failed> {
     static SHARED_RIG: OnceLock<Result<Mutex<LinuxCncRig>, String>> = OnceLock::new();
     let rig = SHARED_RIG.get_or_init(|| start_rig(None).map(Mutex::new).map_err(|error| error.to_string()));
     let mut rig = rig.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
-    rig.repair()?;
+    rig.restore_or_restart()?;
     Ok(rig)
 }
 
@@ -62,7 +62,8 @@ pub fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
     Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.port())
 }
 
-/// On a busy computer LinuxCNC does not always start: three attempts.
+/// Starts the rig in up to three attempts: on a busy computer LinuxCNC does not always start. Without `port`, each
+/// attempt takes a free port.
 fn start_rig(port: Option<u16>) -> Result<LinuxCncRig, Box<dyn std::error::Error>> {
     let directory = std::env::temp_dir().join(format!("trued-rig-{}", std::process::id()));
     std::fs::create_dir_all(&directory)?;
@@ -92,7 +93,7 @@ fn try_start_rig(port: u16, directory: &Path) -> Result<Option<LinuxCncRig>, Box
         process.wait()?;
         return Ok(None);
     };
-    Ok(Some(LinuxCncRig { process, session, port, directory: directory.to_owned() }))
+    Ok(Some(LinuxCncRig { rig_process: process, session_id: session, rsh_port: port, directory: directory.to_owned() }))
 }
 
 /// Last output of the rig and of LinuxCNC.
@@ -116,7 +117,7 @@ pub fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
 
 /// Runs a `halcmd` that loads or unloads a component: as the rig in `directory` itself, so that the component ends
 /// with the rig.
-pub fn run_load_command(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
+pub fn run_component_halcmd(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
     let log = File::create(directory.join("load.log"))?;
     let done = Command::new("halcmd")
         .args(arguments)
@@ -154,7 +155,7 @@ impl LinuxCncRig {
     }
 
     /// Presses the emergency stop.
-    pub fn emergency_stop(&self) -> Result<(), Failed> {
+    pub fn press_emergency_stop(&self) -> Result<(), Failed> {
         halcmd(&["unlinkp", "iocontrol.0.emc-enable-in"])?;
         halcmd(&["setp", "iocontrol.0.emc-enable-in", "0"]).map(drop)
     }
@@ -165,13 +166,13 @@ impl LinuxCncRig {
     }
 
     /// Switches whether the kinematics compensate the rotary axes, as M428 and M429 do.
-    pub fn set_tool_centre_point(&self, on: bool) -> Result<(), Failed> {
+    pub fn set_tool_centre_point_mode(&self, on: bool) -> Result<(), Failed> {
         halcmd(&["setp", "motion.switchkins-type", if on { "1" } else { "0" }])?;
         sleep(Duration::from_millis(100));
         Ok(())
     }
 
-    /// An obstacle deflects the stylus for a moment.
+    /// Deflects the stylus for 20 ms, as an obstacle would.
     pub fn deflect_stylus_briefly(&self) -> Result<(), Failed> {
         self.set_true_value("stuck", 1.0)?;
         sleep(Duration::from_millis(20));
@@ -202,12 +203,12 @@ impl LinuxCncRig {
     }
 
     /// Simulates an open guard: the axes hold without a message.
-    pub fn set_feed_hold(&self, on: bool) -> Result<(), Failed> {
+    pub fn set_feed_inhibit(&self, on: bool) -> Result<(), Failed> {
         halcmd(&["setp", "motion.feed-inhibit", if on { "1" } else { "0" }]).map(drop)
     }
 
     /// Reduces the travel of X at the control.
-    pub fn set_x_limit(&self, mm: f64) -> Result<(), Failed> {
+    pub fn set_x_max_limit_mm(&self, mm: f64) -> Result<(), Failed> {
         halcmd(&["setp", "ini.0.max_limit", &mm.to_string()])?;
         halcmd(&["setp", "ini.x.max_limit", &mm.to_string()]).map(drop)
     }
@@ -218,7 +219,7 @@ impl LinuxCncRig {
     }
 
     fn pid_of_task(&self) -> Result<String, Failed> {
-        let arguments = ["-s", &self.session, "-r", "DRST", "-x", "milltask"];
+        let arguments = ["-s", &self.session_id, "-r", "DRST", "-x", "milltask"];
         let task = Command::new("pgrep").args(arguments).output()?;
         Ok(String::from_utf8_lossy(&task.stdout).trim().to_owned())
     }
@@ -229,8 +230,8 @@ impl LinuxCncRig {
     }
 
     /// Starts linuxcncrsh again.
-    pub fn start_linuxcncrsh(&self) -> Result<(), Failed> {
-        send_signal("-USR1", &self.process.id().to_string())?;
+    pub fn restart_linuxcncrsh(&self) -> Result<(), Failed> {
+        send_signal("-USR1", &self.rig_process.id().to_string())?;
         for _ in 0..100 {
             sleep(Duration::from_millis(50));
             if self.connect_client().is_ok() {
@@ -242,9 +243,9 @@ impl LinuxCncRig {
 
     /// Restarts LinuxCNC; it is homed then, and the truth is restored.
     pub fn restart(&mut self) -> Result<(), Failed> {
-        drop(self.process.stdin.take());
-        self.process.wait()?;
-        *self = start_rig(Some(self.port)).map_err(|error| error.to_string())?;
+        drop(self.rig_process.stdin.take());
+        self.rig_process.wait()?;
+        *self = start_rig(Some(self.rsh_port)).map_err(|error| error.to_string())?;
         self.restore_start_state()
     }
 
@@ -264,7 +265,7 @@ impl LinuxCncRig {
     }
 
     /// Restores the state at the start of a trial, as an operator would. If that fails, LinuxCNC is restarted.
-    pub fn repair(&mut self) -> Result<(), Failed> {
+    pub fn restore_or_restart(&mut self) -> Result<(), Failed> {
         let _ = self.signal_linuxcncrsh("-CONT");
         if self.pid_of_task()?.is_empty() {
             return self.restart();
@@ -278,26 +279,26 @@ impl LinuxCncRig {
     fn restore_start_state(&self) -> Result<(), Failed> {
         self.signal_task("-CONT")?;
         if self.connect_client().is_err() {
-            self.start_linuxcncrsh()?;
+            self.restart_linuxcncrsh()?;
         }
         for (name, value) in TRUE_MACHINE_PINS {
             self.set_true_value(name, value)?;
         }
-        self.set_x_limit(X_LIMIT_MM)?;
-        self.set_feed_hold(false)?;
-        self.set_tool_centre_point(false)?;
-        self.switch_on()
+        self.set_x_max_limit_mm(X_LIMIT_MM)?;
+        self.set_feed_inhibit(false)?;
+        self.set_tool_centre_point_mode(false)?;
+        self.enable_and_move_to_start()
     }
 
     /// Releases the stop, enables the machine and clears the part, as an operator does. Homing survives a stop.
-    fn switch_on(&self) -> Result<(), Failed> {
+    fn enable_and_move_to_start(&self) -> Result<(), Failed> {
         self.release_emergency_stop()?;
         let mut person = self.connect_client()?;
-        person.repeat_until("estop", "OFF", &["set estop off"])?;
-        person.repeat_until("machine", "ON", &["set machine on"])?;
+        person.repeat_until_status("estop", "OFF", &["set estop off"])?;
+        person.repeat_until_status("machine", "ON", &["set machine on"])?;
         // While it is paused, LinuxCNC refuses an abort.
-        person.repeat_until("program_status", "IDLE", &["set abort"])?;
-        person.repeat_until("feed_override", "100", &["set feed_override 100"])?;
+        person.repeat_until_status("program_status", "IDLE", &["set abort"])?;
+        person.repeat_until_status("feed_override", "100", &["set feed_override 100"])?;
         for _ in 0..3 {
             person.run_mdi("G53 G0 Z200")?;
             person.run_mdi("G53 G0 X0 Y0 B0 C0")?;
@@ -313,6 +314,6 @@ impl LinuxCncRig {
     }
 
     pub fn connect_client(&self) -> Result<RshClient, Failed> {
-        RshClient::connect(self.port)
+        RshClient::connect(self.rsh_port)
     }
 }

@@ -13,9 +13,9 @@ use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 use nalgebra::{Rotation3, Vector3};
 
-use super::desk::{RunWorkspace, failure_text, value_and_u};
-use super::machine::{block_on, open_driver, prove, z_position};
+use super::driver::{block_on, open_driver, prove_without_collision_check, z_position};
 use super::rig::{LinuxCncRig, lock_rig};
+use super::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
 
 /// Positions of the true axes, mm, and their orientations, rad: the rig's pins.
 const B_AXIS_POINT_MM: Vector3<f64> = Vector3::new(0.035, 0.0, -0.060);
@@ -29,11 +29,11 @@ pub const BALL_CENTRES_MM: [[f64; 3]; 4] =
     [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
 const BALL_RADIUS_MM: f64 = 10.0;
 /// Radius of the stylus ball.
-const STYLUS_RADIUS_MM: f64 = 3.0;
+const STYLUS_BALL_RADIUS_MM: f64 = 3.0;
 
 /// Expected estimate, µm, µrad, and mm for the stylus, which is measured from the true axes: B along X and Z, C
 /// along Y. Then the tolerance in the same units.
-const TRUE_PARAMETERS: [(&str, f64, f64); 8] = [
+const TRUE_SAMBA_PARAMETERS: [(&str, f64, f64); 8] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
     ("EC0B", -30.0, 10.0),
@@ -45,7 +45,7 @@ const TRUE_PARAMETERS: [(&str, f64, f64); 8] = [
 ];
 
 /// The same from one ball: the rotation of B about its own axis and the tilt of C about Y are then one parameter.
-const CHASE_PARAMETERS: [(&str, f64, f64); 8] = [
+const TRUE_CHASE_THE_BALL_PARAMETERS: [(&str, f64, f64); 8] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
     ("EB0B", 55.0, 10.0),
@@ -57,7 +57,7 @@ const CHASE_PARAMETERS: [(&str, f64, f64); 8] = [
 ];
 
 /// Removes the cylinder, puts the balls on the table, and sets the axis errors above.
-pub fn place_balls(rig: &LinuxCncRig) -> Result<(), Failed> {
+pub fn place_balls_and_axis_errors(rig: &LinuxCncRig) -> Result<(), Failed> {
     let axes = [
         ("b-x", B_AXIS_POINT_MM.x),
         ("b-z", B_AXIS_POINT_MM.z),
@@ -98,8 +98,8 @@ fn tool_position_at_ball(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
 }
 
 /// A touch of the ball at `centre` against `normal`, from above and back up.
-fn touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> Block {
-    let place = |far: f64| Position::from_xyz(centre + (BALL_RADIUS_MM + STYLUS_RADIUS_MM + far) * normal);
+fn ball_touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> Block {
+    let place = |far: f64| Position::from_xyz(centre + (BALL_RADIUS_MM + STYLUS_BALL_RADIUS_MM + far) * normal);
     let over = place(0.4).with(Axis::Z, 200.0).with(Axis::B, b).with(Axis::C, c);
     let motions = vec![
         Motion::Rapid { to: z_position(200.0) },
@@ -113,10 +113,10 @@ fn touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f
 }
 
 /// Measures the centre by four touches around the ball and one at its pole.
-async fn measured_centre(
+async fn measure_ball_centre(
     driver: &mut LinuxCncDriver,
-    near: Vector3<f64>,
-    at: (f64, f64),
+    expected_centre: Vector3<f64>,
+    rotary_rad: (f64, f64),
 ) -> Result<Vector3<f64>, Failed> {
     let round = (0..4).map(|i| {
         let (sin, cos) = ((f64::from(i) + 0.5) * FRAC_PI_2).sin_cos();
@@ -124,22 +124,27 @@ async fn measured_centre(
     });
     let mut points = Vec::new();
     for (step, normal) in (0..).zip(round.chain([Vector3::z()])) {
-        let outcome = driver.execute(prove(driver, &touch_block(step, near, normal, at))).await?;
-        let touch = outcome.touch.ok_or("no touch")?;
-        points.push(touch.xyz().into());
+        let outcome = driver
+            .execute(prove_without_collision_check(
+                driver,
+                &ball_touch_block(step, expected_centre, normal, rotary_rad),
+            ))
+            .await?;
+        let touch = outcome.trigger_position.ok_or("no touch")?;
+        points.push(touch.xyz_or_zero().into());
     }
     let sphere = fit_sphere(&points)?;
-    eprintln!("radius off by {:.3} um", (sphere.radius - BALL_RADIUS_MM - STYLUS_RADIUS_MM) * 1e3);
-    if (sphere.radius - BALL_RADIUS_MM - STYLUS_RADIUS_MM).abs() > 0.001 {
+    eprintln!("radius off by {:.3} um", (sphere.radius - BALL_RADIUS_MM - STYLUS_BALL_RADIUS_MM) * 1e3);
+    if (sphere.radius - BALL_RADIUS_MM - STYLUS_BALL_RADIUS_MM).abs() > 0.001 {
         return Err(format!("{sphere:?}").into());
     }
     Ok(Vector3::from(sphere.centre))
 }
 
 /// Touches the rig's balls directly through the driver.
-pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
+pub fn touched_ball_centres_agree_with_the_true_axes() -> Result<(), Failed> {
     let rig = lock_rig()?;
-    place_balls(&rig)?;
+    place_balls_and_axis_errors(&rig)?;
     block_on(async {
         let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
@@ -148,36 +153,40 @@ pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
             let truth = tool_position_at_ball(BALL_CENTRES_MM[ball], b, c);
             // The start is a tenth of a millimetre off, because the true position is unknown.
             let near = truth + Vector3::new(0.05, -0.1, 0.04);
-            let off_um = (measured_centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
+            let off_um = (measure_ball_centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
             eprintln!("ball {ball} at B {b:.3} C {c:.3}: off by {:.3?} um", off_um.as_slice());
             if off_um.abs().max() > 1.0 {
                 return Err(format!("ball {ball}: off by {:?} um", off_um.as_slice()).into());
             }
         }
-        Ok(driver.finish().await?)
+        Ok(driver.restore_modes().await?)
     })
 }
 
 /// Runs `trued run samba` with the errors of the rig.
 pub fn samba_finds_the_true_axes() -> Result<(), Failed> {
-    check_finds("samba", &TRUE_PARAMETERS)
+    place_balls_and_check_parameters("samba", &TRUE_SAMBA_PARAMETERS)
 }
 
 /// Runs `trued run laser-r-test` with the touch probe, on one ball.
 pub fn chase_the_ball_finds_the_true_axes() -> Result<(), Failed> {
-    check_finds("laser-r-test", &CHASE_PARAMETERS)
+    place_balls_and_check_parameters("laser-r-test", &TRUE_CHASE_THE_BALL_PARAMETERS)
 }
 
-fn check_finds(method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
+fn place_balls_and_check_parameters(method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
     let rig = lock_rig()?;
-    place_balls(&rig)?;
-    check_finds_in(&RunWorkspace::with_balls(&rig)?, method, truth)
+    place_balls_and_axis_errors(&rig)?;
+    run_and_check_parameters(&RunWorkspace::with_balls(&rig)?, method, truth)
 }
 
 /// Checks the result of `method`: for each symbol its value and the tolerance.
-pub fn check_finds_in(desk: &RunWorkspace, method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
+pub fn run_and_check_parameters(
+    workspace: &RunWorkspace,
+    method: &str,
+    truth: &[(&str, f64, f64)],
+) -> Result<(), Failed> {
     let started = Instant::now();
-    let output = desk.start_run(method)?.wait_with_output()?;
+    let output = workspace.start_run(method)?.wait_with_output()?;
     eprintln!("{}in {:.0} s", failure_text(&output), started.elapsed().as_secs_f64());
     if output.status.code() != Some(0) {
         return Err(failure_text(&output).into());
@@ -185,7 +194,7 @@ pub fn check_finds_in(desk: &RunWorkspace, method: &str, truth: &[(&str, f64, f6
     let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
     let mut wrong = String::new();
     for (symbol, truth, near) in truth {
-        let (value, expanded) = value_and_u(&estimate, symbol)?;
+        let (value, expanded) = value_and_expanded_u(&estimate, symbol)?;
         eprintln!("{symbol} = {value:.4}, U = {expanded:.4}, truth {truth}");
         if (value - truth).abs() > *near || expanded > 2.0 * near {
             wrong += &format!("{symbol} = {value}, U = {expanded}; ");

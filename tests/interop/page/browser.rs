@@ -33,11 +33,11 @@ impl Drop for ChromeDriver {
 
 /// Number of start attempts: the driver takes a free IPv4 port, and exits if another process uses the same IPv6
 /// port.
-const MAX_STARTS: usize = 5;
+const MAX_START_ATTEMPTS: usize = 5;
 
 impl ChromeDriver {
     pub fn start() -> Self {
-        (0..MAX_STARTS).find_map(|_| Self::try_start()).expect("a port of chromedriver")
+        (0..MAX_START_ATTEMPTS).find_map(|_| Self::try_start()).expect("a port of chromedriver")
     }
 
     fn try_start() -> Option<Self> {
@@ -73,33 +73,33 @@ impl Browser {
             "goog:chromeOptions": {"args": ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]},
             "goog:loggingPrefs": {"browser": "ALL"},
         });
-        let client = WebDriverClient::open(driver.port, &capabilities, PAGE_TIMEOUT).expect("a session");
+        let client = WebDriverClient::open_session(driver.port, &capabilities, PAGE_TIMEOUT).expect("a session");
         Self { client, _driver: driver }
     }
 
     /// A command of the Chrome DevTools Protocol.
-    pub fn devtools(&self, command: &str, params: &Value) {
-        self.client.devtools(command, params).expect(command);
+    pub fn run_devtools_command(&self, command: &str, params: &Value) {
+        self.client.run_devtools_command(command, params).expect(command);
     }
 
     /// Console entries since the last call.
-    pub fn console_entries(&self) -> Vec<String> {
-        let entries = self.client.console().expect("the log");
+    pub fn take_console_entries(&self) -> Vec<String> {
+        let entries = self.client.take_console_entries().expect("the log");
         entries.iter().map(|entry| format!("{}: {}", entry["level"], entry["message"])).collect()
     }
 
     pub fn set_window_size(&self, [width, height]: [u32; 2]) {
         let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": false});
-        self.devtools("Emulation.setDeviceMetricsOverride", &metrics);
+        self.run_devtools_command("Emulation.setDeviceMetricsOverride", &metrics);
     }
 
-    pub fn find(&self, css: &str) -> WebElement<'_> {
+    pub fn wait_for_element(&self, css: &str) -> WebElement<'_> {
         let started = Instant::now();
         loop {
-            match self.client.find(css) {
+            match self.client.find_element(css) {
                 Ok(element) => return element,
                 Err(error) if error.code != "no such element" || started.elapsed() > PAGE_TIMEOUT => {
-                    panic!("{css}: {error}\n{}", self.text("body"))
+                    panic!("{css}: {error}\n{}", self.visible_text("body"))
                 }
                 Err(_) => sleep(Duration::from_millis(250)),
             }
@@ -107,9 +107,9 @@ impl Browser {
     }
 
     /// Visible text of the first element that matches now.
-    pub fn text(&self, css: &str) -> String {
+    pub fn visible_text(&self, css: &str) -> String {
         let script = "const found = document.querySelector(arguments[0]); return found ? found.innerText : ''";
-        let text = self.client.execute(script, &[json!(css)]);
+        let text = self.client.execute_script(script, &[json!(css)]);
         text.ok().and_then(|text| text.as_str().map(str::to_owned)).unwrap_or_default()
     }
 
@@ -117,7 +117,7 @@ impl Browser {
     pub fn wait_for_text(&self, css: &str, right: impl Fn(&str) -> bool) -> String {
         let started = Instant::now();
         loop {
-            let text = self.text(css);
+            let text = self.visible_text(css);
             if right(&text) {
                 return text;
             }
@@ -127,15 +127,15 @@ impl Browser {
     }
 
     /// Fills in and submits the form to `action`: fields by name, and all check boxes ticked.
-    pub fn submit_form(&self, action: &str, fields: &[(&str, &str)]) {
+    pub fn fill_and_submit_form(&self, action: &str, fields: &[(&str, &str)]) {
         let form = format!("form[action$='{action}']");
         let tick = "for (const box of document.querySelectorAll(arguments[0])) box.click()";
-        self.find(&form);
+        self.wait_for_element(&form);
         let boxes = format!("{form} input[type=checkbox]");
-        self.client.execute(tick, &[json!(boxes)]).expect("boxes");
+        self.client.execute_script(tick, &[json!(boxes)]).expect("boxes");
         for (name, value) in fields {
-            self.find(&format!("{form} [name={name}]")).send_keys(value).expect(name);
+            self.wait_for_element(&format!("{form} [name={name}]")).send_keys(value).expect(name);
         }
-        self.find(&format!("{form} button")).click().expect("a button");
+        self.wait_for_element(&format!("{form} button")).click().expect("a button");
     }
 }

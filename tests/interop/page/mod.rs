@@ -3,40 +3,40 @@
 //! `tests/peers/axe/fetch`. Without them these trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1`
 //! they fail. Pictures of the pages are in `page` below the target directory.
 
+mod accessibility;
 mod browser;
 mod cycle;
-mod life;
-mod look;
-mod sensors;
+mod live_updates;
+mod sensor_setup;
 mod states;
 mod webdriver;
 
 use std::path::{Path, PathBuf};
 
-use crate::support::harness::{Pool, Trials, is_command, trials};
+use crate::support::harness::{Pool, Trials, is_command_in_path, trials};
 
-const MISSING_BROWSER: &str =
+const MISSING_BROWSER_REASON: &str =
     "chromedriver or axe-core is missing: apt-get install chromium chromium-driver; tests/peers/axe/fetch";
 
 /// The file that `tests/peers/axe/fetch` creates.
-fn axe_script() -> Option<PathBuf> {
+fn axe_script_path() -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
     let file = target.join("peers/axe-4.12.1/axe.min.js");
     file.is_file().then_some(file)
 }
 
 fn missing_browser() -> Option<&'static str> {
-    (!is_command("chromedriver") || axe_script().is_none()).then_some(MISSING_BROWSER)
+    (!is_command_in_path("chromedriver") || axe_script_path().is_none()).then_some(MISSING_BROWSER_REASON)
 }
 
 pub fn trials() -> Trials {
     trials![Pool::Browser, 30;
         cycle::run_is_held_resumed_and_signed,
         states::disconnected_page_hides_a_result_out_of_tolerance,
-        sensors::change_while_a_name_is_typed,
-        life::page_of_stalled_daemon_shows_no_live_values,
-        life::idle_page_shows_changes_and_keeps_input,
+        sensor_setup::sensor_values_update_while_a_name_is_typed,
+        live_updates::page_of_stalled_daemon_shows_no_live_values,
+        live_updates::idle_page_shows_changes_and_keeps_input,
         states::page_works_without_script,
     ]
-    .requires(missing_browser)
+    .requires_peer(missing_browser)
 }

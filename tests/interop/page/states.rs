@@ -1,71 +1,71 @@
-//! The page in other states, and without a script.
+//! Tests the page after a result out of tolerance, after a disconnection, and without a script.
 
 use serde_json::json;
 
+use super::accessibility;
 use super::browser::Browser;
-use super::cycle::{page_address, served_shop};
-use super::look;
+use super::cycle::{page_url, quick_shop_with_http};
 
 /// Out of tolerance, then disconnected: no earlier value remains visible.
 pub fn disconnected_page_hides_a_result_out_of_tolerance() {
     let browser = Browser::open();
-    let shop = served_shop();
-    shop.replace_in_machine("EX0C_um = 500.0", "EX0C_um = 5.0");
+    let shop = quick_shop_with_http();
+    shop.replace_in_machine_file("EX0C_um = 500.0", "EX0C_um = 5.0");
     let mut daemon = shop.start_daemon("fast");
-    let at = page_address(&daemon);
-    browser.client.goto(&at).unwrap();
+    let at = page_url(&daemon);
+    browser.client.open_url(&at).unwrap();
     for run in 1..=2 {
-        browser.submit_form("/start", &[("who", "Ada")]);
+        browser.fill_and_submit_form("/start", &[("who", "Ada")]);
         let result = format!("Result of run {run}");
         browser.wait_for_text("#live", |text| text.contains("out of tolerance") && text.contains(&result));
     }
-    look::check_at_all_sizes(&browser, "untrue");
-    browser.client.goto(&format!("{at}compare?a=1&b=2")).unwrap();
+    accessibility::check_page_at_all_sizes(&browser, "untrue");
+    browser.client.open_url(&format!("{at}compare?a=1&b=2")).unwrap();
     browser.wait_for_text("table", |text| text.contains("EX0C") && text.contains("within U"));
-    look::check_at_all_sizes(&browser, "compare");
-    browser.client.goto(&format!("{at}compare?a=1&b=7")).unwrap();
+    accessibility::check_page_at_all_sizes(&browser, "compare");
+    browser.client.open_url(&format!("{at}compare?a=1&b=7")).unwrap();
     browser.wait_for_text(".glance", |text| text.contains("no run 7"));
-    look::check_at_all_sizes(&browser, "refused");
-    browser.console_entries();
-    browser.client.goto(&at).unwrap();
+    accessibility::check_page_at_all_sizes(&browser, "refused");
+    browser.take_console_entries();
+    browser.client.open_url(&at).unwrap();
     browser.wait_for_text("#live", |text| text.contains("out of tolerance"));
-    assert_eq!(browser.console_entries(), Vec::<String>::new());
+    assert_eq!(browser.take_console_entries(), Vec::<String>::new());
     daemon.child.kill().unwrap();
     // innerText of a parent does not contain hidden text.
     browser.wait_for_text("main", |text| text.contains("no connection") && !text.contains("as of"));
-    let seen = browser.text("main");
+    let seen = browser.visible_text("main");
     assert!(!seen.contains("out of tolerance") && !seen.contains("Result of run"), "{seen}");
-    assert_eq!(browser.client.title().unwrap(), "no connection");
-    look::check_at_all_sizes(&browser, "away");
+    assert_eq!(browser.client.page_title().unwrap(), "no connection");
+    accessibility::check_page_at_all_sizes(&browser, "away");
 }
 
 /// Text of the element; empty while the page changes and the element has become stale.
-fn element_text(browser: &Browser, css: &str) -> String {
-    browser.find(css).text().unwrap_or_default()
+fn element_text_or_empty(browser: &Browser, css: &str) -> String {
+    browser.wait_for_element(css).visible_text().unwrap_or_default()
 }
 
-/// Started and read with plain forms and links.
+/// The run is started and its result is read and signed with plain forms and links.
 pub fn page_works_without_script() {
     let browser = Browser::open();
-    browser.devtools("Emulation.setScriptExecutionDisabled", &json!({"value": true}));
-    let shop = served_shop();
+    browser.run_devtools_command("Emulation.setScriptExecutionDisabled", &json!({"value": true}));
+    let shop = quick_shop_with_http();
     let daemon = shop.start_daemon("fast");
-    browser.client.goto(&page_address(&daemon)).unwrap();
-    let boxes = browser.client.find_all("input[type=checkbox]");
+    browser.client.open_url(&page_url(&daemon)).unwrap();
+    let boxes = browser.client.find_elements("input[type=checkbox]");
     for tick in boxes.unwrap() {
         tick.click().unwrap();
     }
-    browser.find("[name=who]").send_keys("Ada").unwrap();
-    browser.find("form[action$='/start'] button").click().unwrap();
+    browser.wait_for_element("[name=who]").send_keys("Ada").unwrap();
+    browser.wait_for_element("form[action$='/start'] button").click().unwrap();
     let started = std::time::Instant::now();
-    while !element_text(&browser, "#live .glance").starts_with("in tolerance") {
+    while !element_text_or_empty(&browser, "#live .glance").starts_with("in tolerance") {
         assert!(started.elapsed().as_secs() < 60);
-        browser.client.refresh().unwrap();
+        browser.client.reload_page().unwrap();
     }
-    browser.find("a[href='/runs/1']").click().unwrap();
-    browser.find("[name=who]").send_keys("Lise").unwrap();
-    browser.find("form[action$='/sign'] button").click().unwrap();
-    while !element_text(&browser, ".glance").contains("signed by Lise") {
+    browser.wait_for_element("a[href='/runs/1']").click().unwrap();
+    browser.wait_for_element("[name=who]").send_keys("Lise").unwrap();
+    browser.wait_for_element("form[action$='/sign'] button").click().unwrap();
+    while !element_text_or_empty(&browser, ".glance").contains("signed by Lise") {
         assert!(started.elapsed().as_secs() < 120);
     }
 }

@@ -23,10 +23,10 @@ status = [{ register = 100, bit = 1, means = "no-echo" }]
 "#;
 
 /// Larger than the measured distances before the registers stop changing.
-const RANGE_MM: [f64; 2] = [-100.0, 100.0];
+const SENSOR_RANGE_MM: [f64; 2] = [-100.0, 100.0];
 
-/// Address of the server as keys of a machine file.
-pub fn sensor_keys(server: &PymodbusServer) -> String {
+/// Keys of a machine file for the address of the server.
+pub fn server_address_keys(server: &PymodbusServer) -> String {
     match server.link_config() {
         LinkConfig::Serial { path, baud } => {
             format!("serial = \"{}\"\nbaud = {baud}\nparity = \"none\"", path.display())
@@ -35,19 +35,20 @@ pub fn sensor_keys(server: &PymodbusServer) -> String {
     }
 }
 
-async fn open_driver(server: &PymodbusServer) -> ModbusSensorDriver {
-    let at = sensor_keys(server);
+async fn open_sensor_driver(server: &PymodbusServer) -> ModbusSensorDriver {
+    let at = server_address_keys(server);
     let config: ModbusSensorConfig = toml::from_str(&format!("{at}\n{REGISTER_MAP}")).unwrap();
     let sensor = serde_json::from_value(serde_json::json!({
-        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": RANGE_MM
+        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": SENSOR_RANGE_MM
     }));
     let clock = Arc::new(HostClock::start());
     ModbusSensorDriver::open(config, &sensor.unwrap(), clock, None).await.unwrap()
 }
 
-/// Checks that each sample has the measurement of its index; the index advances by the number of missing samples.
-fn check_samples(samples: &[Sample], first: u32) -> u32 {
-    let mut place = first;
+/// Checks that each sample has the value of its measurement number, which advances by one and the number of missing
+/// samples. `previous_measurement`: number before the first sample. Returns the last number.
+fn check_consecutive_samples(samples: &[Sample], previous_measurement: u32) -> u32 {
+    let mut place = previous_measurement;
     for sample in samples {
         place += sample.missing_count + 1;
         let expected = if place.is_multiple_of(10) { None } else { Some(i64::from(place) * 37) };
@@ -59,19 +60,19 @@ fn check_samples(samples: &[Sample], first: u32) -> u32 {
     place
 }
 
-async fn check_measures(framing: Framing) -> Result<(), Failed> {
+async fn check_measurements_read_or_counted(framing: Framing) -> Result<(), Failed> {
     const SAMPLE_COUNT: u32 = 600;
     let mut server = PymodbusServer::start(framing);
-    let mut driver = open_driver(&server).await;
-    server.start_sensor(5.0, SAMPLE_COUNT);
+    let mut driver = open_sensor_driver(&server).await;
+    server.start_measurements(5.0, SAMPLE_COUNT);
     let prepared = driver.prepare().await?;
-    assert!(prepared.rate_hz > 5.0, "{prepared:?}");
+    assert!(prepared.sample_rate_hz > 5.0, "{prepared:?}");
     driver.discard_old_samples().await?;
     let mut samples = vec![driver.next().await?];
     loop {
         let sample = driver.next().await?;
         match sample.flag {
-            ReadingFlag::Stale if server.sample_count() == SAMPLE_COUNT => break,
+            ReadingFlag::Stale if server.measurement_count() == SAMPLE_COUNT => break,
             // A server without processor time measures nothing, either.
             ReadingFlag::Stale => {}
             _ => samples.push(sample),
@@ -81,27 +82,27 @@ async fn check_measures(framing: Framing) -> Result<(), Failed> {
     let empty = samples.iter().take_while(|sample| sample.value_mm.is_none()).count();
     let before = (um / 37.0).round() as u32 - 1 - u32::try_from(empty)?;
     let gaps: u32 = samples.iter().skip(1).map(|sample| sample.missing_count).sum();
-    assert_eq!(check_samples(&samples[1..], before + 1), SAMPLE_COUNT);
+    assert_eq!(check_consecutive_samples(&samples[1..], before + 1), SAMPLE_COUNT);
     println!("{} samples, {gaps} missing of {SAMPLE_COUNT} from {} on", samples.len(), before + 1);
     assert!(samples.len() > 20, "{}", samples.len());
     Ok(())
 }
 
-pub fn sensor_over_tcp() -> Result<(), Failed> {
-    block_on(check_measures(Framing::Tcp))
+pub fn each_measurement_is_read_once_or_counted_missing_over_tcp() -> Result<(), Failed> {
+    block_on(check_measurements_read_or_counted(Framing::Tcp))
 }
 
-pub fn sensor_over_rtu() -> Result<(), Failed> {
-    block_on(check_measures(Framing::Rtu))
+pub fn each_measurement_is_read_once_or_counted_missing_over_rtu() -> Result<(), Failed> {
+    block_on(check_measurements_read_or_counted(Framing::Rtu))
 }
 
 /// A reply that is late, cut or of another unit is a stale sample; the next sample is valid again. A sensor without
 /// its registers is refused.
-pub fn corrupted_replies_are_rejected() -> Result<(), Failed> {
+pub fn corrupted_replies_give_one_stale_sample_each() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Rtu);
-        let mut driver = open_driver(&server).await;
-        server.start_sensor(20.0, 100_000);
+        let mut driver = open_sensor_driver(&server).await;
+        server.start_measurements(20.0, 100_000);
         driver.prepare().await?;
         for fault in ["drop", "short", "unit", "corrupt", "delay:2.2", "fewer"] {
             driver.discard_old_samples().await?;

@@ -6,10 +6,10 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use super::pymodbus::python_with_pymodbus;
-use link::modbus::{AccessList, DeviceSettings, Framing, ModbusClient, ModbusLine, RegisterRange, RegisterSpace};
+use link::modbus::{AccessList, DeviceSettings, Framing, ModbusClient, ModbusLineConfig, RegisterRange, RegisterSpace};
 use link::{HostPort, LinkConfig, Pty, create_pty};
 
-pub fn peer_script(name: &str) -> PathBuf {
+pub fn peer_script_path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/pymodbus").join(name)
 }
 
@@ -19,7 +19,7 @@ pub struct PymodbusServer {
     stdout: BufReader<ChildStdout>,
     link_config: LinkConfig,
     /// Joins two pseudo-terminals: each side opens its own path.
-    bridge: Option<tokio::task::JoinHandle<()>>,
+    pty_bridge: Option<tokio::task::JoinHandle<()>>,
 }
 
 impl PymodbusServer {
@@ -47,9 +47,9 @@ impl PymodbusServer {
         }
     }
 
-    fn spawn(arguments: &[&str], at: LinkConfig, bridge: Option<tokio::task::JoinHandle<()>>) -> Self {
+    fn spawn(arguments: &[&str], link_config: LinkConfig, bridge: Option<tokio::task::JoinHandle<()>>) -> Self {
         let mut child = Command::new(python_with_pymodbus().unwrap())
-            .arg(peer_script("server.py"))
+            .arg(peer_script_path("server.py"))
             .args(arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -58,7 +58,7 @@ impl PymodbusServer {
             .unwrap();
         let stdin = child.stdin.take().unwrap();
         let stdout = BufReader::new(child.stdout.take().unwrap());
-        Self { child, stdin, stdout, link_config: at, bridge }
+        Self { child, stdin, stdout, link_config, pty_bridge: bridge }
     }
 
     pub fn link_config(&self) -> LinkConfig {
@@ -77,7 +77,7 @@ impl PymodbusServer {
     }
 
     /// Sets the content of the registers.
-    pub fn set_value(&mut self, value: u16) {
+    pub fn set_register_value(&mut self, value: u16) {
         assert_eq!(self.send_command(&format!("value {value}")), "true");
     }
 
@@ -90,12 +90,12 @@ impl PymodbusServer {
     }
 
     /// Takes `count` measurements, one every `ms`.
-    pub fn start_sensor(&mut self, ms: f64, count: u32) {
+    pub fn start_measurements(&mut self, ms: f64, count: u32) {
         assert_eq!(self.send_command(&format!("sense {ms} {count}")), "true");
     }
 
     /// Number of measurements so far.
-    pub fn sample_count(&mut self) -> u32 {
+    pub fn measurement_count(&mut self) -> u32 {
         self.send_command("sensed").parse().unwrap()
     }
 
@@ -118,9 +118,12 @@ impl PymodbusServer {
     }
 
     pub async fn open_client_with_access(&self, timeout: Duration, allowed: AccessList) -> ModbusClient {
-        ModbusClient::open(ModbusLine::with_defaults(self.link_config()), DeviceSettings { unit: 1, timeout, allowed })
-            .await
-            .unwrap()
+        ModbusClient::open(
+            ModbusLineConfig::with_defaults(self.link_config()),
+            DeviceSettings { unit: 1, timeout, access_list: allowed },
+        )
+        .await
+        .unwrap()
     }
 }
 
@@ -128,7 +131,7 @@ impl Drop for PymodbusServer {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
-        if let Some(bridge) = &self.bridge {
+        if let Some(bridge) = &self.pty_bridge {
             bridge.abort();
         }
     }

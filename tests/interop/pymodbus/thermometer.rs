@@ -14,36 +14,37 @@ use trued::store::{Journal, NewRun, RunState};
 
 use super::server::{PymodbusServer, block_on};
 
-const MACHINE: &str = include_str!("../../../config/simulated.toml");
-const MAX_AGE_S: f64 = 3.0;
+const SIMULATED_MACHINE_FILE: &str = include_str!("../../../config/simulated.toml");
+const STALE_AFTER_S: f64 = 3.0;
 
 /// The built-in machine with a thermometer at this server: tenths of a degree above -5 °C.
-fn machine(server: &PymodbusServer) -> MachineFile {
-    let at = super::sensor::sensor_keys(server);
+fn machine_with_thermometer(server: &PymodbusServer) -> MachineFile {
+    let at = super::sensor::server_address_keys(server);
     let text = format!(
-        "{MACHINE}\n[[thermometer]]\nname = \"bed\"\nstale_s = {MAX_AGE_S}\n[thermometer.modbus]\n{at}\n\
+        "{SIMULATED_MACHINE_FILE}\n[[thermometer]]\nname = \"bed\"\nstale_s = {STALE_AFTER_S}\n[thermometer.modbus]\n{at}\n\
          unit = 1\ntimeout_s = 1.0\n\
          value = {{ register = 3, type = \"i16\", scale_c = 0.1, offset_c = -5.0 }}\n"
     );
     MachineFile::parse("machine.toml", text).unwrap()
 }
 
-/// A run on the simulated machine; `with` is called with the number of each reading before the next touch.
+/// Runs self-calibration on the simulated machine; `on_reading` is called with the number of each stored reading, from
+/// 1. Returns the readings, the announced texts, and the mean temperatures by name.
 async fn run_measurement(
     file: &MachineFile,
-    mut with: impl FnMut(usize),
+    mut on_reading: impl FnMut(usize),
 ) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let (method, plan) = setup::configure_method_and_plan(file, "self-calibration", Some(1)).unwrap();
-    let devices = setup::open_devices(file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
-    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let devices = setup::open_devices(file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let mut count = 0;
     let mut tell = |event: &Event| {
         if matches!(event, Event::ReadingStored { .. }) {
             count += 1;
-            with(count);
+            on_reading(count);
         }
     };
     let mut run = trued::run::Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
@@ -58,7 +59,7 @@ async fn run_measurement(
         _ => None,
     });
     let mut measured = None;
-    journal.visit_measured_runs(&file.machine.name, 1, |it| measured = Some(it)).unwrap();
+    journal.visit_finished_run_results(&file.machine.name, 1, |it| measured = Some(it)).unwrap();
     let measured = measured.unwrap();
     (readings, told.collect(), measured.temperatures_c.into())
 }
@@ -68,18 +69,18 @@ fn bed_temperature_c(reading: &Reading) -> Option<f64> {
 }
 
 /// Waits until the independently polled thermometer has a new value or is stale.
-fn wait_one_period() {
-    std::thread::sleep(Duration::from_secs_f64(1.5 * MAX_AGE_S));
+fn wait_until_temperature_is_new_or_stale() {
+    std::thread::sleep(Duration::from_secs_f64(1.5 * STALE_AFTER_S));
 }
 
 async fn check_temperatures_stored(framing: Framing) -> Result<(), Failed> {
     let mut server = PymodbusServer::start(framing);
-    server.set_value(262);
-    let file = machine(&server);
+    server.set_register_value(262);
+    let file = machine_with_thermometer(&server);
     let (readings, told, means) = run_measurement(&file, |count| {
         if count == 30 {
-            server.set_value(274);
-            wait_one_period();
+            server.set_register_value(274);
+            wait_until_temperature_is_new_or_stale();
         }
     })
     .await;
@@ -96,35 +97,35 @@ async fn check_temperatures_stored(framing: Framing) -> Result<(), Failed> {
     Ok(())
 }
 
-pub fn thermometer_over_tcp() -> Result<(), Failed> {
+pub fn readings_contain_the_temperature_over_tcp() -> Result<(), Failed> {
     block_on(check_temperatures_stored(Framing::Tcp))
 }
 
-pub fn thermometer_over_rtu() -> Result<(), Failed> {
+pub fn readings_contain_the_temperature_over_rtu() -> Result<(), Failed> {
     block_on(check_temperatures_stored(Framing::Rtu))
 }
 
 /// Silent, invalid, and valid again: reported once, and no reading has an outdated value.
-pub fn thermometer_lost_during_a_run() -> Result<(), Failed> {
+pub fn readings_have_no_temperature_while_the_thermometer_is_lost() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Tcp);
-        server.set_value(262);
-        let file = machine(&server);
+        server.set_register_value(262);
+        let file = machine_with_thermometer(&server);
         let (readings, told, means) = run_measurement(&file, |count| match count {
             20 => {
                 server.set_faults(&["drop"; 500]);
-                wait_one_period();
-                wait_one_period();
+                wait_until_temperature_is_new_or_stale();
+                wait_until_temperature_is_new_or_stale();
             }
             // 850 °C.
             30 => {
                 server.set_faults(&[]);
-                server.set_value(8550);
-                wait_one_period();
+                server.set_register_value(8550);
+                wait_until_temperature_is_new_or_stale();
             }
             40 => {
-                server.set_value(300);
-                wait_one_period();
+                server.set_register_value(300);
+                wait_until_temperature_is_new_or_stale();
             }
             _ => {}
         })
@@ -146,16 +147,16 @@ pub fn thermometer_lost_during_a_run() -> Result<(), Failed> {
 }
 
 /// A thermometer that never answers delays no touch: the readings equal those of a run without it.
-pub fn silent_thermometer_delays_no_touch() -> Result<(), Failed> {
+pub fn silent_thermometer_changes_no_touch() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Tcp);
         server.set_faults(&["drop"; 2000]);
-        let file = machine(&server);
+        let file = machine_with_thermometer(&server);
         let (readings, told, means) = run_measurement(&file, |_| {}).await;
         assert!(readings.iter().all(|reading| bed_temperature_c(reading).is_none()));
         assert_eq!(means.keys().collect::<Vec<_>>(), ["spindle"]);
         assert_eq!(told.iter().filter(|text| text.contains("does not reply")).count(), 1, "{told:?}");
-        let plain = MachineFile::parse("machine.toml", MACHINE.to_owned()).unwrap();
+        let plain = MachineFile::parse("machine.toml", SIMULATED_MACHINE_FILE.to_owned()).unwrap();
         let (without, ..) = run_measurement(&plain, |_| {}).await;
         let places = |all: &[Reading]| -> Vec<(u32, Position)> {
             all.iter().map(|reading| (reading.step, reading.position.clone())).collect()
@@ -166,16 +167,16 @@ pub fn silent_thermometer_delays_no_touch() -> Result<(), Failed> {
 }
 
 /// Result of `trued check` for a register of pymodbus.
-pub fn check_reads_the_thermometer() -> Result<(), Failed> {
+pub fn thermometer_read_gives_the_value_or_its_error() -> Result<(), Failed> {
     block_on(async {
         let mut server = PymodbusServer::start(Framing::Tcp);
-        server.set_value(262);
-        let file = machine(&server);
-        let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await?;
+        server.set_register_value(262);
+        let file = machine_with_thermometer(&server);
+        let devices = setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await?;
         let began = Instant::now();
         let mut said = Vec::new();
         for (value, faults) in [(262, ""), (8550, ""), (262, "drop"), (262, "exception:2")] {
-            server.set_value(value);
+            server.set_register_value(value);
             server.set_faults(&[faults]);
             let all = devices.thermometers.read_once().await;
             let (entry, answer) = all.into_iter().find(|(entry, _)| entry.name == "bed").unwrap();

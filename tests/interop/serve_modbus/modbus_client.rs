@@ -1,4 +1,4 @@
-//! pymodbus as the Modbus client.
+//! Controls a pymodbus client in a separate process.
 
 use crate::support::pymodbus::python_with_pymodbus;
 use std::io::{BufRead, BufReader, Write};
@@ -6,31 +6,31 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// Register addresses, written here independently, from docs/modbus.md.
-pub const STATE: usize = 1;
-pub const PROGRESS: usize = 2;
-pub const VERDICT: usize = 3;
-pub const RUN: usize = 6;
-pub const ACCEPTED: usize = 7;
-pub const REFUSED: usize = 8;
-pub const REFUSAL: usize = 9;
+/// Addresses of input registers, written here independently, from docs/modbus.md.
+pub const STATE_REGISTER: usize = 1;
+pub const PROGRESS_REGISTER: usize = 2;
+pub const VERDICT_REGISTER: usize = 3;
+pub const RUN_NUMBER_REGISTER: usize = 6;
+pub const ACCEPTED_COUNT_REGISTER: usize = 7;
+pub const REFUSED_COUNT_REGISTER: usize = 8;
+pub const REFUSAL_REASON_REGISTER: usize = 9;
 const STATUS_TIMEOUT: Duration = Duration::from_secs(300);
 
-pub struct ModbusClient {
+pub struct PymodbusClient {
     child: Child,
     requests: ChildStdin,
     answers: BufReader<ChildStdout>,
-    heartbeat: u16,
+    heartbeat_count: u16,
 }
 
-impl Drop for ModbusClient {
+impl Drop for PymodbusClient {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-impl ModbusClient {
+impl PymodbusClient {
     pub fn new(port: u16) -> Self {
         Self::connect_from(port, "127.0.0.1")
     }
@@ -42,7 +42,7 @@ impl ModbusClient {
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let requests = child.stdin.take().unwrap();
         let answers = BufReader::new(child.stdout.take().unwrap());
-        let mut client = Self { child, requests, answers, heartbeat: 0 };
+        let mut client = Self { child, requests, answers, heartbeat_count: 0 };
         assert_eq!(client.read_answer(), "ok", "no connection");
         client
     }
@@ -65,18 +65,18 @@ impl ModbusClient {
     }
 
     /// Reads the first registers and updates the heartbeat.
-    pub fn read_status(&mut self) -> Vec<u16> {
-        self.heartbeat = self.heartbeat.wrapping_add(1);
-        let beat = self.heartbeat;
+    pub fn update_heartbeat_and_read_status(&mut self) -> Vec<u16> {
+        self.heartbeat_count = self.heartbeat_count.wrapping_add(1);
+        let beat = self.heartbeat_count;
         assert_eq!(self.request(&format!("register 0 {beat}")), "ok");
         self.request_registers("input 0 16")
     }
 
     /// Waits until the registers satisfy `right`; returns all values that were read.
-    pub fn poll_until(&mut self, right: impl Fn(&[u16]) -> bool) -> Vec<Vec<u16>> {
+    pub fn poll_status_until(&mut self, right: impl Fn(&[u16]) -> bool) -> Vec<Vec<u16>> {
         let (started, mut seen) = (Instant::now(), Vec::new());
         loop {
-            seen.push(self.read_status());
+            seen.push(self.update_heartbeat_and_read_status());
             if right(seen.last().unwrap()) {
                 return seen;
             }
@@ -87,10 +87,10 @@ impl ModbusClient {
 
     /// Sets key, automatic mode and door to their enabling states, with no button pressed, and updates the
     /// heartbeat.
-    pub fn set_enable(&mut self) {
+    pub fn set_enabling_inputs(&mut self) {
         assert_eq!(self.request("coils 0 1 1 1 0 0"), "ok");
         assert_eq!(self.request("coils 11 0 0 0 0 0 0 0 0"), "ok");
-        self.poll_until(|status| status[10] == 0b1111);
+        self.poll_status_until(|status| status[10] == 0b1111);
         sleep(Duration::from_millis(60));
     }
 
@@ -103,11 +103,11 @@ impl ModbusClient {
 
     /// Presses a start that must be refused; returns the reason.
     pub fn press_refused_coil(&mut self, coil: u16) -> u16 {
-        let before = self.read_status();
+        let before = self.update_heartbeat_and_read_status();
         self.press_coil(coil);
-        let after = self.read_status();
-        assert_eq!(after[REFUSED], before[REFUSED] + 1, "{after:?}");
-        assert_eq!(after[ACCEPTED], before[ACCEPTED], "{after:?}");
-        after[REFUSAL]
+        let after = self.update_heartbeat_and_read_status();
+        assert_eq!(after[REFUSED_COUNT_REGISTER], before[REFUSED_COUNT_REGISTER] + 1, "{after:?}");
+        assert_eq!(after[ACCEPTED_COUNT_REGISTER], before[ACCEPTED_COUNT_REGISTER], "{after:?}");
+        after[REFUSAL_REASON_REGISTER]
     }
 }

@@ -10,22 +10,22 @@ use libtest_mimic::Failed;
 
 use crate::support::harness::{Pool, Trials, trials};
 
-const TRUED_PROGRAM: &str = env!("CARGO_BIN_EXE_trued");
+const TRUED_PROGRAM_PATH: &str = env!("CARGO_BIN_EXE_trued");
 const SCRIPT_FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/socketcan");
-const MACHINE: &str = include_str!("../../../config/simulated.toml");
-const LASER: &str = include_str!("../../../config/laser.toml");
-const SCENES: &str = include_str!("scenes");
-const SCENES_WITHOUT_CAN: &str = include_str!("without");
+const SIMULATED_MACHINE_FILE: &str = include_str!("../../../config/simulated.toml");
+const LASER_MACHINE_FILE: &str = include_str!("../../../config/laser.toml");
+const GUEST_SCENES_SCRIPT: &str = include_str!("scenes");
+const GUEST_WITHOUT_CAN_SCRIPT: &str = include_str!("without");
 
 const FRAME_COUNT: i64 = 10_000;
-/// Frames at which the counter skips, and the number of skipped counts.
-const OMITTED_FRAMES: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
+/// Index of each frame before which the counter skips, and the number of skipped counts.
+const COUNTER_SKIPS: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
 
 const NO_CAN_MESSAGE: &str = "the kernel of this computer does not support CAN";
 
 type GuestOutput = BTreeMap<String, String>;
 
-fn guest_cache() -> Option<PathBuf> {
+fn guest_cache_folder() -> Option<PathBuf> {
     let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?.join("peers/socketcan");
     cache.join("complete").exists().then_some(cache)
 }
@@ -33,7 +33,7 @@ fn guest_cache() -> Option<PathBuf> {
 /// A machine file whose laser has these connection keys.
 fn machine_with_laser(reached: &str) -> String {
     format!(
-        "{MACHINE}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\n\
+        "{SIMULATED_MACHINE_FILE}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\n\
          direction = [0.0, 0.0, -1.0]\nrange_mm = [-100.0, 100.0]\n{reached}"
     )
 }
@@ -51,21 +51,21 @@ fn machine_with_can_laser(interface: &str, timeout_s: f64) -> String {
 
 /// The built-in machine of the laser R-test, its sensor on the guest's interface; few poses and points, because the
 /// guest is slow.
-fn scanning_machine() -> String {
+fn laser_r_test_machine_on_vcan0() -> String {
     let memory = "speaks = \"can\"\nwire = \"memory\"\n";
-    assert!(LASER.contains(memory));
-    let text = LASER.replace(memory, "speaks = \"can\"\nwire = \"vcan0\"\n");
+    assert!(LASER_MACHINE_FILE.contains(memory));
+    let text = LASER_MACHINE_FILE.replace(memory, "speaks = \"can\"\nwire = \"vcan0\"\n");
     text + "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
             points = 7\nsamples = 5\nmonte_carlo_trials = 100\n"
 }
 
 /// On the host, whatever its kernel: refused, with advice.
-fn host_without_can_is_reported() -> Result<(), Failed> {
+fn missing_can_interface_is_refused_with_a_remedy() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("machine.toml");
     std::fs::write(&file, machine_with_can_laser("can-none", 0.1))?;
     for words in [&["watch", "laser"][..], &["check"]] {
-        let mut command = Command::new(TRUED_PROGRAM);
+        let mut command = Command::new(TRUED_PROGRAM_PATH);
         command.args(words).arg("--machine").arg(&file).arg("--state").arg(folder.path());
         let ended = command.output()?;
         let said = [ended.stderr, ended.stdout].concat();
@@ -80,37 +80,37 @@ fn host_without_can_is_reported() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A log in candump's format: `count` frames at a distance of `apart` milliseconds, from the smallest to the
+/// A log in candump's format: `count` frames, one every `interval_ms`, from the smallest to the
 /// largest value of 24 bits.
-fn candump_log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> String {
+fn candump_log(interval_ms: i64, count: i64, first_counter: i64, counter_skips: &[(i64, i64)]) -> String {
     let mut text = String::new();
     for frame in 0..count {
-        let more: i64 = left_out.iter().filter(|(at, _)| *at <= frame).map(|(_, more)| more).sum();
-        let counter = (first_count + frame + more) & 0xFFFF;
+        let more: i64 = counter_skips.iter().filter(|(at, _)| *at <= frame).map(|(_, more)| more).sum();
+        let counter = (first_counter + frame + more) & 0xFFFF;
         let value = -8_388_608 + frame * 16_777_215 / (count - 1);
         let value = value & 0xFF_FFFF;
-        let (seconds, millis) = ((frame + 1) * apart / 1000, (frame + 1) * apart % 1000);
+        let (seconds, millis) = ((frame + 1) * interval_ms / 1000, (frame + 1) * interval_ms % 1000);
         writeln!(text, "({seconds:010}.{millis:03}000) vcan0 181#{counter:04X}{value:06X}00").expect("text");
     }
     text
 }
 
 fn missing_guest() -> Option<&'static str> {
-    guest_cache().is_none().then_some("the virtual machine is missing: tests/peers/socketcan/fetch")
+    guest_cache_folder().is_none().then_some("the virtual machine is missing: tests/peers/socketcan/fetch")
 }
 
-fn scenes_in_the_guest() -> Result<(), Failed> {
-    let cache = guest_cache().ok_or("no virtual machine")?;
+fn guest_scenes_give_the_expected_counts_and_messages() -> Result<(), Failed> {
+    let cache = guest_cache_folder().ok_or("no virtual machine")?;
     let folder = tempfile::tempdir()?;
     let data = folder.path().join("data");
     std::fs::create_dir(&data)?;
     let twin = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"vcan0\"\n";
     for (name, text) in [
-        ("scenes", SCENES.to_owned()),
-        ("stream.log", candump_log(1, FRAME_COUNT, 65_000, &OMITTED_FRAMES)),
+        ("scenes", GUEST_SCENES_SCRIPT.to_owned()),
+        ("stream.log", candump_log(1, FRAME_COUNT, 65_000, &COUNTER_SKIPS)),
         ("before.log", candump_log(1, 200, 0, &[])),
         ("after.log", candump_log(1, 200, 250, &[])),
-        ("without", SCENES_WITHOUT_CAN.to_owned()),
+        ("without", GUEST_WITHOUT_CAN_SCRIPT.to_owned()),
         ("half.log", candump_log(2, 60_000, 0, &[])),
         ("half.toml", machine_with_can_laser("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
         ("quick.toml", machine_with_can_laser("vcan0", 0.5)),
@@ -118,13 +118,13 @@ fn scenes_in_the_guest() -> Result<(), Failed> {
         ("none.toml", machine_with_can_laser("can7", 0.5)),
         ("lo.toml", machine_with_can_laser("lo", 0.5)),
         ("twin.toml", machine_with_laser(twin)),
-        ("run.toml", scanning_machine()),
+        ("run.toml", laser_r_test_machine_on_vcan0()),
     ] {
         std::fs::write(data.join(name), text)?;
     }
     let image = folder.path().join("image");
     let packed = Command::new(format!("{SCRIPT_FOLDER}/pack"))
-        .args([cache.as_path(), &data, Path::new(TRUED_PROGRAM), &image])
+        .args([cache.as_path(), &data, Path::new(TRUED_PROGRAM_PATH), &image])
         .output()?;
     if !packed.status.success() {
         return Err(String::from_utf8_lossy(&packed.stderr).into_owned().into());
@@ -142,13 +142,13 @@ fn scenes_in_the_guest() -> Result<(), Failed> {
     check_guest_output(&told.lines().filter_map(line).collect(), &told).map_err(Failed::from)
 }
 
-fn check_guest_output(said: &GuestOutput, told: &str) -> Result<(), String> {
-    let missing = OMITTED_FRAMES.iter().map(|(_, more)| more).sum::<i64>();
+fn check_guest_output(values: &GuestOutput, told: &str) -> Result<(), String> {
+    let missing = COUNTER_SKIPS.iter().map(|(_, more)| more).sum::<i64>();
     let counts = [
         ("stream.status", 0),
         ("stream.dumped", FRAME_COUNT),
         ("stream.values", FRAME_COUNT),
-        ("stream.gaps", OMITTED_FRAMES.len() as i64),
+        ("stream.gaps", COUNTER_SKIPS.len() as i64),
         ("stream.missing", missing),
         ("stream.stale", 0),
         ("down.values", 400),
@@ -169,21 +169,21 @@ fn check_guest_output(said: &GuestOutput, told: &str) -> Result<(), String> {
         ("lo.status", 1),
     ];
     for (key, wanted) in counts {
-        let came = said.get(key).and_then(|value| value.parse::<i64>().ok());
+        let came = values.get(key).and_then(|value| value.parse::<i64>().ok());
         if came != Some(wanted) {
             return Err(format!("{key} is {came:?}, not {wanted}\n{told}"));
         }
     }
     for scene in ["stream", "others"] {
         for (key, wanted) in [("least", "-83.88608"), ("greatest", "83.88607")] {
-            if said.get(&format!("{scene}.{key}")).map(String::as_str) != Some(wanted) {
+            if values.get(&format!("{scene}.{key}")).map(String::as_str) != Some(wanted) {
                 return Err(format!("{scene}.{key} is not {wanted}\n{told}"));
             }
         }
     }
     // Paper 2, Table 5, as in the simulated machine; the tolerances are those of a few poses.
     for (symbol, truth, limit) in [("EB0B", -42.0, 12.0), ("EX0C", -1.0, 1.5), ("EA0C", 5.2, 12.0)] {
-        let came: Option<f64> = said.get(&format!("run.{symbol}")).and_then(|v| v.parse().ok());
+        let came: Option<f64> = values.get(&format!("run.{symbol}")).and_then(|v| v.parse().ok());
         if came.is_none_or(|came: f64| (came - truth).abs() > limit) {
             return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
         }
@@ -212,6 +212,7 @@ const EXPECTED_MESSAGES: [&str; 11] = [
 ];
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0; host_without_can_is_reported]
-        .with(trials![Pool::Alone, 120; scenes_in_the_guest].requires(missing_guest))
+    trials![Pool::Waiting, 0; missing_can_interface_is_refused_with_a_remedy].with_trials(
+        trials![Pool::Alone, 120; guest_scenes_give_the_expected_counts_and_messages].requires_peer(missing_guest),
+    )
 }

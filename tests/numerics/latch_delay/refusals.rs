@@ -1,18 +1,18 @@
-//! Refusals before any motion, and after the part was found.
+//! Tests the refusals of `latch-delay` before any motion, and after the part was found.
 
 use machine::record::plan::{Plan, Stage};
 use methods::{MethodRefusal, NextStage, PositionSource};
 
-use super::bench::LatchDelayWorld;
+use super::latch_delay_world::LatchDelayWorld;
 
 /// The whole plan from nominal positions.
-fn plan_stages(world: &LatchDelayWorld) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
-    let (method, plan) = world.method_and_header();
+fn nominal_plan_and_stages(world: &LatchDelayWorld) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
+    let (method, plan) = world.method_and_plan_without_steps();
     methods::plan_nominal_stages(method.as_ref(), plan)
 }
 
 fn assert_refused(world: &LatchDelayWorld, words: &str) {
-    let refused = plan_stages(world).unwrap_err();
+    let refused = nominal_plan_and_stages(world).unwrap_err();
     assert!(refused.reason.contains(words), "{}", refused.reason);
     assert!(!refused.remedy.is_empty());
 }
@@ -22,7 +22,7 @@ fn world_with_key(key: &str, value: impl Into<toml::Value>) -> LatchDelayWorld {
 }
 
 #[test]
-fn useless_settings_are_refused() {
+fn unusable_settings_are_refused_before_motion() {
     assert_refused(&world_with_key("method.latch-delay.touches", 2), "touches = 2 at each feed");
     assert_refused(&world_with_key("method.latch-delay.direction_deg", 400.0), "direction_deg is outside");
     assert_refused(&world_with_key("method.latch-delay.fast_feed_mm_min", 45.0), "at least 2 times the measuring feed");
@@ -39,7 +39,7 @@ fn useless_settings_are_refused() {
 fn touch_too_short_for_its_feed_is_refused_or_slowed() {
     let weak = || world_with_key("axes.Y.acceleration_per_s2", 20.0);
     assert_refused(&weak().with_key("method.latch-delay.fast_feed_mm_min", 300.0), "overtravel");
-    let (plan, _) = plan_stages(&weak()).unwrap();
+    let (plan, _) = nominal_plan_and_stages(&weak()).unwrap();
     let fast = plan.steps.iter().map(|step| step.feed_mm_min).skip(1).fold(0.0, f64::max);
     assert!((60.0..300.0).contains(&fast), "{fast}");
     // With 20 mm/s² and the part 2 mm nearer than stated, the feed is reached before contact.
@@ -51,7 +51,7 @@ fn touch_too_short_for_its_feed_is_refused_or_slowed() {
 
 #[test]
 fn feeds_alternate_at_one_position() {
-    let (plan, stages) = plan_stages(&LatchDelayWorld::with_a_round_part()).unwrap();
+    let (plan, stages) = nominal_plan_and_stages(&LatchDelayWorld::with_a_round_part()).unwrap();
     assert_eq!(stages.iter().map(|stage| stage.steps.len()).collect::<Vec<_>>(), [1, 24]);
     assert!(plan.steps.iter().all(|step| step.from == plan.steps[0].from && step.to == plan.steps[0].to));
     let feeds: Vec<f64> = plan.steps.iter().map(|step| step.feed_mm_min).collect();
@@ -61,7 +61,7 @@ fn feeds_alternate_at_one_position() {
 /// The part is nearer than the start of its touches.
 #[test]
 fn displaced_part_is_refused_when_located() {
-    let (method, mut plan) = LatchDelayWorld::with_a_round_part().method_and_header();
+    let (method, mut plan) = LatchDelayWorld::with_a_round_part().method_and_plan_without_steps();
     let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
         panic!("a search")
     };

@@ -1,52 +1,68 @@
 //! Rendered programs of real plans: all are proven unchanged; each modified one is refused, and the refusal names
 //! the line.
 
-mod balls;
-mod program;
-mod sabotage;
+mod ball_sabotages;
+mod program_sabotages;
+mod rendered_plan;
 
 use machine::record::artefact::Artefact;
 use machine::{Axis, Position};
 use planning::proof::ProofRefusal;
-use program::{GRBLHAL, LINUXCNC, RenderedPlan, SIMULATED};
+use rendered_plan::{GRBLHAL_MACHINE_TOML, LINUXCNC_MACHINE_TOML, RenderedPlan, SIMULATED_MACHINE_TOML};
 
-/// Seed for the drawn steps.
-const SEED: u64 = 20_250_314;
+/// Seed of the first program and modification; it selects the modified step.
+const BASE_SEED: u64 = 20_250_314;
 
-fn with_replacement(file: &str, from: &str, to: &str) -> String {
+fn toml_with_replacement(file: &str, from: &str, to: &str) -> String {
     assert!(file.contains(from), "{from}");
     file.replacen(from, to, 1)
 }
 
-fn with_settings(file: &str, settings: &str) -> String {
+fn toml_with_self_calibration_settings(file: &str, settings: &str) -> String {
     if file.contains("[method.self-calibration]\n") && !file.contains("# [method.self-calibration]") {
         let head = "[method.self-calibration]\n";
-        return with_replacement(file, head, &format!("{head}{settings}\n"));
+        return toml_with_replacement(file, head, &format!("{head}{settings}\n"));
     }
     format!("{file}\n[method.self-calibration]\n{settings}\n")
 }
 
 /// Name, machine file, dialect.
-fn methods_and_machines() -> Vec<(&'static str, String, &'static str)> {
-    let table_side = with_replacement(SIMULATED, "V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-X-F-Y-Z-S-t");
-    let sure = with_replacement(SIMULATED, "uncertainty_mm = 2.0", "uncertainty_mm = 0.2");
+fn machines_and_dialects() -> Vec<(&'static str, String, &'static str)> {
+    let table_side = toml_with_replacement(SIMULATED_MACHINE_TOML, "V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-X-F-Y-Z-S-t");
+    let sure = toml_with_replacement(SIMULATED_MACHINE_TOML, "uncertainty_mm = 2.0", "uncertainty_mm = 0.2");
     let post = "[[keepout]]\nname = \"post\"\nmin_mm = [180, 150, -50]\nmax_mm = [250, 250, 400]\n";
-    let fenced = format!("{SIMULATED}\n{post}");
+    let fenced = format!("{SIMULATED_MACHINE_TOML}\n{post}");
     let clamp = "[[solid]]\nname = \"clamp\"\non = \"table\"\nfrom_mm = [70, -10, 0]\nto_mm = [110, 10, 130]\n";
-    let clamped = format!("{SIMULATED}\n{clamp}");
-    let mirrored = with_replacement(SIMULATED, "[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
+    let clamped = format!("{SIMULATED_MACHINE_TOML}\n{clamp}");
+    let mirrored = toml_with_replacement(
+        SIMULATED_MACHINE_TOML,
+        "[axes.C]\npositive = \"iso\"",
+        "[axes.C]\npositive = \"reversed\"",
+    );
     vec![
-        ("simulated, grbl", SIMULATED.to_owned(), "grbl"),
-        ("simulated, linuxcnc", SIMULATED.to_owned(), "linuxcnc"),
-        ("follow", with_settings(SIMULATED, "spindle = \"follow\""), "linuxcnc"),
-        ("heights", with_settings(SIMULATED, "positions = 12\nheights_mm = [20, 80]"), "grbl"),
-        ("not located", with_settings(&sure, "locate = false"), "linuxcnc"),
-        ("far off", with_settings(SIMULATED, "standoff_mm = 1.5\nsearch_mm = 3.0"), "grbl"),
-        ("close by", with_settings(SIMULATED, "standoff_mm = 0.2\nsearch_mm = 0.4"), "grbl"),
-        ("linuxcnc", LINUXCNC.to_owned(), "linuxcnc"),
-        ("linuxcnc in grbl", LINUXCNC.to_owned(), "grbl"),
-        ("grblhal", GRBLHAL.to_owned(), "grbl"),
-        ("grblhal in linuxcnc", GRBLHAL.to_owned(), "linuxcnc"),
+        ("simulated, grbl", SIMULATED_MACHINE_TOML.to_owned(), "grbl"),
+        ("simulated, linuxcnc", SIMULATED_MACHINE_TOML.to_owned(), "linuxcnc"),
+        ("follow", toml_with_self_calibration_settings(SIMULATED_MACHINE_TOML, "spindle = \"follow\""), "linuxcnc"),
+        (
+            "heights",
+            toml_with_self_calibration_settings(SIMULATED_MACHINE_TOML, "positions = 12\nheights_mm = [20, 80]"),
+            "grbl",
+        ),
+        ("not located", toml_with_self_calibration_settings(&sure, "locate = false"), "linuxcnc"),
+        (
+            "far off",
+            toml_with_self_calibration_settings(SIMULATED_MACHINE_TOML, "standoff_mm = 1.5\nsearch_mm = 3.0"),
+            "grbl",
+        ),
+        (
+            "close by",
+            toml_with_self_calibration_settings(SIMULATED_MACHINE_TOML, "standoff_mm = 0.2\nsearch_mm = 0.4"),
+            "grbl",
+        ),
+        ("linuxcnc", LINUXCNC_MACHINE_TOML.to_owned(), "linuxcnc"),
+        ("linuxcnc in grbl", LINUXCNC_MACHINE_TOML.to_owned(), "grbl"),
+        ("grblhal", GRBLHAL_MACHINE_TOML.to_owned(), "grbl"),
+        ("grblhal in linuxcnc", GRBLHAL_MACHINE_TOML.to_owned(), "linuxcnc"),
         ("X on the table's side", table_side, "grbl"),
         ("a post", fenced, "grbl"),
         ("a clamp higher than the part", clamped, "linuxcnc"),
@@ -54,12 +70,13 @@ fn methods_and_machines() -> Vec<(&'static str, String, &'static str)> {
     ]
 }
 
-/// The programs of [`programs`], and two that measure balls.
-fn render_all() -> Vec<(String, RenderedPlan)> {
-    let round = methods_and_machines()
+/// The programs of [`machines_and_dialects`], and two that measure balls.
+fn render_all_plans() -> Vec<(String, RenderedPlan)> {
+    let round = machines_and_dialects()
         .into_iter()
         .map(|(name, file, dialect)| (name.to_owned(), RenderedPlan::new(&file, "self-calibration", dialect)));
-    let balls = ["linuxcnc", "grbl-m19"].map(|dialect| (format!("balls, {dialect}"), balls::render_dome(dialect)));
+    let balls =
+        ["linuxcnc", "grbl-m19"].map(|dialect| (format!("balls, {dialect}"), ball_sabotages::render_dome(dialect)));
     round.chain(balls).collect()
 }
 
@@ -71,11 +88,12 @@ fn parking_position(rendered: &RenderedPlan) -> Position {
 
 #[test]
 fn no_program_as_rendered_is_refused() {
-    let samba = RenderedPlan::new(balls::SAMBA, "samba", "grbl-m19");
-    for (name, rendered) in render_all().into_iter().chain([("samba".to_owned(), samba)]) {
+    let samba = RenderedPlan::new(ball_sabotages::SAMBA_MACHINE_TOML, "samba", "grbl-m19");
+    for (name, rendered) in render_all_plans().into_iter().chain([("samba".to_owned(), samba)]) {
         for stands in [None, Some(parking_position(&rendered))] {
-            let proof =
-                rendered.prove(&rendered.lines, stands.as_ref()).unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
+            let proof = rendered
+                .prove(&rendered.program_lines, stands.as_ref())
+                .unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
             assert_eq!(proof.steps.len(), rendered.plan.steps.len(), "{name}");
             let nearest = proof.nearest.expect("bodies were looked at");
             assert!(nearest.clearance_mm > 0.1, "{name}: {nearest:?}");
@@ -95,16 +113,16 @@ fn draw_number(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Modifies `rendered` at a drawn step to which the modification applies; returns the refusal, and the expected
-/// window of its line.
-fn sabotage_once(rendered: &RenderedPlan, act: sabotage::Sabotage, seed: u64) -> Option<(u32, String)> {
+/// Modifies `rendered` at a random step to which the modification applies. Returns the step, and what is wrong: the
+/// text is empty if the program is refused with one of the expected lines.
+fn sabotage_random_step(rendered: &RenderedPlan, act: program_sabotages::Sabotage, seed: u64) -> Option<(u32, String)> {
     let steps = rendered.plan.steps.len() as u64 - 2;
     (0..20).find_map(|attempt| {
         let id = (draw_number(seed + 1000 * attempt) % steps) as u32;
-        let mut lines = rendered.lines.clone();
+        let mut lines = rendered.program_lines.clone();
         let (low, high) = act(rendered, &mut lines, id)?;
         // For example, a touch from above has no Y to swap with X.
-        if lines == rendered.lines {
+        if lines == rendered.program_lines {
             return None;
         }
         let wrong = match rendered.prove(&lines, None) {
@@ -122,17 +140,17 @@ fn sabotage_once(rendered: &RenderedPlan, act: sabotage::Sabotage, seed: u64) ->
 fn every_sabotage_is_refused_and_its_line_named() {
     let mut count = 0;
     let mut unseen = Vec::new();
-    for (number, (name, rendered)) in render_all().into_iter().enumerate() {
+    for (number, (name, rendered)) in render_all_plans().into_iter().enumerate() {
         let of_balls = matches!(rendered.plan.artefact, Artefact::Balls(_));
-        let more: &[_] = if of_balls { &balls::BALL_SABOTAGES } else { &[] };
-        let all = sabotage::SABOTAGES.iter().chain(&sabotage::EXTRA_SABOTAGES).chain(more);
+        let more: &[_] = if of_balls { &ball_sabotages::BALL_SABOTAGES } else { &[] };
+        let all = program_sabotages::SABOTAGES.iter().chain(&program_sabotages::EXTRA_SABOTAGES).chain(more);
         for (kind, (what, act)) in all.enumerate() {
             // Each kind in every third program; those of balls in both.
             if !of_balls && (number + kind) % 3 != 0 {
                 continue;
             }
-            let seed = SEED + 100 * number as u64 + kind as u64;
-            let Some((step, wrong)) = sabotage_once(&rendered, *act, seed) else { continue };
+            let seed = BASE_SEED + 100 * number as u64 + kind as u64;
+            let Some((step, wrong)) = sabotage_random_step(&rendered, *act, seed) else { continue };
             count += 1;
             if !wrong.is_empty() {
                 unseen.push(format!("{name}, step {step}, {what}: {wrong}"));

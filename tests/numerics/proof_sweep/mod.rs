@@ -3,9 +3,9 @@
 //! with `kinematics/` or the collision library. It detects only a part of all collisions (only its points, only its
 //! steps); the proof must refuse each one that it detects.
 
-mod balls;
-mod bodies;
-mod starts;
+mod moves_among_balls;
+mod sampled_bodies;
+mod wrong_starts;
 
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
@@ -62,11 +62,12 @@ pub fn subtract(a: Point, b: Point) -> Point {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
+/// A cylinder from centre to centre of its ends, or, without a radius, a box from corner to corner.
 #[derive(Clone)]
 pub struct Solid {
     pub from: Point,
     pub to: Point,
-    pub radius: Option<f64>,
+    pub cylinder_radius: Option<f64>,
 }
 
 impl Solid {
@@ -75,12 +76,12 @@ impl Solid {
     }
 
     pub fn bounding_radius(&self) -> f64 {
-        (length(subtract(self.to, self.from)) / 2.0).hypot(self.radius.unwrap_or(0.0))
+        (length(subtract(self.to, self.from)) / 2.0).hypot(self.cylinder_radius.unwrap_or(0.0))
     }
 
     /// Distance of a point from the solid, 0 inside.
     pub fn distance(&self, p: Point) -> f64 {
-        let Some(radius) = self.radius else {
+        let Some(radius) = self.cylinder_radius else {
             let beyond = |i: usize| {
                 let (low, high) = (self.from[i].min(self.to[i]), self.from[i].max(self.to[i]));
                 (low - p[i]).max(p[i] - high).max(0.0)
@@ -97,7 +98,7 @@ impl Solid {
 
     /// Points of the surface, such that every surface point is within `spacing` of one of them.
     fn surface_points(&self, spacing: f64) -> Vec<Point> {
-        match self.radius {
+        match self.cylinder_radius {
             None => self.box_points(spacing),
             Some(radius) => self.cylinder_points(radius, spacing),
         }
@@ -154,7 +155,7 @@ impl Solid {
 
     fn as_json(&self, name: &str, on: &str) -> serde_json::Value {
         let mut value = json!({"name": name, "on": on, "from_mm": self.from, "to_mm": self.to});
-        if let Some(radius) = self.radius {
+        if let Some(radius) = self.cylinder_radius {
             value["radius_mm"] = radius.into();
         }
         value
@@ -171,49 +172,49 @@ enum TestMachine {
     /// `w-C-B-F-Y-X-Z-t`: trunnion, C reversed; B turns about (5, 0, −20), C about (0, 3, 0).
     Trunnion,
     /// `w-C-Y-F-X-Z-B-t`: the table moves with Y, the head turns about (0, 0, 150), B reversed.
-    Head,
+    SwivelHead,
 }
 
 impl TestMachine {
     fn topology(self) -> &'static str {
         match self {
             TestMachine::Trunnion => "w-C-B-F-Y-X-Z-t",
-            TestMachine::Head => "w-C-Y-F-X-Z-B-t",
+            TestMachine::SwivelHead => "w-C-Y-F-X-Z-B-t",
         }
     }
 
     fn table(self, [_, y, _, b, c]: Axes) -> Matrix {
         match self {
             TestMachine::Trunnion => multiply(&rotation(1, [5.0, 0.0, -20.0], -b), &rotation(2, [0.0, 3.0, 0.0], c)),
-            TestMachine::Head => multiply(&translation([0.0, -y, 0.0]), &rotation(2, [0.0; 3], -c)),
+            TestMachine::SwivelHead => multiply(&translation([0.0, -y, 0.0]), &rotation(2, [0.0; 3], -c)),
         }
     }
 
     fn spindle(self, [x, y, z, b, _]: Axes) -> Matrix {
         match self {
             TestMachine::Trunnion => translation([x, y, z]),
-            TestMachine::Head => multiply(&translation([x, 0.0, z]), &rotation(1, [0.0, 0.0, 150.0], -b)),
+            TestMachine::SwivelHead => multiply(&translation([x, 0.0, z]), &rotation(1, [0.0, 0.0, 150.0], -b)),
         }
     }
 
     /// Axes of the plan's machine.
-    fn axes(self) -> serde_json::Value {
+    fn axes_json(self) -> serde_json::Value {
         let linear = json!({"min": -1000.0, "max": 1000.0});
         let turn = |positive: &str, point: Point| json!({"min": -720.0, "max": 720.0, "positive": positive, "point_mm": point});
         let (b, c) = match self {
             TestMachine::Trunnion => (turn("iso", [5.0, 0.0, -20.0]), turn("reversed", [0.0, 3.0, 0.0])),
-            TestMachine::Head => (turn("reversed", [0.0, 0.0, 150.0]), turn("iso", [0.0; 3])),
+            TestMachine::SwivelHead => (turn("reversed", [0.0, 0.0, 150.0]), turn("iso", [0.0; 3])),
         };
         json!({"X": linear, "Y": linear, "Z": linear, "B": b, "C": c})
     }
 
-    fn plan(self, solids: &[Solid; 3]) -> Plan {
+    fn plan_with_solids(self, solids: &[Solid; 3]) -> Plan {
         let at = json!({"X": 0.0, "Y": 0.0, "Z": 0.0, "B": 0.0, "C": 0.0});
         // Ball and artefact are far from all bodies.
         serde_json::from_value(json!({
             "trued_plan": 1, "method": "test", "settings": {},
             "machine": {"name": "m", "topology": self.topology(), "tool_mm": [0.0, 0.0, 9000.0],
-                "axes": self.axes()},
+                "axes": self.axes_json()},
             "probe": {"ball_radius_mm": 0.1},
             "artefact": {"kind": "cylinder", "centre_mm": [0.0, 0.0, -9000.0], "axis": [0.0, 0.0, 1.0],
                 "radius_mm": 1.0, "height_mm": 1.0},
@@ -226,7 +227,7 @@ impl TestMachine {
     }
 }
 
-/// splitmix64.
+/// Generator of pseudo-random numbers, splitmix64.
 struct RandomNumbers(u64);
 
 impl RandomNumbers {
@@ -238,12 +239,12 @@ impl RandomNumbers {
         low + (high - low) * ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// A value with the resolution of the text.
+    /// A uniform number, rounded to 1e-4, the resolution of the program text.
     fn uniform_rounded(&mut self, low: f64, high: f64) -> f64 {
         (self.uniform(low, high) * 1e4).round() / 1e4
     }
 
-    fn solid(&mut self, centre: [(f64, f64); 3]) -> Solid {
+    fn random_solid(&mut self, centre: [(f64, f64); 3]) -> Solid {
         let middle = centre.map(|(low, high)| self.uniform_rounded(low, high));
         let mut half: Point = std::array::from_fn(|_| self.uniform_rounded(4.0, 35.0));
         let radius = (self.uniform(0.0, 1.0) < 0.5).then(|| self.uniform_rounded(3.0, 30.0));
@@ -252,26 +253,26 @@ impl RandomNumbers {
             (half[0], half[1]) = (0.0, 0.0);
         }
         let from = std::array::from_fn(|i| middle[i] - half[i]);
-        Solid { from, to: std::array::from_fn(|i| middle[i] + half[i]), radius }
+        Solid { from, to: std::array::from_fn(|i| middle[i] + half[i]), cylinder_radius: radius }
     }
 }
 
 struct RandomMove {
     kind: TestMachine,
-    solids: [Solid; 3],
+    tool_work_and_post: [Solid; 3],
     from: Axes,
     to: Axes,
     /// Guarded moves need less clearance; only linear axes can make them.
-    guarded: bool,
+    is_guarded: bool,
 }
 
 impl RandomMove {
     fn new(number: u64) -> Self {
         let mut dice = RandomNumbers(number.wrapping_mul(0x5851_F42D_4C95_7F2D));
-        let kind = if number.is_multiple_of(2) { TestMachine::Trunnion } else { TestMachine::Head };
-        let tool = dice.solid([(-20.0, 20.0), (-20.0, 20.0), (-60.0, 60.0)]);
-        let work = dice.solid([(-70.0, 70.0), (-70.0, 70.0), (-40.0, 60.0)]);
-        let post = dice.solid([(-150.0, 150.0), (-150.0, 150.0), (-100.0, 150.0)]);
+        let kind = if number.is_multiple_of(2) { TestMachine::Trunnion } else { TestMachine::SwivelHead };
+        let tool = dice.random_solid([(-20.0, 20.0), (-20.0, 20.0), (-60.0, 60.0)]);
+        let work = dice.random_solid([(-70.0, 70.0), (-70.0, 70.0), (-40.0, 60.0)]);
+        let post = dice.random_solid([(-150.0, 150.0), (-150.0, 150.0), (-100.0, 150.0)]);
         let mut place = || -> Axes {
             [
                 dice.uniform_rounded(-110.0, 110.0),
@@ -286,7 +287,7 @@ impl RandomMove {
         if number.is_multiple_of(3) {
             (to[3], to[4]) = (from[3], from[4]);
         }
-        Self { kind, solids: [tool, work, post], from, to, guarded: number % 6 == 3 }
+        Self { kind, tool_work_and_post: [tool, work, post], from, to, is_guarded: number % 6 == 3 }
     }
 
     fn poses_at(&self, share: f64) -> [Matrix; 3] {
@@ -295,14 +296,14 @@ impl RandomMove {
     }
 
     /// Required clearance of the move, mm.
-    fn required_distance_mm(&self) -> f64 {
-        if self.guarded { GUARDED_CLEARANCE_MM } else { MIN_UNGUARDED_CLEARANCE_MM }
+    fn required_clearance_mm(&self) -> f64 {
+        if self.is_guarded { GUARDED_CLEARANCE_MM } else { MIN_UNGUARDED_CLEARANCE_MM }
     }
 
     /// Whether the proof refuses the move.
     fn proof_refuses(&self, dialect: &Dialect) -> bool {
-        let plan = self.kind.plan(&self.solids);
-        match proof_result(&plan, (self.from, self.to), self.guarded, dialect) {
+        let plan = self.kind.plan_with_solids(&self.tool_work_and_post);
+        match refusal_of_single_move(&plan, (self.from, self.to), self.is_guarded, dialect) {
             RefusalReason::ClearanceTooSmall { .. } => true,
             // The move itself was accepted.
             RefusalReason::IncompleteStep(_) => false,
@@ -310,10 +311,10 @@ impl RandomMove {
         }
     }
 
-    /// Smallest distance of a sampled surface point from the other solid, over all pairs and steps; distances above
-    /// `far` may be left out.
-    fn sampled_distances(&self, spacing: f64, stride: f64, far: f64, window: (f64, f64)) -> (f64, f64) {
-        let surfaces = self.solids.each_ref().map(|solid| solid.surface_points(spacing));
+    /// Smallest distance of a sampled surface point from the other solid, over all pairs and steps, and the share of
+    /// the path at which it occurs; distances above `far` may be left out.
+    fn sampled_min_distance(&self, spacing: f64, stride: f64, far: f64, window: (f64, f64)) -> (f64, f64) {
+        let surfaces = self.tool_work_and_post.each_ref().map(|solid| solid.surface_points(spacing));
         let way = (0..3).map(|i| (self.to[i] - self.from[i]).powi(2)).sum::<f64>().sqrt();
         // A rotation of one degree moves a point at 230 mm by about 4 mm.
         let turn = (self.to[3] - self.from[3]).abs() + (self.to[4] - self.from[4]).abs();
@@ -336,14 +337,14 @@ impl RandomMove {
     }
 
     fn least_distance(&self, at: &[Matrix; 3], surfaces: &[Vec<Point>; 3], a: usize, b: usize, far: f64) -> f64 {
-        let centre = |i: usize| map_point(&at[i], self.solids[i].middle());
-        let reach = self.solids[a].bounding_radius() + self.solids[b].bounding_radius();
+        let centre = |i: usize| map_point(&at[i], self.tool_work_and_post[i].middle());
+        let reach = self.tool_work_and_post[a].bounding_radius() + self.tool_work_and_post[b].bounding_radius();
         if length(subtract(centre(a), centre(b))) - reach > far {
             return f64::INFINITY;
         }
         let one_way = |from: usize, into: usize| {
             let to_other = relative_pose(&at[from], &at[into]);
-            let seen = |p: &Point| self.solids[into].distance(map_point(&to_other, *p));
+            let seen = |p: &Point| self.tool_work_and_post[into].distance(map_point(&to_other, *p));
             let distances = surfaces[from].iter().map(seen);
             distances.fold(f64::INFINITY, f64::min)
         };
@@ -353,18 +354,18 @@ impl RandomMove {
 
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
-fn position(axes: Axes) -> Position {
+fn position_from_axes(axes: Axes) -> Position {
     AXES.iter().zip(axes).map(|(axis, value)| (*axis, axis.to_mm_or_rad(value))).collect()
 }
 
 /// Reason for which a program of one move is refused; the program is never complete.
-fn proof_result(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> RefusalReason {
+fn refusal_of_single_move(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> RefusalReason {
     let words: Vec<String> = AXES.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
     // The first guarded move may start at the current position: it follows a dwell.
     let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
     let head = "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59";
     let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
-    let (stages, stands) = ([StageSteps { step_ids: &[0], found_artefact: None }], position(from));
+    let (stages, stands) = ([StageSteps { step_ids: &[0], found_artefact: None }], position_from_axes(from));
     let (stages, stands) = (&stages, Some(&stands));
     let request = ProofRequest {
         plan,
@@ -381,12 +382,12 @@ fn proof_result(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &
 struct ProofCounts {
     refused: u32,
     collisions: u32,
-    conservative: u32,
-    missed: u32,
+    needless_refusals: u32,
+    wrongly_accepted: u32,
 }
 
-const COARSE_SPACING_MM: f64 = 6.0;
-const FINE_SPACING_MM: f64 = 0.8;
+const COARSE_POINT_SPACING_MM: f64 = 6.0;
+const FINE_POINT_SPACING_MM: f64 = 0.8;
 /// Clearance of guarded moves from all bodies except the artefact, mm.
 const GUARDED_CLEARANCE_MM: f64 = 0.5;
 
@@ -395,22 +396,22 @@ impl ProofCounts {
         Self {
             refused: self.refused + other.refused,
             collisions: self.collisions + other.collisions,
-            conservative: self.conservative + other.conservative,
-            missed: self.missed + other.missed,
+            needless_refusals: self.needless_refusals + other.needless_refusals,
+            wrongly_accepted: self.wrongly_accepted + other.wrongly_accepted,
         }
     }
 }
 
-fn check_proof(number: u64, dialect: &Dialect) -> ProofCounts {
+fn compare_proof_with_sampling(number: u64, dialect: &Dialect) -> ProofCounts {
     let case = RandomMove::new(number);
     let refused = case.proof_refuses(dialect);
-    let need = case.required_distance_mm();
-    let far = need + 2.0 * COARSE_SPACING_MM;
-    let (mut least, at) = case.sampled_distances(COARSE_SPACING_MM, 3.0, far, (0.0, 1.0));
+    let need = case.required_clearance_mm();
+    let far = need + 2.0 * COARSE_POINT_SPACING_MM;
+    let (mut least, at) = case.sampled_min_distance(COARSE_POINT_SPACING_MM, 3.0, far, (0.0, 1.0));
     if least > need && least < far {
         // Between the coarse points: a fine check at the smallest distance.
         let window = ((at - 0.03).max(0.0), (at + 0.03).min(1.0));
-        least = least.min(case.sampled_distances(FINE_SPACING_MM, 0.3, far, window).0);
+        least = least.min(case.sampled_min_distance(FINE_POINT_SPACING_MM, 0.3, far, window).0);
     }
     let seen = least < need - 1e-3;
     let missed = u32::from(seen && !refused);
@@ -420,8 +421,8 @@ fn check_proof(number: u64, dialect: &Dialect) -> ProofCounts {
     ProofCounts {
         refused: u32::from(refused),
         collisions: u32::from(least <= 0.0),
-        conservative: u32::from(refused && least > need),
-        missed,
+        needless_refusals: u32::from(refused && least > need),
+        wrongly_accepted: missed,
     }
 }
 
@@ -431,11 +432,11 @@ fn proof_misses_no_collision_of_random_moves() {
     let dialect = Dialect::from_name("grbl").unwrap();
     let count = (0..moves)
         .into_par_iter()
-        .map(|number| check_proof(number, &dialect))
+        .map(|number| compare_proof_with_sampling(number, &dialect))
         .reduce(ProofCounts::default, ProofCounts::add);
     println!("{moves} moves: {count:?}");
-    assert_eq!(count.missed, 0);
-    assert!(u64::from(count.conservative) * 50 <= moves, "{count:?}");
+    assert_eq!(count.wrongly_accepted, 0);
+    assert!(u64::from(count.needless_refusals) * 50 <= moves, "{count:?}");
     // The moves are a useful sample: many collide, many pass.
     assert!(u64::from(count.collisions) * 5 > moves, "{count:?}");
     assert!(u64::from(count.refused) * 5 < 4 * moves, "{count:?}");

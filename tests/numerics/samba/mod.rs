@@ -2,17 +2,17 @@
 //! measured in a real run with proof and journal; the many seeds, with a smaller design, are measured over the same
 //! wire without them. The world is exact and independent of the estimator.
 
-mod bench;
-mod cover;
+mod coverage;
 mod designs;
-mod moved;
-mod played;
+mod moved_ball;
+mod played_series;
+mod samba_runs;
 mod topologies;
 
-use bench::{MeasuredRun, RunBench, RunFailed, RunSeries, SambaWorld};
-use testing::population::{count_bound, population_size};
+use samba_runs::{MeasuredRun, RunFailed, RunSeries, SambaRunner, SambaWorld};
+use testing::population::{event_count_limit, population_size};
 
-const SYMBOLS_AND_KEYS: [(&str, &str); 13] = [
+const PARAMETER_SYMBOLS_AND_ERROR_KEYS: [(&str, &str); 13] = [
     ("EA0B", "EA0B_urad"),
     ("EC0B", "EC0B_urad"),
     ("EX0C", "EX0C_um"),
@@ -29,34 +29,36 @@ const SYMBOLS_AND_KEYS: [(&str, &str); 13] = [
 ];
 
 /// χ² of the thirteen parameters against the true values, with the stated covariance.
-fn chi2(measured: &MeasuredRun) -> f64 {
+fn chi2_of_parameters(measured: &MeasuredRun) -> f64 {
     let covariance = &measured.estimate.covariance;
-    let at: Vec<usize> = SYMBOLS_AND_KEYS
+    let at: Vec<usize> = PARAMETER_SYMBOLS_AND_ERROR_KEYS
         .iter()
         .map(|(symbol, _)| {
             let place = covariance.symbols.iter().position(|name| name == symbol);
             place.unwrap_or_else(|| panic!("{symbol} has no covariance"))
         })
         .collect();
-    let off = faer::Col::from_fn(at.len(), |i| measured.error_in_u(SYMBOLS_AND_KEYS[i].0, SYMBOLS_AND_KEYS[i].1));
+    let off = faer::Col::from_fn(at.len(), |i| {
+        measured.parameter_error(PARAMETER_SYMBOLS_AND_ERROR_KEYS[i].0, PARAMETER_SYMBOLS_AND_ERROR_KEYS[i].1)
+    });
     let matrix = faer::Mat::from_fn(at.len(), at.len(), |i, j| covariance.rows[at[i]][at[j]]);
-    let solved = bench::solve_linear(&matrix, &off);
+    let solved = samba_runs::solve_linear(&matrix, &off);
     off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
 /// Mean of χ²/13 over the seeds.
-fn mean_chi2(seeds: std::ops::Range<u64>, series: &RunSeries) -> f64 {
+fn mean_normalised_chi2(seeds: std::ops::Range<u64>, series: &RunSeries) -> f64 {
     let count = (seeds.end - seeds.start) as f64;
-    let each = in_parallel(seeds, |seed| {
+    let each = map_seeds_in_parallel(seeds, |seed| {
         let measured = series.measure(seed);
-        chi2(&measured.unwrap_or_else(|RunFailed(why)| panic!("seed {seed}: {why}"))) / 13.0
+        chi2_of_parameters(&measured.unwrap_or_else(|RunFailed(why)| panic!("seed {seed}: {why}"))) / 13.0
     });
     each.iter().sum::<f64>() / count
 }
 
 /// Results in the order of the seeds. Waiting for a control takes longer than the computation, so there are more
 /// threads than cores.
-fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sync) -> Vec<T> {
+fn map_seeds_in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sync) -> Vec<T> {
     const THREADS: u64 = 6;
     let one = &one;
     let mut all: Vec<(u64, T)> = std::thread::scope(|scope| {
@@ -72,12 +74,12 @@ fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sy
 #[test]
 fn errors_on_the_built_in_machine_are_below_1_7_expanded_uncertainties() {
     let world = SambaWorld::as_built_in().with_key("method.samba.monte_carlo_trials", 100);
-    let measured = RunBench::new().measure(1, &world);
+    let measured = SambaRunner::new().measure(1, &world);
     assert_eq!(measured.readings.len(), measured.plan.steps.len());
     assert!(measured.estimate.warnings.is_empty(), "{:?}", measured.estimate.warnings);
-    for (symbol, key) in SYMBOLS_AND_KEYS {
+    for (symbol, key) in PARAMETER_SYMBOLS_AND_ERROR_KEYS {
         let parameter = measured.parameter(symbol);
-        let off = measured.error_in_u(symbol, key);
+        let off = measured.parameter_error(symbol, key);
         // Thirteen parameters of one machine: the largest deviation may well exceed U at k = 2.
         assert!(off.abs() < 1.7 * parameter.expanded, "{symbol} off by {off}: {parameter:?}");
         assert!(parameter.identifiable, "{symbol}");
@@ -86,17 +88,17 @@ fn errors_on_the_built_in_machine_are_below_1_7_expanded_uncertainties() {
 
 /// The budget of the small design, with which 200 machines can be measured in a test.
 fn small_series(world: SambaWorld) -> RunSeries {
-    RunSeries::new(with_small_sources(world).with_key("method.samba.find", "once"))
+    RunSeries::new(with_small_design(world).with_key("method.samba.find", "once"))
 }
 
-fn with_small_sources(world: SambaWorld) -> SambaWorld {
+fn with_small_design(world: SambaWorld) -> SambaWorld {
     world.with_key("method.samba.balls", 40).with_key("method.samba.references", false)
 }
 
 #[test]
-fn coverage_of_worlds_inside_the_model() {
+fn chi2_of_worlds_inside_the_model_is_within_bounds() {
     let seeds = population_size(200);
-    let mean = mean_chi2(0..seeds, &small_series(SambaWorld::inside_the_model()));
+    let mean = mean_normalised_chi2(0..seeds, &small_series(SambaWorld::with_modelled_errors_only()));
     let dof = 13.0 * seeds as f64;
     let (low, high) = estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
     println!("mean of χ²/13: {mean:.3}, within [{:.3}, {:.3}]", low / dof, high / dof);
@@ -106,22 +108,22 @@ fn coverage_of_worlds_inside_the_model() {
 /// Errors outside of the thirteen parameters, one at a time, large enough to matter.
 #[test]
 fn effects_outside_the_model_are_flagged() {
-    let inside = SambaWorld::inside_the_model;
+    let inside = SambaWorld::with_modelled_errors_only;
     let motion = "symbol = 'EXC'\nharmonic = 2\ncos_um = 5.0";
     let sag = "axis = 'B'\nlaw = 'one-minus-cos'\num = [0.0, 0.0, -10.0]";
     let worlds = [
         ("nothing", inside()),
-        ("error motion", inside().with_entry("error_motion", motion)),
-        ("sag", inside().with_entry("sag", sag)),
+        ("error motion", inside().with_simulated_entry("error_motion", motion)),
+        ("sag", inside().with_simulated_entry("sag", sag)),
         ("drift", inside().with_key("machine.drift_um_per_h", 80.0)),
     ];
     const FULL_POPULATION: u64 = 10;
     let seeds = population_size(FULL_POPULATION);
     // The misfit test has a level of 1 %.
-    let false_alarms = count_bound(seeds, FULL_POPULATION, (0.01, 1));
+    let false_alarms = event_count_limit(seeds, FULL_POPULATION, (0.01, 1));
     for (name, world) in worlds {
         let series = small_series(world).without_declared_drift();
-        let flagged = in_parallel(0..seeds, |seed| {
+        let flagged = map_seeds_in_parallel(0..seeds, |seed| {
             let measured = series.measure(seed);
             let measured = measured.unwrap_or_else(|RunFailed(why)| panic!("{name} {seed}: {why}"));
             let warnings = &measured.estimate.warnings;

@@ -8,12 +8,12 @@ use estimation::random::seeded_stream;
 use machine::record::estimate::{Estimate, Unit};
 use trued::setup;
 
-use super::bench::SambaWorld;
-use crate::touch_alone::touch_alone;
-use testing::population::{count_bound, is_full, population_size};
+use super::samba_runs::SambaWorld;
+use crate::touch_without_path::touch_without_path;
+use testing::population::{event_count_limit, is_full_test_run, population_size};
 
 /// Topology, and the rotary axes with their range in either direction.
-const TOPOLOGIES_AND_ORIENTATIONS: [(&str, &[(&str, i64)]); 8] = [
+const TOPOLOGIES_AND_ROTARY_RANGES: [(&str, &[(&str, i64)]); 8] = [
     ("w-C-B-X-F-Z-Y-S-t", &[("B", 110), ("C", 360), ("S", 360)]),
     ("w-C-B-X-F-Z-Y-S-t", &[("B", 110), ("C", 360)]),
     ("w-C-A-Y-F-X-Z-t", &[("A", 110), ("C", 360)]),
@@ -24,12 +24,12 @@ const TOPOLOGIES_AND_ORIENTATIONS: [(&str, &[(&str, i64)]); 8] = [
     ("w-A-F-X-Y-Z-t", &[("A", 110)]),
 ];
 /// Maximum of each true error, in um, urad and um/m.
-const MAX_ERROR: f64 = 25.0;
+const MAX_TRUE_ERROR: f64 = 25.0;
 
 fn world_of_topology(topology: &str, turning: &[(&str, i64)]) -> SambaWorld {
     let mut world = SambaWorld::as_built_in();
     for axis in ["B", "C", "S"] {
-        world.table("axes").remove(axis);
+        world.toml_table("axes").remove(axis);
     }
     for (axis, reach) in turning {
         let motion = match *axis {
@@ -40,7 +40,7 @@ fn world_of_topology(topology: &str, turning: &[(&str, i64)]) -> SambaWorld {
         let spec: Table = spec.parse().unwrap();
         world = world.with_key(&format!("axes.{axis}"), Value::Table(spec));
     }
-    let simulated = world.table("simulated");
+    let simulated = world.toml_table("simulated");
     simulated.remove("errors");
     simulated.remove("error_motion");
     // Cradle and headstock belong to the built-in machine.
@@ -55,7 +55,7 @@ fn world_of_topology(topology: &str, turning: &[(&str, i64)]) -> SambaWorld {
 }
 
 /// Key of `[simulated.errors]` for a parameter.
-fn machine_file_key(symbol: &str, unit: Unit) -> String {
+fn simulated_error_key(symbol: &str, unit: Unit) -> String {
     let unit = match unit {
         Unit::Um => "um",
         Unit::Urad => "urad",
@@ -65,25 +65,25 @@ fn machine_file_key(symbol: &str, unit: Unit) -> String {
     format!("{symbol}_{unit}")
 }
 
-fn error_symbols(estimate: &Estimate) -> Vec<(String, String)> {
+fn error_symbols_and_keys(estimate: &Estimate) -> Vec<(String, String)> {
     let errors = estimate.parameters.iter().filter(|p| p.symbol.starts_with('E'));
-    errors.map(|p| (p.symbol.clone(), machine_file_key(&p.symbol, p.unit))).collect()
+    errors.map(|p| (p.symbol.clone(), simulated_error_key(&p.symbol, p.unit))).collect()
 }
 
 /// For each error, the number of worlds in which U did not cover the true value.
-fn missed_counts(world: &SambaWorld, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
+fn uncovered_world_counts(world: &SambaWorld, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
     let (method, header) = setup::configure_method_and_plan(&world.machine_file(0), "samba", None).unwrap();
     let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let measured = |world: &SambaWorld, seed: u64| {
         let mut simulated = setup::build_world(&world.machine_file(seed)).unwrap();
         let slow = plan.steps.iter().filter(|step| !step.label.starts_with("find/"));
-        let readings: Vec<_> = slow.map(|step| touch_alone(&mut simulated, step, 0)).collect();
+        let readings: Vec<_> = slow.map(|step| touch_without_path(&mut simulated, step, 0)).collect();
         method.identify(&plan, &readings).unwrap()
     };
-    let errors = error_symbols(&measured(world, 0));
+    let errors = error_symbols_and_keys(&measured(world, 0));
     let misses = |seed: u64| -> Vec<bool> {
         let random = &mut seeded_stream(seed, &[0x746f_706f]);
-        let truth: Vec<f64> = errors.iter().map(|_| random.random_range(-MAX_ERROR..MAX_ERROR)).collect();
+        let truth: Vec<f64> = errors.iter().map(|_| random.random_range(-MAX_TRUE_ERROR..MAX_TRUE_ERROR)).collect();
         let table = errors.iter().zip(&truth).map(|((_, key), value)| (key.clone(), (*value).into()));
         let world = world.clone().with_key("simulated.errors", Value::Table(table.collect()));
         let estimate = measured(&world, seed);
@@ -106,8 +106,8 @@ fn missed_counts(world: &SambaWorld, seeds: std::ops::Range<u64>) -> Vec<(String
 fn coverage_on_eight_topologies() {
     let worlds = population_size(125);
     let (mut all, mut all_missed, mut beyond) = (0, 0, Vec::new());
-    for (topology, turning) in TOPOLOGIES_AND_ORIENTATIONS {
-        let found = missed_counts(&world_of_topology(topology, turning), 1..worlds + 1);
+    for (topology, turning) in TOPOLOGIES_AND_ROTARY_RANGES {
+        let found = uncovered_world_counts(&world_of_topology(topology, turning), 1..worlds + 1);
         println!("{topology}: missed of {worlds}: {found:?}");
         for (symbol, missed) in found {
             all += worlds;
@@ -117,9 +117,9 @@ fn coverage_on_eight_topologies() {
     }
     let percent = 100.0 * (1.0 - all_missed as f64 / all as f64);
     println!("covered: {percent:.2} % of {all}");
-    assert!(!is_full() || beyond.is_empty(), "{beyond:?}");
+    assert!(!is_full_test_run() || beyond.is_empty(), "{beyond:?}");
     // The errors of one machine are correlated: the number of worlds counts, not that of the errors.
-    let most = count_bound(8 * worlds, 1000, (0.0455, 70));
+    let most = event_count_limit(8 * worlds, 1000, (0.0455, 70));
     let low = 100.0 * (1.0 - most as f64 / (8 * worlds) as f64);
-    assert!((low..97.5).contains(&percent) || !is_full() && percent > low, "{percent}");
+    assert!((low..97.5).contains(&percent) || !is_full_test_run() && percent > low, "{percent}");
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::{MachineShop, assert_output_has, estimate_json, simulated_machine, stderr};
+use super::{MachineShop, assert_stderr_has, simulated_machine_toml, stderr, successful_json_output};
 
 fn json_number(of: &Value, key: &str) -> f64 {
     of[key].as_f64().unwrap_or(f64::INFINITY)
@@ -10,11 +10,11 @@ fn json_number(of: &Value, key: &str) -> f64 {
 
 /// Another seed is another machine; the numerical tests check the agreement.
 pub fn two_runs_are_compared() {
-    let shop = MachineShop::new(&simulated_machine());
-    let first = estimate_json(&shop.run_cycle());
-    shop.replace_in_machine("seed = 1", "seed = 2");
-    let second = estimate_json(&shop.run_cycle());
-    let compared = estimate_json(&shop.run_trued(&["compare", "1", "2", "--json"]));
+    let shop = MachineShop::new(&simulated_machine_toml());
+    let first = successful_json_output(&shop.run_self_calibration());
+    shop.replace_in_machine_file("seed = 1", "seed = 2");
+    let second = successful_json_output(&shop.run_self_calibration());
+    let compared = successful_json_output(&shop.run_trued(&["compare", "1", "2", "--json"]));
     let common = compared["common_sources"].as_array().unwrap();
     assert!(common.contains(&"probe lobing".into()) && !common.contains(&"resolution".into()));
     assert_eq!(compared["besides"][0], "the machine file was changed between the runs");
@@ -34,17 +34,17 @@ pub fn two_runs_are_compared() {
     }
 }
 
-pub fn what_is_no_comparison_is_refused_with_the_way_on() {
-    let shop = MachineShop::new(&simulated_machine());
-    estimate_json(&shop.run_cycle());
+pub fn incomparable_runs_are_refused_with_advice() {
+    let shop = MachineShop::new(&simulated_machine_toml());
+    successful_json_output(&shop.run_self_calibration());
     let refused = |other: &str| {
         let output = shop.run_trued(&["compare", "1", other]);
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         output
     };
-    assert_output_has(&refused("7"), &["the journal has no run 7", "→"]);
-    estimate_json(&shop.run_trued(&["run", "latch-delay", "--json", "--machine", &shop.machine_path()]));
-    assert_output_has(&refused("2"), &["run 2 by latch-delay", "choose two runs with common parameters"]);
+    assert_stderr_has(&refused("7"), &["the journal has no run 7", "→"]);
+    successful_json_output(&shop.run_trued(&["run", "latch-delay", "--json", "--machine", &shop.machine_path()]));
+    assert_stderr_has(&refused("2"), &["run 2 by latch-delay", "choose two runs with common parameters"]);
     // A run compared with itself: no differences.
     let same = shop.run_trued(&["compare", "1", "1"]);
     let same = String::from_utf8(same.stdout).unwrap();

@@ -4,17 +4,17 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Output, Stdio};
 
-use super::resume::{resume_command, value_and_u};
-use super::stops::send_signal;
-use super::{MachineShop, estimate_json, stderr, with_changes};
-use crate::support::person;
+use super::resume::{resume_command, value_and_expanded_uncertainty};
+use super::stop_signals::send_signal;
+use super::{MachineShop, stderr, successful_json_output, toml_with_changes};
+use crate::support::terminal_operator;
 
 /// Error motions of `config/multiprobe.toml`, µm and µrad.
 const TRUE_PARAMETERS: [(&str, f64); 5] =
     [("EXC_c2", 1.2), ("EXC_s2", -0.4), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EBC_s3", 4.0)];
 
 /// Four mountings, few stops.
-fn machine() -> String {
+fn small_multiprobe_machine_toml() -> String {
     let file = include_str!("../../../config/multiprobe.toml");
     let short = [
         ("indexes = 10", "indexes = 4\nmonte_carlo_trials = 100"),
@@ -24,41 +24,42 @@ fn machine() -> String {
         ("samples = 4", "samples = 1"),
         ("drift_um_per_h = 2.0", "drift_um_per_h = 0.1"),
     ];
-    with_changes(file, &short)
+    toml_with_changes(file, &short)
 }
 
-/// Ends the run by a signal or by `KILL` after it has printed each of `words` in order.
-fn end_run_at(mut command: Command, words: &[&str], name: &str) -> Output {
-    let command = person::confirm_prompts(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
+/// Sends the signal to the run after it has printed each of `messages` in order.
+fn signal_run_after_output(mut command: Command, messages: &[&str], signal: &str) -> Output {
+    let command =
+        terminal_operator::confirm_prompts_with_enter(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut run = command.spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
     let mut heard = String::new();
-    for word in words {
+    for word in messages {
         let before = heard.len();
         while !heard[before..].contains(word) {
             assert_ne!(told.read_line(&mut heard).unwrap(), 0, "ended before {word}: {heard}");
         }
     }
-    send_signal(&run, name);
+    send_signal(&run, signal);
     told.read_to_string(&mut heard).unwrap();
     let mut output = run.wait_with_output().unwrap();
     output.stderr = heard.into_bytes();
     output
 }
 
-pub fn a_run_that_is_killed_and_stopped_goes_on() {
-    let shop = MachineShop::new(&machine());
+pub fn killed_and_stopped_multiprobe_run_finds_true_values() {
+    let shop = MachineShop::new(&small_multiprobe_machine_toml());
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
-    drop(end_run_at(shop.trued_command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
-    let resumed = end_run_at(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
+    drop(signal_run_after_output(shop.trued_command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
+    let resumed = signal_run_after_output(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
     assert_eq!(resumed.status.code(), Some(5), "{}", stderr(&resumed));
     let compared = ["the references agree", "remounted after the last reading"];
     assert!(compared.iter().any(|words| stderr(&resumed).contains(words)), "{}", stderr(&resumed));
     let mut last = resume_command(&shop);
-    let last = person::confirm_prompts(&mut last).output().unwrap();
-    let estimate = estimate_json(&last);
+    let last = terminal_operator::confirm_prompts_with_enter(&mut last).output().unwrap();
+    let estimate = successful_json_output(&last);
     for (symbol, truth) in TRUE_PARAMETERS {
-        let (value, expanded) = value_and_u(&estimate, symbol);
+        let (value, expanded) = value_and_expanded_uncertainty(&estimate, symbol);
         println!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
         // One of five seeds: the error is below three standard uncertainties.
         assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
@@ -66,16 +67,19 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
     assert_eq!(shop.run_states(), ["finished"]);
 }
 
-pub fn an_artefact_that_stands_off_is_to_be_centred_first() {
-    let far = with_changes(&machine(), &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")]);
+pub fn off_centre_artefact_must_be_centred_first() {
+    let far = toml_with_changes(
+        &small_multiprobe_machine_toml(),
+        &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")],
+    );
     let shop = MachineShop::new(&far);
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
-    let run = end_run_at(shop.trued_command(&run), &["centring, once more", "Centre the artefact"], "INT");
+    let run = signal_run_after_output(shop.trued_command(&run), &["centring, once more", "Centre the artefact"], "INT");
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
-    // The table orientation after whole revolutions, opposite to that of the artefact.
     let told = stderr(&run);
     // The live values of the sensors are not written to a log.
     assert!(!told.contains("to go"), "{told}");
+    // The correction is opposite to the artefact's offset, with the table as after whole revolutions.
     for words in ["section 1 by X -12", "µm, Y -4", "Limit 20 µm"] {
         assert!(told.contains(words), "{words}: {told}");
     }

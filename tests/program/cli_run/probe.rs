@@ -8,17 +8,17 @@ use planning::gcode::Dialect;
 use trued::setup::MachineFile;
 use trued::setup::SimulationPace;
 
-use super::firmware::RecordedGrbl;
-use super::{MachineShop, machine_with_control, simulated_machine, stderr, with_changes};
+use super::recorded_grbl::RecordedGrbl;
+use super::{MachineShop, machine_toml_with_control, simulated_machine_toml, stderr, toml_with_changes};
 
 fn shop_with_control(control: &RecordedGrbl, file: &str) -> MachineShop {
     let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
-    MachineShop::new(&machine_with_control(file, &address))
+    MachineShop::new(&machine_toml_with_control(file, &address))
 }
 
 /// Starts a run and waits until it requests the deflection of the stylus.
-fn start_waiting_run(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
-    let mut run = shop.run_command();
+fn start_run_until_deflection_request(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
+    let mut run = shop.self_calibration_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
     let mut line = String::new();
@@ -29,18 +29,18 @@ fn start_waiting_run(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
     (run, told)
 }
 
-fn machine_with_live_check_by_hand() -> String {
-    with_changes(&simulated_machine(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
+fn machine_toml_with_manual_live_check() -> String {
+    toml_with_changes(&simulated_machine_toml(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
 }
 
 pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
-    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
-    let shop = shop_with_control(&control, &machine_with_live_check_by_hand());
-    let (mut run, mut told) = start_waiting_run(&shop);
-    control.wait_for_queries(20);
+    let mut control = RecordedGrbl::start_at_pace(&simulated_machine_toml(), SimulationPace::Immediate);
+    let shop = shop_with_control(&control, &machine_toml_with_manual_live_check());
+    let (mut run, mut told) = start_run_until_deflection_request(&shop);
+    control.wait_for_status_requests(20);
     assert!(!control.has_moved(), "moved before the stylus was deflected");
     control.world.lock().unwrap().set_stylus_deflected(true);
-    control.wait_for_queries(20);
+    control.wait_for_status_requests(20);
     assert!(!control.has_moved(), "moved while the stylus was deflected");
     control.world.lock().unwrap().set_stylus_deflected(false);
     let mut rest = String::new();
@@ -50,10 +50,10 @@ pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
     assert_eq!(shop.run_states(), ["finished"]);
 }
 
-pub fn a_stop_is_heard_while_a_person_is_waited_for() {
-    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
-    let shop = shop_with_control(&control, &machine_with_live_check_by_hand());
-    let (run, _told) = start_waiting_run(&shop);
+pub fn stop_while_waiting_for_stylus_deflection_holds_the_run() {
+    let mut control = RecordedGrbl::start_at_pace(&simulated_machine_toml(), SimulationPace::Immediate);
+    let shop = shop_with_control(&control, &machine_toml_with_manual_live_check());
+    let (run, _told) = start_run_until_deflection_request(&shop);
     let kill = format!("kill -TERM {}", run.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     let ended = run.wait_with_output().unwrap();
@@ -63,10 +63,11 @@ pub fn a_stop_is_heard_while_a_person_is_waited_for() {
 }
 
 pub fn missing_first_contact_names_a_dead_probe() {
-    let far = with_changes(&simulated_machine(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
+    let far =
+        toml_with_changes(&simulated_machine_toml(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
     // The first touch is on the flank.
     let far = far + "z_reference = false\n";
-    let run = MachineShop::new(&far).run_cycle();
+    let run = MachineShop::new(&far).run_self_calibration();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     assert!(stderr(&run).contains("the first touch reached its end without contact"), "{}", stderr(&run));
     assert!(stderr(&run).contains("the probe may not work"), "{}", stderr(&run));
@@ -74,37 +75,37 @@ pub fn missing_first_contact_names_a_dead_probe() {
 
 pub fn probe_and_clamps_are_switched_as_declared() {
     let clamp = "clamp = { close = \"M65 P3\", open = \"M64 P3\", wait_s = 0.1 }";
-    let file = with_changes(
-        &simulated_machine(),
+    let file = toml_with_changes(
+        &simulated_machine_toml(),
         &[
             ("ball_radius_mm", "on = \"M64 P1\"\noff = \"M65 P1\"\nsettle_s = 0.2\nball_radius_mm"),
             ("[axes.C]", &format!("[axes.C]\n{clamp}")),
         ],
     );
-    let control = RecordedGrbl::start_at_pace(&simulated_machine(), SimulationPace::Fast);
+    let control = RecordedGrbl::start_at_pace(&simulated_machine_toml(), SimulationPace::Immediate);
     let shop = shop_with_control(&control, &file);
-    let run = shop.run_cycle();
+    let run = shop.run_self_calibration();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
-    let (mut bytes, _) = control.end();
+    let (mut bytes, _) = control.wait_for_disconnect();
     // Status requests can occur between the bytes of lines.
     bytes.retain(|byte| !matches!(byte, b'?' | 0x87));
     let heard = String::from_utf8(bytes).unwrap();
     let program: Vec<&str> = heard.lines().filter(|line| !line.starts_with('$')).collect();
     let file = MachineFile::parse("machine.toml", file).unwrap();
-    let dialect = Dialect::from_name("grbl").unwrap().with_options(&file.machine, &file.probe).unwrap();
+    let dialect = Dialect::from_name("grbl").unwrap().with_machine_options(&file.machine, &file.probe).unwrap();
     // The reader rejects a probing move with the probe off or a clamp open, and a C move while the clamp is closed.
     let motions = dialect.read_back(&program.join("\n")).unwrap();
     assert!(motions.len() > 62 * 4, "{} motions", motions.len());
-    let touches = shop.exported_steps().len();
+    let touches = shop.exported_reading_steps().len();
     assert_eq!(heard.matches("G4 P0.200").count(), touches, "a rest before each touch");
     let last = heard.rfind("G38").unwrap();
     assert!(heard[last..].contains("\nM65 P1\n"), "the probe stays on");
 }
 
-pub fn a_word_that_cannot_switch_a_probe_is_refused_before_anything_is_opened() {
-    let file = with_changes(&simulated_machine(), &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")]);
+pub fn invalid_probe_switch_command_is_refused_before_a_run_exists() {
+    let file = toml_with_changes(&simulated_machine_toml(), &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")]);
     let shop = MachineShop::new(&file);
-    let run = shop.run_cycle();
+    let run = shop.run_self_calibration();
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
     assert!(stderr(&run).contains("[probe] on = \"M3 S500\""), "{}", stderr(&run));
     assert_eq!(shop.run_states(), [] as [String; 0]);

@@ -1,17 +1,16 @@
 //! A probe is qualified, and later runs with it subtract its map.
 
-use super::{MachineShop, assert_output_has, estimate_json, with_changes};
+use super::{MachineShop, assert_stderr_has, successful_json_output, toml_with_changes};
 
-/// The same probe in the same machine; two directions fewer per revolution than the orders of the map need are not
-/// enough.
+/// Settings for few touches. Two azimuths fewer would not be enough for the orders of the map.
 const SMALL_SETTINGS: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
 
-pub fn later_run_subtracts_the_map_of_its_own_probe() {
-    let ball = with_changes(
+pub fn later_run_requires_and_subtracts_the_map_of_its_own_probe() {
+    let ball = toml_with_changes(
         include_str!("../../../config/probe-qualification.toml"),
         &[("azimuths = 24\nrepeats = 3", SMALL_SETTINGS)],
     );
-    let part = with_changes(
+    let part = toml_with_changes(
         include_str!("../../../config/simulated.toml"),
         &[
             (
@@ -29,13 +28,19 @@ pub fn later_run_subtracts_the_map_of_its_own_probe() {
 
     let refused = run();
     assert_eq!(refused.status.code(), Some(1));
-    assert_output_has(
+    assert_stderr_has(
         &refused,
         &["qualified_within_days requires a qualification", "run probe-qualification` with a precision sphere"],
     );
 
-    estimate_json(&shop.run_trued(&["run", "probe-qualification", "--json", "--machine", &shop.machine_path()]));
-    let later = estimate_json(&run());
+    successful_json_output(&shop.run_trued(&[
+        "run",
+        "probe-qualification",
+        "--json",
+        "--machine",
+        &shop.machine_path(),
+    ]));
+    let later = successful_json_output(&run());
     let gauge = later["gauge"].to_string();
     assert!(gauge.contains("is subtracted: orders 3, 4, 5, 6; order 2 is included"), "{gauge}");
     assert_eq!(later["priors"].as_array().unwrap().len(), 1);
@@ -43,5 +48,5 @@ pub fn later_run_subtracts_the_map_of_its_own_probe() {
     std::fs::write(&own, part.replace("50 mm, ball 6 mm", "a new one")).unwrap();
     let refused = run();
     assert_eq!(refused.status.code(), Some(1));
-    assert_output_has(&refused, &["the qualification was made with a probe, stylus or machine that differs"]);
+    assert_stderr_has(&refused, &["the qualification was made with a probe, stylus or machine that differs"]);
 }

@@ -4,14 +4,16 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{MachineShop, assert_output_has, estimate_json, machine_with_control, simulated_machine, stderr};
+use super::{
+    MachineShop, assert_stderr_has, machine_toml_with_control, simulated_machine_toml, stderr, successful_json_output,
+};
 use crate::support::grbl_control::GrblControl;
 
-pub fn regress_exported_readings_identify_to_the_stored_bytes() {
-    let shop = MachineShop::new(&simulated_machine());
-    let run = shop.run_cycle();
+pub fn regress_exported_readings_give_the_stored_estimate() {
+    let shop = MachineShop::new(&simulated_machine_toml());
+    let run = shop.run_self_calibration();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
-    assert_eq!(shop.exported_steps().len(), 69);
+    assert_eq!(shop.exported_reading_steps().len(), 69);
     let file = |name: &str| shop.path_text(&format!("export/run-1-{name}"));
     let again = shop.run_trued(&[
         "identify",
@@ -34,7 +36,7 @@ pub fn regress_exported_readings_identify_to_the_stored_bytes() {
 }
 
 /// Without any declared source, U(EX0C) is at most 3 µm.
-pub fn what_nobody_has_declared_is_assumed_and_marked() {
+pub fn undeclared_sources_are_assumed_and_marked() {
     let sources = [
         "drift_um_per_h",
         "squareness_urad",
@@ -46,16 +48,17 @@ pub fn what_nobody_has_declared_is_assumed_and_marked() {
         "stylus_offset_um",
     ];
     let is_taken_out = |line: &&str| !sources.iter().any(|key| line.starts_with(key));
-    let silent: String = simulated_machine().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+    let silent: String =
+        simulated_machine_toml().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
     let shop = MachineShop::new(&silent);
-    let estimate = estimate_json(&shop.run_cycle());
+    let estimate = successful_json_output(&shop.run_self_calibration());
     let found = &estimate["parameters"][0];
     assert_eq!(found["symbol"], "EX0C");
     let expanded = found["U"].as_f64().unwrap();
     assert!(expanded > 1.0 && expanded <= 3.0, "{expanded}");
     let budget = found["budget"].as_array().unwrap();
-    let has_size = |line: &&Value| line["assumed"] == true;
-    let assumed = budget.iter().filter(has_size).map(|line| line["source"].as_str().unwrap());
+    let is_assumed = |line: &&Value| line["assumed"] == true;
+    let assumed = budget.iter().filter(is_assumed).map(|line| line["source"].as_str().unwrap());
     let wanted = [
         "resolution",
         "stylus offset",
@@ -77,8 +80,8 @@ pub fn what_nobody_has_declared_is_assumed_and_marked() {
 pub fn regress_two_heights_find_the_tilts_of_the_axis() {
     let settings = "positions = 12\nheights_mm = [20, 80]\n";
     let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";
-    let file = simulated_machine().replace("[simulated.errors]", errors) + settings;
-    let estimate = estimate_json(&MachineShop::new(&file).run_cycle());
+    let file = simulated_machine_toml().replace("[simulated.errors]", errors) + settings;
+    let estimate = successful_json_output(&MachineShop::new(&file).run_self_calibration());
     for (symbol, truth) in [("EA0C", 40.0), ("EB0C", -25.0)] {
         let found = estimate["parameters"].as_array().unwrap();
         let found = found.iter().find(|p| p["symbol"] == symbol).unwrap();
@@ -89,23 +92,23 @@ pub fn regress_two_heights_find_the_tilts_of_the_axis() {
     }
 }
 
-pub fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
-    let follows = simulated_machine() + "spindle = \"follow\"\n";
+pub fn regress_spindle_orientation_without_template_is_refused() {
+    let follows = simulated_machine_toml() + "spindle = \"follow\"\n";
     let bench = GrblControl::start(&follows);
     // A plain grbl has no word to orient the spindle.
     let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
-    let shop = MachineShop::new(&machine_with_control(&follows, &control));
-    let refused = shop.run_cycle();
+    let shop = MachineShop::new(&machine_toml_with_control(&follows, &control));
+    let refused = shop.run_self_calibration();
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    assert_output_has(&refused, &["no template `orient`", "nothing has moved", "spindle = \"fixed\""]);
+    assert_stderr_has(&refused, &["no template `orient`", "nothing has moved", "spindle = \"fixed\""]);
     assert_eq!(shop.run_states(), ["failed"]);
-    assert!(shop.exported_steps().is_empty());
+    assert!(shop.exported_reading_steps().is_empty());
 }
 
 pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
-    let shop = MachineShop::new(&simulated_machine());
-    let first = shop.run_cycle();
-    let tight = simulated_machine() + "[tolerance]\nEX0C_um = 1.0\n";
+    let shop = MachineShop::new(&simulated_machine_toml());
+    let first = shop.run_self_calibration();
+    let tight = simulated_machine_toml() + "[tolerance]\nEX0C_um = 1.0\n";
     std::fs::write(shop.path_text("tight.toml"), tight).unwrap();
     let again = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(again.stdout, first.stdout, "{}", stderr(&again));

@@ -5,12 +5,15 @@ use std::process::{Child, Command, Stdio};
 
 use link::LinkAddress;
 
-use super::{MachineShop, estimate_json, machine_with_control, result_values, simulated_machine, stderr, with_changes};
+use super::{
+    MachineShop, estimate_without_provenance, machine_toml_with_control, simulated_machine_toml, stderr,
+    successful_json_output, toml_with_changes,
+};
 
 /// `trued simulate`, ended with the test.
 struct SimulatorProcess {
     process: Child,
-    path: String,
+    port_path: String,
 }
 
 impl SimulatorProcess {
@@ -23,13 +26,13 @@ impl SimulatorProcess {
             .unwrap();
         let mut path = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut path).unwrap();
-        Self { process, path: path.trim().to_owned() }
+        Self { process, port_path: path.trim().to_owned() }
     }
 
     fn client_shop(&self) -> MachineShop {
-        MachineShop::new(&machine_with_control(
-            &simulated_machine(),
-            &format!("kind = \"grbl\"\nserial = \"{}\"", self.path),
+        MachineShop::new(&machine_toml_with_control(
+            &simulated_machine_toml(),
+            &format!("kind = \"grbl\"\nserial = \"{}\"", self.port_path),
         ))
     }
 }
@@ -42,30 +45,34 @@ impl Drop for SimulatorProcess {
 }
 
 pub fn regress_memory_pty_and_another_process_give_the_same_result() {
-    let shop = MachineShop::new(&simulated_machine());
-    let memory = shop.run_cycle();
-    assert!(estimate_json(&memory)["parameters"].is_array());
+    let shop = MachineShop::new(&simulated_machine_toml());
+    let memory = shop.run_self_calibration();
+    assert!(successful_json_output(&memory)["parameters"].is_array());
 
     let pty =
-        MachineShop::new(&with_changes(&simulated_machine(), &[("wire = \"memory\"", "wire = \"pty\"")])).run_cycle();
+        MachineShop::new(&toml_with_changes(&simulated_machine_toml(), &[("wire = \"memory\"", "wire = \"pty\"")]))
+            .run_self_calibration();
     assert_eq!(pty.status.code(), Some(0), "{}", stderr(&pty));
     assert!(pty.stdout == memory.stdout, "a pty in this process gives something else");
 
     let simulator = SimulatorProcess::start(&shop);
-    let process = simulator.client_shop().run_cycle();
-    assert!(result_values(&process) == result_values(&memory), "a simulator of its own gives something else");
+    let process = simulator.client_shop().run_self_calibration();
+    assert!(
+        estimate_without_provenance(&process) == estimate_without_provenance(&memory),
+        "a simulator of its own gives something else"
+    );
 }
 
-pub fn regress_a_busy_port_is_told_and_leaves_no_run() {
-    let simulator = SimulatorProcess::start(&MachineShop::new(&simulated_machine()));
+pub fn regress_a_busy_port_is_reported_and_leaves_no_run() {
+    let simulator = SimulatorProcess::start(&MachineShop::new(&simulated_machine_toml()));
     let client = simulator.client_shop();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let address = LinkAddress::Serial { path: simulator.path.clone(), baud: 115_200 };
+    let address = LinkAddress::Serial { path: simulator.port_path.clone(), baud: 115_200 };
     let holder = runtime.block_on(link::open_line_link(&address)).unwrap();
 
-    let refused = client.run_cycle();
+    let refused = client.run_self_calibration();
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    let busy = format!("{} is in use by another program", simulator.path);
+    let busy = format!("{} is in use by another program", simulator.port_path);
     assert!(stderr(&refused).contains(&busy), "{}", stderr(&refused));
     assert_eq!(client.run_states(), [] as [String; 0]);
     drop(holder);

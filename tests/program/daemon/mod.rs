@@ -1,43 +1,43 @@
 //! `trued serve` in long-term operation: notifications to systemd, kills at random moments, many runs in sequence,
 //! backups during a run; and its systemd units.
 
+mod backup_metrics_retention;
 mod event_listener;
-mod keeping;
-mod kills;
-mod logged;
+mod journald_messages;
+mod random_kills;
 mod served_machine;
 mod soak;
-mod supervised;
-mod units;
+mod systemd_notifications;
+mod systemd_units;
 
 use crate::support::harness::{Pool, Trials, trials};
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 60;
-        kills::twenty_kills_lose_no_reading_and_cause_no_motion,
-        soak::memory_of_fifty_runs_is_that_of_five,
+        random_kills::twenty_kills_lose_no_reading_and_cause_no_motion,
+        soak::memory_grows_at_most_5_mib_from_run_5_to_50,
     ]
-    .with(trials![Pool::Waiting, 30;
-        supervised::systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still,
-        logged::a_hold_is_found_by_its_run_and_a_fault_by_its_priority,
-        keeping::a_copy_is_taken_in_mid_run,
+    .with_trials(trials![Pool::Waiting, 30;
+        systemd_notifications::systemd_gets_status_and_no_watchdog_from_a_stopped_process,
+        journald_messages::hold_and_fault_have_run_and_priority_in_journald,
+        backup_metrics_retention::backup_during_a_run_is_a_usable_journal,
     ])
-    .with(trials![Pool::Waiting, 0;
-        supervised::a_worker_that_hangs_is_fed_for_by_nobody,
-        keeping::a_configuration_is_checked_before_it_serves,
-        keeping::what_happens_is_counted,
-        keeping::samples_go_when_their_time_is_over_and_nothing_else,
-        logged::each_step_is_found_by_its_run,
-        units::units_are_valid,
-        units::services_are_hardened,
-        units::unit_starts_an_existing_command,
-        units::units_require_only_their_dependencies,
+    .with_trials(trials![Pool::Waiting, 0;
+        systemd_notifications::watchdog_is_not_notified_while_the_worker_hangs,
+        backup_metrics_retention::serve_check_accepts_sound_and_refuses_unsound_config,
+        backup_metrics_retention::metrics_count_runs_readings_and_refusals,
+        backup_metrics_retention::retention_removes_only_scan_samples_of_old_runs,
+        journald_messages::each_step_has_a_journald_entry_of_its_run,
+        systemd_units::units_are_valid,
+        systemd_units::services_are_hardened,
+        systemd_units::service_commands_and_options_exist_in_the_program,
+        systemd_units::cycle_unit_starts_nothing_and_service_loads_adapter_modules,
     ])
-    .with(
+    .with_trials(
         trials![Pool::Waiting, 0;
-            kills::two_hundred_kills_lose_no_reading_and_cause_no_motion,
-            soak::memory_of_five_hundred_runs_is_that_of_fifty,
+            random_kills::two_hundred_kills_lose_no_reading_and_cause_no_motion,
+            soak::memory_grows_at_most_5_mib_from_run_50_to_500,
         ]
-        .ignored(),
+        .mark_ignored(),
     )
 }

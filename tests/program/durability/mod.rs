@@ -9,13 +9,13 @@ use std::process::{Command, Output, Stdio};
 use machine::record::reading::Reading;
 use trued::report::readings_csv;
 
-mod faults;
-mod image;
-mod kills;
-mod power;
+mod disk_faults;
+mod disk_image;
+mod power_cuts;
+mod random_kills;
 
-use crate::support::journal_rows;
-use crate::support::recording_control::{self as witness, Record, RecordingControl};
+use crate::support::journal_checksums;
+use crate::support::recording_control::{self as witness, RecordingControl, WireRecord};
 
 /// A folder with a journal and a machine file.
 struct DurabilityBench {
@@ -27,37 +27,37 @@ impl DurabilityBench {
         Self { folder: tempfile::tempdir().unwrap() }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    fn path_in_folder(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// The disk of the journal.
-    fn disk(&self) -> PathBuf {
-        let disk = self.path("disk");
+    fn disk_folder(&self) -> PathBuf {
+        let disk = self.path_in_folder("disk");
         std::fs::create_dir_all(&disk).unwrap();
         disk
     }
 
-    fn state(&self) -> PathBuf {
-        self.disk().join("state")
+    fn state_folder(&self) -> PathBuf {
+        self.disk_folder().join("state")
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    fn trued_command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
-        command.args(arguments).arg("--state").arg(self.state());
+        command.args(arguments).arg("--state").arg(self.state_folder());
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }
 
     /// A run with the control at `address`.
     fn run_command(&self, address: &str) -> Command {
-        let machine = self.path("machine.toml");
+        let machine = self.path_in_folder("machine.toml");
         std::fs::write(&machine, witness::machine_with_control(address)).unwrap();
-        self.command(&["run", "self-calibration", "--json", "--machine", machine.to_str().unwrap()])
+        self.trued_command(&["run", "self-calibration", "--json", "--machine", machine.to_str().unwrap()])
     }
 
     /// Runs to the end, successful or not.
-    fn run_to_end(&self, prepare: impl FnOnce(&mut Command)) -> (Output, Record) {
+    fn run_to_end(&self, prepare: impl FnOnce(&mut Command)) -> (Output, WireRecord) {
         let witness = RecordingControl::start();
         let mut command = self.run_command(&witness.address());
         prepare(&mut command);
@@ -66,24 +66,24 @@ impl DurabilityBench {
     }
 
     /// The next command that takes the machine's lock. There is no control at its address.
-    fn check_next_start(&self) {
+    fn assert_next_run_fails_without_control(&self) {
         let refused = self.run_command("127.0.0.1:1").output().unwrap();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr_text(&refused));
     }
 
     /// States of all runs, oldest first.
     fn run_states(&self) -> Vec<String> {
-        let listed = self.command(&["runs", "--json"]).output().unwrap();
+        let listed = self.trued_command(&["runs", "--json"]).output().unwrap();
         assert_eq!(listed.status.code(), Some(0), "{}", stderr_text(&listed));
         let runs: serde_json::Value = serde_json::from_slice(&listed.stdout).unwrap();
         let state = |run: &serde_json::Value| run["state"].as_str().unwrap().to_owned();
         runs.as_array().unwrap().iter().map(state).collect()
     }
 
-    fn readings(&self, run: usize) -> Vec<Reading> {
-        let to = self.path("export");
+    fn exported_readings(&self, run: usize) -> Vec<Reading> {
+        let to = self.path_in_folder("export");
         let arguments = ["export", &run.to_string(), "--to", to.to_str().unwrap()];
-        let exported = self.command(&arguments).output().unwrap();
+        let exported = self.trued_command(&arguments).output().unwrap();
         assert_eq!(exported.status.code(), Some(0), "{}", stderr_text(&exported));
         let csv = std::fs::read(to.join(format!("run-{run}-readings.csv"))).unwrap();
         readings_csv::read_readings(&csv).unwrap()
@@ -106,13 +106,13 @@ fn assert_journal_is_valid(state: &Path) {
     let database = rusqlite::Connection::open(copy.path().join("journal.sqlite")).unwrap();
     let verdict: String = database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
     assert_eq!(verdict, "ok");
-    journal_rows::assert_sealed(&database);
+    journal_checksums::assert_checksums(&database);
 }
 
 /// Asserts that no reading is lost or invented: each reading is a touch that the control made, and at most the
 /// current touch is not stored.
-fn assert_readings_kept(readings: &[Reading], record: &Record) {
-    let touches = record.reported_touches();
+fn assert_readings_kept(readings: &[Reading], record: &WireRecord) {
+    let touches = record.reported_touch_positions();
     let (kept, made) = (readings.len(), touches.len());
     assert!(kept <= made, "{kept} kept of {made} touches");
     assert!(kept >= record.last_started_step(), "{kept} kept, but step {} was begun", record.last_started_step());
@@ -126,23 +126,23 @@ fn assert_readings_kept(readings: &[Reading], record: &Record) {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 90;
-        faults::full_or_failing_disk_stops_the_run_cleanly,
+        disk_faults::full_or_failing_disk_stops_the_run_cleanly,
     ]
-    .with(trials![Pool::Waiting, 60;
-        kills::twenty_kills_lose_nothing_that_was_acknowledged,
+    .with_trials(trials![Pool::Waiting, 60;
+        random_kills::twenty_kills_lose_no_acknowledged_reading,
     ])
-    .with(trials![Pool::Waiting, 20;
-        faults::partial_and_slow_writes_change_nothing,
-        power::eighty_power_cuts_lose_no_acknowledged_reading,
+    .with_trials(trials![Pool::Waiting, 20;
+        disk_faults::partial_and_slow_writes_change_nothing,
+        power_cuts::eighty_power_cuts_lose_no_acknowledged_reading,
     ])
-    .with(trials![Pool::Waiting, 0;
-        faults::a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone,
+    .with_trials(trials![Pool::Waiting, 0;
+        disk_faults::disk_full_after_the_last_touch_loses_only_the_estimate,
     ])
-    .with(
+    .with_trials(
         trials![Pool::Waiting, 0;
-            kills::two_hundred_kills_lose_nothing_that_was_acknowledged,
-            power::thousand_power_cuts_lose_no_acknowledged_reading,
+            random_kills::two_hundred_kills_lose_no_acknowledged_reading,
+            power_cuts::thousand_power_cuts_lose_no_acknowledged_reading,
         ]
-        .ignored(),
+        .mark_ignored(),
     )
 }

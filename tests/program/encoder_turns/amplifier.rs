@@ -1,7 +1,8 @@
 //! An amplifier with three displacement sensors around a datum cylinder, on a pseudo-terminal. Each line has their
 //! distances in mm, the count of the encoder on C (16 bits) and the number of the line (four digits):
-//! `+0.01234,-0.00456,+0.00789,51234,0017`. It works beside the simulated world, whose axes move in no host time:
-//! its samples of a turn of C are sent before the control reports the end of the turn ([`Amplifier::catch_up`]).
+//! `+0.01234,-0.00456,+0.00789,51234,0017`. The amplifier works beside the simulated world, whose axes
+//! move in no host time: its samples of a turn of C are sent before the control reports the end of the turn
+//! ([`Amplifier::wait_until_due_samples_are_sent`]).
 
 use std::fmt::Write as _;
 use std::sync::{Arc, Mutex, mpsc as std_mpsc};
@@ -24,7 +25,7 @@ const LINE_NUMBER_MODULUS: u32 = 10_000;
 /// Period of the lines, both in simulated time and in host time.
 const SAMPLE_PERIOD_S: f64 = 4e-3;
 /// While C turns, one line per this angle.
-const TRIGGER_DEG: f64 = 0.25;
+const C_ANGLE_PER_LINE_DEG: f64 = 0.25;
 const MAX_LINES_PER_WRITE: usize = 40;
 /// Pause that lets the reader keep up.
 const WRITE_PAUSE: Duration = Duration::from_millis(4);
@@ -33,8 +34,8 @@ type DoneSender = std_mpsc::Sender<()>;
 
 pub struct Amplifier {
     /// Path of the serial port for the client.
-    pub path: String,
-    requests: UnboundedSender<DoneSender>,
+    pub port_path: String,
+    send_requests: UnboundedSender<DoneSender>,
 }
 
 impl Amplifier {
@@ -49,16 +50,16 @@ impl Amplifier {
                 drop(client_side);
                 ready.send(path).unwrap();
                 let sent_s = world.lock().unwrap().time_s();
-                SampleSender { world, device, sent_s, lines: 0, c_rad: 0.0 }.run(requested).await;
+                SampleSender { world, device, sent_s, line_number: 0, last_c_rad: 0.0 }.run(requested).await;
             });
         });
-        Self { path: path.recv().unwrap(), requests }
+        Self { port_path: path.recv().unwrap(), send_requests: requests }
     }
 
     /// Waits until all samples of turns of C up to the world's time have been sent.
-    pub fn catch_up(&self) {
+    pub fn wait_until_due_samples_are_sent(&self) {
         let (done, sent) = std_mpsc::channel();
-        self.requests.send(done).unwrap();
+        self.send_requests.send(done).unwrap();
         sent.recv().unwrap();
     }
 }
@@ -68,9 +69,9 @@ struct SampleSender<D> {
     device: D,
     /// Simulated time up to which lines have been sent.
     sent_s: f64,
-    lines: u32,
+    line_number: u32,
     /// Angle of C in the last line.
-    c_rad: f64,
+    last_c_rad: f64,
 }
 
 impl<D: AsyncWriteExt + Unpin> SampleSender<D> {
@@ -81,7 +82,7 @@ impl<D: AsyncWriteExt + Unpin> SampleSender<D> {
             tokio::select! {
                 done = requested.recv() => {
                     let Some(done) = done else { return };
-                    self.catch_up().await;
+                    self.send_due_samples().await;
                     done.send(()).unwrap();
                 }
                 _ = ticks.tick() => {
@@ -92,15 +93,15 @@ impl<D: AsyncWriteExt + Unpin> SampleSender<D> {
         }
     }
 
-    async fn catch_up(&mut self) {
+    async fn send_due_samples(&mut self) {
         loop {
             let mut all = Vec::new();
             let now_s = self.world.lock().unwrap().time_s();
             while all.len() < MAX_LINES_PER_WRITE && self.sent_s + SAMPLE_PERIOD_S <= now_s {
                 self.sent_s += SAMPLE_PERIOD_S;
                 let at = self.world.lock().unwrap().sample_at(SENSOR_NAMES[0], self.sent_s).unwrap();
-                let turned = at.position.get_or_zero(Axis::C) - self.c_rad;
-                if turned.abs().to_degrees() >= TRIGGER_DEG {
+                let turned = at.displayed_position.get_or_zero(Axis::C) - self.last_c_rad;
+                if turned.abs().to_degrees() >= C_ANGLE_PER_LINE_DEG {
                     all.push(self.sample_line(self.sent_s));
                 }
             }
@@ -115,8 +116,8 @@ impl<D: AsyncWriteExt + Unpin> SampleSender<D> {
     async fn send_lines(&mut self, all: &[String]) {
         let mut lines = String::new();
         for measured in all {
-            self.lines = (self.lines + 1) % LINE_NUMBER_MODULUS;
-            writeln!(lines, "{measured},{:04}", self.lines).unwrap();
+            self.line_number = (self.line_number + 1) % LINE_NUMBER_MODULUS;
+            writeln!(lines, "{measured},{:04}", self.line_number).unwrap();
         }
         // The port may not be open.
         let _ = self.device.write_all(lines.as_bytes()).await;
@@ -133,10 +134,10 @@ impl<D: AsyncWriteExt + Unpin> SampleSender<D> {
                 SensorOutput::Distance(mm) => write!(distances, "{mm:+.6},").unwrap(),
                 _ => distances += "OUT,",
             }
-            stands = passing.position;
+            stands = passing.displayed_position;
         }
-        self.c_rad = stands.get_or_zero(Axis::C);
-        let turns = self.c_rad.to_degrees() / 360.0;
+        self.last_c_rad = stands.get_or_zero(Axis::C);
+        let turns = self.last_c_rad.to_degrees() / 360.0;
         let count = COUNT_AT_ZERO + (turns * COUNTS_PER_TURN as f64).floor() as i64;
         format!("{distances}{}", count.rem_euclid(ENCODER_COUNT_MODULUS))
     }

@@ -14,7 +14,7 @@ use machine::record::estimate::Estimate;
 use crate::support::grbl_control::GrblControl;
 use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, stderr};
-use crate::support::person;
+use crate::support::terminal_operator;
 
 /// Error motions of `config/multiprobe.toml` 60 mm above the table, µm; all others are zero. At this height a tilt
 /// of 1 µrad about Y displaces the axis by 0.06 µm along X, one about X by -0.06 µm along Y.
@@ -32,17 +32,17 @@ const TRUE_PARAMETERS: [(&str, f64); 10] = [
 ];
 const HARMONIC_COUNT: usize = 6;
 /// Tolerance of a coefficient, µm: gains and angles of the sensors are not known better.
-const TRUTH_TOLERANCE_UM: f64 = 0.02;
+const MAX_COEFFICIENT_ERROR_UM: f64 = 0.02;
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 30;
-        counted_turns_find_the_true_error_motions,
-        reversed_counts_hold_the_run,
+        multiprobe_with_encoder_counts_finds_true_error_motions,
+        reversed_encoder_counts_hold_the_run,
     ]
 }
 
 /// The keys that replace the line `simulated = ..` of the first sensors.
-fn channel_section(path: &str, column: usize) -> String {
+fn sensor_channel_keys(path: &str, column: usize) -> String {
     format!(
         "serial = {{ serial = \"{path}\", timeout_s = 5.0, line = {{ separator = \",\", columns = 5, \
          value = {{ column = {column}, scale_mm = 1.0, codes = [{{ is = \"OUT\", means = \"range\" }}] }}, \
@@ -52,10 +52,10 @@ fn channel_section(path: &str, column: usize) -> String {
 }
 
 /// The machine of `config/multiprobe.toml` with one amplifier, one mounting, continuous turns.
-fn encoder_machine(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
+fn encoder_machine_toml(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
     let mut file = include_str!("../../../config/multiprobe.toml").to_owned();
     for column in 1..=SENSOR_NAMES.len() {
-        file = file.replacen("simulated = { rate_hz = 1000.0 }", &channel_section(path, column), 1);
+        file = file.replacen("simulated = { rate_hz = 1000.0 }", &sensor_channel_keys(path, column), 1);
     }
     let changes = [
         ("kind = \"simulated\"\nwire = \"memory\"", format!("kind = \"grbl\"\ntcp = \"{control}\"")),
@@ -86,13 +86,13 @@ fn start_proxy(control: SocketAddr, amplifier: Arc<Amplifier>) -> SocketAddr {
             let (from_client, to_control) = (client.try_clone().unwrap(), control.try_clone().unwrap());
             std::thread::spawn(move || forward_bytes(from_client, to_control, || ()));
             let amplifier = amplifier.clone();
-            std::thread::spawn(move || forward_bytes(control, client, || amplifier.catch_up()));
+            std::thread::spawn(move || forward_bytes(control, client, || amplifier.wait_until_due_samples_are_sent()));
         }
     });
     address
 }
 
-fn forward_bytes(mut from: TcpStream, mut to: TcpStream, before: impl Fn()) -> io::Result<()> {
+fn forward_bytes(mut from: TcpStream, mut to: TcpStream, before_forwarding: impl Fn()) -> io::Result<()> {
     use std::io::{Read as _, Write as _};
     to.set_nodelay(true)?;
     let mut buffer = [0; 1024];
@@ -101,7 +101,7 @@ fn forward_bytes(mut from: TcpStream, mut to: TcpStream, before: impl Fn()) -> i
         if count == 0 {
             return to.shutdown(std::net::Shutdown::Write);
         }
-        before();
+        before_forwarding();
         to.write_all(&buffer[..count])?;
     }
 }
@@ -109,18 +109,18 @@ fn forward_bytes(mut from: TcpStream, mut to: TcpStream, before: impl Fn()) -> i
 /// A run on the machine whose file states `counts_per_turn`.
 fn run_multiprobe(counts_per_turn: i64) -> (MachineShop, Output) {
     let anywhere: SocketAddr = ([127, 0, 0, 1], 9).into();
-    let control = GrblControl::start(&encoder_machine(anywhere, "/dev/null", counts_per_turn));
+    let control = GrblControl::start(&encoder_machine_toml(anywhere, "/dev/null", counts_per_turn));
     let amplifier = Arc::new(Amplifier::start(control.world.clone()));
-    let path = amplifier.path.clone();
+    let path = amplifier.port_path.clone();
     let address = start_proxy(control.address, amplifier);
-    let shop = MachineShop::new(&encoder_machine(address, &path, counts_per_turn));
+    let shop = MachineShop::new(&encoder_machine_toml(address, &path, counts_per_turn));
     let mut command = shop.trued_command(&["run", "multiprobe", "--json", "--machine", &shop.machine_path()]);
-    let output = person::confirm_prompts(&mut command).output().unwrap();
+    let output = terminal_operator::confirm_prompts_with_enter(&mut command).output().unwrap();
     println!("{}", stderr(&output));
     (shop, output)
 }
 
-pub fn counted_turns_find_the_true_error_motions() {
+pub fn multiprobe_with_encoder_counts_finds_true_error_motions() {
     let (shop, output) = run_multiprobe(COUNTS_PER_TURN);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let estimate: Estimate = serde_json::from_slice(&output.stdout).unwrap();
@@ -131,13 +131,13 @@ pub fn counted_turns_find_the_true_error_motions() {
             let found = estimate.parameters.iter().find(|found| found.symbol == symbol);
             let value = found.unwrap().value;
             println!("{symbol} {value:.4}, truly {truth}");
-            assert!((value - truth).abs() < TRUTH_TOLERANCE_UM, "{symbol} {value}, truly {truth}");
+            assert!((value - truth).abs() < MAX_COEFFICIENT_ERROR_UM, "{symbol} {value}, truly {truth}");
         }
     }
     assert_eq!(shop.run_states(), ["finished"]);
 }
 
-pub fn reversed_counts_hold_the_run() {
+pub fn reversed_encoder_counts_hold_the_run() {
     let (shop, output) = run_multiprobe(-COUNTS_PER_TURN);
     let told = stderr(&output);
     for words in ["index/1", "a ratio of -1.0000", "write counts_per_turn = -90000 in [encoder]"] {

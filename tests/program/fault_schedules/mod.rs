@@ -2,9 +2,9 @@
 //! hold in every run. One schedule alone, with its tape: `TRUED_FAULT_SEED=17 cargo test --test program
 //! fault_schedules`.
 
-mod bench;
+mod faulty_run;
 mod invariants;
-mod tape;
+mod wire_recording;
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::collections::BTreeMap;
@@ -12,17 +12,18 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use testing::population::population_size;
 
-use bench::{EndedRun, FAULT_KINDS, FaultSchedule, ScheduleBench};
+use faulty_run::{EndedRun, FAULT_KINDS, FaultSchedule, ScheduleBench};
 use simulator::controls::grbl::FaultKind;
 
-const FULL_SCHEDULES: u64 = 500;
+/// Number of schedules with `TRUED_FULL=1`.
+const FULL_SCHEDULE_COUNT: u64 = 500;
 
-/// Number of occurrences.
+/// Numbers of occurrences over all runs.
 #[derive(Default)]
 struct ScheduleCounts {
-    endings: BTreeMap<String, u32>,
-    wire_faults: BTreeMap<String, u32>,
-    faults: BTreeMap<FaultKind, u32>,
+    runs_by_ending: BTreeMap<String, u32>,
+    wire_fault_counts: BTreeMap<String, u32>,
+    control_fault_counts: BTreeMap<FaultKind, u32>,
     violations: Vec<String>,
 }
 
@@ -44,35 +45,35 @@ fn ending_name(ended: &EndedRun) -> String {
 
 impl ScheduleCounts {
     fn add_run(&mut self, seed: u64, ended: &EndedRun) {
-        *self.endings.entry(ending_name(ended)).or_default() += 1;
-        for planned in &ended.planned_faults {
-            *self.wire_faults.entry(variant_name(planned.fault)).or_default() += 1;
+        *self.runs_by_ending.entry(ending_name(ended)).or_default() += 1;
+        for planned in &ended.planned_wire_faults {
+            *self.wire_fault_counts.entry(variant_name(planned.fault)).or_default() += 1;
         }
-        for kind in &ended.occurred_faults {
-            *self.faults.entry(*kind).or_default() += 1;
+        for kind in &ended.occurred_control_faults {
+            *self.control_fault_counts.entry(*kind).or_default() += 1;
         }
-        let breaches = invariants::violations(ended).into_iter();
+        let breaches = invariants::invariant_violations(ended).into_iter();
         self.violations.extend(breaches.map(|breach| format!("seed {seed}: {breach}")));
     }
 }
 
-fn run_schedule(seed: u64) {
+fn check_single_schedule(seed: u64) {
     let schedule = FaultSchedule::from_seed(seed);
     let ended = ScheduleBench::new().run(&schedule);
-    for (tape, entries) in [("near", &ended.driver_side), ("far", &ended.control_side)] {
+    for (tape, entries) in [("near", &ended.driver_side_tape), ("far", &ended.control_side_tape)] {
         entries.iter().for_each(|entry| println!("{tape} {:?} {:?}", entry.direction, entry.line));
     }
-    println!("{schedule:?}\n{:?}\n{:?}", ended.planned_faults, ended.occurred_faults);
+    println!("{schedule:?}\n{:?}\n{:?}", ended.planned_wire_faults, ended.occurred_control_faults);
     println!("{:?}", ended.result);
-    let breaches = invariants::violations(&ended);
+    let breaches = invariants::invariant_violations(&ended);
     assert!(breaches.is_empty(), "{breaches:#?}");
 }
 
-fn whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_invented() {
+fn after_a_fault_nothing_moves_and_no_reading_is_lost_doubled_or_invented() {
     if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
-        return run_schedule(seed.parse().unwrap());
+        return check_single_schedule(seed.parse().unwrap());
     }
-    let schedules = population_size(FULL_SCHEDULES);
+    let schedules = population_size(FULL_SCHEDULE_COUNT);
     let (next, count) = (AtomicU64::new(0), Mutex::new(ScheduleCounts::default()));
     // Most of the time a run waits for an answer that does not come.
     let threads = 2 * std::thread::available_parallelism().map_or(2, |threads| threads.get());
@@ -92,21 +93,25 @@ fn whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_inven
         }
     });
     let count = count.into_inner().unwrap();
-    println!("endings {:?}", count.endings);
-    println!("harms on the wire {:?}", count.wire_faults);
-    println!("faults of the control {:?}", count.faults);
+    println!("endings {:?}", count.runs_by_ending);
+    println!("harms on the wire {:?}", count.wire_fault_counts);
+    println!("faults of the control {:?}", count.control_fault_counts);
     assert!(count.violations.is_empty(), "{:#?}", count.violations);
-    if schedules == FULL_SCHEDULES {
-        assert_all_kinds_occurred(&count);
+    if schedules == FULL_SCHEDULE_COUNT {
+        assert_all_faults_and_endings_occurred(&count);
     } else {
-        assert!(count.endings.len() > 1 && !count.wire_faults.is_empty() && !count.faults.is_empty());
+        assert!(
+            count.runs_by_ending.len() > 1
+                && !count.wire_fault_counts.is_empty()
+                && !count.control_fault_counts.is_empty()
+        );
     }
 }
 
 /// Asserts that each wire fault, each control fault and each result occurred.
-fn assert_all_kinds_occurred(count: &ScheduleCounts) {
-    assert_eq!(count.wire_faults.len(), 9);
-    assert_eq!(count.faults.len(), FAULT_KINDS.len());
+fn assert_all_faults_and_endings_occurred(count: &ScheduleCounts) {
+    assert_eq!(count.wire_fault_counts.len(), 9);
+    assert_eq!(count.control_fault_counts.len(), FAULT_KINDS.len());
     for ending in [
         "Finished",
         "NoAnswer",
@@ -123,13 +128,13 @@ fn assert_all_kinds_occurred(count: &ScheduleCounts) {
         "Halted",
         "UnreadableReply",
     ] {
-        assert!(count.endings.contains_key(ending), "no run ended as {ending}");
+        assert!(count.runs_by_ending.contains_key(ending), "no run ended as {ending}");
     }
 }
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 10;
         invariants::window_violation_and_report_fault_are_detected,
-        whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_invented,
+        after_a_fault_nothing_moves_and_no_reading_is_lost_doubled_or_invented,
     ]
 }

@@ -11,23 +11,23 @@ use machine::record::event::Event;
 use rand::RngExt;
 use trued::store::{Journal, RunId, RunState, StoredRun};
 
-use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
+use crate::support::machine_shop::{MachineShop, built_in_machine_text, stderr};
 
 /// The identification takes about as long as the measurement.
-const SHORT_SETTINGS: &str = "[method.self-calibration]\nmonte_carlo_trials = 100000\npositions = 5\n";
+const LONG_IDENTIFICATION_SETTINGS: &str = "[method.self-calibration]\nmonte_carlo_trials = 100000\npositions = 5\n";
 const SERVE_SECTIONS: &str = "[serve]\n[[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
                      [serve.http]\nlisten = \"127.0.0.1:0\"\n";
 /// Progress text at the beginning of the first stage; the first touch follows.
 const FIRST_STAGE_TEXT: &str = " steps";
 const IDENTIFYING_TEXT: &str = "computing the estimate from ";
 
-pub fn few_kills_leave_no_unnoticed_run_without_estimate() {
-    let killed = run_kills(6, 1);
+pub fn after_6_kills_every_run_is_identified_or_closed() {
+    let killed = kill_runs_at_random_moments(6, 1);
     println!("{killed:?}");
 }
 
-pub fn two_hundred_kills_leave_no_unnoticed_run_without_estimate() {
-    let killed = run_kills(200, 2);
+pub fn after_200_kills_every_run_is_identified_or_closed() {
+    let killed = kill_runs_at_random_moments(200, 2);
     println!("{killed:?}");
     assert!(killed.in_measurement >= 50 && killed.in_identification >= 50, "{killed:?}");
 }
@@ -37,17 +37,18 @@ pub fn two_hundred_kills_leave_no_unnoticed_run_without_estimate() {
 struct KillCounts {
     in_measurement: usize,
     /// Of those killed in the measurement: before the references were measured, so that the run is closed.
-    closed: usize,
+    closed_runs: usize,
     in_identification: usize,
     /// Of those killed in the identification: identified by the daemon.
-    by_the_daemon: usize,
+    identified_by_daemon: usize,
     after_the_estimate: usize,
 }
 
-/// Half of the kills come after the last reading.
-fn run_kills(count: u64, seed: u64) -> KillCounts {
-    let shop = MachineShop::new(&format!("{}\n{SHORT_SETTINGS}{SERVE_SECTIONS}", built_in_machine()));
-    let mut durations = phase_durations(&shop);
+/// Kills `count` runs, every second one after its last reading, and checks what becomes of each.
+fn kill_runs_at_random_moments(count: u64, seed: u64) -> KillCounts {
+    let shop =
+        MachineShop::new(&format!("{}\n{LONG_IDENTIFICATION_SETTINGS}{SERVE_SECTIONS}", built_in_machine_text()));
+    let mut durations = measurement_and_identification_durations(&shop);
     let mut killed = KillCounts::default();
     let mut for_the_daemon = Vec::new();
     for kill in 0..count {
@@ -62,30 +63,30 @@ fn run_kills(count: u64, seed: u64) -> KillCounts {
         match stored.summary.state {
             RunState::Running => {
                 killed.in_measurement += 1;
-                killed.closed += usize::from(!check_resumable(&shop, &stored));
+                killed.closed_runs += usize::from(!check_resume_and_has_estimate(&shop, &stored));
             }
             RunState::Finished => killed.after_the_estimate += 1,
             // A third of them is left to the daemon.
             _ if kill % 3 == 0 => for_the_daemon.push(stored),
             _ => {
                 killed.in_identification += 1;
-                check_identifiable(&shop, &stored, |shop| {
+                check_identified_without_motion(&shop, &stored, |shop| {
                     let resumed = resume_run(shop, stored.summary.id, &[]);
                     assert_eq!(resumed, (Some(0), String::new()));
                 });
             }
         }
     }
-    killed.by_the_daemon = for_the_daemon.len();
+    killed.identified_by_daemon = for_the_daemon.len();
     killed.in_identification += for_the_daemon.len();
     check_daemon_identifies(&shop, &for_the_daemon);
-    every_run_is_settled(&shop);
+    assert_runs_are_identified_or_closed(&shop);
     killed
 }
 
 /// Duration from the first stage to the last reading, and from there to the end of the process, of a run that is
 /// not killed.
-fn phase_durations(shop: &MachineShop) -> [Duration; 2] {
+fn measurement_and_identification_durations(shop: &MachineShop) -> [Duration; 2] {
     let (mut run, mut lines) = start_run(shop);
     wait_for_line(&mut lines, FIRST_STAGE_TEXT);
     let first = Instant::now();
@@ -97,26 +98,26 @@ fn phase_durations(shop: &MachineShop) -> [Duration; 2] {
 }
 
 fn start_run(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
-    let mut command: Command = shop.run_command();
+    let mut command: Command = shop.self_calibration_command();
     command.args(["--speed", "fast"]).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut run = command.spawn().unwrap();
     let lines = BufReader::new(run.stderr.take().unwrap());
     (run, lines)
 }
 
-fn wait_for_line(lines: &mut BufReader<ChildStderr>, words: &str) {
+fn wait_for_line(lines: &mut BufReader<ChildStderr>, text: &str) {
     let mut line = String::new();
-    while !line.contains(words) {
+    while !line.contains(text) {
         line.clear();
-        assert_ne!(lines.read_line(&mut line).unwrap(), 0, "ended before `{words}`");
+        assert_ne!(lines.read_line(&mut line).unwrap(), 0, "ended before `{text}`");
     }
 }
 
-/// Journal entry of a run that is killed `after` it has printed `line`.
-fn kill_run_after(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
+/// Starts a run, kills it `delay` after it has printed `line`, and returns its journal entry.
+fn kill_run_after(shop: &MachineShop, line: &str, delay: Duration) -> StoredRun {
     let (mut run, mut lines) = start_run(shop);
     wait_for_line(&mut lines, line);
-    sleep(after);
+    sleep(delay);
     run.kill().unwrap();
     run.wait().unwrap();
     let journal = Journal::open(&shop.state_folder()).unwrap();
@@ -127,10 +128,10 @@ fn kill_run_after(shop: &MachineShop, line: &str, after: Duration) -> StoredRun 
     stored
 }
 
-/// Exit code, and the error message.
-fn resume_run(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>, String) {
+/// Resumes `run` without a terminal. Returns the exit code and, unless it is 0, the error output.
+fn resume_run(shop: &MachineShop, run: RunId, acknowledge_arguments: &[&str]) -> (Option<i32>, String) {
     let run = run.to_string();
-    let arguments = [&["resume", &run, "--json"], acknowledged].concat();
+    let arguments = [&["resume", &run, "--json"], acknowledge_arguments].concat();
     let ended = shop.trued_command(&arguments).stdin(Stdio::null()).output().unwrap();
     let code = ended.status.code();
     (code, if code == Some(0) { String::new() } else { stderr(&ended) })
@@ -138,7 +139,7 @@ fn resume_run(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<
 
 /// The run was killed during the measurement: nothing moves before an acknowledgement. Returns whether it now has
 /// its estimate; otherwise its references were not measured, and it is closed.
-fn check_resumable(shop: &MachineShop, stored: &StoredRun) -> bool {
+fn check_resume_and_has_estimate(shop: &MachineShop, stored: &StoredRun) -> bool {
     let run = stored.summary.id;
     let listed = String::from_utf8(shop.run_trued(&["runs"]).stdout).unwrap();
     let ways = [format!(" resume {run}`"), format!("run {run} cannot be resumed")];
@@ -165,7 +166,7 @@ fn check_resumable(shop: &MachineShop, stored: &StoredRun) -> bool {
 }
 
 /// The run is listed as not identified, and gets its estimate from its readings alone.
-fn check_identifiable(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
+fn check_identified_without_motion(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
     let listed = String::from_utf8(shop.run_trued(&["runs"]).stdout).unwrap();
     let run = stored.summary.id;
     assert!(listed.contains(&format!("resume {run}` computes the estimate")), "{listed}");
@@ -177,10 +178,10 @@ fn check_identifiable(shop: &MachineShop, stored: &StoredRun, identify: impl FnO
     assert!(!after.events.iter().any(|(_, event)| moved(event)), "run {run}");
 }
 
-/// The start of the daemon identifies all of them, whatever the state of the newest run.
+/// A start of the daemon identifies all of `runs`, whatever the state of the newest run.
 fn check_daemon_identifies(shop: &MachineShop, runs: &[StoredRun]) {
     let Some(newest) = runs.last() else { return };
-    check_identifiable(shop, newest, |shop| {
+    check_identified_without_motion(shop, newest, |shop| {
         let daemon = shop.start_daemon("fast");
         for stored in runs {
             daemon.wait_for_log(&format!("run {} is identified", stored.summary.id));
@@ -189,7 +190,7 @@ fn check_daemon_identifies(shop: &MachineShop, runs: &[StoredRun]) {
     });
 }
 
-fn every_run_is_settled(shop: &MachineShop) {
+fn assert_runs_are_identified_or_closed(shop: &MachineShop) {
     let journal = Journal::open(&shop.state_folder()).unwrap();
     for run in journal.runs().unwrap() {
         let stored = journal.load_run(run.id).unwrap();

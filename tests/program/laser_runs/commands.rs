@@ -7,11 +7,11 @@ use std::process::{Command, Stdio};
 
 use machine::record::estimate::Estimate;
 
-use super::laser_shop::{TRUE_PARAMETERS, assert_near_truth, parameter};
+use super::laser_shop::{TRUE_ERRORS_UM_AND_URAD, assert_near_truth, parameter};
 
 const METHOD: &str = "laser-r-test";
 /// Few poses, so that a run is short.
-const SHORT_SETTINGS: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
+const SHORT_RUN_SETTINGS: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
                      monte_carlo_trials = 100\n";
 
 /// A folder with a machine file of these settings, in which the program runs.
@@ -29,13 +29,13 @@ impl RunWorkspace {
         self.0.path().join(name).display().to_string()
     }
 
-    fn output(&self, arguments: &[&str]) -> std::process::Output {
+    fn run_trued(&self, arguments: &[&str]) -> std::process::Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).output().expect("started")
     }
 
-    fn stdout(&self, arguments: &[&str]) -> Vec<u8> {
-        let output = self.output(arguments);
+    fn successful_stdout(&self, arguments: &[&str]) -> Vec<u8> {
+        let output = self.run_trued(arguments);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
         output.stdout
@@ -43,21 +43,21 @@ impl RunWorkspace {
 }
 
 /// A run through the whole program: control, sensor, proof, journal.
-pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
-    let desk = RunWorkspace::new(SHORT_SETTINGS);
+pub fn run_is_reproducible_and_near_the_truth() {
+    let desk = RunWorkspace::new(SHORT_RUN_SETTINGS);
     let (file, first) = (desk.path("laser.toml"), desk.path("first"));
-    let run = |state| desk.stdout(&["run", METHOD, "--json", "--machine", &file, "--state", state]);
+    let run = |state| desk.successful_stdout(&["run", METHOD, "--json", "--machine", &file, "--state", state]);
     let said = run(&first);
     assert_eq!(said, run(&desk.path("second")));
     let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
     assert!(estimate.warnings.is_empty(), "{:?}", estimate.warnings);
     assert_near_truth(&estimate, 4.0);
     // Identified from the readings alone: the measured axis positions count, not those of a new plan.
-    desk.stdout(&["export", "1", "--state", &first, "--to", &desk.path("")]);
+    desk.successful_stdout(&["export", "1", "--state", &first, "--to", &desk.path("")]);
     let readings = desk.path("run-1-readings.csv");
-    let again = desk.stdout(&["identify", METHOD, "--json", "--readings", &readings, "--machine", &file]);
+    let again = desk.successful_stdout(&["identify", METHOD, "--json", "--readings", &readings, "--machine", &file]);
     let again: Estimate = serde_json::from_slice(&again).expect("an estimate");
-    for (symbol, _) in TRUE_PARAMETERS {
+    for (symbol, _) in TRUE_ERRORS_UM_AND_URAD {
         let (one, other) = (parameter(&estimate, symbol), parameter(&again, symbol));
         assert!((one.value - other.value).abs() < 0.01 * one.u, "{} {}", one.value, other.value);
     }
@@ -65,10 +65,11 @@ pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
 
 /// A replay without control and sensor.
 pub fn captured_run_replays_to_the_same_bytes() {
-    let desk = RunWorkspace::new(SHORT_SETTINGS);
+    let desk = RunWorkspace::new(SHORT_RUN_SETTINGS);
     let (file, state, capture) = (desk.path("laser.toml"), desk.path("state"), desk.path("capture"));
-    let run =
-        |how: &[&str]| desk.stdout(&[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat());
+    let run = |how: &[&str]| {
+        desk.successful_stdout(&[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat())
+    };
     let measured = run(&["--capture", &capture]);
     // The machine file now describes another machine: the result must be that of the capture.
     let text = std::fs::read_to_string(&file).expect("read");
@@ -82,18 +83,18 @@ pub fn captured_run_replays_to_the_same_bytes() {
     let off: f64 = value.parse::<f64>().expect("a number") + 1.0;
     std::fs::write(&capture, format!("{before} {off} - 0\\n{rest}")).expect("written");
     let replay = ["run", METHOD, "--json", "--machine", &file, "--state", &state, "--replay", &capture];
-    let output = desk.output(&replay);
+    let output = desk.run_trued(&replay);
     let said = String::from_utf8_lossy(&output.stderr);
     // By a millimetre: its pose must be measured again, which the capture does not contain.
     assert_eq!(output.status.code(), Some(1), "the samples are not those of the capture");
     assert!(said.contains("outliers measured again: 1 step"), "{said}");
 }
 
-pub fn same_machine_can_be_measured_by_touches() {
-    let desk = RunWorkspace::new(&format!("{SHORT_SETTINGS}by = \"probe\"\n"));
+pub fn laser_r_test_by_touches_is_near_the_truth() {
+    let desk = RunWorkspace::new(&format!("{SHORT_RUN_SETTINGS}by = \"probe\"\n"));
     let file = desk.path("laser.toml");
     let state = desk.path("state");
-    let said = desk.stdout(&["run", METHOD, "--json", "--machine", &file, "--state", &state]);
+    let said = desk.successful_stdout(&["run", METHOD, "--json", "--machine", &file, "--state", &state]);
     let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
     assert_near_truth(&estimate, 4.0);
 }
@@ -102,7 +103,7 @@ pub fn same_machine_can_be_measured_by_touches() {
 pub fn closed_probe_input_refuses_a_laser_run_without_advice_on_the_stylus() {
     let desk = RunWorkspace::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
     let (file, state) = (desk.path("laser.toml"), desk.path("state"));
-    let output = desk.output(&["run", METHOD, "--machine", &file, "--state", &state]);
+    let output = desk.run_trued(&["run", METHOD, "--machine", &file, "--state", &state]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("the probe reads closed; but the sensor `laser` is mounted instead of the probe"), "{said}");
@@ -110,11 +111,11 @@ pub fn closed_probe_input_refuses_a_laser_run_without_advice_on_the_stylus() {
     assert!(!said.contains("free the stylus"), "{said}");
 }
 
-pub fn printed_program_states_the_samples_of_a_dwell() {
-    let desk = RunWorkspace::new(SHORT_SETTINGS);
+pub fn title_of_printed_program_states_samples_per_dwell() {
+    let desk = RunWorkspace::new(SHORT_RUN_SETTINGS);
     for dialect in ["grbl-m19", "linuxcnc"] {
         let file = desk.path("laser.toml");
-        let program = desk.stdout(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
+        let program = desk.successful_stdout(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
         let program = String::from_utf8(program).expect("text");
         let title = "(laser-r-test, at each G4 dwell trued takes 20 samples of laser)";
         assert!(program.lines().take(2).any(|line| line == title), "{:?}", program.get(..400));
@@ -123,7 +124,7 @@ pub fn printed_program_states_the_samples_of_a_dwell() {
 
 /// Report of the simulated control of `method` when the spindle is at a position in which the probe's stylus would
 /// be pressed into the sphere's pole by 3 mm.
-fn report_over_the_pole(desk: &RunWorkspace, method: &str) -> String {
+fn status_report_with_spindle_over_the_pole(desk: &RunWorkspace, method: &str) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["simulate", method, "--machine", &desk.path("laser.toml")]);
     let mut simulator = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().expect("started");
@@ -147,9 +148,12 @@ fn report_over_the_pole(desk: &RunWorkspace, method: &str) -> String {
 }
 
 /// A rehearsal of a method with a sensor has no stylus that could touch anything.
-pub fn simulate_goes_without_the_probe_where_a_sensor_is_in_the_spindle() {
+pub fn simulate_removes_the_probe_for_a_method_with_a_spindle_sensor() {
     let desk = RunWorkspace::new("");
-    let (looks, touches) = (report_over_the_pole(&desk, METHOD), report_over_the_pole(&desk, "self-calibration"));
+    let (looks, touches) = (
+        status_report_with_spindle_over_the_pole(&desk, METHOD),
+        status_report_with_spindle_over_the_pole(&desk, "self-calibration"),
+    );
     assert!(looks.starts_with("<Idle|MPos:80.300,-0.200,270.000") && !looks.contains("Pn:"), "{looks}");
     assert!(touches.contains("|Pn:P"), "{touches}");
 }

@@ -9,29 +9,41 @@ use machine::Axis;
 use machine::record::estimate::{Estimate, Parameter};
 use machine::record::reading::Reading;
 
-use super::sender::{self, SensorSender};
+use super::tcp_sensor::{self, TcpDisplacementSensor};
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::{MachineShop, stderr};
-use crate::support::person;
+use crate::support::terminal_operator;
 
 /// Steps: the prompt (0), the search of the sphere (1), the direction of the beam at three heights (2 to 4), the
 /// reference (5); then the poses, and the reference again.
-pub const SEARCH_STEP: u32 = 1;
+pub const SPHERE_SEARCH_STEP: u32 = 1;
 pub const FIRST_REFERENCE_STEP: u32 = 5;
 
-/// Size of a measurement.
+/// Settings of the method, and the size of the measurement that follows from them.
 pub struct ScanDesign {
     settings: &'static str,
-    /// Number of dwell points of a scan, and of samples at each.
-    pub points: usize,
-    pub samples: usize,
-    pub steps: u32,
+    /// Number of dwell points of a scan.
+    pub dwell_points_per_scan: usize,
+    /// Number of samples at each dwell point.
+    pub samples_per_dwell_point: usize,
+    /// Number of steps of the plan, with the prompt.
+    pub step_count: u32,
 }
 
 /// The minimum number of poses and points.
-pub const SHORT_DESIGN: ScanDesign = ScanDesign { settings: FEW_POINTS_SETTINGS, points: 10, samples: 60, steps: 12 };
+pub const MIN_POINTS_DESIGN: ScanDesign = ScanDesign {
+    settings: FEW_POINTS_SETTINGS,
+    dwell_points_per_scan: 10,
+    samples_per_dwell_point: 60,
+    step_count: 12,
+};
 /// Enough poses and points for a sound estimate.
-pub const SOUND_DESIGN: ScanDesign = ScanDesign { settings: SUFFICIENT_SETTINGS, points: 26, samples: 20, steps: 15 };
+pub const SUFFICIENT_POINTS_DESIGN: ScanDesign = ScanDesign {
+    settings: SUFFICIENT_POINTS_SETTINGS,
+    dwell_points_per_scan: 26,
+    samples_per_dwell_point: 20,
+    step_count: 15,
+};
 
 const FEW_POINTS_SETTINGS: &str = "
 [method.laser-r-test]
@@ -44,7 +56,7 @@ feed_mm_min = 2400.0
 monte_carlo_trials = 100
 ";
 
-const SUFFICIENT_SETTINGS: &str = "
+const SUFFICIENT_POINTS_SETTINGS: &str = "
 [method.laser-r-test]
 tilt_deg = [-60.0, 60.0]
 turn_deg = [120.0, 240.0]
@@ -53,7 +65,7 @@ monte_carlo_trials = 100
 
 impl ScanDesign {
     /// Machine file of the built-in machine with these settings.
-    pub fn file(&self) -> String {
+    pub fn machine_file_text(&self) -> String {
         include_str!("../../../config/laser.toml").to_owned() + self.settings
     }
 }
@@ -62,17 +74,17 @@ pub struct LaserShop {
     shop: MachineShop,
     design: ScanDesign,
     pub bench: GrblControl,
-    pub sender: SensorSender,
+    pub sender: TcpDisplacementSensor,
 }
 
 impl LaserShop {
-    /// `bench` has the machine of `design`.
+    /// `bench`: simulated control of a machine with the settings of `design`.
     pub fn with_control(design: ScanDesign, bench: GrblControl) -> Self {
-        let sender = SensorSender::start(bench.world.clone());
-        let file = machine_file(
-            &design.file(),
+        let sender = TcpDisplacementSensor::start(bench.world.clone());
+        let file = replace_control_and_sensor(
+            &design.machine_file_text(),
             &format!("tcp = \"{}\"", bench.address),
-            &sender::sensor_section(sender.address),
+            &tcp_sensor::sensor_section(sender.address),
         );
         Self { shop: MachineShop::new(&file), design, bench, sender }
     }
@@ -81,7 +93,7 @@ impl LaserShop {
         self.shop.run_trued(arguments)
     }
 
-    pub fn machine(&self) -> String {
+    pub fn machine_path(&self) -> String {
         self.shop.machine_path()
     }
 
@@ -90,7 +102,7 @@ impl LaserShop {
         let machine = self.shop.machine_path();
         let run = ["run", "laser-r-test", "--json", "--machine", &machine];
         let mut command = self.shop.trued_command(&run);
-        person::confirm_prompts(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
+        terminal_operator::confirm_prompts_with_enter(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
         command.spawn().unwrap()
     }
 
@@ -99,7 +111,7 @@ impl LaserShop {
     }
 
     /// Waits until the control has received `count` lines with these words.
-    pub fn wait_for(&self, words: &str, count: usize, client: &mut Child) {
+    pub fn wait_until_control_receives(&self, words: &str, count: usize, client: &mut Child) {
         while self.bench.received_text().matches(words).count() < count {
             if client.try_wait().unwrap().is_some() {
                 let mut told = String::new();
@@ -110,22 +122,22 @@ impl LaserShop {
         }
     }
 
-    pub fn state(&self) -> String {
+    pub fn run_state(&self) -> String {
         self.shop.run_states()[0].clone()
     }
 
-    pub fn readings(&self) -> Vec<Reading> {
+    pub fn exported_readings(&self) -> Vec<Reading> {
         let to = self.shop.path("export");
         let exported = self.run_trued(&["export", "1", "--to", &to.display().to_string()]);
         assert!(exported.status.success(), "{}", stderr(&exported));
-        read_csv(&to.join("run-1-readings.csv"))
+        read_readings_csv(&to.join("run-1-readings.csv"))
     }
 
-    /// Checks each measured step and returns them: it has all of its samples; each was sent by the sensor, in this
-    /// order, at consecutive points, with the machine at the position of the reading.
-    pub fn all_is_true(&self) -> Vec<u32> {
-        let (readings, said) = (self.readings(), self.sender.sent_samples());
-        let ScanDesign { points, samples, .. } = self.design;
+    /// Asserts that each measured step has all of its samples, and that the sensor sent each in this order, at
+    /// consecutive points, with the machine at the position of the reading. Returns the steps.
+    pub fn check_readings_and_return_steps(&self) -> Vec<u32> {
+        let (readings, said) = (self.exported_readings(), self.sender.sent_samples());
+        let ScanDesign { dwell_points_per_scan: points, samples_per_dwell_point: samples, .. } = self.design;
         let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
         let mut behind = 0;
         let mut steps = Vec::new();
@@ -135,7 +147,8 @@ impl LaserShop {
             for taken in scan.chunks(samples) {
                 let was_said = |at: &usize| {
                     let there = said[*at..].iter().zip(taken);
-                    said.len() >= at + samples && there.into_iter().all(|(said, taken)| is_sample_of(said, taken))
+                    said.len() >= at + samples
+                        && there.into_iter().all(|(said, taken)| is_reading_of_sent_sample(said, taken))
                 };
                 let found = (behind..said.len()).find(was_said);
                 let made_up = || panic!("not said: {:?} and what follows", taken[0]);
@@ -147,7 +160,7 @@ impl LaserShop {
 }
 
 /// `text` with another control and another sensor.
-pub fn machine_file(text: &str, control: &str, sensor: &str) -> String {
+pub fn replace_control_and_sensor(text: &str, control: &str, sensor: &str) -> String {
     let changes = [
         ("kind = \"simulated\"\nwire = \"memory\"\n", format!("kind = \"grbl\"\n{control}\n")),
         ("[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n", sensor.to_owned()),
@@ -158,13 +171,13 @@ pub fn machine_file(text: &str, control: &str, sensor: &str) -> String {
     })
 }
 
-fn read_csv(csv: &Path) -> Vec<Reading> {
+fn read_readings_csv(csv: &Path) -> Vec<Reading> {
     trued::report::readings_csv::read_readings(&std::fs::read(csv).unwrap()).unwrap()
 }
 
 /// The control displays positions to a micrometre and a thousandth of a degree; the commanded position is known to
 /// a tenth of that.
-fn is_sample_of((value_mm, position): &sender::SentSample, reading: &Reading) -> bool {
+fn is_reading_of_sent_sample((value_mm, position): &tcp_sensor::SentSample, reading: &Reading) -> bool {
     let stands = |axis| (position.get_or_zero(axis) - reading.position.get_or_zero(axis)).abs() < 2e-4;
     reading.value_mm == Some(*value_mm)
         && Axis::ALL.into_iter().filter(|axis| position.get(*axis).is_some()).all(stands)
@@ -175,8 +188,8 @@ pub fn estimate_of_output(output: &Output) -> Estimate {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Errors of the built-in machine (paper 2, Table 5), um and urad.
-pub const TRUE_PARAMETERS: [(&str, f64); 5] =
+/// True errors of the built-in machine, by symbol (paper 2, Table 5), um and urad.
+pub const TRUE_ERRORS_UM_AND_URAD: [(&str, f64); 5] =
     [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
 
 pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
@@ -184,10 +197,10 @@ pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
     found.unwrap_or_else(|| panic!("no {symbol}"))
 }
 
-/// Asserts that each deviation from [`TRUE_PARAMETERS`] is below this number of standard uncertainties.
-pub fn assert_near_truth(estimate: &Estimate, limit_u: f64) {
-    for (symbol, truth) in TRUE_PARAMETERS {
+/// Asserts that each deviation from the true error is below `max_deviation_in_u` standard uncertainties.
+pub fn assert_near_truth(estimate: &Estimate, max_deviation_in_u: f64) {
+    for (symbol, truth) in TRUE_ERRORS_UM_AND_URAD {
         let Parameter { value, u, .. } = parameter(estimate, symbol);
-        assert!((value - truth).abs() < limit_u * u, "{symbol}: {value}, u {u}");
+        assert!((value - truth).abs() < max_deviation_in_u * u, "{symbol}: {value}, u {u}");
     }
 }

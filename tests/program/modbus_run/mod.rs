@@ -3,11 +3,11 @@
 //! run over the grbl wire, whose protocol shares nothing with these: the same lines, or the same numbers, must give
 //! the same readings.
 
-mod bench;
-mod schedules;
+mod measured_run;
+mod seeded_fault_runs;
 
 use crate::support::harness::{Pool, Trials, trials};
-use bench::ModbusBench;
+use measured_run::MachineUnderTest;
 use trued::setup::{self, EarlierSessions, MachineFile, SimulatedMachine, SimulationPace};
 
 /// Name and `[controller]` keys of each Modbus variant of the simulated control.
@@ -18,16 +18,16 @@ const CONTROLLER_KEYS: [(&str, &str); 4] = [
     ("a resident program, RTU", "speaks = \"modbus-program\"\nwire = \"pty\""),
 ];
 
-fn the_estimate_over_modbus_is_that_over_grbl() {
-    let grbl = ModbusBench::with_full_cycle("").measure();
+fn estimate_over_modbus_equals_that_over_grbl() {
+    let grbl = MachineUnderTest::with_controller("").measure();
     let expected = serde_json::to_string(&grbl.estimate()).unwrap();
-    assert!(grbl.readings().len() > 30);
+    assert!(grbl.readings_of_successful_run().len() > 30);
     std::thread::scope(|scope| {
         for (name, keys) in CONTROLLER_KEYS {
             let (grbl, expected) = (&grbl, &expected);
             scope.spawn(move || {
-                let modbus = ModbusBench::with_full_cycle(keys).measure();
-                assert_eq!(modbus.readings(), grbl.readings(), "{name}");
+                let modbus = MachineUnderTest::with_controller(keys).measure();
+                assert_eq!(modbus.readings_of_successful_run(), grbl.readings_of_successful_run(), "{name}");
                 let found = serde_json::to_string(&modbus.estimate()).unwrap();
                 assert_eq!(found, *expected, "{name}");
             });
@@ -35,15 +35,17 @@ fn the_estimate_over_modbus_is_that_over_grbl() {
     });
 }
 
-fn what_is_served_is_opened_by_the_keys_that_it_tells() {
+fn reported_controller_keys_open_the_served_control() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     for (name, keys) in CONTROLLER_KEYS {
         runtime.block_on(async {
-            let simulated = MachineFile::parse("machine.toml", bench::machine_with_controller(keys)).unwrap();
-            let served = SimulatedMachine::new(&simulated).unwrap().serve(SimulationPace::Fast).unwrap();
-            let text = bench::machine_with_controller(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
+            let simulated = MachineFile::parse("machine.toml", measured_run::machine_with_controller(keys)).unwrap();
+            let served = SimulatedMachine::new(&simulated).unwrap().serve_control(SimulationPace::Immediate).unwrap();
+            let text =
+                measured_run::machine_with_controller(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
             let file = MachineFile::parse("machine.toml", text).unwrap();
-            let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
+            let devices =
+                setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
             let said = devices.controller.prepare().await.unwrap().identity;
             assert_eq!(said.contains("resident program 1"), name.contains("resident"), "{said}");
         });
@@ -52,15 +54,15 @@ fn what_is_served_is_opened_by_the_keys_that_it_tells() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 30;
-        the_estimate_over_modbus_is_that_over_grbl,
+        estimate_over_modbus_equals_that_over_grbl,
     ]
-    .with(trials![Pool::Computing, 15;
-        schedules::whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it,
-        schedules::nor_over_rtu,
-        schedules::whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice,
-        schedules::no_program_starts_twice_over_rtu,
+    .with_trials(trials![Pool::Computing, 15;
+        seeded_fault_runs::line_window_faults_repeat_no_chunk_nor_invent_readings_over_tcp,
+        seeded_fault_runs::line_window_faults_repeat_no_chunk_nor_invent_readings_over_rtu,
+        seeded_fault_runs::resident_program_faults_repeat_no_chunk_nor_invent_readings_over_tcp,
+        seeded_fault_runs::resident_program_faults_repeat_no_chunk_nor_invent_readings_over_rtu,
     ])
-    .with(trials![Pool::Waiting, 0;
-        what_is_served_is_opened_by_the_keys_that_it_tells,
+    .with_trials(trials![Pool::Waiting, 0;
+        reported_controller_keys_open_the_served_control,
     ])
 }

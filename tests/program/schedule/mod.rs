@@ -2,8 +2,8 @@
 //! the UTC times of 02:30 in Berlin, 00:30 or 01:30 on these days, come from Python's zoneinfo, not from the
 //! program.
 
+mod fake_clock_and_interlocks;
 mod schedule_setup;
-mod set_clock;
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -11,43 +11,43 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::support::harness::{Pool, Trials, trials};
-use schedule_setup::{ScheduleSetup, schedule_json, start_by_hand, wait_for_run};
-use set_clock::READY_INTERLOCKS;
+use fake_clock_and_interlocks::READY_INTERLOCK_LINE;
+use schedule_setup::{ScheduleSetup, schedule_json, start_cycle_1, wait_until_newest_slot_has_run};
 
-fn wait_a_while() {
+fn wait_3_s() {
     sleep(Duration::from_secs(3));
 }
 
 /// Once at the first instant after the gap in spring, once at the first of both in autumn.
-fn daylight_saving_in_both_directions() {
+fn schedule_runs_once_at_each_daylight_saving_change() {
     let setup = ScheduleSetup::new("2027-03-28T00:59:00Z", "30 2 * * *", "");
     let daemon = setup.shop.start_daemon("fast");
     setup.arm();
-    assert_eq!(setup.slots().len(), 0);
-    setup.clock.set("2027-03-28T00:59:58Z");
+    assert_eq!(setup.slot_times_outcomes_and_reasons().len(), 0);
+    setup.clock.set_time("2027-03-28T00:59:58Z");
     setup.wait_for_single_slot("2027-03-28T01:00:00Z", "ran", "verdict pass");
     let told = schedule_json(&daemon);
     assert_eq!(told["planned"][0]["next"][0], "2027-03-29T02:30:00+02:00[Europe/Berlin]");
     assert_eq!(told["armed"][0]["who"], "Ada");
     assert_eq!(told["last"][0]["run"], 1);
     // Months later; the slots in between are missed. The jump is detected when the clock is next read.
-    setup.clock.set("2027-10-31T00:29:50Z");
+    setup.clock.set_time("2027-10-31T00:29:50Z");
     daemon.wait_for_log("schedule dawn: slot 2027-10-30T00:30:00Z: missed: the clock was set forward");
     daemon.wait_for_log("schedule dawn: slot 2027-10-31T00:30:00Z: ran: verdict pass");
-    setup.clock.set("2027-10-31T01:29:58Z");
-    wait_a_while();
-    let slots = setup.slots();
+    setup.clock.set_time("2027-10-31T01:29:58Z");
+    wait_3_s();
+    let slots = setup.slot_times_outcomes_and_reasons();
     assert_eq!(slots[0][0], "2027-10-31T00:30:00Z", "not at the second 02:30 as well");
     assert_eq!(setup.shop.run_states(), ["finished", "finished"]);
 }
 
-fn clock_set_back_during_a_run() {
+fn clock_set_back_during_a_run_starts_no_second_run() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "");
     let daemon = setup.shop.start_daemon("real");
     setup.arm();
-    setup.clock.set("2026-11-23T04:29:58Z");
-    daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
-    setup.clock.set("2026-11-23T04:29:57Z");
+    setup.clock.set_time("2026-11-23T04:29:58Z");
+    daemon.http().wait_until_machine_state(|standing| standing["measured"].as_u64() > Some(0));
+    setup.clock.set_time("2026-11-23T04:29:57Z");
     daemon.wait_for_log("the clock was set back");
     daemon.wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z is due again, but already started");
     setup.wait_for_single_slot("2026-11-23T04:30:00Z", "started", "");
@@ -55,20 +55,20 @@ fn clock_set_back_during_a_run() {
     // The run was held: the slot failed, and the schedule is disarmed.
     assert_eq!(daemon.http().post_action("hold", &json!({})).0, 202);
     setup.wait_for_single_slot("2026-11-23T04:30:00Z", "failed", "run 1 is held");
-    setup.clock.set("2026-11-23T04:29:57Z");
-    wait_a_while();
-    wait_a_while();
+    setup.clock.set_time("2026-11-23T04:29:57Z");
+    wait_3_s();
+    wait_3_s();
     assert_eq!(setup.shop.run_states(), ["held"]);
     let told = schedule_json(&daemon);
     assert!(told["armed"][0]["ended"].is_array(), "{told}");
 }
 
-fn a_manual_run_is_on() {
+fn scheduled_run_waits_for_a_manual_run_and_is_then_skipped() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "latest_min = 10");
     let daemon = setup.shop.start_daemon("real");
     setup.arm();
-    start_by_hand(&daemon);
-    setup.clock.set("2026-11-23T04:29:58Z");
+    start_cycle_1(&daemon);
+    setup.clock.set_time("2026-11-23T04:29:58Z");
     daemon.wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z waits: not ready: a run is in progress");
     // The page shows it a moment after it is logged.
     let waits = || schedule_json(&daemon)["planned"][0]["waiting"].as_str().map(str::to_owned);
@@ -77,7 +77,7 @@ fn a_manual_run_is_on() {
         waits()
     });
     assert!(told.is_some_and(|waiting| waiting.contains("a run is in progress")));
-    setup.clock.set("2026-11-23T04:40:01Z");
+    setup.clock.set_time("2026-11-23T04:40:01Z");
     setup.wait_for_single_slot(
         "2026-11-23T04:30:00Z",
         "skipped",
@@ -86,66 +86,66 @@ fn a_manual_run_is_on() {
     assert_eq!(setup.shop.run_states(), ["running"]);
 }
 
-fn a_manual_run_is_on_and_nobody_waits() {
+fn scheduled_run_is_skipped_at_once_with_overlap_skip() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "overlap = \"skip\"");
     let daemon = setup.shop.start_daemon("real");
     setup.arm();
-    start_by_hand(&daemon);
-    setup.clock.set("2026-11-23T04:29:58Z");
+    start_cycle_1(&daemon);
+    setup.clock.set_time("2026-11-23T04:29:58Z");
     setup.wait_for_single_slot("2026-11-23T04:30:00Z", "skipped", "a run is in progress");
 }
 
-fn a_machine_that_is_not_ready() {
+fn scheduled_run_waits_until_ready_and_is_skipped_after_the_limit() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "ready = [\"artefact\"]");
     let daemon = setup.shop.start_daemon("fast");
     setup.arm();
     setup.machine.set_interlocks("TELL ENABLE AUTO");
-    setup.clock.set("2026-11-23T04:29:58Z");
+    setup.clock.set_time("2026-11-23T04:29:58Z");
     daemon.wait_for_log("waits: not ready: a guard is open");
-    setup.machine.set_interlocks(READY_INTERLOCKS);
+    setup.machine.set_interlocks(READY_INTERLOCK_LINE);
     daemon.wait_for_log("waits: not ready: the control does not report that the artefact");
-    setup.machine.set_interlocks(&format!("{READY_INTERLOCKS} ARTEFACT"));
+    setup.machine.set_interlocks(&format!("{READY_INTERLOCK_LINE} ARTEFACT"));
     setup.wait_for_single_slot("2026-11-23T04:30:00Z", "ran", "verdict pass");
     // If the machine reports nothing within the allowed time, the slot is skipped.
     setup.machine.set_interlocks("TELL");
-    setup.clock.set("2026-11-24T04:29:55Z");
+    setup.clock.set_time("2026-11-24T04:29:55Z");
     daemon.wait_for_log("schedule dawn: slot 2026-11-24T04:30:00Z waits");
-    setup.clock.set("2026-11-24T05:00:01Z");
-    let slots = setup.wait_for_outcome("skipped");
+    setup.clock.set_time("2026-11-24T05:00:01Z");
+    let slots = setup.wait_for_newest_slot_outcome("skipped");
     assert!(slots[0][2].contains("latest start time has passed: not ready: the external start"), "{slots:?}");
     assert_eq!(setup.shop.run_states(), ["finished"]);
 }
 
-fn power_failure_at_the_due_time_and_during_the_run() {
+fn daemon_killed_at_due_time_or_in_run_does_not_repeat_the_slot() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "");
     drop(setup.shop.start_daemon("real"));
     setup.arm();
-    setup.clock.set("2026-11-23T04:30:05Z");
+    setup.clock.set_time("2026-11-23T04:30:05Z");
     let daemon = setup.shop.start_daemon("real");
     setup.wait_for_single_slot("2026-11-23T04:30:00Z", "missed", "the service was not running at that time");
-    wait_a_while();
+    wait_3_s();
     assert!(setup.shop.run_states().is_empty());
-    setup.clock.set("2026-11-24T04:29:58Z");
-    daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
-    wait_for_run(&daemon);
+    setup.clock.set_time("2026-11-24T04:29:58Z");
+    daemon.http().wait_until_machine_state(|standing| standing["measured"].as_u64() > Some(0));
+    wait_until_newest_slot_has_run(&daemon);
     // The daemon is killed here.
     drop(daemon);
     let daemon = setup.shop.start_daemon("real");
     daemon.wait_for_log("schedule: disarmed: run 1 was not completed");
-    let slots = setup.wait_for_outcome("failed");
+    let slots = setup.wait_for_newest_slot_outcome("failed");
     assert_eq!((slots.len(), slots[0][0].as_str()), (2, "2026-11-24T04:30:00Z"), "{slots:?}");
     assert!(slots[0][2].contains("run 1 is interrupted"), "{slots:?}");
-    setup.clock.set("2026-11-24T04:29:58Z");
-    wait_a_while();
-    wait_a_while();
+    setup.clock.set_time("2026-11-24T04:29:58Z");
+    wait_3_s();
+    wait_3_s();
     assert_eq!(setup.shop.run_states(), ["interrupted"]);
 }
 
-fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
+fn due_request_needs_an_armed_cycle_and_starts_it_once() {
     let setup = ScheduleSetup::new("2026-11-23T12:00:00Z", "30 5 * * *", "");
     let daemon = setup.shop.start_daemon("fast");
     let due = |cycle: u16| daemon.http().post_action("due", &json!({"cycle": cycle, "who": "timer"}));
-    setup.machine.set_interlocks(READY_INTERLOCKS);
+    setup.machine.set_interlocks(READY_INTERLOCK_LINE);
     let (status, told) = due(1);
     assert!(status == 409 && told["message"].as_str().unwrap().contains("is not armed"), "{told}");
     let arm = |until: &str| {
@@ -154,7 +154,7 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     };
     assert_eq!(arm("yesterday").0, 400);
     // A second has one slot, and that one was skipped.
-    wait_a_while();
+    wait_3_s();
     let (status, told) = arm("12h");
     let until = told["armed"][0]["until"].as_str().unwrap_or("");
     assert!(status == 202 && until.starts_with("2026-11-24T00:00"), "{told}");
@@ -164,7 +164,7 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     assert!(status == 409 && told["message"].as_str().unwrap().contains("already started"), "{told}");
     let (status, told) = daemon.http().post_action("disarm", &json!({"who": "Eve"}));
     assert!(status == 202 && told["armed"][0]["ended"].is_array(), "{told}");
-    setup.clock.set("2026-11-23T13:00:00Z");
+    setup.clock.set_time("2026-11-23T13:00:00Z");
     assert_eq!(due(1).0, 409);
     assert_eq!(setup.shop.run_states(), ["finished"]);
     let audits = setup.shop.run_json(&["schedule", schedule_setup::MACHINE_NAME, "--json"]);
@@ -173,14 +173,14 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 30;
-        daylight_saving_in_both_directions,
-        a_machine_that_is_not_ready,
-        clock_set_back_during_a_run,
-        power_failure_at_the_due_time_and_during_the_run,
+        schedule_runs_once_at_each_daylight_saving_change,
+        scheduled_run_waits_until_ready_and_is_skipped_after_the_limit,
+        clock_set_back_during_a_run_starts_no_second_run,
+        daemon_killed_at_due_time_or_in_run_does_not_repeat_the_slot,
     ]
-    .with(trials![Pool::Waiting, 0;
-        a_manual_run_is_on,
-        a_manual_run_is_on_and_nobody_waits,
-        a_call_that_a_cycle_is_due_is_judged_like_the_schedule,
+    .with_trials(trials![Pool::Waiting, 0;
+        scheduled_run_waits_for_a_manual_run_and_is_then_skipped,
+        scheduled_run_is_skipped_at_once_with_overlap_skip,
+        due_request_needs_an_armed_cycle_and_starts_it_once,
     ])
 }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::set_clock::{FakeClock, InterlockServer};
+use super::fake_clock_and_interlocks::{FakeClock, InterlockServer};
 use crate::support::daemon_process::DaemonProcess;
 use crate::support::http::MACHINE_API_PATH;
 use crate::support::machine_shop::{MachineShop, stderr};
@@ -20,7 +20,7 @@ pub struct ScheduleSetup {
 }
 
 impl ScheduleSetup {
-    /// The clock shows `now`; `more`: other keys of the one schedule, `at`: its time in Berlin.
+    /// `now`: time that the clock shows; `at`: time of the schedule in Berlin; `more`: other keys of the schedule.
     pub fn new(now: &str, at: &str, more: &str) -> Self {
         let (wall, machine) = (FakeClock::with_time(now), InterlockServer::new());
         let port = machine.port;
@@ -28,7 +28,7 @@ impl ScheduleSetup {
             "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"{at}\"\nzone = \"Europe/Berlin\"\n{more}\n\
              [serve.line]\ntcp = \"127.0.0.1:{port}\"\n[serve.http]\nlisten = \"127.0.0.1:0\"\n"
         ));
-        shop.envs = wall.envs();
+        shop.environment_variables = wall.environment_variables();
         Self { clock: wall, machine, shop }
     }
 
@@ -38,8 +38,8 @@ impl ScheduleSetup {
         assert!(output.status.success(), "{}", stderr(&output));
     }
 
-    /// Each slot of the journal, newest first: instant, outcome, reason.
-    pub fn slots(&self) -> Vec<[String; 3]> {
+    /// Instant, outcome and reason of each slot in the journal, newest first.
+    pub fn slot_times_outcomes_and_reasons(&self) -> Vec<[String; 3]> {
         let told = self.shop.run_json(&["schedule", MACHINE_NAME, "--json"]);
         let text = |slot: &Value, key: &str| slot[key].as_str().unwrap().to_owned();
         let slots = told[0]["last"].as_array().unwrap().iter();
@@ -47,10 +47,10 @@ impl ScheduleSetup {
     }
 
     /// Waits until the newest slot has the outcome `outcome`; returns all slots.
-    pub fn wait_for_outcome(&self, outcome: &str) -> Vec<[String; 3]> {
+    pub fn wait_for_newest_slot_outcome(&self, outcome: &str) -> Vec<[String; 3]> {
         let started = Instant::now();
         loop {
-            let slots = self.slots();
+            let slots = self.slot_times_outcomes_and_reasons();
             if slots.first().is_some_and(|[_, became, _]| became == outcome) {
                 return slots;
             }
@@ -59,15 +59,16 @@ impl ScheduleSetup {
         }
     }
 
-    pub fn wait_for_single_slot(&self, at: &str, outcome: &str, words: &str) {
-        let slots = self.wait_for_outcome(outcome);
+    /// Waits until the newest slot has `outcome`; asserts that it is the only one, with this time and reason.
+    pub fn wait_for_single_slot(&self, at: &str, outcome: &str, reason: &str) {
+        let slots = self.wait_for_newest_slot_outcome(outcome);
         let [[instant, _, why]] = slots.as_slice() else { panic!("{slots:?}") };
-        assert!(instant == at && why.contains(words), "{slots:?}");
+        assert!(instant == at && why.contains(reason), "{slots:?}");
     }
 }
 
-pub fn start_by_hand(daemon: &DaemonProcess) {
-    assert_eq!(daemon.http().start(1), 202);
+pub fn start_cycle_1(daemon: &DaemonProcess) {
+    assert_eq!(daemon.http().start_cycle(1), 202);
 }
 
 /// The schedule of the built-in machine as the daemon reports it.
@@ -75,8 +76,8 @@ pub fn schedule_json(daemon: &DaemonProcess) -> Value {
     daemon.http().get_json(&format!("{MACHINE_API_PATH}/schedule"))
 }
 
-/// Waits until the journal has the run of the newest slot.
-pub fn wait_for_run(daemon: &DaemonProcess) {
+/// Waits until the newest slot has its run, which is run 1.
+pub fn wait_until_newest_slot_has_run(daemon: &DaemonProcess) {
     let started = Instant::now();
     loop {
         let schedule = schedule_json(daemon);

@@ -43,7 +43,7 @@ impl ControllerDriver for RecordingController {
         for part in block.units()? {
             self.lines.lock().unwrap().extend(part.unit.text.lines().map(str::to_owned));
         }
-        let rows: Vec<String> = block.motions().map(motion_row).collect();
+        let rows: Vec<String> = block.motions().map(motion_as_table_row).collect();
         let table = format!("step {}: {}", block.step(), rows.join("; "));
         self.motion_tables.lock().unwrap().push(table);
         self.inner.execute(block).await
@@ -57,8 +57,8 @@ impl ControllerDriver for RecordingController {
         self.inner.identify_device().await
     }
 
-    async fn finish(&mut self) -> Result<(), ControllerError> {
-        self.inner.finish().await
+    async fn restore_modes(&mut self) -> Result<(), ControllerError> {
+        self.inner.restore_modes().await
     }
 }
 
@@ -72,7 +72,7 @@ struct ProvenText {
 }
 
 /// A motion as a row of a table, in the format of the diary.
-fn motion_row(motion: &Motion) -> String {
+fn motion_as_table_row(motion: &Motion) -> String {
     let (does, to, value) = match motion {
         Motion::Rapid { to } => ("Rapid", to.clone(), 0.0),
         Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => ("Feed", to.clone(), *feed_mm_min),
@@ -88,9 +88,9 @@ fn motion_row(motion: &Motion) -> String {
 }
 
 /// A whole run of `method` with the machine file `text`.
-async fn measure_proven_text(text: String, method: &str) -> ProvenText {
+async fn run_and_record_proven_text(text: String, method: &str) -> ProvenText {
     let file = MachineFile::parse("machine.toml", text).unwrap();
-    let devices = setup::open_devices(&file, SimulationPace::Fast, EarlierSessions::default()).await.unwrap();
+    let devices = setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
     let (lines, rows) = (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
     let halt = devices.controller.halt_handle();
     let halting = HaltHandle::new(move || halt.trigger());
@@ -102,12 +102,12 @@ async fn measure_proven_text(text: String, method: &str) -> ProvenText {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let (method, plan) = setup::configure_method_and_plan(&file, method, None).unwrap();
-    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let mut tell = |_: &Event| {};
     Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell).execute().await.unwrap();
     let (lines, rows) = (lines.lock().unwrap().clone(), rows.lock().unwrap().clone());
-    ProvenText { head: modes.head().to_vec(), lines, foot: modes.foot().to_vec(), motion_tables: rows }
+    ProvenText { head: modes.head_lines().to_vec(), lines, foot: modes.foot_lines().to_vec(), motion_tables: rows }
 }
 
 fn block_on<T>(work: impl Future<Output = T>) -> T {
@@ -115,10 +115,10 @@ fn block_on<T>(work: impl Future<Output = T>) -> T {
 }
 
 /// The lines that grbl received are queries, the head, the proven lines, the foot and the modes that were read.
-fn check_grbl(method: &str) {
+fn check_grbl_receives_proven_lines(method: &str) {
     let control = RecordingControl::start();
     let text = recording_control::machine_with_control(&control.address()) + "positions = 5\n";
-    let proven = block_on(measure_proven_text(text, method));
+    let proven = block_on(run_and_record_proven_text(text, method));
     let received = control.stop_and_take_record().received_lines();
     let is_query = |line: &String| line.is_empty() || line.starts_with('$');
     let received: Vec<String> = received.into_iter().filter(|line| !is_query(line)).collect();
@@ -129,22 +129,22 @@ fn check_grbl(method: &str) {
 }
 
 pub fn grbl_receives_the_proven_lines_of_a_self_calibration() {
-    check_grbl("self-calibration");
+    check_grbl_receives_proven_lines("self-calibration");
 }
 
 pub fn grbl_receives_the_proven_lines_of_a_latch_delay() {
-    check_grbl("latch-delay");
+    check_grbl_receives_proven_lines("latch-delay");
 }
 
 /// The text that a control behind a window of registers accepted, and the proven text.
-fn run_register_window(resident: bool) -> (Vec<String>, ProvenText) {
+fn accepted_and_proven_text_over_modbus(resident: bool) -> (Vec<String>, ProvenText) {
     block_on(async {
         let text = include_str!("../../../config/simulated.toml");
         let world_of = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&world_of).unwrap()));
         let options = SimulatedModbusOptions {
             has_resident_program: resident,
-            ..SimulatedModbusOptions::for_machine(&world_of.machine, SimulationPace::Fast)
+            ..SimulatedModbusOptions::for_machine(&world_of.machine, SimulationPace::Immediate)
         };
         let firmware = Firmware::new(world, options);
         let diary = firmware.event_log();
@@ -155,10 +155,10 @@ fn run_register_window(resident: bool) -> (Vec<String>, ProvenText) {
         let keys = format!("kind = \"modbus\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n{program}");
         let text = text.replace("kind = \"simulated\"\n", &keys).replace("wire = \"memory\"\n", "")
             + "\n[method.self-calibration]\npositions = 5\nmonte_carlo_trials = 100\n";
-        let proven = measure_proven_text(text, "self-calibration").await;
+        let proven = run_and_record_proven_text(text, "self-calibration").await;
         let diary = diary.lock().unwrap();
         let took = diary.iter().filter_map(|entry| match entry {
-            ControlEvent::Accepted { text, .. } => Some(text.clone()),
+            ControlEvent::ChunkAccepted { text, .. } => Some(text.clone()),
             _ => None,
         });
         (took.collect(), proven)
@@ -166,14 +166,14 @@ fn run_register_window(resident: bool) -> (Vec<String>, ProvenText) {
 }
 
 pub fn a_window_of_registers_receives_the_proven_lines() {
-    let (took, proven) = run_register_window(false);
+    let (took, proven) = accepted_and_proven_text_over_modbus(false);
     let head = proven.head.into_iter().filter(|line| !line.starts_with('('));
     let expected: Vec<String> = head.chain(proven.lines).chain(proven.foot).collect();
     assert_eq!(took, expected);
 }
 
 pub fn a_resident_program_receives_a_row_for_each_proven_motion() {
-    let (took, proven) = run_register_window(true);
+    let (took, proven) = accepted_and_proven_text_over_modbus(true);
     assert_eq!(took, proven.motion_tables);
     assert!(took.len() > 10, "{}", took.len());
 }

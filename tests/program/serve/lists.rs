@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::time::Duration;
 
-use crate::support::http::{HTTP_SECTION, HttpClient, MACHINE_API_PATH, error_code, start_request};
-use crate::support::journal_rows;
+use crate::support::http::{HTTP_SECTION, HttpClient, MACHINE_API_PATH, start_request_body, status_and_error_code};
+use crate::support::journal_checksums;
 use crate::support::machine_shop::MachineShop;
 use serde_json::{Value, json};
 
-const MACHINE_PAGE: &str = "/machines/simulated%20five-axis%20machine";
+const MACHINE_PAGE_PATH: &str = "/machines/simulated%20five-axis%20machine";
 
 fn page_text(port: u16, path: &str) -> String {
     let (status, text) = HttpClient::new(port).request("GET", path, "", "");
@@ -23,9 +23,9 @@ pub fn page_shows_the_result_after_a_restart() {
     let http = daemon.http();
     let at = http.port;
     assert_eq!(http.get_json(MACHINE_API_PATH)["result"], Value::Null);
-    assert!(page_text(at, MACHINE_PAGE).contains("unknown: no result yet"));
-    assert_eq!(http.post_action("start", &start_request()).0, 202);
-    let ended = http.wait_until(|standing| standing["result"]["run"] == 1);
+    assert!(page_text(at, MACHINE_PAGE_PATH).contains("unknown: no result yet"));
+    assert_eq!(http.post_action("start", &start_request_body()).0, 202);
+    let ended = http.wait_until_machine_state(|standing| standing["result"]["run"] == 1);
     assert_eq!(daemon.terminate(), 0);
 
     let daemon = shop.start_daemon("fast");
@@ -36,7 +36,7 @@ pub fn page_shows_the_result_after_a_restart() {
     let told = shop.run_json(&["runs", "--json"]);
     assert_eq!(standing["result"]["measured"], told[0]["ended"]);
     assert_eq!(standing["result"]["verdict"], "pass");
-    let page = page_text(at, MACHINE_PAGE);
+    let page = page_text(at, MACHINE_PAGE_PATH);
     for words in ["class=\"glance true\"", "Result of run 1", "measured 20", ", run 1; as of 20"] {
         assert!(page.contains(words), "{words}: {page}");
     }
@@ -44,34 +44,34 @@ pub fn page_shows_the_result_after_a_restart() {
     assert!(!page.contains("sign in"), "{page}");
 
     let long_ago = "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
-    journal_rows::execute_statement(Path::new(&shop.path_text("state")), long_ago);
+    journal_checksums::execute_sql_and_update_checksums(Path::new(&shop.path_text("state")), long_ago);
     // The page is updated without a request.
-    let standing = http.wait_until(|standing| standing["result"]["outdated"] == true);
+    let standing = http.wait_until_machine_state(|standing| standing["result"]["outdated"] == true);
     assert_eq!(standing["result"]["run"], 1);
-    let page = page_text(at, MACHINE_PAGE);
+    let page = page_text(at, MACHINE_PAGE_PATH);
     assert!(page.contains("class=\"glance unknown\"") && !page.contains("Result of run"), "{page}");
     assert!(page.contains("measured 2026-01-10"), "{page}");
     assert_eq!(daemon.terminate(), 0);
-    shop.replace_in_machine("min_interval_s = 0.0", "min_interval_s = 0.0\nverdict_h = 0.05");
+    shop.replace_in_machine_file("min_interval_s = 0.0", "min_interval_s = 0.0\nverdict_h = 0.05");
     let refused = shop.run_trued(&["serve", "--machine", &shop.machine_path()]);
     let told = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && told.contains("verdict_h is 0.05"), "{told}");
 }
 
 /// Runs and readings are paged, and a page links to the next one.
-pub fn run_list_is_paged() {
+pub fn run_and_reading_lists_are_paged() {
     let shop = MachineShop::with_serve(HTTP_SECTION);
     let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let at = http.port;
-    assert_eq!(http.post_action("start", &start_request()).0, 202);
-    http.wait_until(|standing| standing["result"]["run"] == 1);
+    assert_eq!(http.post_action("start", &start_request_body()).0, 202);
+    http.wait_until_machine_state(|standing| standing["result"]["run"] == 1);
     let more = "WITH RECURSIVE many (n) AS (SELECT 2 UNION ALL SELECT n + 1 FROM many WHERE n < 450)
         INSERT INTO runs (id, started, ended, method, machine, state, program_version, config,
                           config_sha256, plan_head, plan_sha256)
         SELECT n, started, ended, method, machine, 'failed', program_version, config,
                config_sha256, plan_head, plan_sha256 FROM many, runs WHERE runs.id = 1";
-    journal_rows::execute_statement(Path::new(&shop.path_text("state")), more);
+    journal_checksums::execute_sql_and_update_checksums(Path::new(&shop.path_text("state")), more);
     let ids = |path: &str| -> Vec<i64> {
         http.get_json(path).as_array().unwrap().iter().map(|run| run["id"].as_i64().unwrap()).collect()
     };
@@ -125,7 +125,7 @@ pub fn input_errors_are_explained() {
         assert!(page.contains("</html>") && page.contains("Request failed"), "{what}: {page}");
     }
     let slip = json!({"cycle": 1, "who": "Ada", "until": "tomorrow"});
-    assert_eq!(error_code(&http.post_action("arm", &slip)), (400, "until"));
+    assert_eq!(status_and_error_code(&http.post_action("arm", &slip)), (400, "until"));
     let (status, told) = http.request("GET", "/api/v1/machines/nobody/schedule", "", "");
     assert!(status == 404 && told.starts_with('{'), "{told}");
     let (status, told) = http.request("GET", "/api/v1/machines/nobody/trends", "", "");

@@ -1,4 +1,4 @@
-//! A run with prompts: who may answer, with what, and only once; and what waits meanwhile.
+//! A run with prompts: which client may answer which prompt, each only once, at the page and at a terminal.
 
 use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::hostile::{GuardedDaemon, bearer};
-use crate::support::http::{HTTP_SECTION, HttpClient, MACHINE_API_PATH, error_code, start_request};
+use super::hostile_requests::{GuardedDaemon, bearer_header};
+use crate::support::http::{HTTP_SECTION, HttpClient, MACHINE_API_PATH, start_request_body, status_and_error_code};
 use crate::support::machine_shop::MachineShop;
 
 const TWO_PROMPTS: &str = "[[prompt]]\ntext = \"the part is clean\"\n[[prompt]]\ntext = \"so is the stylus\"\n[serve]";
@@ -20,13 +20,14 @@ fn prompt_answer(step: u32) -> Value {
     json!({"step": step, "who": "Ada"})
 }
 
-/// Answered step by step by an authorised client; an outdated or repeated answer is refused.
+/// Prompts are answered one by one by an authorised client; an outdated or repeated answer is refused.
 pub fn prompts_are_answered_in_the_page() {
-    let guarded = GuardedDaemon::start_with("fast", |shop| shop.replace_in_machine("[serve]", TWO_PROMPTS));
-    let GuardedDaemon { viewer, operator, shop, port, .. } = &guarded;
-    let answer = |token: &str, step| guarded.post("answer", token, &prompt_answer(step));
+    let guarded =
+        GuardedDaemon::start_with_changes("fast", |shop| shop.replace_in_machine_file("[serve]", TWO_PROMPTS));
+    let GuardedDaemon { viewer_token: viewer, operator_token: operator, shop, port, .. } = &guarded;
+    let answer = |token: &str, step| guarded.post_status("answer", token, &prompt_answer(step));
     assert_eq!(answer(operator, 0), 409, "nothing is asked yet");
-    assert_eq!(guarded.post("start", operator, &start_request()), 202);
+    assert_eq!(guarded.post_status("start", operator, &start_request_body()), 202);
     let standing = guarded.wait_until(shows_prompt("the part is clean"));
     assert_eq!((&standing["state"], &standing["measured"]), (&json!("running"), &json!(0)));
     assert_eq!(standing["asked"]["step"], 0);
@@ -34,12 +35,12 @@ pub fn prompts_are_answered_in_the_page() {
     let left = standing["remaining_s"].as_f64().unwrap();
     let takes = format!("cycle 1: machine time about {:.0} min;", left / 60.0);
     assert!(left > 60.0 && guarded.daemon.log().contains(&takes), "{takes}");
-    let (_, page) = HttpClient::new(*port).request("GET", &MACHINE_API_PATH[7..], &bearer(viewer), "");
+    let (_, page) = HttpClient::new(*port).request("GET", &MACHINE_API_PATH[7..], &bearer_header(viewer), "");
     let shown = format!("time left<b>{:.0}:", (left / 60.0).floor());
     assert!(page.contains(&shown), "{shown}: {page}");
     assert!(page.contains("Done: the part is clean</button>"), "{page}");
     assert_eq!([answer(viewer, 0), answer(operator, 1)], [403, 409]);
-    let nameless = guarded.post("answer", operator, &json!({"step": 0, "more": 1}));
+    let nameless = guarded.post_status("answer", operator, &json!({"step": 0, "more": 1}));
     assert_eq!(nameless, 422);
     assert_eq!(guarded.machine_state()["asked"]["step"], 0);
     assert_eq!([answer(operator, 0), answer(operator, 0)], [202, 409]);
@@ -51,7 +52,7 @@ pub fn prompts_are_answered_in_the_page() {
     for words in ["prompt for the operator: the part is clean", "prompt confirmed by a-operator: Ada"] {
         assert!(told.contains(words), "{words} in {told}");
     }
-    let (_, audit) = HttpClient::new(*port).request("GET", "/api/v1/audit", &bearer(viewer), "");
+    let (_, audit) = HttpClient::new(*port).request("GET", "/api/v1/audit", &bearer_header(viewer), "");
     let audit: Vec<Value> = serde_json::from_str(&audit).unwrap();
     let answers = audit.iter().filter(|one| one["what"] == "answer to step 0, pass 1");
     let outcomes: Vec<_> = answers.map(|one| one["outcome"].as_str().unwrap()).collect();
@@ -59,37 +60,38 @@ pub fn prompts_are_answered_in_the_page() {
     assert_eq!(outcomes.len(), 4, "{outcomes:?}");
 }
 
-/// Held and killed while a prompt is open. A later answer is refused, because there is no prompt.
-pub fn run_is_stopped_at_a_prompt() {
+/// The run is held, and the next one killed, while a prompt is open. A later answer is refused, because there is
+/// no prompt.
+pub fn answer_after_a_stop_at_a_prompt_is_refused() {
     let shop = MachineShop::with_serve(HTTP_SECTION);
-    shop.replace_in_machine("[serve]", TWO_PROMPTS);
+    shop.replace_in_machine_file("[serve]", TWO_PROMPTS);
     let daemon = shop.start_daemon("fast");
     let http = daemon.http();
-    assert_eq!(http.post_action("start", &start_request()).0, 202);
-    http.wait_until(shows_prompt("the part is clean"));
+    assert_eq!(http.post_action("start", &start_request_body()).0, 202);
+    http.wait_until_machine_state(shows_prompt("the part is clean"));
     assert_eq!(http.post_action("hold", &json!({})).0, 202);
-    let held = http.wait_until(|standing| standing["state"] == "held");
+    let held = http.wait_until_machine_state(|standing| standing["state"] == "held");
     assert_eq!((&held["asked"], shop.run_states()), (&Value::Null, vec!["held".to_owned()]));
-    assert_eq!(error_code(&http.post_action("answer", &prompt_answer(0))), (409, "refused"));
+    assert_eq!(status_and_error_code(&http.post_action("answer", &prompt_answer(0))), (409, "refused"));
     assert_eq!(http.post_action("acknowledge", &json!({"who": "Ada"})).0, 202);
-    http.wait_until(|standing| standing["state"] == "waiting");
-    assert_eq!(http.post_action("start", &start_request()).0, 202);
-    http.wait_until(shows_prompt("the part is clean"));
+    http.wait_until_machine_state(|standing| standing["state"] == "waiting");
+    assert_eq!(http.post_action("start", &start_request_body()).0, 202);
+    http.wait_until_machine_state(shows_prompt("the part is clean"));
     drop(daemon);
     let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let standing = http.get_json(MACHINE_API_PATH);
     assert_eq!((&standing["state"], &standing["asked"]), (&json!("held"), &Value::Null));
     assert_eq!(shop.run_states(), ["held", "interrupted"]);
-    assert_eq!(error_code(&http.post_action("answer", &prompt_answer(0))), (409, "refused"));
+    assert_eq!(status_and_error_code(&http.post_action("answer", &prompt_answer(0))), (409, "refused"));
     assert_eq!(http.get_json("/api/v1/runs/2")["readings"], 0);
 }
 
-/// Answered by Enter: alone, and while a daemon has the machine. Without a terminal a run with prompts does not
-/// begin.
+/// Prompts are answered by Enter, without a daemon and while a daemon has the machine. Without a terminal a run
+/// with prompts does not begin.
 pub fn prompts_are_answered_at_a_terminal() {
     let shop = MachineShop::with_serve(HTTP_SECTION);
-    shop.replace_in_machine("[serve]", TWO_PROMPTS);
+    shop.replace_in_machine_file("[serve]", TWO_PROMPTS);
     let machine = shop.machine_path();
     let refused = shop.run_trued(&["run", "self-calibration", "--machine", &machine]);
     let told = String::from_utf8_lossy(&refused.stderr);
@@ -97,10 +99,10 @@ pub fn prompts_are_answered_at_a_terminal() {
     assert!(told.contains("nothing has moved"), "{told}");
     assert_eq!(shop.run_states(), ["failed"]);
     let run = ["run", "self-calibration", "--machine", &machine, "--acknowledge", "Ada"];
-    assert_answers_entered(&shop, &run);
+    assert_enter_answers_both_prompts(&shop, &run);
     assert_eq!(shop.run_states(), ["failed", "finished"]);
     let daemon = shop.start_daemon("fast");
-    assert_answers_entered(&shop, &run);
+    assert_enter_answers_both_prompts(&shop, &run);
     assert_eq!(shop.run_states(), ["failed", "finished", "finished"]);
     assert!(daemon.log().contains("prompt answered by Ada"));
     let told = String::from_utf8(shop.run_trued(&["show", "2"]).stdout).unwrap();
@@ -108,7 +110,7 @@ pub fn prompts_are_answered_at_a_terminal() {
 }
 
 /// Both prompts are answered by Enter at a terminal (that of `script`), and the run succeeds.
-fn assert_answers_entered(shop: &MachineShop, arguments: &[&str]) {
+fn assert_enter_answers_both_prompts(shop: &MachineShop, arguments: &[&str]) {
     let command = shop.trued_command(arguments);
     let words = [command.get_program()].into_iter().chain(command.get_args());
     let words: Vec<String> = words.map(|word| format!("'{}'", word.to_string_lossy())).collect();

@@ -21,7 +21,7 @@ pub fn invalid_serve_sections_are_refused() {
     ];
     for (from, to, words) in cases {
         let shop = MachineShop::with_serve(MODBUS_SECTION);
-        shop.replace_in_machine(from, to);
+        shop.replace_in_machine_file(from, to);
         let output = shop.run_trued(&["serve", "--machine", &shop.machine_path()]);
         let told = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{to}: {told}");

@@ -9,17 +9,17 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use super::hostile::{GuardedDaemon, bearer, create_token};
+use super::hostile_requests::{GuardedDaemon, bearer_header, create_token};
 use crate::support::daemon_process::DaemonProcess;
-use crate::support::http::{HTTP_SECTION, start_request};
+use crate::support::http::{HTTP_SECTION, start_request_body};
 use crate::support::machine_shop::MachineShop;
 
 /// Id of `nobody`, the daemon's own user.
 const DAEMON_USER_ID: u32 = 65_534;
-const START_TIMEOUT: Duration = Duration::from_secs(300);
+const LOG_TIMEOUT: Duration = Duration::from_secs(300);
 
 /// Root creates the tokens and revokes one; the daemon runs as another user, as under systemd.
-pub fn tokens_created_by_root() {
+pub fn daemon_of_another_user_reads_tokens_created_by_root() {
     let shop = MachineShop::with_serve(&format!("{HTTP_SECTION}tokens = true\n"));
     let state = shop.path_text("state");
     std::fs::create_dir(&state).unwrap();
@@ -37,7 +37,7 @@ pub fn tokens_created_by_root() {
     command.uid(DAEMON_USER_ID).gid(DAEMON_USER_ID);
     let daemon = DaemonProcess::start(&mut command);
     let http = daemon.http();
-    let reads = |token: &str| http.request("GET", "/api/v1/runs", &bearer(token), "").0;
+    let reads = |token: &str| http.request("GET", "/api/v1/runs", &bearer_header(token), "").0;
     assert_eq!((reads(&gone), reads(&stays)), (200, 200));
     let revoked = shop.run_trued(&["token", "revoke", "gone"]);
     assert!(revoked.status.success(), "{revoked:?}");
@@ -47,23 +47,23 @@ pub fn tokens_created_by_root() {
 }
 
 /// All requests are refused, the log gives the reason, and a hold still works.
-pub fn unreadable_token_file() {
+pub fn unreadable_token_file_refuses_all_but_holds() {
     let guarded = GuardedDaemon::new("fast");
     let list = Path::new(&guarded.shop.path_text("state")).join("tokens.json");
     let sound = std::fs::read(&list).unwrap();
     let said = |words: &str| guarded.daemon.log().matches(words).count();
     std::fs::write(&list, "{").unwrap();
     for _ in 0..3 {
-        assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 503);
-        assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 503);
+        assert_eq!(guarded.post_status("start", &guarded.operator_token, &start_request_body()), 503);
+        assert_eq!(guarded.get_status("/runs", &bearer_header(&guarded.viewer_token)), 503);
     }
-    assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
-    assert_eq!(guarded.post("hold", "trued_0", &json!({})), 401);
+    assert_eq!(guarded.post_status("hold", &guarded.viewer_token, &json!({})), 202);
+    assert_eq!(guarded.post_status("hold", "trued_0", &json!({})), 401);
     std::fs::write(&list, sound).unwrap();
-    assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 200);
+    assert_eq!(guarded.get_status("/runs", &bearer_header(&guarded.viewer_token)), 200);
     let began = Instant::now();
     while said("the tokens can be read again") == 0 {
-        assert!(began.elapsed() < START_TIMEOUT, "{}", guarded.daemon.log());
+        assert!(began.elapsed() < LOG_TIMEOUT, "{}", guarded.daemon.log());
         sleep(Duration::from_millis(20));
     }
     assert_eq!((said("so access is refused"), said("the tokens can be read again")), (1, 1));

@@ -1,5 +1,5 @@
-//! Compares the control's reports with the commands that it was sent, and reads important values twice:
-//! Grbl's lines carry no checksum.
+//! Checks that the reported modes, offsets and probe inputs permit motion. Grbl's lines carry no checksum: a
+//! command may have been altered on the link.
 
 use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
@@ -21,7 +21,7 @@ pub(super) fn require_open_probe(status: &GrblStatus) -> Result<(), ControllerEr
 
 /// Checks the probe's health inputs that the machine file declares, by their letters.
 pub(super) fn check_probe_health(status: &GrblStatus, modes: &ProvenModeText) -> Result<(), ControllerError> {
-    let mut inputs = modes.health_inputs();
+    let mut inputs = modes.probe_health_inputs();
     match inputs.find(|(input, _)| status.active_inputs.contains(input)) {
         Some((_, fault)) => Err(ControllerError::ProbeFault { fault }),
         None => Ok(()),
@@ -29,13 +29,13 @@ pub(super) fn check_probe_health(status: &GrblStatus, modes: &ProvenModeText) ->
 }
 
 /// Checks that the modal words of `head` are in force (`$G`) and that the active offsets are zero (`$#`).
-pub(super) fn check_modes(
+pub(super) fn check_modes_and_offsets(
     head: &[String],
     modes: &[GrblMessage],
     offsets: &[GrblMessage],
 ) -> Result<(), ControllerError> {
     let active_words = modes.iter().find_map(|message| match message {
-        GrblMessage::Modes(words) => Some(words),
+        GrblMessage::ModalWords(words) => Some(words),
         _ => None,
     });
     let mismatch = |detail: String| {
@@ -43,7 +43,7 @@ pub(super) fn check_modes(
         ControllerError::not_ready(format!("the modal state is not as set: {detail}"), remedy)
     };
     let active_words = active_words.ok_or_else(|| mismatch("the control does not report its modes ($G)".to_owned()))?;
-    let mut slot = "G54";
+    let mut coordinate_system = "G54";
     for group in MODAL_GROUPS {
         let code = head.iter().filter(|line| !line.starts_with('('));
         let mut words = code.flat_map(|line| line.split_whitespace());
@@ -51,9 +51,9 @@ pub(super) fn check_modes(
         if !active_words.iter().any(|word| word == expected) {
             return Err(mismatch(format!("{expected} is not active")));
         }
-        slot = expected;
+        coordinate_system = expected;
     }
-    for name in [slot, "G92"] {
+    for name in [coordinate_system, "G92"] {
         let zero = offsets.iter().any(|message| {
             matches!(message, GrblMessage::Offset { name: offset_name, values }
                 if offset_name == name && values.iter().all(|value| *value == 0.0))

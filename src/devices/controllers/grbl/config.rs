@@ -74,7 +74,7 @@ impl ControllerConfig for GrblConfig {
         })
     }
 
-    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+    fn diagnose_connection<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
         Box::pin(self.diagnose_missing_answer(request))
     }
 }

@@ -1,5 +1,5 @@
-//! Exchange of lines: sends one line and waits for its answer, polls the status meanwhile, reports silence,
-//! alarms and resets.
+//! Exchange of lines with a Grbl control: sends one line and waits for its answer, polls the status meanwhile,
+//! reports silence, alarms and resets.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use super::fault::{
     foreign_device_error, not_ready_error, override_finding, refusal_error, state_text, unexpected_reply_error,
 };
 use super::message::{GrblMessage, GrblStatus, Overrides, alarm_meaning};
-use super::timeouts::{GrblTimeouts, MAX_FREE_MOVE_POLL};
+use super::timeouts::{GrblTimeouts, MAX_FREE_MOVE_POLL_INTERVAL};
 use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, HaltHandle, ReadinessFinding};
 use link::{LineEvent, LineLink, LinkError, UrgentSender};
@@ -19,14 +19,14 @@ const FULL_REPORT_REQUEST: &[u8] = &[0x87];
 
 pub(super) struct GrblConnection {
     link: LineLink,
-    urgent: UrgentSender,
+    urgent_sender: UrgentSender,
     halt: HaltHandle,
-    /// Whether a line was sent whose answer has not come.
+    /// Whether the answer to the last line has not come yet.
     is_reply_pending: bool,
-    /// Whether no report has come since the last answer.
+    /// Whether no status report has come since the last answer to a line.
     needs_status: bool,
     /// Overrides last reported since [`GrblConnection::new`].
-    pub(super) overrides: Option<Overrides>,
+    pub(super) last_overrides: Option<Overrides>,
     /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
     pub(super) free_move_step: Option<u32>,
     /// Whether a block is running: its feeds are valid at overrides of 100 % only.
@@ -35,18 +35,18 @@ pub(super) struct GrblConnection {
 }
 
 impl GrblConnection {
-    /// Creates the wire on `link`, and the halt that holds the machine.
+    /// Creates the connection on `link`, and the halt handle that holds the machine.
     pub(super) fn new(link: LineLink) -> (Self, HaltHandle) {
         let urgent = link.urgent_sender();
         let hold = urgent.clone();
-        let halt = HaltHandle::new(move || hold.send_and_drop_ordinary(b"!"));
+        let halt = HaltHandle::new(move || hold.send_and_drop_non_urgent(b"!"));
         let connection = Self {
             link,
-            urgent,
+            urgent_sender: urgent,
             halt: halt.clone(),
             is_reply_pending: false,
             needs_status: false,
-            overrides: None,
+            last_overrides: None,
             free_move_step: None,
             is_block_running: false,
             timeouts: GrblTimeouts::default(),
@@ -54,13 +54,13 @@ impl GrblConnection {
         (connection, halt)
     }
 
-    pub(super) fn is_halted(&self) -> bool {
-        self.halt.is_halted()
+    pub(super) fn is_halt_requested(&self) -> bool {
+        self.halt.is_halt_requested()
     }
 
     /// Holds the machine after a fault, whatever it is executing and whatever is still in transit.
     pub(super) fn send_hold(&self) {
-        self.urgent.send_and_drop_ordinary(b"!");
+        self.urgent_sender.send_and_drop_non_urgent(b"!");
     }
 
     /// Sends `line` and waits for its `ok`; returns the messages received before the `ok`.
@@ -77,12 +77,12 @@ impl GrblConnection {
         line: &str,
         standstill_time: Duration,
     ) -> Result<Vec<GrblMessage>, ControllerError> {
-        self.process_unsolicited().await?;
-        if self.halt.is_halted() {
+        self.process_unsolicited_messages().await?;
+        if self.halt.is_halt_requested() {
             // Lines accepted before the halt may still move the machine.
-            return Err(self.wait_hold().await);
+            return Err(self.resend_hold_until_at_rest().await);
         }
-        self.require_planned_speed()?;
+        self.hold_unless_overrides_are_100_percent()?;
         self.link.send_line(line)?;
         self.is_reply_pending = true;
         let mut messages = Vec::new();
@@ -90,7 +90,7 @@ impl GrblConnection {
         let mut stall_detector = StallDetector::new();
         let mut request_at = Instant::now() + self.poll_interval();
         loop {
-            match self.receive(request_at).await? {
+            match self.receive_message(request_at).await? {
                 Some(GrblMessage::Ok) => {
                     (self.is_reply_pending, self.needs_status) = (false, true);
                     return Ok(messages);
@@ -101,21 +101,26 @@ impl GrblConnection {
                 }
                 Some(GrblMessage::Status(status)) => {
                     last_report = Instant::now();
-                    if !self.halt.is_halted() {
-                        self.check_state(&status).await?;
-                        let limit = self.timeouts.unchanged_limit(&status);
-                        stall_detector.check_progress((status.state, status.position), limit, standstill_time, line)?;
+                    if !self.halt.is_halt_requested() {
+                        self.fail_on_uncommanded_state(&status).await?;
+                        let limit = self.timeouts.max_unchanged_time(&status);
+                        stall_detector.check_not_stalled(
+                            (status.state, status.machine_position),
+                            limit,
+                            standstill_time,
+                            line,
+                        )?;
                     }
                 }
                 Some(GrblMessage::Unknown(_)) => {}
                 Some(other) => messages.push(self.fail_on_alarm_or_reset(other).await?),
                 None => {
-                    self.urgent.send(b"?");
+                    self.urgent_sender.send(b"?");
                     request_at = Instant::now() + self.poll_interval();
                 }
             }
-            if self.halt.is_halted() {
-                return Err(self.wait_hold().await);
+            if self.halt.is_halt_requested() {
+                return Err(self.resend_hold_until_at_rest().await);
             }
             if last_report.elapsed() > self.timeouts.reply_timeout {
                 return Err(ControllerError::no_answer(line, self.timeouts.reply_timeout));
@@ -125,15 +130,15 @@ impl GrblConnection {
 
     fn poll_interval(&self) -> Duration {
         match self.free_move_step {
-            Some(_) => self.timeouts.poll_interval.min(MAX_FREE_MOVE_POLL),
+            Some(_) => self.timeouts.poll_interval.min(MAX_FREE_MOVE_POLL_INTERVAL),
             None => self.timeouts.poll_interval,
         }
     }
 
     /// During a block: holds the machine if the last reported overrides are not 100 %. A touch at another
     /// feed has another latch delay and overtravel.
-    fn require_planned_speed(&self) -> Result<(), ControllerError> {
-        let overrides = self.overrides.filter(|_| self.is_block_running);
+    fn hold_unless_overrides_are_100_percent(&self) -> Result<(), ControllerError> {
+        let overrides = self.last_overrides.filter(|_| self.is_block_running);
         let Some(ReadinessFinding { description, .. }) = overrides.and_then(override_finding) else {
             return Ok(());
         };
@@ -162,9 +167,9 @@ impl GrblConnection {
         let mut other = None;
         let deadline = Instant::now() + self.timeouts.reply_timeout;
         while Instant::now() < deadline {
-            self.urgent.send(request);
+            self.urgent_sender.send(request);
             let again = deadline.min(Instant::now() + self.poll_interval());
-            while let Some(message) = self.receive(again).await? {
+            while let Some(message) = self.receive_message(again).await? {
                 match self.fail_on_alarm_or_reset(message).await? {
                     GrblMessage::Status(status) => {
                         self.needs_status = false;
@@ -195,10 +200,10 @@ impl GrblConnection {
         let mut stall_detector = StallDetector::new();
         loop {
             let status = self.read_status().await?;
-            if self.halt.is_halted() {
-                return Err(self.wait_hold().await);
+            if self.halt.is_halt_requested() {
+                return Err(self.resend_hold_until_at_rest().await);
             }
-            self.check_state(&status).await?;
+            self.fail_on_uncommanded_state(&status).await?;
             if status.state == "Idle" {
                 if idle_reports > 0 {
                     return Ok(status);
@@ -206,8 +211,8 @@ impl GrblConnection {
                 idle_reports += 1;
                 continue;
             }
-            let limit = self.timeouts.unchanged_limit(&status);
-            stall_detector.check_progress((status.state, status.position), limit, Duration::ZERO, "?")?;
+            let limit = self.timeouts.max_unchanged_time(&status);
+            stall_detector.check_not_stalled((status.state, status.machine_position), limit, Duration::ZERO, "?")?;
             idle_reports = 0;
             if !pause.is_zero() {
                 sleep(pause).await;
@@ -218,13 +223,13 @@ impl GrblConnection {
     }
 
     /// Returns an error for a state that the run has not commanded.
-    async fn check_state(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
+    async fn fail_on_uncommanded_state(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
         match status.state.as_str() {
             "Hold" | "Door" | "Tool" => Err(ControllerError::HeldAtControl { state: state_text(status) }),
             "Alarm" | "Sleep" => {
                 // The number of the alarm may follow, or may be lost.
                 let deadline = Instant::now() + self.timeouts.alarm_detail_timeout;
-                while let Some(message) = self.receive(deadline).await? {
+                while let Some(message) = self.receive_message(deadline).await? {
                     self.fail_on_alarm_or_reset(message).await?;
                 }
                 Err(not_ready_error(status))
@@ -235,25 +240,26 @@ impl GrblConnection {
                     self.send_hold();
                     Err(ControllerError::UnexpectedContact { step })
                 }
-                None => self.require_planned_speed(),
+                None => self.hold_unless_overrides_are_100_percent(),
             },
         }
     }
 
-    /// Returns an error for an alarm or a reset.
+    /// Returns an error for an alarm or a reset, otherwise the message.
     async fn fail_on_alarm_or_reset(&mut self, message: GrblMessage) -> Result<GrblMessage, ControllerError> {
         match message {
-            GrblMessage::Alarm(code) => Err(self.alarm_error(code).await?),
+            GrblMessage::Alarm(code) => Err(self.read_alarm_error(code).await?),
             GrblMessage::Banner(banner) => Err(ControllerError::ControlReset { banner }),
             other => Ok(other),
         }
     }
 
-    /// Begins the exchange: terminates a partial line in the control's buffer, and identifies the device. Waits
-    /// for the answer to the blank line too: a late one would be taken for the answer to the next line.
+    /// Begins the exchange and returns the status: terminates a partial line in the control's buffer, and identifies
+    /// the device. Waits for the answer to the blank line too: a late answer would be taken for the answer to the
+    /// next line.
     pub(super) async fn start_session(&mut self) -> Result<GrblStatus, ControllerError> {
         self.link.send(b"\n")?;
-        self.urgent.send(b"?");
+        self.urgent_sender.send(b"?");
         let deadline = Instant::now() + 2 * self.timeouts.reply_timeout;
         let (mut noise, mut foreign) = (false, None);
         let (mut status, mut answered) = (None, false);
@@ -268,7 +274,7 @@ impl GrblConnection {
                     }
                     _ => {}
                 },
-                None => self.urgent.send(b"?"),
+                None => self.urgent_sender.send(b"?"),
             }
         }
         let Some(status) = status else {
@@ -292,16 +298,16 @@ impl GrblConnection {
     /// Processes messages that came without a request. A reset or an alarm ends the job; so does a surplus
     /// answer, which could be taken for the answer to the next line. The requested status report comes
     /// after a surplus answer.
-    async fn process_unsolicited(&mut self) -> Result<(), ControllerError> {
-        if self.needs_status && !self.halt.is_halted() {
+    async fn process_unsolicited_messages(&mut self) -> Result<(), ControllerError> {
+        if self.needs_status && !self.halt.is_halt_requested() {
             let status = self.read_status().await?;
-            self.check_state_unless_halted(&status).await?;
+            self.fail_on_uncommanded_state_unless_halted(&status).await?;
         }
         while let Some(received) = self.link.try_recv()? {
             let message = parse_received(received);
             self.store_overrides(Some(&message));
             match self.fail_on_alarm_or_reset(message).await? {
-                GrblMessage::Status(status) => self.check_state_unless_halted(&status).await?,
+                GrblMessage::Status(status) => self.fail_on_uncommanded_state_unless_halted(&status).await?,
                 GrblMessage::Unknown(_) => {}
                 other => return Err(unexpected_reply_error(&other)),
             }
@@ -309,12 +315,12 @@ impl GrblConnection {
         Ok(())
     }
 
-    /// As `check_state`, but after a halt a reported hold is the driver's own.
-    async fn check_state_unless_halted(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
-        if self.halt.is_halted() { Ok(()) } else { self.check_state(status).await }
+    /// As `fail_on_uncommanded_state`, but without effect after a halt: a reported hold is then the driver's own.
+    async fn fail_on_uncommanded_state_unless_halted(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
+        if self.halt.is_halt_requested() { Ok(()) } else { self.fail_on_uncommanded_state(status).await }
     }
 
-    async fn receive(&mut self, deadline: Instant) -> Result<Option<GrblMessage>, LinkError> {
+    async fn receive_message(&mut self, deadline: Instant) -> Result<Option<GrblMessage>, LinkError> {
         let message = self.link.recv_deadline(deadline).await?.map(parse_received);
         self.store_overrides(message.as_ref());
         Ok(message)
@@ -323,15 +329,15 @@ impl GrblConnection {
     /// Stores reported overrides. A report carries them rarely: after a change, and from time to time.
     fn store_overrides(&mut self, message: Option<&GrblMessage>) {
         if let Some(GrblMessage::Status(GrblStatus { overrides: Some(now), .. })) = message {
-            self.overrides = Some(*now);
+            self.last_overrides = Some(*now);
         }
     }
 
-    /// Waits for what follows an alarm: the line's answer, or a banner if the control was reset.
-    async fn alarm_error(&mut self, code: u32) -> Result<ControllerError, LinkError> {
+    /// Reads the message that follows an alarm; returns `ControlReset` if it is a banner, otherwise `Alarm`.
+    async fn read_alarm_error(&mut self, code: u32) -> Result<ControllerError, LinkError> {
         let deadline = Instant::now() + self.timeouts.alarm_detail_timeout;
         loop {
-            match self.receive(deadline).await? {
+            match self.receive_message(deadline).await? {
                 Some(GrblMessage::Banner(banner)) => return Ok(ControllerError::ControlReset { banner }),
                 Some(GrblMessage::Ok | GrblMessage::Error(_)) | None => {
                     let meaning = alarm_meaning(code).to_owned();
@@ -342,9 +348,9 @@ impl GrblConnection {
         }
     }
 
-    /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
-    /// until a report shows it; a surplus hold changes nothing.
-    async fn wait_hold(&mut self) -> ControllerError {
+    /// Waits, after a hold was sent, until the machine is at rest, and returns `Halted`, or `HoldFailed` if it still
+    /// moves. The hold may be lost: it is sent again until a report shows it; a surplus hold changes nothing.
+    async fn resend_hold_until_at_rest(&mut self) -> ControllerError {
         let timeouts = 2 * self.timeouts.reply_timeout;
         let deadline = Instant::now() + timeouts;
         // One idle report may be older than the start of a motion.

@@ -1,4 +1,4 @@
-//! Identity and settings of a control: `$I` and `$$`. Setting numbers and meanings are those of grblHAL
+//! Reads identity and settings of a Grbl control: `$I` and `$$`. Setting numbers and meanings are those of grblHAL
 //! (`settings.h`).
 
 use super::driver::GrblDriver;
@@ -10,7 +10,8 @@ use crate::controllers::{ControllerError, DeviceInfo, ReportedAxis};
 use machine::Axis;
 
 /// Resolution of the reports, mm or degrees: they print three decimals.
-const REPORT_RESOLUTION: f64 = 0.001;
+const REPORT_RESOLUTION_MM_OR_DEG: f64 = 0.001;
+
 impl GrblDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         if !self.is_prepared {
@@ -24,8 +25,8 @@ impl GrblDriver {
         let settings = self.read_settings().await?;
         let state = self.state_findings(&firmware).await?;
         let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
-        let needed = &self.homed_axes;
-        let mut info = device_info(&firmware, &settings, homed_axes_mask(&offsets), needed);
+        let needed = &self.required_homed_axes;
+        let mut info = build_device_info(&firmware, &settings, homed_axes_mask(&offsets), needed);
         info.findings.extend(state);
         info.findings.extend(readiness::modal_findings(&modes));
         info.findings.extend(readiness::homed_state_finding(&firmware, &settings, needed, &offsets));
@@ -33,44 +34,44 @@ impl GrblDriver {
     }
 }
 
-fn device_info(
+fn build_device_info(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
     homed_axes_mask: u32,
-    homed_axes: &[Axis],
+    required_homed_axes: &[Axis],
 ) -> DeviceInfo {
-    let axes = firmware.axes();
+    let axes = firmware.axes_with_report_index();
     let reported_axes =
         axes.iter().map(|(axis, index)| (*axis, reported_axis(firmware, settings, *axis, *index, homed_axes_mask)));
     DeviceInfo {
         identity: firmware.identity(),
         axes: reported_axes.collect(),
-        findings: readiness::settings_findings(firmware, settings, homed_axes),
+        findings: readiness::settings_findings(firmware, settings, required_homed_axes),
         probe_polarity_hint: settings
             .value(6)
             .map(|now| format!("enter ${}={} at the control (present value: {now})", 6, u8::from(now == 0.0))),
     }
 }
 
-/// Properties of one axis. Classic Grbl does not report at which end its zero is: that is compiled in.
+/// Properties of one axis. Classic Grbl does not report at which end of the travel the zero is.
 fn reported_axis(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
     axis: Axis,
-    index: u16,
+    axis_index: u16,
     homed_axes_mask: u32,
 ) -> ReportedAxis {
-    let positive_value = |number: u16| settings.value(number + index).filter(|value| *value > 0.0);
+    let positive_value = |number: u16| settings.value(number + axis_index).filter(|value| *value > 0.0);
     let ends = match firmware.is_classic {
         true => None,
-        false => travel_limits(settings, axis, index, homed_axes_mask),
+        false => travel_limits(settings, axis, axis_index, homed_axes_mask),
     };
     let has_homing = match firmware.is_classic {
         true => None,
         // By hand, `$H` sets the zero at the present position of the axis: the owner decides whether that
         // is confirmed.
-        false if !axis.is_linear() && homing_method(settings, index) == HomingMethod::Manual => None,
-        false => has_homing(settings, index, homed_axes_mask),
+        false if !axis.is_linear() && homing_method(settings, axis_index) == HomingMethod::Manual => None,
+        false => has_homing(settings, axis_index, homed_axes_mask),
     };
     ReportedAxis {
         travel_min: ends.map(|(min, _)| min),
@@ -79,7 +80,7 @@ fn reported_axis(
         has_homing,
         rapid_per_min: positive_value(110),
         acceleration_per_s2: positive_value(120),
-        resolution: positive_value(100).map(|steps| REPORT_RESOLUTION.max(1.0 / steps)),
+        resolution: positive_value(100).map(|steps| REPORT_RESOLUTION_MM_OR_DEG.max(1.0 / steps)),
         positive_sense: None,
     }
 }
@@ -89,17 +90,17 @@ mod tests {
     use super::*;
     use crate::controllers::grbl::message::GrblMessage;
 
-    fn reported_axes(axis_letters: &str, is_classic: bool, lines: &str) -> DeviceInfo {
+    fn device_info_from_lines(axis_letters: &str, is_classic: bool, lines: &str) -> DeviceInfo {
         let firmware = FirmwareInfo { is_classic, version: "1.1f".to_owned(), axis_letters: axis_letters.to_owned() };
         let settings = lines.lines().filter_map(|line| match GrblMessage::parse(line) {
             GrblMessage::Setting(number, value) => Some((number, value)),
             _ => None,
         });
-        let axes: Vec<Axis> = firmware.axes().into_iter().map(|(axis, _)| axis).collect();
-        device_info(&firmware, &GrblSettings(settings.collect()), 0, &axes)
+        let axes: Vec<Axis> = firmware.axes_with_report_index().into_iter().map(|(axis, _)| axis).collect();
+        build_device_info(&firmware, &GrblSettings(settings.collect()), 0, &axes)
     }
 
-    fn ends(info: &DeviceInfo, axis: Axis) -> (f64, f64) {
+    fn travel_ends(info: &DeviceInfo, axis: Axis) -> (f64, f64) {
         (info.axes[&axis].travel_min.unwrap(), info.axes[&axis].travel_max.unwrap())
     }
 
@@ -109,15 +110,15 @@ mod tests {
     #[test]
     fn travel_range_follows_from_the_homing_settings() {
         // As in limits_set_work_envelope: the whole travel minus the pull-off distance.
-        let info = reported_axes("XYZBC", false, FIVE_AXIS_SETTINGS);
-        assert_eq!(ends(&info, Axis::X), (-300.0, -2.0));
-        assert_eq!(ends(&info, Axis::Z), (-100.0, -2.0));
+        let info = device_info_from_lines("XYZBC", false, FIVE_AXIS_SETTINGS);
+        assert_eq!(travel_ends(&info, Axis::X), (-300.0, -2.0));
+        assert_eq!(travel_ends(&info, Axis::Z), (-100.0, -2.0));
         let zero_at_switch = FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=9\n");
-        let info = reported_axes("XYZBC", false, &zero_at_switch);
-        assert_eq!(ends(&info, Axis::X), (0.0, 300.0));
-        assert_eq!(ends(&info, Axis::Y), (-200.0, 0.0));
+        let info = device_info_from_lines("XYZBC", false, &zero_at_switch);
+        assert_eq!(travel_ends(&info, Axis::X), (0.0, 300.0));
+        assert_eq!(travel_ends(&info, Axis::Y), (-200.0, 0.0));
         let no_switches_watched = zero_at_switch.replace("$21=1", "$21=0");
-        assert_eq!(ends(&reported_axes("XYZBC", false, &no_switches_watched), Axis::X), (0.0, 302.0));
+        assert_eq!(travel_ends(&device_info_from_lines("XYZBC", false, &no_switches_watched), Axis::X), (0.0, 302.0));
         assert_eq!(info.axes[&Axis::X].rapid_per_min, Some(3000.0));
         assert_eq!(info.axes[&Axis::X].acceleration_per_s2, Some(200.0));
         // 1/800 mm, coarser than the three decimals of the reports.
@@ -127,20 +128,21 @@ mod tests {
     }
 
     #[test]
-    fn unknown_values_are_not_reported() {
+    fn unknown_travel_ends_are_not_reported() {
         for lines in [FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=0\n"), FIVE_AXIS_SETTINGS.replace("$45=3", "$45=2")] {
-            let info = reported_axes("XYZBC", false, &lines);
+            let info = device_info_from_lines("XYZBC", false, &lines);
             assert_eq!((info.axes[&Axis::X].travel_min, info.axes[&Axis::X].travel_length), (None, Some(302.0)));
         }
         // Settings of Grbl 1.1 on an Arduino, as users publish them.
-        let info = reported_axes("XYZ", true, "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)");
+        let info =
+            device_info_from_lines("XYZ", true, "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)");
         assert_eq!((info.axes[&Axis::X].travel_min, info.axes[&Axis::X].travel_length), (None, Some(500.0)));
         assert_eq!(info.findings.len(), 1, "{:?}", info.findings);
     }
 
     #[test]
     fn unsuitable_settings_are_reported() {
-        let sound = reported_axes("XYZ", false, FIVE_AXIS_SETTINGS);
+        let sound = device_info_from_lines("XYZ", false, FIVE_AXIS_SETTINGS);
         assert_eq!(sound.findings, []);
         for (sound, wrong, named) in [
             ("$10=511", "$10=495", "do not contain the probe"),
@@ -148,14 +150,17 @@ mod tests {
             ("$13=0", "$13=1", "in inches"),
             ("$22=1", "$22=0", "homing is off"),
         ] {
-            let info = reported_axes("XYZ", false, &FIVE_AXIS_SETTINGS.replace(sound, wrong));
+            let info = device_info_from_lines("XYZ", false, &FIVE_AXIS_SETTINGS.replace(sound, wrong));
             assert!(info.findings[0].is_blocking && info.findings[0].description.contains(named), "{info:?}");
         }
-        let info = reported_axes("XYZ", false, &FIVE_AXIS_SETTINGS.replace("$20=1", "$20=0"));
+        let info = device_info_from_lines("XYZ", false, &FIVE_AXIS_SETTINGS.replace("$20=1", "$20=0"));
         assert!(info.findings[0].is_blocking && info.findings[0].description.contains("soft limits"));
-        let info = reported_axes("XYZBC", false, FIVE_AXIS_SETTINGS);
+        let info = device_info_from_lines("XYZBC", false, FIVE_AXIS_SETTINGS);
         assert!(info.findings[0].is_blocking, "{info:?}");
         assert!(info.findings[0].description.contains("does not home B, C"), "{info:?}");
-        assert_eq!(reported_axes("XYZBC", false, &FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=33\n")).findings, []);
+        assert_eq!(
+            device_info_from_lines("XYZBC", false, &FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=33\n")).findings,
+            []
+        );
     }
 }

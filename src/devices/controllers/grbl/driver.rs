@@ -1,4 +1,4 @@
-//! Driver: executes proven blocks and returns their outcomes.
+//! Driver of a Grbl control: executes proven blocks and returns their outcomes.
 
 use super::check;
 use super::connection::GrblConnection;
@@ -20,15 +20,15 @@ use planning::proof::{ProvenBlock, ProvenModeText};
 /// Driver of one Grbl control.
 pub struct GrblDriver {
     pub(super) connection: GrblConnection,
-    pub(super) modes: ProvenModeText,
+    pub(super) mode_text: ProvenModeText,
     pub(super) monitor: AxisMonitor,
     /// Axes of the machine that the control must have homed.
-    pub(super) homed_axes: Vec<Axis>,
+    pub(super) required_homed_axes: Vec<Axis>,
     /// Whether the control is prepared and no fault has occurred since.
     pub(super) is_prepared: bool,
     pub(super) stop_description: String,
     /// Axes in the order of the control's reports; `None` for an axis letter without a name in `trued`.
-    pub(super) report_axes: Vec<Option<Axis>>,
+    pub(super) axes_in_report_order: Vec<Option<Axis>>,
     pub(super) max_line_bytes: usize,
     pub(super) initial_modes: Vec<String>,
 }
@@ -43,12 +43,12 @@ impl GrblDriver {
         let homed_axes = monitor.axes.iter().copied().filter(has_switch).collect();
         let grbl = Self {
             connection,
-            modes,
+            mode_text: modes,
             monitor,
-            homed_axes,
+            required_homed_axes: homed_axes,
             is_prepared: false,
             stop_description: format!("feed hold (!): {}", arrival::describe_braking_distances(machine)),
-            report_axes: Vec::new(),
+            axes_in_report_order: Vec::new(),
             max_line_bytes: usize::MAX,
             initial_modes: Vec::new(),
         };
@@ -145,10 +145,10 @@ impl GrblDriver {
         if !result.has_contact {
             return Err(ControllerError::NoContact { step });
         }
-        let contact = self.position_from_axis_values(&result.values)?;
+        let contact = self.position_from_axis_values(&result.axis_values)?;
         let status = self.confirm_touch(step, &result, &contact).await?;
-        outcome.touch = Some(contact);
-        outcome.t_s = result.t_s;
+        outcome.trigger_position = Some(contact);
+        outcome.trigger_time_s = result.contact_time_s;
         Ok(status)
     }
 }
@@ -162,9 +162,9 @@ impl GrblDriver {
         self.connection.is_block_running = false;
         let (mut outcome, status) = result?;
         self.check_overrides()?;
-        let contact = ReportedTime { name: "TIME", t_s: outcome.t_s };
-        let now = ReportedTime { name: "Time", t_s: status.t_s };
-        outcome.t_s = self.monitor.clock.check_time(contact, now)?;
+        let contact = ReportedTime { name: "TIME", t_s: outcome.trigger_time_s };
+        let now = ReportedTime { name: "Time", t_s: status.control_time_s };
+        outcome.trigger_time_s = self.monitor.clock.check_and_select_time(contact, now)?;
         Ok(outcome)
     }
 
@@ -186,7 +186,7 @@ impl GrblDriver {
     async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let status = self.connection.read_status().await?;
         self.check_overrides()?;
-        check::check_probe_health(&status, &self.modes)?;
+        check::check_probe_health(&status, &self.mode_text)?;
         let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
         if !backs_off {
             self.wait_probe_open(block.step(), &status).await?;
@@ -217,13 +217,13 @@ impl ControllerDriver for GrblDriver {
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        require_prepared(self.is_prepared, self.connection.is_halted())?;
+        require_prepared(self.is_prepared, self.connection.is_halt_requested())?;
         let outcome = self.execute_block(&block).await;
         outcome.map_err(|error| self.handle_fault(error))
     }
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
-        if self.report_axes.is_empty() {
+        if self.axes_in_report_order.is_empty() {
             // Before `prepare` the axes of the reported values are unknown.
             self.connection.start_session().await?;
             self.check_firmware_axes().await?;
@@ -238,10 +238,10 @@ impl ControllerDriver for GrblDriver {
         self.read_device_info().await
     }
 
-    async fn finish(&mut self) -> Result<(), ControllerError> {
+    async fn restore_modes(&mut self) -> Result<(), ControllerError> {
         // A blank line clears a latched error.
         self.connection.send_line("").await?;
-        let foot = self.modes.foot().to_vec();
+        let foot = self.mode_text.foot_lines().to_vec();
         self.set_modes(&foot).await?;
         let initial_modes = std::mem::take(&mut self.initial_modes);
         if !initial_modes.is_empty() {

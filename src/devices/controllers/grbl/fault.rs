@@ -14,14 +14,14 @@ pub(super) fn refusal_error(line: &str, code: u32) -> ControllerError {
 }
 
 /// Error if the answering device is not a Grbl control, or if nothing answers.
-pub(super) fn foreign_device_error(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
-    if noise {
+pub(super) fn foreign_device_error(has_noise: bool, foreign_text: Option<String>, waited: Duration) -> ControllerError {
+    if has_noise {
         return ControllerError::UnexpectedDevice {
             state: "the replies are unreadable bytes, probably at a wrong baud rate".to_owned(),
             remedy: "check baud in [controller] of the machine file".to_owned(),
         };
     }
-    match foreign {
+    match foreign_text {
         Some(text) => ControllerError::UnexpectedDevice {
             state: format!("the reply is not from a Grbl control: `{text}`"),
             remedy: "check kind and the address in [controller] of the machine file".to_owned(),
@@ -30,7 +30,7 @@ pub(super) fn foreign_device_error(noise: bool, foreign: Option<String>, waited:
     }
 }
 
-/// Error for a control that answers but will not move in its present state.
+/// Error for a control that answers but executes no motion in its present state.
 pub(super) fn not_ready_error(status: &GrblStatus) -> ControllerError {
     // A held move continues when it is released: only a reset discards it.
     let remedy = match status.state.as_str() {
@@ -48,7 +48,8 @@ pub(super) fn not_ready_error(status: &GrblStatus) -> ControllerError {
     ControllerError::not_ready(state_text(status), remedy)
 }
 
-/// Touches at another feed than the planned one have another latch delay and overtravel.
+/// Finding for overrides other than 100 %: touches at another feed than the planned one have another latch delay and
+/// overtravel.
 pub(super) fn override_finding(now: Overrides) -> Option<ReadinessFinding> {
     let Overrides { feed_percent, rapid_percent } = now;
     (feed_percent != 100.0 || rapid_percent != 100.0).then(|| {

@@ -45,12 +45,12 @@ fn fuzz_reply_parser() {
     ];
     fuzz_parser("grbl-replies", &[SAMPLE_REPLIES], &words, |input| {
         let text = String::from_utf8_lossy(input);
-        text.lines().map(|line| size(&GrblMessage::parse(line))).sum()
+        text.lines().map(|line| memory_size_of_message(&GrblMessage::parse(line))).sum()
     });
 }
 
 /// Memory size of a message. Every number in the message must be finite.
-fn size(message: &GrblMessage) -> usize {
+fn memory_size_of_message(message: &GrblMessage) -> usize {
     let numbers = |values: &[f64]| {
         assert!(values.iter().all(|value| value.is_finite()), "{message:?}");
         size_of_val(values)
@@ -58,20 +58,27 @@ fn size(message: &GrblMessage) -> usize {
     let heap = match message {
         GrblMessage::ProbeResult { values, .. } | GrblMessage::Offset { values, .. } => numbers(values),
         GrblMessage::ContactTime(t_s) => numbers(&[*t_s]),
-        GrblMessage::Status(GrblStatus { state, substate, position, t_s, active_inputs, .. }) => {
+        GrblMessage::Status(GrblStatus {
+            state,
+            substate,
+            machine_position: position,
+            control_time_s: t_s,
+            active_inputs,
+            ..
+        }) => {
             let words = state.len() + substate.as_ref().map_or(0, String::len) + active_inputs.len();
             words + numbers(position.as_deref().unwrap_or_default()) + numbers(t_s.as_slice())
         }
         GrblMessage::Banner(text)
         | GrblMessage::Version(text)
-        | GrblMessage::Axes(text)
+        | GrblMessage::AxisLetters(text)
         | GrblMessage::Unknown(text) => text.len(),
-        GrblMessage::Modes(words) => words.iter().map(|word| word.len() + size_of::<String>()).sum(),
+        GrblMessage::ModalWords(words) => words.iter().map(|word| word.len() + size_of::<String>()).sum(),
         GrblMessage::Ok
         | GrblMessage::Error(_)
         | GrblMessage::Alarm(_)
-        | GrblMessage::BufferSize(_)
-        | GrblMessage::HomedAxes(_)
+        | GrblMessage::MaxLineBytes(_)
+        | GrblMessage::HomedAxesMask(_)
         | GrblMessage::Setting(..) => 0,
     };
     heap + size_of::<GrblMessage>()

@@ -18,18 +18,18 @@ pub(super) enum GrblMessage {
     Banner(String),
     Version(String),
     /// `[OPT:flags,planner,rx,..]`: maximum length of a line, bytes.
-    BufferSize(usize),
+    MaxLineBytes(usize),
     /// `[AXS:n:letters]`: the axis letters.
-    Axes(String),
+    AxisLetters(String),
     /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: name of an offset in `$#` and its values.
     Offset {
         name: String,
         values: Vec<f64>,
     },
     /// `[HOME:..:mask]`: the homed axes, one bit each in the order of the axis words.
-    HomedAxes(u32),
+    HomedAxesMask(u32),
     /// `[GC:..]`: the modal words in force.
-    Modes(Vec<String>),
+    ModalWords(Vec<String>),
     /// `$n=..` with a numeric value.
     Setting(u16, f64),
     Unknown(String),
@@ -45,15 +45,15 @@ pub(super) struct GrblStatus {
     /// `Pn:`, the letters of all active inputs.
     pub active_inputs: String,
     /// `MPos:`, machine position in the order of the axis words, mm and degrees.
-    pub position: Option<Vec<f64>>,
+    pub machine_position: Option<Vec<f64>>,
     /// `Ov:`, percent of the programmed feed and of the rapid speed. Most reports omit the field.
     pub overrides: Option<Overrides>,
-    /// `MPG:1`: a pendant has the control; the lines of `trued` are not executed as sent.
-    pub has_pendant: bool,
-    /// `FW:`, present only in the answer to 0x87 (grblHAL `report.c`, compatibility level 0 or 1).
+    /// `MPG:1`: a pendant controls the machine; the lines of `trued` are not executed as sent.
+    pub is_pendant_in_control: bool,
+    /// Whether `FW:` is present: only in the answer to 0x87 (grblHAL `report.c`, compatibility level 0 or 1).
     pub has_all_fields: bool,
-    /// `Time:`, an extension of the simulated control, s.
-    pub t_s: Option<f64>,
+    /// `Time:`, an extension of the simulated control: time of its clock, s.
+    pub control_time_s: Option<f64>,
 }
 
 impl GrblStatus {
@@ -107,12 +107,12 @@ impl GrblMessage {
             "PRB" => parse_probe_result(value),
             "TIME" => parse_seconds(value).map(Self::ContactTime),
             "VER" => Some(Self::Version(value.trim_end_matches(':').to_owned())),
-            "OPT" => value.split(',').nth(2)?.parse().ok().map(Self::BufferSize),
-            "AXS" => Some(Self::Axes(value.split_once(':')?.1.to_owned())),
+            "OPT" => value.split(',').nth(2)?.parse().ok().map(GrblMessage::MaxLineBytes),
+            "AXS" => Some(GrblMessage::AxisLetters(value.split_once(':')?.1.to_owned())),
             "G92" | "TLO" => parse_offset(name, value),
             slot if slot.starts_with("G5") => parse_offset(slot, value),
-            "HOME" => value.rsplit_once(':')?.1.parse().ok().map(Self::HomedAxes),
-            "GC" => Some(Self::Modes(value.split_whitespace().map(str::to_owned).collect())),
+            "HOME" => value.rsplit_once(':')?.1.parse().ok().map(GrblMessage::HomedAxesMask),
+            "GC" => Some(GrblMessage::ModalWords(value.split_whitespace().map(str::to_owned).collect())),
             _ => None,
         }
     }
@@ -137,7 +137,7 @@ fn parse_finite_numbers(list: &str) -> Option<Vec<f64>> {
     values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
 }
 
-/// Rejects a timestamp that is not finite: the reading could not be stored.
+/// Parses a time, s. Rejects a time that is not finite: the reading could not be stored.
 fn parse_seconds(value: &str) -> Option<f64> {
     value.parse().ok().filter(|seconds: &f64| seconds.is_finite())
 }
@@ -155,15 +155,15 @@ fn parse_status(report: &str) -> Option<GrblStatus> {
     let mut status = GrblStatus { state: state.to_owned(), substate, ..GrblStatus::default() };
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         match name {
-            "MPos" => status.position = parse_finite_numbers(value),
+            "MPos" => status.machine_position = parse_finite_numbers(value),
             "Pn" => {
                 status.is_probe_closed = value.contains('P');
                 status.active_inputs = value.to_owned();
             }
             "Ov" => status.overrides = parse_overrides(value),
             "FW" => status.has_all_fields = true,
-            "MPG" => status.has_pendant = value == "1",
-            "Time" => status.t_s = parse_seconds(value),
+            "MPG" => status.is_pendant_in_control = value == "1",
+            "Time" => status.control_time_s = parse_seconds(value),
             _ => {}
         }
     }

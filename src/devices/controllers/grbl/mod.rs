@@ -12,8 +12,8 @@
 mod check;
 mod config;
 mod connection;
+mod connection_diagnosis;
 mod device_info;
-mod diagnose;
 mod driver;
 mod fault;
 #[cfg(test)]

@@ -11,7 +11,7 @@ use crate::controllers::control_clock::ControlClock;
 use crate::controllers::motion_lines::to_duration;
 use crate::controllers::{ControllerError, PreparedControl};
 use machine::Axis;
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 
 /// Modal words that are restored after the measurement.
 const RESTORED_MODAL_WORDS: [&str; 16] = [
@@ -20,7 +20,8 @@ const RESTORED_MODAL_WORDS: [&str; 16] = [
 ];
 
 impl GrblDriver {
-    /// `check_probe` decides whether the state of the probe input is acceptable.
+    /// Refuses a control that cannot measure, then sets its modes. `check_probe` refuses a wrong state of the probe
+    /// input.
     pub(super) async fn prepare_control(
         &mut self,
         check_probe: fn(&GrblStatus) -> Result<(), ControllerError>,
@@ -32,25 +33,25 @@ impl GrblDriver {
         }
         let firmware = self.check_firmware_axes().await?;
         let settings = self.read_settings().await?;
-        reject_blocking(readiness::settings_findings(&firmware, &settings, &self.homed_axes))?;
+        reject_blocking(readiness::settings_findings(&firmware, &settings, &self.required_homed_axes))?;
         reject_blocking(self.state_findings(&firmware).await?)?;
-        if !self.modes.has_probe_on_command() {
+        if !self.mode_text.has_probe_on_command() {
             check_probe(&self.connection.wait_idle().await?)?;
         }
         // The head writes an offset and switches outputs: a state that prevents a measurement is refused before.
         let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
         reject_blocking(readiness::modal_findings(&modes))?;
-        reject_blocking(readiness::homed_state_finding(&firmware, &settings, &self.homed_axes, &offsets))?;
+        reject_blocking(readiness::homed_state_finding(&firmware, &settings, &self.required_homed_axes, &offsets))?;
         self.store_initial_modes(modes);
-        let head = self.modes.head().to_vec();
+        let head = self.mode_text.head_lines().to_vec();
         self.set_modes(&head).await?;
         let modes = self.connection.send_line("$G").await?;
         let offsets = self.connection.send_line("$#").await?;
         reject_blocking(readiness::tool_length_finding(&offsets))?;
-        check::check_modes(&head, &modes, &offsets)?;
+        check::check_modes_and_offsets(&head, &modes, &offsets)?;
         let status = self.connection.wait_idle().await?;
         check_probe(&status)?;
-        check::check_probe_health(&status, &self.modes)?;
+        check::check_probe_health(&status, &self.mode_text)?;
         self.monitor.standstill_position = self.status_position(&status)?;
         self.monitor.clock = ControlClock::default();
         self.is_prepared = true;
@@ -58,15 +59,16 @@ impl GrblDriver {
             identity: firmware.identity(),
             stop_description: self.stop_description.clone(),
             position: self.monitor.standstill_position.clone(),
-            transmission: Transmission::Lines { max_line_bytes: self.max_line_bytes },
+            transmission: TransmissionForm::Lines { max_line_bytes: self.max_line_bytes },
             unreadable_items: readiness::unreadable_items(&firmware),
         })
     }
 
+    /// Reads version and axes of the control; an error if it lacks an axis of the machine.
     pub(super) async fn check_firmware_axes(&mut self) -> Result<FirmwareInfo, ControllerError> {
         let firmware = self.read_firmware_info().await?;
         let missing: Vec<String> = (self.monitor.axes.iter())
-            .filter(|axis| !self.report_axes.contains(&Some(**axis)))
+            .filter(|axis| !self.axes_in_report_order.contains(&Some(**axis)))
             .map(Axis::to_string)
             .collect();
         if !missing.is_empty() {
@@ -86,16 +88,16 @@ impl GrblDriver {
             return;
         }
         for message in modes {
-            if let GrblMessage::Modes(words) = message {
+            if let GrblMessage::ModalWords(words) = message {
                 self.initial_modes = words;
                 self.initial_modes.retain(|word| RESTORED_MODAL_WORDS.contains(&word.as_str()));
             }
         }
     }
 
-    /// Sends the lines of the head or the foot.
+    /// Sends the lines of the program's head or foot, which set modes.
     pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
-        let standstill_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
+        let standstill_time = to_duration(self.mode_text.settling_time_after_head_s().unwrap_or_default());
         for line in lines {
             self.connection.send_line_with_standstill(line, standstill_time).await?;
         }

@@ -6,18 +6,18 @@ use super::driver::GrblDriver;
 use super::fault::override_finding;
 use super::homing::{HomingMethod, homed_axes_mask, homing_method};
 use super::message::GrblMessage;
-use super::settings::{FirmwareInfo, GrblSettings, HOMING_BIT};
+use super::settings::{FirmwareInfo, GrblSettings, HOMING_ENABLED_MASK};
 use crate::controllers::{ControllerError, ReadinessFinding, ReadinessItem};
 use machine::Axis;
 
-/// Bits of `$10`, and the field that each bit adds to the reports.
+/// Masks of `$10`, and the field that each adds to the status reports.
 const REQUIRED_REPORT_FIELDS: [(u32, &str); 4] =
     [(1, "the machine position"), (1 << 4, "the probe"), (1 << 7, "the probe's result"), (1 << 6, "the overrides")];
 
 /// Items that the control does not report. A pendant is reported; another client of the same control is
 /// not.
 const UNREADABLE_ITEMS: [ReadinessItem; 3] =
-    [ReadinessItem::Kinematics, ReadinessItem::OtherClients, ReadinessItem::Tool];
+    [ReadinessItem::Kinematics, ReadinessItem::OtherClients, ReadinessItem::ToolInSpindle];
 
 pub(super) fn unreadable_items(firmware: &FirmwareInfo) -> Vec<ReadinessItem> {
     // Classic Grbl is locked until it is homed or unlocked; it reports neither.
@@ -35,7 +35,7 @@ const BLOCKING_MODES: [(&str, &str, &str); 3] = [
 /// Remarks on the modal words in force, from the answer to `$G`.
 pub(super) fn modal_findings(modes: &[GrblMessage]) -> Vec<ReadinessFinding> {
     let words = modes.iter().find_map(|message| match message {
-        GrblMessage::Modes(words) => Some(words.as_slice()),
+        GrblMessage::ModalWords(words) => Some(words.as_slice()),
         _ => None,
     });
     let is_in_force = |prefix: &str| {
@@ -60,13 +60,13 @@ pub(super) fn tool_length_finding(offsets: &[GrblMessage]) -> Option<ReadinessFi
     })
 }
 
-/// Remarks on the settings. `homed_axes`: axes that must have a switch.
+/// Remarks on the settings. `homed_axes`: axes that the control must home.
 pub(super) fn settings_findings(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
     homed_axes: &[Axis],
 ) -> Vec<ReadinessFinding> {
-    let axes = &firmware.axes();
+    let axes = &firmware.axes_with_report_index();
     let mut findings = Vec::new();
     let mut add_blocking =
         |description: String, remedy: &str| findings.push(ReadinessFinding::blocking(description, remedy));
@@ -90,7 +90,7 @@ pub(super) fn settings_findings(
         add_blocking(description.to_owned(), "enter $13=0 at the control");
     }
     // A setting that is not reported counts as off.
-    if !settings.has_bit(22, HOMING_BIT) {
+    if !settings.has_bit(22, HOMING_ENABLED_MASK) {
         let description = "homing is off ($22=0): the zero of each axis is its position at power-on, so the travels \
                     and bodies of the machine file are at wrong positions";
         add_blocking(
@@ -129,7 +129,7 @@ fn homing_cycle_finding(
     homed_axes: &[Axis],
 ) -> Option<ReadinessFinding> {
     let is_unhomed = |(axis, index): &&(Axis, u16)| {
-        homed_axes.contains(axis) && homing_method(settings, *index) == HomingMethod::NoCycle
+        homed_axes.contains(axis) && homing_method(settings, *index) == HomingMethod::InNoCycle
     };
     let unhomed: Vec<&(Axis, u16)> = axes.iter().filter(is_unhomed).collect();
     (!unhomed.is_empty()).then(|| {
@@ -154,7 +154,7 @@ pub(super) fn homed_state_finding(
 ) -> Option<ReadinessFinding> {
     if firmware.is_classic {
         // Classic Grbl is locked until it is homed or an operator unlocks it.
-        return settings.has_bit(22, HOMING_BIT).then(|| {
+        return settings.has_bit(22, HOMING_ENABLED_MASK).then(|| {
             let description = "this control does not report whether its axes are homed";
             ReadinessFinding::note(
                 description,
@@ -164,7 +164,7 @@ pub(super) fn homed_state_finding(
     }
     let mask = homed_axes_mask(offsets);
     let is_unhomed = |(axis, index): &&(Axis, u16)| homed_axes.contains(axis) && mask >> index & 1 == 0;
-    let axes = firmware.axes();
+    let axes = firmware.axes_with_report_index();
     let unhomed: Vec<&(Axis, u16)> = axes.iter().filter(is_unhomed).collect();
     (!unhomed.is_empty()).then(|| {
         let description = format!(
@@ -185,7 +185,7 @@ pub(super) fn homed_state_finding(
     })
 }
 
-/// Returns the first item that prevents a measurement as an error.
+/// Returns the first finding that prevents a measurement as an error.
 pub(super) fn reject_blocking(findings: impl IntoIterator<Item = ReadinessFinding>) -> Result<(), ControllerError> {
     match findings.into_iter().find(|remark| remark.is_blocking) {
         Some(ReadinessFinding { description, remedy, .. }) => {
@@ -202,7 +202,7 @@ fn join_axis_names(axes: &[&(Axis, u16)]) -> String {
 impl GrblDriver {
     /// Refuses overrides other than 100 %, as last reported.
     pub(super) fn check_overrides(&self) -> Result<(), ControllerError> {
-        reject_blocking(self.connection.overrides.and_then(override_finding))
+        reject_blocking(self.connection.last_overrides.and_then(override_finding))
     }
 
     /// Remarks on the status report with all its fields; classic Grbl has no such report and reports its
@@ -217,19 +217,19 @@ impl GrblDriver {
             self.connection.read_full_status().await?
         };
         let mut findings = Vec::new();
-        if status.position.is_none() {
+        if status.machine_position.is_none() {
             findings.push(ReadinessFinding::blocking(
                 "the status reports do not contain the machine position (MPos)",
                 "enter $10=511 at the control (classic Grbl: $10=3)",
             ));
         }
-        if status.has_pendant {
+        if status.is_pendant_in_control {
             findings.push(ReadinessFinding::blocking(
                 "a pendant controls the machine (MPG mode)",
                 "switch the pendant off, start again",
             ));
         }
-        match self.connection.overrides {
+        match self.connection.last_overrides {
             Some(overrides) => findings.extend(override_finding(overrides)),
             None if firmware.is_classic => findings.push(ReadinessFinding::note(
                 "the overrides are not reported yet",

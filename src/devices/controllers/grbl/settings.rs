@@ -8,17 +8,17 @@ use super::message::GrblMessage;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
-/// Bit of `$21`: hard limits are on.
-pub(super) const HARD_LIMITS_BIT: u32 = 1;
-/// Bits of `$22`: homing is on; the switch is at zero; axes without a switch are homed at their present
+/// Mask of `$21`: hard limits are on.
+pub(super) const HARD_LIMITS_MASK: u32 = 1;
+/// Masks of `$22`: homing is on; the switch is at zero; axes without a switch are homed at their present
 /// position.
-pub(super) const HOMING_BIT: u32 = 1;
-pub(super) const ZERO_AT_SWITCH_BIT: u32 = 1 << 3;
-pub(super) const MANUAL_HOMING_BIT: u32 = 1 << 5;
+pub(super) const HOMING_ENABLED_MASK: u32 = 1;
+pub(super) const ZERO_AT_SWITCH_MASK: u32 = 1 << 3;
+pub(super) const MANUAL_HOMING_MASK: u32 = 1 << 5;
 
-/// First numbers of the settings for minimum and maximum, an extension of the simulated control: the travel
-/// of its axis may extend to both sides of zero, which grblHAL does not support.
-pub(super) const SIMULATED_TRAVEL_SETTINGS: [u16; 2] = [9000, 9050];
+/// Setting numbers of the minimum and of the maximum travel of the first axis, an extension of the simulated
+/// control: its travel may extend to both sides of zero, which grblHAL does not support.
+pub(super) const FIRST_SIMULATED_TRAVEL_SETTINGS: [u16; 2] = [9000, 9050];
 
 /// Settings with a numeric value, by number.
 pub(super) struct GrblSettings(pub BTreeMap<u16, f64>);
@@ -28,13 +28,13 @@ impl GrblSettings {
         self.0.get(&number).copied()
     }
 
-    /// Whether the mask `number` has a bit of `bits`; false if the setting is not reported.
-    pub fn has_bit(&self, number: u16, bits: u32) -> bool {
-        self.bit_mask(number) & bits != 0
+    /// Whether the setting has any bit of `mask`; false if the setting is not reported.
+    pub fn has_bit(&self, setting_number: u16, mask: u32) -> bool {
+        self.value_as_bits(setting_number) & mask != 0
     }
 
-    fn bit_mask(&self, number: u16) -> u32 {
-        // The conversion is exact: masks are small whole numbers.
+    fn value_as_bits(&self, number: u16) -> u32 {
+        // The conversion is exact: settings that hold bits are small whole numbers.
         self.value(number).unwrap_or_default() as u32
     }
 }
@@ -54,7 +54,7 @@ impl FirmwareInfo {
     }
 
     /// Axes that have a name in `trued`, each with its index in the control's reports.
-    pub fn axes(&self) -> Vec<(Axis, u16)> {
+    pub fn axes_with_report_index(&self) -> Vec<(Axis, u16)> {
         let axis_letters = self.axis_letters.chars().zip(0_u16..);
         axis_letters.filter_map(|(letter, index)| Some((letter.to_string().parse().ok()?, index))).collect()
     }
@@ -69,12 +69,13 @@ impl GrblDriver {
         for message in self.connection.send_line("$I").await? {
             match message {
                 GrblMessage::Version(text) => firmware.version = text,
-                GrblMessage::BufferSize(bytes) => self.max_line_bytes = bytes,
-                GrblMessage::Axes(text) => (firmware.axis_letters, firmware.is_classic) = (text, false),
+                GrblMessage::MaxLineBytes(bytes) => self.max_line_bytes = bytes,
+                GrblMessage::AxisLetters(text) => (firmware.axis_letters, firmware.is_classic) = (text, false),
                 _ => {}
             }
         }
-        self.report_axes = firmware.axis_letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
+        self.axes_in_report_order =
+            firmware.axis_letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
         Ok(firmware)
     }
 

@@ -11,7 +11,7 @@ pub struct GrblTimeouts {
     pub reply_timeout: Duration,
     /// Interval at which a waiting driver checks the link.
     pub poll_interval: Duration,
-    /// Maximum time for what follows an alarm (`ok`, or a banner).
+    /// Maximum time for the line that follows an alarm (`ok`, or a banner).
     pub alarm_detail_timeout: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
     pub stall_timeout: Duration,
@@ -20,7 +20,7 @@ pub struct GrblTimeouts {
 /// Longest pause between two status requests during a move that should touch nothing. One request may be
 /// lost: a contact must lead to a hold within `LATENCY_S` (planning, `turn_feeds.rs`), to which turns limit
 /// their speed.
-pub(super) const MAX_FREE_MOVE_POLL: Duration = Duration::from_millis(100);
+pub(super) const MAX_FREE_MOVE_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 impl Default for GrblTimeouts {
     fn default() -> Self {
@@ -36,7 +36,7 @@ impl Default for GrblTimeouts {
 impl GrblTimeouts {
     /// Maximum time for which a control may report `status` unchanged. A control that is idle while an answer is
     /// outstanding has lost a byte; one that reports a motion without a change of position hangs.
-    pub(super) fn unchanged_limit(&self, status: &GrblStatus) -> Duration {
+    pub(super) fn max_unchanged_time(&self, status: &GrblStatus) -> Duration {
         if status.state == "Idle" { self.reply_timeout } else { self.stall_timeout }
     }
 }

@@ -12,15 +12,15 @@ use crate::controllers::motion_lines::MotionLines;
 use machine::Position;
 
 /// Maximum time that a probe bounces after it has come free.
-const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
+const MAX_PROBE_BOUNCE_TIME: Duration = Duration::from_millis(300);
 
 /// Result of a probing move as the control reports it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ProbeResult {
     /// Axis values in the order of the control's reports, mm and degrees.
-    pub values: Vec<f64>,
+    pub axis_values: Vec<f64>,
     pub has_contact: bool,
-    pub t_s: Option<f64>,
+    pub contact_time_s: Option<f64>,
 }
 
 /// Returns the result of the probing move; there must be exactly one among the messages.
@@ -43,7 +43,7 @@ fn single_probe_result(messages: &[GrblMessage]) -> Result<ProbeResult, Controll
     let (values, has_contact) = found.ok_or_else(|| ControllerError::UnreadableReply {
         text: format!("no [PRB:..] before ok; received: {messages:?}"),
     })?;
-    Ok(ProbeResult { values, has_contact, t_s })
+    Ok(ProbeResult { axis_values: values, has_contact, contact_time_s: t_s })
 }
 
 impl GrblDriver {
@@ -74,7 +74,7 @@ impl GrblDriver {
             let (first, second) = (format!("{first_result:?}"), format!("{second:?}"));
             return Err(ControllerError::TouchMismatch { step, first, second });
         }
-        self.monitor.check_contact_path(&from, &self.monitor.standstill_position, contact)?;
+        self.monitor.check_contact_on_path(&from, &self.monitor.standstill_position, contact)?;
         Ok(status)
     }
 
@@ -93,8 +93,8 @@ impl GrblDriver {
         }
     }
 
-    /// Checks that the machine is still at its last rest position. A deviating report is read again: it may
-    /// have been altered in transmission.
+    /// Checks that the reported `position` is still the last rest position. If it deviates, the position is read
+    /// again: the report may have been altered in transmission.
     pub(super) async fn check_unmoved(&mut self, position: &Position) -> Result<(), ControllerError> {
         let standstill_position = self.monitor.standstill_position.clone();
         if self.monitor.check_position(&standstill_position, position).is_ok() {
@@ -105,30 +105,30 @@ impl GrblDriver {
 
     pub(super) fn status_position(&self, status: &GrblStatus) -> Result<Position, ControllerError> {
         let missing = "the status reports do not contain the machine position";
-        let values = status.position.as_ref();
+        let values = status.machine_position.as_ref();
         self.position_from_axis_values(
             values.ok_or_else(|| ControllerError::not_ready(missing, "set $10=511 at the control"))?,
         )
     }
 
     pub(super) fn position_from_axis_values(&self, values: &[f64]) -> Result<Position, ControllerError> {
-        if values.len() != self.report_axes.len() {
+        if values.len() != self.axes_in_report_order.len() {
             return Err(ControllerError::UnreadableReply { text: format!("[PRB:{values:?}]") });
         }
-        let named = self.report_axes.iter().zip(values);
+        let named = self.axes_in_report_order.iter().zip(values);
         let axes = named.filter_map(|(axis, value)| axis.map(|axis| (axis, axis.to_mm_or_rad(*value))));
-        Ok(self.monitor.with_spindle(axes))
+        Ok(self.monitor.with_spindle_orientation(axes))
     }
 
-    /// Waits until the probe reads open, first in the status `last_status`; an error after `MAX_PROBE_BOUNCE`.
+    /// Waits until the probe reads open, first in the status `last_status`; an error after `MAX_PROBE_BOUNCE_TIME`.
     pub(super) async fn wait_probe_open(&mut self, step: u32, last_status: &GrblStatus) -> Result<(), ControllerError> {
-        let deadline = Instant::now() + MAX_PROBE_BOUNCE;
+        let deadline = Instant::now() + MAX_PROBE_BOUNCE_TIME;
         let mut closed = last_status.is_probe_closed;
         while closed {
             if Instant::now() > deadline {
                 return Err(ControllerError::ProbeStillClosed { step });
             }
-            sleep(MAX_PROBE_BOUNCE / 10).await;
+            sleep(MAX_PROBE_BOUNCE_TIME / 10).await;
             closed = self.connection.read_status().await?.is_probe_closed;
         }
         Ok(())

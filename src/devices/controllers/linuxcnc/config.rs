@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::files::result_log_path;
-use super::{CONTROL_KIND, LinuxCncDriver, LinuxCncSettings, Sampler, sampler};
+use super::{CONTROL_KIND, LinuxCncDriver, LinuxCncSettings, SamplerClient, sampler};
 use crate::controllers::{
     ConnectionDiagnosisRequest, ControlDescription, Controller, ControllerConfig, DiagnosisFuture, OpenFuture,
 };
@@ -55,7 +55,7 @@ impl ControllerConfig for LinuxCncConfig {
         &self.dialect
     }
 
-    fn result_log(&self) -> Option<String> {
+    fn result_log_path(&self) -> Option<String> {
         Some(result_log_path(&self.program_dir))
     }
 
@@ -67,17 +67,22 @@ impl ControllerConfig for LinuxCncConfig {
         Box::pin(async move {
             let axes: Vec<Axis> = machine.axes.keys().copied().collect();
             let sampler = match &self.sampler {
-                Some(sampler) => Some(Sampler::open(sampler, &axes, clock).await?),
+                Some(sampler) => Some(SamplerClient::open(sampler, &axes, clock).await?),
                 None => None,
             };
             let directory = self.program_dir.clone();
-            let settings = LinuxCncSettings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
+            let settings = LinuxCncSettings {
+                address: (&self.tcp).into(),
+                shared_directory: directory,
+                axes,
+                ini_path: self.ini.clone(),
+            };
             let (driver, halt) = LinuxCncDriver::open(settings, modes).await?;
             Ok(Controller::spawn(driver.with_sampler(sampler), halt))
         })
     }
 
-    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_failure(request))
+    fn diagnose_connection<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_missing_answer(request))
     }
 }

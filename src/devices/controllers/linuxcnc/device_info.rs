@@ -22,13 +22,13 @@ const TABLE_KINEMATICS: [(&str, &[Axis], AxisSense); 5] = [
 ];
 
 const S_PER_MIN: f64 = 60.0;
-/// Resolution of the reports: linuxcncrsh prints six decimals.
+/// Resolution of reported positions: linuxcncrsh prints six decimals.
 const REPORT_RESOLUTION: f64 = 0.000_001;
 
 impl LinuxCncDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         let identity = format!("LinuxCNC, {}", self.rsh.server_identity);
-        let Some(path) = &self.settings.ini else {
+        let Some(path) = &self.settings.ini_path else {
             let axes = self.settings.axes.iter().map(|axis| (*axis, ReportedAxis::default()));
             let description = "linuxcncrsh does not report axes, travel and speeds";
             let remedy =
@@ -61,9 +61,9 @@ impl IniFile {
         }
     }
 
-    fn reported_axis(&self, axis: Axis, mm: f64) -> ReportedAxis {
+    fn reported_axis(&self, axis: Axis, mm_per_unit: f64) -> ReportedAxis {
         let section = format!("AXIS_{axis}");
-        let unit = if axis.is_linear() { mm } else { 1.0 };
+        let unit = if axis.is_linear() { mm_per_unit } else { 1.0 };
         let value = |key: &str| self.number(&section, key).map(|value| value * unit);
         let (min, max) = (value("MIN_LIMIT"), value("MAX_LIMIT"));
         ReportedAxis {
@@ -74,12 +74,15 @@ impl IniFile {
             rapid_per_min: value("MAX_VELOCITY").map(|speed| speed * S_PER_MIN),
             acceleration_per_s2: value("MAX_ACCELERATION"),
             resolution: Some(REPORT_RESOLUTION),
-            positive_sense: self.rotary_table().filter(|(axes, _)| axes.contains(&axis)).map(|(_, sense)| sense),
+            positive_sense: self
+                .rotary_table_axes_and_sense()
+                .filter(|(axes, _)| axes.contains(&axis))
+                .map(|(_, sense)| sense),
         }
     }
 
     /// Axes of the table that the kinematics compute, and the sense of rotation in which they count these axes.
-    fn rotary_table(&self) -> Option<(&'static [Axis], AxisSense)> {
+    fn rotary_table_axes_and_sense(&self) -> Option<(&'static [Axis], AxisSense)> {
         let module = self.kinematics_module()?;
         let known = TABLE_KINEMATICS.iter().find(|(name, ..)| *name == module);
         known.map(|(_, axes, sense)| (*axes, *sense))
@@ -97,7 +100,7 @@ impl IniFile {
             let remedy = "enter M429 before a measurement, or add sparm=identityfirst to KINEMATICS in the INI file";
             findings.push(ReadinessFinding::note(description, remedy));
         }
-        if let Some((axes, AxisSense::Reversed)) = self.rotary_table() {
+        if let Some((axes, AxisSense::Reversed)) = self.rotary_table_axes_and_sense() {
             let axes: Vec<String> = axes.iter().map(Axis::to_string).collect();
             let description = format!(
                 "the kinematics (`{kinematics}`) count {} against ISO 841, unless the module's HAL pin \

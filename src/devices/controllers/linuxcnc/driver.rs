@@ -9,27 +9,28 @@ use super::fault;
 use super::files::SharedFiles;
 use super::ini::IniFile;
 use super::prepare;
-use super::program_runner::ProgramLimits;
-use super::result::ResultLog;
+use super::program_runner::WatchedProgram;
+use super::result_log::ResultLog;
 use super::rsh::RshClient;
-use super::{Sampler, kinematics, path_check, program_runner, state};
+use super::{SamplerClient, kinematics, path_check, program_runner, state};
 use crate::controllers::{
     ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, ReadinessItem,
     arrival, require_prepared,
 };
 use link::LinkAddress;
+use machine::record::axis_track::AxisTrack;
 use machine::record::motion::{BlockOutcome, Motion};
-use machine::record::track::AxisTrack;
 use machine::{Axis, Position};
-use planning::gcode::{Transmission, TransmissionUnit};
+use planning::gcode::{TransmissionForm, TransmissionUnit};
 use planning::proof::{ProvenBlock, ProvenModeText};
 
-/// Maximum time until the link's task has written a line.
-pub(super) const LINK_WRITE_TIME: Duration = Duration::from_millis(20);
+/// Maximum time until the link's task has written a line to the connection.
+pub(super) const MAX_LINK_WRITE_TIME: Duration = Duration::from_millis(20);
+/// Step number in errors of a program that belongs to no block.
 const NO_BLOCK_STEP: u32 = 0;
-/// Limits for a program that moves nothing.
-const NO_MOTION_LIMITS: ProgramLimits<'_> =
-    ProgramLimits { step: NO_BLOCK_STEP, standstill_time: Duration::ZERO, turn_end_position: None };
+/// A program that moves nothing, as the runner watches it.
+const PROGRAM_WITHOUT_MOTION: WatchedProgram<'_> =
+    WatchedProgram { step: NO_BLOCK_STEP, planned_standstill_time: Duration::ZERO, feed_turn_end_position: None };
 const HALT_COMMANDS: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Address and shared directory of the control, and properties of its machine.
@@ -38,27 +39,27 @@ pub struct LinuxCncSettings {
     /// Address of linuxcncrsh, by default port 5007.
     pub address: LinkAddress,
     /// Directory that `trued` and LinuxCNC see under the same absolute name and can both write.
-    pub directory: PathBuf,
+    pub shared_directory: PathBuf,
     /// The machine's axes.
     pub axes: Vec<Axis>,
     /// INI file that LinuxCNC was started with, if it is known.
-    pub ini: Option<PathBuf>,
+    pub ini_path: Option<PathBuf>,
 }
 
 pub struct LinuxCncDriver {
     pub(super) settings: LinuxCncSettings,
-    modes: ProvenModeText,
+    mode_text: ProvenModeText,
     pub(super) rsh: RshClient,
     /// Connection that carries only halts; kept open for them.
     halt_connection: RshClient,
     halt: HaltHandle,
     files: SharedFiles,
-    /// Mode of the control, which `finish` restores; each program restores its other modal state itself.
+    /// Mode of the control, which `restore_modes` restores; each program restores its other modal state itself.
     initial_mode: Option<String>,
     is_prepared: bool,
     /// Orientation of the spindle, rad, once it was commanded.
     pub(super) spindle_rad: Option<f64>,
-    sampler: Option<Sampler>,
+    sampler: Option<SamplerClient>,
 }
 
 impl LinuxCncDriver {
@@ -70,7 +71,7 @@ impl LinuxCncDriver {
         settings: LinuxCncSettings,
         modes: ProvenModeText,
     ) -> Result<(Self, HaltHandle), ControllerError> {
-        let files = SharedFiles::open(&settings.directory)?;
+        let files = SharedFiles::open(&settings.shared_directory)?;
         let mut rsh = RshClient::open(&settings.address).await?;
         let halt_connection = RshClient::open(&settings.address).await?;
         let urgent = halt_connection.link.urgent_sender();
@@ -78,7 +79,7 @@ impl LinuxCncDriver {
         rsh.halt = Some(halt.clone());
         let driver = Self {
             settings,
-            modes,
+            mode_text: modes,
             rsh,
             halt_connection,
             halt: halt.clone(),
@@ -91,12 +92,12 @@ impl LinuxCncDriver {
         Ok((driver, halt))
     }
 
-    pub fn transmission(&self) -> Transmission {
-        Transmission::Programs { log: self.files.result_log_path() }
+    pub fn transmission(&self) -> TransmissionForm {
+        TransmissionForm::Programs { log: self.files.result_log_path() }
     }
 
     /// Sets the sampler that timestamps positions during motion.
-    pub fn with_sampler(self, sampler: Option<Sampler>) -> Self {
+    pub fn with_sampler(self, sampler: Option<SamplerClient>) -> Self {
         Self { sampler, ..self }
     }
 
@@ -124,27 +125,27 @@ impl LinuxCncDriver {
 
     async fn prepare_control(&mut self) -> Result<PreparedControl, ControllerError> {
         self.refuse_if_halted()?;
-        let ini = self.settings.ini.as_deref().map(IniFile::read).transpose()?;
+        let ini = self.settings.ini_path.as_deref().map(IniFile::read).transpose()?;
         self.rsh.acquire_command_right().await?;
         self.check_switches_and_state(ini.as_ref()).await?;
         let mode = self.rsh.get("mode").await?;
         self.initial_mode.get_or_insert(mode);
         self.rsh.read_messages().await?;
         self.rsh.send_command("mode auto").await?;
-        self.files.write_program(&prepare::state_program(&self.files.result_log_path()))?;
+        self.files.write_program_and_remove_log(&prepare::state_query_program(&self.files.result_log_path()))?;
         self.rsh.send_command(&format!("open {}", self.files.program_path())).await?;
-        let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS).await?;
+        let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
         if !log.is_complete {
             self.files.require_log()?;
             return Err(self.stop_reason(NO_BLOCK_STEP, log).await);
         }
         let axes = &self.settings.axes;
-        let state = prepare::check_state(&log.state_values, axes)?;
+        let state = prepare::check_state_values(&log.state_values, axes)?;
         state::check_identity_kinematics(&mut self.rsh, axes).await?;
         let position = state::read_position(&mut self.rsh, axes).await?;
         kinematics::check_identity_mode(ini.as_ref(), state.kinematics, &position)?;
-        if let Some(seconds) = self.modes.settling_time_s() {
-            let program = self.modes.switch_on_program().to_owned();
+        if let Some(seconds) = self.mode_text.settling_time_after_head_s() {
+            let program = self.mode_text.probe_on_program().to_owned();
             self.run_switch_program(&program).await?;
             sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
         }
@@ -152,7 +153,7 @@ impl LinuxCncDriver {
         let mut identity = format!("LinuxCNC {} ({})", state.version, self.rsh.server_identity);
         if let Some(sampler) = &mut self.sampler {
             let mm = state::read_length_unit_mm(&mut self.rsh).await?;
-            sampler.check_agreement(&position, axes, mm).await?;
+            sampler.check_agreement_with_control(&position, axes, mm).await?;
             identity += &format!("; {}", sampler.describe());
         }
         Ok(PreparedControl {
@@ -180,7 +181,7 @@ impl LinuxCncDriver {
         for proven in units {
             touch = self.run_program_part(block.step(), &proven.unit).await?.or(touch);
         }
-        Ok(BlockOutcome { touch, t_s: None, track: self.read_track(block).await? })
+        Ok(BlockOutcome { trigger_position: touch, trigger_time_s: None, track: self.read_track(block).await? })
     }
 
     /// Checks that the machine is where the proven block begins.
@@ -213,14 +214,14 @@ impl LinuxCncDriver {
         }
         state::check_feed_override(&mut self.rsh).await?;
         state::check_open_program(&mut self.rsh, &self.files.program_path()).await?;
-        self.files.write_program(&part.text)?;
+        self.files.write_program_and_remove_log(&part.text)?;
         self.refuse_if_halted()?;
         // A contact while an axis turns must stop the axis (`planning::turning`).
-        let ends = path_check::turn_end_position(&part.motions);
-        let limits = ProgramLimits {
+        let ends = path_check::feed_turn_end_position(&part.motions);
+        let limits = WatchedProgram {
             step,
-            standstill_time: program_runner::program_standstill_time(part),
-            turn_end_position: ends.as_ref(),
+            planned_standstill_time: program_runner::planned_program_standstill_time(part),
+            feed_turn_end_position: ends.as_ref(),
         };
         let log = match program_runner::run_program(&mut self.rsh, &self.files, &self.halt, limits).await {
             Err(refusal @ ControllerError::LineRefused { .. }) => {
@@ -243,31 +244,32 @@ impl LinuxCncDriver {
         self.touch_position(step, part, log.result)
     }
 
-    /// Runs a program that moves nothing.
+    /// Runs a program that moves nothing, such as one that switches the probe on or off.
     async fn run_switch_program(&mut self, program: &str) -> Result<(), ControllerError> {
-        self.files.write_program(program)?;
+        self.files.write_program_and_remove_log(program)?;
         self.refuse_if_halted()?;
-        let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS).await?;
+        let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
         if log.is_complete { Ok(()) } else { Err(self.stop_reason(NO_BLOCK_STEP, log).await) }
     }
 
     /// Returns why a program stopped before its end.
     async fn stop_reason(&mut self, step: u32, log: ResultLog) -> ControllerError {
-        if self.halt.is_halted() {
+        if self.halt.is_halt_requested() {
             return ControllerError::Halted;
         }
         fault::stop_reason(&mut self.rsh, step, log.result.as_ref(), &self.settings.axes).await
     }
 
     fn refuse_if_halted(&self) -> Result<(), ControllerError> {
-        if self.halt.is_halted() { Err(ControllerError::Halted) } else { Ok(()) }
+        if self.halt.is_halt_requested() { Err(ControllerError::Halted) } else { Ok(()) }
     }
 
-    /// After any failure: aborts what is still running; nothing runs until `prepare`.
-    async fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
+    /// Aborts whatever is still running after `error`; nothing runs until the next `prepare`. Returns the error to
+    /// report.
+    async fn abort_after_fault(&mut self, error: ControllerError) -> ControllerError {
         self.is_prepared = false;
-        self.sampler.iter().for_each(Sampler::discard_recording);
-        if self.halt.is_halted() {
+        self.sampler.iter().for_each(SamplerClient::discard_recording);
+        if self.halt.is_halt_requested() {
             let Err(error) = program_runner::abort_until_at_rest(&mut self.rsh).await else {
                 return ControllerError::Halted;
             };
@@ -282,15 +284,19 @@ impl LinuxCncDriver {
         );
         if is_unresponsive || self.rsh.send_command("abort").await.is_err() {
             self.halt_connection.link.urgent_sender().send(HALT_COMMANDS);
-            sleep(LINK_WRITE_TIME).await;
+            sleep(MAX_LINK_WRITE_TIME).await;
         }
         error
     }
 }
 
 /// linuxcncrsh reports no limits (`get ini` is "not implemented"), no rapid override and no other client.
-const UNREADABLE_ITEMS: [ReadinessItem; 4] =
-    [ReadinessItem::TravelLimits, ReadinessItem::RapidOverride, ReadinessItem::OtherClients, ReadinessItem::Tool];
+const UNREADABLE_ITEMS: [ReadinessItem; 4] = [
+    ReadinessItem::TravelLimits,
+    ReadinessItem::RapidOverride,
+    ReadinessItem::OtherClients,
+    ReadinessItem::ToolInSpindle,
+];
 
 impl ControllerDriver for LinuxCncDriver {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
@@ -301,10 +307,10 @@ impl ControllerDriver for LinuxCncDriver {
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        require_prepared(self.is_prepared, self.halt.is_halted())?;
+        require_prepared(self.is_prepared, self.halt.is_halt_requested())?;
         match self.execute_block(&block).await {
             Ok(outcome) => Ok(outcome),
-            Err(error) => Err(self.handle_fault(error).await),
+            Err(error) => Err(self.abort_after_fault(error).await),
         }
     }
 
@@ -322,9 +328,9 @@ impl ControllerDriver for LinuxCncDriver {
         self.read_device_info().await
     }
 
-    async fn finish(&mut self) -> Result<(), ControllerError> {
+    async fn restore_modes(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
-        if let Some(program) = self.modes.switch_off_program().map(str::to_owned) {
+        if let Some(program) = self.mode_text.probe_off_program().map(str::to_owned) {
             self.run_switch_program(&program).await?;
         }
         match self.initial_mode.take() {

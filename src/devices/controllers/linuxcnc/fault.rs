@@ -1,7 +1,7 @@
 //! Reason why a program stopped before its end: from the log first, then the switches, then the messages.
 
 use super::prepare::clear_offset_command;
-use super::result::ProgramResult;
+use super::result_log::ProgramResult;
 use super::rsh::RshClient;
 use crate::controllers::ControllerError;
 use machine::Axis;
@@ -18,7 +18,7 @@ pub(super) async fn stop_reason(
         Some(ProgramResult::ProbeClosedAtStart) => ControllerError::ProbeStillClosed { step },
         Some(ProgramResult::NoContact) => ControllerError::NoContact { step },
         Some(ProgramResult::ProbeFault(fault)) => ControllerError::ProbeFault { fault: *fault },
-        Some(ProgramResult::OffsetSet) => ControllerError::not_ready(
+        Some(ProgramResult::WorkOffsetNotZero) => ControllerError::not_ready(
             "the work offset slot G59.3 was set during the run",
             format!("enter {}, then start again", clear_offset_command(axes)),
         ),
@@ -30,7 +30,7 @@ pub(super) async fn stop_reason(
 
 /// Returns why a command was refused: `refusal`, unless a switch explains it.
 pub(super) async fn refusal_reason(rsh: &mut RshClient, refusal: ControllerError) -> ControllerError {
-    match switch_fault(rsh).await {
+    match estop_or_off_error(rsh).await {
         Ok(Some(reason)) | Err(reason) => reason,
         Ok(None) => refusal,
     }
@@ -38,7 +38,7 @@ pub(super) async fn refusal_reason(rsh: &mut RshClient, refusal: ControllerError
 
 /// Returns the reason that the control reports; `Err` if the control does not answer.
 async fn reported_reason(rsh: &mut RshClient, step: u32) -> Result<ControllerError, ControllerError> {
-    if let Some(reason) = switch_fault(rsh).await? {
+    if let Some(reason) = estop_or_off_error(rsh).await? {
         return Ok(reason);
     }
     Ok(interpret_messages(step, &rsh.read_messages().await?))
@@ -56,7 +56,7 @@ fn interpret_messages(step: u32, messages: &[String]) -> ControllerError {
         return ControllerError::OutOfTravel { step, message: messages.join("; ") };
     }
     if has("Queue is not empty after") {
-        return ControllerError::MotionLate { step, message: messages.join("; ") };
+        return ControllerError::MotionTaskLate { step, message: messages.join("; ") };
     }
     let meaning = if messages.is_empty() {
         "the program stopped without a message: an operator stopped it at the control, or LinuxCNC's motion did \
@@ -73,12 +73,12 @@ fn interpret_messages(step: u32, messages: &[String]) -> ControllerError {
 
 /// Returns an error for an active emergency stop or a machine that is off. An emergency stop comes without
 /// a message.
-async fn switch_fault(rsh: &mut RshClient) -> Result<Option<ControllerError>, ControllerError> {
+async fn estop_or_off_error(rsh: &mut RshClient) -> Result<Option<ControllerError>, ControllerError> {
     if rsh.get("estop").await? != "OFF" {
         return Ok(Some(ControllerError::EmergencyStop));
     }
     if rsh.get("machine").await? != "ON" {
-        return Ok(Some(ControllerError::SwitchedOff { message: rsh.read_messages().await?.join("; ") }));
+        return Ok(Some(ControllerError::MachineSwitchedOff { message: rsh.read_messages().await?.join("; ") }));
     }
     Ok(None)
 }
@@ -89,11 +89,11 @@ mod tests {
 
     /// Texts of LinuxCNC 2.9, as linuxcncrsh passed them on.
     #[test]
-    fn each_message_has_a_distinct_meaning() {
+    fn each_linuxcnc_message_gives_the_expected_error() {
         let of = |text: &str| interpret_messages(7, &[text.to_owned()]);
         for text in ["Queue is not empty after probing", "Queue is not empty after external input"] {
             let late = of(text);
-            assert!(matches!(late, ControllerError::MotionLate { step: 7, .. }), "{late:?}");
+            assert!(matches!(late, ControllerError::MotionTaskLate { step: 7, .. }), "{late:?}");
             assert!(late.to_string().contains(text), "{late}");
             assert!(late.remedy().contains("latency-test"), "{}", late.remedy());
         }

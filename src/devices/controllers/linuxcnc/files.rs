@@ -3,7 +3,7 @@
 use std::io::Error;
 use std::path::Path;
 
-use super::result::ResultLog;
+use super::result_log::ResultLog;
 use crate::controllers::ControllerError;
 use link::SharedFolder;
 
@@ -12,6 +12,7 @@ const MAX_PROGRAM_PATH_BYTES: usize = 230;
 const PROGRAM_FILE_NAME: &str = "trued.ngc";
 const LOG_FILE_NAME: &str = "trued.log";
 
+/// Program file and result log in the shared directory.
 pub(super) struct SharedFiles(SharedFolder);
 
 /// Name of the file in `directory` that receives the results.
@@ -42,14 +43,14 @@ impl SharedFiles {
     }
 
     /// Replaces the whole program, and removes the last log.
-    pub fn write_program(&self, text: &str) -> Result<(), ControllerError> {
-        self.0.write(PROGRAM_FILE_NAME, text).map_err(|error| self.directory_error(PROGRAM_FILE_NAME, &error))?;
-        self.0.remove(LOG_FILE_NAME).map_err(|error| self.directory_error(LOG_FILE_NAME, &error))
+    pub fn write_program_and_remove_log(&self, text: &str) -> Result<(), ControllerError> {
+        self.0.write_file(PROGRAM_FILE_NAME, text).map_err(|error| self.directory_error(PROGRAM_FILE_NAME, &error))?;
+        self.0.remove_file(LOG_FILE_NAME).map_err(|error| self.directory_error(LOG_FILE_NAME, &error))
     }
 
     /// Returns what the program of `step` has written so far.
     pub fn read_log(&self, step: u32) -> Result<ResultLog, ControllerError> {
-        match self.0.read(LOG_FILE_NAME) {
+        match self.0.read_file(LOG_FILE_NAME) {
             Ok(Some(text)) => ResultLog::parse(&text, step),
             Ok(None) => Ok(ResultLog::default()),
             Err(error) => Err(self.directory_error(LOG_FILE_NAME, &error)),
@@ -58,7 +59,7 @@ impl SharedFiles {
 
     /// Checks that the log exists, after a program that should have opened it.
     pub fn require_log(&self) -> Result<(), ControllerError> {
-        match self.0.read(LOG_FILE_NAME) {
+        match self.0.read_file(LOG_FILE_NAME) {
             Ok(Some(_)) => Ok(()),
             Ok(None) => Err(ControllerError::not_ready(
                 format!("LinuxCNC has run a program but has not written {}", self.0.file_path(LOG_FILE_NAME).display()),
@@ -86,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn missing_result_log_names_the_key_and_the_side() {
+    fn missing_result_log_error_names_linuxcnc_and_the_key() {
         let directory = tempfile::tempdir().unwrap();
         let error = SharedFiles::open(directory.path()).unwrap().require_log().unwrap_err();
         let ControllerError::NotReady { state, remedy } = error else { panic!("{error}") };

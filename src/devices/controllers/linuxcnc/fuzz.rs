@@ -3,7 +3,7 @@
 use tokio::io::AsyncWriteExt;
 
 use super::prepare;
-use super::result::{ProgramResult, ResultLog};
+use super::result_log::{ProgramResult, ResultLog};
 use super::rsh::RshClient;
 use crate::controllers::ControllerError;
 use link::LineLink;
@@ -28,8 +28,8 @@ fn fuzz_result_log() {
         let Ok(log) = ResultLog::parse(&text, 17) else { return 0 };
         assert!(log.line_count <= input.len());
         assert!(log.state_values.iter().all(|value| value.is_finite()), "{log:?}");
-        // `check_state` must not panic either.
-        drop(prepare::check_state(&log.state_values, &Axis::ALL));
+        // `check_state_values` must not panic either.
+        drop(prepare::check_state_values(&log.state_values, &Axis::ALL));
         if let Some(ProgramResult::Touch(at)) = &log.result {
             assert!(at.iter().all(|(_, value)| value.is_finite()), "{log:?}");
         }
@@ -41,12 +41,12 @@ fn fuzz_result_log() {
 fn fuzz_linuxcncrsh_replies() {
     let words = ["ESTOP ", "SET VERBOSE ACK", "GET ESTOP NAK", "ABS_ACT_POS ", "OFF", "\r\n", "\n\r"];
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    fuzz_parser("linuxcnc-answers", &[SAMPLE_REPLIES], &words, |input| runtime.block_on(ask_all(input)));
+    fuzz_parser("linuxcnc-answers", &[SAMPLE_REPLIES], &words, |input| runtime.block_on(query_fuzzed_server(input)));
 }
 
 /// Sends requests until the peer, which sends `input` and disconnects, is gone; returns the number
 /// of bytes understood.
-async fn ask_all(input: &[u8]) -> usize {
+async fn query_fuzzed_server(input: &[u8]) -> usize {
     let (near, mut far) = tokio::io::duplex(input.len() + 1);
     far.write_all(input).await.unwrap();
     drop(far);

@@ -42,7 +42,7 @@ impl IniFile {
         self.value(section, key)?.parse().ok().filter(|number: &f64| number.is_finite())
     }
 
-    /// Module of the kinematics and its arguments.
+    /// Value of `[KINS]KINEMATICS`: the module of the kinematics and its arguments.
     pub fn kinematics(&self) -> Option<&str> {
         self.value("KINS", "KINEMATICS")
     }

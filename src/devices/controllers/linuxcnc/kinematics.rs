@@ -14,16 +14,17 @@ const SWITCHKINS_MODULES: [&str; 3] = ["xyzac-trt-kins", "xyzbc-trt-kins", "5axi
 const IDENTITY_FIRST_MODULES: [&str; 3] = ["xyzab_tdr_kins", "xyzacb_trsrn", "xyzbca_trsrn"];
 /// Smallest angle of a rotary axis, rad, and smallest distance of a linear axis from zero, mm, that show a
 /// compensation.
-const MIN_VISIBLE_ANGLE_RAD: f64 = 0.017;
-const MIN_VISIBLE_OFFSET_MM: f64 = 1.0;
+const MIN_ANGLE_SHOWING_COMPENSATION_RAD: f64 = 0.017;
+const MIN_OFFSET_SHOWING_COMPENSATION_MM: f64 = 1.0;
 
 /// Mode of the kinematics, as the control's HAL pins report it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum KinematicsMode {
-    /// Programs cannot read HAL pins: `HAL_PIN_VARS = 0`.
+    /// The mode is unknown: programs cannot read HAL pins (`HAL_PIN_VARS = 0`).
     NotReadable,
     /// The kinematics have no modes.
     NotSwitchable,
+    /// Value of HAL pin `motion.switchkins-type`.
     SwitchkinsType(f64),
 }
 
@@ -34,7 +35,7 @@ pub(super) fn check_identity_mode(
     mode: KinematicsMode,
     position: &Position,
 ) -> Result<(), ControllerError> {
-    let identity = ini.and_then(identity_type);
+    let identity = ini.and_then(identity_switchkins_type);
     match (mode, identity) {
         _ if ini.and_then(IniFile::kinematics_module) == Some("trivkins") => Ok(()),
         (KinematicsMode::SwitchkinsType(now), Some(identity)) if now == identity => Ok(()),
@@ -45,13 +46,13 @@ pub(super) fn check_identity_mode(
             ),
             "switch the kinematics to identity (in LinuxCNC's five-axis samples: M429), then start again",
         )),
-        _ if is_mode_visible(position) => Ok(()),
+        _ if is_compensation_visible(position) => Ok(()),
         _ => Err(unknown_mode_error(ini, mode)),
     }
 }
 
 /// Value of `motion.switchkins-type` in identity mode.
-fn identity_type(ini: &IniFile) -> Option<f64> {
+fn identity_switchkins_type(ini: &IniFile) -> Option<f64> {
     let module = ini.kinematics_module()?;
     let is_first = ini.kinematics()?.contains("identityfirst");
     match module {
@@ -63,14 +64,14 @@ fn identity_type(ini: &IniFile) -> Option<f64> {
 
 /// Whether compensating kinematics would move an axis away from its joint at `position`. With the pivot at
 /// zero they do not if both linear axes across the rotary axis are at zero.
-fn is_mode_visible(position: &Position) -> bool {
-    let is_away = |axis| position.get(axis).is_some_and(|at: f64| at.abs() > MIN_VISIBLE_OFFSET_MM);
+fn is_compensation_visible(position: &Position) -> bool {
+    let is_away = |axis| position.get(axis).is_some_and(|at: f64| at.abs() > MIN_OFFSET_SHOWING_COMPENSATION_MM);
     let is_off_centre = |axis| match axis {
         Axis::A => is_away(Axis::Y) || is_away(Axis::Z),
         Axis::B => is_away(Axis::X) || is_away(Axis::Z),
         _ => is_away(Axis::X) || is_away(Axis::Y),
     };
-    let is_turned = |at: f64| (at / 2.0).sin().abs() > MIN_VISIBLE_ANGLE_RAD / 2.0;
+    let is_turned = |at: f64| (at / 2.0).sin().abs() > MIN_ANGLE_SHOWING_COMPENSATION_RAD / 2.0;
     let rotary = [Axis::A, Axis::B, Axis::C].into_iter();
     rotary.filter_map(|axis| Some((axis, position.get(axis)?))).any(|(axis, at)| is_turned(at) && is_off_centre(axis))
 }
@@ -101,19 +102,19 @@ mod tests {
 
     const HOME_POSITION: [f64; 5] = [0.0, 0.0, 200.0, 0.0, 0.0];
 
-    fn at([x, y, z, b_deg, c_deg]: [f64; 5]) -> Position {
+    fn position_at([x, y, z, b_deg, c_deg]: [f64; 5]) -> Position {
         let linear = [(Axis::X, x), (Axis::Y, y), (Axis::Z, z)];
         let rotary = [(Axis::B, b_deg.to_radians()), (Axis::C, c_deg.to_radians())];
         linear.into_iter().chain(rotary).collect()
     }
 
-    fn is_accepted(kinematics: &str, mode: KinematicsMode, place: [f64; 5]) -> bool {
+    fn is_accepted(kinematics: &str, mode: KinematicsMode, mm_and_deg: [f64; 5]) -> bool {
         let ini = IniFile::parse(&format!("[KINS]\nKINEMATICS = {kinematics}\n"));
-        check_identity_mode(Some(&ini), mode, &at(place)).is_ok()
+        check_identity_mode(Some(&ini), mode, &position_at(mm_and_deg)).is_ok()
     }
 
     #[test]
-    fn identity_number_depends_on_the_module() {
+    fn identity_type_depends_on_the_kinematics_module() {
         let accepted = |kinematics, now| is_accepted(kinematics, KinematicsMode::SwitchkinsType(now), HOME_POSITION);
         assert!(accepted("xyzbc-trt-kins sparm=identityfirst", 0.0));
         assert!(!accepted("xyzbc-trt-kins sparm=identityfirst", 1.0));
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn identity_without_pin_needs_a_turned_axis() {
+    fn unknown_mode_is_accepted_only_with_a_turned_axis() {
         for mode in [KinematicsMode::NotReadable, KinematicsMode::NotSwitchable] {
             assert!(is_accepted("trivkins coordinates=XYZBC", mode, HOME_POSITION));
             assert!(!is_accepted("maxkins", mode, HOME_POSITION));
@@ -139,9 +140,10 @@ mod tests {
             assert!(!is_accepted("maxkins", mode, [0.0, 0.0, 200.0, 0.0, 10.0]));
             assert!(!is_accepted("maxkins", mode, [20.0, 20.0, 200.0, 0.0, 360.0]));
         }
-        assert!(check_identity_mode(None, KinematicsMode::SwitchkinsType(0.0), &at(HOME_POSITION)).is_err());
+        assert!(check_identity_mode(None, KinematicsMode::SwitchkinsType(0.0), &position_at(HOME_POSITION)).is_err());
         assert!(
-            check_identity_mode(None, KinematicsMode::SwitchkinsType(0.0), &at([20.0, 0.0, 0.0, 10.0, 0.0])).is_ok()
+            check_identity_mode(None, KinematicsMode::SwitchkinsType(0.0), &position_at([20.0, 0.0, 0.0, 10.0, 0.0]))
+                .is_ok()
         );
     }
 }

@@ -34,8 +34,8 @@
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
 mod config;
+mod connection_diagnosis;
 mod device_info;
-mod diagnose;
 mod driver;
 mod fault;
 mod files;
@@ -43,11 +43,11 @@ mod files;
 mod fuzz;
 mod ini;
 mod kinematics;
-mod part_result;
 mod path_check;
 mod prepare;
+mod program_part_result;
 mod program_runner;
-mod result;
+mod result_log;
 mod rsh;
 mod sampler;
 mod state;
@@ -57,6 +57,6 @@ mod tests;
 pub use config::LinuxCncConfig;
 pub use driver::{LinuxCncDriver, LinuxCncSettings};
 pub use files::result_log_path;
-pub use sampler::Sampler;
+pub use sampler::SamplerClient;
 
 pub const CONTROL_KIND: &str = "linuxcnc";

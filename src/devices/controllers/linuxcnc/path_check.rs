@@ -16,13 +16,13 @@ pub(super) fn check_end_position(motions: &[Motion], position: &Position) -> Res
     check_position(&end_position(motions), position)
 }
 
-/// Checks that `position` is `end`.
+/// Checks that `position` is `end` within the tolerance of each axis; a rotary axis may differ by whole turns.
 pub(super) fn check_position(end: &Position, position: &Position) -> Result<(), ControllerError> {
     arrival::check_position(end, &unwrap_rotary_axes(position, end), |axis| arrival::axis_tolerance(axis, None))
 }
 
-/// End position of the rotary axes of `motions`, if one of them turns at feed.
-pub(super) fn turn_end_position(motions: &[Motion]) -> Option<Position> {
+/// End position of the rotary axes of `motions`; `None` if none of them turns at feed.
+pub(super) fn feed_turn_end_position(motions: &[Motion]) -> Option<Position> {
     let is_rotary = |axis: Axis| !axis.is_linear() && axis != Axis::S;
     let turns_at_feed = motions.iter().any(|motion| match motion {
         Motion::Feed { to, .. } => to.iter().any(|(axis, _)| is_rotary(axis)),
@@ -31,14 +31,14 @@ pub(super) fn turn_end_position(motions: &[Motion]) -> Option<Position> {
     turns_at_feed.then(|| end_position(motions).filter_axes(is_rotary))
 }
 
-/// Checks that the contact at `at` is between the start of the probing move of `motions` and its target.
-pub(super) fn check_contact_path(motions: &[Motion], at: &Position) -> Result<(), ControllerError> {
+/// Checks that `contact` is between the start of the probing move of `motions` and its target.
+pub(super) fn check_contact_on_path(motions: &[Motion], contact: &Position) -> Result<(), ControllerError> {
     let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }));
     let Some(probing) = probing else { return Ok(()) };
     let (from, to) = (end_position(&motions[..probing]), end_position(&motions[..=probing]));
     // The position of an axis before the first motion is not known here.
-    let at = unwrap_rotary_axes(at, &to).filter_axes(|axis| from.iter().any(|(known, _)| known == axis));
-    arrival::check_contact_path(&from, &to, &at, |axis| arrival::axis_tolerance(axis, None))
+    let contact = unwrap_rotary_axes(contact, &to).filter_axes(|axis| from.iter().any(|(known, _)| known == axis));
+    arrival::check_contact_path(&from, &to, &contact, |axis| arrival::axis_tolerance(axis, None))
 }
 
 /// End position of each axis that `motions` move.
@@ -74,43 +74,43 @@ fn unwrap_rotary_axes(position: &Position, end: &Position) -> Position {
 mod tests {
     use super::*;
 
-    fn at(x: f64, c_deg: f64) -> Position {
+    fn position_at(x: f64, c_deg: f64) -> Position {
         Position::new().with(Axis::X, x).with(Axis::C, c_deg.to_radians())
     }
 
-    fn touch() -> Vec<Motion> {
+    fn touch_motions() -> Vec<Motion> {
         vec![
-            Motion::Rapid { to: at(60.0, -90.0) },
-            Motion::Guarded { to: at(30.0, -90.0), feed_mm_min: 300.0 },
-            Motion::Probe { to: at(26.0, -90.0), feed_mm_min: 30.0 },
+            Motion::Rapid { to: position_at(60.0, -90.0) },
+            Motion::Guarded { to: position_at(30.0, -90.0), feed_mm_min: 300.0 },
+            Motion::Probe { to: position_at(26.0, -90.0), feed_mm_min: 30.0 },
         ]
     }
 
     #[test]
-    fn guarded_move_stopped_before_its_end_is_off_the_path() {
-        let guarded = &touch()[..2];
-        assert!(check_end_position(guarded, &at(30.001, -90.0)).is_ok());
-        assert!(check_end_position(guarded, &at(30.0, 270.0)).is_ok(), "an axis that wraps");
-        let error = check_end_position(guarded, &at(41.3, -90.0)).unwrap_err();
+    fn guarded_move_that_is_not_at_its_target_is_refused() {
+        let guarded = &touch_motions()[..2];
+        assert!(check_end_position(guarded, &position_at(30.001, -90.0)).is_ok());
+        assert!(check_end_position(guarded, &position_at(30.0, 270.0)).is_ok(), "an axis that wraps");
+        let error = check_end_position(guarded, &position_at(41.3, -90.0)).unwrap_err();
         assert!(error.to_string().contains("X41.300, not at X30.000"), "{error}");
-        assert!(check_end_position(guarded, &at(30.0, -89.0)).is_err());
+        assert!(check_end_position(guarded, &position_at(30.0, -89.0)).is_err());
     }
 
     #[test]
-    fn contact_of_a_touch_is_on_its_path() {
-        assert!(check_end_position(&touch(), &at(28.0, -90.0)).is_ok());
-        assert!(check_contact_path(&touch(), &at(28.0, -90.0)).is_ok());
+    fn contact_off_the_path_of_the_touch_is_refused() {
+        assert!(check_end_position(&touch_motions(), &position_at(28.0, -90.0)).is_ok());
+        assert!(check_contact_on_path(&touch_motions(), &position_at(28.0, -90.0)).is_ok());
         // Result of another touch.
-        assert!(check_contact_path(&touch(), &at(-28.0, -90.0)).is_err());
-        assert!(check_contact_path(&touch(), &at(28.0, 30.0)).is_err());
+        assert!(check_contact_on_path(&touch_motions(), &position_at(-28.0, -90.0)).is_err());
+        assert!(check_contact_on_path(&touch_motions(), &position_at(28.0, 30.0)).is_err());
     }
 
     #[test]
-    fn back_off_ends_at_its_target() {
-        let mut motions = touch();
-        motions.push(Motion::BackOff { to: at(30.0, -90.0), feed_mm_min: 300.0 });
-        assert!(check_end_position(&motions, &at(27.9, -90.0)).is_err());
-        assert!(check_end_position(&motions, &at(30.0, -90.0)).is_ok());
-        assert!(check_end_position(&[Motion::Dwell { seconds: 1.0 }], &at(5.0, 0.0)).is_ok());
+    fn back_off_must_end_at_its_target() {
+        let mut motions = touch_motions();
+        motions.push(Motion::BackOff { to: position_at(30.0, -90.0), feed_mm_min: 300.0 });
+        assert!(check_end_position(&motions, &position_at(27.9, -90.0)).is_err());
+        assert!(check_end_position(&motions, &position_at(30.0, -90.0)).is_ok());
+        assert!(check_end_position(&[Motion::Dwell { seconds: 1.0 }], &position_at(5.0, 0.0)).is_ok());
     }
 }

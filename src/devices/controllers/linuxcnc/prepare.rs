@@ -10,7 +10,7 @@ const OFFSET_SLOT_VALUE_COUNT: usize = 7;
 /// Returns the program that reads the state: slot G59.3 (#5381 to #5386, rotation #5390), whether a tool
 /// length offset is active (`#<_tool_offset>`; #5401 to #5409 hold the table's entry of the loaded tool
 /// instead), whether programs can read HAL pins, and the mode of switchable kinematics.
-pub(super) fn state_program(log: &str) -> String {
+pub(super) fn state_query_program(log: &str) -> String {
     format!(
         "%\n(trued reads the state; nothing moves)\n\
          #<pins> = EXISTS[#<_hal[motion.probe-input]>]\n#<kinematics> = -1\n\
@@ -22,7 +22,7 @@ pub(super) fn state_program(log: &str) -> String {
     )
 }
 
-/// State that the log line `state` reports.
+/// LinuxCNC's version and kinematics mode, from the log line `state`.
 #[derive(Debug, PartialEq)]
 pub(super) struct ReportedState {
     pub version: f64,
@@ -30,7 +30,7 @@ pub(super) struct ReportedState {
 }
 
 /// Checks the numbers of the log line `state` for a machine with `axes`.
-pub(super) fn check_state(state: &[f64], axes: &[Axis]) -> Result<ReportedState, ControllerError> {
+pub(super) fn check_state_values(state: &[f64], axes: &[Axis]) -> Result<ReportedState, ControllerError> {
     let [version, spindle, slot @ .., tool_offset, pins, kinematics] = state else {
         return Err(ControllerError::UnreadableReply { text: format!("state {state:?}") });
     };
@@ -72,14 +72,14 @@ pub(super) fn clear_offset_command(axes: &[Axis]) -> String {
     format!("G10 L2 P9 {words}R0")
 }
 
-/// Checks emergency stop, power and homing, as linuxcncrsh reports them, of a machine with `axes`; `joints`
-/// is the number of its joints, if known.
+/// Checks emergency stop, power and homing, as linuxcncrsh reports them, of a machine with `axes`;
+/// `joint_count` is the number of its joints, if known.
 pub(super) fn check_switches(
     estop: &str,
     machine: &str,
     homed: &str,
     axes: &[Axis],
-    joints: Option<usize>,
+    joint_count: Option<usize>,
 ) -> Result<(), ControllerError> {
     if estop != "OFF" {
         return Err(ControllerError::not_ready(
@@ -93,8 +93,8 @@ pub(super) fn check_switches(
     let homed: Vec<&str> = homed.split_whitespace().collect();
     let axes = axes.iter().filter(|axis| **axis != Axis::S).count();
     // linuxcncrsh (2.9) lists one joint too many.
-    let joints = joints.unwrap_or(homed.len().saturating_sub(1)).max(axes);
-    match (0..joints).find(|joint| homed.get(*joint) != Some(&"YES")) {
+    let joint_count = joint_count.unwrap_or(homed.len().saturating_sub(1)).max(axes);
+    match (0..joint_count).find(|joint| homed.get(*joint) != Some(&"YES")) {
         None => Ok(()),
         Some(joint) => {
             Err(ControllerError::not_ready(format!("joint {joint} is not homed"), "home all joints at the control"))
@@ -112,14 +112,14 @@ mod tests {
     fn each_unmet_requirement_is_reported() {
         let clean = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
         let reported = ReportedState { version: 2.9, kinematics: KinematicsMode::SwitchkinsType(0.0) };
-        assert_eq!(check_state(&clean, &AXES).unwrap(), reported);
+        assert_eq!(check_state_values(&clean, &AXES).unwrap(), reported);
         for (at, named) in [(1, "spindle"), (2, "G59.3"), (8, "G59.3"), (9, "tool")] {
             let mut state = clean;
             state[at] = 1.0;
-            let error = check_state(&state, &AXES).unwrap_err().to_string();
+            let error = check_state_values(&state, &AXES).unwrap_err().to_string();
             assert!(error.contains(named), "{at}: {error}");
         }
-        assert!(check_state(&clean[..11], &AXES).is_err());
+        assert!(check_state_values(&clean[..11], &AXES).is_err());
     }
 
     #[test]
@@ -130,7 +130,7 @@ mod tests {
             (1.0, 1.0, KinematicsMode::SwitchkinsType(1.0)),
         ] {
             let state = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pins, number];
-            assert_eq!(check_state(&state, &AXES).unwrap().kinematics, expected);
+            assert_eq!(check_state_values(&state, &AXES).unwrap().kinematics, expected);
         }
     }
 

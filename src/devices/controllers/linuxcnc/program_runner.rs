@@ -10,7 +10,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::files::SharedFiles;
-use super::result::ResultLog;
+use super::result_log::ResultLog;
 use super::rsh::RshClient;
 use super::{path_check, state};
 use crate::controllers::{ControllerError, HaltHandle};
@@ -20,8 +20,8 @@ use planning::gcode::TransmissionUnit;
 
 /// Polling interval. LinuxCNC's task runs every 5 ms in its own samples.
 const POLL_INTERVAL: Duration = Duration::from_millis(4);
-/// Time idle without the log's end, before and again after a sign of life, after which the program counts
-/// as stopped.
+/// A program counts as stopped if it is idle for this time without the log's end, and again after a sign of
+/// life.
 const STOP_CONFIRM_TIME: Duration = Duration::from_millis(60);
 /// Time without a change after which a sign of life is requested, and interval of the requests.
 const SIGN_OF_LIFE_INTERVAL: Duration = Duration::from_secs(1);
@@ -31,24 +31,24 @@ const MAX_STALL_TIME: Duration = Duration::from_secs(10);
 
 /// Maximum time for the machine to come to rest after a hold, from any speed.
 const MAX_BRAKING_TIME: Duration = Duration::from_secs(5);
-/// Maximum time until the task updates its reported state. `MAX_REST_MOVEMENT` is the largest change of the feedback
+/// Maximum time until the task updates its reported state. `MAX_MOVEMENT_AT_REST_MM_OR_DEG` is the largest change of the feedback
 /// at rest, mm or degrees.
-const STATE_UPDATE_TIME: Duration = Duration::from_millis(30);
-const MAX_REST_MOVEMENT: f64 = 0.01;
+const MAX_STATE_UPDATE_TIME: Duration = Duration::from_millis(30);
+const MAX_MOVEMENT_AT_REST_MM_OR_DEG: f64 = 0.01;
 
-/// The program that is watched.
+/// Properties of a program by which the runner judges whether it stalls or touches.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ProgramLimits<'a> {
+pub(super) struct WatchedProgram<'a> {
     pub step: u32,
-    /// Time without motion that the program may need, in addition to [`MAX_STALL_TIME`].
-    pub standstill_time: Duration,
-    /// End position of its rotary axes, if one of them turns at feed: a contact before that position is
+    /// Maximum time for which the program itself lets the machine rest, in addition to [`MAX_STALL_TIME`].
+    pub planned_standstill_time: Duration,
+    /// End position of the program's rotary axes, if one of them turns at feed: a contact before that position is
     /// unexpected.
-    pub turn_end_position: Option<&'a Position>,
+    pub feed_turn_end_position: Option<&'a Position>,
 }
 
-/// Time for which a program is at rest by itself.
-pub(super) fn program_standstill_time(part: &TransmissionUnit) -> Duration {
+/// Maximum time for which the program itself lets the machine rest: dwells, spindle orientation, clamps.
+pub(super) fn planned_program_standstill_time(part: &TransmissionUnit) -> Duration {
     let seconds = part.motions.iter().map(|motion| match motion {
         Motion::Dwell { seconds } => seconds.max(0.0),
         // Maximum time that the dialect allows.
@@ -68,15 +68,15 @@ pub(super) async fn run_program(
     rsh: &mut RshClient,
     files: &SharedFiles,
     halt: &HaltHandle,
-    limits: ProgramLimits<'_>,
+    program: WatchedProgram<'_>,
 ) -> Result<ResultLog, ControllerError> {
-    let ProgramLimits { step, standstill_time, turn_end_position } = limits;
+    let WatchedProgram { step, planned_standstill_time: standstill_time, feed_turn_end_position } = program;
     rsh.send_command("run").await?;
     let (mut idle_since, mut is_refreshed) = (None, false);
     let mut halted_since = None;
     let mut progress = ProgressMonitor::start();
     loop {
-        if let Some(turn_end_position) = turn_end_position
+        if let Some(turn_end_position) = feed_turn_end_position
             && has_contact_during_turn(rsh, turn_end_position).await?
         {
             return Err(ControllerError::UnexpectedContact { step });
@@ -86,7 +86,7 @@ pub(super) async fn run_program(
         match status.as_str() {
             "IDLE" if log.is_complete => return Ok(log),
             // A measured result is kept, unless the program does not end at once.
-            _ if halt.is_halted()
+            _ if halt.is_halt_requested()
                 && (!log.is_complete
                     || halted_since.get_or_insert_with(Instant::now).elapsed() > STOP_CONFIRM_TIME) =>
             {
@@ -124,28 +124,33 @@ async fn has_contact_during_turn(rsh: &mut RshClient, turn_end_position: &Positi
     Ok(path_check::check_position(turn_end_position, &position).is_err())
 }
 
-/// Time without a change.
+/// Watches how long neither the position nor the log of the running program has changed.
 struct ProgressMonitor {
-    since: Instant,
-    last: (String, usize),
+    unchanged_since: Instant,
+    last_position_and_line_count: (String, usize),
     /// Time of the last request for a sign of life.
     last_sign_of_life: Instant,
 }
 
 impl ProgressMonitor {
     fn start() -> Self {
-        Self { since: Instant::now(), last: (String::new(), 0), last_sign_of_life: Instant::now() }
+        Self {
+            unchanged_since: Instant::now(),
+            last_position_and_line_count: (String::new(), 0),
+            last_sign_of_life: Instant::now(),
+        }
     }
 
+    /// Error if the program neither moves nor logs for too long, if the task does not answer, or at 0 % feed override.
     async fn check_not_stalled(
         &mut self,
         rsh: &mut RshClient,
-        line_count: usize,
-        standstill_time: Duration,
+        log_line_count: usize,
+        planned_standstill_time: Duration,
     ) -> Result<(), ControllerError> {
-        let now = (rsh.get("abs_act_pos").await?, line_count);
-        if now != self.last {
-            *self = Self { last: now, ..Self::start() };
+        let now = (rsh.get("abs_act_pos").await?, log_line_count);
+        if now != self.last_position_and_line_count {
+            *self = Self { last_position_and_line_count: now, ..Self::start() };
         }
         if self.last_sign_of_life.elapsed() < SIGN_OF_LIFE_INTERVAL {
             return Ok(());
@@ -154,7 +159,7 @@ impl ProgressMonitor {
         if rsh.get("feed_override").await? == "0" {
             return Err(paused_error("the feed override is 0 %"));
         }
-        if self.since.elapsed() > MAX_STALL_TIME + standstill_time {
+        if self.unchanged_since.elapsed() > MAX_STALL_TIME + planned_standstill_time {
             return Err(paused_error("the program runs, but the machine does not move: a feed hold or an interlock"));
         }
         self.last_sign_of_life = Instant::now();
@@ -189,7 +194,7 @@ pub(super) async fn request_sign_of_life(rsh: &mut RshClient) -> Result<(), Cont
 pub(super) async fn abort_until_at_rest(rsh: &mut RshClient) -> Result<(), ControllerError> {
     let deadline = Instant::now() + MAX_BRAKING_TIME;
     // Wait, so that the first hold is processed alone.
-    sleep(STATE_UPDATE_TIME).await;
+    sleep(MAX_STATE_UPDATE_TIME).await;
     while Instant::now() < deadline {
         if ignore_odd_reply(rsh.acquire_command_right().await)?.is_some()
             && ignore_odd_reply(rsh.send_command("abort").await)?.is_some()
@@ -210,9 +215,9 @@ async fn is_at_rest(rsh: &mut RshClient) -> Result<bool, ControllerError> {
     let mm = state::read_length_unit_mm(rsh).await?;
     let mut before = state::read_numbers(rsh, "abs_act_pos").await?;
     for _ in 0..2 {
-        sleep(STATE_UPDATE_TIME).await;
+        sleep(MAX_STATE_UPDATE_TIME).await;
         let now = state::read_numbers(rsh, "abs_act_pos").await?;
-        let moved = before.iter().zip(&now).any(|(a, b)| (a - b).abs() * mm > MAX_REST_MOVEMENT);
+        let moved = before.iter().zip(&now).any(|(a, b)| (a - b).abs() * mm > MAX_MOVEMENT_AT_REST_MM_OR_DEG);
         if moved || rsh.get("program_status").await? != "IDLE" {
             return Ok(false);
         }

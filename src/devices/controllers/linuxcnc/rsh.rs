@@ -10,7 +10,7 @@ use link::{LineEvent, LineLink, LinkAddress, LinkError};
 /// Maximum time for an answer. A healthy linuxcncrsh answers within 0.1 s, and a task accepts a command
 /// within 5 ms.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
-/// Maximum time for an answer once the machine is to hold.
+/// Maximum time for an answer after a halt was requested.
 const HALT_REPLY_TIMEOUT: Duration = Duration::from_millis(300);
 const HALT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
@@ -75,12 +75,12 @@ impl RshClient {
         }
     }
 
-    /// Sends `line`; returns the rest of the first line that begins with one of `starts`.
-    async fn send_request(&mut self, line: &str, starts: &[&str]) -> Result<String, ControllerError> {
+    /// Sends `line`; returns the rest of the first reply line that begins with one of `reply_prefixes`.
+    async fn send_request(&mut self, line: &str, reply_prefixes: &[&str]) -> Result<String, ControllerError> {
         self.link.send_line(line)?;
         let mut deadline = Instant::now() + REPLY_TIMEOUT;
         loop {
-            if self.halt.as_ref().is_some_and(HaltHandle::is_halted) {
+            if self.halt.as_ref().is_some_and(HaltHandle::is_halt_requested) {
                 deadline = deadline.min(Instant::now() + HALT_REPLY_TIMEOUT);
             }
             let poll_at = deadline.min(Instant::now() + HALT_POLL_INTERVAL);
@@ -89,7 +89,7 @@ impl RshClient {
                 // An acknowledgement ends in \n\r: the \r arrives at the beginning of the next line.
                 Some(LineEvent::Line(text)) => {
                     let text = text.trim();
-                    let rest = starts
+                    let rest = reply_prefixes
                         .iter()
                         .find_map(|start| text.strip_prefix(start).filter(|r| r.is_empty() || r.starts_with(' ')));
                     if let Some(rest) = rest {

@@ -15,37 +15,38 @@ use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
 use link::LinkAddress;
 use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
-use planning::gcode::Transmission;
-use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
-use planning::proof::{ProvenBlock, prove_modes};
+use planning::gcode::TransmissionForm;
+use planning::proof::for_tests::{load_dialect, prove_block_text, prove_block_text_from};
+use planning::proof::{ProvenBlock, render_and_prove_mode_text};
 
-/// Called before the healthy control: index of the connection (the second is the one for holds), line.
+/// Replaces a reply of the healthy control: number of the connection, from 1 (the second is the one for halts), and
+/// line; `None`: the healthy control replies.
 type ReplyOverride = Box<dyn FnMut(usize, &str) -> Option<&'static str> + Send>;
 
 /// Numbers of the log line `state`: no offset, kinematics of type 0.
 const READY_STATE: &str = "2.9 0 0 0 0 0 0 0 0 0 1 0";
 
-/// State of the scripted machine.
+/// Scripted control with its machine, which moves along X only.
 #[derive(Default)]
-struct Machine {
-    program: String,
-    state: &'static str,
-    /// Log of its programs that move, and the position at which they end; if `None`, they never end.
-    program_end: Option<(&'static str, f64)>,
+struct ScriptedControl {
+    program_path: String,
+    state_log_values: &'static str,
+    /// Log of each program that moves, and the X position at its end, mm; `None`: such a program never ends.
+    log_and_end_x_mm: Option<(&'static str, f64)>,
     is_moving: bool,
-    x: f64,
-    aborts: usize,
+    x_mm: f64,
+    abort_count: usize,
 }
 
-impl Machine {
+impl ScriptedControl {
     fn run(&mut self) {
-        let text = fs::read_to_string(&self.program).unwrap();
+        let text = fs::read_to_string(&self.program_path).unwrap();
         let log = text.split("(LOGOPEN,").nth(1).unwrap().split(')').next().unwrap();
         if text.contains("(LOG,state") {
-            fs::write(log, format!("state {}\nEND\n", self.state)).unwrap();
-        } else if let Some((says, x)) = self.program_end {
+            fs::write(log, format!("state {}\nEND\n", self.state_log_values)).unwrap();
+        } else if let Some((says, x)) = self.log_and_end_x_mm {
             fs::write(log, says).unwrap();
-            self.x = x;
+            self.x_mm = x;
         } else {
             self.is_moving = true;
         }
@@ -54,22 +55,22 @@ impl Machine {
     fn set(&mut self, what: &str) -> String {
         let (key, rest) = what.split_once(' ').unwrap_or((what, ""));
         match key {
-            "open" => self.program = rest.to_owned(),
+            "open" => self.program_path = rest.to_owned(),
             "run" => self.run(),
-            "abort" => (self.is_moving, self.aborts) = (false, self.aborts + 1),
+            "abort" => (self.is_moving, self.abort_count) = (false, self.abort_count + 1),
             _ => {}
         }
         format!("SET {} ACK\n\r", key.to_uppercase())
     }
 
     fn get(&mut self, key: &str) -> String {
-        self.x += f64::from(u8::from(self.is_moving));
+        self.x_mm += f64::from(u8::from(self.is_moving));
         let said = match key {
             "ESTOP" => "OFF".to_owned(),
             "MACHINE" => "ON".to_owned(),
             "JOINT_HOMED" => "YES ".repeat(9),
             "OPTIONAL_STOP" => "1".to_owned(),
-            "PROGRAM" => self.program.clone(),
+            "PROGRAM" => self.program_path.clone(),
             "PROGRAM_STATUS" if self.is_moving => "RUNNING".to_owned(),
             "PROGRAM_STATUS" => "IDLE".to_owned(),
             "FEED_OVERRIDE" => "100".to_owned(),
@@ -77,7 +78,7 @@ impl Machine {
             "USER_LINEAR_UNITS" => "MM".to_owned(),
             "USER_ANGULAR_UNITS" => "DEG".to_owned(),
             "PROBE_VALUE" => "0".to_owned(),
-            "ABS_ACT_POS" | "JOINT_POS" => format!("{:.6} 0.0 0.0 0.0 0.0 0.0", self.x),
+            "ABS_ACT_POS" | "JOINT_POS" => format!("{:.6} 0.0 0.0 0.0 0.0 0.0", self.x_mm),
             _ => "OK".to_owned(),
         };
         format!("{key} {said}\r\n")
@@ -96,14 +97,14 @@ impl Machine {
 
 async fn serve_peer(
     mut stream: TcpStream,
-    number: usize,
+    connection_number: usize,
     odd: Arc<Mutex<ReplyOverride>>,
-    machine: Arc<Mutex<Machine>>,
+    machine: Arc<Mutex<ScriptedControl>>,
 ) {
     let (read, mut write) = stream.split();
     let mut lines = BufReader::new(read).lines();
     while let Ok(Some(line)) = lines.next_line().await {
-        let said = odd.lock().unwrap()(number, &line).map(str::to_owned);
+        let said = odd.lock().unwrap()(connection_number, &line).map(str::to_owned);
         let said = said.unwrap_or_else(|| machine.lock().unwrap().reply(&line));
         if write.write_all(said.as_bytes()).await.is_err() {
             return;
@@ -116,7 +117,7 @@ async fn prepared_driver(
     directory: &tempfile::TempDir,
     program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
-) -> (LinuxCncDriver, HaltHandle, Arc<Mutex<Machine>>) {
+) -> (LinuxCncDriver, HaltHandle, Arc<Mutex<ScriptedControl>>) {
     let (mut driver, halt, machine) = open_driver(directory, program_end, odd).await;
     driver.prepare().await.unwrap();
     (driver, halt, machine)
@@ -127,8 +128,12 @@ async fn open_driver(
     directory: &tempfile::TempDir,
     program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
-) -> (LinuxCncDriver, HaltHandle, Arc<Mutex<Machine>>) {
-    let machine = Arc::new(Mutex::new(Machine { program_end, state: READY_STATE, ..Machine::default() }));
+) -> (LinuxCncDriver, HaltHandle, Arc<Mutex<ScriptedControl>>) {
+    let machine = Arc::new(Mutex::new(ScriptedControl {
+        log_and_end_x_mm: program_end,
+        state_log_values: READY_STATE,
+        ..ScriptedControl::default()
+    }));
     let odd: Arc<Mutex<ReplyOverride>> = Arc::new(Mutex::new(Box::new(odd)));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -141,19 +146,19 @@ async fn open_driver(
     });
     let settings = LinuxCncSettings {
         address: LinkAddress::Tcp { host: "127.0.0.1".to_owned(), port },
-        directory: directory.path().to_owned(),
+        shared_directory: directory.path().to_owned(),
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
-        ini: Some(rig_ini()),
+        ini_path: Some(rig_ini_path()),
     };
-    let dialect = dialect("linuxcnc").unwrap();
+    let dialect = load_dialect("linuxcnc").unwrap();
     let log = result_log_path(directory.path());
-    let modes = prove_modes(&dialect, "test", settings.axes.clone(), Some(&log)).unwrap();
+    let modes = render_and_prove_mode_text(&dialect, "test", settings.axes.clone(), Some(&log)).unwrap();
     let (driver, halt) = LinuxCncDriver::open(settings, modes).await.unwrap();
     (driver, halt, machine)
 }
 
 /// INI file with kinematics `xyzbc-trt-kins sparm=identityfirst`, five joints.
-fn rig_ini() -> PathBuf {
+fn rig_ini_path() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/peers/linuxcnc/rig.ini")
 }
 
@@ -163,8 +168,8 @@ fn x_position(x_mm: f64) -> Position {
 
 /// Proves the block for the transmission of this control; the clearance of bodies is not checked.
 fn prove_block(driver: &LinuxCncDriver, block: &Block) -> ProvenBlock {
-    let dialect = dialect("linuxcnc").unwrap();
-    proven_block(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()
+    let dialect = load_dialect("linuxcnc").unwrap();
+    prove_block_text(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()
 }
 
 /// Rapid move to X 60 and guarded move to X 30.
@@ -187,7 +192,7 @@ async fn halt_during_move(mut driver: LinuxCncDriver, halt: HaltHandle) -> Resul
 /// Words of one line are mixed into another: each of these answers is one that `strtok` in two threads can
 /// give.
 #[tokio::test]
-async fn hold_is_completed_whatever_the_replies() {
+async fn halt_stops_the_machine_despite_odd_replies() {
     let directory = tempfile::tempdir().unwrap();
     let mut odd = vec![
         ("get ABS_ACT_POS", "ABS_ACT_POS A 0.0\r\n"),
@@ -208,7 +213,7 @@ async fn hold_is_completed_whatever_the_replies() {
     let outcome = halt_during_move(driver, halt).await;
     assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
     let machine = machine.lock().unwrap();
-    assert!(!machine.is_moving && machine.aborts >= 1, "{} aborts", machine.aborts);
+    assert!(!machine.is_moving && machine.abort_count >= 1, "{} aborts", machine.abort_count);
 }
 
 #[tokio::test]
@@ -218,27 +223,27 @@ async fn control_that_refuses_abort_is_reported() {
         prepared_driver(&directory, None, |_, line| (line == "set abort").then_some("SET ABORT NAK\n\r")).await;
     let error = halt_during_move(driver, halt).await.unwrap_err();
     assert!(matches!(error, ControllerError::HoldFailed { .. }), "{error}");
-    assert!(error.is_position_lost() && error.remedy().contains("emergency stop"));
+    assert!(error.may_have_lost_position() && error.remedy().contains("emergency stop"));
     assert!(machine.lock().unwrap().is_moving);
 }
 
 #[tokio::test]
-async fn block_with_another_start_or_another_control_is_not_run() {
+async fn block_for_other_start_or_transmission_is_not_executed() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
     let (mut driver, _, machine) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
-    let dialect = dialect("linuxcnc").unwrap();
+    let dialect = load_dialect("linuxcnc").unwrap();
     let (axes, sent) = (driver.settings.axes.clone(), driver.transmission());
-    let before = fs::read_to_string(&machine.lock().unwrap().program).unwrap();
-    let elsewhere = proven_block_from(x_position(12.0), &guarded_block(), &axes, &dialect, &sent).unwrap();
+    let before = fs::read_to_string(&machine.lock().unwrap().program_path).unwrap();
+    let elsewhere = prove_block_text_from(x_position(12.0), &guarded_block(), &axes, &dialect, &sent).unwrap();
     let error = driver.execute(elsewhere).await.unwrap_err();
     assert!(error.to_string().contains("it is at X0.000, not at X12.000"), "{error}");
     driver.prepare().await.unwrap();
-    let as_lines = Transmission::Lines { max_line_bytes: 80 };
-    let foreign = proven_block(&guarded_block(), &axes, &dialect, &as_lines).unwrap();
+    let as_lines = TransmissionForm::Lines { max_line_bytes: 80 };
+    let foreign = prove_block_text(&guarded_block(), &axes, &dialect, &as_lines).unwrap();
     let error = driver.execute(foreign).await.unwrap_err();
     assert!(matches!(error, ControllerError::WrongTransmission { step: 1 }), "{error}");
-    assert_eq!(fs::read_to_string(&machine.lock().unwrap().program).unwrap(), before);
+    assert_eq!(fs::read_to_string(&machine.lock().unwrap().program_path).unwrap(), before);
 }
 
 #[tokio::test]
@@ -250,7 +255,7 @@ async fn executed_program_is_the_proven_text() {
     let [part] = block.units().unwrap() else { panic!("{block:?}") };
     let text = part.unit.text.clone();
     driver.execute(block).await.unwrap();
-    let ran = fs::read_to_string(&machine.lock().unwrap().program).unwrap();
+    let ran = fs::read_to_string(&machine.lock().unwrap().program_path).unwrap();
     assert_eq!(ran, text);
     assert!(ran.contains("X30"), "{ran}");
 }
@@ -266,7 +271,7 @@ async fn program_with_a_wrong_end_position_fails() {
     let (mut driver, _, machine) = prepared_driver(&directory, Some((well, 47.0)), |_, _| None).await;
     let error = driver.execute(prove_block(&driver, &guarded_block())).await.unwrap_err();
     assert!(error.to_string().contains("X47.000, not at X30.000"), "{error}");
-    assert_eq!(machine.lock().unwrap().aborts, 1);
+    assert_eq!(machine.lock().unwrap().abort_count, 1);
 
     let stale = "touch 1 1 1.000000 -28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
     let (mut driver, ..) = prepared_driver(&directory, Some((stale, 28.0)), |_, _| None).await;
@@ -282,14 +287,14 @@ async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero()
     let directory = tempfile::tempdir().unwrap();
     let (mut driver, _, machine) = open_driver(&directory, None, |_, _| None).await;
     for (state, ini, expected) in [
-        ("2.9 0 0 0 0 0 0 0 0 0 1 1", Some(rig_ini()), Some("M429")),
+        ("2.9 0 0 0 0 0 0 0 0 0 1 1", Some(rig_ini_path()), Some("M429")),
         // HAL pins are not readable; without an INI file the meaning of the numbers is unknown.
-        ("2.9 0 0 0 0 0 0 0 0 0 0 -1", Some(rig_ini()), Some("HAL_PIN_VARS")),
+        ("2.9 0 0 0 0 0 0 0 0 0 0 -1", Some(rig_ini_path()), Some("HAL_PIN_VARS")),
         (READY_STATE, None, Some("[controller] ini")),
-        (READY_STATE, Some(rig_ini()), None),
+        (READY_STATE, Some(rig_ini_path()), None),
     ] {
-        machine.lock().unwrap().state = state;
-        driver.settings.ini = ini;
+        machine.lock().unwrap().state_log_values = state;
+        driver.settings.ini_path = ini;
         match (driver.prepare().await, expected) {
             (Ok(_), None) => {}
             (Err(ControllerError::NotReady { state, remedy }), Some(expected)) => {
@@ -304,7 +309,7 @@ async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero()
 /// The rotary axes are away from zero and each axis is where its joint is: that is identity mode, whatever
 /// the INI file has.
 #[tokio::test]
-async fn visible_identity_needs_no_ini_file() {
+async fn identity_shown_by_positions_needs_no_ini_file() {
     let directory = tempfile::tempdir().unwrap();
     let (mut driver, ..) = open_driver(&directory, None, |_, line| match line {
         "get ABS_ACT_POS" => Some("ABS_ACT_POS 20.0 30.0 10.0 0.0 5.0 12.0\r\n"),
@@ -312,7 +317,7 @@ async fn visible_identity_needs_no_ini_file() {
         _ => None,
     })
     .await;
-    driver.settings.ini = None;
+    driver.settings.ini_path = None;
     driver.prepare().await.unwrap();
 }
 
@@ -350,11 +355,11 @@ async fn a_contact_while_a_rotary_axis_turns_at_feed_aborts() {
     let error = executed.expect("it runs on").unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 4 }), "{error}");
     let machine = machine.lock().unwrap();
-    assert!(!machine.is_moving && machine.aborts == 1, "{} aborts", machine.aborts);
+    assert!(!machine.is_moving && machine.abort_count == 1, "{} aborts", machine.abort_count);
 }
 
 #[tokio::test]
-async fn touch_after_a_turn_is_expected() {
+async fn touch_after_a_turn_at_feed_is_no_unexpected_contact() {
     let directory = tempfile::tempdir().unwrap();
     let touch = "from 1 1 30.0 0.0 0.0\ntouch 1 1 1.000000 28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
     let mut runs = 0;
@@ -367,7 +372,7 @@ async fn touch_after_a_turn_is_expected() {
     let motions = vec![turn, Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 }];
     let block = prove_block(&driver, &Block { step: 1, repeat: 0, motions });
     let outcome = driver.execute(block).await.unwrap();
-    assert_eq!(outcome.touch.unwrap().get_or_zero(Axis::X), 28.0);
+    assert_eq!(outcome.trigger_position.unwrap().get_or_zero(Axis::X), 28.0);
 }
 
 #[tokio::test]
@@ -377,7 +382,7 @@ async fn a_joint_beyond_the_axes_must_be_homed_too() {
         (line == "get JOINT_HOMED").then_some("JOINT_HOMED YES YES YES YES YES NO YES\r\n")
     })
     .await;
-    driver.settings.ini = None;
+    driver.settings.ini_path = None;
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("joint 5 is not homed"), "{error}");
 }

@@ -1,4 +1,4 @@
-//! Writes the chunk before the control acts, and the sequence number that makes it act.
+//! Writes a chunk to the control, and then the sequence number that makes the control act on it.
 
 use crc::{CRC_16_MODBUS, Crc};
 use tokio::time::sleep;
@@ -10,7 +10,7 @@ use crate::controllers::ControllerError;
 use link::modbus::{ModbusError, RegisterSpace};
 
 /// Maximum number of attempts for a request that may be repeated without harm.
-const MAX_ATTEMPTS: usize = 4;
+const MAX_REQUEST_ATTEMPTS: usize = 4;
 const CHUNK_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MODBUS);
 
 impl WindowConnection {
@@ -21,14 +21,14 @@ impl WindowConnection {
         let length = u16::try_from(chunk.len()).unwrap_or(u16::MAX);
         let beat = next_heartbeat(&self.own_heartbeat);
         let items = [
-            command.heartbeat.write(beat),
-            command.acknowledge.write(self.last_result_number.unwrap_or(self.sequence)),
-            command.crc.write(CHUNK_CRC.checksum(chunk)),
-            command.length.write(length),
-            Ok(command.chunk.write(chunk)),
+            command.heartbeat.encode_value(beat),
+            command.acknowledge.encode_value(self.last_result_number.unwrap_or(self.accepted_sequence)),
+            command.crc.encode_value(CHUNK_CRC.checksum(chunk)),
+            command.length.encode_value(length),
+            Ok(command.chunk.encode_text(chunk)),
         ];
         let items: Result<Vec<_>, _> = items.into_iter().collect();
-        for (address, words) in merge_adjacent(items.map_err(encoding_error)?) {
+        for (address, words) in merge_adjacent_writes(items.map_err(encoding_error)?) {
             self.write_with_retry(address, &words).await?;
         }
         Ok(())
@@ -36,7 +36,7 @@ impl WindowConnection {
 
     /// Writes registers that have no effect by themselves, and checks that they keep the values.
     async fn write_with_retry(&self, address: u16, words: &[u16]) -> Result<(), ControllerError> {
-        let mut attempts_left = MAX_ATTEMPTS;
+        let mut attempts_left = MAX_REQUEST_ATTEMPTS;
         while let Err(error) = self.link.write(address, words).await {
             attempts_left -= 1;
             let lost = matches!(error, ModbusError::ReadBackDiffers { .. });
@@ -49,8 +49,8 @@ impl WindowConnection {
     }
 
     /// Acknowledges a result that was read. A repeated acknowledgement does no harm.
-    pub(super) async fn acknowledge(&self, number: u16) -> Result<(), ControllerError> {
-        let (at, words) = self.map.command.acknowledge.write(number).map_err(encoding_error)?;
+    pub(super) async fn acknowledge_result(&self, number: u16) -> Result<(), ControllerError> {
+        let (at, words) = self.map.command.acknowledge.encode_value(number).map_err(encoding_error)?;
         self.write_with_retry(at, &words).await
     }
 
@@ -58,14 +58,16 @@ impl WindowConnection {
     /// once, and only the next one, so that a repeated write is no second command. Still, the write is
     /// repeated only if the control reports that it has accepted nothing and holds no such number.
     pub(super) async fn write_sequence(&self, sequence: u16) -> Result<(), ControllerError> {
-        let (at, words) = self.map.command.sequence.write(sequence).map_err(encoding_error)?;
-        let mut attempts_left = MAX_ATTEMPTS;
+        let (at, words) = self.map.command.sequence.encode_value(sequence).map_err(encoding_error)?;
+        let mut attempts_left = MAX_REQUEST_ATTEMPTS;
         while let Err(error) = self.link.write_without_read_back(at, &words).await {
             attempts_left -= 1;
             if attempts_left == 0 || !is_transient(&error) {
                 return Err(error.into());
             }
-            if self.read_status().await?.accepted_sequence != self.sequence || self.has_registers(at, &words).await? {
+            if self.read_status().await?.accepted_sequence != self.accepted_sequence
+                || self.are_holding_registers_equal(at, &words).await?
+            {
                 // The chunk was accepted, or is about to be; the next poll reports any other state.
                 return Ok(());
             }
@@ -73,9 +75,10 @@ impl WindowConnection {
         Ok(())
     }
 
-    async fn has_registers(&self, at: u16, words: &[u16]) -> Result<bool, ControllerError> {
+    /// Whether the holding registers from `at` on have the values `words`.
+    async fn are_holding_registers_equal(&self, at: u16, words: &[u16]) -> Result<bool, ControllerError> {
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
-        let mut attempts_left = MAX_ATTEMPTS;
+        let mut attempts_left = MAX_REQUEST_ATTEMPTS;
         loop {
             match self.link.read(RegisterSpace::Holding, at, count).await {
                 Ok(read) => return Ok(read == words),
@@ -87,7 +90,7 @@ impl WindowConnection {
 }
 
 /// Joins adjacent items into one request, as far as one request holds them.
-fn merge_adjacent(mut items: Vec<(u16, Vec<u16>)>) -> Vec<(u16, Vec<u16>)> {
+fn merge_adjacent_writes(mut items: Vec<(u16, Vec<u16>)>) -> Vec<(u16, Vec<u16>)> {
     items.sort_by_key(|(address, _)| *address);
     let mut merged: Vec<(u16, Vec<u16>)> = Vec::new();
     for (address, words) in items {

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::program::{self, ResidentProgram};
 use super::{WindowRegisterMap, map};
 use link::HostPort;
-use link::modbus::{Framing, ModbusDevice, ModbusDeviceKeys, Parity};
+use link::modbus::{Framing, ModbusDeviceConfig, ModbusDeviceKeys, Parity};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -34,7 +34,7 @@ fn default_dialect() -> String {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "ModbusConfigKeys")]
 pub struct ModbusConfig {
-    pub(super) device: ModbusDevice,
+    pub(super) device: ModbusDeviceConfig,
     pub(super) map: WindowRegisterMap,
     /// Resident program behind the window, used instead of lines.
     pub(super) program: Option<Arc<ResidentProgram>>,

@@ -35,7 +35,7 @@ impl ControllerConfig for ModbusConfig {
         })
     }
 
-    fn diagnose<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
+    fn diagnose_connection<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
         Box::pin(self.diagnose_missing_answer(request))
     }
 }

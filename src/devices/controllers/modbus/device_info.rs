@@ -1,7 +1,7 @@
-//! Properties that the control reports: the registers of its status, read once.
+//! Device information of the control: properties that one read of its status shows.
 
 use super::driver::ModbusDriver;
-use super::format_diagnosis::TRAVEL_MARGIN;
+use super::format_diagnosis::TRAVEL_MARGIN_MM_OR_DEG;
 use super::status::WindowStatus;
 use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
 use machine::Axis;
@@ -11,8 +11,8 @@ impl ModbusDriver {
         let status = self.window.read_status().await?;
         let registers = &self.window.map.status.position;
         let reported_axis = |(axis, register): (&Axis, &super::map::Register)| {
-            let whole = !register.number.kind.is_float();
-            let resolution = whole.then_some(register.number.scale);
+            let whole = !register.number_format.kind.is_float();
+            let resolution = whole.then_some(register.number_format.scale);
             (*axis, ReportedAxis { resolution, ..ReportedAxis::default() })
         };
         Ok(DeviceInfo {
@@ -28,7 +28,7 @@ impl ModbusDriver {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
             let position = axis.to_mm_or_deg(value);
-            if position < spec.min - TRAVEL_MARGIN || position > spec.max + TRAVEL_MARGIN {
+            if position < spec.min - TRAVEL_MARGIN_MM_OR_DEG || position > spec.max + TRAVEL_MARGIN_MM_OR_DEG {
                 let description = format!(
                     "{axis} reads {position}, outside the travel from {} to {}; suspected: wrong scale or \
                      type of the position, or wrong travel in the machine file",
@@ -44,7 +44,7 @@ impl ModbusDriver {
             let remedy = "jog each axis by a small distance at the control and repeat the check";
             findings.push(ReadinessFinding::note(description, remedy));
         }
-        if status.time_s.is_none() {
+        if status.control_time_s.is_none() {
             let description =
                 "the control does not report its time: each reading has the time at which trued received it";
             findings.push(ReadinessFinding::note(description, "no action needed; drift is determined less precisely"));

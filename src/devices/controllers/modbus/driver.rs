@@ -23,12 +23,12 @@ use machine::record::motion::{BlockOutcome, Motion};
 use planning::proof::{ProvenBlock, ProvenModeText};
 
 /// Maximum time that a probe bounces after it has come free.
-const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
+const MAX_PROBE_BOUNCE_TIME: Duration = Duration::from_millis(300);
 
 /// Driver of one control behind a Modbus window.
 pub struct ModbusDriver {
     pub(super) window: WindowConnection,
-    pub(super) modes: ProvenModeText,
+    pub(super) mode_text: ProvenModeText,
     pub(super) machine: Machine,
     /// Address of the control, for the record.
     pub(super) address_label: String,
@@ -57,7 +57,7 @@ impl ModbusDriver {
                 remedy: "add the axis to [controller.registers.status.position] and .latch".to_owned(),
             });
         }
-        let switches = modes.settling_time_s().is_some() || modes.switch_off_program().is_some();
+        let switches = modes.settling_time_after_head_s().is_some() || modes.probe_off_program().is_some();
         if config.program.is_some() && switches {
             return Err(ControllerError::UnsupportedByControl {
                 reason: "a resident program receives no commands for the probe and the clamps".to_owned(),
@@ -68,7 +68,7 @@ impl ModbusDriver {
         let (window, halt) = WindowConnection::open(&config.device, config.map.clone()).await?;
         let driver = Self {
             window,
-            modes,
+            mode_text: modes,
             machine: machine.clone(),
             address_label: format!("{}, unit {}", config.device.line, config.device.unit),
             monitor,
@@ -186,9 +186,9 @@ impl ModbusDriver {
         }
         let from = std::mem::replace(&mut self.monitor.standstill_position, status.position.clone());
         let contact = self.monitor.machine_axes_only(&status.latched_position);
-        self.monitor.check_contact_path(&from, &self.monitor.standstill_position, &contact)?;
-        outcome.touch = Some(self.monitor.with_spindle(contact.iter()));
-        outcome.t_s = status.latch_time_s;
+        self.monitor.check_contact_on_path(&from, &self.monitor.standstill_position, &contact)?;
+        outcome.trigger_position = Some(self.monitor.with_spindle_orientation(contact.iter()));
+        outcome.trigger_time_s = status.latch_time_s;
         Ok(status)
     }
 
@@ -204,19 +204,19 @@ impl ModbusDriver {
     }
 
     /// Waits until the probe reads open, first in the status `last_status`; returns the status that shows it. An
-    /// error after `MAX_PROBE_BOUNCE`.
+    /// error after `MAX_PROBE_BOUNCE_TIME`.
     pub(super) async fn wait_probe_open(
         &mut self,
         step: u32,
         last_status: WindowStatus,
     ) -> Result<WindowStatus, ControllerError> {
-        let deadline = Instant::now() + MAX_PROBE_BOUNCE;
+        let deadline = Instant::now() + MAX_PROBE_BOUNCE_TIME;
         let mut status = last_status;
         while status.is_probe_closed {
             if Instant::now() > deadline {
                 return Err(ControllerError::ProbeStillClosed { step });
             }
-            sleep(MAX_PROBE_BOUNCE / 10).await;
+            sleep(MAX_PROBE_BOUNCE_TIME / 10).await;
             status = self.window.wait_idle().await?;
         }
         Ok(status)
@@ -234,18 +234,19 @@ impl ModbusDriver {
             last_status = Some(self.execute_motion(lines, &mut outcome, last_status).await?);
         }
         let status = self.standstill_status(last_status).await?;
-        outcome.t_s = self.contact_time_s(outcome.t_s, &status)?;
+        outcome.trigger_time_s = self.contact_or_status_time_s(outcome.trigger_time_s, &status)?;
         Ok(outcome)
     }
 
-    /// Time of a contact, `latch_s`, or else the time of `status`, if the control reports them.
-    pub(super) fn contact_time_s(
+    /// Returns the time of a contact, `latch_s`, or else the time of `status`; `None` if the control reports neither.
+    /// An error if one of them is implausible.
+    pub(super) fn contact_or_status_time_s(
         &mut self,
         latch_s: Option<f64>,
         status: &WindowStatus,
     ) -> Result<Option<f64>, ControllerError> {
         let contact = ReportedTime { name: "latch_time_s", t_s: latch_s };
-        self.monitor.clock.check_time(contact, ReportedTime { name: "time_s", t_s: status.time_s })
+        self.monitor.clock.check_and_select_time(contact, ReportedTime { name: "time_s", t_s: status.control_time_s })
     }
 
     /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.
@@ -283,7 +284,7 @@ impl ControllerDriver for ModbusDriver {
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        require_prepared(self.is_prepared, self.window.is_halted())?;
+        require_prepared(self.is_prepared, self.window.is_halt_requested())?;
         let outcome = self.execute_block(&block).await;
         outcome.map_err(|error| self.handle_fault(error))
     }
@@ -291,7 +292,7 @@ impl ControllerDriver for ModbusDriver {
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
         let status = self.window.read_status().await?;
         self.monitor.standstill_position = self.monitor.machine_axes_only(&status.position);
-        let position = self.monitor.with_spindle(self.monitor.standstill_position.iter());
+        let position = self.monitor.with_spindle_orientation(self.monitor.standstill_position.iter());
         Ok(MachineSnapshot { is_probe_closed: status.is_probe_closed, position })
     }
 
@@ -299,8 +300,8 @@ impl ControllerDriver for ModbusDriver {
         self.read_device_info().await
     }
 
-    async fn finish(&mut self) -> Result<(), ControllerError> {
-        let foot = self.modes.foot().to_vec();
+    async fn restore_modes(&mut self) -> Result<(), ControllerError> {
+        let foot = self.mode_text.foot_lines().to_vec();
         self.set_modes(&foot).await?;
         self.window.wait_idle().await.map(|_| ())
     }

@@ -49,7 +49,7 @@ pub(super) fn refusal_error(line: &str, error: u16) -> ControllerError {
     }
 }
 
-pub(super) fn unexpected_reply_error(status: &WindowStatus, sequence: u16) -> ControllerError {
+pub(super) fn unexpected_sequence_error(status: &WindowStatus, sequence: u16) -> ControllerError {
     let WindowStatus { accepted_sequence, executed_sequence, .. } = status;
     let reply = format!("accepted {accepted_sequence}, executed {executed_sequence}, expected {sequence}");
     ControllerError::UnexpectedReply { reply }
@@ -59,8 +59,8 @@ pub(super) fn reset_error() -> ControllerError {
     ControllerError::ControlReset { banner: "the sequence numbers start again".to_owned() }
 }
 
-/// Returns an error for a state that the run has not commanded.
-pub(super) fn check_state(status: &WindowStatus) -> Result<(), ControllerError> {
+/// Returns an error if the control is neither idle nor running.
+pub(super) fn check_idle_or_running(status: &WindowStatus) -> Result<(), ControllerError> {
     match status.state {
         WindowState::Idle | WindowState::Running => Ok(()),
         WindowState::NotReady => Err(ControllerError::ControlReset { banner: "the control is not ready".to_owned() }),
@@ -100,8 +100,8 @@ pub(super) fn require_open_probe(status: &WindowStatus) -> Result<(), Controller
     if status.is_probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
 
-/// Whether a fault of the wire may be absent when the request is repeated: nothing shows that the
-/// connection or the device is faulty. Codes 5 and 6: the device needs more time.
+/// Whether a repeated request may succeed: nothing shows that the connection or the device is faulty. Exception
+/// codes 5 and 6: the device needs more time.
 pub(super) fn is_transient(error: &ModbusError) -> bool {
     match error {
         ModbusError::ReadBackFailed { source, .. } => is_transient(source),

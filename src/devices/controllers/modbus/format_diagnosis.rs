@@ -5,17 +5,18 @@ use super::map::{Register, StatusRegisters, WindowRegisterMap};
 use super::status::WindowStatus;
 use crate::controllers::PossibleCause;
 use link::modbus::RegisterSpace;
-use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
+use link::modbus::number_format::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
 use machine::record::machine::Machine;
 
 const WORD_ORDERS: [ByteOrder; 4] = [ByteOrder::Abcd, ByteOrder::Cdab, ByteOrder::Badc, ByteOrder::Dcba];
 const SCALE_CANDIDATES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
-/// Largest distance of an axis beyond the travel of the machine file, mm or degrees.
-pub(super) const TRAVEL_MARGIN: f64 = 1.0;
+/// Distance beyond the travel of the machine file up to which a position is plausible, mm or degrees.
+pub(super) const TRAVEL_MARGIN_MM_OR_DEG: f64 = 1.0;
 /// Smallest magnitude of a plausible position other than zero, mm or degrees.
-const MIN_PLAUSIBLE_POSITION: f64 = 1e-4;
-const MAX_MISREAD_INTEGER: f64 = 1e-20;
+const MIN_PLAUSIBLE_NONZERO_POSITION: f64 = 1e-4;
+/// A smaller magnitude other than zero is a whole number that was read as floating point.
+const MAX_MISREAD_INTEGER_MAGNITUDE: f64 = 1e-20;
 
 /// Another setting with which the positions can be read.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +53,7 @@ impl FormatChange {
 /// Whether `value` is a small whole number read as floating point: its magnitude is far below that of any
 /// position.
 pub(super) fn is_misread_integer(value: f64) -> bool {
-    value != 0.0 && value.abs() < MAX_MISREAD_INTEGER
+    value != 0.0 && value.abs() < MAX_MISREAD_INTEGER_MAGNITUDE
 }
 
 /// Whether the positions in `block` are possible for `machine`: each within its travel.
@@ -66,7 +67,7 @@ pub(super) fn diagnose_position_format(
     block: &[u16],
     machine: &Machine,
 ) -> Vec<PossibleCause> {
-    let Some(number) = map.status.position.values().next().map(|register| register.number) else {
+    let Some(number) = map.status.position.values().next().map(|register| register.number_format) else {
         return Vec::new();
     };
     let kinds = number.kind.same_size_types();
@@ -78,8 +79,8 @@ pub(super) fn diagnose_position_format(
         let Some(positions) = read_positions(&map.status, block, machine, Some(change)) else {
             continue;
         };
-        let is_plausible = positions.iter().any(|(_, value)| value.abs() >= MIN_PLAUSIBLE_POSITION)
-            && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_POSITION);
+        let is_plausible = positions.iter().any(|(_, value)| value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION)
+            && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION);
         // Among the scales that fit, the largest represents all; among types with the same result, the
         // first.
         let is_scale_again =
@@ -89,10 +90,10 @@ pub(super) fn diagnose_position_format(
             candidates.push((change, positions));
         }
     }
-    candidates.iter().map(|(change, positions)| format_diagnosis(*change, number, positions)).collect()
+    candidates.iter().map(|(change, positions)| format_change_diagnosis(*change, number, positions)).collect()
 }
 
-fn format_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Axis, f64)]) -> PossibleCause {
+fn format_change_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Axis, f64)]) -> PossibleCause {
     let (cause, key) = change.describe(number);
     let position_list: Vec<String> = positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
     PossibleCause::suspected(
@@ -105,7 +106,7 @@ fn format_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Ax
     )
 }
 
-/// Position of each axis of `machine` according to `block`, mm and degrees.
+/// Position of each axis of `machine` according to `block`, mm and degrees, read with `change` if there is one.
 fn read_positions(
     registers: &StatusRegisters,
     block: &[u16],
@@ -115,9 +116,9 @@ fn read_positions(
     let first = registers.sequence_head.address;
     let axes = machine.axes.keys().filter(|axis| **axis != Axis::S);
     let value = |axis: &Axis| {
-        let Register { address, number } = *registers.position.get(axis)?;
-        let number = change.map_or(number, |change| change.apply(number));
-        let value = Register { address, number }.read(block, first).ok()?;
+        let Register { address, number_format } = *registers.position.get(axis)?;
+        let number = change.map_or(number_format, |change| change.apply(number_format));
+        let value = Register { address, number_format: number }.decode_from_block(block, first).ok()?;
         Some((*axis, value))
     };
     axes.map(value).collect()
@@ -129,7 +130,9 @@ fn are_within_travel(positions: &[(Axis, f64)], machine: &Machine) -> bool {
             return false;
         }
         let travel = machine.axes.get(axis);
-        travel.is_none_or(|spec| (spec.min - TRAVEL_MARGIN..=spec.max + TRAVEL_MARGIN).contains(value))
+        travel.is_none_or(|spec| {
+            (spec.min - TRAVEL_MARGIN_MM_OR_DEG..=spec.max + TRAVEL_MARGIN_MM_OR_DEG).contains(value)
+        })
     })
 }
 
@@ -141,12 +144,17 @@ pub(super) struct StatusBlockRange {
 }
 
 /// Other locations of the status that are tried: shift in registers, and whether in the other space.
-pub(super) const STATUS_SHIFTS: [(i16, bool); 5] = [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
+pub(super) const STATUS_SHIFT_CANDIDATES: [(i16, bool); 5] =
+    [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
 
 /// Space, first register and number of registers of a status that is shifted by `shift` registers, and in the other
 /// space if `in_other_space`; `None` if it is before the first address.
-pub(super) fn shifted_block(status: &StatusRegisters, shift: i16, in_other_space: bool) -> Option<StatusBlockRange> {
-    let (first, count) = status.block_range();
+pub(super) fn shifted_status_range(
+    status: &StatusRegisters,
+    shift: i16,
+    in_other_space: bool,
+) -> Option<StatusBlockRange> {
+    let (first, count) = status.block_first_and_count();
     let space = match (in_other_space, status.space) {
         (false, space) => space,
         (true, RegisterSpace::Input) => RegisterSpace::Holding,
@@ -160,7 +168,7 @@ pub(super) fn is_valid_status(map: &WindowRegisterMap, block: &[u16]) -> bool {
     matches!(WindowStatus::parse(map, block), Ok(Some(_)))
 }
 
-/// Cause if the status was found at `block`, which is a [`shifted_block`].
+/// Cause if the status was found at `block`, which is a [`shifted_status_range`].
 pub(super) fn shifted_status_diagnosis(block: &StatusBlockRange, shift: i16, in_other_space: bool) -> PossibleCause {
     let (space, first) = (block.space, block.first);
     let space = if space == RegisterSpace::Input { "input" } else { "holding" };
@@ -192,7 +200,7 @@ mod tests {
 
     use super::*;
 
-    fn machine() -> Machine {
+    fn machine_with_three_axes() -> Machine {
         serde_json::from_value(json!({
             "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
             "axes": {"X": {"min": -400, "max": 400}, "Z": {"min": 30, "max": 760}, "C": {"min": -360, "max": 360}}
@@ -201,14 +209,14 @@ mod tests {
     }
 
     /// The published window with other keys for the positions.
-    fn map(keys: &str) -> WindowRegisterMap {
+    fn map_with_position_keys(keys: &str) -> WindowRegisterMap {
         let axis = |(axis, at): (&str, u16)| format!("{axis} = {{ address = {at}, {keys} }}");
         let axes = [("X", 32), ("Z", 36), ("C", 42)].map(axis).join(", ");
         toml::from_str(&format!("[status]\nposition = {{ {axes} }}")).unwrap()
     }
 
     /// X -12.5, Z 100, C 45, as a control with the published window stores them.
-    fn status_registers() -> Vec<u16> {
+    fn status_block_words() -> Vec<u16> {
         let mut block = vec![0; 45];
         for (at, steps) in [(32, -12_500_i32), (36, 100_000), (42, 45_000)] {
             let bits = steps as u32;
@@ -219,7 +227,11 @@ mod tests {
 
     #[test]
     fn single_wrong_format_is_identified() {
-        assert!(are_positions_plausible(&map("type = \"i32\""), &status_registers(), &machine()));
+        assert!(are_positions_plausible(
+            &map_with_position_keys("type = \"i32\""),
+            &status_block_words(),
+            &machine_with_three_axes()
+        ));
         for (wrong, named, right) in [
             ("order = \"cdab\"", "wrong word order", "order = \"abcd\""),
             ("order = \"dcba\"", "wrong word order", "order = \"abcd\""),
@@ -227,9 +239,9 @@ mod tests {
             ("type = \"f32\"", "wrong type", "type = \"i32\""),
             ("scale = 0.1", "wrong scale", "scale = 0.001"),
         ] {
-            let map = map(wrong);
-            assert!(!are_positions_plausible(&map, &status_registers(), &machine()), "{wrong}");
-            let candidates = diagnose_position_format(&map, &status_registers(), &machine());
+            let map = map_with_position_keys(wrong);
+            assert!(!are_positions_plausible(&map, &status_block_words(), &machine_with_three_axes()), "{wrong}");
+            let candidates = diagnose_position_format(&map, &status_block_words(), &machine_with_three_axes());
             let first = candidates.first().unwrap_or_else(|| panic!("{wrong}: nothing"));
             assert!(first.cause.starts_with(named), "{wrong}: {candidates:?}");
             assert!(candidates.iter().any(|candidate| candidate.remedy.contains(right)), "{wrong}: {candidates:?}");
@@ -238,15 +250,15 @@ mod tests {
     }
 
     #[test]
-    fn shifted_addresses_are_recognised() {
+    fn shifted_status_is_invalid_and_its_range_is_computed() {
         let published: WindowRegisterMap = toml::from_str("").unwrap();
-        let mut block = status_registers();
+        let mut block = status_block_words();
         (block[0], block[1], block[2], block[44]) = (7, 1, 1, 7);
         assert!(is_valid_status(&published, &block));
-        let later = shifted_block(&published.status, 1, false).unwrap();
+        let later = shifted_status_range(&published.status, 1, false).unwrap();
         assert_eq!((later.space, later.first, later.count), (RegisterSpace::Input, 1, 45));
         assert!(!is_valid_status(&published, &[&[0], &block[..44]].concat()));
-        assert!(shifted_block(&published.status, -1, false).is_none());
-        assert_eq!(shifted_block(&published.status, 0, true).unwrap().space, RegisterSpace::Holding);
+        assert!(shifted_status_range(&published.status, -1, false).is_none());
+        assert_eq!(shifted_status_range(&published.status, 0, true).unwrap().space, RegisterSpace::Holding);
     }
 }

@@ -16,9 +16,9 @@
 
 mod chunk_write;
 mod config;
+mod connection_diagnosis;
 mod controller_config;
 mod device_info;
-mod diagnose;
 mod driver;
 mod fault;
 mod format_diagnosis;

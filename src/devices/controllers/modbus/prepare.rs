@@ -8,10 +8,11 @@ use super::status::WindowStatus;
 use crate::controllers::control_clock::ControlClock;
 use crate::controllers::motion_lines::to_duration;
 use crate::controllers::{ControllerError, PreparedControl, READINESS_ITEMS, ReadinessItem, arrival};
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 
 impl ModbusDriver {
-    /// `check_probe` decides whether the state of the probe input is acceptable.
+    /// Refuses a control that cannot measure, then sets its modes. `check_probe` refuses a wrong state of the probe
+    /// input.
     pub(super) async fn prepare_control(
         &mut self,
         check_probe: fn(&WindowStatus) -> Result<(), ControllerError>,
@@ -23,22 +24,22 @@ impl ModbusDriver {
         }
         // Sequence numbers continue from here; a chunk that was written before the control started is not
         // accepted.
-        (self.window.sequence, self.window.is_own_sequence) = (status.accepted_sequence, false);
-        self.check_positions(&status)?;
-        if !self.modes.has_probe_on_command() {
+        (self.window.accepted_sequence, self.window.is_accepted_chunk_own) = (status.accepted_sequence, false);
+        self.refuse_implausible_positions(&status)?;
+        if !self.mode_text.has_probe_on_command() {
             check_probe(&status)?;
         }
         if self.program.is_some() {
             self.clear_results(&status).await?;
         }
-        let head = self.modes.head().to_vec();
+        let head = self.mode_text.head_lines().to_vec();
         self.set_modes(&head).await?;
         let status = self.window.wait_idle().await?;
         check_probe(&status)?;
         self.check_probe_health(&status)?;
         self.monitor.standstill_position = self.monitor.machine_axes_only(&status.position);
         self.monitor.clock = ControlClock::default();
-        self.contact_time_s(None, &status)?;
+        self.contact_or_status_time_s(None, &status)?;
         let stop_description = format!(
             "hold (a register): takes effect when the pending request is answered, within {:.1} s at most; \
              then {}",
@@ -46,9 +47,9 @@ impl ModbusDriver {
             arrival::describe_braking_distances(&self.machine)
         );
         let transmission = match self.program {
-            Some(_) => Transmission::Rows,
+            Some(_) => TransmissionForm::TableRows,
             // A chunk holds one line.
-            None => Transmission::Lines { max_line_bytes: self.window.map.command.chunk.capacity_bytes() + 1 },
+            None => TransmissionForm::Lines { max_line_bytes: self.window.map.command.chunk.capacity_bytes() + 1 },
         };
         // The window has registers for the position and the probe; the control's program checks all else.
         let unreadable_items = READINESS_ITEMS.map(|(item, _)| item).into_iter();
@@ -66,7 +67,7 @@ impl ModbusDriver {
     /// Describes what is behind the window, and its address.
     pub(super) fn identity(&self) -> String {
         let kind = match &self.program {
-            Some(program) => format!("resident program {}", program.number),
+            Some(program) => format!("resident program {}", program.program_number),
             None => "a line window".to_owned(),
         };
         format!("{kind} over Modbus, {}", self.address_label)
@@ -74,7 +75,7 @@ impl ModbusDriver {
 
     /// Refuses implausible positions. Numbers in the wrong word order are far beyond any travel; whole
     /// numbers read as floating point are nearly zero.
-    fn check_positions(&self, status: &WindowStatus) -> Result<(), ControllerError> {
+    fn refuse_implausible_positions(&self, status: &WindowStatus) -> Result<(), ControllerError> {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
             let (position, span) = (axis.to_mm_or_deg(value), spec.max - spec.min);
@@ -105,19 +106,19 @@ impl ModbusDriver {
             };
             bit.and_then(|bit| status.input_bits.checked_shr(bit)).is_some_and(|bits| bits & 1 == 1)
         };
-        match self.modes.health_inputs().find(|(input, _)| is_on(input)) {
+        match self.mode_text.probe_health_inputs().find(|(input, _)| is_on(input)) {
             Some((_, fault)) => Err(ControllerError::ProbeFault { fault }),
             None => Ok(()),
         }
     }
 
-    /// Sends the lines of the head or the foot. A resident program sets its modes itself.
+    /// Sends the lines of the program's head or foot, which set modes. A resident program sets its modes itself.
     pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
         if self.program.is_some() {
             return Ok(());
         }
         let max_bytes = self.window.map.command.chunk.capacity_bytes();
-        let standstill_time = to_duration(self.modes.settling_time_s().unwrap_or_default());
+        let standstill_time = to_duration(self.mode_text.settling_time_after_head_s().unwrap_or_default());
         // Comments have no effect at the control, and may be longer than the window.
         for line in lines.iter().filter(|line| !line.starts_with('(')) {
             if line.len() > max_bytes {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::map::{Register, ResultRegisters, WindowRegisterMap};
 use crate::controllers::ControllerError;
-use link::modbus::value::RegisterValueError;
+use link::modbus::number_format::RegisterValueError;
 use machine::{Axis, Position};
 
 /// Version of the window's layout with lines; `PROGRAM_WINDOW_VERSION`: with a resident program.
@@ -36,11 +36,12 @@ pub(super) struct WindowStatus {
     pub latch_count: u16,
     pub heartbeat: u16,
     /// Present time of the control's clock, s, if it is reported.
-    pub time_s: Option<f64>,
+    pub control_time_s: Option<f64>,
+    /// Time of the last contact on the control's clock, s, if it is reported.
     pub latch_time_s: Option<f64>,
     pub latched_position: Position,
     pub position: Position,
-    /// Result of a resident program.
+    /// Result of a resident program; `None` for a window for lines.
     pub result: Option<ReportedResult>,
 }
 
@@ -49,91 +50,93 @@ pub(super) struct WindowStatus {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ReportedResult {
     /// Row that the program executes, from 1; 0: none.
-    pub active_row: u16,
-    /// Sequence number of the call to which the result belongs; `row` is its row.
+    pub active_row_number: u16,
+    /// Sequence number of the call to which the result belongs.
     pub call_sequence: u16,
-    pub row: u16,
+    /// Row to which the result belongs, from 1.
+    pub row_number: u16,
     pub has_contact: bool,
     /// Whether the result is not acknowledged yet.
     pub is_pending: bool,
 }
 
 impl WindowStatus {
-    /// Parses a block; `None` if it was written during the read.
+    /// Parses a block of status registers; `None` if the control wrote the block during the read.
     ///
     /// # Errors
     /// A register has an invalid value.
     pub(super) fn parse(map: &WindowRegisterMap, block: &[u16]) -> Result<Option<Self>, ControllerError> {
-        let (first, _) = map.status.block_range();
-        let block = StatusBlock { block, first };
+        let (first, _) = map.status.block_first_and_count();
+        let block = StatusBlock { words: block, first_address: first };
         let status = &map.status;
-        if block.read_count("sequence_head", &status.sequence_head)?
-            != block.read_count("sequence_tail", &status.sequence_tail)?
+        if block.read_u16("sequence_head", &status.sequence_head)?
+            != block.read_u16("sequence_tail", &status.sequence_tail)?
         {
             return Ok(None);
         }
-        let version = block.read_count("version", &status.version)?;
+        let version = block.read_u16("version", &status.version)?;
         let expected = if status.result.is_some() { PROGRAM_WINDOW_VERSION } else { LINE_WINDOW_VERSION };
         if version != expected {
-            return Err(window_error(format!("the window has version {version}, not {expected}")));
+            return Err(unexpected_window_error(format!("the window has version {version}, not {expected}")));
         }
         Ok(Some(Self {
-            state: parse_state(block.read_count("state", &status.state)?)?,
-            alarm_code: block.read_count("alarm", &status.alarm)?,
-            accepted_sequence: block.read_count("accepted", &status.accepted)?,
-            refusal_code: block.read_count("error", &status.error)?,
-            executed_sequence: block.read_count("executed", &status.executed)?,
-            is_probe_closed: block.read_count("probe", &status.probe)? != 0,
+            state: parse_window_state(block.read_u16("state", &status.state)?)?,
+            alarm_code: block.read_u16("alarm", &status.alarm_code)?,
+            accepted_sequence: block.read_u16("accepted", &status.accepted_sequence)?,
+            refusal_code: block.read_u16("error", &status.refusal_code)?,
+            executed_sequence: block.read_u16("executed", &status.executed_sequence)?,
+            is_probe_closed: block.read_u16("probe", &status.probe_closed_flag)? != 0,
             // The conversion saturates: a value beyond the register's 32 bits is no set of inputs.
-            input_bits: block.read_number("inputs", &status.inputs)? as u32,
-            latch_count: block.read_count("latches", &status.latches)?,
-            heartbeat: block.read_count("heartbeat", &status.heartbeat)?,
-            time_s: block.read_timestamp("time_s", &status.time_s)?,
+            input_bits: block.read_number("inputs", &status.input_bits)? as u32,
+            latch_count: block.read_u16("latches", &status.latch_count)?,
+            heartbeat: block.read_u16("heartbeat", &status.heartbeat)?,
+            control_time_s: block.read_timestamp("time_s", &status.control_time_s)?,
             latch_time_s: block.read_timestamp("latch_time_s", &status.latch_time_s)?,
-            latched_position: block.read_axes("latch", &status.latch)?,
-            position: block.read_axes("position", &status.position)?,
+            latched_position: block.read_axis_positions("latch", &status.latched_position)?,
+            position: block.read_axis_positions("position", &status.position)?,
             result: status.result.as_ref().map(|result| block.read_result(result)).transpose()?,
         }))
     }
 }
 
-fn parse_state(code: u16) -> Result<WindowState, ControllerError> {
+fn parse_window_state(code: u16) -> Result<WindowState, ControllerError> {
     Ok(match code {
         0 => WindowState::NotReady,
         1 => WindowState::Idle,
         2 => WindowState::Running,
         3 => WindowState::Held,
         4 => WindowState::Alarm,
-        other => return Err(window_error(format!("the state {other} is unknown"))),
+        other => return Err(unexpected_window_error(format!("the state {other} is unknown"))),
     })
 }
 
+/// Registers of the status as they were read, and the address of the first.
 struct StatusBlock<'a> {
-    block: &'a [u16],
-    first: u16,
+    words: &'a [u16],
+    first_address: u16,
 }
 
 impl StatusBlock<'_> {
     fn read_number(&self, name: &str, register: &Register) -> Result<f64, ControllerError> {
-        let value_error = |error: RegisterValueError| window_error(format!("`status.{name}`: {error}"));
-        register.read(self.block, self.first).map_err(value_error)
+        let value_error = |error: RegisterValueError| unexpected_window_error(format!("`status.{name}`: {error}"));
+        register.decode_from_block(self.words, self.first_address).map_err(value_error)
     }
 
-    fn read_count(&self, name: &str, register: &Register) -> Result<u16, ControllerError> {
+    fn read_u16(&self, name: &str, register: &Register) -> Result<u16, ControllerError> {
         let value = self.read_number(name, register)?;
         if value.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&value) {
             return Ok(value as u16);
         }
-        Err(window_error(format!("`status.{name}` is {value}, not a whole number from 0 to 65535")))
+        Err(unexpected_window_error(format!("`status.{name}` is {value}, not a whole number from 0 to 65535")))
     }
 
     fn read_result(&self, result: &ResultRegisters) -> Result<ReportedResult, ControllerError> {
         Ok(ReportedResult {
-            active_row: self.read_count("result.under_way", &result.under_way)?,
-            call_sequence: self.read_count("result.sequence", &result.sequence)?,
-            row: self.read_count("result.row", &result.row)?,
-            has_contact: self.read_count("result.contact", &result.contact)? != 0,
-            is_pending: self.read_count("result.valid", &result.valid)? != 0,
+            active_row_number: self.read_u16("result.under_way", &result.active_row_number)?,
+            call_sequence: self.read_u16("result.sequence", &result.call_sequence)?,
+            row_number: self.read_u16("result.row", &result.row_number)?,
+            has_contact: self.read_u16("result.contact", &result.contact_flag)? != 0,
+            is_pending: self.read_u16("result.valid", &result.pending_flag)? != 0,
         })
     }
 
@@ -142,16 +145,20 @@ impl StatusBlock<'_> {
         self.read_number(name, register).map(|seconds| (seconds != 0.0).then_some(seconds))
     }
 
-    fn read_axes(&self, name: &str, registers: &BTreeMap<Axis, Register>) -> Result<Position, ControllerError> {
+    fn read_axis_positions(
+        &self,
+        name: &str,
+        registers: &BTreeMap<Axis, Register>,
+    ) -> Result<Position, ControllerError> {
         let value = |(axis, register): (&Axis, &Register)| {
-            let edge = self.read_number(&format!("{name}.{axis}"), register)?;
-            Ok((*axis, axis.to_mm_or_rad(edge)))
+            let mm_or_deg = self.read_number(&format!("{name}.{axis}"), register)?;
+            Ok((*axis, axis.to_mm_or_rad(mm_or_deg)))
         };
         registers.iter().map(value).collect()
     }
 }
 
-fn window_error(state: String) -> ControllerError {
+fn unexpected_window_error(state: String) -> ControllerError {
     ControllerError::UnexpectedDevice {
         state,
         remedy: "compare [controller.registers] with the control's program: addresses, `type`, \

@@ -13,16 +13,16 @@ use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
-use planning::gcode::Transmission;
-use planning::proof::for_tests::{dialect, proven_block};
-use planning::proof::{ProvenBlock, prove_modes};
+use planning::gcode::TransmissionForm;
+use planning::proof::for_tests::{load_dialect, prove_block_text};
+use planning::proof::{ProvenBlock, render_and_prove_mode_text};
 use simulator::controls::modbus::{
     ControlEvent, ControlEventLog, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_tcp,
 };
 use simulator::interpreter::SimulationPace;
 use simulator::{MachineTruth, SimulatedWorld};
 
-fn machine() -> Machine {
+fn five_axis_machine() -> Machine {
     let linear = json!({"min": -400, "max": 400});
     serde_json::from_value(json!({
         "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
@@ -31,9 +31,9 @@ fn machine() -> Machine {
     .unwrap()
 }
 
-/// Driver whose table has `keys`, and the diary of the simulated control. The control has a resident
+/// Driver whose table has `keys`, its halt, and the event log of the simulated control. The control has a resident
 /// program if the keys name one.
-pub(super) async fn driver(
+pub(super) async fn driver_of_simulated_control(
     keys: &str,
     pace: SimulationPace,
     faults: Vec<Fault>,
@@ -43,12 +43,12 @@ pub(super) async fn driver(
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
-    let world = SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap();
+    let world = SimulatedWorld::new(&five_axis_machine(), &probe, &artefact, &MachineTruth::default()).unwrap();
     let resident = keys.contains("[program");
     let options = SimulatedModbusOptions {
         faults,
         has_resident_program: resident,
-        ..SimulatedModbusOptions::for_machine(&machine(), pace)
+        ..SimulatedModbusOptions::for_machine(&five_axis_machine(), pace)
     };
     let firmware = Firmware::new(Arc::new(Mutex::new(world)), options);
     let diary = firmware.event_log();
@@ -56,21 +56,21 @@ pub(super) async fn driver(
     let at = listener.local_addr().unwrap();
     tokio::spawn(serve_tcp(firmware, listener));
     let config: ModbusConfig = toml::from_str(&format!("tcp = \"{at}\"\n{keys}")).unwrap();
-    let (machine, dialect) = (machine(), dialect("grbl-m19").unwrap());
-    let modes = prove_modes(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
+    let (machine, dialect) = (five_axis_machine(), load_dialect("grbl-m19").unwrap());
+    let modes = render_and_prove_mode_text(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
     let (driver, halt) = ModbusDriver::open(&config, &machine, modes).await.unwrap();
     (driver, halt, diary)
 }
 
 /// Proves the block for transmission in lines.
 fn prove_block(block: &Block) -> ProvenBlock {
-    prove_block_for(&Transmission::Lines { max_line_bytes: usize::MAX }, block)
+    prove_block_for(&TransmissionForm::Lines { max_line_bytes: usize::MAX }, block)
 }
 
 /// Proves the block for the given transmission; the clearance of bodies is not checked.
-pub(super) fn prove_block_for(transmission: &Transmission, block: &Block) -> ProvenBlock {
-    let axes: Vec<Axis> = machine().axes.keys().copied().collect();
-    proven_block(block, &axes, &dialect("grbl-m19").unwrap(), transmission).unwrap()
+pub(super) fn prove_block_for(transmission: &TransmissionForm, block: &Block) -> ProvenBlock {
+    let axes: Vec<Axis> = five_axis_machine().axes.keys().copied().collect();
+    prove_block_text(block, &axes, &load_dialect("grbl-m19").unwrap(), transmission).unwrap()
 }
 
 fn slow_move_to(x_mm: f64) -> Block {
@@ -88,7 +88,7 @@ async fn halt_during_move(driver: &mut ModbusDriver, halt: HaltHandle) -> Contro
 
 #[tokio::test]
 async fn halt_stops_a_move_and_no_command_follows() {
-    let (mut driver, halt, diary) = driver("", SimulationPace::Real, Vec::new()).await;
+    let (mut driver, halt, diary) = driver_of_simulated_control("", SimulationPace::RealTime, Vec::new()).await;
     driver.prepare().await.unwrap();
     let error = halt_during_move(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
@@ -98,13 +98,13 @@ async fn halt_stops_a_move_and_no_command_follows() {
     assert!(matches!(error, ControllerError::Halted), "{error}");
     assert!(driver.prepare().await.is_err());
     let diary = diary.lock().unwrap();
-    assert_eq!(diary.last(), Some(&ControlEvent::Hold));
+    assert_eq!(diary.last(), Some(&ControlEvent::HoldRegisterWritten));
 }
 
 #[tokio::test]
 async fn lost_hold_is_repeated() {
-    let lost = vec![fault(FaultKind::LostHold, 0), fault(FaultKind::LostHold, 0)];
-    let (mut driver, halt, diary) = driver("", SimulationPace::Real, lost).await;
+    let lost = vec![fault_at_line(FaultKind::LostHold, 0), fault_at_line(FaultKind::LostHold, 0)];
+    let (mut driver, halt, diary) = driver_of_simulated_control("", SimulationPace::RealTime, lost).await;
     driver.prepare().await.unwrap();
     let error = halt_during_move(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
@@ -112,14 +112,14 @@ async fn lost_hold_is_repeated() {
     assert!(0.0 < stands && stands < 90.0, "{stands}");
     let diary = diary.lock().unwrap();
     assert_eq!(diary.iter().filter(|entry| **entry == ControlEvent::FaultOccurred(FaultKind::LostHold)).count(), 2);
-    assert_eq!(diary.last(), Some(&ControlEvent::Hold));
+    assert_eq!(diary.last(), Some(&ControlEvent::HoldRegisterWritten));
 }
 
 /// The control ignores every hold, and reports the motion.
 #[tokio::test]
 async fn control_that_does_not_hold_is_reported() {
-    let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
-    let (driver, halt, _) = driver("", SimulationPace::Real, deaf).await;
+    let deaf = (0..1000).map(|_| fault_at_line(FaultKind::LostHold, 0)).collect();
+    let (driver, halt, _) = driver_of_simulated_control("", SimulationPace::RealTime, deaf).await;
     let timeouts = ModbusTimeouts { reply_timeout: Duration::from_millis(100), ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
@@ -129,8 +129,9 @@ async fn control_that_does_not_hold_is_reported() {
 }
 
 #[tokio::test]
-async fn status_of_a_stopped_control_is_not_used() {
-    let (mut dead, ..) = driver("", SimulationPace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
+async fn frozen_control_is_refused_by_prepare() {
+    let (mut dead, ..) =
+        driver_of_simulated_control("", SimulationPace::Immediate, vec![fault_at_line(FaultKind::Frozen, 0)]).await;
     let error = dead.prepare().await.unwrap_err();
     assert!(matches!(error, ControllerError::ControlFrozen), "{error}");
 }
@@ -138,9 +139,9 @@ async fn status_of_a_stopped_control_is_not_used() {
 /// The control's program stops during a move; its registers no longer change, and could be taken for those
 /// of a machine that moves slowly.
 #[tokio::test]
-async fn stopped_heartbeat_ends_a_move_first() {
-    let frozen = vec![fault(FaultKind::Frozen, 20)];
-    let (driver, ..) = driver("", SimulationPace::Real, frozen).await;
+async fn stopped_heartbeat_ends_a_move_before_the_stall_timeout() {
+    let frozen = vec![fault_at_line(FaultKind::Frozen, 20)];
+    let (driver, ..) = driver_of_simulated_control("", SimulationPace::RealTime, frozen).await;
     let heartbeat = Duration::from_millis(400);
     let long = Duration::from_secs(10);
     let timeouts = ModbusTimeouts {
@@ -161,11 +162,11 @@ async fn stopped_heartbeat_ends_a_move_first() {
     assert!(matches!(ended, Err(ControllerError::ControlFrozen)), "{ended:?}");
 }
 
-/// The control's program continues, and each move ends long before the timeout.
+/// Only the heartbeat stops: the control's program continues, and each move ends long before the timeout.
 #[tokio::test]
 async fn regress_stopped_heartbeat_is_detected_over_short_moves() {
-    let stands = vec![fault(FaultKind::HeartbeatStands, 5)];
-    let (driver, ..) = driver("", SimulationPace::Real, stands).await;
+    let stands = vec![fault_at_line(FaultKind::HeartbeatStands, 5)];
+    let (driver, ..) = driver_of_simulated_control("", SimulationPace::RealTime, stands).await;
     let timeouts = ModbusTimeouts { heartbeat_timeout: Duration::from_millis(400), ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
@@ -181,8 +182,8 @@ async fn regress_stopped_heartbeat_is_detected_over_short_moves() {
 
 #[tokio::test]
 async fn regress_implausible_time_stamp_gives_no_reading() {
-    let wrong = vec![fault(FaultKind::WrongStamp, 0)];
-    let (mut driver, ..) = driver("", SimulationPace::Fast, wrong).await;
+    let wrong = vec![fault_at_line(FaultKind::WrongStamp, 0)];
+    let (mut driver, ..) = driver_of_simulated_control("", SimulationPace::Immediate, wrong).await;
     driver.prepare().await.unwrap();
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
     let down = Position::new().with(Axis::Z, -190.0);
@@ -199,8 +200,8 @@ async fn regress_implausible_time_stamp_gives_no_reading() {
 /// Until a touch has confirmed the position, a turn is a feed motion (planning `turn_feeds.rs`).
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_is_held() {
-    let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver("", SimulationPace::Real, faults).await;
+    let faults = vec![fault_at_line(FaultKind::RapidContact, 0)];
+    let (mut driver, _, diary) = driver_of_simulated_control("", SimulationPace::RealTime, faults).await;
     driver.prepare().await.unwrap();
     let error = driver.execute(prove_block(&turn_at_feed())).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
@@ -215,9 +216,10 @@ pub(super) fn turn_at_feed() -> Block {
     Block { step: 1, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] }
 }
 
-pub(super) async fn wait_for_hold(diary: &ControlEventLog) {
+/// Waits until a hold is the last event of the simulated control; panics after one second.
+pub(super) async fn wait_for_hold(events: &ControlEventLog) {
     let deadline = tokio::time::Instant::now() + Duration::from_secs(1);
-    while diary.lock().unwrap().last() != Some(&ControlEvent::Hold) {
+    while events.lock().unwrap().last() != Some(&ControlEvent::HoldRegisterWritten) {
         assert!(tokio::time::Instant::now() < deadline, "no hold");
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
@@ -239,13 +241,13 @@ async fn torn_status_does_not_change_the_touch_result() {
     };
     let mut torn_within = 0;
     for at_request in 0..120 {
-        let torn = Fault { at_request, ..fault(FaultKind::Torn, 0) };
-        let (mut driver, _, diary) = driver("", SimulationPace::Fast, vec![torn]).await;
+        let torn = Fault { at_request, ..fault_at_line(FaultKind::Torn, 0) };
+        let (mut driver, _, diary) = driver_of_simulated_control("", SimulationPace::Immediate, vec![torn]).await;
         driver.prepare().await.unwrap();
         let begun = diary.lock().unwrap().len();
         let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down(-190.0) }];
         driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
-        let far = driver.execute(prove_block(&probe(60.0, 20.0))).await.unwrap().touch.unwrap();
+        let far = driver.execute(prove_block(&probe(60.0, 20.0))).await.unwrap().trigger_position.unwrap();
         let diary = diary.lock().unwrap();
         torn_within += usize::from(diary[begun..].contains(&ControlEvent::FaultOccurred(FaultKind::Torn)));
         assert!((far.get_or_zero(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.get_or_zero(Axis::X));
@@ -253,14 +255,15 @@ async fn torn_status_does_not_change_the_touch_result() {
     assert!(torn_within > 20, "{torn_within}");
 }
 
-pub(super) fn fault(kind: FaultKind, at_line: u64) -> Fault {
+pub(super) fn fault_at_line(kind: FaultKind, at_line: u64) -> Fault {
     Fault { kind, at_request: 0, at_line, after_touch: 0, code: None, late_s: None, scan_s: None }
 }
 
 #[tokio::test]
 async fn swapped_registers_are_reported_before_motion() {
     let shifted = "[registers.status]\nversion = { address = 3 }\nalarm = { address = 1 }";
-    let (mut driver, _, diary) = self::driver(shifted, SimulationPace::Fast, Vec::new()).await;
+    let (mut driver, _, diary) =
+        self::driver_of_simulated_control(shifted, SimulationPace::Immediate, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("version 0"), "{error}");
     assert!(error.remedy().contains("[controller.registers]"));
@@ -277,10 +280,12 @@ async fn wrong_word_order_is_detected_by_the_implied_position() {
         let (position, latch) = (axes(32, order), axes(20, order));
         format!("[registers.status]\nposition = {{ {position} }}\nlatch = {{ {latch} }}")
     };
-    let (mut driver, ..) = self::driver(&keys("abcd"), SimulationPace::Fast, Vec::new()).await;
+    let (mut driver, ..) =
+        self::driver_of_simulated_control(&keys("abcd"), SimulationPace::Immediate, Vec::new()).await;
     driver.prepare().await.unwrap();
     driver.execute(prove_block(&slow_move_to(12.5))).await.unwrap();
-    let (mut driver, ..) = self::driver(&keys("cdab"), SimulationPace::Fast, Vec::new()).await;
+    let (mut driver, ..) =
+        self::driver_of_simulated_control(&keys("cdab"), SimulationPace::Immediate, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("is not plausible"), "{error}");
 }

@@ -24,7 +24,7 @@ pub struct ModbusTimeouts {
 impl ModbusTimeouts {
     /// Maximum time for which a control may report `state` unchanged while a chunk is incomplete. An idle control
     /// has lost the chunk; one that reports a motion without a change of position hangs.
-    pub(super) fn unchanged_limit(&self, state: WindowState) -> Duration {
+    pub(super) fn max_unchanged_time(&self, state: WindowState) -> Duration {
         if state == WindowState::Idle { self.reply_timeout } else { self.stall_timeout }
     }
 }
@@ -44,20 +44,20 @@ impl Default for ModbusTimeouts {
 /// seen.
 const MAX_COUNTED_READ_INTERVAL: Duration = Duration::from_millis(500);
 
-/// The control's heartbeat, over all chunks.
+/// Detects that the control's heartbeat has stopped; counts across chunks.
 #[derive(Default)]
 pub(super) struct HeartbeatMonitor {
     /// Last value, and the time of its read.
-    last: Option<(u16, Instant)>,
+    last_beat_and_read_time: Option<(u16, Instant)>,
     /// Time for which the same value was read.
     unchanged_time: Duration,
 }
 
 impl HeartbeatMonitor {
-    /// Error if the heartbeat has stopped: the status is outdated.
+    /// Registers the heartbeat `beat` of a status; an error if the heartbeat has stopped: the status is outdated.
     pub(super) fn check_heartbeat(&mut self, beat: u16, timeouts: &ModbusTimeouts) -> Result<(), ControllerError> {
         let now = Instant::now();
-        self.unchanged_time = match self.last.replace((beat, now)) {
+        self.unchanged_time = match self.last_beat_and_read_time.replace((beat, now)) {
             Some((last, read)) if last == beat => self.unchanged_time + MAX_COUNTED_READ_INTERVAL.min(now - read),
             _ => Duration::ZERO,
         };

@@ -8,14 +8,14 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
-use super::fault::{check_state, is_transient, refusal_error, reset_error, unexpected_reply_error};
+use super::fault::{check_idle_or_running, is_transient, refusal_error, reset_error, unexpected_sequence_error};
 use super::map::WindowRegisterMap;
 use super::status::{WindowState, WindowStatus};
 use super::timeouts::{HeartbeatMonitor, ModbusTimeouts};
 use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, HaltHandle};
-use link::modbus::value::RegisterValueError;
-use link::modbus::{DeviceSettings, ModbusClient, ModbusDevice, ModbusError, UrgentWriteSender};
+use link::modbus::number_format::RegisterValueError;
+use link::modbus::{DeviceSettings, ModbusClient, ModbusDeviceConfig, ModbusError, UrgentWriteSender};
 use machine::Position;
 
 /// Interval of trued's own heartbeat while nothing else is written.
@@ -23,29 +23,36 @@ const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A chunk whose execution was started.
 pub(super) struct PendingChunk {
-    name: String,
+    error_label: String,
     pub(super) sequence: u16,
-    standstill_time: Duration,
-    started: Instant,
+    planned_standstill_time: Duration,
+    started_at: Instant,
     stall_detector: StallDetector<(WindowState, Position)>,
     /// Pause before the next request; `None`: there was no request yet.
-    pause: Option<Duration>,
+    next_pause: Option<Duration>,
 }
 
 impl PendingChunk {
     fn new(name: &str, sequence: u16, standstill_time: Duration) -> Self {
         let (started, stall_detector) = (Instant::now(), StallDetector::new());
-        Self { name: name.to_owned(), sequence, standstill_time, started, stall_detector, pause: None }
+        Self {
+            error_label: name.to_owned(),
+            sequence,
+            planned_standstill_time: standstill_time,
+            started_at: started,
+            stall_detector,
+            next_pause: None,
+        }
     }
 
     /// Waits before the next request. The pause grows with each request, up to `max_pause`. The second request
     /// follows at once: a line that takes no time, such as a modal word, is complete by then.
     async fn wait_before_request(&mut self, max_pause: Duration) {
-        let pause = self.pause.unwrap_or_default();
+        let pause = self.next_pause.unwrap_or_default();
         if !pause.is_zero() {
             sleep(pause).await;
         }
-        self.pause = Some(match self.pause {
+        self.next_pause = Some(match self.next_pause {
             None => Duration::ZERO,
             Some(pause) => (pause * 2).max(Duration::from_millis(1)).min(max_pause),
         });
@@ -61,10 +68,10 @@ pub(super) struct WindowConnection {
     /// Task that writes the heartbeat; [`WindowConnection::wait_for_heartbeat`] starts it.
     heartbeat_task: OnceLock<JoinHandle<()>>,
     /// Sequence number of the last chunk that the control has accepted.
-    pub(super) sequence: u16,
+    pub(super) accepted_sequence: u16,
     /// Whether that chunk was sent by this driver. The outcome of another one, perhaps held or refused,
     /// does not matter.
-    pub(super) is_own_sequence: bool,
+    pub(super) is_accepted_chunk_own: bool,
     /// Number of the last result that was read from a resident program.
     pub(super) last_result_number: Option<u16>,
     /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
@@ -95,17 +102,17 @@ pub(super) fn encoding_error(error: RegisterValueError) -> ControllerError {
 }
 
 impl WindowConnection {
-    /// Opens the line; the halt writes `hold`, and nothing is written after it.
+    /// Opens the Modbus line to the control; the returned halt writes `hold`, and nothing is written after it.
     pub(super) async fn open(
-        device: &ModbusDevice,
+        device: &ModbusDeviceConfig,
         map: WindowRegisterMap,
     ) -> Result<(Self, HaltHandle), ControllerError> {
-        let settings = DeviceSettings { unit: device.unit, timeout: device.timeout, allowed: map.access_ranges() };
-        let (at, words) = map.command.hold.write(1).map_err(encoding_error)?;
+        let settings = DeviceSettings { unit: device.unit, timeout: device.timeout, access_list: map.access_ranges() };
+        let (at, words) = map.command.hold.encode_value(1).map_err(encoding_error)?;
         let link = Arc::new(ModbusClient::open(device.line.clone(), settings).await?);
         let hold_sender = link.prepare_urgent_write(at, &words)?;
         let urgent = hold_sender.clone();
-        let halt = HaltHandle::new(move || urgent.send_and_drop_ordinary());
+        let halt = HaltHandle::new(move || urgent.send_and_refuse_ordinary_writes());
         let window = Self {
             link,
             map,
@@ -113,8 +120,8 @@ impl WindowConnection {
             halt: halt.clone(),
             own_heartbeat: Arc::default(),
             heartbeat_task: OnceLock::new(),
-            sequence: 0,
-            is_own_sequence: false,
+            accepted_sequence: 0,
+            is_accepted_chunk_own: false,
             last_result_number: None,
             free_move_step: None,
             timeouts: ModbusTimeouts::default(),
@@ -123,19 +130,19 @@ impl WindowConnection {
         Ok((window, halt))
     }
 
-    pub(super) fn is_halted(&self) -> bool {
-        self.halt.is_halted()
+    pub(super) fn is_halt_requested(&self) -> bool {
+        self.halt.is_halt_requested()
     }
 
     /// Holds the machine after a fault, whatever it is executing.
     pub(super) fn send_hold(&self) {
-        self.hold_sender.send_and_drop_ordinary();
+        self.hold_sender.send_and_refuse_ordinary_writes();
     }
 
     /// Reads the control's present status: consistent, though perhaps older than the last chunk.
     pub(super) async fn read_status(&self) -> Result<WindowStatus, ControllerError> {
         let deadline = Instant::now() + self.timeouts.reply_timeout;
-        let (first, count) = self.map.status.block_range();
+        let (first, count) = self.map.status.block_first_and_count();
         let mut pause = Duration::from_millis(1);
         loop {
             let error = match self.link.read(self.map.status.space, first, count).await {
@@ -161,20 +168,20 @@ impl WindowConnection {
         let deadline = Instant::now() + self.timeouts.reply_timeout;
         loop {
             let status = self.read_status().await?;
-            if self.halt.is_halted() {
-                return Err(self.wait_hold().await);
+            if self.halt.is_halt_requested() {
+                return Err(self.resend_hold_until_at_rest().await);
             }
-            check_state(&status)?;
+            check_idle_or_running(&status)?;
             self.heartbeat_monitor.check_heartbeat(status.heartbeat, &self.timeouts)?;
-            let over = !self.is_own_sequence || status.executed_sequence == self.sequence;
-            let done = status.accepted_sequence == self.sequence && over;
+            let over = !self.is_accepted_chunk_own || status.executed_sequence == self.accepted_sequence;
+            let done = status.accepted_sequence == self.accepted_sequence && over;
             if done && status.state == WindowState::Idle {
                 return Ok(status);
             }
             if Instant::now() > deadline {
                 return Err(match status.accepted_sequence {
-                    0 if self.sequence != 0 => reset_error(),
-                    _ => unexpected_reply_error(&status, self.sequence),
+                    0 if self.accepted_sequence != 0 => reset_error(),
+                    _ => unexpected_sequence_error(&status, self.accepted_sequence),
                 });
             }
             sleep(self.timeouts.poll_interval).await;
@@ -183,20 +190,20 @@ impl WindowConnection {
 
     /// Sequence number that the control will accept next.
     pub(super) fn next_sequence(&self) -> u16 {
-        sequence_after(self.sequence)
+        sequence_after(self.accepted_sequence)
     }
 
-    /// Executes `line`; returns the status at its end. `standstill_time` is the time for which the machine may be at
-    /// rest meanwhile.
+    /// Executes `line`; returns the status at its end. `planned_standstill_time` is the time for which the machine
+    /// may be at rest meanwhile.
     ///
     /// # Errors
     /// A refusal, an alarm, a hold, a reset, silence; `Halted` once a halt was requested.
     pub(super) async fn execute_line(
         &mut self,
         line: &str,
-        standstill_time: Duration,
+        planned_standstill_time: Duration,
     ) -> Result<WindowStatus, ControllerError> {
-        let mut pending = self.start_chunk(line.as_bytes(), line, standstill_time).await?;
+        let mut pending = self.start_chunk(line.as_bytes(), line, planned_standstill_time).await?;
         loop {
             if let (status, true) = self.poll_chunk(&mut pending).await? {
                 return Ok(status);
@@ -209,9 +216,9 @@ impl WindowConnection {
         &mut self,
         chunk: &[u8],
         name: &str,
-        standstill_time: Duration,
+        planned_standstill_time: Duration,
     ) -> Result<PendingChunk, ControllerError> {
-        if self.halt.is_halted() {
+        if self.halt.is_halt_requested() {
             return Err(ControllerError::Halted);
         }
         let sequence = self.next_sequence();
@@ -220,30 +227,30 @@ impl WindowConnection {
             Err(error) => Err(error),
         };
         match sent {
-            Ok(()) => Ok(PendingChunk::new(name, sequence, standstill_time)),
-            Err(_) if self.halt.is_halted() => Err(self.wait_hold().await),
+            Ok(()) => Ok(PendingChunk::new(name, sequence, planned_standstill_time)),
+            Err(_) if self.halt.is_halt_requested() => Err(self.resend_hold_until_at_rest().await),
             Err(error) => Err(error),
         }
     }
 
-    /// Reads the status, and whether the whole chunk is complete and the machine at rest.
+    /// Reads the status once; the flag is whether the whole chunk is complete and the machine at rest.
     pub(super) async fn poll_chunk(
         &mut self,
         pending: &mut PendingChunk,
     ) -> Result<(WindowStatus, bool), ControllerError> {
         pending.wait_before_request(self.timeouts.poll_interval).await;
         let status = self.read_status().await?;
-        if self.halt.is_halted() {
-            return Err(self.wait_hold().await);
+        if self.halt.is_halt_requested() {
+            return Err(self.resend_hold_until_at_rest().await);
         }
-        let (name, sequence) = (&pending.name, pending.sequence);
+        let (name, sequence) = (&pending.error_label, pending.sequence);
         if status.accepted_sequence == sequence {
-            (self.sequence, self.is_own_sequence) = (sequence, true);
+            (self.accepted_sequence, self.is_accepted_chunk_own) = (sequence, true);
             if status.refusal_code != 0 {
                 return Err(refusal_error(name, status.refusal_code));
             }
         }
-        check_state(&status)?;
+        check_idle_or_running(&status)?;
         self.heartbeat_monitor.check_heartbeat(status.heartbeat, &self.timeouts)?;
         if let Some(step) = self.free_move_step.filter(|_| status.is_probe_closed) {
             // The machine may still be moving, and does not stop by itself.
@@ -256,23 +263,23 @@ impl WindowConnection {
                     return Ok((status, true));
                 }
             }
-            before if before == self.sequence => {
-                if pending.started.elapsed() > self.timeouts.reply_timeout {
+            before if before == self.accepted_sequence => {
+                if pending.started_at.elapsed() > self.timeouts.reply_timeout {
                     return Err(ControllerError::no_answer(name, self.timeouts.reply_timeout));
                 }
             }
             0 => return Err(reset_error()),
-            _ => return Err(unexpected_reply_error(&status, sequence)),
+            _ => return Err(unexpected_sequence_error(&status, sequence)),
         }
-        let (state, limit) = ((status.state, status.position.clone()), self.timeouts.unchanged_limit(status.state));
-        pending.stall_detector.check_progress(state, limit, pending.standstill_time, name)?;
+        let (state, limit) = ((status.state, status.position.clone()), self.timeouts.max_unchanged_time(status.state));
+        pending.stall_detector.check_not_stalled(state, limit, pending.planned_standstill_time, name)?;
         Ok((status, false))
     }
 
     /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
     /// until the status shows it; a surplus hold changes nothing. A control may stay idle on a hold: its
     /// machine is at rest if the control's program is running and has nothing left to execute.
-    async fn wait_hold(&self) -> ControllerError {
+    async fn resend_hold_until_at_rest(&self) -> ControllerError {
         let started = Instant::now();
         let (mut beats, mut last_beat_at) = (BTreeSet::new(), started);
         loop {
@@ -307,7 +314,7 @@ impl WindowConnection {
         let heart = || write_heartbeats(self.link.clone(), self.map.clone(), self.own_heartbeat.clone());
         self.heartbeat_task.get_or_init(|| tokio::spawn(heart()));
         let (at, words) =
-            self.map.command.heartbeat.write(next_heartbeat(&self.own_heartbeat)).map_err(encoding_error)?;
+            self.map.command.heartbeat.encode_value(next_heartbeat(&self.own_heartbeat)).map_err(encoding_error)?;
         match self.link.write_without_read_back(at, &words).await {
             Err(error) if !is_transient(&error) => return Err(error.into()),
             _ => {}
@@ -336,10 +343,10 @@ pub(super) fn next_heartbeat(heartbeat: &AtomicU16) -> u16 {
 async fn write_heartbeats(link: Arc<ModbusClient>, map: WindowRegisterMap, own_heartbeat: Arc<AtomicU16>) {
     loop {
         sleep(HEARTBEAT_INTERVAL).await;
-        let Ok((at, words)) = map.command.heartbeat.write(next_heartbeat(&own_heartbeat)) else {
+        let Ok((at, words)) = map.command.heartbeat.encode_value(next_heartbeat(&own_heartbeat)) else {
             return;
         };
-        if let Err(ModbusError::HoldActive { .. } | ModbusError::LinkEnded { .. }) =
+        if let Err(ModbusError::HoldActive { .. } | ModbusError::LinkThreadEnded { .. }) =
             link.write_without_read_back(at, &words).await
         {
             return;

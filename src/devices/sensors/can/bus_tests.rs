@@ -5,39 +5,39 @@ use std::sync::Arc;
 use tokio::sync::mpsc;
 
 use super::driver::CanDriver;
-use super::tests::{StoppedClock, config, test_sensor};
+use super::tests::{StoppedClock, parse_config, test_sensor};
 use crate::sensors::{Sample, SensorDriver as _, SensorError};
 use link::can::{CanError, CanEvent, CanFrame, CanId, CanReceiver};
 use machine::record::reading::ReadingFlag;
 
-const COUNTED: &str = "counter = { byte = 3, width = 8 }";
+const COUNTER_KEY: &str = "counter = { byte = 3, width = 8 }";
 
 /// A driver, and the sender of the events that it receives.
-fn driver(counter: &str, timeout_s: f64) -> (CanDriver, mpsc::Sender<CanEvent>) {
+fn driver_and_event_sender(counter_key: &str, timeout_s: f64) -> (CanDriver, mpsc::Sender<CanEvent>) {
     let keys = "interface = \"can0\"\nid = 0x123\nlength = 4\n\
                 value = { byte = 0, width = 24, order = \"big\", signed = true, scale_mm = 1e-5 }\n";
-    let config = config(&format!("{keys}timeout_s = {timeout_s:?}\n{counter}")).unwrap();
+    let config = parse_config(&format!("{keys}timeout_s = {timeout_s:?}\n{counter_key}")).unwrap();
     let (sender, receiver) = mpsc::channel(64);
     let can = CanReceiver::from_events("can0", receiver);
     (CanDriver::new(&config, can, test_sensor().range_mm, Arc::new(StoppedClock)), sender)
 }
 
-fn id(raw: u32) -> CanId {
+fn standard_id(raw: u32) -> CanId {
     CanId::new(raw, false).unwrap()
 }
 
-fn frame(count: u8) -> CanEvent {
-    CanEvent::Frame(CanFrame::new(20.0 + f64::from(count) * 1e-3, id(0x123), &[0, 0, count, count]))
+fn frame_with_count(count: u8) -> CanEvent {
+    CanEvent::Frame(CanFrame::new(20.0 + f64::from(count) * 1e-3, standard_id(0x123), &[0, 0, count, count]))
 }
 
-fn words(words: &str) -> String {
+fn owned_text(words: &str) -> String {
     words.to_owned()
 }
 
-/// Error of a driver that receives the events `sent` before it starts, and nothing afterwards.
-async fn refused(sent: Vec<CanEvent>) -> CanError {
-    let (mut driver, sender) = driver(COUNTED, 0.05);
-    for event in sent {
+/// Error of `prepare` of a driver that receives `events` before it starts, and nothing afterwards.
+async fn prepare_error_after(events: Vec<CanEvent>) -> CanError {
+    let (mut driver, sender) = driver_and_event_sender(COUNTER_KEY, 0.05);
+    for event in events {
         sender.send(event).await.unwrap();
     }
     match driver.prepare().await {
@@ -48,9 +48,9 @@ async fn refused(sent: Vec<CanEvent>) -> CanError {
 
 #[tokio::test]
 async fn bus_with_only_errors_suggests_the_bit_rate() {
-    let error = refused(vec![
-        CanEvent::BusErrors(words("controller problem: rx warning")),
-        CanEvent::BusErrors(words("protocol violation")),
+    let error = prepare_error_after(vec![
+        CanEvent::BusErrors(owned_text("controller problem: rx warning")),
+        CanEvent::BusErrors(owned_text("protocol violation")),
     ])
     .await;
     let message = error.to_string();
@@ -61,35 +61,37 @@ async fn bus_with_only_errors_suggests_the_bit_rate() {
 
 #[tokio::test]
 async fn bus_off_and_interface_down_are_reported() {
-    let errors = || CanEvent::BusErrors(words("bus error"));
-    let off = || CanEvent::BusOff(words("bus off"));
-    let error = refused(vec![errors(), off(), errors()]).await;
+    let errors = || CanEvent::BusErrors(owned_text("bus error"));
+    let off = || CanEvent::BusOff(owned_text("bus off"));
+    let error = prepare_error_after(vec![errors(), off(), errors()]).await;
     assert!(matches!(error, CanError::BusOff { .. }), "{error}");
     assert!(error.remedy().contains("restart-ms"), "{}", error.remedy());
-    let error = refused(vec![off(), CanEvent::Down(words("network is down"))]).await;
-    assert!(matches!(error, CanError::Down { .. }), "{error}");
+    let error = prepare_error_after(vec![off(), CanEvent::InterfaceDown(owned_text("network is down"))]).await;
+    assert!(matches!(error, CanError::InterfaceDown { .. }), "{error}");
     // The bus was restarted, or set up again, meanwhile.
-    let error = refused(vec![errors(), off(), CanEvent::LostFrames(1)]).await;
+    let error = prepare_error_after(vec![errors(), off(), CanEvent::LostFrames(1)]).await;
     assert!(matches!(error, CanError::BusErrors { .. }), "{error}");
-    let error = refused(vec![errors(), CanEvent::Down(words("gone")), off(), CanEvent::Up]).await;
+    let error =
+        prepare_error_after(vec![errors(), CanEvent::InterfaceDown(owned_text("gone")), off(), CanEvent::InterfaceUp])
+            .await;
     assert!(matches!(error, CanError::BusErrors { .. }), "{error}");
 }
 
 #[tokio::test]
 async fn foreign_frames_are_reported() {
-    let other = |raw| CanEvent::ForeignId(id(raw));
-    let error = refused(vec![CanEvent::BusErrors(words("bus error")), other(0x182), other(7)]).await;
+    let other = |raw| CanEvent::ForeignId(standard_id(raw));
+    let error = prepare_error_after(vec![CanEvent::BusErrors(owned_text("bus error")), other(0x182), other(7)]).await;
     assert_eq!(error.to_string(), "no frame 123 was received on `can0`, only frames with other identifiers: 182, 007");
     assert!(error.remedy().contains("compare `id`"), "{}", error.remedy());
 }
 
 #[tokio::test]
 async fn stuck_counter_is_reported() {
-    let (mut driver, sender) = driver(COUNTED, 30.0);
+    let (mut driver, sender) = driver_and_event_sender(COUNTER_KEY, 30.0);
     tokio::spawn(async move {
         loop {
             // A full channel waits for its reader.
-            if sender.send(frame(9)).await.is_err() {
+            if sender.send(frame_with_count(9)).await.is_err() {
                 return;
             }
             tokio::task::yield_now().await;
@@ -99,10 +101,10 @@ async fn stuck_counter_is_reported() {
     assert!(matches!(error, SensorError::CounterFrozen), "{error}");
 }
 
-async fn samples(counter: &str, sent: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
-    let (mut driver, sender) = driver(counter, 30.0);
+async fn flags_and_missing_counts(counter_key: &str, events: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
+    let (mut driver, sender) = driver_and_event_sender(counter_key, 30.0);
     driver.discard_old_samples().await.unwrap();
-    for event in sent {
+    for event in events {
         sender.send(event).await.unwrap();
     }
     let mut samples = Vec::new();
@@ -113,22 +115,25 @@ async fn samples(counter: &str, sent: Vec<CanEvent>, count: usize) -> Vec<(Readi
     samples
 }
 
-/// A fault during the measurement gives a flagged sample at once, and a gap after its end.
+/// Bus-off during the measurement gives a stale sample at once; the first frame after the bus-off has the flag `Gap`.
 #[tokio::test]
-async fn failing_bus_is_flagged_and_leaves_a_gap() {
+async fn bus_off_gives_a_stale_sample_then_a_gap() {
     let events = || {
         vec![
-            frame(1),
-            CanEvent::BusErrors(words("bus error")),
-            frame(2),
-            CanEvent::BusOff(words("bus off")),
+            frame_with_count(1),
+            CanEvent::BusErrors(owned_text("bus error")),
+            frame_with_count(2),
+            CanEvent::BusOff(owned_text("bus off")),
             CanEvent::LostFrames(1),
-            frame(7),
-            frame(8),
+            frame_with_count(7),
+            frame_with_count(8),
         ]
     };
     let (well, stale) = ((ReadingFlag::None, 0), (ReadingFlag::Stale, 0));
-    assert_eq!(samples(COUNTED, events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 4), well]);
+    assert_eq!(
+        flags_and_missing_counts(COUNTER_KEY, events(), 5).await,
+        [well, well, stale, (ReadingFlag::Gap, 4), well]
+    );
     // Without a counter the number of missing samples is unknown.
-    assert_eq!(samples("", events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 0), well]);
+    assert_eq!(flags_and_missing_counts("", events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 0), well]);
 }

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use crate::sensors::field::Endianness;
-use crate::sensors::frame_layout::{EncoderCountKeys, FrameCounterKeys, FrameLayout, FrameStatusKeys, FrameValueKeys};
+use crate::sensors::bit_field::Endianness;
+use crate::sensors::frame_layout::{FrameCounterKeys, FrameEncoderKeys, FrameLayout, FrameStatusKeys, FrameValueKeys};
 use link::Clock;
 use link::can::{CanError, CanId, CanReceiver};
 
@@ -27,18 +27,18 @@ struct CanKeys {
     order: Option<Endianness>,
     value: FrameValueKeys,
     counter: Option<FrameCounterKeys>,
-    encoder_count: Option<EncoderCountKeys>,
+    encoder_count: Option<FrameEncoderKeys>,
     #[serde(default)]
     status: Vec<FrameStatusKeys>,
 }
 
-const MAX_FRAME_BYTES: u16 = 8;
+const MAX_CAN_DATA_BYTES: u16 = 8;
 const MAX_TIMEOUT_S: f64 = 60.0;
 /// Maximum length of an interface's name in the kernel (IFNAMSIZ), characters.
 const MAX_INTERFACE_NAME_LENGTH: usize = 15;
 
 fn default_length() -> u16 {
-    MAX_FRAME_BYTES
+    MAX_CAN_DATA_BYTES
 }
 
 fn default_timeout_s() -> f64 {
@@ -50,7 +50,7 @@ fn default_timeout_s() -> f64 {
 pub struct CanConfig {
     pub(super) interface: String,
     pub(super) id: CanId,
-    pub(super) timeout: Duration,
+    pub(super) silence_timeout: Duration,
     pub(super) layout: FrameLayout,
 }
 
@@ -63,8 +63,8 @@ impl TryFrom<CanKeys> for CanConfig {
             return Err(format!("`interface` is `{interface}`; set a name from `ip link`, e.g. `can0`"));
         }
         let id = CanId::new(keys.id, keys.extended).map_err(|why| format!("`id` {why}"))?;
-        if !(1..=MAX_FRAME_BYTES).contains(&length) {
-            return Err(format!("`length` is {length}; a frame has 1 to {MAX_FRAME_BYTES} bytes"));
+        if !(1..=MAX_CAN_DATA_BYTES).contains(&length) {
+            return Err(format!("`length` is {length}; a frame has 1 to {MAX_CAN_DATA_BYTES} bytes"));
         }
         if timeout_s <= 0.0 || timeout_s > MAX_TIMEOUT_S {
             return Err(format!("`timeout_s` is {timeout_s}; permitted: above 0 to {MAX_TIMEOUT_S} s"));
@@ -73,7 +73,7 @@ impl TryFrom<CanKeys> for CanConfig {
         let length = usize::from(length);
         let CanKeys { value, counter, encoder_count, status, order, .. } = keys;
         let layout = FrameLayout::new(value, counter, encoder_count, status, order, length)?;
-        Ok(Self { interface, id, timeout, layout })
+        Ok(Self { interface, id, silence_timeout: timeout, layout })
     }
 }
 

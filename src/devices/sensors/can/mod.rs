@@ -1,6 +1,6 @@
 //! Driver of displacement sensors that send frames on a CAN bus.
 
-mod bus;
+mod bus_state;
 #[cfg(test)]
 mod bus_tests;
 mod config;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::CanConfig;
-use crate::sensors::{Sample, Sensor};
+use crate::sensors::{Sample, SensorHandle};
 use link::Clock;
 use link::can::{CanFrame, CanId, CanReceiver};
 use link::clock::HostClock;
@@ -20,12 +20,12 @@ pub(super) fn test_sensor() -> sensor::Sensor {
     .unwrap()
 }
 
-pub(super) fn config(text: &str) -> Result<CanConfig, String> {
+pub(super) fn parse_config(text: &str) -> Result<CanConfig, String> {
     toml::from_str(text).map_err(|error| error.message().to_owned())
 }
 
 /// A sensor that sends these frames, one each millisecond, and then nothing.
-fn spawn_sensor(config: &CanConfig, frames: &[&[u8]]) -> Sensor {
+fn spawn_sensor_with_frames(config: &CanConfig, frames: &[&[u8]]) -> SensorHandle {
     let mut left: std::collections::VecDeque<Vec<u8>> = frames.iter().map(|frame| frame.to_vec()).collect();
     let id = CanId::new(0x123, false).unwrap();
     let mut t_s = 0.0;
@@ -36,14 +36,14 @@ fn spawn_sensor(config: &CanConfig, frames: &[&[u8]]) -> Sensor {
     config.spawn_sensor(can, &test_sensor(), Arc::new(HostClock::start()), None)
 }
 
-const LITTLE: &str = r#"
+const LITTLE_ENDIAN_KEYS: &str = r#"
 interface = "can0"
 id = 0x123
 value = { byte = 0, width = 24, order = "little", signed = true, scale_mm = 1e-5 }
 counter = { byte = 3, width = 8 }
 "#;
 
-fn values_and_flags(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
+fn values_flags_and_missing_counts(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
     // Digits below a picometre are the rounding of the scale.
     let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
     let value_and_flag = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing_count);
@@ -52,8 +52,8 @@ fn values_and_flags(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> 
 
 #[tokio::test]
 async fn frames_become_samples_with_their_flags() {
-    let config = config(LITTLE).unwrap();
-    let sensor = spawn_sensor(
+    let config = parse_config(LITTLE_ENDIAN_KEYS).unwrap();
+    let sensor = spawn_sensor_with_frames(
         &config,
         &[
             &[0xFF, 0xFF, 0x7F, 250],
@@ -65,7 +65,7 @@ async fn frames_become_samples_with_their_flags() {
     );
     let samples = sensor.read_samples(6).await.unwrap();
     assert_eq!(
-        values_and_flags(&samples),
+        values_flags_and_missing_counts(&samples),
         [
             (Some(83.88607), ReadingFlag::None, 0),
             (Some(-83.88608), ReadingFlag::None, 0),
@@ -75,7 +75,7 @@ async fn frames_become_samples_with_their_flags() {
             (None, ReadingFlag::Stale, 0),
         ]
     );
-    let short = spawn_sensor(&config, &[&[1, 2, 3]]).read_samples(1).await.unwrap_err();
+    let short = spawn_sensor_with_frames(&config, &[&[1, 2, 3]]).read_samples(1).await.unwrap_err();
     assert_eq!(
         short.to_string(),
         "the data of the sensor do not match the machine file: the frame has 3 bytes, \
@@ -109,13 +109,13 @@ async fn frames_of_the_simulated_sensor_are_read() {
     // By hand from the data sheet: 123456 counts are 0x01E240.
     let first = frames().unwrap();
     assert_eq!(first.data(), [0, 1, 0x01, 0xE2, 0x40, 0]);
-    assert_eq!((first.id, first.t_s), (CanId::new(0x181, false).unwrap(), 12.5));
+    assert_eq!((first.id, first.received_s), (CanId::new(0x181, false).unwrap(), 12.5));
     let can = CanReceiver::from_generator("memory", frames);
-    let keys = format!("interface = \"memory\"\n{}", can::DATA_SHEET);
+    let keys = format!("interface = \"memory\"\n{}", can::DATA_SHEET_TOML);
     let config: CanConfig = toml::from_str(&keys).unwrap();
     let samples = config.spawn_sensor(can, &test_sensor(), clock, None).read_samples(5).await.unwrap();
     assert_eq!(
-        values_and_flags(&samples),
+        values_flags_and_missing_counts(&samples),
         [
             (None, ReadingFlag::Range, 0),
             (None, ReadingFlag::Saturated, 0),
@@ -124,11 +124,11 @@ async fn frames_of_the_simulated_sensor_are_read() {
             (None, ReadingFlag::Range, 0),
         ]
     );
-    assert!(samples.iter().all(|sample| sample.t_s == 12.5));
+    assert!(samples.iter().all(|sample| sample.received_s == 12.5));
 }
 
 #[test]
-fn invalid_values_are_refused_with_their_key() {
+fn invalid_config_keys_are_refused_with_a_reason() {
     let value = "value = { byte = 0, width = 24, order = \"big\", scale_mm = 1e-5 }";
     let refused = [
         ("interface = \"can0\"\nid = 0x800", "`id` 0x800 is too large for 11 bits"),
@@ -142,7 +142,7 @@ fn invalid_values_are_refused_with_their_key() {
         ("interface = \"can0\"\nid = 1\nbitrate = 500000", "unknown field `bitrate`"),
     ];
     for (keys, why) in refused {
-        let error = config(&format!("{keys}\n{value}")).unwrap_err();
+        let error = parse_config(&format!("{keys}\n{value}")).unwrap_err();
         assert!(error.contains(why), "{keys}: {error}");
     }
 }

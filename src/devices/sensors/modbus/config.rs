@@ -5,9 +5,11 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::map::{EncoderCountKeys, RegisterCounterKeys, RegisterStatusKeys, RegisterValueKeys, SensorRegisterMap};
+use super::register_map::{
+    RegisterCounterKeys, RegisterEncoderKeys, RegisterStatusKeys, RegisterValueKeys, SensorRegisterMap,
+};
 use link::HostPort;
-use link::modbus::{AccessList, DeviceSettings, Framing, ModbusDevice, ModbusDeviceKeys, Parity, RegisterSpace};
+use link::modbus::{AccessList, DeviceSettings, Framing, ModbusDeviceConfig, ModbusDeviceKeys, Parity, RegisterSpace};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -27,7 +29,7 @@ struct ModbusSensorKeys {
     space: RegisterSpace,
     value: RegisterValueKeys,
     counter: Option<RegisterCounterKeys>,
-    encoder_count: Option<EncoderCountKeys>,
+    encoder_count: Option<RegisterEncoderKeys>,
     #[serde(default)]
     status: Vec<RegisterStatusKeys>,
 }
@@ -40,10 +42,10 @@ fn default_rate_hz() -> f64 {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "ModbusSensorKeys")]
 pub struct ModbusSensorConfig {
-    pub(super) device: ModbusDevice,
-    /// Time between two reads.
-    pub(super) read_interval: Duration,
-    pub(super) map: SensorRegisterMap,
+    pub(super) device: ModbusDeviceConfig,
+    /// Minimum time between the starts of two reads.
+    pub(super) min_read_interval: Duration,
+    pub(super) register_map: SensorRegisterMap,
 }
 
 impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
@@ -52,7 +54,7 @@ impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
     fn try_from(keys: ModbusSensorKeys) -> Result<Self, String> {
         let ModbusSensorKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
         let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = ModbusDevice::try_from(device)?;
+        let device = ModbusDeviceConfig::try_from(device)?;
         if !(0.001..=1e4).contains(&keys.rate_hz) {
             return Err(format!("`rate_hz` is {}; permitted: 0.001 to 10000", keys.rate_hz));
         }
@@ -62,14 +64,14 @@ impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
         let read_interval = Duration::from_secs_f64(1.0 / keys.rate_hz);
         let ModbusSensorKeys { space, value, counter, encoder_count, status, .. } = keys;
         let map = SensorRegisterMap::new(space, value, counter, encoder_count, status)?;
-        Ok(Self { device, read_interval, map })
+        Ok(Self { device, min_read_interval: read_interval, register_map: map })
     }
 }
 
 impl ModbusSensorConfig {
-    /// Limits of the link: it may read these registers only, and write none.
+    /// Settings of the device: the link may read the registers of the map only, and write none.
     pub(super) fn device_settings(&self) -> DeviceSettings {
-        let allowed = AccessList { readable: vec![self.map.span], writable: Vec::new() };
-        DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, allowed }
+        let allowed = AccessList { readable: vec![self.register_map.span], writable: Vec::new() };
+        DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, access_list: allowed }
     }
 }

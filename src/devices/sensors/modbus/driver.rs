@@ -9,32 +9,33 @@ use super::frozen_value::FrozenValueDetector;
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::sample_layout::DecodedSample;
 use crate::sensors::{
-    OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver, SensorError, SensorInfo, SharedPort,
+    OpenSensorFuture, RATE_MEASUREMENT_TIME, Sample, SensorConfig, SensorDriver, SensorError, SensorHandle, SensorInfo,
+    SharedPort,
 };
 use link::modbus::{Framing, ModbusClient, ModbusError};
 use link::{Clock, SharedPorts};
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 
-/// Number of samples after which the rate is determined before the end of the window.
-const RATE_SAMPLES: usize = 20;
+/// Number of samples after which the measurement of the rate ends before its time.
+const RATE_MEASUREMENT_SAMPLES: usize = 20;
 
 pub struct ModbusSensorDriver {
     config: ModbusSensorConfig,
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
-    link: ModbusClient,
-    counter: CounterTracker,
-    /// Detects an unchanged value by its noise, if there is no counter.
+    client: ModbusClient,
+    counter_tracker: CounterTracker,
+    /// Detects a value without noise as frozen; `None` if there is a counter, or if the noise is too small.
     frozen_detector: Option<FrozenValueDetector>,
-    /// Samples a second of a simulated sensor whose time advances only when it is read.
+    /// Samples a second of a simulated sensor whose time advances only when it is read; `None`: a real sensor.
     simulated_hz: Option<f64>,
     next_read_time: Instant,
 }
 
 impl ModbusSensorDriver {
-    /// Opens the link of `config`. `simulated_hz`: sample rate of a simulated sensor that measures only
-    /// when it is read.
+    /// Opens the link of `config`. `simulated_hz`: sample rate of a simulated sensor that measures only when it is
+    /// read; `None`: a real sensor.
     ///
     /// # Errors
     /// The link cannot be opened.
@@ -58,12 +59,12 @@ impl ModbusSensorDriver {
         Self {
             range_mm: sensor.range_mm,
             clock,
-            link,
-            counter: CounterTracker::new(config.map.sample.counter_modulus()),
+            client: link,
+            counter_tracker: CounterTracker::new(config.register_map.sample.counter_modulus()),
             // A sensor that measures when it is read has no unchanged values.
             frozen_detector: match simulated_hz {
                 Some(_) => None,
-                None => FrozenValueDetector::for_sensor(&config.map, sensor, config.device.timeout),
+                None => FrozenValueDetector::new_if_detectable(&config.register_map, sensor, config.device.timeout),
             },
             simulated_hz,
             next_read_time: Instant::now(),
@@ -77,11 +78,11 @@ impl ModbusSensorDriver {
             if Instant::now() < self.next_read_time {
                 sleep_until(self.next_read_time).await;
             }
-            self.next_read_time = Instant::now().max(self.next_read_time + self.config.read_interval);
+            self.next_read_time = Instant::now().max(self.next_read_time + self.config.min_read_interval);
         }
-        let span = self.config.map.span;
-        let words = self.link.read(span.space, span.first, span.last - span.first + 1).await?;
-        let read = self.config.map.sample.decode(&words);
+        let span = self.config.register_map.span;
+        let words = self.client.read(span.space, span.first, span.last - span.first + 1).await?;
+        let read = self.config.register_map.sample.decode(&words);
         read.map_err(|error| SensorError::InvalidData {
             text: format!("registers {} to {}: {error}", span.first, span.last),
             remedy: "compare [sensor.modbus] with the sensor's manual: register, type, order; set `nan` \
@@ -92,13 +93,13 @@ impl ModbusSensorDriver {
 
     async fn read_sample(&mut self) -> Result<Sample, SensorError> {
         let decoded = self.read_registers().await?.flag_out_of_range(self.range_mm);
-        if let (Some(frozen_detector), Ok(mm)) = (&mut self.frozen_detector, decoded.value)
-            && frozen_detector.check_value(mm, Instant::now())
+        if let (Some(frozen_detector), Ok(mm)) = (&mut self.frozen_detector, decoded.value_mm)
+            && frozen_detector.detect_frozen(mm, Instant::now())
         {
             return Ok(Sample::stale(self.clock.now_s()));
         }
-        let mut sample = self.counter.complete_sample(self.clock.now_s(), decoded);
-        if !self.config.map.counts_gaps {
+        let mut sample = self.counter_tracker.complete_sample(self.clock.now_s(), decoded);
+        if !self.config.register_map.counts_missing_samples {
             sample.missing_count = 0;
             if sample.flag == ReadingFlag::Gap {
                 sample.flag = ReadingFlag::None;
@@ -109,7 +110,7 @@ impl ModbusSensorDriver {
 
     /// Describes the sensor, with the faults that cannot be detected.
     fn identity(&self) -> String {
-        let counter = self.config.map.sample.counter;
+        let counter = self.config.register_map.sample.counter_and_modulus;
         let limitation = match (counter, &self.frozen_detector, self.simulated_hz) {
             (Some(_), ..) | (_, _, Some(_)) => "",
             (None, Some(_), None) => ", without a counter: a frozen value is detected only by its noise",
@@ -130,19 +131,19 @@ fn is_transient(error: &SensorError) -> bool {
 
 impl SensorDriver for ModbusSensorDriver {
     async fn prepare(&mut self) -> Result<SensorInfo, SensorError> {
-        self.counter.restart();
+        self.counter_tracker.restart();
         // An error of the first read is reported.
         let first = self.read_registers().await?;
         let mut rate_hz = self.simulated_hz.unwrap_or_default();
         if self.simulated_hz.is_none() {
-            self.counter.complete_sample(self.clock.now_s(), first);
+            self.counter_tracker.complete_sample(self.clock.now_s(), first);
             let start = Instant::now();
             let mut count = 0;
             let is_unchanged = |frozen_detector: &Option<FrozenValueDetector>, count: usize| {
-                frozen_detector.as_ref().is_some_and(|detector| detector.repeat_count as usize >= count)
+                frozen_detector.as_ref().is_some_and(|detector| detector.equal_value_count as usize >= count)
             };
-            while (count < RATE_SAMPLES || is_unchanged(&self.frozen_detector, count))
-                && start.elapsed() < RATE_WINDOW.max(2 * self.config.device.timeout)
+            while (count < RATE_MEASUREMENT_SAMPLES || is_unchanged(&self.frozen_detector, count))
+                && start.elapsed() < RATE_MEASUREMENT_TIME.max(2 * self.config.device.timeout)
             {
                 let is_stale = self.next().await?.flag == ReadingFlag::Stale;
                 count += usize::from(!is_stale);
@@ -159,18 +160,18 @@ impl SensorDriver for ModbusSensorDriver {
             }
             rate_hz = count as f64 / start.elapsed().as_secs_f64();
         }
-        Ok(SensorInfo { identity: self.identity(), rate_hz })
+        Ok(SensorInfo { identity: self.identity(), sample_rate_hz: rate_hz })
     }
 
     async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
-        self.counter.restart();
-        if self.simulated_hz.is_some() || self.config.map.sample.counter_modulus().is_none() {
+        self.counter_tracker.restart();
+        if self.simulated_hz.is_some() || self.config.register_map.sample.counter_modulus().is_none() {
             return Ok(());
         }
         // The registers hold an earlier sample; the next one has another count.
         match self.read_registers().await {
             Ok(decoded) => {
-                self.counter.complete_sample(self.clock.now_s(), decoded);
+                self.counter_tracker.complete_sample(self.clock.now_s(), decoded);
                 Ok(())
             }
             Err(error) if is_transient(&error) => Ok(()),
@@ -207,11 +208,11 @@ impl SensorConfig for ModbusSensorConfig {
             ("`baud`", line.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
             ("`parity`", format!("{:?}", line.parity).to_lowercase()),
         ];
-        (line.framing == Framing::Rtu).then(|| SharedPort { name: line.to_string(), shared_keys: keys })
+        (line.framing == Framing::Rtu).then(|| SharedPort { name: line.to_string(), keys_required_equal: keys })
     }
 
     fn encoder_modulus(&self) -> Option<u64> {
-        self.map.sample.encoder_modulus()
+        self.register_map.sample.encoder_modulus()
     }
 
     fn open_sensor<'a>(
@@ -219,11 +220,11 @@ impl SensorConfig for ModbusSensorConfig {
         sensor: &'a sensor::Sensor,
         clock: Arc<dyn Clock>,
         ports: &'a SharedPorts,
-    ) -> OpenFuture<'a> {
+    ) -> OpenSensorFuture<'a> {
         Box::pin(async move {
             let link = ports.open_modbus_client(self.device.line.clone(), self.device_settings()).await?;
             let driver = ModbusSensorDriver::from_link(link, self.clone(), sensor, clock, None);
-            Ok(Sensor::spawn(sensor.name.as_str(), driver))
+            Ok(SensorHandle::spawn(sensor.name.as_str(), driver))
         })
     }
 }

@@ -3,40 +3,49 @@
 
 use tokio::time::{Duration, Instant};
 
-use super::map::SensorRegisterMap;
+use super::register_map::SensorRegisterMap;
 use machine::record::sensor::Sensor;
 
-/// Number of equal values after which a value counts as unchanged, if the timeout has passed too.
-const MIN_EQUAL_VALUES: u32 = 20;
-/// Smallest standard deviation of the noise, in counts: with less noise a value may repeat again and again.
-const MIN_NOISE_COUNTS: f64 = 4.0;
+/// Number of equal values after which a value counts as frozen, if it has also been unchanged for long enough.
+const MIN_FROZEN_EQUAL_VALUES: u32 = 20;
+/// Smallest standard deviation of the noise, in counts, for which a frozen value can be detected: with less noise a
+/// good value may repeat again and again.
+const MIN_DETECTION_NOISE_SD_COUNTS: f64 = 4.0;
 
 pub(super) struct FrozenValueDetector {
-    timeout: Duration,
-    value_mm: f64,
+    min_unchanged_time: Duration,
+    last_value_mm: f64,
     unchanged_since: Instant,
-    /// Number of equal values up to now.
-    pub repeat_count: u32,
+    /// Number of equal values up to now, the first one included.
+    pub equal_value_count: u32,
     /// Whether the last value had been unchanged for too long.
     pub is_frozen: bool,
 }
 
 impl FrozenValueDetector {
-    /// Returns the detector; `None` if detection is impossible, or if there is a counter.
-    pub fn for_sensor(map: &SensorRegisterMap, sensor: &Sensor, timeout: Duration) -> Option<Self> {
+    /// Returns the detector; `None` if the noise is unknown or too small, or if there is a counter.
+    pub fn new_if_detectable(map: &SensorRegisterMap, sensor: &Sensor, timeout: Duration) -> Option<Self> {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
-        let is_detectable = map.sample.counter_modulus().is_none() && MIN_NOISE_COUNTS * map.count_mm() <= noise_mm;
+        let is_detectable =
+            map.sample.counter_modulus().is_none() && MIN_DETECTION_NOISE_SD_COUNTS * map.count_size_mm() <= noise_mm;
         let (value_mm, unchanged_since) = (f64::NAN, Instant::now());
-        is_detectable.then_some(Self { timeout, value_mm, unchanged_since, repeat_count: 0, is_frozen: false })
+        is_detectable.then_some(Self {
+            min_unchanged_time: timeout,
+            last_value_mm: value_mm,
+            unchanged_since,
+            equal_value_count: 0,
+            is_frozen: false,
+        })
     }
 
-    /// Whether the value has been unchanged for too long; `value_mm` was read at `now`.
-    pub fn check_value(&mut self, value_mm: f64, now: Instant) -> bool {
-        if value_mm != self.value_mm {
-            *self = Self { value_mm, unchanged_since: now, repeat_count: 0, ..*self };
+    /// Adds `value_mm`, which was read at `now`. Returns whether the value has been unchanged for too long.
+    pub fn detect_frozen(&mut self, value_mm: f64, now: Instant) -> bool {
+        if value_mm != self.last_value_mm {
+            *self = Self { last_value_mm: value_mm, unchanged_since: now, equal_value_count: 0, ..*self };
         }
-        self.repeat_count = self.repeat_count.saturating_add(1);
-        self.is_frozen = self.repeat_count >= MIN_EQUAL_VALUES && now - self.unchanged_since >= self.timeout;
+        self.equal_value_count = self.equal_value_count.saturating_add(1);
+        self.is_frozen =
+            self.equal_value_count >= MIN_FROZEN_EQUAL_VALUES && now - self.unchanged_since >= self.min_unchanged_time;
         self.is_frozen
     }
 }
@@ -50,15 +59,20 @@ mod tests {
         let timeout = Duration::from_secs(1);
         let start = Instant::now();
         let (value_mm, unchanged_since) = (f64::NAN, start);
-        let mut detector =
-            FrozenValueDetector { timeout, value_mm, unchanged_since, repeat_count: 0, is_frozen: false };
+        let mut detector = FrozenValueDetector {
+            min_unchanged_time: timeout,
+            last_value_mm: value_mm,
+            unchanged_since,
+            equal_value_count: 0,
+            is_frozen: false,
+        };
         let at = |ms: u64| start + Duration::from_millis(ms);
         // Many equal values, but within a short time.
-        assert!((0..200).all(|n| !detector.check_value(1.5, at(n))));
-        assert!(detector.check_value(1.5, at(1000)));
+        assert!((0..200).all(|n| !detector.detect_frozen(1.5, at(n))));
+        assert!(detector.detect_frozen(1.5, at(1000)));
         // A long time, but few equal values.
-        assert!((0..19).all(|n| !detector.check_value(1.6, at(2000 + 500 * n))));
-        assert!(detector.check_value(1.6, at(20_000)));
-        assert!(!detector.check_value(1.5, at(20_001)));
+        assert!((0..19).all(|n| !detector.detect_frozen(1.6, at(2000 + 500 * n))));
+        assert!(detector.detect_frozen(1.6, at(20_000)));
+        assert!(!detector.detect_frozen(1.5, at(20_001)));
     }
 }

@@ -14,7 +14,7 @@
 mod config;
 mod driver;
 mod frozen_value;
-mod map;
+mod register_map;
 #[cfg(test)]
 mod tests;
 

@@ -13,7 +13,7 @@ use machine::record::sensor::Sensor;
 use simulator::SensorOutput;
 use simulator::sensors::modbus::{SampleTiming, serve_on_tcp};
 
-const MAP: &str = r#"
+const REGISTER_MAP_KEYS: &str = r#"
 [value]
 register = 10
 type = "i32"
@@ -34,11 +34,11 @@ bit = 15
 means = "stale"
 "#;
 
-fn refused(text: &str) -> String {
+fn config_error(text: &str) -> String {
     toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
 }
 
-fn sensor() -> Sensor {
+fn test_sensor() -> Sensor {
     serde_json::from_value(json!({
         "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": [-10, 10]
     }))
@@ -46,13 +46,13 @@ fn sensor() -> Sensor {
 }
 
 #[test]
-fn registers_are_read_as_the_map_says() {
-    let config: ModbusSensorConfig = toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{MAP}")).unwrap();
-    let map = &config.map;
+fn registers_are_decoded_by_the_map() {
+    let config: ModbusSensorConfig = toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{REGISTER_MAP_KEYS}")).unwrap();
+    let map = &config.register_map;
     assert_eq!((map.span.first, map.span.last), (9, 12));
     let read = |words: [u16; 4]| {
         let decoded = map.sample.decode(&words).unwrap();
-        (decoded.value, decoded.counter)
+        (decoded.value_mm, decoded.counter_value)
     };
     assert_eq!(read([0, 0, 2000, 7]), (Ok(2.0), Some(7)));
     // -1500 = FFFF FA24.
@@ -62,13 +62,14 @@ fn registers_are_read_as_the_map_says() {
     assert_eq!(read([0, 0x8000, 0, 8]), (Err(ReadingFlag::Range), Some(8)));
     assert_eq!(map.sample.counter_modulus(), Some(65_536));
     // Only the span may be read, and nothing written.
-    let allowed = config.device_settings().allowed;
+    let allowed = config.device_settings().access_list;
     assert_eq!((allowed.readable, allowed.writable), (vec![map.span], vec![]));
 
     let float = "value = { register = 0, type = \"f32\", scale_mm = 1, nan = \"no-echo\" }";
     let nan = [0x7FC0, 0];
-    let map = |keys: &str| toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().map;
-    assert_eq!(map(float).sample.decode(&nan).unwrap().value, Err(ReadingFlag::Range));
+    let map =
+        |keys: &str| toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().register_map;
+    assert_eq!(map(float).sample.decode(&nan).unwrap().value_mm, Err(ReadingFlag::Range));
     assert!(map(&float.replace(", nan = \"no-echo\"", "")).sample.decode(&nan).is_err());
 }
 
@@ -76,8 +77,8 @@ fn registers_are_read_as_the_map_says() {
 fn encoder_count_is_read_with_the_value() {
     let read = |kind: &str, words: [u16; 6]| {
         let count = format!("encoder_count = {{ register = 13, type = \"{kind}\", order = \"cdab\" }}");
-        let text = format!("tcp = \"a:9\"\n{count}\n{MAP}");
-        let map = toml::from_str::<ModbusSensorConfig>(&text).unwrap().map;
+        let text = format!("tcp = \"a:9\"\n{count}\n{REGISTER_MAP_KEYS}");
+        let map = toml::from_str::<ModbusSensorConfig>(&text).unwrap().register_map;
         // A 16-bit number is the last register that is read.
         let words = words.get(..usize::from(map.span.last - map.span.first + 1)).unwrap();
         (map.sample.encoder_modulus(), map.sample.decode(words).unwrap().encoder_count)
@@ -85,15 +86,15 @@ fn encoder_count_is_read_with_the_value() {
     assert_eq!(read("u32", [0, 0, 2000, 7, 0xFFFE, 0x0001]), (Some(1 << 32), Some(0x1_FFFE)));
     assert_eq!(read("i32", [0, 0, 2000, 7, 0xFFFF, 0xFFFF]), (Some(1 << 32), Some(u32::MAX)));
     assert_eq!(read("i16", [0, 0, 2000, 7, 0xFFFE, 0]), (Some(1 << 16), Some(0xFFFE)));
-    let float = format!("encoder_count = {{ register = 13, type = \"f32\" }}\n{MAP}");
-    assert!(refused(&float).contains("`encoder_count.type` must be `u16`, `i16`, `u32` or `i32`"));
-    let same = format!("encoder_count = {{ register = 12, type = \"u16\" }}\n{MAP}");
-    assert!(refused(&same).contains("`counter` and `encoder_count` overlap at register 12"));
+    let float = format!("encoder_count = {{ register = 13, type = \"f32\" }}\n{REGISTER_MAP_KEYS}");
+    assert!(config_error(&float).contains("`encoder_count.type` must be `u16`, `i16`, `u32` or `i32`"));
+    let same = format!("encoder_count = {{ register = 12, type = \"u16\" }}\n{REGISTER_MAP_KEYS}");
+    assert!(config_error(&same).contains("`counter` and `encoder_count` overlap at register 12"));
 }
 
 #[test]
 fn invalid_maps_are_refused_with_a_reason() {
-    let map = |from: &str, to: &str| refused(&MAP.replace(from, to));
+    let map = |from: &str, to: &str| config_error(&REGISTER_MAP_KEYS.replace(from, to));
     assert!(map("register = 12", "register = 11").contains("`value` and `counter` overlap at register 11"));
     assert!(map("register = 9\nbit = 15", "register = 10\nbit = 15").contains("overlap"));
     assert!(map("scale_mm = 0.001", "scale_mm = 0").contains("all readings would be equal"));
@@ -103,12 +104,12 @@ fn invalid_maps_are_refused_with_a_reason() {
     assert!(map("is = 3", "is = 4").contains("can never be 4"));
     assert!(map("bit = 15", "bit = 3").contains("bits from 2 and those from 3 overlap"));
     assert!(map("bit = 15", "bit = 2\nwidth = 2\nis = 3").contains("are met at the same time"));
-    let behind = MAP.replace("bit = 15", "bit = 2\nwidth = 2");
+    let behind = REGISTER_MAP_KEYS.replace("bit = 15", "bit = 2\nwidth = 2");
     assert!(toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"127.0.0.1:9\"\n{behind}")).is_ok());
     assert!(map("bit = 15", "bit = 16").contains("bits 0 to 15"));
     assert!(map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("is only for `f32`"));
-    assert!(refused(&format!("space = \"coil\"\n{MAP}")).contains("a bit cannot hold a distance"));
-    assert!(refused(&format!("rate_hz = 0\n{MAP}")).contains("`rate_hz`"));
+    assert!(config_error(&format!("space = \"coil\"\n{REGISTER_MAP_KEYS}")).contains("a bit cannot hold a distance"));
+    assert!(config_error(&format!("rate_hz = 0\n{REGISTER_MAP_KEYS}")).contains("`rate_hz`"));
 }
 
 /// The registers hold only the newest value: an unchanged value shows by its noise, if the noise is
@@ -125,7 +126,7 @@ async fn frozen_value_is_detected_without_a_counter() {
         let value = "value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 0.00001 }";
         let config = format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{value}\n");
         let config = toml::from_str::<ModbusSensorConfig>(&config).unwrap();
-        let sensor = Sensor { noise_um, ..sensor() };
+        let sensor = Sensor { noise_um, ..test_sensor() };
         let clock = Arc::new(HostClock::start());
         let mut registers = ModbusSensorDriver::open(config, &sensor, clock, None).await.unwrap();
         registers.prepare().await.map(|prepared| prepared.identity).map_err(|error| error.to_string())

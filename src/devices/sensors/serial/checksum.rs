@@ -3,7 +3,7 @@
 use crc::{CRC_8_SMBUS, CRC_16_IBM_3740, CRC_16_KERMIT, CRC_16_MODBUS, CRC_16_XMODEM, CRC_32_ISO_HDLC, Crc};
 use serde::Deserialize;
 
-use crate::sensors::field::Endianness;
+use crate::sensors::bit_field::Endianness;
 
 /// Keys of the checksum: `checksum = { kind = "crc16-modbus", order = "little" }`.
 #[derive(Debug, Deserialize)]
@@ -37,15 +37,15 @@ enum ChecksumKind {
 #[derive(Debug, Clone)]
 pub(super) struct Checksum {
     kind: ChecksumKind,
-    order: Endianness,
-    with_sync: bool,
+    byte_order: Endianness,
+    includes_sync: bool,
 }
 
 impl Checksum {
     /// Describes the checksum with its keys.
     pub fn describe(&self) -> String {
-        let Self { kind, order, with_sync } = self;
-        format!("{kind:?}, order {order:?}, with_sync {with_sync}").to_lowercase()
+        let Self { kind, byte_order: order, includes_sync } = self;
+        format!("{kind:?}, order {order:?}, with_sync {includes_sync}").to_lowercase()
     }
 
     /// Width of the checksum, bytes.
@@ -61,10 +61,10 @@ impl Checksum {
     }
 
     pub fn matches(&self, sync: &[u8], body: &[u8], received: &[u8]) -> bool {
-        let begin = if self.with_sync { sync } else { &[] };
+        let begin = if self.includes_sync { sync } else { &[] };
         let sum = self.compute(&[begin, body].concat()).to_be_bytes();
         let Some(big) = sum.get(sum.len() - self.byte_count()..) else { return false };
-        match self.order {
+        match self.byte_order {
             Endianness::Big => big == received,
             Endianness::Little => big.iter().rev().eq(received),
         }
@@ -89,7 +89,7 @@ impl TryFrom<ChecksumKeys> for Checksum {
     type Error = String;
 
     fn try_from(ChecksumKeys { kind, order, with_sync }: ChecksumKeys) -> Result<Self, String> {
-        let sum = Self { kind, order: order.unwrap_or(Endianness::Little), with_sync };
+        let sum = Self { kind, byte_order: order.unwrap_or(Endianness::Little), includes_sync: with_sync };
         if sum.byte_count() > 1 && order.is_none() {
             return Err("`checksum` needs an `order`: `little` or `big`".to_owned());
         }
@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn checksums_agree_with_the_catalogue() {
         // Values for the text 123456789, from the catalogue of parametrised CRC algorithms.
-        let of = |kind| Checksum { kind, order: Endianness::Big, with_sync: false }.compute(b"123456789");
+        let of = |kind| Checksum { kind, byte_order: Endianness::Big, includes_sync: false }.compute(b"123456789");
         assert_eq!(of(ChecksumKind::Crc8), 0xF4);
         assert_eq!(of(ChecksumKind::Crc16Modbus), 0x4B37);
         assert_eq!(of(ChecksumKind::Crc16Ccitt), 0x29B1);
@@ -117,8 +117,12 @@ mod tests {
     }
 
     #[test]
-    fn checksum_order_and_range_follow_the_layout() {
-        let sum = |order, with_sync| Checksum { kind: ChecksumKind::Crc16Modbus, order, with_sync };
+    fn checksum_follows_byte_order_and_inclusion_of_sync() {
+        let sum = |order, with_sync| Checksum {
+            kind: ChecksumKind::Crc16Modbus,
+            byte_order: order,
+            includes_sync: with_sync,
+        };
         assert!(sum(Endianness::Big, false).matches(b"x", b"123456789", &[0x4B, 0x37]));
         assert!(sum(Endianness::Little, false).matches(b"x", b"123456789", &[0x37, 0x4B]));
         assert!(sum(Endianness::Little, true).matches(b"123", b"456789", &[0x37, 0x4B]));

@@ -33,10 +33,10 @@ struct SerialKeys {
 pub struct SerialConfig {
     pub(super) link: LinkConfig,
     /// Maximum time without data.
-    pub(super) timeout: Duration,
-    pub(super) request: Option<Vec<u8>>,
+    pub(super) silence_timeout: Duration,
+    pub(super) sample_request: Option<Vec<u8>>,
     /// Time between two requests.
-    pub(super) request_interval: Duration,
+    pub(super) min_request_interval: Duration,
     pub(super) format: DataFormat,
 }
 
@@ -71,6 +71,12 @@ impl TryFrom<SerialKeys> for SerialConfig {
             }
         };
         let request = keys.request.map(String::into_bytes);
-        Ok(Self { link, timeout, request, request_interval, format })
+        Ok(Self {
+            link,
+            silence_timeout: timeout,
+            sample_request: request,
+            min_request_interval: request_interval,
+            format,
+        })
     }
 }

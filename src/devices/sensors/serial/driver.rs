@@ -6,13 +6,13 @@ use std::sync::Arc;
 use tokio::time::{Duration, Instant, sleep_until};
 
 use super::SerialConfig;
-use super::diagnosis::StartupData;
 use super::splitter::{StreamPiece, StreamSplitter};
+use super::startup_diagnosis::StartupData;
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::sample_layout::DecodedSample;
 use crate::sensors::{
-    MAX_CONSECUTIVE_SILENCES, MAX_RATE_SAMPLES, OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver,
-    SensorError, SensorInfo, SharedPort,
+    MAX_CONSECUTIVE_SILENCES, MAX_RATE_MEASUREMENT_SAMPLES, OpenSensorFuture, RATE_MEASUREMENT_TIME, Sample,
+    SensorConfig, SensorDriver, SensorError, SensorHandle, SensorInfo, SharedPort,
 };
 use link::{ByteStreamHandle, Clock, SharedPorts, StreamRead};
 use machine::record::sensor;
@@ -32,11 +32,12 @@ pub struct SerialDriver {
     ports: SharedPorts,
     stream: Option<ByteStreamHandle>,
     splitter: StreamSplitter,
-    counter: CounterTracker,
-    /// Decoded samples that have not been read yet.
-    decoded_items: VecDeque<StreamItem>,
+    counter_tracker: CounterTracker,
+    /// Decoded samples, and marks of undecodable bytes, that have not been read yet.
+    unread_items: VecDeque<StreamItem>,
     startup_data: StartupData,
-    /// Samples a second of a simulated sensor whose time advances only when it receives a request.
+    /// Samples a second of a simulated sensor whose time advances only when it receives a request; `None`: a real
+    /// sensor.
     simulated_hz: Option<f64>,
     /// Time before which no request is sent.
     next_request_time: Instant,
@@ -54,7 +55,7 @@ impl SerialDriver {
         ports: SharedPorts,
     ) -> Result<Self, SensorError> {
         let mut serial = Self { ports, ..Self::new(config, sensor, clock) };
-        serial.reopen().await?;
+        serial.reopen_stream().await?;
         Ok(serial)
     }
 
@@ -78,8 +79,8 @@ impl SerialDriver {
             ports: SharedPorts::default(),
             stream: None,
             splitter: StreamSplitter::new(config.format.clone()),
-            counter: CounterTracker::new(config.format.counter_modulus()),
-            decoded_items: VecDeque::new(),
+            counter_tracker: CounterTracker::new(config.format.counter_modulus()),
+            unread_items: VecDeque::new(),
             startup_data: StartupData::default(),
             simulated_hz: None,
             next_request_time: Instant::now(),
@@ -87,7 +88,7 @@ impl SerialDriver {
         }
     }
 
-    async fn reopen(&mut self) -> Result<(), SensorError> {
+    async fn reopen_stream(&mut self) -> Result<(), SensorError> {
         self.stream = None;
         let address = self.config.link.resolve_address()?;
         self.stream = Some(self.ports.open_byte_stream(&address).await?);
@@ -99,40 +100,40 @@ impl SerialDriver {
     }
 
     async fn discard_received_data(&mut self) -> Result<(), SensorError> {
-        self.decoded_items.clear();
-        self.splitter.restart(self.config.request.is_none());
+        self.unread_items.clear();
+        self.splitter.discard_buffer(self.config.sample_request.is_none());
         self.stream()?.discard_received().await?;
         Ok(())
     }
 
-    /// Returns the next piece that can be decoded, after a request if the sensor needs one; `None` if none
-    /// comes before `deadline`, by default the sensor's timeout.
-    async fn query_sample(
+    /// Sends the request, if the sensor needs one, and returns the next sample that can be decoded. `None` if no sample
+    /// comes before `deadline`; without `deadline` the sensor's timeout applies.
+    async fn request_or_await_sample(
         &mut self,
         deadline: Option<Instant>,
     ) -> Result<Option<(Instant, DecodedSample)>, SensorError> {
-        let timeout = self.config.timeout;
-        let Some(request) = self.config.request.clone() else {
-            return self.next_decoded(deadline.unwrap_or_else(|| Instant::now() + timeout)).await;
+        let timeout = self.config.silence_timeout;
+        let Some(request) = self.config.sample_request.clone() else {
+            return self.next_decoded_sample(deadline.unwrap_or_else(|| Instant::now() + timeout)).await;
         };
         // The shortest wait of a timer is a millisecond.
         if Instant::now() < self.next_request_time {
             sleep_until(self.next_request_time).await;
         }
         let mut turn = self.stream()?.request_turn().lock_owned().await;
-        if std::mem::take(&mut turn.is_reply_pending) {
+        if std::mem::take(&mut turn.is_late_reply_pending) {
             self.wait_until_silent().await?;
         }
         self.send_request(&request).await?;
-        let decoded = self.next_decoded(deadline.unwrap_or_else(|| Instant::now() + timeout)).await?;
-        turn.is_reply_pending = decoded.is_none();
+        let decoded = self.next_decoded_sample(deadline.unwrap_or_else(|| Instant::now() + timeout)).await?;
+        turn.is_late_reply_pending = decoded.is_none();
         Ok(decoded)
     }
 
     async fn send_request(&mut self, request: &[u8]) -> Result<(), SensorError> {
-        self.next_request_time = Instant::now() + self.config.request_interval;
-        self.decoded_items.clear();
-        self.splitter.restart(false);
+        self.next_request_time = Instant::now() + self.config.min_request_interval;
+        self.unread_items.clear();
+        self.splitter.discard_buffer(false);
         // Data that came before the request are no answer to it.
         let stream = self.stream()?;
         stream.discard_received().await?;
@@ -140,9 +141,10 @@ impl SerialDriver {
         Ok(())
     }
 
-    /// Waits until nothing has come for the timeout: then no late answer can be taken for the next one.
+    /// Waits until nothing has come for the timeout: then no late answer can be taken for the answer to the next
+    /// request.
     async fn wait_until_silent(&mut self) -> Result<(), SensorError> {
-        let silence = self.config.timeout;
+        let silence = self.config.silence_timeout;
         // A sensor that never falls silent does not answer requests: it sends by itself.
         let end = Instant::now() + 10 * silence;
         while Instant::now() < end {
@@ -156,62 +158,65 @@ impl SerialDriver {
         })
     }
 
-    /// Returns the next piece that can be decoded; `None` if none comes before `deadline`.
-    async fn next_decoded(&mut self, deadline: Instant) -> Result<Option<(Instant, DecodedSample)>, SensorError> {
+    /// Returns the next sample that can be decoded, with its time of reception; `None` if none comes before `deadline`.
+    async fn next_decoded_sample(
+        &mut self,
+        deadline: Instant,
+    ) -> Result<Option<(Instant, DecodedSample)>, SensorError> {
         loop {
-            match self.decoded_items.pop_front() {
+            match self.unread_items.pop_front() {
                 Some(StreamItem::Sample(at, decoded)) => return Ok(Some((at, decoded))),
                 Some(StreamItem::Undecodable) => {
-                    self.counter.mark_data_lost();
+                    self.counter_tracker.mark_data_lost();
                     continue;
                 }
                 None => {}
             }
             match self.stream()?.recv_deadline(deadline).await? {
                 None => return Ok(None),
-                Some(StreamRead::Bytes(at, bytes)) => self.split_bytes(at, &bytes),
+                Some(StreamRead::Bytes(at, bytes)) => self.queue_samples_from(at, &bytes),
                 Some(StreamRead::Overflow) => {
-                    self.splitter.restart(true);
-                    self.counter.mark_data_lost();
+                    self.splitter.discard_buffer(true);
+                    self.counter_tracker.mark_data_lost();
                 }
             }
         }
     }
 
-    fn split_bytes(&mut self, at: Instant, bytes: &[u8]) {
+    fn queue_samples_from(&mut self, received_at: Instant, bytes: &[u8]) {
         self.startup_data.record_received(bytes);
         for piece in self.splitter.push(bytes) {
             match piece {
-                StreamPiece::Whole { sample, bytes } => {
-                    self.startup_data.valid_bytes += bytes;
-                    self.decoded_items.push_back(StreamItem::Sample(at, sample));
+                StreamPiece::Decoded { sample, bytes } => {
+                    self.startup_data.valid_byte_count += bytes;
+                    self.unread_items.push_back(StreamItem::Sample(received_at, sample));
                 }
                 StreamPiece::Undecodable(bytes) => {
                     self.startup_data.record_invalid(&bytes);
                     // A counter shows the loss more precisely.
                     if self.config.format.counter_modulus().is_none() {
-                        self.decoded_items.push_back(StreamItem::Undecodable);
+                        self.unread_items.push_back(StreamItem::Undecodable);
                     }
                 }
             }
         }
     }
 
-    fn sample_time_s(&self, at: Instant) -> f64 {
-        let age = if self.is_on_demand() { Duration::ZERO } else { at.elapsed() };
+    fn sample_time_s(&self, received_at: Instant) -> f64 {
+        let age = if self.is_on_demand() { Duration::ZERO } else { received_at.elapsed() };
         self.clock.now_s() - age.as_secs_f64()
     }
 
     /// Returns the number of decoded samples, and the time from the first to the last.
-    async fn measure_rate(&mut self) -> Result<(usize, Duration), SensorError> {
+    async fn count_samples_and_span(&mut self) -> Result<(usize, Duration), SensorError> {
         self.startup_data = StartupData::default();
         let start = Instant::now();
-        let end = start + RATE_WINDOW.max(self.config.timeout);
+        let end = start + RATE_MEASUREMENT_TIME.max(self.config.silence_timeout);
         let (mut times, mut unchanged_count) = (Vec::new(), 0);
-        while times.len() < MAX_RATE_SAMPLES && Instant::now() < end {
-            let Some((at, decoded)) = self.query_sample(Some(end)).await? else { break };
-            self.counter.complete_sample(0.0, decoded);
-            unchanged_count += usize::from(self.counter.is_unchanged());
+        while times.len() < MAX_RATE_MEASUREMENT_SAMPLES && Instant::now() < end {
+            let Some((at, decoded)) = self.request_or_await_sample(Some(end)).await? else { break };
+            self.counter_tracker.complete_sample(0.0, decoded);
+            unchanged_count += usize::from(self.counter_tracker.is_count_unchanged());
             times.push(at);
             if self.is_on_demand() {
                 break;
@@ -229,16 +234,16 @@ impl SensorDriver for SerialDriver {
     async fn prepare(&mut self) -> Result<SensorInfo, SensorError> {
         let needs_reopening = self.discard_received_data().await.is_err();
         if needs_reopening && !self.is_on_demand() {
-            self.reopen().await?;
+            self.reopen_stream().await?;
         }
         self.discard_received_data().await?;
-        self.counter.restart();
-        let (count, span) = self.measure_rate().await?;
-        if self.startup_data.byte_count == 0 {
-            let seconds = RATE_WINDOW.max(self.config.timeout).as_secs_f64();
+        self.counter_tracker.restart();
+        let (count, span) = self.count_samples_and_span().await?;
+        if self.startup_data.received_byte_count == 0 {
+            let seconds = RATE_MEASUREMENT_TIME.max(self.config.silence_timeout).as_secs_f64();
             return Err(SensorError::Silent { seconds });
         }
-        if count == 0 || self.startup_data.is_noise() {
+        if count == 0 || self.startup_data.is_mostly_invalid() {
             return Err(self.startup_data.diagnose(&self.config.format, self.config.link.baud()));
         }
         let measured = if span.is_zero() { 0.0 } else { (count - 1) as f64 / span.as_secs_f64() };
@@ -247,23 +252,23 @@ impl SensorDriver for SerialDriver {
             Some(_) => "simulated sensor on a serial line".to_owned(),
             None => format!("serial sensor at {}", self.config.link.describe()),
         };
-        Ok(SensorInfo { identity, rate_hz })
+        Ok(SensorInfo { identity, sample_rate_hz: rate_hz })
     }
 
     async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
-        self.counter.skip_gap_with_wrap();
+        self.counter_tracker.ignore_next_gap_and_wrap();
         self.discard_received_data().await
     }
 
     fn unrequested_count(&self) -> u64 {
-        self.counter.unrequested_count()
+        self.counter_tracker.unrequested_count()
     }
 
     async fn next(&mut self) -> Result<Sample, SensorError> {
-        match self.query_sample(None).await? {
+        match self.request_or_await_sample(None).await? {
             Some((at, decoded)) => {
                 let decoded = decoded.flag_out_of_range(self.range_mm);
-                Ok(self.counter.complete_sample(self.sample_time_s(at), decoded))
+                Ok(self.counter_tracker.complete_sample(self.sample_time_s(at), decoded))
             }
             None => Ok(Sample::stale(self.clock.now_s())),
         }
@@ -282,17 +287,17 @@ impl SensorConfig for SerialConfig {
     /// Returns the port with the keys that must be equal for all sensors on it. A sensor that answers
     /// requests reads only its own replies, so its format may differ.
     fn shared_port(&self) -> Option<SharedPort> {
-        let request = if self.request.is_some() { "set" } else { "not set" };
+        let request = if self.sample_request.is_some() { "set" } else { "not set" };
         let mut keys = vec![
             ("its table", "[sensor.serial]".to_owned()),
             ("`baud`", self.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
-            ("`timeout_s`", self.timeout.as_secs_f64().to_string()),
+            ("`timeout_s`", self.silence_timeout.as_secs_f64().to_string()),
             ("`request`", request.to_owned()),
         ];
-        if self.request.is_none() {
+        if self.sample_request.is_none() {
             keys.extend(self.format.framing_keys());
         }
-        Some(SharedPort { name: self.link.to_string(), shared_keys: keys })
+        Some(SharedPort { name: self.link.to_string(), keys_required_equal: keys })
     }
 
     fn encoder_modulus(&self) -> Option<u64> {
@@ -304,10 +309,10 @@ impl SensorConfig for SerialConfig {
         sensor: &'a sensor::Sensor,
         clock: Arc<dyn Clock>,
         ports: &'a SharedPorts,
-    ) -> OpenFuture<'a> {
+    ) -> OpenSensorFuture<'a> {
         Box::pin(async move {
             let driver = SerialDriver::open(self.clone(), sensor, clock, ports.clone()).await?;
-            Ok(Sensor::spawn(sensor.name.as_str(), driver))
+            Ok(SensorHandle::spawn(sensor.name.as_str(), driver))
         })
     }
 }

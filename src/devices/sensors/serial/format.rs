@@ -1,8 +1,8 @@
-//! The two formats of serial data, and what they share.
+//! Format of serial data: lines of text, or frames of bytes.
 
 use super::{frame, line};
 
-/// Format by which the stream is cut and decoded.
+/// Format by which the byte stream is split into samples and decoded.
 #[derive(Debug, Clone)]
 pub(super) enum DataFormat {
     Line(line::LineFormat),
@@ -14,7 +14,7 @@ impl DataFormat {
     pub fn counter_modulus(&self) -> Option<u64> {
         match self {
             Self::Line(layout) => layout.sample.counter_modulus(),
-            Self::Frame(layout) => layout.numbers.sample.counter_modulus(),
+            Self::Frame(layout) => layout.body_layout.sample.counter_modulus(),
         }
     }
 
@@ -22,7 +22,7 @@ impl DataFormat {
     pub fn encoder_modulus(&self) -> Option<u64> {
         match self {
             Self::Line(layout) => layout.sample.encoder_modulus(),
-            Self::Frame(layout) => layout.numbers.sample.encoder_modulus(),
+            Self::Frame(layout) => layout.body_layout.sample.encoder_modulus(),
         }
     }
 

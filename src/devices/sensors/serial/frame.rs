@@ -1,11 +1,10 @@
-//! A frame of bytes: `sync`, then `length` bytes that hold the numbers, then the checksum, then `tail`. So
-//! numbers cannot overlap with the framing.
+//! A frame of bytes: `sync`, then the body of `length` bytes that holds the numbers, then the checksum, then `tail`.
 
 use serde::Deserialize;
 
 use super::checksum::{Checksum, ChecksumKeys};
-use crate::sensors::field::Endianness;
-use crate::sensors::frame_layout::{EncoderCountKeys, FrameCounterKeys, FrameLayout, FrameStatusKeys, FrameValueKeys};
+use crate::sensors::bit_field::Endianness;
+use crate::sensors::frame_layout::{FrameCounterKeys, FrameEncoderKeys, FrameLayout, FrameStatusKeys, FrameValueKeys};
 use crate::sensors::sample_layout::DecodedSample;
 
 /// Keys of `[sensor.serial.frame]`; bytes count from 0 after `sync`.
@@ -19,23 +18,26 @@ pub(super) struct FrameKeys {
     order: Option<Endianness>,
     value: FrameValueKeys,
     counter: Option<FrameCounterKeys>,
-    encoder_count: Option<EncoderCountKeys>,
+    encoder_count: Option<FrameEncoderKeys>,
     #[serde(default)]
     status: Vec<FrameStatusKeys>,
     checksum: Option<ChecksumKeys>,
 }
 
-/// A frame layout that has passed the checks.
+/// Format of a frame that has passed the checks.
 #[derive(Debug, Clone)]
 pub(super) struct FrameFormat {
+    /// First bytes of each frame.
     pub sync: Vec<u8>,
-    length: usize,
+    /// Number of bytes between `sync` and the checksum.
+    body_length: usize,
     tail: Vec<u8>,
     checksum: Option<Checksum>,
-    pub numbers: FrameLayout,
+    pub body_layout: FrameLayout,
 }
 
-const MAX_FRAME_BYTES: usize = 256;
+/// Maximum number of bytes between `sync` and the checksum.
+const MAX_BODY_BYTES: usize = 256;
 
 impl FrameFormat {
     /// Keys that must be equal for all sensors of one port.
@@ -44,7 +46,7 @@ impl FrameFormat {
         [
             ("its table", "[sensor.serial.frame]".to_owned()),
             ("`sync`", format!("{:02X?}", self.sync)),
-            ("`length`", self.length.to_string()),
+            ("`length`", self.body_length.to_string()),
             ("`tail`", format!("{:02X?}", self.tail)),
             ("`checksum`", checksum.map_or("not set".to_owned(), Checksum::describe)),
         ]
@@ -53,15 +55,15 @@ impl FrameFormat {
     /// Length of a whole frame, bytes.
     pub fn frame_length(&self) -> usize {
         let check = self.checksum.as_ref().map_or(0, Checksum::byte_count);
-        self.sync.len() + self.length + check + self.tail.len()
+        self.sync.len() + self.body_length + check + self.tail.len()
     }
 
     /// Decodes a whole frame; `None` if it is invalid.
     pub fn decode(&self, frame: &[u8]) -> Option<DecodedSample> {
         let rest = frame.strip_prefix(self.sync.as_slice())?.strip_suffix(self.tail.as_slice())?;
-        let (body, check) = rest.split_at_checked(self.length)?;
+        let (body, check) = rest.split_at_checked(self.body_length)?;
         let sound = self.checksum.as_ref().is_none_or(|sum| sum.matches(&self.sync, body, check));
-        if sound { self.numbers.decode(body).ok() } else { None }
+        if sound { self.body_layout.decode(body).ok() } else { None }
     }
 }
 
@@ -73,13 +75,13 @@ impl TryFrom<FrameKeys> for FrameFormat {
         if sync.is_empty() {
             return Err("`sync` is empty; set the first bytes of each frame, e.g. [0xAA, 0x55]".to_owned());
         }
-        if length == 0 || length > MAX_FRAME_BYTES {
+        if length == 0 || length > MAX_BODY_BYTES {
             return Err(format!(
-                "`length` is {length}; permitted: 1 to {MAX_FRAME_BYTES} (number of bytes between `sync` and checksum)"
+                "`length` is {length}; permitted: 1 to {MAX_BODY_BYTES} (number of bytes between `sync` and checksum)"
             ));
         }
         let numbers = FrameLayout::new(value, counter, encoder_count, status, order, length)?;
         let checksum = checksum.map(Checksum::try_from).transpose()?;
-        Ok(Self { sync, length, tail, checksum, numbers })
+        Ok(Self { sync, body_length: length, tail, checksum, body_layout: numbers })
     }
 }

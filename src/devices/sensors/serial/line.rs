@@ -1,21 +1,23 @@
-//! A line of text: position and format of the value in it.
+//! Format of a line of text: delimiters, and the columns of value, counter, encoder count and status.
 
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use crate::sensors::encoder;
+use crate::sensors::encoder_count;
 use crate::sensors::sample_layout::{DecodedSample, InvalidReason, NumberLocation, SampleLayout, check_scale};
 
-/// Keys of `[sensor.serial.line]`.
+/// Keys of `[sensor.serial.line]`; columns count from 1.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LineKeys {
+    /// Text that ends each line.
     #[serde(default = "default_end")]
     end: String,
-    /// Text at the beginning of each line; `suffix`: text at its end.
+    /// Text at the beginning of each line.
     #[serde(default)]
     prefix: String,
+    /// Text before the end of each line.
     #[serde(default)]
     suffix: String,
     /// Text between columns; if absent, the text between prefix and suffix is the only column.
@@ -24,7 +26,7 @@ pub(super) struct LineKeys {
     columns: Option<usize>,
     value: LineValueKeys,
     counter: Option<LineCounterKeys>,
-    encoder_count: Option<EncoderCountKeys>,
+    encoder_count: Option<LineEncoderKeys>,
     #[serde(default)]
     status: Vec<LineStatusKeys>,
 }
@@ -50,7 +52,7 @@ struct LineCodeKeys {
     means: InvalidReason,
 }
 
-/// Keys of the counter: it increases by one with each sample, up to `round` - 1, and restarts from 0.
+/// Keys of the counter. The counter increases by one with each sample, up to `round` - 1, and restarts from 0.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LineCounterKeys {
@@ -58,10 +60,10 @@ struct LineCounterKeys {
     round: u64,
 }
 
-/// Keys of the count of a rotary encoder, an integer; without `round` it is unlimited.
+/// Keys of the count of a rotary encoder, an integer that restarts after `round` counts; without `round` never.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct EncoderCountKeys {
+struct LineEncoderKeys {
     column: usize,
     round: Option<u64>,
 }
@@ -82,14 +84,14 @@ fn default_column() -> usize {
     1
 }
 
-/// A line layout that has passed the checks.
+/// Format of a line that has passed the checks.
 #[derive(Debug, Clone)]
 pub(super) struct LineFormat {
-    pub end: Vec<u8>,
+    pub line_end: Vec<u8>,
     prefix: String,
     suffix: String,
     separator: Option<String>,
-    columns: Option<usize>,
+    column_count: Option<usize>,
     pub sample: SampleLayout<LineColumn>,
 }
 
@@ -98,7 +100,7 @@ pub(super) struct LineFormat {
 pub(super) struct LineColumn(usize);
 
 impl LineColumn {
-    fn text<'t>(self, columns: &[&'t str]) -> Option<&'t str> {
+    fn text_in<'t>(self, columns: &[&'t str]) -> Option<&'t str> {
         columns.get(self.0 - 1).copied()
     }
 }
@@ -106,24 +108,24 @@ impl LineColumn {
 impl NumberLocation for LineColumn {
     type Data<'d> = &'d [&'d str];
     type Error = ();
-    /// Column and its text.
+    /// Column, and the text in it that makes the value invalid.
     type Condition = (LineColumn, String);
 
     fn read_number(self, columns: &[&str]) -> Result<f64, ()> {
-        self.text(columns).and_then(parse_number).ok_or(())
+        self.text_in(columns).and_then(parse_finite_number).ok_or(())
     }
 
     fn read_integer(self, columns: &[&str]) -> Result<i128, ()> {
-        let number = self.text(columns).and_then(|text| text.parse::<i64>().ok());
+        let number = self.text_in(columns).and_then(|text| text.parse::<i64>().ok());
         number.map(i128::from).ok_or(())
     }
 
     fn is_met((column, text): &(LineColumn, String), columns: &[&str]) -> bool {
-        column.text(columns) == Some(text)
+        column.text_in(columns) == Some(text)
     }
 }
 
-/// Characters of a number.
+/// Characters that a number may contain.
 const NUMBER_CHARACTERS: &str = "0123456789+-.eE";
 
 impl LineFormat {
@@ -132,11 +134,11 @@ impl LineFormat {
         let or_none = |text: Option<String>| text.unwrap_or("not set".to_owned());
         [
             ("its table", "[sensor.serial.line]".to_owned()),
-            ("`end`", format!("\"{}\"", self.end.escape_ascii())),
+            ("`end`", format!("\"{}\"", self.line_end.escape_ascii())),
             ("`prefix`", format!("{:?}", self.prefix)),
             ("`suffix`", format!("{:?}", self.suffix)),
             ("`separator`", or_none(self.separator.as_ref().map(|text| format!("{text:?}")))),
-            ("`columns`", or_none(self.columns.map(|count| count.to_string()))),
+            ("`columns`", or_none(self.column_count.map(|count| count.to_string()))),
         ]
     }
 
@@ -144,18 +146,18 @@ impl LineFormat {
     pub fn decode(&self, line: &[u8]) -> Option<DecodedSample> {
         let text = std::str::from_utf8(line).ok()?;
         let rest = text.strip_prefix(self.prefix.as_str())?.strip_suffix(self.suffix.as_str())?;
-        let columns = self.split(rest);
-        if self.columns.is_some_and(|count| count != columns.len()) {
+        let columns = self.split_columns(rest);
+        if self.column_count.is_some_and(|count| count != columns.len()) {
             return None;
         }
         // A line without the value's column is invalid, whatever its status is.
-        self.sample.value.text(&columns)?;
+        self.sample.value_location.text_in(&columns)?;
         let decoded = self.sample.decode(&columns).ok()?;
         let modulus = self.sample.counter_modulus().unwrap_or_default();
-        decoded.counter.is_none_or(|count| count < modulus).then_some(decoded)
+        decoded.counter_value.is_none_or(|count| count < modulus).then_some(decoded)
     }
 
-    fn split<'t>(&self, text: &'t str) -> Vec<&'t str> {
+    fn split_columns<'t>(&self, text: &'t str) -> Vec<&'t str> {
         match self.separator.as_deref() {
             Some(" ") => text.split_ascii_whitespace().collect(),
             Some(separator) => text.split(separator).map(str::trim).collect(),
@@ -165,7 +167,7 @@ impl LineFormat {
 }
 
 /// Parses a decimal number; unlike Rust it accepts no `inf` or `nan`.
-fn parse_number(text: &str) -> Option<f64> {
+fn parse_finite_number(text: &str) -> Option<f64> {
     let plain = text.chars().all(|character| NUMBER_CHARACTERS.contains(character));
     text.parse().ok().filter(|number: &f64| plain && number.is_finite())
 }
@@ -177,9 +179,9 @@ impl TryFrom<LineKeys> for LineFormat {
         check_delimiters(&keys)?;
         let LineValueKeys { scale_mm, offset_mm, .. } = keys.value;
         check_scale(scale_mm, offset_mm)?;
-        check_columns(&keys)?;
+        check_columns_are_distinct(&keys)?;
         let modulus = |name: &str, column, round| {
-            encoder::count_modulus(name, round, 64).map(|modulus| (LineColumn(column), modulus))
+            encoder_count::resolve_modulus(name, round, 64).map(|modulus| (LineColumn(column), modulus))
         };
         let counter = keys.counter.map(|k| modulus("counter", k.column, Some(k.round)));
         let encoder = keys.encoder_count.map(|k| modulus("encoder_count", k.column, k.round));
@@ -190,12 +192,19 @@ impl TryFrom<LineKeys> for LineFormat {
         let status = keys.status.into_iter().map(|s| ((LineColumn(s.column), s.is), s.means.reading_flag()));
         let flags = codes.chain(status).collect();
         Ok(Self {
-            end: keys.end.into_bytes(),
+            line_end: keys.end.into_bytes(),
             prefix: keys.prefix,
             suffix: keys.suffix,
             separator: keys.separator,
-            columns: keys.columns,
-            sample: SampleLayout { value, scale_mm, offset_mm, counter, encoder, flags },
+            column_count: keys.columns,
+            sample: SampleLayout {
+                value_location: value,
+                scale_mm,
+                offset_mm,
+                counter_and_modulus: counter,
+                encoder_and_modulus: encoder,
+                conditions_with_flags: flags,
+            },
         })
     }
 }
@@ -220,8 +229,8 @@ fn check_delimiters(keys: &LineKeys) -> Result<(), String> {
     }
 }
 
-/// Checks that no column has two meanings, except several texts of one status.
-fn check_columns(keys: &LineKeys) -> Result<(), String> {
+/// Checks that each column exists and that no column has two meanings, except several texts of one status.
+fn check_columns_are_distinct(keys: &LineKeys) -> Result<(), String> {
     let mut taken = BTreeMap::new();
     let named = [
         ("value", Some(keys.value.column)),
@@ -231,7 +240,7 @@ fn check_columns(keys: &LineKeys) -> Result<(), String> {
     let status = keys.status.iter().map(|status| ("status", Some(status.column)));
     for (name, column) in named.into_iter().chain(status) {
         let Some(column) = column else { continue };
-        check_column(name, column, keys)?;
+        check_column_exists(name, column, keys)?;
         let previous = taken.insert(column, name);
         if let Some(previous) = previous.filter(|previous| *previous != "status") {
             return Err(format!("`{previous}` and `{name}` are both column {column}"));
@@ -240,7 +249,7 @@ fn check_columns(keys: &LineKeys) -> Result<(), String> {
     Ok(())
 }
 
-fn check_column(name: &str, column: usize, keys: &LineKeys) -> Result<(), String> {
+fn check_column_exists(name: &str, column: usize, keys: &LineKeys) -> Result<(), String> {
     let most = if keys.separator.is_some() { keys.columns.unwrap_or(usize::MAX) } else { 1 };
     if (1..=most).contains(&column) {
         return Ok(());

@@ -14,12 +14,12 @@
 
 mod checksum;
 mod config;
-mod diagnosis;
 mod driver;
 mod format;
 mod frame;
 mod line;
 mod splitter;
+mod startup_diagnosis;
 #[cfg(test)]
 mod tests;
 

@@ -1,5 +1,5 @@
-//! Cuts a byte stream into whole pieces. The stream may be split anywhere, unreadable, or without an end of
-//! line.
+//! Splits a byte stream into lines or frames, and decodes them. Reads may end anywhere in a line or frame, and the
+//! stream may be unreadable.
 
 use super::format::DataFormat;
 use super::{frame, line};
@@ -10,7 +10,7 @@ const MAX_LINE_BYTES: usize = 512;
 
 #[derive(Debug, PartialEq)]
 pub(super) enum StreamPiece {
-    Whole {
+    Decoded {
         sample: DecodedSample,
         bytes: usize,
     },
@@ -22,7 +22,8 @@ pub(super) enum StreamPiece {
 pub(super) struct StreamSplitter {
     format: DataFormat,
     buffer: Vec<u8>,
-    /// Whether the bytes may begin within a piece: everything before the next start of a piece is ignored.
+    /// Whether the bytes may begin within a line or frame: those before the next start of a line or frame are not
+    /// decoded.
     is_unsynchronized: bool,
 }
 
@@ -31,13 +32,13 @@ impl StreamSplitter {
         Self { format, buffer: Vec::new(), is_unsynchronized: true }
     }
 
-    /// Discards all bytes held. `is_within_piece`: the next bytes may begin within a piece.
-    pub fn restart(&mut self, is_within_piece: bool) {
+    /// Discards the bytes in the buffer. `is_within_piece`: the next bytes may begin within a line or frame.
+    pub fn discard_buffer(&mut self, is_within_piece: bool) {
         self.buffer.clear();
         self.is_unsynchronized = is_within_piece;
     }
 
-    /// Returns all pieces that `bytes` completes, in order.
+    /// Appends `bytes`, and returns all pieces that they complete, in order.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<StreamPiece> {
         self.buffer.extend_from_slice(bytes);
         match &self.format {
@@ -49,8 +50,8 @@ impl StreamSplitter {
 
 fn split_lines(layout: &line::LineFormat, buffer: &mut Vec<u8>, is_unsynchronized: &mut bool) -> Vec<StreamPiece> {
     let mut pieces = Vec::new();
-    while let Some(at) = find_bytes(buffer, &layout.end) {
-        let rest = buffer.split_off(at + layout.end.len());
+    while let Some(at) = find_bytes(buffer, &layout.line_end) {
+        let rest = buffer.split_off(at + layout.line_end.len());
         let ended = std::mem::replace(buffer, rest);
         let line = ended.get(..at).unwrap_or_default().trim_ascii();
         // An empty line is ignored: some line ends consist of two others.
@@ -58,7 +59,7 @@ fn split_lines(layout: &line::LineFormat, buffer: &mut Vec<u8>, is_unsynchronize
             continue;
         }
         pieces.push(match layout.decode(line) {
-            Some(sample) => StreamPiece::Whole { sample, bytes: ended.len() },
+            Some(sample) => StreamPiece::Decoded { sample, bytes: ended.len() },
             None => StreamPiece::Undecodable(line.to_vec()),
         });
     }
@@ -85,7 +86,7 @@ fn split_frames(layout: &frame::FrameFormat, buffer: &mut Vec<u8>, is_unsynchron
                     pieces.push(StreamPiece::Undecodable(std::mem::take(&mut invalid)));
                 }
                 invalid.clear();
-                pieces.push(StreamPiece::Whole { sample, bytes: layout.frame_length() });
+                pieces.push(StreamPiece::Decoded { sample, bytes: layout.frame_length() });
             }
             // The sync bytes were there by chance, or bytes after them are missing.
             None => invalid.extend(buffer.drain(..1)),

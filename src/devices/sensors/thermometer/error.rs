@@ -2,7 +2,7 @@
 
 use super::PLAUSIBLE_RANGE_C;
 use link::modbus::ModbusError;
-use link::modbus::value::RegisterValueError;
+use link::modbus::number_format::RegisterValueError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ThermometerError {
@@ -23,9 +23,8 @@ impl ThermometerError {
     pub fn remedy(&self) -> String {
         match self {
             // The link's own message concerns the machine, whose state is not in doubt here.
-            Self::Modbus(ModbusError::Lost { .. } | ModbusError::LinkEnded { .. }) | Self::NoReplyYet => {
-                "check the thermometer's power and cable".to_owned()
-            }
+            Self::Modbus(ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. })
+            | Self::NoReplyYet => "check the thermometer's power and cable".to_owned(),
             Self::Modbus(error) => {
                 format!("{}; for the thermometer: the keys of [thermometer.modbus]", error.remedy())
             }

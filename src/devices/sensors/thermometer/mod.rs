@@ -1,6 +1,5 @@
-//! Thermometers whose temperatures each reading carries. They are polled in parallel with the run, which
-//! never waits for them; a thermometer that is disconnected or reports an impossible value gives no value,
-//! and never its last one.
+//! Thermometers whose temperatures are stored with each reading. They are polled in parallel with the run, which never
+//! waits for them. The last value of a thermometer that is disconnected, or reports an implausible one, expires.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -35,14 +34,15 @@ enum ThermometerSource {
     Modbus(modbus::ModbusThermometerConfig),
 }
 
-/// Returns the present temperature of a simulated thermometer, °C.
-pub type SimulatedTemperature = Box<dyn Fn() -> Option<f64> + Send + Sync>;
+/// Function that returns the present temperature of a simulated thermometer, °C; `None`: there is no such thermometer.
+pub type SimulatedTemperatureSource = Box<dyn Fn() -> Option<f64> + Send + Sync>;
 
 /// Keys of a thermometer: a new kind of connection is a table here and a line in [`ThermometerConfig::try_from`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ThermometerKeys {
     name: String,
+    /// Age, s, above which the last value is no longer valid.
     #[serde(default = "default_stale_s")]
     stale_s: f64,
     modbus: Option<modbus::ModbusThermometerConfig>,
@@ -92,7 +92,7 @@ impl TryFrom<ThermometerKeys> for ThermometerConfig {
 }
 
 impl ThermometerConfig {
-    /// Address of the thermometer, in words.
+    /// Describes the address of the thermometer for the operator.
     pub fn describe_address(&self) -> String {
         match &self.source {
             ThermometerSource::Simulated => "simulated".to_owned(),
@@ -105,7 +105,7 @@ impl ThermometerConfig {
 /// inside a tokio runtime.
 pub async fn read_thermometers_once(
     entries: &[ThermometerConfig],
-    simulated: impl Fn(&str) -> Option<SimulatedTemperature>,
+    simulated: impl Fn(&str) -> Option<SimulatedTemperatureSource>,
 ) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {
     let entries_simulated = entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated));
     let mut results: Vec<_> =
@@ -115,7 +115,7 @@ pub async fn read_thermometers_once(
             continue;
         };
         for (entry, config) in channels {
-            results.push((entry, reader.read(config).await));
+            results.push((entry, reader.read_temperature_c(config).await));
         }
     }
     results
@@ -134,7 +134,7 @@ fn group_by_device(
     devices
 }
 
-fn read_simulated(simulated: Option<&SimulatedTemperature>) -> Result<f64, ThermometerError> {
+fn read_simulated(simulated: Option<&SimulatedTemperatureSource>) -> Result<f64, ThermometerError> {
     check_plausible(simulated.and_then(|temperature_c| temperature_c()).ok_or(ThermometerError::NoSimulatedMachine)?)
 }
 

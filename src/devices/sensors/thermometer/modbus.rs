@@ -7,9 +7,9 @@ use serde::Deserialize;
 
 use super::{ThermometerError, check_plausible};
 use link::HostPort;
-use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
+use link::modbus::number_format::{ByteOrder, NumberFormat, NumberType};
 use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusDevice, ModbusDeviceKeys, ModbusError, Parity,
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusDeviceConfig, ModbusDeviceKeys, ModbusError, Parity,
     RegisterRange, RegisterSpace,
 };
 
@@ -47,10 +47,10 @@ struct ModbusThermometerValueKeys {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "ModbusThermometerKeys")]
 pub(super) struct ModbusThermometerConfig {
-    pub device: ModbusDevice,
+    pub device: ModbusDeviceConfig,
     span: RegisterRange,
     /// Format of the number, with its scale.
-    number: NumberFormat,
+    number_format: NumberFormat,
     offset_c: f64,
 }
 
@@ -60,7 +60,7 @@ impl TryFrom<ModbusThermometerKeys> for ModbusThermometerConfig {
     fn try_from(keys: ModbusThermometerKeys) -> Result<Self, String> {
         let ModbusThermometerKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
         let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = ModbusDevice::try_from(device)?;
+        let device = ModbusDeviceConfig::try_from(device)?;
         if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
             return Err("`space` must be `input` or `holding`: a bit cannot hold a temperature".to_owned());
         }
@@ -76,40 +76,42 @@ impl TryFrom<ModbusThermometerKeys> for ModbusThermometerConfig {
             .checked_add(number.register_count() - 1)
             .ok_or_else(|| format!("`value.register` at {register} extends beyond register 65535"))?;
         let span = RegisterRange { space: keys.space, first: register, last };
-        Ok(Self { device, span, number, offset_c })
+        Ok(Self { device, span, number_format: number, offset_c })
     }
 }
 
-/// Link to a device. The first read opens it, and reopens it after it has ended.
+/// Reads the thermometers of one Modbus device. The first read opens the link, and a read reopens a link that has
+/// ended.
 pub(super) struct ThermometerReader {
-    device: ModbusDevice,
+    device: ModbusDeviceConfig,
     allowed: AccessList,
-    link: Option<ModbusClient>,
+    client: Option<ModbusClient>,
 }
 
 impl ThermometerReader {
-    /// Creates the link to the device that all `configs` share; `None` without any.
+    /// Creates the reader for the device that all `configs` share, without opening the link; `None` if `configs` is
+    /// empty.
     pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c ModbusThermometerConfig> + Clone) -> Option<Self> {
         let read = configs.clone().map(|config| config.span).collect();
         let device = configs.next()?.device.clone();
-        Some(Self { device, allowed: AccessList { readable: read, writable: Vec::new() }, link: None })
+        Some(Self { device, allowed: AccessList { readable: read, writable: Vec::new() }, client: None })
     }
 
     /// Reads the temperature, °C.
     ///
     /// # Errors
-    /// There is no answer, no number, or an impossible temperature.
-    pub async fn read(&mut self, config: &ModbusThermometerConfig) -> Result<f64, ThermometerError> {
+    /// There is no answer, the registers hold no number, or the temperature is not plausible.
+    pub async fn read_temperature_c(&mut self, config: &ModbusThermometerConfig) -> Result<f64, ThermometerError> {
         let RegisterRange { space, first, last } = config.span;
-        let link = match self.link.take() {
+        let link = match self.client.take() {
             Some(link) => link,
             None => {
-                let ModbusDevice { line, unit, timeout } = self.device.clone();
-                ModbusClient::open(line, DeviceSettings { unit, timeout, allowed: self.allowed.clone() }).await?
+                let ModbusDeviceConfig { line, unit, timeout } = self.device.clone();
+                ModbusClient::open(line, DeviceSettings { unit, timeout, access_list: self.allowed.clone() }).await?
             }
         };
         let words = link.read(space, first, last - first + 1).await;
-        self.link = Some(link).filter(|_| !matches!(words, Err(ModbusError::LinkEnded { .. })));
-        check_plausible(config.offset_c + config.number.decode(&words?)?)
+        self.client = Some(link).filter(|_| !matches!(words, Err(ModbusError::LinkThreadEnded { .. })));
+        check_plausible(config.offset_c + config.number_format.decode(&words?)?)
     }
 }

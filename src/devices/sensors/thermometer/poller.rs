@@ -1,4 +1,4 @@
-//! Last values of the thermometers, which a reading takes without waiting.
+//! Polls the thermometers and keeps their last values, which a reading takes without waiting.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -8,39 +8,41 @@ use tokio::time::{sleep, timeout};
 
 use super::modbus::{ModbusThermometerConfig, ThermometerReader};
 use super::{
-    SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerSource, group_by_device, read_simulated,
+    SimulatedTemperatureSource, ThermometerConfig, ThermometerError, ThermometerSource, group_by_device, read_simulated,
 };
 
-/// Maximum time for the first values before the first touch: longer than a port may take to be released.
+/// Maximum time to wait for the first values before the first touch: longer than a port may take to be released.
 const MAX_FIRST_VALUES_WAIT: Duration = Duration::from_secs(6);
 const FIRST_VALUES_CHECK_INTERVAL: Duration = Duration::from_millis(10);
-/// Number of requests while a value is valid; the interval of the requests is between the two of
-/// `POLL_INTERVAL_LIMITS`.
-const POLLS_PER_VALIDITY: u32 = 4;
+/// Number of polls during the time for which a value is valid; `POLL_INTERVAL_LIMITS` bounds the interval.
+const POLLS_PER_MAX_AGE: u32 = 4;
+/// Shortest and longest interval between two polls of a device.
 const POLL_INTERVAL_LIMITS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
 /// Thermometers that are polled until this is dropped.
 pub struct ThermometerPoller {
     thermometers: Vec<PolledThermometer>,
-    /// Ends the polling tasks when it is dropped, after the request that is running.
+    /// Dropping the senders ends the polling tasks, each after the request that is running.
     _stop_senders: Vec<oneshot::Sender<()>>,
 }
 
 struct PolledThermometer {
     name: String,
-    source: ValueSource,
+    source: TemperatureSource,
 }
 
-enum ValueSource {
-    Polled(Arc<Mutex<LastValue>>, Duration),
+enum TemperatureSource {
+    /// Last value, and the age up to which it is valid.
+    Polled(Arc<Mutex<LastTemperature>>, Duration),
     /// Simulated time does not advance during the read.
-    Simulated(Option<SimulatedTemperature>),
+    Simulated(Option<SimulatedTemperatureSource>),
 }
 
-/// Values of one thermometer.
+/// Last temperature of one thermometer, and its last error.
 #[derive(Default)]
-struct LastValue {
-    latest: Option<(f64, Instant)>,
+struct LastTemperature {
+    /// Last temperature, °C, and when it was read.
+    temperature_c_and_time: Option<(f64, Instant)>,
     /// Reason why the last request gave no value.
     last_error: Option<Arc<ThermometerError>>,
 }
@@ -48,22 +50,25 @@ struct LastValue {
 impl ThermometerPoller {
     /// Starts to poll `entries`; `simulated` returns the source of a simulated thermometer by its name, if there
     /// is one. Call inside a tokio runtime.
-    pub fn start(entries: &[ThermometerConfig], simulated: impl Fn(&str) -> Option<SimulatedTemperature>) -> Self {
+    pub fn start(
+        entries: &[ThermometerConfig],
+        simulated: impl Fn(&str) -> Option<SimulatedTemperatureSource>,
+    ) -> Self {
         let (mut thermometers, mut stop_senders) = (Vec::new(), Vec::new());
         for entry in entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated)) {
             thermometers.push(PolledThermometer {
                 name: entry.name.clone(),
-                source: ValueSource::Simulated(simulated(&entry.name)),
+                source: TemperatureSource::Simulated(simulated(&entry.name)),
             });
         }
         for device in group_by_device(entries).into_values() {
             let mut channels = Vec::new();
             for (entry, config) in &device {
-                let last_value = Arc::new(Mutex::new(LastValue::default()));
+                let last_value = Arc::new(Mutex::new(LastTemperature::default()));
                 channels.push(((*config).clone(), last_value.clone()));
                 thermometers.push(PolledThermometer {
                     name: entry.name.clone(),
-                    source: ValueSource::Polled(last_value, entry.max_age),
+                    source: TemperatureSource::Polled(last_value, entry.max_age),
                 });
             }
             let min_age = device.iter().map(|(entry, _)| entry.max_age).min().unwrap_or_default();
@@ -71,7 +76,7 @@ impl ThermometerPoller {
             stop_senders.push(stop_sender);
             tokio::spawn(poll_device(
                 channels,
-                (min_age / POLLS_PER_VALIDITY).clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
+                (min_age / POLLS_PER_MAX_AGE).clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
                 stop_receiver,
             ));
         }
@@ -82,8 +87,8 @@ impl ThermometerPoller {
     pub async fn wait_for_first_values(&self) {
         let start = Instant::now();
         let was_polled = |thermometer: &PolledThermometer| match &thermometer.source {
-            ValueSource::Simulated(_) => true,
-            ValueSource::Polled(last_value, _) => lock(last_value).was_polled(),
+            TemperatureSource::Simulated(_) => true,
+            TemperatureSource::Polled(last_value, _) => lock_last_value(last_value).was_polled(),
         };
         while !self.thermometers.iter().all(was_polled) && start.elapsed() < MAX_FIRST_VALUES_WAIT {
             sleep(FIRST_VALUES_CHECK_INTERVAL).await;
@@ -91,55 +96,55 @@ impl ThermometerPoller {
     }
 
     /// Returns each name with the valid temperature, °C, or the reason why there is none.
-    pub fn current_values(&self) -> Vec<(&str, Result<f64, Arc<ThermometerError>>)> {
+    pub fn current_temperatures_c(&self) -> Vec<(&str, Result<f64, Arc<ThermometerError>>)> {
         let value = |thermometer: &PolledThermometer| match &thermometer.source {
-            ValueSource::Simulated(simulated) => read_simulated(simulated.as_ref()).map_err(Arc::new),
-            ValueSource::Polled(last_value, max_age) => lock(last_value).value_within(*max_age),
+            TemperatureSource::Simulated(simulated) => read_simulated(simulated.as_ref()).map_err(Arc::new),
+            TemperatureSource::Polled(last_value, max_age) => lock_last_value(last_value).value_within(*max_age),
         };
         self.thermometers.iter().map(|thermometer| (thermometer.name.as_str(), value(thermometer))).collect()
     }
 }
 
-impl LastValue {
-    fn record(&mut self, result: Result<f64, ThermometerError>) {
+impl LastTemperature {
+    fn record_poll_result(&mut self, result: Result<f64, ThermometerError>) {
         match result {
-            Ok(celsius) => (self.latest, self.last_error) = (Some((celsius, Instant::now())), None),
+            Ok(celsius) => (self.temperature_c_and_time, self.last_error) = (Some((celsius, Instant::now())), None),
             Err(error) => self.last_error = Some(Arc::new(error)),
         }
     }
 
     fn was_polled(&self) -> bool {
-        self.latest.is_some() || self.last_error.is_some()
+        self.temperature_c_and_time.is_some() || self.last_error.is_some()
     }
 
     fn value_within(&self, max_age: Duration) -> Result<f64, Arc<ThermometerError>> {
-        match self.latest {
+        match self.temperature_c_and_time {
             Some((celsius, at)) if at.elapsed() <= max_age => Ok(celsius),
             _ => Err(self.last_error.clone().unwrap_or_else(|| Arc::new(ThermometerError::NoReplyYet))),
         }
     }
 }
 
-fn lock(last_value: &Mutex<LastValue>) -> std::sync::MutexGuard<'_, LastValue> {
+fn lock_last_value(last_value: &Mutex<LastTemperature>) -> std::sync::MutexGuard<'_, LastTemperature> {
     last_value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Polls one device, channel by channel.
 async fn poll_device(
-    channels: Vec<(ModbusThermometerConfig, Arc<Mutex<LastValue>>)>,
+    channels: Vec<(ModbusThermometerConfig, Arc<Mutex<LastTemperature>>)>,
     interval: Duration,
     mut stop: oneshot::Receiver<()>,
 ) {
     let Some(mut reader) = ThermometerReader::for_device(channels.iter().map(|(config, _)| config)) else { return };
     loop {
         for (config, last_value) in &channels {
-            let result = reader.read(config).await;
-            lock(last_value).record(result);
+            let result = reader.read_temperature_c(config).await;
+            lock_last_value(last_value).record_poll_result(result);
             if !matches!(stop.try_recv(), Err(oneshot::error::TryRecvError::Empty)) {
                 return;
             }
         }
-        // The end interrupts the pause, never a request.
+        // A stop interrupts the pause, never a request.
         if timeout(interval, &mut stop).await.is_ok() {
             return;
         }
@@ -150,21 +155,20 @@ async fn poll_device(
 mod tests {
     use super::*;
 
-    /// The last value is valid for a while, whatever the thermometer reports then, and never again
-    /// afterwards.
+    /// A later error does not replace the last value before the value's maximum age.
     #[test]
     fn temperature_is_valid_for_a_limited_time() {
         const HOUR: Duration = Duration::from_secs(3600);
-        let mut last_value = LastValue::default();
+        let mut last_value = LastTemperature::default();
         assert!(last_value.value_within(HOUR).is_err());
-        last_value.record(Ok(21.5));
+        last_value.record_poll_result(Ok(21.5));
         assert_eq!(last_value.value_within(HOUR).unwrap(), 21.5);
-        last_value.record(Err(ThermometerError::ImplausibleValue { celsius: 850.0 }));
+        last_value.record_poll_result(Err(ThermometerError::ImplausibleValue { celsius: 850.0 }));
         assert_eq!(last_value.value_within(HOUR).unwrap(), 21.5);
         std::thread::sleep(Duration::from_millis(2));
         let why = last_value.value_within(Duration::from_millis(1)).unwrap_err().to_string();
         assert!(why.contains("850.0 °C"), "{why}");
-        last_value.record(Ok(22.0));
+        last_value.record_poll_result(Ok(22.0));
         assert_eq!(last_value.value_within(HOUR).unwrap(), 22.0);
     }
 }

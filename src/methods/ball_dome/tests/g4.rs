@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 
-use super::super::points::MeasuredPoints;
-use super::super::prior::machine_errors_from_prior;
-use super::super::stylus_fit::compute_variants;
+use super::super::measured_points::MeasuredPoints;
+use super::super::prior_machine_errors::machine_errors_from_prior;
 use super::super::variant::DomeVariant;
-use super::{BASE_MM, certified, observed, plan};
+use super::super::variant_computation::compute_variants;
+use super::{DOME_HEIGHT_OFFSET_MM, built_in_plan, paper_certified_positions, simulate_observed_balls};
 use crate::ball_measurement::artefact_balls;
 use crate::samba::tests::exact_estimate;
 use estimation::random::seeded_stream;
@@ -15,11 +15,11 @@ use machine::record::plan::Plan;
 use rand_distr::{Distribution, StandardNormal};
 
 /// Largest and mean deviation, µm, and stylus, mm, of each variant.
-fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f64>)> {
-    let mut plan = plan();
+fn max_mean_and_stylus_of_variants(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f64>)> {
+    let mut plan = built_in_plan();
     plan.machine.tool_mm = [0.0, 0.0, -326.717];
     plan.priors = vec![exact_estimate()];
-    let observed = observed(&plan, noise);
+    let observed = simulate_observed_balls(&plan, noise);
     println!("{} measurements", observed.centres.len());
     let chain = KinematicChain::new(&plan.machine).unwrap();
     let stylus = Vector3::from(plan.machine.tool_mm);
@@ -38,20 +38,20 @@ fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f
 }
 
 #[test]
-fn paper_table_3_stands_in_the_built_in_file() {
-    let Plan { artefact, .. } = plan();
-    let balls = artefact_balls(&Plan { artefact, ..plan() }).unwrap().clone();
-    let certified = certified();
+fn built_in_ball_dome_file_has_the_positions_of_paper_table_3() {
+    let Plan { artefact, .. } = built_in_plan();
+    let balls = artefact_balls(&Plan { artefact, ..built_in_plan() }).unwrap().clone();
+    let certified = paper_certified_positions();
     assert_eq!((balls.balls.len(), certified.len()), (32, 32));
     for (ball, centre) in balls.balls.iter().zip(certified) {
-        let raised = centre + Vector3::new(0.0, 0.0, BASE_MM);
+        let raised = centre + Vector3::new(0.0, 0.0, DOME_HEIGHT_OFFSET_MM);
         assert!((Vector3::from(ball.centre_mm) - raised).norm() < 1e-9, "{}", ball.id);
     }
 }
 
 #[test]
-fn g4_deviations_without_noise() {
-    let all = results(|| 0.0);
+fn g4_calibrated_machine_with_fitted_stylus_has_no_deviations() {
+    let all = max_mean_and_stylus_of_variants(|| 0.0);
     let of = |name: &str| *all.iter().find(|(own, ..)| *own == name).unwrap();
     let largest = |name: &str| of(name).1;
     assert!((165.0..190.0).contains(&largest("N1")));
@@ -64,9 +64,9 @@ fn g4_deviations_without_noise() {
 }
 
 #[test]
-fn g4_deviations_with_noise() {
+fn g4_calibrated_machine_reduces_noisy_deviations_fivefold() {
     let mut random = seeded_stream(1, &[4]);
-    let all = results(|| 1e-3 * Distribution::<f64>::sample(&StandardNormal, &mut random));
+    let all = max_mean_and_stylus_of_variants(|| 1e-3 * Distribution::<f64>::sample(&StandardNormal, &mut random));
     let of = |name: &str| all.iter().find(|(own, ..)| *own == name).unwrap();
     assert!((165.0..190.0).contains(&of("N1").1) && (45.0..65.0).contains(&of("S1").1));
     assert!((125.0..150.0).contains(&of("N3").1) && (of("N3").3.x + 0.05).abs() < 0.01);

@@ -8,12 +8,12 @@ use super::TrendPoint;
 pub(super) fn correct_times(points: &mut [TrendPoint]) {
     let is_kept = longest_ordered_subset(points);
     let first = is_kept.iter().position(|is_kept| *is_kept).and_then(|index| points.get(index));
-    let Some(mut last) = first.map(|point| point.t_s) else { return };
+    let Some(mut last) = first.map(|point| point.measurement_time_s) else { return };
     for (point, is_kept) in points.iter_mut().zip(is_kept) {
         if is_kept {
-            last = point.t_s;
+            last = point.measurement_time_s;
         }
-        point.t_s = last;
+        point.measurement_time_s = last;
     }
 }
 
@@ -24,7 +24,7 @@ fn longest_ordered_subset(points: &[TrendPoint]) -> Vec<bool> {
     let mut rows: Vec<(usize, Option<usize>)> = Vec::with_capacity(points.len());
     for point in points {
         let fits = points.iter().zip(&rows).enumerate();
-        let fits = fits.filter(|(_, (before, _))| before.t_s <= point.t_s);
+        let fits = fits.filter(|(_, (before, _))| before.measurement_time_s <= point.measurement_time_s);
         let best = fits.map(|(index, (_, (length, _)))| (*length, Some(index))).max();
         let (length, before) = best.unwrap_or((0, None));
         rows.push((length + 1, before));
@@ -43,9 +43,10 @@ mod tests {
     use super::*;
 
     fn corrected_times(times: &[f64]) -> Vec<f64> {
-        let mut points: Vec<TrendPoint> = times.iter().map(|t_s| TrendPoint { t_s: *t_s, value: 0.0 }).collect();
+        let mut points: Vec<TrendPoint> =
+            times.iter().map(|t_s| TrendPoint { measurement_time_s: *t_s, value: 0.0 }).collect();
         correct_times(&mut points);
-        points.iter().map(|point| point.t_s).collect()
+        points.iter().map(|point| point.measurement_time_s).collect()
     }
 
     #[test]

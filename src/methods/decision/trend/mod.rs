@@ -2,22 +2,22 @@
 //! and how certain they are. Values have the unit of their estimates; only their order, their scatter and the
 //! time between them are used here.
 
-mod change;
-mod chart;
+mod change_detection;
 mod clock_correction;
-mod description;
+mod control_charts;
+mod trend_description;
 
 use serde::Serialize;
 
-pub use change::{Change, ChangeKind};
-pub use chart::{Ewma, IndividualsChart};
-pub use description::{NamedTrend, describe_changes};
+pub use change_detection::{Change, ChangeKind};
+pub use control_charts::{EwmaChart, IndividualsChart};
+pub use trend_description::{NamedTrend, describe_changes};
 
 /// Value of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrendPoint {
     /// Time of the measurement, s from any origin.
-    pub t_s: f64,
+    pub measurement_time_s: f64,
     pub value: f64,
 }
 
@@ -33,7 +33,7 @@ pub struct Trend {
     /// judge it. `None`: fewer than [`MIN_CHART_VALUES`] such values.
     pub individuals: Option<IndividualsChart>,
     /// EWMA of the same values and the newest one.
-    pub ewma: Option<Ewma>,
+    pub ewma: Option<EwmaChart>,
 }
 
 /// Minimum number of values for control limits; with fewer the scatter is too uncertain.
@@ -44,22 +44,22 @@ impl Trend {
     /// does not fit this order is replaced by that of the point before it. Values must be finite.
     pub fn from_points(mut points: Vec<TrendPoint>) -> Self {
         clock_correction::correct_times(&mut points);
-        let changes = change::detect_changes(&points);
+        let changes = change_detection::detect_changes(&points);
         let begins = changes.iter().filter(|change| change.kind == ChangeKind::Step).map(|c| c.first);
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let regime = values.get(begins.max().unwrap_or(0)..).unwrap_or_default();
         let before = regime.split_last().map_or(&[][..], |(_, before)| before);
         let individuals = (before.len() >= MIN_CHART_VALUES).then(|| IndividualsChart::from_values(before)).flatten();
-        let ewma = individuals.map(|chart| Ewma::from_values(regime, chart.centre, chart.sigma));
+        let ewma = individuals.map(|chart| EwmaChart::from_values(regime, chart.centre, chart.sigma));
         Self { points, changes, individuals, ewma }
     }
 
     /// Whether the newest value lies outside the limits from the earlier values.
-    pub fn is_outside_limits(&self) -> Option<bool> {
+    pub fn is_newest_value_outside_limits(&self) -> Option<bool> {
         let chart = self.individuals?;
         let newest = self.points.last()?;
-        let by_ewma = self.ewma.as_ref().is_some_and(Ewma::is_outside_limits);
-        Some(!chart.contains(newest.value) || by_ewma)
+        let by_ewma = self.ewma.as_ref().is_some_and(EwmaChart::is_newest_mean_outside_limits);
+        Some(!chart.is_within_limits(newest.value) || by_ewma)
     }
 }
 

@@ -5,36 +5,36 @@ use std::f64::consts::PI;
 use estimation::monte_carlo::TrialCount;
 use faer::{Mat, MatRef};
 use machine::kinematics::ErrorParameter;
-use machine::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::{FunctionFigureKind, Unit};
 
-use super::{Mean, assert_near};
+use super::{MeanModel, assert_near};
 use crate::identification::{
-    NonlinearOutputs, ObservationEffect, OutputCurve, OutputParameter, Outputs, TrialPlan, UncertaintySource,
+    NonlinearOutputs, ObservationEffect, OutputCurve, OutputParameter, Outputs, TrialSettings, UncertaintySource,
     central_differences, identify, parameter_without_budget, reported_unit,
 };
 
 #[test]
-fn regress_a_source_of_another_size_is_refused_by_its_name() {
-    let mean = Mean::of(&[2e-3, -2e-3, 1e-3, -1e-3]);
-    let fit = mean.fit();
+fn regress_source_of_wrong_length_is_refused_with_its_name() {
+    let mean = MeanModel::from_readings(&[2e-3, -2e-3, 1e-3, -1e-3]);
+    let fit = mean.linear_fit();
     let each = |count| UncertaintySource::new("scatter", ObservationEffect::Independent(vec![1e-3; count]));
-    let direct = |rows: Vec<Vec<f64>>| UncertaintySource { direct_changes: rows, ..each(4) };
+    let direct = |rows: Vec<Vec<f64>>| UncertaintySource { direct_unknown_changes: rows, ..each(4) };
     let long = UncertaintySource::new("scatter", ObservationEffect::Joint(vec![vec![1e-3; 5]]));
     let one = || vec![1.0];
     let wrong = [each(5), long, direct(vec![one()]), direct(vec![vec![1.0, 2.0]; 4])];
     for source in wrong {
-        let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(100) };
-        let solution = mean.solution(&fit, true);
+        let plan = TrialSettings { seed: 1, trial_count: TrialCount::Fixed(100) };
+        let solution = mean.solved_model_of_full_rank(&fit, true);
         let refused = identify(&solution, &[source], Outputs::default(), Some(plan));
         let reason = refused.err().map(|error| error.to_string()).unwrap_or_default();
         assert!(reason.contains("`scatter` does not match 4 observations and 1 unknowns"), "{reason}");
     }
-    let solution = mean.solution(&fit, true);
+    let solution = mean.solved_model_of_full_rank(&fit, true);
     assert!(identify(&solution, &[direct(vec![one(); 4])], Outputs::default(), None).is_ok());
 }
 
 /// |x| of an x around zero has a half-normal distribution.
-fn magnitude() -> NonlinearOutputs {
+fn magnitude_output() -> NonlinearOutputs {
     let values = |x: MatRef<'_, f64>| Mat::from_fn(x.nrows(), 1, |trial, _| x[(trial, 0)].abs());
     let output = OutputParameter { symbol: "size".into(), unit: Unit::Um, value: 0.0, slope: None };
     NonlinearOutputs { outputs: vec![output], trial_values: Box::new(values) }
@@ -43,12 +43,12 @@ fn magnitude() -> NonlinearOutputs {
 /// A mean of four readings of u = 2 µm has u = 1 µm, also as an angle over 500 mm. Its magnitude has the
 /// standard deviation √(1 − 2/π).
 #[test]
-fn regress_an_estimate_by_hand() {
-    let mean = Mean::of(&[2e-3, -2e-3, 1e-3, -1e-3]);
-    let fit = mean.fit();
+fn regress_estimate_agrees_with_hand_calculation() {
+    let mean = MeanModel::from_readings(&[2e-3, -2e-3, 1e-3, -1e-3]);
+    let fit = mean.linear_fit();
     let x = [4e-3];
     let outputs = Outputs {
-        parameters: vec![
+        linear_parameters: vec![
             OutputParameter::from_unknown("EX0C", Unit::Um, 0, &x),
             OutputParameter::from_coefficients("EB0C", Unit::Urad, vec![0.002], &x),
         ],
@@ -59,15 +59,15 @@ fn regress_an_estimate_by_hand() {
             x: vec![0.0, 90.0],
             y: vec![4e-3, -8e-3],
             unit: Unit::Um,
-            figure: FigureKind::Polar,
+            figure: FunctionFigureKind::Polar,
             slopes: vec![vec![1.0], vec![-2.0]],
         }],
-        nonlinear: Some(magnitude()),
+        nonlinear: Some(magnitude_output()),
     };
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![2e-3; 4]))];
-    let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(100_000) };
-    let identified = identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
-    assert!(identified.contradicted_symbols().is_empty());
+    let plan = TrialSettings { seed: 1, trial_count: TrialCount::Fixed(100_000) };
+    let identified = identify(&mean.solved_model_of_full_rank(&fit, true), &sources, outputs, Some(plan)).unwrap();
+    assert!(identified.symbols_contradicted_by_trials().is_empty());
     let estimate = identified.estimate("mean");
     let [location, angle, size] = estimate.parameters.as_slice() else { panic!() };
     for (found, expected) in [(location.value, 4.0), (location.u, 1.0), (location.expanded, 2.0)] {
@@ -88,41 +88,43 @@ fn regress_an_estimate_by_hand() {
     // χ² is 10 with weights of 1; the expectation is 3·4, both in µm².
     assert_near(estimate.chi2_per_dof, 10.0 / 12.0, 1e-9);
     assert_eq!((estimate.degrees_of_freedom, estimate.rank), (3, 1));
-    assert_near(identified.uncertainty(1).unwrap().u, 2e-6, 1e-15);
-    assert!(identified.uncertainty(3).is_none());
+    assert_near(identified.parameter_uncertainty(1).unwrap().u, 2e-6, 1e-15);
+    assert!(identified.parameter_uncertainty(3).is_none());
 }
 
 /// A nonlinear output alone, such as a largest deviation, has no uncertainty without trials.
 #[test]
 fn regress_nonlinear_output_without_trials_has_no_uncertainty() {
-    let mean = Mean::of(&[0.0, 0.0]);
-    let fit = mean.fit();
+    let mean = MeanModel::from_readings(&[0.0, 0.0]);
+    let fit = mean.linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3; 2]))];
-    let outputs = Outputs { nonlinear: Some(magnitude()), ..Outputs::default() };
-    let identified = identify(&mean.solution(&fit, true), &sources, outputs, None).unwrap();
+    let outputs = Outputs { nonlinear: Some(magnitude_output()), ..Outputs::default() };
+    let identified = identify(&mean.solved_model_of_full_rank(&fit, true), &sources, outputs, None).unwrap();
     let estimate = identified.estimate("mean");
     assert!(estimate.parameters[0].u.is_nan() && estimate.covariance.rows.is_empty());
-    assert!(identified.contradicted_symbols().is_empty());
+    assert!(identified.symbols_contradicted_by_trials().is_empty());
 }
 
 /// A stated u that is ten times too small.
 #[test]
 fn regress_trials_contradict_a_wrong_slope() {
-    let mean = Mean::of(&[0.0]);
-    let fit = mean.fit();
+    let mean = MeanModel::from_readings(&[0.0]);
+    let fit = mean.linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0]))];
-    let outputs =
-        Outputs { parameters: vec![OutputParameter::from_unknown("x", Unit::Mm, 0, &[0.0])], ..Outputs::default() };
-    let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(10_000) };
-    let mut identified = identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
-    assert!(identified.contradicted_symbols().is_empty());
-    identified.outputs.parameters[0].slope = Some(vec![0.1]);
-    assert_eq!(identified.contradicted_symbols(), ["x"]);
+    let outputs = Outputs {
+        linear_parameters: vec![OutputParameter::from_unknown("x", Unit::Mm, 0, &[0.0])],
+        ..Outputs::default()
+    };
+    let plan = TrialSettings { seed: 1, trial_count: TrialCount::Fixed(10_000) };
+    let mut identified = identify(&mean.solved_model_of_full_rank(&fit, true), &sources, outputs, Some(plan)).unwrap();
+    assert!(identified.symbols_contradicted_by_trials().is_empty());
+    identified.outputs.linear_parameters[0].slope = Some(vec![0.1]);
+    assert_eq!(identified.symbols_contradicted_by_trials(), ["x"]);
 }
 
 /// Test with GUM table G.2: k = 2.65 for 5 degrees of freedom.
 #[test]
-fn paper_gum_reported_parameter() {
+fn paper_gum_parameter_has_the_expanded_u_of_table_g2() {
     let parameter = parameter_without_budget("T_scan", Unit::Ms, 2e-3, 1e-4, Some(5.0));
     assert_near(parameter.value, 2.0, 1e-12);
     assert_near(parameter.expanded, 0.265, 6e-4);
@@ -131,7 +133,7 @@ fn paper_gum_reported_parameter() {
 
 /// Derivatives of the functions x² + y and x·y at (3, 5).
 #[test]
-fn regress_central_differences_of_polynomials() {
+fn regress_central_differences_of_polynomials_are_exact() {
     let function = |x: &[f64]| Some(vec![x[0] * x[0] + x[1], x[0] * x[1]]);
     let slopes = central_differences(&[3.0, 5.0], 1e-3, function).unwrap();
     for (found, expected) in slopes.iter().flatten().zip([6.0, 1.0, 5.0, 3.0]) {

@@ -5,17 +5,17 @@ use machine::record::estimate::Estimate;
 use serde_json::{Value, json};
 
 use super::assert_near;
-use crate::identification::{KnownMotions, ObservationEffect};
+use crate::identification::{KnownErrorMotions, ObservationEffect};
 
 /// A function over a revolution in steps of 45°: EXC is 2·cos 2C − 1 µm with u = 0.5 µm at each point.
-fn function(symbol: &str, axis: &str, unit: &str) -> Value {
+fn motion_function(symbol: &str, axis: &str, unit: &str) -> Value {
     let x: Vec<f64> = (0..=8).map(|i| 45.0 * f64::from(i)).collect();
     let y: Vec<f64> = x.iter().map(|deg| 2.0 * (2.0 * deg.to_radians()).cos() - 1.0).collect();
     json!({"symbol": symbol, "argument": axis, "argument_unit": "deg", "x": x, "unit": unit, "y": y,
         "u": vec![0.5; 9]})
 }
 
-fn estimate(functions: &[Value]) -> Estimate {
+fn estimate_with_functions(functions: &[Value]) -> Estimate {
     serde_json::from_value(json!({
         "trued_estimate": 1, "method": "ball-plate", "parameters": [], "functions": functions,
         "covariance": {"symbols": [], "rows": []}, "rank": 1, "unknowns": 1, "condition": 1.0,
@@ -26,12 +26,12 @@ fn estimate(functions: &[Value]) -> Estimate {
 }
 
 /// An estimate with the coefficients 2 and 0.5 µm of order 2, of u = 0.3 and 0.4 µm.
-fn with_coefficients() -> Estimate {
+fn estimate_with_coefficients() -> Estimate {
     let parameter = |symbol: &str, value: f64, u: f64| {
         json!({"symbol": symbol, "value": value, "unit": "um", "u": u, "U": 2.0 * u, "k": 2.0,
             "dof": null, "identifiable": true})
     };
-    let mut estimate = estimate(&[function("EXC", "C", "um")]);
+    let mut estimate = estimate_with_functions(&[motion_function("EXC", "C", "um")]);
     let parameters = [parameter("EXC_c2", 2.0, 0.3), parameter("EXC_s2", 0.5, 0.4)];
     estimate.parameters = serde_json::from_value(parameters.to_vec().into()).unwrap();
     estimate.covariance.symbols = vec!["EXC_c2".to_owned(), "EXC_s2".to_owned()];
@@ -39,15 +39,15 @@ fn with_coefficients() -> Estimate {
     estimate
 }
 
-fn value_mm(known: &KnownMotions<'_>, degrees: f64) -> f64 {
+fn known_motion_mm(known: &KnownErrorMotions<'_>, degrees: f64) -> f64 {
     let angle = degrees.to_radians();
-    known.errors(angle).iter().map(|term| term.value * term.parameter.shape_factor(angle)).sum()
+    known.error_terms_at(angle).iter().map(|term| term.value * term.parameter.shape_factor(angle)).sum()
 }
 
 /// The draws of the only source, for one observation per angle.
-fn draws(known: &KnownMotions<'_>, degrees: &[f64]) -> Vec<Vec<f64>> {
+fn draws_of_only_source(known: &KnownErrorMotions<'_>, degrees: &[f64]) -> Vec<Vec<f64>> {
     let angles: Vec<f64> = degrees.iter().map(|deg| deg.to_radians()).collect();
-    let sources = known.sources(&angles, |_| vec![-1.0; angles.len()]);
+    let sources = known.uncertainty_sources(&angles, |_| vec![-1.0; angles.len()]);
     assert_eq!(sources.len(), 1);
     match &sources[0].effect {
         ObservationEffect::Joint(columns) => columns.clone(),
@@ -56,14 +56,14 @@ fn draws(known: &KnownMotions<'_>, degrees: &[f64]) -> Vec<Vec<f64>> {
 }
 
 #[test]
-fn coefficients_with_their_covariance_come_before_points() {
-    let priors = [with_coefficients()];
-    let known = KnownMotions::new(Axis::C, &priors).unwrap();
+fn coefficients_with_covariance_are_preferred_to_points() {
+    let priors = [estimate_with_coefficients()];
+    let known = KnownErrorMotions::new(Axis::C, &priors).unwrap();
     for degrees in [20.0_f64, 380.0, -700.0] {
         let (sin, cos) = (2.0 * degrees.to_radians()).sin_cos();
-        assert_near(value_mm(&known, degrees), (2.0 * cos + 0.5 * sin) * 1e-3, 1e-15);
+        assert_near(known_motion_mm(&known, degrees), (2.0 * cos + 0.5 * sin) * 1e-3, 1e-15);
     }
-    let draws = draws(&known, &[0.0, 45.0]);
+    let draws = draws_of_only_source(&known, &[0.0, 45.0]);
     let covariance = |i: usize, j: usize| draws.iter().map(|d| d[i] * d[j]).sum::<f64>();
     assert_near(covariance(0, 0), 0.09e-6, 1e-18);
     assert_near(covariance(1, 1), 0.16e-6, 1e-18);
@@ -74,37 +74,37 @@ fn coefficients_with_their_covariance_come_before_points() {
 
 /// The mean is subtracted; u is the same draw at all angles.
 #[test]
-fn points_are_linear_between_and_fully_correlated() {
-    let mut without_covariance = with_coefficients();
+fn points_are_interpolated_linearly_and_fully_correlated() {
+    let mut without_covariance = estimate_with_coefficients();
     without_covariance.covariance.rows.pop();
-    for prior in [estimate(&[function("EXC", "C", "um")]), without_covariance] {
+    for prior in [estimate_with_functions(&[motion_function("EXC", "C", "um")]), without_covariance] {
         let priors = [prior];
-        let known = KnownMotions::new(Axis::C, &priors).unwrap();
+        let known = KnownErrorMotions::new(Axis::C, &priors).unwrap();
         for (degrees, um) in [(0.0, 2.0), (22.5, 1.0), (90.0, -2.0), (-22.5, 1.0)] {
-            assert_near(value_mm(&known, degrees), um * 1e-3, 1e-15);
+            assert_near(known_motion_mm(&known, degrees), um * 1e-3, 1e-15);
         }
-        assert_eq!(draws(&known, &[0.0, 22.5]).len(), 1);
-        draws(&known, &[0.0, 22.5])[0].iter().for_each(|mm| assert_near(*mm, -0.5e-3, 1e-15));
+        assert_eq!(draws_of_only_source(&known, &[0.0, 22.5]).len(), 1);
+        draws_of_only_source(&known, &[0.0, 22.5])[0].iter().for_each(|mm| assert_near(*mm, -0.5e-3, 1e-15));
     }
 }
 
 #[test]
 fn estimates_without_usable_error_motions_are_refused() {
-    let reason = |priors: &[Estimate]| KnownMotions::new(Axis::C, priors).unwrap_err().reason;
-    let of_b = estimate(&[function("EXB", "B", "um")]);
+    let reason = |priors: &[Estimate]| KnownErrorMotions::new(Axis::C, priors).unwrap_err().reason;
+    let of_b = estimate_with_functions(&[motion_function("EXB", "B", "um")]);
     assert!(reason(&[of_b]).ends_with("the function EXB is of the axis B"));
     for other in ["EXC_total", "EXC_spectrum", "EXC@Z50.0", "W_form", "EXX"] {
-        let found = reason(&[estimate(&[function(other, "C", "um")])]);
+        let found = reason(&[estimate_with_functions(&[motion_function(other, "C", "um")])]);
         assert!(found.contains("no error motions of C") && found.ends_with("no such function"));
     }
-    assert!(reason(&[estimate(&[function("EXC", "C", "urad")])]).ends_with("no such function"));
-    let of = |symbol: &str, unit: &str| estimate(&[function(symbol, "C", unit)]);
+    assert!(reason(&[estimate_with_functions(&[motion_function("EXC", "C", "urad")])]).ends_with("no such function"));
+    let of = |symbol: &str, unit: &str| estimate_with_functions(&[motion_function(symbol, "C", unit)]);
     assert_eq!(reason(&[of("EXC", "um"), of("EXC", "um")]), "two estimates contain EXC");
     let mut turns = of("EXC", "um");
     turns.functions[0].x.iter_mut().for_each(|deg| *deg *= 3.0);
     assert!(reason(&[turns]).contains("EXC of the estimate of ball-plate covers more than one revolution"));
     let priors = [of("EXC", "um"), of("EAC", "urad")];
-    let known = KnownMotions::new(Axis::C, &priors).unwrap();
+    let known = KnownErrorMotions::new(Axis::C, &priors).unwrap();
     assert!(
         known.has_component(Axis::X)
             && known.has_component(Axis::A)

@@ -1,13 +1,13 @@
 //! Tests of the outlier detection.
 
-use super::{Mean, assert_near};
+use super::{MeanModel, assert_near};
 use crate::identification::outliers::{RowResiduals, are_indistinguishable};
 use crate::identification::{CheckedMeasurement, ObservationEffect, Outputs, SolvedModel, UncertaintySource, identify};
 
 /// Readings of one quantity; each is a measurement of 1 mm standard uncertainty.
-fn checked(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
-    let mean = Mean::of(readings);
-    let fit = mean.fit();
+fn find_outliers(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
+    let mean = MeanModel::from_readings(readings);
+    let fit = mean.linear_fit();
     let measurement = |i: usize| CheckedMeasurement {
         label: i.to_string(),
         description: format!("reading {i}"),
@@ -16,52 +16,58 @@ fn checked(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(Stri
         u_mm: 1.0,
     };
     let measurements: Vec<CheckedMeasurement> = (0..readings.len() / rows).map(measurement).collect();
-    let solution = SolvedModel { measurements: &measurements, ..mean.solution(&fit, has_declared_sizes) };
+    let solution =
+        SolvedModel { measurements: &measurements, ..mean.solved_model_of_full_rank(&fit, has_declared_sizes) };
     let source = UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; readings.len()]));
     let found = identify(&solution, &[source], Outputs::default(), None).unwrap();
     let outliers = found.outlier_check.outliers.into_iter();
     outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.t)).collect()
 }
 
-const READINGS: [f64; 8] = [10.2, 9.7, 10.1, 9.9, 10.4, 9.8, 10.0, 14.0];
+const READINGS_WITH_OUTLIER: [f64; 8] = [10.2, 9.7, 10.1, 9.9, 10.4, 9.8, 10.0, 14.0];
 
 /// Mean, scatter and prediction are computed without the suspect reading.
 #[test]
 fn a_reading_is_compared_with_all_others() {
-    let others = &READINGS[..7];
+    let others = &READINGS_WITH_OUTLIER[..7];
     let without = others.iter().sum::<f64>() / 7.0;
     let variance = others.iter().map(|own| (own - without).powi(2)).sum::<f64>() / 6.0;
     let expected = (14.0 - without) / (variance * (1.0 + 1.0 / 7.0)).sqrt();
-    let found = checked(&READINGS, false, 1);
+    let found = find_outliers(&READINGS_WITH_OUTLIER, false, 1);
     let [(label, t)] = &found[..] else { panic!("{found:?}") };
     assert_eq!(label, "7");
     assert_near(*t, expected, 1e-9);
     // The others scatter less than declared, and a deviation of 4 is not significant for a standard
     // uncertainty of 1.
-    assert!(checked(&READINGS, true, 1).is_empty());
-    let pairs = checked(&READINGS, false, 2);
+    assert!(find_outliers(&READINGS_WITH_OUTLIER, true, 1).is_empty());
+    let pairs = find_outliers(&READINGS_WITH_OUTLIER, false, 2);
     assert_eq!((pairs.len(), &*pairs[0].0), (1, "3"));
 }
 
 /// Limits from tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.
 #[test]
-fn limits_agree_with_tables() {
-    let rows =
-        RowResiduals { residuals: &[0.0; 3], variances: &[1.0; 3], chi2: 20.0, dof: 20.0, has_declared_sizes: true };
+fn studentised_limits_agree_with_tables() {
+    let rows = RowResiduals {
+        weighted_residuals: &[0.0; 3],
+        variances: &[1.0; 3],
+        scaled_chi2: 20.0,
+        effective_dof: 20.0,
+        has_declared_source_sizes: true,
+    };
     assert_near(rows.studentised_limit(0..1, 1e-3).unwrap(), 3.883, 5e-4);
-    let three = RowResiduals { dof: 23.0, ..rows };
+    let three = RowResiduals { effective_dof: 23.0, ..rows };
     assert_near(three.studentised_limit(0..3, 1e-3).unwrap().powi(2) / 3.0, 8.10, 5e-3);
 }
 
 /// A row that explains only itself is not checked; without degrees of freedom no row is checked.
 #[test]
-fn reading_without_redundancy_is_not_judged() {
+fn row_without_redundancy_is_not_checked() {
     let rows = |dof| RowResiduals {
-        residuals: &[0.1, -0.2, 0.1, 1e6],
+        weighted_residuals: &[0.1, -0.2, 0.1, 1e6],
         variances: &[0.6, 0.6, 0.6, 0.0],
-        chi2: 0.1,
-        dof,
-        has_declared_sizes: false,
+        scaled_chi2: 0.1,
+        effective_dof: dof,
+        has_declared_source_sizes: false,
     };
     assert!(rows(20.0).studentised_limit(0..1, 1e-3).is_some() && rows(1.5).studentised_limit(0..1, 1e-3).is_none());
     assert!(rows(20.0).studentised_limit(3..4, 1e-3).is_none());
@@ -71,7 +77,7 @@ fn reading_without_redundancy_is_not_judged() {
 }
 
 #[test]
-fn parallel_patterns_are_alike_whatever_their_sense_and_size() {
+fn parallel_patterns_are_indistinguishable() {
     let pattern = [0.5, -0.25, 0.1];
     assert!(are_indistinguishable([&pattern, &pattern.map(|p| -3.0 * p)]));
     assert!(!are_indistinguishable([&pattern, &[0.5, -0.25, 0.2]]));

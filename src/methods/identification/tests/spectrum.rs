@@ -1,23 +1,23 @@
 //! Amplitudes, compared with hand calculation.
 
 use faer::Mat;
-use machine::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::{FunctionFigureKind, Unit};
 
-use super::{assert_near, solution};
+use super::{assert_near, solved_model_of_full_rank};
 use crate::identification::{
-    Harmonic, HarmonicFunction, LinearFit, ObservationEffect, Outputs, UncertaintySource, identify, unit_slope,
+    Harmonic, HarmonicFunction, LinearFit, ObservationEffect, Outputs, UncertaintySource, identify, slope_of_unknown,
 };
 
 /// Two unknowns that are observed directly: 3 µm and 4 µm, with u of 1 µm and 2 µm.
 #[test]
-fn regress_amplitudes_by_hand() {
+fn regress_amplitudes_and_their_u_agree_with_hand_calculation() {
     let x = [3e-3, 4e-3];
     let one = Mat::identity(2, 2);
     let fit = LinearFit { x: &x, design_matrix: &one, sigma: &[1.0; 2], gain: &one };
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3, 2e-3]))];
-    let solution = solution(&fit, &[0.0; 2], true);
+    let solution = solved_model_of_full_rank(&fit, &[0.0; 2], true);
     let identified = identify(&solution, &sources, Outputs::default(), None).unwrap();
-    let [first, second] = [0, 1].map(|index| unit_slope(index, 2));
+    let [first, second] = [0, 1].map(|index| slope_of_unknown(index, 2));
     let harmonic =
         |order, cos: &[f64], sin: &[f64]| Harmonic { order, cosine_and_sine_slopes: [cos.to_vec(), sin.to_vec()] };
     let spectrum = HarmonicFunction {
@@ -33,7 +33,7 @@ fn regress_amplitudes_by_hand() {
         ],
     };
     let function = identified.spectrum(&spectrum, &x);
-    assert_eq!((function.figure, function.x), (FigureKind::Spectrum, vec![0.5, 2.0, 5.0]));
+    assert_eq!((function.figure, function.x), (FunctionFigureKind::Spectrum, vec![0.5, 2.0, 5.0]));
     let known = [(3.0, 1.0), (5.0, 2.0), (18f64.sqrt(), 2f64.sqrt())];
     for ((y, u), (amplitude, expected)) in function.y.iter().zip(&function.u).zip(known) {
         assert_near(*y, amplitude, 1e-9);

@@ -2,16 +2,16 @@
 
 use nalgebra::Vector3;
 
-use super::g2::{FIVE_PARAMETERS, problem};
-use super::ideal;
-use crate::laser_r_test::parameters::select_parameters;
+use super::gate_g2::{TABLE_5_SYMBOLS, centre_fit_of_42_poses};
+use super::ideal_plan;
+use crate::laser_r_test::parameter_selection::select_parameters;
 use machine::kinematics::KinematicChain;
 
 const BALL_CENTRE_MM: Vector3<f64> = Vector3::new(80.0, 0.0, 60.0);
 
 #[test]
 fn second_harmonics_of_b_have_full_rank() {
-    let (problem, x) = problem(&[], &[2], BALL_CENTRE_MM, 1e-3);
+    let (problem, x) = centre_fit_of_42_poses(&[], &[2], BALL_CENTRE_MM, 1e-3);
     let survey = problem.analyse_rank(&x).unwrap();
     println!("condition {}", survey.condition);
     assert_eq!((survey.rank, survey.nullity), (23, 0));
@@ -23,8 +23,8 @@ fn second_harmonics_of_b_have_full_rank() {
 #[test]
 fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
     let lost = |motions: &[&str]| {
-        let names = [&FIVE_PARAMETERS[..], motions].concat();
-        let (problem, x) = problem(&names, &[], BALL_CENTRE_MM, 1e-3);
+        let names = [&TABLE_5_SYMBOLS[..], motions].concat();
+        let (problem, x) = centre_fit_of_42_poses(&names, &[], BALL_CENTRE_MM, 1e-3);
         problem.analyse_rank(&x).unwrap().nullity
     };
     let angles = ["EAB_cos1", "EAB_sin1", "ECB_cos1", "ECB_sin1"];
@@ -32,12 +32,12 @@ fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
     let places = ["EXB_cos1", "EXB_sin1", "EZB_cos1", "EZB_sin1"];
     assert_eq!(lost(&[&angles[..], &places].concat()), 4);
 
-    let chain = KinematicChain::new(&ideal(1.0).machine).unwrap();
+    let chain = KinematicChain::new(&ideal_plan(1.0).machine).unwrap();
     let chosen = select_parameters(&chain, &[], &[1]).unwrap();
     println!("{:#?}", chosen.gauge_lines);
     let held = chosen.gauge_lines.len();
     assert_eq!(chosen.parameters.len() + held, 5 + 12);
-    let (problem, x) = problem(&[], &[1], BALL_CENTRE_MM, 1e-3);
+    let (problem, x) = centre_fit_of_42_poses(&[], &[1], BALL_CENTRE_MM, 1e-3);
     assert_eq!(problem.analyse_rank(&x).unwrap().nullity, 0);
     assert!(chosen.gauge_lines.iter().any(|line| line.contains("EA0C")), "{:?}", chosen.gauge_lines);
     assert!(chosen.gauge_lines.iter().any(|line| line.contains("EX0C")), "{:?}", chosen.gauge_lines);

@@ -1,15 +1,15 @@
-//! Independent test data: the readings come from `played.rs`, which multiplies rotations and translations as in
-//! paper 2 and intersects the sphere with a straight ray.
+//! Independent test data: the readings come from `simulated_machine.rs`, which multiplies rotations and translations as
+//! in paper 2 and intersects the sphere with a straight ray.
 
 mod combined_fit;
-mod continuous;
-mod g2;
+mod continuous_scans;
+mod coverage;
+mod gate_g2;
 mod harmonics;
-mod played;
-mod probe;
+mod interruptions;
 mod refusals;
-mod stops;
-mod whole;
+mod simulated_machine;
+mod touch_probe;
 
 use serde::Deserialize;
 
@@ -18,7 +18,7 @@ use machine::record::plan::{PLAN_VERSION, Plan};
 use machine::record::sensor::Sensor;
 
 /// Plan of the built-in machine with sensor and sphere, without steps.
-pub fn plan() -> Plan {
+pub fn plan_without_steps() -> Plan {
     let file = include_str!("../../../../config/laser.toml");
     let mut file: toml::Table = file.parse().unwrap();
     let axes = file["axes"].clone();
@@ -44,8 +44,8 @@ pub fn plan() -> Plan {
 }
 
 /// The same plan on a machine without drift, resolution and error motions, and a sensor with this noise.
-pub fn ideal(noise_um: f64) -> Plan {
-    let mut plan = plan();
+pub fn ideal_plan(noise_um: f64) -> Plan {
+    let mut plan = plan_without_steps();
     plan.machine.drift_um_per_h = 0.0;
     for spec in plan.machine.axes.values_mut() {
         spec.resolution_um = 0.0;
@@ -57,6 +57,6 @@ pub fn ideal(noise_um: f64) -> Plan {
 }
 
 /// Settings with few trials. The tests of Monte Carlo set more.
-pub fn settings() -> LaserRTestSettings {
+pub fn settings_with_few_trials() -> LaserRTestSettings {
     LaserRTestSettings { monte_carlo_trials: 100, ..LaserRTestSettings::default() }
 }

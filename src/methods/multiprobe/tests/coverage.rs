@@ -4,28 +4,28 @@
 use estimation::revolutions::{ChannelRevolutions, HarmonicData};
 use std::f64::consts::TAU;
 
-use super::super::model::{ProbeLayout, Surface};
+use super::super::model::{MeasuredSurface, ProbeLayout};
 use super::super::outputs::ReportedMotions;
-use super::super::revolutions::error_motion_values;
 use super::super::settings::{MultiprobeSettings, TurnSampling};
 use super::super::sources::SourceSizes;
+use super::super::total_and_asynchronous::total_and_asynchronous_values;
 use super::super::{SeparatedMotions, identify_motions};
-use super::generator::{ScanSize, SimulatedMotions, sum_of_terms};
-use super::nullities::layout;
-use crate::identification::TrialPlan;
+use super::nullities::two_section_layout;
+use super::simulated_motions::{ScanSize, SimulatedMotions, sum_of_terms};
+use crate::identification::TrialSettings;
 use estimation::coverage::coverage_factor;
 use estimation::monte_carlo::{DrawDistribution, DrawStream, TrialCount};
 
-const MAX_ORDER: usize = 4;
+const MAX_HARMONIC_ORDER: usize = 4;
 const SAMPLES_PER_REVOLUTION: usize = 24;
 
-fn range_of(values: &[f64]) -> f64 {
+fn peak_to_peak(values: &[f64]) -> f64 {
     let [largest, least] = [f64::max, f64::min].map(|pick| values.iter().copied().reduce(pick));
     largest.unwrap() - least.unwrap()
 }
 
 /// Settings with all declared values exactly known.
-fn exact_settings() -> MultiprobeSettings {
+fn settings_without_uncertainty() -> MultiprobeSettings {
     MultiprobeSettings {
         sampling: TurnSampling::Continuous,
         u_gain: 0.0,
@@ -37,15 +37,24 @@ fn exact_settings() -> MultiprobeSettings {
     }
 }
 
-const DRIFT_MM: f64 = 0.02e-3;
+const U_DRIFT_MM_PER_REVOLUTION: f64 = 0.02e-3;
 
 /// Source sizes of the settings, with the drift in mm per revolution.
 fn source_sizes(settings: &MultiprobeSettings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
-    SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity_effects: Vec::new() }
+    SourceSizes {
+        settings,
+        sensor_covariance: None,
+        u_drift_mm_per_revolution: drift_mm_per_revolution,
+        linearity_effects: Vec::new(),
+    }
 }
 
-fn identify_measured(layout: &ProbeLayout, measured: &[ChannelRevolutions], sizes: &SourceSizes) -> SeparatedMotions {
-    let data = HarmonicData::from_revolutions(measured, MAX_ORDER).unwrap();
+fn identify_revolutions(
+    layout: &ProbeLayout,
+    measured: &[ChannelRevolutions],
+    sizes: &SourceSizes,
+) -> SeparatedMotions {
+    let data = HarmonicData::from_revolutions(measured, MAX_HARMONIC_ORDER).unwrap();
     identify_motions(layout, &data, sizes, None).unwrap()
 }
 
@@ -62,67 +71,72 @@ fn true_value(world: &SimulatedMotions, symbol: &str) -> Option<f64> {
         _ => return None,
     };
     let term = terms[part[1..].parse::<usize>().ok()? - 1];
-    Some(if part.starts_with('c') { term.a } else { term.b })
+    Some(if part.starts_with('c') { term.cosine_amplitude } else { term.sine_amplitude })
 }
 
 #[derive(Default)]
 struct CoverageCount {
-    inside: usize,
-    all: usize,
+    covered_count: usize,
+    parameter_count: usize,
     /// Σ (error/u)².
-    squares: f64,
+    normalized_error_squares: f64,
 }
 
 impl CoverageCount {
     /// Counts the parameters whose symbols start with `prefix`.
-    fn count(&mut self, separated: &SeparatedMotions, world: &SimulatedMotions, prefix: &str) {
-        let parameters = &separated.identification.outputs.parameters;
+    fn add_parameters(&mut self, separated: &SeparatedMotions, world: &SimulatedMotions, prefix: &str) {
+        let parameters = &separated.identification.outputs.linear_parameters;
         for (i, output) in parameters.iter().enumerate() {
             let Some(truth) = true_value(world, &output.symbol) else { continue };
             if !output.symbol.starts_with(prefix) {
                 continue;
             }
-            let uncertainty = separated.identification.uncertainty(i).unwrap();
+            let uncertainty = separated.identification.parameter_uncertainty(i).unwrap();
             let k = coverage_factor(uncertainty.dof.unwrap_or(f64::INFINITY));
-            self.inside += usize::from((output.value - truth).abs() <= k * uncertainty.u);
-            self.squares += ((output.value - truth) / uncertainty.u).powi(2);
-            self.all += 1;
+            self.covered_count += usize::from((output.value - truth).abs() <= k * uncertainty.u);
+            self.normalized_error_squares += ((output.value - truth) / uncertainty.u).powi(2);
+            self.parameter_count += 1;
         }
     }
 
-    fn share(&self) -> f64 {
-        self.inside as f64 / self.all as f64
+    fn covered_share(&self) -> f64 {
+        self.covered_count as f64 / self.parameter_count as f64
     }
 }
 
 /// Sensor noise, and an asynchronous motion along X that affects all radial sensors together.
 #[test]
-fn regress_coverage_of_noise_and_asynchronous_motion() {
-    let layout = layout(3, -1.0);
+fn regress_expanded_uncertainty_covers_noise_and_asynchronous_motion() {
+    let layout = two_section_layout(3, -1.0);
     let rows = layout.all_row_keys();
     for (asynchronous_mm, prefix) in [(0.0, "E"), (0.5e-3, "EXC"), (0.5e-3, "EB")] {
         let mut covered = CoverageCount::default();
         for seed in 0..300 {
-            let world = SimulatedMotions::random(seed, MAX_ORDER, 2, 0.1e-3);
-            let mut measured =
-                world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, seed);
+            let world = SimulatedMotions::with_random_terms(seed, MAX_HARMONIC_ORDER, 2, 0.1e-3);
+            let mut measured = world.simulate_revolutions(
+                &layout,
+                &rows,
+                ScanSize { samples_per_revolution: SAMPLES_PER_REVOLUTION, revolutions: 4 },
+                seed,
+            );
             let mut random = DrawStream::from_key(seed, &[5]);
             let count = layout.index_angles_rad.len() * 4 * SAMPLES_PER_REVOLUTION;
-            let together = random.unit_draws(count, &[DrawDistribution::Normal]);
+            let together = random.unit_variance_draws(count, &[DrawDistribution::Normal]);
             for row in &mut measured {
-                let channel = &layout.channels[row.key.channel];
-                let Surface::Section(_) = channel.surface else { continue };
-                let own = &together[row.key.index * 4 * SAMPLES_PER_REVOLUTION..];
+                let channel = &layout.channels[row.key.channel_index];
+                let MeasuredSurface::Section(_) = channel.surface else { continue };
+                let own = &together[row.key.mounting_index * 4 * SAMPLES_PER_REVOLUTION..];
                 let values = row.revolutions.iter_mut().flatten().zip(own);
                 values.for_each(|(m, x)| *m += asynchronous_mm * x * channel.angle_rad.cos());
             }
-            covered.count(
-                &identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0)),
+            covered.add_parameters(
+                &identify_revolutions(&layout, &measured, &source_sizes(&settings_without_uncertainty(), 0.0)),
                 &world,
                 prefix,
             );
         }
-        let (share, squares) = (covered.share(), covered.squares / covered.all as f64);
+        let (share, squares) =
+            (covered.covered_share(), covered.normalized_error_squares / covered.parameter_count as f64);
         println!("asynchronous {asynchronous_mm} {prefix}: {share:.4}, χ² {squares:.3}");
         assert!(share > 0.93 && share < 0.975, "{share}");
         assert!(squares > 0.9 && squares < 1.2, "{squares}");
@@ -131,50 +145,52 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
 
 /// All sources: the measurement is generated with a drawn layout and identified with the nominal one.
 #[test]
-fn regress_coverage_of_all_sources() {
+fn regress_expanded_uncertainty_covers_all_sources() {
     let declared = MultiprobeSettings {
         u_gain: 2e-3,
         u_sensor_angle_deg: 0.1,
         u_section_distance_mm: 0.1,
         u_face_radius_mm: 0.1,
         u_index_angle_deg: 0.1,
-        ..exact_settings()
+        ..settings_without_uncertainty()
     };
-    let sizes = source_sizes(&declared, DRIFT_MM);
-    let nominal = layout(3, -1.0);
+    let sizes = source_sizes(&declared, U_DRIFT_MM_PER_REVOLUTION);
+    let nominal = two_section_layout(3, -1.0);
     let (mut covered, mut ratios) = (CoverageCount::default(), Vec::new());
     for seed in 0..300 {
         let drawn = DrawnLayout::new(&nominal, &declared, seed);
-        let world = SimulatedMotions::random(seed, MAX_ORDER, 2, 0.01e-3);
-        let measured = drawn.measured(&world, seed);
-        let separated = identify_measured(&nominal, &measured, &sizes);
+        let world = SimulatedMotions::with_random_terms(seed, MAX_HARMONIC_ORDER, 2, 0.01e-3);
+        let measured = drawn.simulate_revolutions(&world, seed);
+        let separated = identify_revolutions(&nominal, &measured, &sizes);
         let misfit = &separated.identification.propagation.misfit;
-        ratios.push(misfit.chi2 / misfit.expected);
-        covered.count(&separated, &world, "E");
+        ratios.push(misfit.chi2 / misfit.expected_chi2);
+        covered.add_parameters(&separated, &world, "E");
     }
-    let CoverageCount { squares, all, .. } = covered;
+    let CoverageCount { normalized_error_squares: squares, parameter_count: all, .. } = covered;
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
-    println!("all {:.4}, χ² {:.3}, misfit {mean:.3}", covered.share(), squares / all as f64);
-    assert!(covered.share() > 0.93 && covered.share() < 0.975, "{}", covered.share());
+    println!("all {:.4}, χ² {:.3}, misfit {mean:.3}", covered.covered_share(), squares / all as f64);
+    assert!(covered.covered_share() > 0.93 && covered.covered_share() < 0.975, "{}", covered.covered_share());
     assert!((squares / all as f64 - 1.0).abs() < 0.1 && (mean - 1.0).abs() < 0.1);
 }
 
+/// A layout with errors drawn from the declared uncertainties.
 struct DrawnLayout {
     layout: ProbeLayout,
     gains: Vec<f64>,
-    drift: [f64; 3],
+    drift_mm: [f64; 3],
 }
 
 impl DrawnLayout {
     fn new(nominal: &ProbeLayout, declared: &MultiprobeSettings, seed: u64) -> Self {
-        let mut units = DrawStream::from_key(seed, &[9]).unit_draws(64, &[DrawDistribution::Normal]).into_iter();
+        let mut units =
+            DrawStream::from_key(seed, &[9]).unit_variance_draws(64, &[DrawDistribution::Normal]).into_iter();
         let mut draw = |size: f64| size * units.next().unwrap();
         let mut layout = nominal.clone();
         layout.section_z_mm[1] += draw(declared.u_section_distance_mm);
         let face = draw(declared.u_face_radius_mm);
         for channel in &mut layout.channels {
             channel.angle_rad += draw(declared.u_sensor_angle_rad());
-            if let Surface::Face { radius_mm } = &mut channel.surface {
+            if let MeasuredSurface::Face { radius_mm } = &mut channel.surface {
                 *radius_mm += face;
             }
         }
@@ -182,25 +198,29 @@ impl DrawnLayout {
             *angle += draw(declared.u_index_angle_deg.to_radians());
         }
         let gains = layout.channels.iter().map(|_| 1.0 + draw(declared.u_gain)).collect();
-        let drift = [DRIFT_MM; 3].map(draw);
-        Self { layout, gains, drift }
+        let drift = [U_DRIFT_MM_PER_REVOLUTION; 3].map(draw);
+        Self { layout, gains, drift_mm: drift }
     }
 
-    /// The drift starts again in each revolution.
-    fn measured(&self, world: &SimulatedMotions, seed: u64) -> Vec<ChannelRevolutions> {
+    /// Simulated revolutions of this layout. The drift starts again in each revolution.
+    fn simulate_revolutions(&self, world: &SimulatedMotions, seed: u64) -> Vec<ChannelRevolutions> {
         let rows = self.layout.all_row_keys();
-        let mut measured =
-            world.revolutions(&self.layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, seed);
+        let mut measured = world.simulate_revolutions(
+            &self.layout,
+            &rows,
+            ScanSize { samples_per_revolution: SAMPLES_PER_REVOLUTION, revolutions: 4 },
+            seed,
+        );
         for row in &mut measured {
-            let channel = &self.layout.channels[row.key.channel];
+            let channel = &self.layout.channels[row.key.channel_index];
             let (sin, cos) = channel.angle_rad.sin_cos();
             let along = match channel.surface {
-                Surface::Section(_) => self.drift[0] * cos + self.drift[1] * sin,
-                Surface::Face { .. } => self.drift[2],
+                MeasuredSurface::Section(_) => self.drift_mm[0] * cos + self.drift_mm[1] * sin,
+                MeasuredSurface::Face { .. } => self.drift_mm[2],
             };
             for (i, value) in row.revolutions.iter_mut().flatten().enumerate() {
                 let part = (i % SAMPLES_PER_REVOLUTION) as f64 / SAMPLES_PER_REVOLUTION as f64 - 0.5;
-                *value = self.gains[row.key.channel] * (*value + along * part);
+                *value = self.gains[row.key.channel_index] * (*value + along * part);
             }
         }
         measured
@@ -208,23 +228,23 @@ impl DrawnLayout {
 }
 
 #[test]
-fn regress_co_rotating_motion_is_eccentricity() {
-    let layout = layout(3, -1.0);
-    let world = SimulatedMotions::random(2, MAX_ORDER, 2, 1e-7);
-    let measured = world.revolutions(
+fn regress_co_rotating_motion_is_reported_as_eccentricity() {
+    let layout = two_section_layout(3, -1.0);
+    let world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 1e-7);
+    let measured = world.simulate_revolutions(
         &layout,
         &layout.all_row_keys(),
-        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 },
+        ScanSize { samples_per_revolution: SAMPLES_PER_REVOLUTION, revolutions: 2 },
         1,
     );
-    let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
+    let separated = identify_revolutions(&layout, &measured, &source_sizes(&settings_without_uncertainty(), 0.0));
     assert!(
-        ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
+        ReportedMotions::new(&layout, &separated.fit).gauge_text.contains("(EXC, EYC) and (EAC, EBC)"),
         "{}",
-        ReportedMotions::new(&layout, &separated.fit).gauge
+        ReportedMotions::new(&layout, &separated.fit).gauge_text
     );
     assert_eq!(
-        ReportedMotions::new(&layout, &separated.fit).not_identifiable()[..2],
+        ReportedMotions::new(&layout, &separated.fit).describe_not_identifiable()[..2],
         ["EZC harmonic 3", "F harmonic 3"]
     );
     let outputs = &separated.identification.outputs;
@@ -233,35 +253,44 @@ fn regress_co_rotating_motion_is_eccentricity() {
     // The counter-rotating part of x alone remains: half of it along X and half along Y.
     let sign = layout.turn_sign;
     let (x, y) = (world.x[0], world.y[0]);
-    let counter_rotating = [(x.a - sign * y.b) / 2.0, (x.b + sign * y.a) / 2.0];
+    let counter_rotating =
+        [(x.cosine_amplitude - sign * y.sine_amplitude) / 2.0, (x.sine_amplitude + sign * y.cosine_amplitude) / 2.0];
     assert!((value("EXC_c1").unwrap() - counter_rotating[0]).abs() < 1e-6);
     assert!((value("EXC_s1").unwrap() - counter_rotating[1]).abs() < 1e-6);
     assert_eq!(value("EZC_c3"), None);
     let height = layout.section_z_mm[1];
-    let form = world.sections[1][0];
-    let co_x = (x.a + height * world.b[0].a + sign * (y.b - height * world.a[0].b)) / 2.0;
-    assert!((value("ecc_X2").unwrap() - co_x - form.a).abs() < 1e-6);
-    let exy = |q: f64| sum_of_terms(&world.z, q) - world.z[2].a * (3.0 * q).cos() - world.z[2].b * (3.0 * q).sin();
+    let form = world.section_forms[1][0];
+    let co_x = (x.cosine_amplitude
+        + height * world.b[0].cosine_amplitude
+        + sign * (y.sine_amplitude - height * world.a[0].sine_amplitude))
+        / 2.0;
+    assert!((value("ecc_X2").unwrap() - co_x - form.cosine_amplitude).abs() < 1e-6);
+    let exy = |q: f64| {
+        sum_of_terms(&world.z, q)
+            - world.z[2].cosine_amplitude * (3.0 * q).cos()
+            - world.z[2].sine_amplitude * (3.0 * q).sin()
+    };
     let values: Vec<f64> = (0..360).map(|i| exy(f64::from(i) * TAU / 360.0)).collect();
-    let range = range_of(&values);
+    let range = peak_to_peak(&values);
     assert!((value("EZC_synchronous").unwrap() - range).abs() < 1e-6);
-    let amplitude = world.z[0].a.hypot(world.z[0].b);
+    let amplitude = world.z[0].cosine_amplitude.hypot(world.z[0].sine_amplitude);
     assert!((value("EZC_fundamental").unwrap() - 2.0 * amplitude).abs() < 1e-6);
 }
 
 #[test]
 fn regress_trials_give_nonlinear_values_an_uncertainty() {
-    let layout = layout(3, -1.0);
-    let world = SimulatedMotions::random(2, MAX_ORDER, 2, 0.1e-3);
-    let measured = world.revolutions(
+    let layout = two_section_layout(3, -1.0);
+    let world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 0.1e-3);
+    let measured = world.simulate_revolutions(
         &layout,
         &layout.all_row_keys(),
-        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
+        ScanSize { samples_per_revolution: SAMPLES_PER_REVOLUTION, revolutions: 4 },
         1,
     );
-    let data = HarmonicData::from_revolutions(&measured, MAX_ORDER).unwrap();
-    let plan = TrialPlan { seed: 1, trial_count: TrialCount::Fixed(20_000) };
-    let separated = identify_motions(&layout, &data, &source_sizes(&exact_settings(), 0.0), Some(plan)).unwrap();
+    let data = HarmonicData::from_revolutions(&measured, MAX_HARMONIC_ORDER).unwrap();
+    let plan = TrialSettings { seed: 1, trial_count: TrialCount::Fixed(20_000) };
+    let separated =
+        identify_motions(&layout, &data, &source_sizes(&settings_without_uncertainty(), 0.0), Some(plan)).unwrap();
     let estimate = separated.identification.estimate("multiprobe");
     for parameter in &estimate.parameters {
         let trials = parameter.u_monte_carlo.unwrap();
@@ -278,30 +307,30 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
 /// The revolutions are displaced by +0.5 µm and −0.5 µm along X in alternation, at every third sample only.
 #[test]
 fn regress_asynchronous_and_total_values_agree_with_the_simulation() {
-    let layout = layout(4, -1.0);
-    let mut world = SimulatedMotions::random(2, MAX_ORDER, 2, 0.0);
+    let layout = two_section_layout(4, -1.0);
+    let mut world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 0.0);
     // Motion that turns with the table is not reported as error motion.
     for term in [&mut world.x[0], &mut world.y[0]] {
-        (term.a, term.b) = (0.0, 0.0);
+        (term.cosine_amplitude, term.sine_amplitude) = (0.0, 0.0);
     }
-    let mut measured = world.revolutions(
+    let mut measured = world.simulate_revolutions(
         &layout,
         &layout.all_row_keys(),
-        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
+        ScanSize { samples_per_revolution: SAMPLES_PER_REVOLUTION, revolutions: 4 },
         1,
     );
     for row in &mut measured {
-        let channel = &layout.channels[row.key.channel];
-        let Surface::Section(_) = channel.surface else { continue };
+        let channel = &layout.channels[row.key.channel_index];
+        let MeasuredSurface::Section(_) = channel.surface else { continue };
         for (r, revolution) in row.revolutions.iter_mut().enumerate() {
             let by_mm = if r % 2 == 0 { 0.5e-3 } else { -0.5e-3 };
             let moved = revolution.iter_mut().step_by(3);
             moved.for_each(|m| *m += by_mm * channel.angle_rad.cos());
         }
     }
-    let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
+    let separated = identify_revolutions(&layout, &measured, &source_sizes(&settings_without_uncertainty(), 0.0));
     let motions = ReportedMotions::new(&layout, &separated.fit);
-    let values = error_motion_values(&layout, &motions, &measured);
+    let values = total_and_asynchronous_values(&layout, &motions, &measured);
     let value = |symbol: &str| values.iter().find(|p| p.symbol == symbol).unwrap();
     assert!((value("EXC_asynchronous").value - 1.0).abs() < 1e-9);
     assert!(value("EYC_asynchronous").value < 1e-9 && value("EBC_asynchronous").value < 1e-6);
@@ -309,32 +338,32 @@ fn regress_asynchronous_and_total_values_agree_with_the_simulation() {
     let angles = || (0..SAMPLES_PER_REVOLUTION).map(|i| i as f64 * TAU / SAMPLES_PER_REVOLUTION as f64);
     let moved = angles().step_by(3).flat_map(|q| [-0.5e-3, 0.5e-3].map(|by| sum_of_terms(&world.x, q) + by));
     let all: Vec<f64> = angles().map(|q| sum_of_terms(&world.x, q)).chain(moved).collect();
-    let expected_um = range_of(&all) * 1e3;
+    let expected_um = peak_to_peak(&all) * 1e3;
     println!("total {} {expected_um}", value("EXC_total").value);
     assert!((value("EXC_total").value - expected_um).abs() < 1e-6);
 }
 
 /// With one mounting, axial motion and form of the face are inseparable, and EZC is not reported.
 #[test]
-fn regress_multiprobe_alone_reports_four_motions() {
-    let layout = layout(1, -1.0);
-    let world = SimulatedMotions::random(2, MAX_ORDER, 2, 1e-7);
-    let size = ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 3 };
-    let measured = world.revolutions(&layout, &layout.all_row_keys(), size, 1);
-    let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
+fn regress_one_mounting_reports_no_axial_motion() {
+    let layout = two_section_layout(1, -1.0);
+    let world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 1e-7);
+    let size = ScanSize { samples_per_revolution: SAMPLES_PER_REVOLUTION, revolutions: 3 };
+    let measured = world.simulate_revolutions(&layout, &layout.all_row_keys(), size, 1);
+    let separated = identify_revolutions(&layout, &measured, &source_sizes(&settings_without_uncertainty(), 0.0));
     let outputs = &separated.identification.outputs;
     assert!(outputs.all_parameters().all(|output| !output.symbol.starts_with("EZC")));
     assert!(outputs.curves.iter().all(|curve| curve.symbol != "EZC"));
     assert_eq!(outputs.curves.len(), 6);
-    let lost = &ReportedMotions::new(&layout, &separated.fit).not_identifiable();
+    let lost = &ReportedMotions::new(&layout, &separated.fit).describe_not_identifiable();
     println!("{lost:?}");
     assert!(lost.contains(&"EZC harmonic 2".to_owned()) && lost.contains(&"R1 harmonic 1".to_owned()));
     assert!(
-        ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
+        ReportedMotions::new(&layout, &separated.fit).gauge_text.contains("(EXC, EYC) and (EAC, EBC)"),
         "{}",
-        ReportedMotions::new(&layout, &separated.fit).gauge
+        ReportedMotions::new(&layout, &separated.fit).gauge_text
     );
     let all = outputs.all_parameters();
     let of_x: Vec<f64> = all.filter(|o| o.symbol == "EXC_c2").map(|o| o.value).collect();
-    assert!((of_x[0] - world.x[1].a).abs() < 1e-6);
+    assert!((of_x[0] - world.x[1].cosine_amplitude).abs() < 1e-6);
 }

@@ -3,8 +3,8 @@
 mod coverage;
 mod determinant;
 mod faults;
-mod g3;
-mod generator;
+mod gate_g3;
 mod geometry;
 mod nullities;
 mod refusals;
+mod simulated_motions;

@@ -1,10 +1,10 @@
 //! The measuring design: the balls at each indexation, their order, and the check that they suffice.
 
-mod choose;
-mod information;
-mod paper;
+mod design_setup;
+mod greedy_choice;
+mod machine_information;
+mod paper_design;
 mod rank_check;
-mod setup;
 
 #[cfg(test)]
 mod refusal_tests;
@@ -13,23 +13,25 @@ pub mod tests;
 
 use std::collections::BTreeMap;
 
-use self::choose::{MIN_VISITS, choose_measurements};
-use self::information::CandidateMeasurement;
-pub use self::setup::DesignSetup;
+pub use self::design_setup::DesignSetup;
+use self::greedy_choice::{MIN_VISITS_PER_BALL, choose_measurements};
+use self::machine_information::CandidateMeasurement;
 use super::settings::Design as DesignKind;
 use crate::MethodRefusal;
-use crate::ball_measurement::{BallVisit, describe_position, list_indexations, order_balls_in_xy, order_visits};
+use crate::ball_measurement::{
+    BallVisit, describe_rotary_axes_in_degrees, list_indexations, order_balls_in_xy, order_visits,
+};
 use machine::record::artefact::Ball;
 use machine::{Axis, Position};
 use planning::TouchAccess;
 
 /// Maximum distance of a stylus from the spindle axis at which it counts as on the axis in the access checks,
 /// mm.
-const MAX_CENTRAL_OFFSET_MM: f64 = 0.1;
+const MAX_ON_AXIS_STYLUS_OFFSET_MM: f64 = 0.1;
 
-/// All measurements that are possible: rotary positions, and the balls accessible at each.
+/// All possible measurements: the rotary positions, and the balls that are accessible at each.
 pub struct DesignCandidates {
-    pub positions: Vec<Position>,
+    pub rotary_positions: Vec<Position>,
     pub measurements: Vec<CandidateMeasurement>,
 }
 
@@ -43,21 +45,21 @@ pub fn design_visits(
     setup: &DesignSetup<'_>,
     time_s: impl Fn(&[BallVisit]) -> Result<f64, MethodRefusal>,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
-    let access = setup.measurement_setup().access(&setup.plan.artefact)?;
+    let access = setup.measurement_setup().touch_access(&setup.plan.artefact)?;
     let candidates = DesignCandidates::new(setup, &access)?;
     let visits = match setup.settings.design {
         // In the order that the definition of the paper's design gives.
         DesignKind::Paper => {
-            order_balls_in_xy(&setup.measurement_setup(), &access, paper::paper_visits(setup, &candidates)?)?
+            order_balls_in_xy(&setup.measurement_setup(), &access, paper_design::paper_visits(setup, &candidates)?)?
         }
-        DesignKind::Optimal => choose_optimal(setup, &candidates, &access, time_s)?,
+        DesignKind::Optimal => choose_optimal_visits(setup, &candidates, &access, time_s)?,
     };
-    rank_check::check_design(setup, &visits)?;
+    rank_check::check_rank_and_condition(setup, &visits)?;
     Ok(visits)
 }
 
 /// The greedy choice, as far as the time limit in minutes allows.
-fn choose_optimal(
+fn choose_optimal_visits(
     setup: &DesignSetup<'_>,
     candidates: &DesignCandidates,
     access: &TouchAccess,
@@ -66,19 +68,19 @@ fn choose_optimal(
     let (balls, settings) = (setup.balls.balls.len(), setup.settings);
     let chosen = choose_measurements(&candidates.measurements, balls, setup.length_information(), settings)?;
     let first_visits = |count: usize| {
-        let indices = chosen.indices.get(..count).unwrap_or_default();
-        let visits = order_visits(&setup.plan.machine, candidates.visits(indices));
+        let indices = chosen.candidate_indices.get(..count).unwrap_or_default();
+        let visits = order_visits(&setup.plan.machine, candidates.visits_of_chosen(indices));
         order_balls_in_xy(&setup.measurement_setup(), access, visits)
     };
     if settings.minutes == 0.0 {
-        return first_visits(chosen.indices.len());
+        return first_visits(chosen.candidate_indices.len());
     }
     let limit_s = settings.minutes * 60.0;
-    let min_time_s = time_s(&first_visits(chosen.min_count)?)?;
+    let min_time_s = time_s(&first_visits(chosen.count_with_min_visits)?)?;
     if min_time_s > limit_s {
         return Err(MethodRefusal {
             reason: format!(
-                "minutes = {} is too short: the measurement of every ball at {MIN_VISITS} \
+                "minutes = {} is too short: the measurement of every ball at {MIN_VISITS_PER_BALL} \
                  indexations takes {:.1} minutes of machine time",
                 settings.minutes,
                 min_time_s / 60.0
@@ -87,7 +89,7 @@ fn choose_optimal(
         });
     }
     // Bisection: `fits` is known to fit.
-    let (mut fits, mut exceeds) = (chosen.min_count, chosen.indices.len() + 1);
+    let (mut fits, mut exceeds) = (chosen.count_with_min_visits, chosen.candidate_indices.len() + 1);
     while exceeds - fits > 1 {
         let middle = (fits + exceeds) / 2;
         if time_s(&first_visits(middle)?)? <= limit_s { fits = middle } else { exceeds = middle }
@@ -103,7 +105,7 @@ impl DesignCandidates {
         let settings = match setup.settings.design {
             DesignKind::Optimal => setup.settings,
             DesignKind::Paper => {
-                paper = paper::paper_settings(setup.settings);
+                paper = paper_design::paper_settings(setup.settings);
                 &paper
             }
         };
@@ -113,7 +115,7 @@ impl DesignCandidates {
         let mut measurements = Vec::new();
         for (index, ball) in setup.balls.balls.iter().enumerate() {
             let (mut count, mut reasons_by_position) = (0, BTreeMap::<String, &Position>::new());
-            for (indexation, free) in accessibility(setup, access, &at, ball).into_iter().enumerate() {
+            for (indexation, free) in ball_access_by_indexation(setup, access, &at, ball).into_iter().enumerate() {
                 let Some(at) = at.get(indexation) else { continue };
                 match free {
                     Ok(()) => {
@@ -123,21 +125,21 @@ impl DesignCandidates {
                     Err(why) => drop(reasons_by_position.entry(why).or_insert(at)),
                 }
             }
-            if count < MIN_VISITS {
+            if count < MIN_VISITS_PER_BALL {
                 return Err(refuse_unreachable_ball(&ball.id, count, at.len(), &reasons_by_position));
             }
         }
-        Ok(Self { positions: at, measurements })
+        Ok(Self { rotary_positions: at, measurements })
     }
 
-    /// The chosen sights, grouped by indexation.
-    pub fn visits(&self, chosen: &[usize]) -> Vec<BallVisit> {
+    /// The measurements with the indices `chosen`, grouped by indexation.
+    pub fn visits_of_chosen(&self, chosen: &[usize]) -> Vec<BallVisit> {
         let mut by_indexation: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for measurement in chosen.iter().filter_map(|index| self.measurements.get(*index)) {
-            by_indexation.entry(measurement.indexation).or_default().push(measurement.ball);
+            by_indexation.entry(measurement.indexation_index).or_default().push(measurement.ball_index);
         }
         let visit = |(indexation, balls): (usize, Vec<usize>)| {
-            Some(BallVisit::new(self.positions.get(indexation)?.clone(), balls))
+            Some(BallVisit::new(self.rotary_positions.get(indexation)?.clone(), balls))
         };
         by_indexation.into_iter().filter_map(visit).collect()
     }
@@ -145,7 +147,7 @@ impl DesignCandidates {
 
 /// Whether a ball can be measured at each indexation, or the reason why not. The check uses the search at the
 /// stated position, enlarged by its uncertainty; the ball can then be measured wherever it is found.
-fn accessibility(
+fn ball_access_by_indexation(
     setup: &DesignSetup<'_>,
     access: &TouchAccess,
     at: &[Position],
@@ -153,7 +155,7 @@ fn accessibility(
 ) -> Vec<Result<(), String>> {
     let approach = setup.measurement_setup().search_approach(setup.balls.uncertainty_mm);
     // A stylus on the spindle axis occupies the same space at every spindle angle.
-    let is_central = setup.tip.mm.xy().norm() < MAX_CENTRAL_OFFSET_MM;
+    let is_central = setup.tip.mm.xy().norm() < MAX_ON_AXIS_STYLUS_OFFSET_MM;
     let mut last: Option<(Position, Result<(), String>)> = None;
     let mut all = Vec::with_capacity(at.len());
     for position in at {
@@ -177,14 +179,20 @@ fn refuse_unreachable_ball(
     total: usize,
     reasons_by_position: &BTreeMap<String, &Position>,
 ) -> MethodRefusal {
-    let reasons: Vec<String> =
-        reasons_by_position.iter().take(2).map(|(why, at)| format!("at {} {why}", describe_position(at))).collect();
+    let reasons: Vec<String> = reasons_by_position
+        .iter()
+        .take(2)
+        .map(|(why, at)| format!("at {} {why}", describe_rotary_axes_in_degrees(at)))
+        .collect();
     let accessible = match count {
         0 => "is accessible at none".to_owned(),
         some => format!("is accessible at only {some}"),
     };
     MethodRefusal::new(
-        format!("ball {id} {accessible} of {total} indexations, {MIN_VISITS} are needed: {}", reasons.join("; ")),
+        format!(
+            "ball {id} {accessible} of {total} indexations, {MIN_VISITS_PER_BALL} are needed: {}",
+            reasons.join("; ")
+        ),
         "mount the ball at another position or with another stem, choose other positions in tilt_deg and turn_deg, \
         or remove the ball from [artefact]",
     )

@@ -2,17 +2,17 @@
 
 use faer::Mat;
 
-use super::setup::DesignSetup;
+use super::design_setup::DesignSetup;
 use crate::MethodRefusal;
 use crate::ball_measurement::BallVisit;
 use crate::samba::confounding::COORDINATE_NAMES;
-use crate::samba::solution::is_uniform_scale;
-use estimation::linear::{RANK_THRESHOLD, RankAnalysis, analyse_rank};
-use estimation::null_names::name_null_space;
+use crate::samba::geometry_solution::is_uniform_scale;
+use estimation::linear_least_squares::{RANK_THRESHOLD, RankAnalysis, analyse_rank};
+use estimation::null_space_names::name_null_space;
 
 /// Maximum scaled condition number. Beyond it a mistake in the design is more likely than a machine that
 /// needs it.
-const MAX_CONDITION: f64 = 1e4;
+const MAX_SCALED_CONDITION: f64 = 1e4;
 
 /// All rows of the design, weighted, for machine errors, tool and balls; and the names of these unknowns.
 pub fn design_matrix(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<(Mat<f64>, Vec<String>), MethodRefusal> {
@@ -21,10 +21,10 @@ pub fn design_matrix(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<(M
     let unknowns = shared + 3 * balls.len();
     let mut rows: Vec<Vec<f64>> = Vec::new();
     for visit in visits {
-        for index in &visit.balls {
+        for index in &visit.ball_indices {
             let Some(ball) = balls.get(*index) else { continue };
             let common =
-                setup.model.nominal_derivatives(&setup.position_at_ball(&visit.rotary_position, ball)?, setup.tip);
+                setup.model.nominal_tip_derivatives(&setup.position_at_ball(&visit.rotary_position, ball)?, setup.tip);
             for axis in 0..3 {
                 let mut row: Vec<f64> = common.iter().map(|column| column[axis] / setup.centre_u_mm()).collect();
                 row.resize(unknowns, 0.0);
@@ -49,7 +49,7 @@ pub fn design_matrix(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<(M
 
 /// # Errors
 /// The design leaves a combination undetermined; the text names it.
-pub fn check_design(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<RankAnalysis, MethodRefusal> {
+pub fn check_rank_and_condition(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<RankAnalysis, MethodRefusal> {
     let (matrix, names) = design_matrix(setup, visits)?;
     let result = analyse_rank(matrix.as_ref(), None, RANK_THRESHOLD).map_err(|error| {
         MethodRefusal::new(
@@ -64,7 +64,7 @@ pub fn check_design(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<Ran
         let lost = name_null_space(of_machine, &names);
         return Err(undetermined_refusal(setup, format!("{} of {}", result.rank, names.len()), &lost));
     }
-    if result.condition > MAX_CONDITION {
+    if result.condition > MAX_SCALED_CONDITION {
         return Err(MethodRefusal::new(
             format!("the design hardly separates its unknowns: scaled condition {:.0}", result.condition),
             "allow more indexations that are further apart, or remove parameters",

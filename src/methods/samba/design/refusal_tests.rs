@@ -1,15 +1,15 @@
 //! Measurements that are impossible are refused with a reason before the first motion.
 
-use super::tests::plan;
-use crate::samba::settings::{Design, SambaSettings, Spindle};
+use super::tests::rumba_plan;
+use crate::samba::settings::{Design, SambaSettings, SpindleOrientMode};
 use crate::samba::tests::machine;
 use crate::samba::{Method, NextStage, PositionSource, RegisteredMethod, Samba};
 use machine::Axis;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::Plan;
 
-fn with_balls(change: impl FnOnce(&mut Balls)) -> Plan {
-    let mut plan = plan(&SambaSettings::default());
+fn plan_with_changed_balls(change: impl FnOnce(&mut Balls)) -> Plan {
+    let mut plan = rumba_plan(&SambaSettings::default());
     let Artefact::Balls(balls) = &mut plan.artefact else { panic!() };
     change(balls);
     plan
@@ -27,27 +27,27 @@ fn assert_refused(plan: &Plan, settings: SambaSettings, words: &[&str]) {
 
 #[test]
 fn unmeasurable_artefacts_are_refused() {
-    let twice = with_balls(|set| set.balls[3].id = "2".into());
+    let twice = plan_with_changed_balls(|set| set.balls[3].id = "2".into());
     assert_refused(&twice, SambaSettings::default(), &["ball 2: `id` is `2`, as for another ball"]);
-    let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
+    let touching = plan_with_changed_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
     assert_refused(
         &touching,
         SambaSettings::default(),
         &["ball 2: `centre_mm` is", "from ball `1`; the two balls would touch"],
     );
-    let in_stem = with_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
+    let in_stem = plan_with_changed_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
     assert_refused(&in_stem, SambaSettings::default(), &["puts ball `2` into the stem of ball `3`"]);
-    let two = with_balls(|set| {
+    let two = plan_with_changed_balls(|set| {
         set.balls.truncate(2);
     });
     assert_refused(&two, SambaSettings::default(), &["2 ball(s): samba requires three"]);
-    let slash = with_balls(|set| set.balls[0].id = "1/2".into());
+    let slash = plan_with_changed_balls(|set| set.balls[0].id = "1/2".into());
     assert_refused(&slash, SambaSettings::default(), &["`id` is `1/2`"]);
-    let no_pair = with_balls(|set| set.lengths[0].to = "9".into());
+    let no_pair = plan_with_changed_balls(|set| set.lengths[0].to = "9".into());
     assert_refused(&no_pair, SambaSettings::default(), &["the length 1–9: `to` is `9`"]);
-    let other_length = with_balls(|set| set.lengths[0].mm = 300.0);
+    let other_length = plan_with_changed_balls(|set| set.lengths[0].mm = 300.0);
     assert_refused(&other_length, SambaSettings::default(), &["`mm` is 300", "304.8"]);
-    let mut cylinder = plan(&SambaSettings::default());
+    let mut cylinder = rumba_plan(&SambaSettings::default());
     cylinder.artefact =
         serde_json::from_str(r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#).unwrap();
     assert_refused(&cylinder, SambaSettings::default(), &["samba measures balls"]);
@@ -55,16 +55,16 @@ fn unmeasurable_artefacts_are_refused() {
 
 #[test]
 fn ball_accessible_at_no_indexation_is_named() {
-    let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
+    let far = plan_with_changed_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
     assert_refused(&far, SambaSettings::default(), &["ball 5 is accessible at none of", "outside"]);
-    let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
+    let hanging = plan_with_changed_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
     let upright = SambaSettings { tilt_deg: vec![-30.0, 0.0, 30.0], ..SambaSettings::default() };
     assert_refused(&hanging, upright, &["ball 5", "stem"]);
 }
 
 #[test]
 fn indexations_outside_the_limits_are_refused() {
-    let mut narrow = plan(&SambaSettings::default());
+    let mut narrow = rumba_plan(&SambaSettings::default());
     let b = narrow.machine.axes.get_mut(&Axis::B).unwrap();
     (b.min, b.max) = (-45.0, 100.0);
     let asked = SambaSettings { tilt_deg: vec![-60.0, 0.0, 60.0], ..SambaSettings::default() };
@@ -77,10 +77,10 @@ fn indexations_outside_the_limits_are_refused() {
 }
 
 #[test]
-fn missing_spindle_orientation_is_refused() {
-    let mut fixed = plan(&SambaSettings::default());
+fn orienting_the_spindle_without_axis_s_is_refused() {
+    let mut fixed = rumba_plan(&SambaSettings::default());
     fixed.machine.axes.remove(&Axis::S);
-    let orient = SambaSettings { spindle: Spindle::Orient, ..SambaSettings::default() };
+    let orient = SambaSettings { spindle: SpindleOrientMode::Orient, ..SambaSettings::default() };
     assert_refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
     let asked = SambaSettings { parameters: vec!["EA0C".into(), "EX0S".into()], ..SambaSettings::default() };
     assert_refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
@@ -92,7 +92,7 @@ fn missing_spindle_orientation_is_refused() {
 /// selected.
 #[test]
 fn tilting_head_stays_upright_and_its_errors_are_refused() {
-    let mut fork = plan(&SambaSettings::default());
+    let mut fork = rumba_plan(&SambaSettings::default());
     fork.machine = machine("wAFXYZBt");
     let answer = Samba::new(SambaSettings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
     let Ok(NextStage::Stage { new_steps, .. }) = answer else { panic!("{answer:?}") };
@@ -108,7 +108,7 @@ fn tilting_head_stays_upright_and_its_errors_are_refused() {
 
 #[test]
 fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
-    let no_bar = with_balls(|set| set.lengths.clear());
+    let no_bar = plan_with_changed_balls(|set| set.lengths.clear());
     let words = ["has no certified length", "EXX1", "EYY1", "EZZ1"];
     assert_refused(&no_bar, SambaSettings::default(), &words);
     let names = "EA0B EC0B EX0C EA0C EB0C EB0Z EA0Y EC0Y EY0S EX0S EYY1 EZZ1";
@@ -120,7 +120,7 @@ fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
 
 #[test]
 fn senseless_settings_are_refused() {
-    let plan = plan(&SambaSettings::default());
+    let plan = rumba_plan(&SambaSettings::default());
     let unknown = SambaSettings { parameters: vec!["EX0Q".into()], ..SambaSettings::default() };
     assert_refused(&plan, unknown, &["`EX0Q` is not an error parameter"]);
     let poor = SambaSettings { balls: 17, ..SambaSettings::default() };

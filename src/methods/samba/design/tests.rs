@@ -4,10 +4,10 @@ use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
 use super::{DesignCandidates, DesignSetup, design_visits, rank_check};
-use crate::ball_measurement::{BallVisit, describe_position, machine_time_s};
-use crate::samba::settings::{Criterion, Design as DesignKind, SambaSettings};
+use crate::ball_measurement::{BallVisit, describe_rotary_axes_in_degrees, visits_machine_time_s};
+use crate::samba::settings::{Design as DesignKind, OptimalityCriterion, SambaSettings};
 use crate::samba::tests::{built_in, machine};
-use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
+use estimation::linear_least_squares::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
 use machine::record::artefact::{Artefact, Ball, Balls, CertifiedLength};
 use machine::record::plan::Plan;
 
@@ -21,7 +21,7 @@ pub const RUMBA_CENTRES_MM: [[f64; 3]; 6] = [
     [160.0, -160.0, 76.045],
 ];
 
-pub fn rumba() -> Balls {
+pub fn rumba_balls() -> Balls {
     let ball = |(index, centre): (usize, &[f64; 3])| Ball {
         id: (index + 1).to_string(),
         centre_mm: *centre,
@@ -43,7 +43,7 @@ pub fn rumba() -> Balls {
     }
 }
 
-pub fn plan(settings: &SambaSettings) -> Plan {
+pub fn rumba_plan(settings: &SambaSettings) -> Plan {
     Plan {
         trued_plan: 1,
         method: "samba".into(),
@@ -53,7 +53,7 @@ pub fn plan(settings: &SambaSettings) -> Plan {
         sensors: Vec::new(),
         keepout: Vec::new(),
         solids: Vec::new(),
-        artefact: Artefact::Balls(rumba()),
+        artefact: Artefact::Balls(rumba_balls()),
         priors: Vec::new(),
         gaps_s: Vec::new(),
         assumed: Vec::new(),
@@ -64,24 +64,24 @@ pub fn plan(settings: &SambaSettings) -> Plan {
 
 /// G4 (METHODS section 4) on the built-in machine: rank, condition, and the standard deviations at 1 µm noise
 /// and u = 0.1 µm.
-fn check_g4(kind: (DesignKind, Criterion)) {
-    let (mut plan, settings) = (built_in::plan(), built_in::settings(kind));
+fn check_gate_g4(kind: (DesignKind, OptimalityCriterion)) {
+    let (mut plan, settings) = (built_in::built_in_plan(), built_in::settings(kind));
     // The noise of the gate; the design is that of the declared probe.
     plan.probe.repeatability_um = Some(1.0);
     let setup = DesignSetup::new(&plan, &settings).unwrap();
-    let visits = built_in::visits(kind);
-    let measured: usize = visits.iter().map(|visit| visit.balls.len()).sum();
+    let visits = built_in::cached_visits(kind);
+    let measured: usize = visits.iter().map(|visit| visit.ball_indices.len()).sum();
     assert_eq!((visits.len(), measured), (32, 109));
     for ball in 0..6 {
-        let shown = visits.iter().filter(|visit| visit.balls.contains(&ball)).count();
+        let shown = visits.iter().filter(|visit| visit.ball_indices.contains(&ball)).count();
         assert!(shown >= 3, "ball {ball} is measured {shown} times");
     }
     for (index, visit) in visits.iter().enumerate() {
-        println!("{} {:?}", describe_position(&visit.rotary_position), visit.balls);
+        println!("{} {:?}", describe_rotary_axes_in_degrees(&visit.rotary_position), visit.ball_indices);
         assert!(visits[..index].iter().all(|other| other.rotary_position != visit.rotary_position), "twice");
     }
     let (matrix, names) = rank_check::design_matrix(&setup, visits).unwrap();
-    let found = rank_check::check_design(&setup, visits).unwrap();
+    let found = rank_check::check_rank_and_condition(&setup, visits).unwrap();
     println!("rank {} condition {:.2}", found.rank, found.condition);
     assert!(found.rank == 34 && found.condition < 40.0);
     let ones = vec![1.0; matrix.nrows()];
@@ -101,20 +101,20 @@ fn check_g4(kind: (DesignKind, Criterion)) {
 }
 
 #[test]
-fn gate_g4_the_built_in_designs() {
-    built_in::ALL_DESIGNS.into_iter().for_each(check_g4);
+fn gate_g4_built_in_designs_meet_the_uncertainty_limits() {
+    built_in::ALL_DESIGNS.into_iter().for_each(check_gate_g4);
 }
 
 /// The design has as many balls as 25 minutes allow, and hardly fewer.
 #[test]
 fn design_keeps_the_time_budget() {
     let settings = SambaSettings { minutes: 25.0, ..SambaSettings::default() };
-    let plan = plan(&settings);
+    let plan = rumba_plan(&settings);
     let setup = DesignSetup::new(&plan, &settings).unwrap();
-    let time_s = |visits: &[BallVisit]| machine_time_s(&setup.measurement_setup(), visits);
+    let time_s = |visits: &[BallVisit]| visits_machine_time_s(&setup.measurement_setup(), visits);
     let visits = design_visits(&setup, time_s).unwrap();
     let minutes = time_s(&visits).unwrap() / 60.0;
-    let balls: usize = visits.iter().map(|visit| visit.balls.len()).sum();
+    let balls: usize = visits.iter().map(|visit| visit.ball_indices.len()).sum();
     println!("{balls} balls in {minutes:.2} minutes");
     assert!(minutes <= 25.0 && minutes > 23.5, "{minutes} minutes");
     assert!((18..109).contains(&balls), "{balls} balls");
@@ -124,9 +124,9 @@ fn design_keeps_the_time_budget() {
 #[test]
 fn random_design_has_less_information() {
     let settings = SambaSettings::default();
-    let plan = plan(&settings);
+    let plan = rumba_plan(&settings);
     let setup = DesignSetup::new(&plan, &settings).unwrap();
-    let access = setup.measurement_setup().access(&plan.artefact).unwrap();
+    let access = setup.measurement_setup().touch_access(&plan.artefact).unwrap();
     let candidates = DesignCandidates::new(&setup, &access).unwrap();
     // log det of the covariance of the machine's parameters.
     let volume = |visits: &[BallVisit]| {
@@ -145,7 +145,7 @@ fn random_design_has_less_information() {
         let mut drawn: Vec<usize> = (0..109).map(|k| (seed + k * stride) % all).collect();
         drawn.sort_unstable();
         drawn.dedup();
-        let by_chance = volume(&candidates.visits(&drawn));
+        let by_chance = volume(&candidates.visits_of_chosen(&drawn));
         println!("{chosen:.2} against {by_chance:.2} with {} balls", drawn.len());
         assert!(chosen < by_chance, "{chosen} against {by_chance}");
     }
@@ -153,13 +153,13 @@ fn random_design_has_less_information() {
 
 /// If only the table turns, the length of the stylus shifts all balls alike: it is fixed and not an unknown.
 #[test]
-fn a_machine_of_four_axes_has_a_design() {
+fn four_axis_design_has_full_rank_with_fixed_stylus_length() {
     for (topology, unknowns) in [("wCFXYZt", 7 + 2 + 18), ("wCFXYZSt", 9 + 2 + 18)] {
         let settings = SambaSettings::default();
-        let plan = Plan { machine: machine(topology), ..plan(&settings) };
+        let plan = Plan { machine: machine(topology), ..rumba_plan(&settings) };
         let setup = DesignSetup::new(&plan, &settings).unwrap();
         let visits = design_visits(&setup, |_| Ok(0.0)).unwrap();
-        let found = rank_check::check_design(&setup, &visits).unwrap();
+        let found = rank_check::check_rank_and_condition(&setup, &visits).unwrap();
         println!("{topology}: {} indexations, condition {:.1}", visits.len(), found.condition);
         assert_eq!((found.rank, found.nullity), (unknowns, 0), "{topology}");
         let (_, names) = rank_check::design_matrix(&setup, &visits).unwrap();

@@ -5,26 +5,27 @@ use std::sync::OnceLock;
 
 use serde::Deserialize;
 
-use super::htm::Triple;
+use super::reference_machine::BcsAnglesRad;
 use crate::ball_measurement::BallVisit;
 use crate::samba::SambaSettings;
 use crate::samba::design::{DesignSetup, design_visits};
-use crate::samba::settings::{Criterion, Design};
+use crate::samba::settings::{Design, OptimalityCriterion};
 use machine::Axis;
 use machine::record::plan::{PLAN_VERSION, Plan};
 
-/// The designs that a user can select; D-optimal is the default.
-pub const D_OPTIMAL_DESIGN: (Design, Criterion) = (Design::Optimal, Criterion::D);
-pub const ALL_DESIGNS: [(Design, Criterion); 3] =
-    [D_OPTIMAL_DESIGN, (Design::Optimal, Criterion::A), (Design::Paper, Criterion::D)];
+/// The default design.
+pub const D_OPTIMAL_DESIGN: (Design, OptimalityCriterion) = (Design::Optimal, OptimalityCriterion::D);
+/// The designs that a user can select.
+pub const ALL_DESIGNS: [(Design, OptimalityCriterion); 3] =
+    [D_OPTIMAL_DESIGN, (Design::Optimal, OptimalityCriterion::A), (Design::Paper, OptimalityCriterion::D)];
 
 /// The plan of the machine file `config/samba.toml`.
-pub fn plan() -> Plan {
-    plan_of(include_str!("../../../../config/samba.toml"), "samba")
+pub fn built_in_plan() -> Plan {
+    plan_from_machine_file(include_str!("../../../../config/samba.toml"), "samba")
 }
 
 /// Machine, probe and balls of the file, without measurements.
-pub fn plan_of(file: &str, method: &str) -> Plan {
+pub fn plan_from_machine_file(file: &str, method: &str) -> Plan {
     let mut file: toml::Table = file.parse().unwrap();
     let axes = file["axes"].clone();
     let mut part = |name: &str| file.remove(name).unwrap();
@@ -48,41 +49,41 @@ pub fn plan_of(file: &str, method: &str) -> Plan {
     }
 }
 
-pub fn settings((design, criterion): (Design, Criterion)) -> SambaSettings {
+pub fn settings((design, criterion): (Design, OptimalityCriterion)) -> SambaSettings {
     SambaSettings { design, criterion, ..SambaSettings::default() }
 }
 
 /// The design in measuring order.
-pub fn visits(kind: (Design, Criterion)) -> &'static [BallVisit] {
+pub fn cached_visits(kind: (Design, OptimalityCriterion)) -> &'static [BallVisit] {
     static VISITS_OF_DESIGN: [OnceLock<Vec<BallVisit>>; ALL_DESIGNS.len()] =
         [const { OnceLock::new() }; ALL_DESIGNS.len()];
     let index = ALL_DESIGNS.iter().position(|known| *known == kind).unwrap();
     VISITS_OF_DESIGN[index].get_or_init(|| {
-        let (plan, settings) = (plan(), settings(kind));
+        let (plan, settings) = (built_in_plan(), settings(kind));
         let setup = DesignSetup::new(&plan, &settings).unwrap();
         design_visits(&setup, |_| Ok(0.0)).unwrap()
     })
 }
 
 /// The design [`D_OPTIMAL_DESIGN`] with other positions of C.
-pub fn turned_by(turn_deg: &[f64]) -> Vec<(Triple, usize)> {
+pub fn d_optimal_measurements_with_turns(turn_deg: &[f64]) -> Vec<(BcsAnglesRad, usize)> {
     let settings = SambaSettings { turn_deg: turn_deg.to_vec(), ..settings(D_OPTIMAL_DESIGN) };
-    let plan = plan();
+    let plan = built_in_plan();
     let setup = DesignSetup::new(&plan, &settings).unwrap();
-    ball_measurements(&design_visits(&setup, |_| Ok(0.0)).unwrap())
+    measurements_of_visits(&design_visits(&setup, |_| Ok(0.0)).unwrap())
 }
 
 /// The measurements of the design, one after the other: B, C, S in rad, and the index of the ball from 0.
-pub fn outlier_measurements(kind: (Design, Criterion)) -> Vec<(Triple, usize)> {
-    let all = ball_measurements(visits(kind));
-    assert_eq!((visits(kind).len(), all.len()), (32, 109));
+pub fn design_measurements(kind: (Design, OptimalityCriterion)) -> Vec<(BcsAnglesRad, usize)> {
+    let all = measurements_of_visits(cached_visits(kind));
+    assert_eq!((cached_visits(kind).len(), all.len()), (32, 109));
     all
 }
 
-fn ball_measurements(visits: &[BallVisit]) -> Vec<(Triple, usize)> {
+fn measurements_of_visits(visits: &[BallVisit]) -> Vec<(BcsAnglesRad, usize)> {
     let one = |visit: &BallVisit| {
         let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.rotary_position.get(axis).unwrap());
-        visit.balls.iter().map(|ball| (triple, *ball)).collect::<Vec<_>>()
+        visit.ball_indices.iter().map(|ball| (triple, *ball)).collect::<Vec<_>>()
     };
     visits.iter().flat_map(one).collect()
 }

@@ -1,11 +1,11 @@
 pub mod built_in;
-mod g4;
-pub mod htm;
-mod mended;
+mod faulty_readings;
+mod gate_g4;
 mod other_machines;
+mod readings_to_estimate;
+pub mod reference_machine;
 mod stages;
 mod touches;
-mod whole;
 
 use nalgebra::Vector3;
 use serde_json::json;
@@ -22,20 +22,20 @@ pub fn machine(topology: &str) -> Machine {
         name: "test".into(),
         topology: topology.into(),
         axes: parsed.axes().map(|axis| (axis, spec.clone())).collect(),
-        tool_mm: TOOL.into(),
+        tool_mm: PAPER_TOOL_TIP_MM.into(),
         drift_um_per_h: 0.0,
         squareness_urad: 0.0,
     }
 }
 
 /// Stylus of paper 4, table 4, item S3, mm.
-pub const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
+pub const PAPER_TOOL_TIP_MM: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
 /// Length of the scale bar, paper 4, mm.
-const BAR_MM: f64 = 304.8;
+const BAR_LENGTH_MM: f64 = 304.8;
 
 /// Ball positions of paper 4, table 1, mm.
-fn paper_balls() -> Vec<Vector3<f64>> {
-    table(include_str!("../../../../tests/data/paper4-table1.csv"))
+fn paper_ball_centres() -> Vec<Vector3<f64>> {
+    csv_rows(include_str!("../../../../tests/data/paper4-table1.csv"))
         .map(|fields| {
             let number = |k: usize| fields[k].parse::<f64>().unwrap();
             Vector3::new(number(1), number(2), number(3))
@@ -45,20 +45,20 @@ fn paper_balls() -> Vec<Vector3<f64>> {
 
 /// True positions of the balls: those of the paper, changed by less than half a millimetre, because the balls
 /// are uncalibrated.
-fn true_balls() -> Vec<Vector3<f64>> {
+fn true_ball_centres() -> Vec<Vector3<f64>> {
     let beside = |i: usize, k: f64| 0.4 * (i as f64 * 2.1 + k).sin();
-    let mut balls = paper_balls();
+    let mut balls = paper_ball_centres();
     for (i, ball) in balls.iter_mut().enumerate() {
         *ball += Vector3::new(beside(i, 0.0), beside(i, 1.0), beside(i, 2.0));
     }
     let along = (balls[1] - balls[0]).normalize();
-    balls[1] = balls[0] + along * BAR_MM;
+    balls[1] = balls[0] + along * BAR_LENGTH_MM;
     balls
 }
 
 /// Machine errors of paper 4, table 2, in mm, rad, mm/mm.
 pub fn paper_errors() -> Vec<(String, f64)> {
-    table(include_str!("../../../../tests/data/paper4-table2.csv"))
+    csv_rows(include_str!("../../../../tests/data/paper4-table2.csv"))
         .map(|fields| {
             let scale = if fields[2] == "mm" { 1.0 } else { 1e-6 };
             (fields[0].to_owned(), fields[1].parse::<f64>().unwrap() * scale)
@@ -90,7 +90,7 @@ pub fn exact_estimate() -> Estimate {
     .unwrap()
 }
 
-pub fn table(text: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
+pub fn csv_rows(text: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
     let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
     lines.map(|line| line.split(',').collect())
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::ball_measurement::{MeasurementPass, SearchMode, TouchLabel};
-use crate::samba::design::tests::{plan, rumba};
+use crate::samba::design::tests::{rumba_balls, rumba_plan};
 use crate::samba::settings::SambaSettings;
 use crate::samba::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod, Samba};
 use machine::kinematics::{ErrorTerm, KinematicChain};
@@ -18,7 +18,7 @@ type DirtThickness = Box<dyn Fn(&TouchLabel, u32) -> f64>;
 struct SimulatedMachine {
     chain: KinematicChain,
     errors: Vec<ErrorTerm>,
-    shift: Vector3<f64>,
+    ball_shift_mm: Vector3<f64>,
     /// Dirt: length added to the contact of one touch, mm.
     dirt: DirtThickness,
 }
@@ -29,17 +29,17 @@ impl SimulatedMachine {
         Self {
             chain: KinematicChain::new(&plan.machine).unwrap(),
             errors: vec![term("EX0C", -0.105), term("EY0S", 0.02), term("EA0C", -11e-6)],
-            shift: Vector3::new(0.3, -0.4, 0.2),
+            ball_shift_mm: Vector3::new(0.3, -0.4, 0.2),
             dirt: Box::new(|_, _| 0.0),
         }
     }
 
     /// Contact of the stylus with the ball, by bisection.
-    fn touch(&self, plan: &Plan, step: &Step, repeat: u32) -> Reading {
+    fn simulate_touch(&self, plan: &Plan, step: &Step, repeat: u32) -> Reading {
         let Artefact::Balls(balls) = &plan.artefact else { panic!() };
         let label: TouchLabel = step.label.parse().unwrap();
         let ball = balls.balls.iter().find(|ball| ball.id == label.ball).unwrap();
-        let centre = Vector3::from(ball.centre_mm) + self.shift;
+        let centre = Vector3::from(ball.centre_mm) + self.ball_shift_mm;
         let reach = ball.radius_mm + plan.probe.ball_radius_mm + (self.dirt)(&label, repeat);
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let at = |share: f64| -> Position {
@@ -71,8 +71,8 @@ impl SimulatedMachine {
 type PlayedRun = (Plan, Vec<Stage>, Vec<Reading>);
 
 /// Plays all stages, as in a run.
-fn play(settings: &SambaSettings, shop: &SimulatedMachine) -> Result<PlayedRun, MethodRefusal> {
-    let mut played = (plan(settings), Vec::new(), Vec::new());
+fn play_run(settings: &SambaSettings, shop: &SimulatedMachine) -> Result<PlayedRun, MethodRefusal> {
+    let mut played = (rumba_plan(settings), Vec::new(), Vec::new());
     continue_run(settings, shop, &mut played).map(|()| played)
 }
 
@@ -89,7 +89,7 @@ fn continue_run(
         plan.steps.extend(new_steps);
         for id in &stage.steps {
             let step = plan.steps.iter().find(|step| step.id == *id).unwrap();
-            let mut reading = shop.touch(plan, step, stage.repeat);
+            let mut reading = shop.simulate_touch(plan, step, stage.repeat);
             reading.t_s = readings.len() as f64;
             readings.push(reading);
         }
@@ -103,14 +103,14 @@ fn small_design_settings() -> SambaSettings {
 }
 
 #[test]
-fn the_stages_are_played_to_the_end() {
+fn stages_search_and_measure_each_ball_and_repeat_the_references() {
     let settings = small_design_settings();
-    let shop = SimulatedMachine::new(&plan(&settings));
-    let (played, done, _) = play(&settings, &shop).unwrap();
+    let shop = SimulatedMachine::new(&rumba_plan(&settings));
+    let (played, done, _) = play_run(&settings, &shop).unwrap();
     assert!(done.iter().all(|stage| stage.repeat == 0));
     // Every ball is searched for first, and measured at three or more indexations.
     let labels: Vec<TouchLabel> = played.steps.iter().map(|step| step.label.parse().unwrap()).collect();
-    for ball in rumba().balls {
+    for ball in rumba_balls().balls {
         let of = |pass: MeasurementPass| {
             let mine = labels.iter().filter(move |l| l.pass == pass && l.touch == "pole");
             mine.filter(|l| l.ball == ball.id).count()
@@ -122,9 +122,9 @@ fn the_stages_are_played_to_the_end() {
     // Once all balls are found, proofs use their found positions.
     let last = done.last().unwrap().found.clone().unwrap();
     let Artefact::Balls(found) = last else { panic!() };
-    let stated = rumba();
+    let stated = rumba_balls();
     for (found, stated) in found.balls.iter().zip(&stated.balls) {
-        let true_centre = Vector3::from(stated.centre_mm) + shop.shift;
+        let true_centre = Vector3::from(stated.centre_mm) + shop.ball_shift_mm;
         let off = Vector3::from(found.centre_mm).metric_distance(&true_centre);
         assert!(off < 0.25, "ball {} is taken for {off} mm off", found.id);
     }
@@ -140,7 +140,7 @@ fn the_stages_are_played_to_the_end() {
 #[test]
 fn without_readings_the_plan_has_the_same_stages() {
     let settings = small_design_settings();
-    let (mut printed, samba) = (plan(&settings), Samba::new(settings.clone()));
+    let (mut printed, samba) = (rumba_plan(&settings), Samba::new(settings.clone()));
     let mut done = Vec::new();
     while let NextStage::Stage { stage, new_steps } =
         samba.next_stage(&printed, &done, PositionSource::Nominal).unwrap()
@@ -149,7 +149,7 @@ fn without_readings_the_plan_has_the_same_stages() {
         done.push(stage);
     }
     let shop = SimulatedMachine::new(&printed);
-    let (played, played_stages, _) = play(&settings, &shop).unwrap();
+    let (played, played_stages, _) = play_run(&settings, &shop).unwrap();
     let outline = |stages: &[Stage]| -> Vec<(u32, String, Vec<u32>, bool)> {
         let one = |s: &Stage| (s.id, s.name.clone(), s.steps.clone(), s.found.is_some());
         stages.iter().map(one).collect()
@@ -161,22 +161,22 @@ fn without_readings_the_plan_has_the_same_stages() {
 }
 
 #[test]
-fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
+fn find_once_searches_each_ball_once() {
     let settings = SambaSettings { find: SearchMode::Once, ..small_design_settings() };
-    let shop = SimulatedMachine::new(&plan(&settings));
-    let (played, _, _) = play(&settings, &shop).unwrap();
+    let shop = SimulatedMachine::new(&rumba_plan(&settings));
+    let (played, _, _) = play_run(&settings, &shop).unwrap();
     let finds = played.steps.iter().filter(|step| step.label.starts_with("find/")).count();
     assert_eq!(finds, 5 * 6);
 }
 
 /// Dirt on one touch: the ball is measured again, then the run is held.
 #[test]
-fn dirty_touch_is_repeated_once_and_then_holds_the_run() {
+fn dirty_measurement_is_repeated_once_and_then_holds_the_run() {
     let settings = small_design_settings();
-    let mut shop = SimulatedMachine::new(&plan(&settings));
+    let mut shop = SimulatedMachine::new(&rumba_plan(&settings));
     let dirty = |label: &TouchLabel| label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45";
     shop.dirt = Box::new(move |label, repeat| if dirty(label) && repeat == 0 { 0.06 } else { 0.0 });
-    let (played, done, readings) = play(&settings, &shop).unwrap();
+    let (played, done, readings) = play_run(&settings, &shop).unwrap();
     let again: Vec<&Stage> = done.iter().filter(|stage| stage.repeat == 1).collect();
     assert!(again.len() >= 3, "{} stages once more", again.len());
     for stage in again {
@@ -186,27 +186,27 @@ fn dirty_touch_is_repeated_once_and_then_holds_the_run() {
     }
     assert_eq!(readings.iter().filter(|reading| reading.repeat == 1).count() % 5, 0);
     shop.dirt = Box::new(move |label, _| if dirty(label) { 0.06 } else { 0.0 });
-    let refused = play(&settings, &shop).unwrap_err();
+    let refused = play_run(&settings, &shop).unwrap_err();
     assert!(refused.reason.contains("a loose ball or a wrong stylus"), "{}", refused.reason);
     assert!(refused.reason.contains("ball 3 at B"), "{}", refused.reason);
     assert!(refused.remedy.contains("resume the run, which measures the ball again"));
 }
 
 #[test]
-fn larger_ball_suggests_a_wrong_stylus() {
+fn larger_ball_is_refused_with_both_diameters() {
     let settings = small_design_settings();
-    let mut shop = SimulatedMachine::new(&plan(&settings));
+    let mut shop = SimulatedMachine::new(&rumba_plan(&settings));
     shop.dirt = Box::new(|_, _| 0.05);
-    let refused = play(&settings, &shop).unwrap_err();
+    let refused = play_run(&settings, &shop).unwrap_err();
     assert!(refused.reason.contains("diameter 19.150 mm differs from the expected 19.050 mm"), "{}", refused.reason);
 }
 
 #[test]
-fn a_ball_far_from_its_stated_place_is_named() {
+fn ball_far_from_its_stated_position_is_refused() {
     let settings = small_design_settings();
-    let mut shop = SimulatedMachine::new(&plan(&settings));
-    shop.shift = Vector3::new(0.8, 0.8, 0.0);
-    let refused = play(&settings, &shop).unwrap_err();
+    let mut shop = SimulatedMachine::new(&rumba_plan(&settings));
+    shop.ball_shift_mm = Vector3::new(0.8, 0.8, 0.0);
+    let refused = play_run(&settings, &shop).unwrap_err();
     for word in ["ball ", "from the position in [artefact]", "uncertainty_mm = 1"] {
         assert!(refused.reason.contains(word), "{}", refused.reason);
     }
@@ -217,15 +217,15 @@ fn a_ball_far_from_its_stated_place_is_named() {
 /// The run holds if the search finds a ball that was moved; it continues once the ball is put back and the
 /// run is resumed.
 #[test]
-fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
+fn moved_ball_holds_the_run_and_is_searched_again_on_resume() {
     let settings = small_design_settings();
-    let mut shop = SimulatedMachine::new(&plan(&settings));
+    let mut shop = SimulatedMachine::new(&rumba_plan(&settings));
     shop.dirt = Box::new(|label, _| match (label.pass, label.ball.as_str(), label.touch.as_str()) {
-        (MeasurementPass::Find, "3", "+45") if label.indexation > 5 => 0.8,
-        (MeasurementPass::Find, "3", "-135") if label.indexation > 5 => -0.8,
+        (MeasurementPass::Find, "3", "+45") if label.indexation_index > 5 => 0.8,
+        (MeasurementPass::Find, "3", "-135") if label.indexation_index > 5 => -0.8,
         _ => 0.0,
     });
-    let mut played = (plan(&settings), Vec::new(), Vec::new());
+    let mut played = (rumba_plan(&settings), Vec::new(), Vec::new());
     let refused = continue_run(&settings, &shop, &mut played).unwrap_err();
     assert!(refused.reason.contains("the ball has moved"), "{}", refused.reason);
     assert!(refused.remedy.contains("resume the run, which measures the ball again"));

@@ -4,20 +4,20 @@
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use super::whole::{FAULTLESS_MEASUREMENT, has_warning, settings};
-use crate::identification::{LeastSquares, ObservationEquation};
+use super::readings_to_estimate::{FAULTLESS_MEASUREMENT, has_warning, settings_with_2000_trials};
+use crate::identification::{NonlinearFit, ObservationEquation};
 use crate::samba::fit::GeometryEquations;
+use crate::samba::geometry_solution::{GeometrySolution, observed_values, solve_geometry};
 use crate::samba::identify::identify;
-use crate::samba::solution::{GeometrySolution, observed_values, solve_geometry};
 use estimation::monte_carlo::numerical_tolerance;
 use estimation::random::seeded_stream;
 use machine::Axis;
 
 /// Much larger than the scatter of any probe, so that the nonlinearity of a sphere fit becomes visible, mm.
-const NOISE_MM: f64 = 5e-3;
+const TOUCH_NOISE_STD_MM: f64 = 5e-3;
 
 /// All unknowns with the deviations of one trial, from drawn centres and from drawn touches.
-fn residual_unknowns_of_trial(solved: &GeometrySolution<'_>, trial: u64) -> [Vec<f64>; 2] {
+fn solve_trial_by_centres_and_by_touches(solved: &GeometrySolution<'_>, trial: u64) -> [Vec<f64>; 2] {
     let GeometrySolution { problem, measured, minimum, .. } = solved;
     let mut normal = StandardNormal.sample_iter(seeded_stream(7, &[trial]));
     let mut touched = solved.observed.clone();
@@ -26,35 +26,31 @@ fn residual_unknowns_of_trial(solved: &GeometrySolution<'_>, trial: u64) -> [Vec
     for (i, sight) in touched.centres.iter_mut().enumerate() {
         for touch in &mut sight.touches {
             let deviation: f64 = normal.next().unwrap();
-            let shift = touch.gain * (deviation * NOISE_MM);
+            let shift = touch.centre_gain * (deviation * TOUCH_NOISE_STD_MM);
             change[3 * i..].iter_mut().zip(&shift).for_each(|(change, shift)| *change += shift);
-            touch.axes_mm += touch.normal * (deviation * NOISE_MM);
+            touch.axis_positions_mm += touch.normal * (deviation * TOUCH_NOISE_STD_MM);
         }
     }
     touched.refit_spheres(&problem.motion_matrices(&minimum.x)).unwrap();
     let touches = observed_values(&touched, &solved.balls.lengths);
     let whole = problem.solve(&touches, minimum.x.clone()).unwrap();
-    [LeastSquares { equation: &equation, minimum }.solve_for_change(&change), whole.x]
+    [NonlinearFit { equation: &equation, minimum }.solve_for_change(&change), whole.x]
 }
 
 #[test]
 fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
-    const TRIALS: u64 = 1000;
+    const TRIAL_COUNT: u64 = 1000;
     let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
-    let settings = settings();
+    let settings = settings_with_2000_trials();
     let solved = solve_geometry(&plan, &settings, &readings).unwrap();
-    let trials: Vec<_> = (0..TRIALS).into_par_iter().map(|trial| residual_unknowns_of_trial(&solved, trial)).collect();
+    let trials: Vec<_> =
+        (0..TRIAL_COUNT).into_par_iter().map(|trial| solve_trial_by_centres_and_by_touches(&solved, trial)).collect();
     for (i, x) in solved.minimum.x.iter().enumerate() {
-        let mean = |which: usize| {
-            trials.iter().map(|residual_unknowns_of_trial| residual_unknowns_of_trial[which][i] - x).sum::<f64>()
-                / TRIALS as f64
-        };
+        let mean =
+            |which: usize| trials.iter().map(|solutions| solutions[which][i] - x).sum::<f64>() / TRIAL_COUNT as f64;
         let u = |which: usize| {
-            let squares = trials
-                .iter()
-                .map(|residual_unknowns_of_trial| (residual_unknowns_of_trial[which][i] - x).powi(2))
-                .sum::<f64>();
-            (squares / TRIALS as f64).sqrt()
+            let squares = trials.iter().map(|solutions| (solutions[which][i] - x).powi(2)).sum::<f64>();
+            (squares / TRIAL_COUNT as f64).sqrt()
         };
         let [observed_values, of_touches] = [u(0), u(1)];
         println!(
@@ -73,9 +69,9 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
 /// The weighted change of a changed centre or length equals that of its residuals, including the sign, except
 /// for the errors of the machine.
 #[test]
-fn regress_weighted_changes_are_those_of_the_residuals() {
+fn regress_weighted_change_equals_change_of_weighted_residuals() {
     let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
-    let settings = settings();
+    let settings = settings_with_2000_trials();
     let GeometrySolution { problem, measured, minimum, .. } = &solve_geometry(&plan, &settings, &readings).unwrap();
     let equation = GeometryEquations { problem, measured };
     let change: Vec<f64> = (0..equation.observation_count()).map(|i| 1e-3 * (i as f64).sin()).collect();
@@ -89,7 +85,7 @@ fn regress_weighted_changes_are_those_of_the_residuals() {
 /// A ball that moves before its last measurement or after its first is indistinguishable from a single wrong
 /// measurement. The warning states both possibilities, with the correct indexations.
 #[test]
-fn regress_a_ball_that_moved_at_the_end_is_named() {
+fn regress_ball_moved_at_first_or_last_visit_is_named_with_alternative() {
     let visits = |labels: Vec<String>| -> Vec<u32> {
         let mut visits: Vec<u32> = labels.iter().map(|label| label[5..8].parse().unwrap()).collect();
         visits.dedup();
@@ -111,7 +107,7 @@ fn regress_a_ball_that_moved_at_the_end_is_named() {
                 reading.position.set(Axis::X, x);
             }
         }
-        let estimate = identify(&plan, &settings(), &moved).unwrap();
+        let estimate = identify(&plan, &settings_with_2000_trials(), &moved).unwrap();
         println!("{:#?}", estimate.warnings);
         let between = format!("indexations {before} and {after}, or {which}");
         assert!(has_warning(&estimate, &["ball 4 probably moved by ", &between]));

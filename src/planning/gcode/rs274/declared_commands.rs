@@ -3,16 +3,16 @@
 use std::collections::BTreeMap;
 
 use super::LineError;
-use super::line::{GcodeLine, GcodeWords};
+use super::gcode_line::{GcodeLine, GcodeWords};
 use machine::Axis;
 
 /// Effect of a declared command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SwitchEffect {
     /// Probe on (`true`) or off.
-    Probe(bool),
+    ProbeOn(bool),
     /// Clamp closed (`true`) or open.
-    Clamp(Axis, bool),
+    ClampClosed(Axis, bool),
 }
 
 /// All declared commands, each a line of its own.
@@ -24,20 +24,20 @@ impl DeclaredCommands {
     ///
     /// # Errors
     /// The reason why `text` is refused; as a message that follows `text`.
-    pub fn add(&mut self, text: &str, switch: SwitchEffect) -> Result<(), LineError> {
+    pub fn add_command(&mut self, text: &str, switch: SwitchEffect) -> Result<(), LineError> {
         let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
         let refused = || LineError::from("the command must be one M word with its parameters");
         let Some(Ok(GcodeLine::Words(words))) = text.chars().all(harmless).then(|| GcodeLine::parse(text)) else {
             return Err(refused());
         };
         let [code] = words.m_words.as_slice() else { return Err(refused()) };
-        if !words.g_words_tenfold.is_empty() || words.letters().any(|letter| !"PQE".contains(letter)) {
+        if !words.g_words_tenfold.is_empty() || words.letters_except_g_and_m().any(|letter| !"PQE".contains(letter)) {
             return Err(refused());
         }
         if let 62 | 63 = code {
             return Err(format!("M{code} takes effect only with the next move; use M64 or M65").into());
         }
-        if let Some(meaning) = fixed_meaning(*code) {
+        if let Some(meaning) = fixed_meaning_of_m_word(*code) {
             return Err(format!("M{code} {meaning}").into());
         }
         if self.effect_of(&words).is_some() {
@@ -52,13 +52,13 @@ impl DeclaredCommands {
         self.0.iter().find(|(known, _)| known == words).map(|(_, switch)| *switch)
     }
 
-    fn declares(&self, switch: SwitchEffect) -> bool {
+    fn contains_effect(&self, switch: SwitchEffect) -> bool {
         self.0.iter().any(|(_, known)| *known == switch)
     }
 }
 
 /// Meaning of an M word that can never switch a probe or clamp.
-fn fixed_meaning(code: u32) -> Option<&'static str> {
+fn fixed_meaning_of_m_word(code: u32) -> Option<&'static str> {
     Some(match code {
         0 | 1 | 60 => "pauses the program",
         2 | 30 => "ends the program",
@@ -74,25 +74,25 @@ fn fixed_meaning(code: u32) -> Option<&'static str> {
     })
 }
 
-/// State of the switches, as far as the text shows it.
+/// State of probe and clamps, as far as the text read so far determines it.
 #[derive(Debug, Default)]
 pub(super) struct SwitchState {
-    declared: DeclaredCommands,
+    declared_commands: DeclaredCommands,
     is_probe_on: bool,
-    /// `true`: closed. Absent: unknown.
-    clamps: BTreeMap<Axis, bool>,
+    /// Whether the clamp of an axis is closed; an axis without an entry: unknown.
+    clamp_closed_by_axis: BTreeMap<Axis, bool>,
 }
 
 impl SwitchState {
     pub fn new(declared: &DeclaredCommands) -> Self {
-        Self { declared: declared.clone(), ..Self::default() }
+        Self { declared_commands: declared.clone(), ..Self::default() }
     }
 
     /// Whether the line is a declared command; if so, applies it.
-    pub fn apply(&mut self, words: &GcodeWords) -> bool {
-        match self.declared.effect_of(words) {
-            Some(SwitchEffect::Probe(on)) => self.is_probe_on = on,
-            Some(SwitchEffect::Clamp(axis, closed)) => drop(self.clamps.insert(axis, closed)),
+    pub fn apply_if_declared(&mut self, words: &GcodeWords) -> bool {
+        match self.declared_commands.effect_of(words) {
+            Some(SwitchEffect::ProbeOn(on)) => self.is_probe_on = on,
+            Some(SwitchEffect::ClampClosed(axis, closed)) => drop(self.clamp_closed_by_axis.insert(axis, closed)),
             None => return false,
         }
         true
@@ -100,7 +100,7 @@ impl SwitchState {
 
     /// Checks that no clamp blocks these axes.
     pub fn check_clamps_open(&self, mut axes: impl Iterator<Item = Axis>) -> Result<(), LineError> {
-        let clamped = |axis: &Axis| self.has_clamp(*axis) && self.clamps.get(axis) != Some(&false);
+        let clamped = |axis: &Axis| self.has_clamp(*axis) && self.clamp_closed_by_axis.get(axis) != Some(&false);
         match axes.find(clamped) {
             Some(axis) => Err(format!("{axis} moves while its clamp is not open").into()),
             None => Ok(()),
@@ -109,10 +109,10 @@ impl SwitchState {
 
     /// Checks that the probe is on and all clamps are closed.
     pub fn check_ready_to_probe(&self) -> Result<(), LineError> {
-        if self.declared.declares(SwitchEffect::Probe(true)) && !self.is_probe_on {
+        if self.declared_commands.contains_effect(SwitchEffect::ProbeOn(true)) && !self.is_probe_on {
             return Err("the probe is not switched on".into());
         }
-        let open = |axis: &Axis| self.has_clamp(*axis) && self.clamps.get(axis) != Some(&true);
+        let open = |axis: &Axis| self.has_clamp(*axis) && self.clamp_closed_by_axis.get(axis) != Some(&true);
         match Axis::ALL.into_iter().find(open) {
             Some(axis) => Err(format!("a probing move while the clamp of {axis} is not closed").into()),
             None => Ok(()),
@@ -120,6 +120,6 @@ impl SwitchState {
     }
 
     fn has_clamp(&self, axis: Axis) -> bool {
-        self.declared.declares(SwitchEffect::Clamp(axis, false))
+        self.declared_commands.contains_effect(SwitchEffect::ClampClosed(axis, false))
     }
 }

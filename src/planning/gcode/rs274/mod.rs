@@ -4,12 +4,12 @@
 //! else is refused with its line: a word that is not understood is never skipped.
 
 mod declared_commands;
-mod line;
-mod state;
+mod gcode_line;
+mod reader_state;
 
 pub use self::declared_commands::{DeclaredCommands, SwitchEffect};
-use self::line::GcodeLine;
-use self::state::ReaderState;
+use self::gcode_line::GcodeLine;
+use self::reader_state::ReaderState;
 use machine::Position;
 use std::borrow::Cow;
 
@@ -28,6 +28,7 @@ pub struct ReadMotion {
     pub feed_mm_min: Option<f64>,
 }
 
+/// Kind of a motion, by its G or M word.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MotionKind {
     /// G0: rapid move.
@@ -46,7 +47,7 @@ pub enum MotionKind {
         s: f64,
     },
     /// M0: waits for the operator.
-    Stop,
+    ProgramStop,
 }
 
 /// Frame of the target.
@@ -58,9 +59,11 @@ pub enum MotionFrame {
     Work(String),
 }
 
+/// Error: the reader refuses a line of the program.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("line {line}: {reason}")]
 pub struct ReadError {
+    /// Line of the text, from 1.
     pub line: usize,
     pub reason: LineError,
 }
@@ -78,7 +81,7 @@ impl<T: Into<Cow<'static, str>>> From<T> for LineError {
 
 /// Reads the motions of a program, in order.
 ///
-/// `zero_slot` is a work offset slot (`G59.3`) known to hold zeros before the program starts. All other state is
+/// `zero_offset_slot` is a work offset slot (`G59.3`) known to hold zeros before the program starts. All other state is
 /// unknown at the start and must be set by the text before it is used: units, distance mode, exact path (G61 or
 /// G61.1) and feed per minute (G94) before any move, a feed before a feed move. M72 makes this state unknown again.
 ///
@@ -89,17 +92,17 @@ impl<T: Into<Cow<'static, str>>> From<T> for LineError {
 /// The first line that is not understood, or that moves in a state not set.
 pub fn read_program(
     text: &str,
-    zero_slot: Option<&str>,
+    zero_offset_slot: Option<&str>,
     declared: &DeclaredCommands,
 ) -> Result<Vec<ReadMotion>, ReadError> {
-    let mut state = ReaderState::new(zero_slot, declared);
+    let mut state = ReaderState::new(zero_offset_slot, declared);
     let mut motions = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
-        let read = GcodeLine::parse(line).and_then(|line| state.apply(line));
+        let read = GcodeLine::parse(line).and_then(|line| state.apply_line(line));
         if let Some(step) = read.map_err(|reason| ReadError { line: number, reason })? {
             motions.push(ReadMotion { line: number, ..step });
         }
     }
-    state.check_end().map_err(|reason| ReadError { line: text.lines().count(), reason })?;
+    state.check_no_open_condition().map_err(|reason| ReadError { line: text.lines().count(), reason })?;
     Ok(motions)
 }

@@ -13,7 +13,9 @@ use serde::Deserialize;
 
 use super::session::SESSION_DURATION;
 use super::tokens::find_token;
-use super::{Access, AccessDenied, LOGIN_ROUTE, SESSION_COOKIE_NAME, session_cookie_values, tokens_unreadable};
+use super::{
+    AccessControl, AccessDenied, LOGIN_ROUTE, SESSION_COOKIE_NAME, session_cookie_values, tokens_unreadable_problem,
+};
 use crate::service::http::AppState;
 use crate::service::http::page::{errors_as_pages, render_page};
 use crate::service::http::problem::Problem;
@@ -32,7 +34,7 @@ struct LoginForm {
 async fn login_page(State(app): State<AppState>, headers: HeaderMap) -> Result<Html<String>, Problem> {
     let access = &app.access;
     let numbers = session_cookie_values(&headers);
-    let session_token = numbers.iter().find_map(|number| access.sessions.find(number));
+    let session_token = numbers.iter().find_map(|number| access.sessions.find_token(number));
     let (name, role) = session_token.as_ref().map(|token| (token.name.as_str(), token.role.as_str())).unzip();
     render_page("login.html", access.requires_tokens, context! { name, role, wrong => false })
 }
@@ -41,10 +43,10 @@ async fn sign_in(State(app): State<AppState>, request: Request) -> Result<Respon
     let (access, headers) = (&app.access, request.headers().clone());
     let address = access.client_address(&request);
     let form = Form::from_request(request, &app).await;
-    let Form(LoginForm { token }) = form.map_err(|_| missing_token_field())?;
-    let known = access.valid_tokens().map_err(|_| tokens_unreadable())?;
+    let Form(LoginForm { token }) = form.map_err(|_| missing_token_field_problem())?;
+    let known = access.valid_tokens().map_err(|_| tokens_unreadable_problem())?;
     let Some(token) = find_token(&known, token.trim()) else {
-        if let Err(too_often) = access.rate_limits.failure_limit.count_event(&address) {
+        if let Err(too_often) = access.rate_limits.invalid_token_limit.count_event(&address) {
             return Ok(AccessDenied::RateLimitExceeded(too_often).into_response());
         }
         access.log.info(&format!("{address} presented an invalid token"));
@@ -53,7 +55,7 @@ async fn sign_in(State(app): State<AppState>, request: Request) -> Result<Respon
         return Ok((StatusCode::UNAUTHORIZED, login_page).into_response());
     };
     access.log.info(&format!("{} signed in from {address}", token.name));
-    let number = access.sessions.open(token).map_err(no_random_numbers)?;
+    let number = access.sessions.open(token).map_err(no_random_numbers_problem)?;
     let max_age = time::Duration::seconds(SESSION_DURATION.as_secs() as i64);
     Ok(redirect_with_cookie(access, &headers, number, max_age, "/"))
 }
@@ -66,32 +68,32 @@ async fn sign_out(State(app): State<AppState>, headers: HeaderMap) -> Response {
 }
 
 fn redirect_with_cookie(
-    access: &Access,
+    access: &AccessControl,
     headers: &HeaderMap,
-    number: String,
+    session_number: String,
     max_age: time::Duration,
-    to: &str,
+    location: &str,
 ) -> Response {
-    let cookie = Cookie::build((SESSION_COOKIE_NAME, number))
+    let cookie = Cookie::build((SESSION_COOKIE_NAME, session_number))
         .path("/")
         .http_only(true)
         .same_site(SameSite::Strict)
-        .secure(access.is_behind_proxy(headers))
+        .secure(access.is_request_through_proxy(headers))
         .max_age(max_age)
         .build();
-    let mut response = Redirect::to(to).into_response();
+    let mut response = Redirect::to(location).into_response();
     if let Ok(value) = HeaderValue::from_str(&cookie.to_string()) {
         response.headers_mut().insert(SET_COOKIE, value);
     }
     response
 }
 
-fn missing_token_field() -> Problem {
+fn missing_token_field_problem() -> Problem {
     let (status, remedy) = (StatusCode::BAD_REQUEST, "sign in at /login");
     Problem::new(status, "unreadable", "the form contains no token", remedy)
 }
 
-fn no_random_numbers(error: getrandom::Error) -> Problem {
+fn no_random_numbers_problem(error: getrandom::Error) -> Problem {
     let status = StatusCode::INTERNAL_SERVER_ERROR;
     let error = super::TokenError::from(error);
     Problem::new(status, "no-random", error.to_string(), error.remedy())

@@ -27,7 +27,7 @@ use self::roles::{HOLD_ROUTE, LOGIN_ROUTE, required_role};
 use self::session::Sessions;
 use self::tokens::find_token;
 pub use self::tokens::{Token, TokenError, TokenStore};
-use super::page::{error_page, is_json};
+use super::page::{error_page, has_json_content_type};
 use super::problem::Problem;
 use crate::service::config::HttpConfig;
 use crate::service::{Log, lock};
@@ -39,16 +39,16 @@ const SESSION_COOKIE_NAME: &str = "trued";
 const MAX_COOKIES_READ_PER_REQUEST: usize = 8;
 
 /// Access control of all requests.
-pub struct Access {
+pub struct AccessControl {
     /// Whether every client must present a token.
     pub requires_tokens: bool,
     /// Host names under which a proxy with TLS receives requests.
     proxy_names: Vec<String>,
-    tokens: TokenStore,
+    token_store: TokenStore,
     sessions: Sessions,
     rate_limits: RateLimits,
     /// The last logged reason why the tokens cannot be read; `None` while they can.
-    logged_error: Mutex<Option<String>>,
+    logged_token_error: Mutex<Option<String>>,
     log: Log,
 }
 
@@ -58,7 +58,7 @@ pub struct Caller {
     token: Option<Token>,
     /// Key of the rate limit: the token's name, or the address.
     pub rate_limit_key: String,
-    access: Arc<Access>,
+    access: Arc<AccessControl>,
 }
 
 /// Client of a request, as an extension of the response: token and address, so that tablets that share one token
@@ -71,8 +71,8 @@ impl Caller {
     ///
     /// # Errors
     /// There is neither a token nor a valid typed name.
-    pub fn audit_name(&self, typed: &str) -> Result<String, Problem> {
-        let typed = typed.trim();
+    pub fn audit_name(&self, typed_name: &str) -> Result<String, Problem> {
+        let typed = typed_name.trim();
         let unfit = typed.chars().count() > 100 || typed.chars().any(char::is_control);
         match (&self.token, typed) {
             (None, "") => {}
@@ -90,9 +90,9 @@ impl Caller {
     }
 
     /// Name for the log, where a name is not required.
-    pub fn log_name(&self, typed: &str) -> String {
+    pub fn log_name(&self, typed_name: &str) -> String {
         let unsigned_name = || self.token.as_ref().map_or("an unnamed person at the page", |token| &token.name);
-        self.audit_name(typed).unwrap_or_else(|_| unsigned_name().to_owned())
+        self.audit_name(typed_name).unwrap_or_else(|_| unsigned_name().to_owned())
     }
 
     /// Whether the client has a token; without one it is admitted only if tokens are not required.
@@ -107,21 +107,21 @@ impl Caller {
     }
 
     /// Counts a hold of the client; returns whether its holds are too frequent to log each one.
-    pub fn exceeds_hold_log_rate(&self) -> bool {
+    pub fn counts_hold_beyond_log_rate(&self) -> bool {
         self.access.rate_limits.hold_log_limit.count_event(&self.rate_limit_key).is_err()
     }
 }
 
 /// Why a request is not admitted.
 enum AccessDenied {
-    NoToken,
+    NoValidToken,
     RoleTooLow(Role),
     RateLimitExceeded(RateLimitExceeded),
     /// The tokens cannot be read.
     TokensUnreadable,
 }
 
-impl Access {
+impl AccessControl {
     /// `folder`: folder of the journal.
     ///
     /// # Errors
@@ -136,19 +136,19 @@ impl Access {
         Ok(Arc::new(Self {
             requires_tokens: config.requires_tokens,
             proxy_names: config.proxy_names.clone(),
-            tokens,
+            token_store: tokens,
             sessions: Sessions::default(),
             rate_limits: RateLimits::default(),
-            logged_error: Mutex::default(),
+            logged_token_error: Mutex::default(),
             log: log.clone(),
         }))
     }
 
     /// The valid tokens. If they cannot be read, no client is admitted, and the log reports it once.
     fn valid_tokens(&self) -> Result<Vec<Token>, TokenError> {
-        let known = self.tokens.read_all();
+        let known = self.token_store.read_all();
         let trouble = known.as_ref().err().map(|error| format!("{error}; {}", error.remedy()));
-        let mut logged_error = lock(&self.logged_error);
+        let mut logged_error = lock(&self.logged_token_error);
         if *logged_error != trouble {
             match &trouble {
                 Some(why) => self.log.error(&format!("the tokens cannot be read, so access is refused: {why}")),
@@ -182,7 +182,7 @@ impl Access {
         let known = match self.valid_tokens() {
             Ok(known) => known,
             // A token of the last successful read may still hold the machine: a hold causes no motion.
-            Err(_) if route == HOLD_ROUTE => self.tokens.last_read_tokens(),
+            Err(_) if route == HOLD_ROUTE => self.token_store.last_read_tokens(),
             Err(_) => return Err(AccessDenied::TokensUnreadable),
         };
         let token = match presented {
@@ -190,18 +190,18 @@ impl Access {
             None => {
                 let numbers = session_cookie_values(headers);
                 if numbers.is_empty() {
-                    return Err(AccessDenied::NoToken);
+                    return Err(AccessDenied::NoValidToken);
                 }
-                let mut tokens = numbers.iter().filter_map(|number| self.sessions.find(number));
+                let mut tokens = numbers.iter().filter_map(|number| self.sessions.find_token(number));
                 tokens.find(|token| known.contains(token))
             }
         };
         match token {
             Some(token) => Ok(token),
             None => {
-                self.rate_limits.failure_limit.count_event(address).map_err(AccessDenied::RateLimitExceeded)?;
+                self.rate_limits.invalid_token_limit.count_event(address).map_err(AccessDenied::RateLimitExceeded)?;
                 self.log.info(&format!("{address} presented an invalid token"));
-                Err(AccessDenied::NoToken)
+                Err(AccessDenied::NoValidToken)
             }
         }
     }
@@ -217,7 +217,7 @@ impl Access {
     }
 
     /// Whether the request came through the proxy. A browser returns a secure cookie only under the proxy's name.
-    fn is_behind_proxy(&self, headers: &HeaderMap) -> bool {
+    fn is_request_through_proxy(&self, headers: &HeaderMap) -> bool {
         let host = header_text(headers, HOST).unwrap_or("");
         self.proxy_names.iter().any(|name| name.eq_ignore_ascii_case(host))
     }
@@ -241,7 +241,7 @@ fn session_cookie_values(headers: &HeaderMap) -> Vec<String> {
 }
 
 /// Middleware that admits or refuses each request.
-pub async fn check_access(State(access): State<Arc<Access>>, mut request: Request, next: Next) -> Response {
+pub async fn check_access(State(access): State<Arc<AccessControl>>, mut request: Request, next: Next) -> Response {
     let refused = match access.authorize(&request) {
         Ok(caller) => {
             let client = ClientIdentity(format!("{} {}", caller.rate_limit_key, access.client_address(&request)));
@@ -255,8 +255,8 @@ pub async fn check_access(State(access): State<Arc<Access>>, mut request: Reques
     let is_read_only = request.method().is_safe();
     match refused {
         refused if !is_browser_request(&request) => refused.into_response(),
-        AccessDenied::NoToken if is_read_only => Redirect::to(LOGIN_ROUTE).into_response(),
-        AccessDenied::NoToken => error_page(not_signed_in().into_response(), access.requires_tokens).await,
+        AccessDenied::NoValidToken if is_read_only => Redirect::to(LOGIN_ROUTE).into_response(),
+        AccessDenied::NoValidToken => error_page(not_signed_in_problem().into_response(), access.requires_tokens).await,
         refused => error_page(refused.into_response(), access.requires_tokens).await,
     }
 }
@@ -265,14 +265,14 @@ pub async fn check_access(State(access): State<Arc<Access>>, mut request: Reques
 fn is_browser_request(request: &Request) -> bool {
     let accepts = header_text(request.headers(), ACCEPT).unwrap_or("");
     let api = request.uri().path().starts_with("/api/");
-    let program = if request.method().is_safe() { api } else { is_json(request.headers()) };
+    let program = if request.method().is_safe() { api } else { has_json_content_type(request.headers()) };
     !program && accepts.contains("text/html")
 }
 
 impl IntoResponse for AccessDenied {
     fn into_response(self) -> Response {
         match self {
-            Self::NoToken => {
+            AccessDenied::NoValidToken => {
                 let mut response = Problem::new(
                     StatusCode::UNAUTHORIZED,
                     "no-token",
@@ -291,13 +291,13 @@ impl IntoResponse for AccessDenied {
                 "sign in with such a token, or ask a person who has one",
             )
             .into_response(),
-            Self::RateLimitExceeded(RateLimitExceeded(wait)) => rate_limited(wait).into_response(),
-            Self::TokensUnreadable => tokens_unreadable().into_response(),
+            Self::RateLimitExceeded(RateLimitExceeded(wait)) => rate_limited_response(wait).into_response(),
+            Self::TokensUnreadable => tokens_unreadable_problem().into_response(),
         }
     }
 }
 
-fn not_signed_in() -> Problem {
+fn not_signed_in_problem() -> Problem {
     Problem::new(
         StatusCode::UNAUTHORIZED,
         "no-token",
@@ -306,7 +306,7 @@ fn not_signed_in() -> Problem {
     )
 }
 
-fn tokens_unreadable() -> Problem {
+fn tokens_unreadable_problem() -> Problem {
     Problem::new(
         StatusCode::SERVICE_UNAVAILABLE,
         "tokens-unreadable",
@@ -315,7 +315,7 @@ fn tokens_unreadable() -> Problem {
     )
 }
 
-fn rate_limited(wait: Duration) -> impl IntoResponse {
+fn rate_limited_response(wait: Duration) -> impl IntoResponse {
     let seconds = wait.as_secs() + 1;
     let problem = Problem::new(
         StatusCode::TOO_MANY_REQUESTS,

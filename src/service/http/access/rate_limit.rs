@@ -8,13 +8,14 @@ use governor::clock::{Clock, DefaultClock};
 use governor::state::keyed::HashMapStateStore;
 use governor::{Quota, RateLimiter};
 
-/// Limit of changes: burst size, and number per minute.
+/// Limit of changes by one client: burst size, and number per minute.
 const MAX_CHANGES_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add(59);
-const MAX_FAILURES_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
+/// Limit of invalid tokens from one address: burst size, and number per minute.
+const MAX_INVALID_TOKENS_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
 /// Limit of log lines about holds: burst size, and number per minute.
 const MAX_HOLD_LOG_LINES_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
 /// Maximum number of clients that are counted separately; all further clients share one count.
-const MAX_COUNTED_CLIENTS: usize = 1000;
+const MAX_SEPARATELY_COUNTED_CLIENTS: usize = 1000;
 
 /// A rate limit that counts each client separately.
 pub struct ClientRateLimit(RateLimiter<String, HashMapStateStore<String>, DefaultClock>);
@@ -23,7 +24,7 @@ pub struct RateLimits {
     /// Changes by each client.
     pub change_limit: ClientRateLimit,
     /// Invalid tokens from each address.
-    pub failure_limit: ClientRateLimit,
+    pub invalid_token_limit: ClientRateLimit,
     /// Holds by each client. The hold is executed in any case; beyond the limit it is not logged.
     pub hold_log_limit: ClientRateLimit,
 }
@@ -36,8 +37,8 @@ impl Default for RateLimits {
     fn default() -> Self {
         let limit = |per_minute| ClientRateLimit(RateLimiter::hashmap(Quota::per_minute(per_minute)));
         let [change_limit, failure_limit, hold_log_limit] =
-            [MAX_CHANGES_PER_MINUTE, MAX_FAILURES_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE].map(limit);
-        Self { change_limit, failure_limit, hold_log_limit }
+            [MAX_CHANGES_PER_MINUTE, MAX_INVALID_TOKENS_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE].map(limit);
+        Self { change_limit, invalid_token_limit: failure_limit, hold_log_limit }
     }
 }
 
@@ -45,10 +46,10 @@ impl ClientRateLimit {
     /// Counts an event of `client`.
     pub fn count_event(&self, client: &str) -> Result<(), RateLimitExceeded> {
         let Self(limiter) = self;
-        if limiter.len() >= MAX_COUNTED_CLIENTS {
+        if limiter.len() >= MAX_SEPARATELY_COUNTED_CLIENTS {
             limiter.retain_recent();
         }
-        let key = if limiter.len() >= MAX_COUNTED_CLIENTS { "all others" } else { client };
+        let key = if limiter.len() >= MAX_SEPARATELY_COUNTED_CLIENTS { "all others" } else { client };
         let result = limiter.check_key(&key.to_owned());
         result.map_err(|until| RateLimitExceeded(until.wait_time_from(DefaultClock::default().now())))
     }
@@ -61,14 +62,14 @@ mod tests {
     #[test]
     fn each_known_client_has_its_own_limit_and_others_share_one() {
         let rates = RateLimits::default();
-        let refused = |who: &str| (0..11).filter(|_| rates.failure_limit.count_event(who).is_err()).count();
+        let refused = |who: &str| (0..11).filter(|_| rates.invalid_token_limit.count_event(who).is_err()).count();
         assert_eq!(refused("10.0.0.1"), 1);
         assert_eq!(refused("10.0.0.2"), 1);
         assert_eq!(rates.change_limit.count_event("10.0.0.1"), Ok(()));
-        let flood = (0..3 * MAX_COUNTED_CLIENTS)
-            .filter(|n| rates.failure_limit.count_event(&format!("flood {n}")).is_err())
+        let flood = (0..3 * MAX_SEPARATELY_COUNTED_CLIENTS)
+            .filter(|n| rates.invalid_token_limit.count_event(&format!("flood {n}")).is_err())
             .count();
-        assert!(flood > MAX_COUNTED_CLIENTS, "{flood}");
-        assert!(rates.failure_limit.0.len() <= MAX_COUNTED_CLIENTS + 1);
+        assert!(flood > MAX_SEPARATELY_COUNTED_CLIENTS, "{flood}");
+        assert!(rates.invalid_token_limit.0.len() <= MAX_SEPARATELY_COUNTED_CLIENTS + 1);
     }
 }

@@ -50,7 +50,7 @@ pub const HOLD_ROUTE: &str = "/api/v1/machines/{name}/hold";
 pub const LOGIN_ROUTE: &str = "/login";
 
 /// Minimum role for each route that changes something. A route that is not listed requires the highest role.
-const ROUTE_ROLES: [(&str, Role); 8] = [
+const MIN_ROLES_OF_CHANGING_ROUTES: [(&str, Role); 8] = [
     (HOLD_ROUTE, Role::Viewer),
     ("/logout", Role::Viewer),
     ("/api/v1/machines/{name}/start", Role::Operator),
@@ -67,7 +67,7 @@ pub fn required_role(route: &str, is_read_only: bool) -> Role {
     if is_read_only {
         return Role::Viewer;
     }
-    ROUTE_ROLES.iter().find(|(known, _)| *known == route).map_or(Role::Metrologist, |(_, role)| *role)
+    MIN_ROLES_OF_CHANGING_ROUTES.iter().find(|(known, _)| *known == route).map_or(Role::Metrologist, |(_, role)| *role)
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ pub const SESSION_DURATION: Duration = Duration::from_secs(12 * 3600);
 const MAX_SESSIONS: usize = 64;
 
 struct Session {
-    sha256: String,
+    number_sha256: String,
     token: Token,
     started: Instant,
 }
@@ -24,7 +24,7 @@ struct Session {
 pub struct Sessions(Mutex<Vec<Session>>);
 
 impl Sessions {
-    fn lock_valid(&self) -> MutexGuard<'_, Vec<Session>> {
+    fn lock_and_remove_expired(&self) -> MutexGuard<'_, Vec<Session>> {
         let mut all = lock(&self.0);
         all.retain(|session| session.started.elapsed() < SESSION_DURATION);
         all
@@ -36,8 +36,8 @@ impl Sessions {
     /// The operating system provides no random numbers.
     pub fn open(&self, token: Token) -> Result<String, getrandom::Error> {
         let number = generate_secret()?;
-        let session = Session { sha256: sha256_hex(&number), token, started: Instant::now() };
-        let mut all = self.lock_valid();
+        let session = Session { number_sha256: sha256_hex(&number), token, started: Instant::now() };
+        let mut all = self.lock_and_remove_expired();
         if all.len() >= MAX_SESSIONS {
             all.remove(0);
         }
@@ -45,16 +45,16 @@ impl Sessions {
         Ok(number)
     }
 
-    pub fn find(&self, number: &str) -> Option<Token> {
+    pub fn find_token(&self, number: &str) -> Option<Token> {
         let sha256 = sha256_hex(number);
-        let all = self.lock_valid();
-        let is = |session: &&Session| bool::from(session.sha256.as_bytes().ct_eq(sha256.as_bytes()));
+        let all = self.lock_and_remove_expired();
+        let is = |session: &&Session| bool::from(session.number_sha256.as_bytes().ct_eq(sha256.as_bytes()));
         all.iter().find(is).map(|session| session.token.clone())
     }
 
     pub fn close(&self, number: &str) {
         let sha256 = sha256_hex(number);
-        self.lock_valid().retain(|session| session.sha256 != sha256);
+        self.lock_and_remove_expired().retain(|session| session.number_sha256 != sha256);
     }
 }
 
@@ -72,12 +72,12 @@ mod tests {
         let token = tokens.read_all().unwrap().remove(0);
         let sessions = Sessions::default();
         let numbers: Vec<String> = (0..MAX_SESSIONS).map(|_| sessions.open(token.clone()).unwrap()).collect();
-        assert_eq!(sessions.find(&numbers[0]), Some(token.clone()));
+        assert_eq!(sessions.find_token(&numbers[0]), Some(token.clone()));
         sessions.open(token.clone()).unwrap();
-        assert_eq!(sessions.find(&numbers[0]), None);
-        assert_eq!(sessions.find(&numbers[1]), Some(token));
+        assert_eq!(sessions.find_token(&numbers[0]), None);
+        assert_eq!(sessions.find_token(&numbers[1]), Some(token));
         sessions.close(&numbers[1]);
-        assert_eq!(sessions.find(&numbers[1]), None);
-        assert_eq!(sessions.find(""), None);
+        assert_eq!(sessions.find_token(&numbers[1]), None);
+        assert_eq!(sessions.find_token(""), None);
     }
 }

@@ -40,11 +40,11 @@ struct TokenFile {
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
     #[error("{path}: {source}", path = path.display())]
-    File { path: PathBuf, source: io::Error },
+    FileAccess { path: PathBuf, source: io::Error },
     #[error("{path}: {source}", path = path.display())]
-    Unreadable { path: PathBuf, source: serde_json::Error },
+    InvalidJson { path: PathBuf, source: serde_json::Error },
     #[error("{path} must belong to user {user}, but its owner cannot be changed", path = path.display())]
-    OwnerChange { path: PathBuf, user: u32 },
+    OwnerChangeFailed { path: PathBuf, user: u32 },
     #[error("`{0}` is not a valid token name: use at most 40 letters, digits and . _ -")]
     InvalidName(String),
     #[error("the token `{0}` exists already")]
@@ -61,15 +61,17 @@ impl TokenError {
     /// Remedy for the user.
     pub fn remedy(&self) -> &'static str {
         match self {
-            Self::File { source, .. } if source.kind() == ErrorKind::PermissionDenied => {
+            TokenError::FileAccess { source, .. } if source.kind() == ErrorKind::PermissionDenied => {
                 "run the command as the daemon's user (`sudo -u trued trued token ...`), and make that user the \
                  owner of the files there (`chown trued`)"
             }
-            Self::OwnerChange { .. } => {
+            TokenError::OwnerChangeFailed { .. } => {
                 "run the command as the daemon's user: `sudo -u trued trued token ... --state /var/lib/trued`"
             }
-            Self::File { .. } => "check the disk and the owner of the folder, or choose another folder with --state",
-            Self::Unreadable { .. } => "move the file away, then create the tokens again",
+            TokenError::FileAccess { .. } => {
+                "check the disk and the owner of the folder, or choose another folder with --state"
+            }
+            TokenError::InvalidJson { .. } => "move the file away, then create the tokens again",
             Self::InvalidName(_) => "name the device or person that uses the token, for example `tablet-hall-2`",
             Self::DuplicateName(_) => "revoke that token first, or choose another name",
             Self::UnknownName(_) => "list the tokens with `trued token list`",
@@ -85,13 +87,13 @@ type FileVersion = (u64, u64, i64, i64);
 /// The file of the tokens, and its content when it was last read.
 pub struct TokenStore {
     path: PathBuf,
-    last_read: Mutex<(Option<FileVersion>, Vec<Token>)>,
+    last_read_version_and_tokens: Mutex<(Option<FileVersion>, Vec<Token>)>,
 }
 
 impl TokenStore {
     /// Uses `tokens.json` in the folder of the journal.
-    pub fn in_folder(journal: &Path) -> Self {
-        Self { path: journal.join("tokens.json"), last_read: Mutex::default() }
+    pub fn in_folder(journal_folder: &Path) -> Self {
+        Self { path: journal_folder.join("tokens.json"), last_read_version_and_tokens: Mutex::default() }
     }
 
     /// Returns the tokens that are in the file now.
@@ -99,7 +101,7 @@ impl TokenStore {
     /// # Errors
     /// The file exists and cannot be read.
     pub fn read_all(&self) -> Result<Vec<Token>, TokenError> {
-        let mut read = lock(&self.last_read);
+        let mut read = lock(&self.last_read_version_and_tokens);
         let version = match fs::metadata(&self.path) {
             Ok(meta) => Some((meta.ino(), meta.len(), meta.mtime(), meta.mtime_nsec())),
             Err(error) if error.kind() == ErrorKind::NotFound => None,
@@ -107,7 +109,7 @@ impl TokenStore {
         };
         if read.0 != version {
             let tokens = match version {
-                Some(_) => self.parse(&fs::read(&self.path).map_err(|error| self.file_error(error))?)?,
+                Some(_) => self.parse_token_file(&fs::read(&self.path).map_err(|error| self.file_error(error))?)?,
                 None => Vec::new(),
             };
             *read = (version, tokens);
@@ -115,14 +117,14 @@ impl TokenStore {
         Ok(read.1.clone())
     }
 
-    fn parse(&self, bytes: &[u8]) -> Result<Vec<Token>, TokenError> {
-        let unreadable = |source| TokenError::Unreadable { path: self.path.clone(), source };
+    fn parse_token_file(&self, bytes: &[u8]) -> Result<Vec<Token>, TokenError> {
+        let unreadable = |source| TokenError::InvalidJson { path: self.path.clone(), source };
         Ok(serde_json::from_slice::<TokenFile>(bytes).map_err(unreadable)?.tokens)
     }
 
     /// Returns the tokens of the last successful read.
     pub fn last_read_tokens(&self) -> Vec<Token> {
-        lock(&self.last_read).1.clone()
+        lock(&self.last_read_version_and_tokens).1.clone()
     }
 
     /// Creates a token and returns its secret, which is stored nowhere.
@@ -171,9 +173,9 @@ impl TokenStore {
         let mut tokens = self.read_all()?;
         change(&mut tokens)?;
         let content = TokenFile { trued_tokens: 1, tokens };
-        let unreadable = |source| TokenError::Unreadable { path: self.path.clone(), source };
+        let unreadable = |source| TokenError::InvalidJson { path: self.path.clone(), source };
         let text = serde_json::to_string_pretty(&content).map_err(unreadable)?;
-        self.replace_file(folder, &text)
+        self.replace_token_file(folder, &text)
     }
 
     fn open_lock_file(&self, folder: &Path) -> Result<File, TokenError> {
@@ -187,7 +189,7 @@ impl TokenStore {
         }
     }
 
-    fn replace_file(&self, folder: &Path, text: &str) -> Result<(), TokenError> {
+    fn replace_token_file(&self, folder: &Path, text: &str) -> Result<(), TokenError> {
         let (beside, failed) = (self.path.with_extension("new"), |error| self.file_error(error));
         match fs::remove_file(&beside) {
             // Left over from a process that died.
@@ -212,13 +214,13 @@ impl TokenStore {
         let user = owner.uid();
         if own != user && fchown(&file, Some(user), Some(owner.gid())).is_err() {
             let _ = fs::remove_file(path);
-            return Err(TokenError::OwnerChange { path: path.to_owned(), user });
+            return Err(TokenError::OwnerChangeFailed { path: path.to_owned(), user });
         }
         Ok(file)
     }
 
     fn file_error(&self, source: io::Error) -> TokenError {
-        TokenError::File { path: self.path.clone(), source }
+        TokenError::FileAccess { path: self.path.clone(), source }
     }
 }
 
@@ -299,9 +301,9 @@ mod tests {
         // The file cannot be read: no token is valid, but the last read is remembered.
         assert!(find_token(&tokens.read_all().unwrap(), &secret_text).is_some());
         fs::write(folder.path().join("made/tokens.json"), "{").unwrap();
-        assert!(matches!(tokens.read_all(), Err(TokenError::Unreadable { .. })));
+        assert!(matches!(tokens.read_all(), Err(TokenError::InvalidJson { .. })));
         assert!(find_token(&tokens.last_read_tokens(), &secret_text).is_some());
-        assert!(matches!(tokens.add("two", Role::Viewer), Err(TokenError::Unreadable { .. })));
+        assert!(matches!(tokens.add("two", Role::Viewer), Err(TokenError::InvalidJson { .. })));
     }
 
     /// Root may create a token in the daemon's folder, and the daemon can read it. Other users cannot change the owner

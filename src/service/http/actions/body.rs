@@ -7,7 +7,7 @@ use axum::{Form, Json, RequestExt};
 use serde::de::DeserializeOwned;
 
 use crate::service::http::access::Caller;
-use crate::service::http::page::is_json;
+use crate::service::http::page::has_json_content_type;
 use crate::service::http::problem::Problem;
 use crate::service::http::{AppState, ServedMachine};
 
@@ -31,7 +31,7 @@ impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for JsonOrFor
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let is_form = !is_json(request.headers());
+        let is_form = !has_json_content_type(request.headers());
         let body = match is_form {
             true => Form::from_request(request, state).await.map_err(form_problem)?.0,
             false => Json::from_request(request, state).await.map_err(json_problem)?.0,

@@ -15,60 +15,60 @@ use crate::store::AuditEntry;
 /// Time over which the holds without their own line are counted.
 const HOLD_COUNT_PERIOD: Duration = Duration::from_secs(10);
 /// Time within which all holds of one run share one line.
-const SAME_HOLD_WINDOW: Duration = Duration::from_secs(1);
+const SAME_RUN_HOLD_WINDOW: Duration = Duration::from_secs(1);
 
 /// Client and machine.
-type HoldKey = (String, String);
+type ClientAndMachine = (String, String);
 
 #[derive(Default)]
 struct HoldLogState {
     /// By machine: the last run whose hold has a line, and the time of that hold.
-    last_held: BTreeMap<String, (i64, Instant)>,
+    last_logged_holds: BTreeMap<String, (i64, Instant)>,
     /// Number of holds that have no line yet.
-    unlogged: BTreeMap<HoldKey, u64>,
+    unlogged_hold_counts: BTreeMap<ClientAndMachine, u64>,
 }
 
 #[derive(Clone, Default)]
 pub struct HoldLog(Arc<Mutex<HoldLogState>>);
 
 impl HoldLog {
-    /// Whether a hold of `run` is the first within [`SAME_HOLD_WINDOW`]. `None`: no run was in progress.
-    fn is_first_hold(&self, machine: &str, run: Option<i64>, now: Instant) -> bool {
+    /// Whether a hold of `run` is the first within [`SAME_RUN_HOLD_WINDOW`]. `None`: no run was in progress.
+    fn is_first_hold_of_run(&self, machine: &str, run: Option<i64>, now: Instant) -> bool {
         let Some(run) = run else { return false };
         let mut inner = lock(&self.0);
-        let last = inner.last_held.get(machine);
-        let is_repeated = last.is_some_and(|(held, at)| *held == run && now < *at + SAME_HOLD_WINDOW);
+        let last = inner.last_logged_holds.get(machine);
+        let is_repeated = last.is_some_and(|(held, at)| *held == run && now < *at + SAME_RUN_HOLD_WINDOW);
         if !is_repeated {
-            inner.last_held.insert(machine.to_owned(), (run, now));
+            inner.last_logged_holds.insert(machine.to_owned(), (run, now));
         }
         !is_repeated
     }
 
     /// Counts a hold without a line; returns whether it is the first of them.
-    fn count_hold(&self, key: &HoldKey) -> bool {
+    fn count_unlogged_hold(&self, key: &ClientAndMachine) -> bool {
         let mut inner = lock(&self.0);
-        let count = inner.unlogged.entry(key.clone()).or_insert(0);
+        let count = inner.unlogged_hold_counts.entry(key.clone()).or_insert(0);
         *count += 1;
         *count == 1
     }
 
-    fn take_count(&self, key: &HoldKey) -> u64 {
-        lock(&self.0).unlogged.remove(key).unwrap_or(0)
+    fn take_unlogged_count(&self, key: &ClientAndMachine) -> u64 {
+        lock(&self.0).unlogged_hold_counts.remove(key).unwrap_or(0)
     }
 }
 
 /// Whether the hold `audit` gets its own line; otherwise it is counted.
-pub fn gets_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, stopped: HoldEffect) -> bool {
+pub fn gets_own_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, stopped: HoldEffect) -> bool {
     let run = (stopped == HoldEffect::RunHeld).then_some(audit.run);
-    if app.hold_log.is_first_hold(&audit.machine, run, Instant::now()) || !caller.exceeds_hold_log_rate() {
+    if app.hold_log.is_first_hold_of_run(&audit.machine, run, Instant::now()) || !caller.counts_hold_beyond_log_rate() {
         return true;
     }
     let key = (caller.rate_limit_key.clone(), audit.machine.clone());
-    if app.hold_log.count_hold(&key) {
+    if app.hold_log.count_unlogged_hold(&key) {
         let (app, audit) = (app.clone(), audit.clone());
         tokio::spawn(async move {
             tokio::time::sleep(HOLD_COUNT_PERIOD).await;
-            let more = app.hold_log.take_count(&key);
+            let more = app.hold_log.take_unlogged_count(&key);
             let outcome = format!("{}, {more} times within {} s", audit.outcome, HOLD_COUNT_PERIOD.as_secs());
             // The client does not wait for this line.
             drop(app.journal.add_audit_entry(&AuditEntry { outcome, ..audit }));
@@ -84,17 +84,17 @@ mod tests {
     #[test]
     fn each_held_run_has_a_line_and_further_holds_are_counted() {
         let (holds, now) = (HoldLog::default(), Instant::now());
-        assert!(!holds.is_first_hold("mill", None, now));
-        assert!(holds.is_first_hold("mill", Some(1), now));
-        assert!(!holds.is_first_hold("mill", Some(1), now));
-        assert!(holds.is_first_hold("lathe", Some(1), now));
-        assert!(holds.is_first_hold("mill", Some(2), now));
+        assert!(!holds.is_first_hold_of_run("mill", None, now));
+        assert!(holds.is_first_hold_of_run("mill", Some(1), now));
+        assert!(!holds.is_first_hold_of_run("mill", Some(1), now));
+        assert!(holds.is_first_hold_of_run("lathe", Some(1), now));
+        assert!(holds.is_first_hold_of_run("mill", Some(2), now));
         // The run was resumed meanwhile.
-        assert!(holds.is_first_hold("mill", Some(2), now + SAME_HOLD_WINDOW));
+        assert!(holds.is_first_hold_of_run("mill", Some(2), now + SAME_RUN_HOLD_WINDOW));
         let key = |who: &str| (who.to_owned(), "mill".to_owned());
-        assert_eq!([(); 3].map(|()| holds.count_hold(&key("Ada"))), [true, false, false]);
-        assert!(holds.count_hold(&key("Eve")));
-        assert_eq!((holds.take_count(&key("Ada")), holds.take_count(&key("Ada"))), (3, 0));
-        assert!(holds.count_hold(&key("Ada")));
+        assert_eq!([(); 3].map(|()| holds.count_unlogged_hold(&key("Ada"))), [true, false, false]);
+        assert!(holds.count_unlogged_hold(&key("Eve")));
+        assert_eq!((holds.take_unlogged_count(&key("Ada")), holds.take_unlogged_count(&key("Ada"))), (3, 0));
+        assert!(holds.count_unlogged_hold(&key("Ada")));
     }
 }

@@ -25,9 +25,9 @@ use self::body::JsonOrFormBody;
 pub(super) use self::body::{ActionRequest, truncate_reason};
 pub(super) use self::hold_log::HoldLog;
 use super::access::Caller;
+use super::machine_status::MachineStatus;
 use super::page::errors_as_pages;
 use super::problem::Problem;
-use super::status::MachineStatus;
 use super::{AppState, ServedMachine};
 use crate::service::config::StartInterlock;
 use crate::service::machine_state::{Interlocks, Refusal};
@@ -102,29 +102,39 @@ struct AnswerRequest {
 async fn start_cycle(action: ActionRequest<StartRequest>) -> Result<Response, Problem> {
     let StartRequest { cycle, who, why, .. } = &action.body;
     let who = action.caller.audit_name(who)?;
-    check_confirmations(&action.machine, &action.body)?;
-    let accepted = action.machine.gate.start(*cycle, confirmed_interlocks(&action.machine), &who);
+    check_start_confirmations(&action.machine, &action.body)?;
+    let accepted = action.machine.gate.start_cycle(*cycle, confirmed_interlocks(&action.machine), &who);
     action.audit_and_respond(who, format!("start of cycle {cycle}"), why, accepted).await
 }
 
 /// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
 /// precedence.
 fn confirmed_interlocks(machine: &ServedMachine) -> Interlocks {
-    let confirmed = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
-    machine.gate.fresh_interlocks().map_or(confirmed, |reported| Interlocks { person: true, ..reported })
+    let confirmed = Interlocks {
+        is_fresh: true,
+        is_start_enabled: true,
+        is_auto_mode: true,
+        is_door_closed: true,
+        is_stop_set: false,
+        has_person_for_prompts: true,
+    };
+    machine
+        .gate
+        .combined_fresh_interlocks()
+        .map_or(confirmed, |reported| Interlocks { has_person_for_prompts: true, ..reported })
 }
 
-fn check_confirmations(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
+fn check_start_confirmations(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
     let missing = machine.required_interlocks.iter().find_map(|demand| match demand {
         StartInterlock::Enable if !request.enable => Some("that the machine may move (`enable`)"),
         StartInterlock::Auto if !request.auto => Some("that the control is in automatic mode (`auto`)"),
         StartInterlock::Door if !request.door => Some("that the guards are closed (`door`)"),
         _ => None,
     });
-    missing.map_or(Ok(()), |what| Err(not_confirmed(what)))
+    missing.map_or(Ok(()), |what| Err(not_confirmed_problem(what)))
 }
 
-fn not_confirmed(what: &str) -> Problem {
+fn not_confirmed_problem(what: &str) -> Problem {
     let message = format!("the request does not confirm {what}");
     Problem::new(StatusCode::CONFLICT, "not-vouched", message, "inspect the machine, then confirm the condition")
 }
@@ -138,11 +148,11 @@ async fn hold_machine(
     request: Request,
 ) -> Result<Response, Problem> {
     // Before the body is read: the machine is held even if the rest of the request is invalid.
-    let effect = machine.gate.stop(&caller.log_name(""));
-    run_to_completion(finish_hold(app, machine, caller, effect, request)).await
+    let effect = machine.gate.hold_machine(&caller.log_name(""));
+    run_to_completion(audit_hold_and_respond(app, machine, caller, effect, request)).await
 }
 
-async fn finish_hold(
+async fn audit_hold_and_respond(
     app: AppState,
     machine: ServedMachine,
     caller: Caller,
@@ -154,11 +164,11 @@ async fn finish_hold(
     let JsonOrFormBody { body: HoldRequest { who, why }, is_form } = body;
     let held = match effect {
         // This service cannot hold motion of another process.
-        HoldEffect::OtherProcess => Err(Refusal::UsedByOtherProgram),
-        HoldEffect::RunHeld | HoldEffect::NoRun => Ok(()),
+        HoldEffect::OtherProcessCannotBeHeld => Err(Refusal::UsedByOtherProgram),
+        HoldEffect::RunHeld | HoldEffect::NoRunInProgress => Ok(()),
     };
     let audit = audit_entry(&machine, caller.log_name(&who), "hold".to_owned(), &why, &held);
-    if hold_log::gets_audit_line(&app, &caller, &audit, effect) {
+    if hold_log::gets_own_audit_line(&app, &caller, &audit, effect) {
         app.journal.add_audit_entry(&audit).await?;
     }
     held?;
@@ -177,8 +187,8 @@ pub(super) async fn run_to_completion<T: Send + 'static>(
 async fn acknowledge_machine(action: ActionRequest<AcknowledgeRequest>) -> Result<Response, Problem> {
     let AcknowledgeRequest { who, why, homed } = &action.body;
     let (who, why) = (action.caller.audit_name(who)?, truncate_reason(why));
-    let accepted = action.machine.gate.acknowledge(Inspection { who: &who, why: &why, homed: *homed });
-    action.await_result(who, "acknowledgement".to_owned(), why, accepted).await
+    let accepted = action.machine.gate.acknowledge(Inspection { who: &who, why: &why, is_homed: *homed });
+    action.await_audit_and_respond(who, "acknowledgement".to_owned(), why, accepted).await
 }
 
 /// Answer the run's prompt: the requested action is done, and the run continues.
@@ -187,13 +197,13 @@ async fn acknowledge_machine(action: ActionRequest<AcknowledgeRequest>) -> Resul
 async fn answer_prompt(action: ActionRequest<AnswerRequest>) -> Result<Response, Problem> {
     let AnswerRequest { step, repeat, who } = &action.body;
     let who = action.caller.audit_name(who)?;
-    let accepted = action.machine.gate.answer(*step, *repeat, &who);
+    let accepted = action.machine.gate.answer_prompt(*step, *repeat, &who);
     action.audit_and_respond(who, format!("answer to step {step}, pass {}", repeat + 1), "", accepted).await
 }
 
 impl<T: Send + Sync + 'static> ActionRequest<T> {
     /// Waits for the result and writes it to the audit log, even if the client has disconnected.
-    async fn await_result(
+    async fn await_audit_and_respond(
         self,
         who: String,
         what: String,

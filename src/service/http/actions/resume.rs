@@ -5,11 +5,11 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::{ActionRequest, confirmed_interlocks, not_confirmed, truncate_reason};
+use super::{ActionRequest, confirmed_interlocks, not_confirmed_problem, truncate_reason};
 use crate::archive::run_story::resume_hint;
 use crate::run::{ResumableRun, ResumeQuestion, ResumeRefusal, can_resume};
+use crate::service::http::machine_status::MachineStatus;
 use crate::service::http::problem::Problem;
-use crate::service::http::status::MachineStatus;
 use crate::service::worker_command::Inspection;
 use crate::store::RunId;
 
@@ -43,9 +43,12 @@ pub async fn resume_held_run(action: ActionRequest<ResumeRequest>) -> Result<Res
     let can_resume = can_resume(&stored.plan, &stored.readings);
     let resumable_run = ResumableRun::from_stored(stored)?;
     if !(free && whole) {
-        return Err(not_confirmed(&format!("the run can resume ({})", resumable_run.resume_question().confirmation)));
+        return Err(not_confirmed_problem(&format!(
+            "the run can resume ({})",
+            resumable_run.resume_question().question_text
+        )));
     }
-    resumable_run.acknowledgement(&who, homed)?;
+    resumable_run.acknowledgement_event(&who, homed)?;
     if !can_resume {
         return Err(Problem::new(
             StatusCode::CONFLICT,
@@ -54,18 +57,22 @@ pub async fn resume_held_run(action: ActionRequest<ResumeRequest>) -> Result<Res
             "acknowledge the held run, then start a new run",
         ));
     }
-    let accepted = machine.gate.resume(run, Inspection { who: &who, why: &why, homed }, confirmed_interlocks(machine));
-    action.await_result(who, format!("resume of run {run}"), why, accepted).await
+    let accepted = machine.gate.resume_run(
+        run,
+        Inspection { who: &who, why: &why, is_homed: homed },
+        confirmed_interlocks(machine),
+    );
+    action.await_audit_and_respond(who, format!("resume of run {run}"), why, accepted).await
 }
 
 impl From<ResumeRefusal> for Problem {
     fn from(error: ResumeRefusal) -> Self {
         let (code, remedy) = match &error {
             ResumeRefusal::NotResumable { next_action, .. } => ("not-unfinished", next_action.clone()),
-            ResumeRefusal::NameMissing(ResumeQuestion { confirmation, .. }) => {
+            ResumeRefusal::OperatorNameMissing(ResumeQuestion { question_text: confirmation, .. }) => {
                 ("nameless", Some((*confirmation).to_owned()))
             }
-            ResumeRefusal::NotHomed(ResumeQuestion { confirmation, .. }) => {
+            ResumeRefusal::HomingNotConfirmed(ResumeQuestion { question_text: confirmation, .. }) => {
                 ("not-homed", Some((*confirmation).to_owned()))
             }
             ResumeRefusal::Setup(error) => ("setup", error.remedy()),

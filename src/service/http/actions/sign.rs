@@ -12,7 +12,7 @@ use super::run_to_completion;
 use crate::archive::report::ReportError;
 use crate::service::http::AppState;
 use crate::service::http::access::Caller;
-use crate::service::http::openapi::views::SignatureView;
+use crate::service::http::openapi::schemas::SignatureSchema;
 use crate::service::http::problem::Problem;
 use crate::store::{AuditEntry, RunId, Signature};
 
@@ -28,7 +28,7 @@ pub struct SignRequest {
 }
 
 /// Sign a result.
-#[utoipa::path(post, path = "/api/v1/runs/{run}/sign", operation_id = "sign", params(("run" = i64, Path)), request_body = SignRequest, responses((status = CREATED, body = SignatureView)))]
+#[utoipa::path(post, path = "/api/v1/runs/{run}/sign", operation_id = "sign", params(("run" = i64, Path)), request_body = SignRequest, responses((status = CREATED, body = SignatureSchema)))]
 pub async fn sign_result(
     State(app): State<AppState>,
     Path(run): Path<i64>,

@@ -1,7 +1,7 @@
 //! OpenAPI description of the HTTP API, generated from the routes: `/api/v1/openapi.json`, and the same in
 //! `docs/openapi.json`.
 
-pub mod views;
+pub mod schemas;
 
 use axum::routing::get;
 use axum::{Json, Router};
@@ -36,16 +36,16 @@ fn describe_routes() -> (Router<AppState>, OpenApi) {
     let all = all.merge(api::api_routes()).merge(actions::action_routes()).merge(events::event_routes());
     let all = all.merge(schedule::schedule_routes());
     let (router, mut described) = all.split_for_parts();
-    described.paths.paths.values_mut().flat_map(path_operations).for_each(add_token_and_error);
+    described.paths.paths.values_mut().flat_map(get_and_post_operations).for_each(add_security_and_error_response);
     (router, described)
 }
 
-fn path_operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+fn get_and_post_operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
     [item.get.as_mut(), item.post.as_mut()].into_iter().flatten()
 }
 
-/// Adds what every operation has: the token, and the response for an error.
-fn add_token_and_error(operation: &mut Operation) {
+/// Adds what every operation has: the token, a description of the response, and the response for an error.
+fn add_security_and_error_response(operation: &mut Operation) {
     for answer in operation.responses.responses.values_mut() {
         if let RefOr::T(answer) = answer {
             answer.description = "the response".into();
@@ -63,17 +63,17 @@ fn add_token_and_error(operation: &mut Operation) {
 mod tests {
     use super::*;
 
-    const WRITE_ENV_VAR: &str = "TRUED_WRITE_OPENAPI";
+    const WRITE_OPENAPI_ENV_VAR: &str = "TRUED_WRITE_OPENAPI";
 
     #[test]
     fn openapi_description_equals_the_stored_one() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/openapi.json");
         let text = describe_routes().1.to_pretty_json().unwrap() + "\n";
-        if std::env::var_os(WRITE_ENV_VAR).is_some() {
+        if std::env::var_os(WRITE_OPENAPI_ENV_VAR).is_some() {
             std::fs::write(file, &text).unwrap();
         }
         let kept = std::fs::read_to_string(file).unwrap();
-        assert!(kept == text, "{file} is out of date: run `{WRITE_ENV_VAR}=1 cargo test --lib openapi`");
+        assert!(kept == text, "{file} is out of date: run `{WRITE_OPENAPI_ENV_VAR}=1 cargo test --lib openapi`");
     }
 
     #[test]

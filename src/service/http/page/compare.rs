@@ -10,8 +10,8 @@ use crate::archive::compare::{CompareError, Comparison};
 use crate::service::http::AppState;
 use crate::service::http::api::{RunPair, compare_pair};
 use crate::service::http::problem::Problem;
-use methods::decision::difference::ParameterDifference;
 use methods::decision::function_difference::FunctionDifference;
+use methods::decision::parameter_difference::ParameterDifference;
 
 pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Html<String>, Problem> {
     let Comparison { runs, differences, functions, common_sources, besides } = compare_pair(&app, pair).await?;
@@ -21,7 +21,7 @@ pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPai
         context! {
             runs => runs.iter().map(run_row).collect::<Vec<_>>(),
             rows => differences.iter().map(difference_row).collect::<Vec<_>>(),
-            functions => functions.iter().filter_map(function_row).collect::<Vec<_>>(),
+            functions => functions.iter().filter_map(function_difference_row).collect::<Vec<_>>(),
             common_sources,
             besides,
         },
@@ -29,7 +29,8 @@ pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPai
 }
 
 fn difference_row(difference: &ParameterDifference) -> Value {
-    let ParameterDifference { symbol, unit, first, second, by, expanded, normalized, significant } = difference;
+    let ParameterDifference { symbol, unit, first, second, by, expanded, normalized_error: normalized, significant } =
+        difference;
     let number = |value: &f64| format!("{value:.2}");
     context! {
         symbol,
@@ -44,8 +45,8 @@ fn difference_row(difference: &ParameterDifference) -> Value {
 }
 
 /// Row of a function, with the point of the largest E_n.
-fn function_row(function: &FunctionDifference) -> Option<Value> {
-    let worst = function.worst_index()?;
+fn function_difference_row(function: &FunctionDifference) -> Option<Value> {
+    let worst = function.worst_point_index()?;
     let number = |value: f64| format!("{value:.2}");
     Some(context! {
         symbol => function.symbol.as_str(),
@@ -55,7 +56,7 @@ fn function_row(function: &FunctionDifference) -> Option<Value> {
         at => format!("{:.1} {}", function.x[worst], function.argument_unit),
         by => format!("{:+.2}", function.by[worst]),
         expanded => number(function.expanded[worst]),
-        e_n => number(function.normalized[worst]),
+        e_n => number(function.normalized_errors[worst]),
         significant => function.agreeing_point_count() < function.x.len(),
     })
 }

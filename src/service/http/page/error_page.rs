@@ -10,7 +10,7 @@ use serde::Deserialize;
 use super::render_page;
 
 /// Maximum size of an error response, bytes.
-const MAX_ERROR_BYTES: usize = 64 * 1024;
+const MAX_ERROR_RESPONSE_BYTES: usize = 64 * 1024;
 
 #[derive(Deserialize)]
 struct ErrorText {
@@ -18,15 +18,15 @@ struct ErrorText {
     remedy: String,
 }
 
-/// Converts an error response to a page; leaves others as they are. `tokens`: as for [`render_page`].
-pub async fn error_page(response: Response, tokens: bool) -> Response {
-    if !is_json(response.headers()) || response.status().is_success() {
+/// Converts an error response to a page; leaves others as they are. `has_sign_in_link`: as for [`render_page`].
+pub async fn error_page(response: Response, has_sign_in_link: bool) -> Response {
+    if !has_json_content_type(response.headers()) || response.status().is_success() {
         return response;
     }
     let (mut parts, body) = response.into_parts();
-    let bytes = to_bytes(body, MAX_ERROR_BYTES).await.unwrap_or_default();
+    let bytes = to_bytes(body, MAX_ERROR_RESPONSE_BYTES).await.unwrap_or_default();
     let page = serde_json::from_slice(&bytes).ok().and_then(|ErrorText { message, remedy }| {
-        render_page("refused.html", tokens, context! { message, remedy }).ok()
+        render_page("refused.html", has_sign_in_link, context! { message, remedy }).ok()
     });
     match page {
         Some(page) => {
@@ -39,7 +39,7 @@ pub async fn error_page(response: Response, tokens: bool) -> Response {
 }
 
 /// Whether the content type of a request or a response is JSON.
-pub fn is_json(headers: &HeaderMap) -> bool {
+pub fn has_json_content_type(headers: &HeaderMap) -> bool {
     let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
     kind.is_some_and(|kind| kind.starts_with("application/json"))
 }

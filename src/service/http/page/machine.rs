@@ -8,14 +8,14 @@ use axum::response::Html;
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::{local_time, machine_page_path, parameter_row, render_page, render_template, run_row};
-use super::{schedule, sensors, trends, views};
+use super::{format_local_time, machine_page_path, parameter_row, render_page, render_template, run_row};
+use super::{run_drawings, schedule, sensors, trends};
 use crate::archive::history::machine_history;
 use crate::run::{can_resume, resume_question};
 use crate::service::config::StartInterlock;
+use crate::service::http::machine_status::MachineStatus;
 use crate::service::http::newest_result::NewestResult;
 use crate::service::http::problem::Problem;
-use crate::service::http::status::MachineStatus;
 use crate::service::http::{AppState, ServedMachine};
 use crate::service::machine_state::RunFailure;
 use crate::service::schedule_state::load_agenda;
@@ -32,13 +32,13 @@ pub async fn machine_page(State(app): State<AppState>, machine: ServedMachine) -
 }
 
 fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> {
-    let ServedMachine { name, gate, tolerance, .. } = machine;
+    let ServedMachine { name, gate, parameter_limits: tolerance, .. } = machine;
     // Before the journal, in which a held run appears first. If a change comes between the two reads, the page is
     // notified and reloads.
     let status = status_values(machine);
-    let (all, (runs, waits)) = (machine_history(journal, name, tolerance)?, newest_runs(journal, name)?);
-    let views = views::run_views(journal, RunId(gate.machine_state().run.into()))?;
-    gate.query_newest_runs(journal, name)?;
+    let (all, (runs, waits)) = (machine_history(journal, name, tolerance)?, run_rows_and_resume_values(journal, name)?);
+    let views = run_drawings::run_views(journal, RunId(gate.machine_state().run.into()))?;
+    gate.refresh_newest_runs(journal, name)?;
     Ok(context! {
         machine => status,
         views,
@@ -50,21 +50,21 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
     })
 }
 
-/// Live part of the page, for the script.
+/// Live part of a machine's page; the script requests it at each change.
 pub async fn live_part(State(app): State<AppState>, machine: ServedMachine) -> Result<Html<Bytes>, Problem> {
-    let shared = Arc::clone(&machine.live_part);
+    let shared = Arc::clone(&machine.live_part_cache);
     // Read first: a change while the part is rendered causes a new rendering.
     let change = *machine.gate.subscribe_changes().borrow();
     let render = move |journal: &Journal| {
-        machine.gate.query_newest_runs(journal, &machine.name)?;
-        let views = views::run_views(journal, RunId(machine.gate.machine_state().run.into()))?;
+        machine.gate.refresh_newest_runs(journal, &machine.name)?;
+        let views = run_drawings::run_views(journal, RunId(machine.gate.machine_state().run.into()))?;
         render_template("live.html", context! { machine => status_values(&machine), views })
     };
     shared.get_or_render(change, async { app.read_journal(render).await? }).await
 }
 
 /// The newest runs, and the last one if it waits for a person, with the question before its resume.
-fn newest_runs(journal: &Journal, machine: &str) -> Result<(Vec<Value>, Option<Value>), Problem> {
+fn run_rows_and_resume_values(journal: &Journal, machine: &str) -> Result<(Vec<Value>, Option<Value>), Problem> {
     let wanted = RunFilter { machine: Some(machine), ..RunFilter::default() };
     let runs = journal.list_runs(wanted, MAX_SHOWN_RUNS)?;
     let last = runs.first().filter(|run| run.state.is_resumable());
@@ -77,7 +77,7 @@ fn resume_values(stored: &StoredRun) -> Value {
     context! {
         run => asked.run.0,
         ended => asked.end_reason,
-        position_lost => asked.position_lost,
+        position_lost => asked.may_have_lost_position,
         can_resume => can_resume(&stored.plan, &stored.readings),
     }
 }
@@ -85,11 +85,11 @@ fn resume_values(stored: &StoredRun) -> Value {
 pub fn status_values(machine: &ServedMachine) -> Value {
     let status = MachineStatus::from_machine(machine);
     let result = status.result.as_ref();
-    let (class, glance) = state_banner(&status, result);
+    let (class, glance) = state_class_and_text(&status, result);
     // Values that no longer describe the machine are shown only with their run.
     let shows_values = !matches!(class, "measuring" | "held") && result.is_some_and(|r| !r.outdated);
     let newest = machine.gate.machine_state().newest_runs;
-    let parameters = newest.result.iter().filter(|_| shows_values).flat_map(|newest| &newest.parameters);
+    let parameters = newest.newest_result.iter().filter(|_| shows_values).flat_map(|newest| &newest.parameters);
     let cycles = status.cycles.iter();
     let cycles = cycles.map(|c| context! { number => c.number, method => c.method.as_str() });
     context! {
@@ -105,7 +105,7 @@ pub fn status_values(machine: &ServedMachine) -> Value {
         refusal => status.refusal.as_deref(),
         failure => status.failure.as_ref().map(|RunFailure { what, remedy }| context! { what, remedy }),
         cycles => cycles.collect::<Vec<_>>(),
-        result => result.map(|newest| context! { run => newest.run, at => local_time(newest.measured) }),
+        result => result.map(|newest| context! { run => newest.run, at => format_local_time(newest.measured) }),
         asked => status.asked.as_ref().map(|asked| context! {
             step => asked.step,
             repeat => asked.repeat,
@@ -116,13 +116,13 @@ pub fn status_values(machine: &ServedMachine) -> Value {
         glance,
         address => machine_page_path(&machine.name),
         parameters => parameters.map(parameter_row).collect::<Vec<_>>(),
-        remaining => status.remaining_s.map(minutes_and_seconds),
-        now => local_time(Timestamp::now()),
+        remaining => status.remaining_s.map(format_minutes_and_seconds),
+        now => format_local_time(Timestamp::now()),
     }
 }
 
 /// CSS class and text of the state that must be readable from a distance.
-fn state_banner(status: &MachineStatus, result: Option<&NewestResult>) -> (&'static str, &'static str) {
+fn state_class_and_text(status: &MachineStatus, result: Option<&NewestResult>) -> (&'static str, &'static str) {
     match (status.state, result) {
         _ if status.late => ("unknown", "unknown: the service makes no progress"),
         ("held", _) if status.elsewhere => ("held", "held: another program uses the machine"),
@@ -132,12 +132,12 @@ fn state_banner(status: &MachineStatus, result: Option<&NewestResult>) -> (&'sta
         (_, _) if status.not_identified.is_some() => ("unknown", "unknown: the newest run is not identified"),
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),
         (_, Some(NewestResult { outdated: true, .. })) => ("unknown", "unknown: the last result is out of date"),
-        (_, Some(newest)) => verdict_banner(newest.verdict),
+        (_, Some(newest)) => verdict_class_and_text(newest.verdict),
         (_, None) => ("unknown", "unknown: no result yet"),
     }
 }
 
-pub fn verdict_banner(verdict: Verdict) -> (&'static str, &'static str) {
+pub fn verdict_class_and_text(verdict: Verdict) -> (&'static str, &'static str) {
     match verdict {
         Verdict::Pass => ("true", "in tolerance"),
         Verdict::Fail => ("untrue", "out of tolerance"),
@@ -156,7 +156,7 @@ fn confirmation_values(interlock: &StartInterlock) -> Value {
     context! { name, words }
 }
 
-fn minutes_and_seconds(seconds: f64) -> String {
+fn format_minutes_and_seconds(seconds: f64) -> String {
     let whole = seconds.max(0.0).round() as u64;
     format!("{}:{:02}", whole / 60, whole % 60)
 }
@@ -171,23 +171,24 @@ mod tests {
 
     /// The last state reported by a hung worker is not shown as the current one.
     #[test]
-    fn state_without_heartbeat_is_unknown() {
+    fn page_of_a_hung_worker_shows_state_unknown_and_no_run_values() {
         let ((gate, _asks), verdict_validity) = (CommandGate::for_tests(), Duration::from_secs(3600));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
         let (file_sha256, tolerance) = (String::new(), Vec::new());
         let (required_interlocks, live_part) = (demand, Arc::default());
         let machine = ServedMachine {
             name,
-            file_sha256,
+            machine_file_sha256: file_sha256,
             gate,
             cycles,
             required_interlocks,
-            tolerance,
+            parameter_limits: tolerance,
             verdict_validity,
-            live_part,
+            live_part_cache: live_part,
         };
-        machine.gate.update(|machine_state| {
-            (machine_state.state, machine_state.run, machine_state.measured_steps) = (ServiceState::Running, 3, 17);
+        machine.gate.update_machine_state(|machine_state| {
+            (machine_state.state, machine_state.run, machine_state.measured_step_count) =
+                (ServiceState::Running, 3, 17);
             "touch 18".clone_into(&mut machine_state.step_label);
         });
         let page = || {

@@ -3,14 +3,14 @@
 
 mod compare;
 mod error_page;
+mod error_page_middleware;
 mod machine;
-mod middleware;
 mod rendering_cache;
 mod run;
+mod run_drawings;
 mod schedule;
 mod sensors;
 mod trends;
-mod views;
 
 use std::sync::LazyLock;
 
@@ -25,8 +25,8 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-pub use self::error_page::{error_page, is_json};
-pub use self::middleware::errors_as_pages;
+pub use self::error_page::{error_page, has_json_content_type};
+pub use self::error_page_middleware::errors_as_pages;
 pub use self::rendering_cache::RenderingCache;
 use super::AppState;
 use super::problem::Problem;
@@ -49,7 +49,7 @@ pub fn page_routes() -> Router<AppState> {
         .route("/runs/{run}/report", get(run::report_page))
         .route("/compare", get(compare::compare_page));
     let pages = pages.layer(from_fn(errors_as_pages));
-    pages.route("/live.js", get(serve_script)).route("/favicon.ico", get(serve_icon))
+    pages.route("/live.js", get(serve_live_script)).route("/favicon.ico", get(serve_icon))
 }
 
 /// Path of a machine's page. A machine's name may contain any character.
@@ -62,14 +62,14 @@ pub fn machine_page_path(machine: &str) -> String {
     format!("/machines/{}", escaped.collect::<String>())
 }
 
-pub fn render_template(name: &str, values: Value) -> Result<Html<String>, Problem> {
-    Ok(Html(TEMPLATES.get_template(name)?.render(values)?))
+pub fn render_template(template: &str, values: Value) -> Result<Html<String>, Problem> {
+    Ok(Html(TEMPLATES.get_template(template)?.render(values)?))
 }
 
-/// Renders a complete page with its header and navigation. `tokens`: whether tokens are required, so that the page
-/// has a link to sign in.
-pub fn render_page(name: &str, tokens: bool, values: Value) -> Result<Html<String>, Problem> {
-    render_template(name, context! { tokens, ..values })
+/// Renders a complete page with its header and navigation. `has_sign_in_link`: whether the page has a link to sign in,
+/// which is of use only where tokens are required.
+pub fn render_page(template: &str, has_sign_in_link: bool, values: Value) -> Result<Html<String>, Problem> {
+    render_template(template, context! { tokens => has_sign_in_link, ..values })
 }
 
 /// The templates, each parsed at its first use.
@@ -84,7 +84,7 @@ static TEMPLATES: LazyLock<Environment<'_>> = LazyLock::new(|| {
     environment
 });
 
-async fn serve_script() -> impl IntoResponse {
+async fn serve_live_script() -> impl IntoResponse {
     ([(CONTENT_TYPE, "text/javascript; charset=utf-8")], LIVE_SCRIPT)
 }
 
@@ -108,13 +108,13 @@ async fn overview_part(State(app): State<AppState>) -> Result<Html<String>, Prob
 
 fn overview_values(app: &AppState) -> Value {
     let machines: Vec<Value> = app.machines.iter().map(machine::status_values).collect();
-    context! { machines, now => local_time(Timestamp::now()) }
+    context! { machines, now => format_local_time(Timestamp::now()) }
 }
 
 fn run_row(run: &RunSummary) -> Value {
     context! {
         id => run.id.0,
-        started => local_time(run.started),
+        started => format_local_time(run.started),
         method => run.method.as_str(),
         machine => run.machine.as_str(),
         state => run.state.as_str(),
@@ -138,6 +138,6 @@ fn parameter_row(parameter: &Parameter) -> Value {
 }
 
 /// Local date and time of this computer.
-fn local_time(at: Timestamp) -> String {
+fn format_local_time(at: Timestamp) -> String {
     at.to_zoned(TimeZone::system()).strftime("%Y-%m-%d %H:%M:%S").to_string()
 }

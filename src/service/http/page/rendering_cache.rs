@@ -20,25 +20,25 @@ struct Rendering {
     rendered_at: Instant,
     /// Number of changes of the machine state at the rendering.
     change_count: u64,
-    text: Bytes,
+    html: Bytes,
 }
 
 impl RenderingCache {
-    /// Returns the text for the machine state at the change count `change`. Concurrent callers share one rendering.
+    /// Returns the text for the machine state after `change_count` changes. Concurrent callers share one rendering.
     pub async fn get_or_render(
         &self,
-        change: u64,
+        change_count: u64,
         render: impl Future<Output = Result<Html<String>, Problem>>,
     ) -> Result<Html<Bytes>, Problem> {
         let mut last = self.0.lock().await;
         let is_current =
-            |made: &Rendering| made.change_count == change && made.rendered_at.elapsed() < MAX_RENDERING_AGE;
+            |made: &Rendering| made.change_count == change_count && made.rendered_at.elapsed() < MAX_RENDERING_AGE;
         if let Some(made) = last.as_ref().filter(|made| is_current(made)) {
-            return Ok(Html(made.text.clone()));
+            return Ok(Html(made.html.clone()));
         }
         let rendered_at = Instant::now();
         let text = Bytes::from(render.await?.0);
-        *last = Some(Rendering { rendered_at, change_count: change, text: text.clone() });
+        *last = Some(Rendering { rendered_at, change_count, html: text.clone() });
         Ok(Html(text))
     }
 }

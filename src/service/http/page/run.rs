@@ -4,9 +4,9 @@ use axum::extract::{Path, Query, State};
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{local_time, machine, machine_page_path, parameter_row};
+use super::{format_local_time, machine, machine_page_path, parameter_row};
 use crate::archive::report::render_report;
-use crate::archive::run_story::{describe_run_end, describe_signatures, run_story};
+use crate::archive::run_story::{describe_events_with_times, describe_run_end, describe_signatures};
 use crate::report::temperature;
 use crate::service::http::AppState;
 use crate::service::http::api::RunListQuery;
@@ -44,30 +44,30 @@ pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Resu
     let tokens = app.access.requires_tokens;
     app.read_journal(move |journal| {
         let stored = journal.load_run(RunId(run))?;
-        let before = previous_run(journal, &stored.summary)?;
+        let before = previous_finished_run(journal, &stored.summary)?;
         super::render_page("run.html", tokens, run_values(&stored, before))
     })
     .await?
 }
 
-/// The report is a separate page.
+/// Report of a run, as a page of its own.
 pub async fn report_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     Ok(Html(app.read_journal(move |journal| render_report(journal, RunId(run))).await??))
 }
 
 /// The previous finished run of the same machine and method, for a comparison.
-fn previous_run(journal: &Journal, this: &RunSummary) -> Result<Option<i64>, Problem> {
+fn previous_finished_run(journal: &Journal, run: &RunSummary) -> Result<Option<i64>, Problem> {
     let wanted = RunFilter {
-        older_than: Some(this.id),
-        machine: Some(&this.machine),
-        method: Some(&this.method),
+        older_than: Some(run.id),
+        machine: Some(&run.machine),
+        method: Some(&run.method),
         state: Some(RunState::Finished),
         ..RunFilter::default()
     };
     Ok(journal.list_runs(wanted, 1)?.first().map(|run| run.id.0))
 }
 
-fn run_values(stored: &StoredRun, before: Option<i64>) -> Value {
+fn run_values(stored: &StoredRun, previous_run: Option<i64>) -> Value {
     let summary = &stored.summary;
     let last = stored.estimates.last();
     let unfinished = !matches!(summary.state, RunState::Finished | RunState::Running);
@@ -77,11 +77,11 @@ fn run_values(stored: &StoredRun, before: Option<i64>) -> Value {
         ended => unfinished.then(|| describe_run_end(stored)),
         readings => stored.readings.len(),
         warmth => temperature::temperature_rows(&stored.readings),
-        story => run_story(stored),
+        story => describe_events_with_times(stored),
         signed => describe_signatures(stored),
-        before,
+        before => previous_run,
         estimate => last.map(|last| context! {
-            made => local_time(last.created),
+            made => format_local_time(last.created),
             sha256 => last.sha256.as_str(),
             ..estimate_values(&last.estimate)
         }),
@@ -89,7 +89,7 @@ fn run_values(stored: &StoredRun, before: Option<i64>) -> Value {
 }
 
 fn estimate_values(estimate: &Estimate) -> Value {
-    let (class, glance) = machine::verdict_banner(estimate.verdict);
+    let (class, glance) = machine::verdict_class_and_text(estimate.verdict);
     let rows = estimate.parameters.iter().map(parameter_row);
     let is_judged = estimate.parameters.iter().any(|p| p.judged.is_some());
     context! { class, glance, is_judged, parameters => rows.collect::<Vec<_>>() }

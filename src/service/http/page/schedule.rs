@@ -3,15 +3,15 @@
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::local_time;
+use super::format_local_time;
 use crate::service::machine_state::PlannedSchedule;
 use crate::service::schedule_state::Agenda;
 use crate::store::{Arming, ScheduleSlot};
 
-/// Number of outcomes that are shown.
+/// Number of slots whose outcome is shown.
 const MAX_SHOWN_SLOTS: usize = 5;
 
-/// Values of the panel; `None` without a schedule.
+/// Template values of the schedule's panel; `None` if the machine has no schedule.
 pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
     let Agenda { planned, armed, last } = agenda;
     let now = Timestamp::now();
@@ -19,13 +19,13 @@ pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
     let armed_for = |cycle: u16| armed.iter().filter(counts).find(|arming| arming.cycle == cycle);
     (!planned.is_empty()).then(|| {
         context! {
-            planned => planned.iter().map(|slot| planned_values(slot, armed_for(slot.cycle))).collect::<Vec<_>>(),
+            planned => planned.iter().map(|slot| planned_schedule_values(slot, armed_for(slot.cycle))).collect::<Vec<_>>(),
             last => last.iter().take(MAX_SHOWN_SLOTS).map(slot_values).collect::<Vec<_>>(),
         }
     })
 }
 
-fn planned_values(planned: &PlannedSchedule, armed: Option<&Arming>) -> Value {
+fn planned_schedule_values(planned: &PlannedSchedule, armed: Option<&Arming>) -> Value {
     context! {
         name => planned.name.as_str(),
         cycle => planned.cycle,
@@ -33,14 +33,14 @@ fn planned_values(planned: &PlannedSchedule, armed: Option<&Arming>) -> Value {
         waiting => planned.waiting.as_deref(),
         armed => armed.map(|arming| context! {
             who => arming.who.as_str(),
-            until => local_time(arming.until),
+            until => format_local_time(arming.until),
         }),
     }
 }
 
 fn slot_values(slot: &ScheduleSlot) -> Value {
     context! {
-        at => local_time(slot.at),
+        at => format_local_time(slot.at),
         name => slot.schedule.as_str(),
         outcome => slot.outcome.as_str(),
         why => slot.why.as_str(),

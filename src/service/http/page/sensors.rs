@@ -5,11 +5,11 @@ use minijinja::{Value, context};
 
 use super::render_template;
 use crate::service::http::ServedMachine;
+use crate::service::http::machine_status::MachineStatus;
 use crate::service::http::problem::Problem;
-use crate::service::http::status::MachineStatus;
-use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
+use machine::record::watched_sensors::{LiveSectionValue, LiveSensorValue, LiveValues};
 
-/// The part that the script reloads with each new value.
+/// Part of the page with the sensor values; the script reloads it with each new value.
 pub async fn sensors_part(machine: ServedMachine) -> Result<Html<String>, Problem> {
     let live = MachineStatus::from_machine(&machine).asked.and_then(|asked| asked.live);
     render_template("sensors.html", context! { live => live.as_ref().map(live_values) })
@@ -23,15 +23,15 @@ pub fn live_values(live: &LiveValues) -> Value {
     }
 }
 
-fn sensor_values(live: &LiveSensor) -> Value {
+fn sensor_values(live: &LiveSensorValue) -> Value {
     let mm = |mm: f64| format!("{mm:+.5}");
-    let percent = |mm: f64| format!("{:.0}", 100.0 * live.relative_position(mm));
+    let percent = |mm: f64| format!("{:.0}", 100.0 * live.fraction_of_range(mm));
     context! {
         name => live.sensor.as_str(),
         value => live.value_mm.map(mm),
         failure => live.failure.as_deref(),
         target => live.target_mm.map(mm),
-        to_target => live.distance_to_target_um().map(|um| format!("{um:+.1}")),
+        to_target => live.change_to_target_um().map(|um| format!("{um:+.1}")),
         least => live.range_mm[0],
         greatest => live.range_mm[1],
         value_percent => live.value_mm.map(percent),
@@ -39,7 +39,7 @@ fn sensor_values(live: &LiveSensor) -> Value {
     }
 }
 
-fn section_values(live: &LiveSection) -> Value {
+fn section_values(live: &LiveSectionValue) -> Value {
     let at = live.eccentricity_um.map(|um| um.map(|um| format!("{um:+.1}")));
     context! { number => live.number, at }
 }

@@ -13,7 +13,7 @@ pub fn trend_values(series: &[ParameterSeries]) -> Value {
     let now = Timestamp::now();
     let rows = series.iter().filter_map(|series| {
         let newest = series.values.last()?;
-        let limits = series.trend.individuals.map(|chart| chart.limits());
+        let limits = series.trend.individuals.map(|chart| chart.control_limits());
         Some(context! {
             symbol => series.symbol.as_str(),
             runs => series.values.len(),
@@ -21,7 +21,7 @@ pub fn trend_values(series: &[ParameterSeries]) -> Value {
             expanded => format!("{:.1}", newest.expanded),
             unit => series.unit.symbol(),
             limits => limits.map(|[lower, upper]| format!("{lower:.1} to {upper:.1}")),
-            out => series.trend.is_outside_limits() == Some(true),
+            out => series.trend.is_newest_value_outside_limits() == Some(true),
             tolerance => series.tolerance.map(|limit| format!("±{limit}")),
             warmth => temperature_text(&newest.temperatures_c),
             chart => draw_series_chart(series, now).map(Value::from_safe_string),

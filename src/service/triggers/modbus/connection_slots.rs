@@ -1,4 +1,4 @@
-//! Watched connections: an idle connection is closed, and the number of connections is limited.
+//! Connections of the Modbus server: an idle connection is closed, and their number is limited.
 
 use std::future::Future as _;
 use std::io;
@@ -15,11 +15,11 @@ use tokio::time::{Instant, Sleep, sleep};
 use crate::service::lock;
 
 /// Maximum time without a received byte; after that, the connection is closed, also if it is half open.
-const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
+const IDLE_CONNECTION_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Time without a received byte after which a connection may be replaced by a new one: a control that was switched
 /// off leaves a connection that is never closed.
-const MIN_QUIET_TIME: Duration = Duration::from_secs(2);
+const MIN_QUIET_TIME_TO_REPLACE: Duration = Duration::from_secs(2);
 
 /// The limited set of connections.
 pub struct ConnectionSlots {
@@ -46,7 +46,7 @@ impl ConnectionSlots {
         if occupied.len() >= self.capacity {
             let last_received = |slot: &ConnectionSlot| *lock(&slot.last_received);
             let quietest = occupied.iter().enumerate().min_by_key(|(_, slot)| last_received(slot))?.0;
-            if last_received(occupied.get(quietest)?).elapsed() < MIN_QUIET_TIME {
+            if last_received(occupied.get(quietest)?).elapsed() < MIN_QUIET_TIME_TO_REPLACE {
                 return None;
             }
             occupied.swap_remove(quietest);
@@ -56,10 +56,10 @@ impl ConnectionSlots {
         occupied.push(ConnectionSlot { last_received: last_received.clone(), close_request });
         Some(GuardedStream {
             stream,
-            idle_timer: Box::pin(sleep(IDLE_TIMEOUT)),
+            idle_timer: Box::pin(sleep(IDLE_CONNECTION_TIMEOUT)),
             last_received,
             close_receiver: Some(close_receiver),
-            frame: RequestFrame::default(),
+            request_frame: RequestFrame::default(),
         })
     }
 }
@@ -69,36 +69,37 @@ pub struct GuardedStream {
     idle_timer: Pin<Box<Sleep>>,
     last_received: Arc<Mutex<Instant>>,
     close_receiver: Option<oneshot::Receiver<()>>,
-    frame: RequestFrame,
+    request_frame: RequestFrame,
 }
 
 /// Head of the incoming request, as far as it is received.
 #[derive(Default)]
 struct RequestFrame {
-    header: Vec<u8>,
-    received_bytes: usize,
+    first_bytes: Vec<u8>,
+    received_byte_count: usize,
 }
 
 impl RequestFrame {
     const BYTE_COUNT_INDEX: usize = 12;
-    const WRITE_COILS_FUNCTION: u8 = 15;
+    const WRITE_MULTIPLE_COILS_FUNCTION: u8 = 15;
 
     /// Whether `byte` completes a request at which tokio-modbus 0.17 panics: more coils than its bytes can contain.
     fn completes_invalid_request(&mut self, byte: u8) -> bool {
-        if self.received_bytes <= Self::BYTE_COUNT_INDEX {
-            self.header.push(byte);
+        if self.received_byte_count <= Self::BYTE_COUNT_INDEX {
+            self.first_bytes.push(byte);
         }
-        self.received_bytes += 1;
-        let &[_, _, _, _, n1, n0, ..] = self.header.as_slice() else { return false };
-        let coils = match *self.header.as_slice() {
+        self.received_byte_count += 1;
+        let &[_, _, _, _, n1, n0, ..] = self.first_bytes.as_slice() else { return false };
+        let coils = match *self.first_bytes.as_slice() {
             [.., function, _, _, c1, c0, _]
-                if self.received_bytes == Self::BYTE_COUNT_INDEX + 1 && function == Self::WRITE_COILS_FUNCTION =>
+                if self.received_byte_count == Self::BYTE_COUNT_INDEX + 1
+                    && function == Self::WRITE_MULTIPLE_COILS_FUNCTION =>
             {
                 u16::from_be_bytes([c1, c0])
             }
             _ => 0,
         };
-        if self.received_bytes >= 6 + usize::from(u16::from_be_bytes([n1, n0])) {
+        if self.received_byte_count >= 6 + usize::from(u16::from_be_bytes([n1, n0])) {
             *self = Self::default();
         }
         usize::from(coils) > 8 * usize::from(byte)
@@ -106,7 +107,8 @@ impl RequestFrame {
 }
 
 impl GuardedStream {
-    fn poll_timeout(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
+    /// Ready when the connection must be closed: a new one replaces it, or it has been idle for too long.
+    fn poll_close_request_or_timeout(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
         let receiver = self.close_receiver.as_mut();
         if receiver.is_none_or(|receiver| Pin::new(receiver).poll(context).is_ready()) {
             // A completed receiver must not be polled again.
@@ -125,14 +127,14 @@ impl AsyncRead for GuardedStream {
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
         match Pin::new(&mut self.stream).poll_read(context, buffer) {
-            Poll::Pending => self.poll_timeout(context).map(Err),
+            Poll::Pending => self.poll_close_request_or_timeout(context).map(Err),
             ready => {
                 let new_bytes = buffer.filled().get(before..).unwrap_or_default();
-                if new_bytes.iter().any(|byte| self.frame.completes_invalid_request(*byte)) {
+                if new_bytes.iter().any(|byte| self.request_frame.completes_invalid_request(*byte)) {
                     return Poll::Ready(Err(io::ErrorKind::InvalidData.into()));
                 }
                 let now = Instant::now();
-                self.idle_timer.as_mut().reset(now + IDLE_TIMEOUT);
+                self.idle_timer.as_mut().reset(now + IDLE_CONNECTION_TIMEOUT);
                 *lock(&self.last_received) = now;
                 ready
             }
@@ -144,7 +146,7 @@ impl AsyncWrite for GuardedStream {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         match Pin::new(&mut self.stream).poll_write(context, bytes) {
             // A client that does not read its responses is closed too.
-            Poll::Pending => self.poll_timeout(context).map(Err),
+            Poll::Pending => self.poll_close_request_or_timeout(context).map(Err),
             ready => ready,
         }
     }

@@ -2,8 +2,8 @@
 //! addresses may connect; requests for every unit identifier are answered.
 
 mod connection_slots;
-mod inputs;
-pub mod map;
+mod control_inputs;
+pub mod register_map;
 
 use std::future::{Ready, ready};
 use std::io;
@@ -18,25 +18,25 @@ use tokio_modbus::server::Service;
 use tokio_modbus::server::tcp::Server;
 
 use self::connection_slots::{ConnectionSlots, GuardedStream};
-use self::inputs::{CoilCommand, ControlInputs};
-use self::map::{COIL_COUNT, HOLDING_REGISTER_COUNT, INPUT_REGISTER_COUNT};
+use self::control_inputs::{CoilCommand, ControlInputs};
+use self::register_map::{COIL_COUNT, HOLDING_REGISTER_COUNT, INPUT_REGISTER_COUNT};
 use crate::service::command_gate::CommandGate;
 use crate::service::config::ModbusServerConfig;
 use crate::service::machine_state::Refusal;
 use crate::service::worker_command::Inspection;
 use crate::service::{Log, ServeError, lock, spawn_thread};
 
-/// Period of the heartbeat counter.
+/// Period with which the counter in the heartbeat register is incremented.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(250);
 /// Maximum number of connections.
 const MAX_CONNECTIONS: usize = 16;
 /// Pause before the server listens again after an error.
-const RETRY_PAUSE: Duration = Duration::from_millis(100);
+const LISTEN_RETRY_PAUSE: Duration = Duration::from_millis(100);
 /// Maximum number of registers in one request, by the protocol; [`MAX_COILS_PER_REQUEST`] is that of coils.
 const MAX_REGISTERS_PER_REQUEST: u16 = 125;
 const MAX_COILS_PER_REQUEST: u16 = 2000;
 
-/// Starts the server.
+/// Starts the daemon's own Modbus TCP server on its own thread.
 ///
 /// # Errors
 /// The address cannot be listened on, or the thread cannot be started.
@@ -46,12 +46,13 @@ pub fn start_modbus_server(config: &ModbusServerConfig, gate: &CommandGate, log:
     listener.set_nonblocking(true).map_err(failed)?;
     log.info(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
     let inputs = Arc::new(Mutex::new(ControlInputs::new(Duration::from_secs_f64(config.fresh_s))));
-    let shared = Arc::new(ModbusState { gate: gate.clone(), inputs: Arc::clone(&inputs), started: Instant::now() });
+    let shared =
+        Arc::new(ModbusServerState { gate: gate.clone(), inputs: Arc::clone(&inputs), started_at: Instant::now() });
     gate.add_readiness_source(move || lock(&inputs).readiness(Instant::now()));
     let filter = ConnectionFilter {
-        allowed: config.allow.clone().into(),
+        allowed_addresses: config.allow.clone().into(),
         slots: ConnectionSlots::new(MAX_CONNECTIONS),
-        shared,
+        server_state: shared,
         log: log.clone(),
         last_refused_address: Mutex::new(None),
     };
@@ -71,24 +72,24 @@ fn run_modbus_server(listener: std::net::TcpListener, filter: &ConnectionFilter)
             if let Err(error) = server.serve(&connected, drop).await {
                 filter.log.error(&format!("the Modbus server: {error}"));
             }
-            tokio::time::sleep(RETRY_PAUSE).await;
+            tokio::time::sleep(LISTEN_RETRY_PAUSE).await;
         }
     })
 }
 
 struct ConnectionFilter {
-    allowed: Arc<[IpAddr]>,
+    allowed_addresses: Arc<[IpAddr]>,
     slots: ConnectionSlots,
-    shared: Arc<ModbusState>,
+    server_state: Arc<ModbusServerState>,
     log: Log,
     /// The last refused address: it is logged only once.
     last_refused_address: Mutex<Option<IpAddr>>,
 }
 
 impl ConnectionFilter {
-    fn accept(&self, stream: TcpStream, from: SocketAddr) -> Option<(ModbusClient, GuardedStream)> {
+    fn accept(&self, stream: TcpStream, from: SocketAddr) -> Option<(ModbusConnectionHandler, GuardedStream)> {
         let by = from.ip().to_canonical();
-        if !self.allowed.contains(&by) {
+        if !self.allowed_addresses.contains(&by) {
             let mut last = lock(&self.last_refused_address);
             if last.replace(by) != Some(by) {
                 self.log.info(&format!(
@@ -99,26 +100,29 @@ impl ConnectionFilter {
         }
         // Responses are small and sent at once; on an error they are only delayed.
         let _ = stream.set_nodelay(true);
-        let client = ModbusClient { shared: self.shared.clone(), name: format!("Modbus client {by}") };
+        let client = ModbusConnectionHandler {
+            server_state: self.server_state.clone(),
+            client_name: format!("Modbus client {by}"),
+        };
         Some((client, self.slots.admit(stream)?))
     }
 }
 
-struct ModbusState {
+struct ModbusServerState {
     gate: CommandGate,
     inputs: Arc<Mutex<ControlInputs>>,
-    started: Instant,
+    started_at: Instant,
 }
 
-impl ModbusState {
+impl ModbusServerState {
     fn input_registers(&self) -> [u16; INPUT_REGISTER_COUNT] {
         let interlocks = lock(&self.inputs).interlocks(Instant::now());
-        let beats = self.started.elapsed().as_millis() / HEARTBEAT_PERIOD.as_millis();
-        map::input_registers(&self.gate.machine_state(), interlocks, beats as u16)
+        let beats = self.started_at.elapsed().as_millis() / HEARTBEAT_PERIOD.as_millis();
+        register_map::input_registers(&self.gate.machine_state(), interlocks, beats as u16)
     }
 
-    fn write_coils(&self, first: u16, values: &[bool], by: &str) -> Result<(), ExceptionCode> {
-        let range = register_range(first, values.len() as u16, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
+    fn write_coils_and_execute(&self, first: u16, values: &[bool], by: &str) -> Result<(), ExceptionCode> {
+        let range = checked_address_range(first, values.len() as u16, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
         let now = Instant::now();
         let (coil_commands, interlocks) = {
             let mut inputs = lock(&self.inputs);
@@ -127,9 +131,9 @@ impl ModbusState {
         for command in coil_commands {
             match command {
                 // The reason of a refusal is in the machine state.
-                CoilCommand::Start(cycle) => drop(self.gate.start(cycle, interlocks, by)),
+                CoilCommand::StartCycle(cycle) => drop(self.gate.start_cycle(cycle, interlocks, by)),
                 CoilCommand::SeveralStarts => self.gate.record_refusal(Refusal::Several, &format!("request of {by}")),
-                CoilCommand::StopCycle => drop(self.gate.stop(by)),
+                CoilCommand::StopCycle => drop(self.gate.hold_machine(by)),
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Acknowledge => {
                     drop(self.gate.acknowledge(Inspection { who: by, ..Inspection::default() }));
@@ -140,7 +144,7 @@ impl ModbusState {
     }
 
     fn write_registers(&self, first: u16, values: &[u16]) -> Result<(), ExceptionCode> {
-        register_range(first, values.len() as u16, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
+        checked_address_range(first, values.len() as u16, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
         if let [alive] = values {
             lock(&self.inputs).write_alive(*alive, Instant::now());
         }
@@ -148,8 +152,8 @@ impl ModbusState {
     }
 }
 
-/// Indexes of `count` registers from `first` on, out of `size`; at most `max_count` in one request.
-fn register_range(first: u16, count: u16, max_count: u16, size: usize) -> Result<Range<usize>, ExceptionCode> {
+/// Indexes of `count` registers or coils from `first` on, out of `size`; at most `max_count` in one request.
+fn checked_address_range(first: u16, count: u16, max_count: u16, size: usize) -> Result<Range<usize>, ExceptionCode> {
     if count == 0 || count > max_count {
         return Err(ExceptionCode::IllegalDataValue);
     }
@@ -160,13 +164,13 @@ fn register_range(first: u16, count: u16, max_count: u16, size: usize) -> Result
     }
 }
 
-/// Handler of one connection.
-struct ModbusClient {
-    shared: Arc<ModbusState>,
-    name: String,
+/// Handles the requests of one connection.
+struct ModbusConnectionHandler {
+    server_state: Arc<ModbusServerState>,
+    client_name: String,
 }
 
-impl Service for ModbusClient {
+impl Service for ModbusConnectionHandler {
     type Request = Request<'static>;
     type Response = Response;
     type Exception = ExceptionCode;
@@ -177,30 +181,30 @@ impl Service for ModbusClient {
     }
 }
 
-impl ModbusClient {
+impl ModbusConnectionHandler {
     fn handle_request(&self, request: Request<'static>) -> Result<Response, ExceptionCode> {
-        let shared = &self.shared;
+        let shared = &self.server_state;
         let slice = |all: &[u16], range: Range<usize>| all.get(range).unwrap_or_default().to_vec();
         match request {
             Request::ReadCoils(first, count) => {
-                let range = register_range(first, count, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
+                let range = checked_address_range(first, count, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
                 let coils = lock(&shared.inputs).coils().get(range).unwrap_or_default().to_vec();
                 Ok(Response::ReadCoils(coils))
             }
             Request::ReadInputRegisters(first, count) => {
-                let range = register_range(first, count, MAX_REGISTERS_PER_REQUEST, INPUT_REGISTER_COUNT)?;
+                let range = checked_address_range(first, count, MAX_REGISTERS_PER_REQUEST, INPUT_REGISTER_COUNT)?;
                 Ok(Response::ReadInputRegisters(slice(&shared.input_registers(), range)))
             }
             Request::ReadHoldingRegisters(first, count) => {
-                let range = register_range(first, count, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
-                Ok(Response::ReadHoldingRegisters(slice(&[lock(&shared.inputs).alive()], range)))
+                let range = checked_address_range(first, count, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
+                Ok(Response::ReadHoldingRegisters(slice(&[lock(&shared.inputs).alive_register()], range)))
             }
             Request::WriteSingleCoil(at, value) => {
-                shared.write_coils(at, &[value], &self.name)?;
+                shared.write_coils_and_execute(at, &[value], &self.client_name)?;
                 Ok(Response::WriteSingleCoil(at, value))
             }
             Request::WriteMultipleCoils(first, values) => {
-                shared.write_coils(first, &values, &self.name)?;
+                shared.write_coils_and_execute(first, &values, &self.client_name)?;
                 Ok(Response::WriteMultipleCoils(first, values.len() as u16))
             }
             Request::WriteSingleRegister(at, value) => {

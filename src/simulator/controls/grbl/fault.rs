@@ -8,7 +8,7 @@ use super::{ALARM_HARD_LIMIT, ALARM_SOFT_LIMIT, AlarmLock, Firmware};
 use crate::interpreter::ProbeInputFault;
 
 const ALARM_E_STOP: u8 = 10;
-const DEFAULT_ALARM: u8 = 3;
+const DEFAULT_ALARM_CODE: u8 = 3;
 /// Grbl's error code for settings that were lost and replaced by defaults.
 const ERROR_SETTINGS_LOST: u8 = 7;
 
@@ -23,7 +23,7 @@ pub struct Fault {
     /// Number of contacts before which the fault does not occur.
     #[serde(default)]
     pub after_touch: u64,
-    /// Code of an alarm or an error.
+    /// Code of an alarm or an error; `None`: the default code of the kind.
     pub code: Option<u8>,
 }
 
@@ -72,9 +72,9 @@ pub(super) enum AnswerCount {
 
 impl Firmware {
     /// Executes `line`, unless a fault is due.
-    pub(super) fn receive_line(&mut self, line: &str) {
-        self.line_count += 1;
-        let (lines, touches) = (self.line_count, self.contact_count);
+    pub(super) fn execute_line_or_fault(&mut self, line: &str) {
+        self.received_line_count += 1;
+        let (lines, touches) = (self.received_line_count, self.contact_count);
         let due = |fault: &Fault| fault.at_line <= lines && fault.after_touch <= touches;
         match self.options.faults.iter().position(due) {
             Some(index) => {
@@ -95,17 +95,17 @@ impl Firmware {
         }
         match fault.kind {
             FaultKind::Silence => self.is_hung = true,
-            FaultKind::Reset => self.reset(),
+            FaultKind::Reset => self.soft_reset(),
             FaultKind::Unanswered => {}
-            FaultKind::Alarm => self.raise_spontaneous_alarm(fault.code.unwrap_or(DEFAULT_ALARM)),
+            FaultKind::Alarm => self.raise_spontaneous_alarm(fault.code.unwrap_or(DEFAULT_ALARM_CODE)),
             FaultKind::EStop => self.raise_spontaneous_alarm(ALARM_E_STOP),
             FaultKind::Error => {
                 let code = fault.code.unwrap_or(ERROR_SETTINGS_LOST);
-                self.latched_error = self.options.is_native_level.then_some(code);
+                self.latched_error = self.options.is_compatibility_level_0.then_some(code);
                 self.send_error(code);
             }
             FaultKind::SoftLimit => {
-                if !self.soft_limit() {
+                if !self.raise_soft_limit_alarm() {
                     self.send_ok();
                 }
             }
@@ -127,12 +127,12 @@ impl Firmware {
     fn set_fault_state(&mut self, kind: FaultKind) {
         match kind {
             FaultKind::Banner => self.send_banner(),
-            FaultKind::LostOk => self.next_answer = AnswerCount::Never,
-            FaultKind::DoubleOk => self.next_answer = AnswerCount::Twice,
+            FaultKind::LostOk => self.next_answer_count = AnswerCount::Never,
+            FaultKind::DoubleOk => self.next_answer_count = AnswerCount::Twice,
             FaultKind::Garbage => self.send_buffer.extend_from_slice(b"\xf8\x80\x1f\x00x\r\n"),
             FaultKind::ProbeStuck => self.executor.probe_fault = ProbeInputFault::StuckClosed,
             FaultKind::ProbeDead => self.executor.probe_fault = ProbeInputFault::StuckOpen,
-            FaultKind::ForeignBody => self.executor.probe_fault = ProbeInputFault::Obstacle,
+            FaultKind::ForeignBody => self.executor.probe_fault = ProbeInputFault::ObstacleOnNextProbe,
             FaultKind::RapidContact => self.executor.probe_fault = ProbeInputFault::BrushPending,
             _ => {}
         }
@@ -148,7 +148,7 @@ impl Firmware {
         self.send_line(&format!("ALARM:{code}"));
         self.stop_at_current_position();
         let needs_reset = matches!(code, ALARM_HARD_LIMIT | ALARM_SOFT_LIMIT | ALARM_E_STOP);
-        self.alarm = Some(if needs_reset { AlarmLock::NeedsReset } else { AlarmLock::Unlockable });
+        self.alarm_lock = Some(if needs_reset { AlarmLock::NeedsReset } else { AlarmLock::Unlockable });
         if !needs_reset {
             self.send_ok();
         }

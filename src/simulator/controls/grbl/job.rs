@@ -1,28 +1,28 @@
 //! Jobs of the simulated control: executed one after the other, at once or in real time.
 
 use super::{ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, AlarmLock, FaultKind, Firmware};
-use crate::Contact;
+use crate::LatchedContact;
 use crate::interpreter::{Job, JobResult};
 use machine::Position;
 
 /// The result of a probing move.
 #[derive(Debug, Clone, Default)]
-pub(super) struct LastProbe {
+pub(super) struct LastProbeResult {
     position: Position,
     has_contact: bool,
-    t_s: Option<f64>,
+    contact_time_s: Option<f64>,
 }
 
 impl Firmware {
     pub(super) fn start_next_job(&mut self) {
-        let Some(job) = self.queue.pop_front() else { return };
+        let Some(job) = self.job_queue.pop_front() else { return };
         if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
             self.send_line(&format!("ALARM:{ALARM_PROBE_CLOSED}"));
             self.stop_at_current_position();
-            self.alarm = Some(AlarmLock::Unlockable);
+            self.alarm_lock = Some(AlarmLock::Unlockable);
             return self.send_ok();
         }
-        if self.executor.start_job(job, self.now) {
+        if self.executor.start_job(job, self.time_since_start) {
             self.record_fault(FaultKind::RapidContact);
         }
     }
@@ -30,7 +30,7 @@ impl Firmware {
     pub(super) fn finish_active_job(&mut self) {
         let Some((job, result)) = self.executor.finish_job() else { return };
         match result {
-            JobResult::Waited => {}
+            JobResult::DwellOrOrientFinished => {}
             JobResult::Moved { has_crashed } => self.alarm_if_crashed(has_crashed),
             JobResult::Probed { contact, has_crashed, alarms_on_miss } => {
                 self.report_probe_result(contact, alarms_on_miss);
@@ -44,20 +44,20 @@ impl Firmware {
         }
     }
 
-    fn report_probe_result(&mut self, contact: Option<Contact>, alarms_on_miss: bool) {
+    fn report_probe_result(&mut self, contact: Option<LatchedContact>, alarms_on_miss: bool) {
         if contact.is_none() && alarms_on_miss {
             self.send_line(&format!("ALARM:{ALARM_NO_CONTACT}"));
-            self.queue.clear();
-            self.alarm = Some(AlarmLock::Unlockable);
+            self.job_queue.clear();
+            self.alarm_lock = Some(AlarmLock::Unlockable);
         }
         let has_contact = contact.is_some();
         self.contact_count += u64::from(has_contact);
         if self.executor.remove_obstacle() {
             self.record_fault(FaultKind::ForeignBody);
         }
-        let t_s = contact.as_ref().map(|contact| contact.t_s);
-        let position = contact.map_or_else(|| self.executor.displayed_position(), |contact| contact.position);
-        self.last_probe = Some(LastProbe { position, has_contact, t_s });
+        let t_s = contact.as_ref().map(|contact| contact.latch_time_s);
+        let position = contact.map_or_else(|| self.executor.displayed_position(), |contact| contact.latched_position);
+        self.last_probe = Some(LastProbeResult { position, has_contact, contact_time_s: t_s });
         self.send_last_probe();
     }
 
@@ -65,7 +65,7 @@ impl Firmware {
     pub(super) fn send_last_probe(&mut self) {
         let last = self.last_probe.clone().unwrap_or_default();
         self.send_line(&format!("[PRB:{}:{}]", self.format_axis_values(&last.position), u8::from(last.has_contact)));
-        if let Some(t_s) = last.t_s.filter(|_| self.options.has_time_stamps) {
+        if let Some(t_s) = last.contact_time_s.filter(|_| self.options.has_time_stamps) {
             self.send_line(&format!("[TIME:{t_s}]"));
         }
     }
@@ -75,18 +75,18 @@ impl Firmware {
         if has_crashed {
             self.send_line(&format!("ALARM:{ALARM_HARD_LIMIT}"));
             self.stop_at_current_position();
-            self.alarm = Some(AlarmLock::NeedsReset);
+            self.alarm_lock = Some(AlarmLock::NeedsReset);
         }
     }
 
     /// `!`: stops the machine where it is and keeps the remaining motion for `~`.
     pub(super) fn hold(&mut self) {
-        if self.alarm.is_some() {
+        if self.alarm_lock.is_some() {
             return;
         }
         self.is_held = true;
-        if let Some(remaining_job) = self.executor.hold_job(self.now) {
-            self.queue.push_front(remaining_job);
+        if let Some(remaining_job) = self.executor.hold_job(self.time_since_start) {
+            self.job_queue.push_front(remaining_job);
         }
     }
 }

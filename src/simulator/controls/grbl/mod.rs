@@ -21,7 +21,7 @@ use tokio::time::Instant;
 
 use fault::AnswerCount;
 pub use fault::{Fault, FaultKind};
-use job::LastProbe;
+use job::LastProbeResult;
 
 use super::job_executor::JobExecutor;
 use crate::SimulatedWorld;
@@ -49,18 +49,18 @@ pub struct SimulatedGrblOptions {
     pub interpreter: Interpreter,
     pub pace: SimulationPace,
     /// Compatibility level: 0 (latches errors) if true, 10 (as Grbl 1.1) if false.
-    pub is_native_level: bool,
+    pub is_compatibility_level_0: bool,
     pub has_time_stamps: bool,
     /// Stored settings, by number.
     pub settings: BTreeMap<u16, f64>,
     /// Overrides of feed and rapid speed, percent, as reported; they do not change the speed of motions.
-    pub overrides: [u32; 2],
+    pub feed_and_rapid_override_percent: [u32; 2],
     /// Whether the machine is homed before the first connection.
     pub is_homed: bool,
     /// Whether a pendant has control, as reported.
-    pub has_pendant: bool,
+    pub is_pendant_in_control: bool,
     /// Tool length, mm, as reported; motions do not apply it.
-    pub tool_length_mm: f64,
+    pub reported_tool_length_mm: f64,
     /// Faults to simulate.
     pub faults: Vec<Fault>,
 }
@@ -72,13 +72,13 @@ impl SimulatedGrblOptions {
         Self {
             interpreter,
             pace,
-            is_native_level: true,
+            is_compatibility_level_0: true,
             has_time_stamps: true,
             settings,
-            overrides: [100, 100],
+            feed_and_rapid_override_percent: [100, 100],
             is_homed: true,
-            has_pendant: false,
-            tool_length_mm: 0.0,
+            is_pendant_in_control: false,
+            reported_tool_length_mm: 0.0,
             faults: Vec::new(),
         }
     }
@@ -102,27 +102,28 @@ pub struct Firmware {
     planned_position: Position,
     receive_buffer: VecDeque<u8>,
     send_buffer: Vec<u8>,
-    queue: VecDeque<Job>,
+    job_queue: VecDeque<Job>,
     /// Whether the answer to a line waits for the end of its job.
     is_answer_pending: bool,
     is_held: bool,
-    alarm: Option<AlarmLock>,
+    alarm_lock: Option<AlarmLock>,
     latched_error: Option<GrblErrorCode>,
     has_booted: bool,
     is_homed: bool,
-    has_reported: bool,
+    has_sent_status_report: bool,
     /// Result of the last probing move, for `$#`.
-    last_probe: Option<LastProbe>,
+    last_probe: Option<LastProbeResult>,
     /// Number of lines received so far.
-    line_count: u64,
+    received_line_count: u64,
     contact_count: u64,
     occurred_faults: Arc<Mutex<Vec<FaultKind>>>,
-    next_answer: AnswerCount,
+    next_answer_count: AnswerCount,
     is_hung: bool,
     is_door_open: bool,
-    /// Host time at which the control started, and the time since then at the last event.
-    start: Instant,
-    now: Duration,
+    /// Host time at which the control started.
+    start_instant: Instant,
+    /// Time of the last event since the start.
+    time_since_start: Duration,
 }
 
 impl Firmware {
@@ -134,22 +135,22 @@ impl Firmware {
             planned_position: Position::new(),
             receive_buffer: VecDeque::new(),
             send_buffer: Vec::new(),
-            queue: VecDeque::new(),
+            job_queue: VecDeque::new(),
             is_answer_pending: false,
             is_held: false,
-            alarm: None,
+            alarm_lock: None,
             latched_error: None,
             has_booted: false,
-            has_reported: false,
+            has_sent_status_report: false,
             last_probe: None,
-            line_count: 0,
+            received_line_count: 0,
             contact_count: 0,
             occurred_faults: Arc::default(),
-            next_answer: AnswerCount::default(),
+            next_answer_count: AnswerCount::default(),
             is_hung: false,
             is_door_open: false,
-            start: Instant::now(),
-            now: Duration::ZERO,
+            start_instant: Instant::now(),
+            time_since_start: Duration::ZERO,
         };
         firmware.planned_position = firmware.executor.displayed_position();
         firmware
@@ -162,14 +163,14 @@ impl Firmware {
 
     /// Processes received bytes: realtime bytes act at once, at any place in the stream.
     fn receive_bytes(&mut self, bytes: &[u8], now: Duration) {
-        self.now = now;
+        self.time_since_start = now;
         for byte in bytes {
             match byte {
                 b'?' => self.send_status(false),
                 0x87 => self.send_status(true),
                 b'!' => self.hold(),
                 b'~' => (self.is_held, self.is_door_open) = (false, false),
-                0x18 => self.reset(),
+                0x18 => self.soft_reset(),
                 0x80.. => {}
                 byte if self.receive_buffer.len() < RX_BUFFER_BYTES => self.receive_buffer.push_back(*byte),
                 _ => {}
@@ -177,25 +178,25 @@ impl Firmware {
         }
     }
 
-    /// Does all work that is due at `now`; returns the delay until the next call.
-    fn advance(&mut self, now: Duration) -> Option<Duration> {
-        self.now = now;
+    /// Does all work that is due at `now`. Returns the time of the next call; `None`: only new input causes work.
+    fn advance_and_return_wake_time(&mut self, now: Duration) -> Option<Duration> {
+        self.time_since_start = now;
         loop {
-            let ends = self.executor.active.as_ref().map(|active| active.end_time);
+            let ends = self.executor.active_job.as_ref().map(|active| active.end_time);
             if ends.is_some_and(|ends| ends <= now) {
                 self.finish_active_job();
-            } else if ends.is_none() && !self.is_held && !self.queue.is_empty() {
+            } else if ends.is_none() && !self.is_held && !self.job_queue.is_empty() {
                 self.start_next_job();
-            } else if let Some(line) = self.next_line() {
-                self.receive_line(&line);
+            } else if let Some(line) = self.take_next_line() {
+                self.execute_line_or_fault(&line);
             } else {
                 return ends;
             }
         }
     }
 
-    fn next_line(&mut self) -> Option<String> {
-        if self.is_answer_pending || self.is_hung || self.queue.len() >= PLANNER_BLOCK_COUNT {
+    fn take_next_line(&mut self) -> Option<String> {
+        if self.is_answer_pending || self.is_hung || self.job_queue.len() >= PLANNER_BLOCK_COUNT {
             return None;
         }
         let end = self.receive_buffer.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
@@ -207,7 +208,7 @@ impl Firmware {
     }
 
     fn execute_line(&mut self, line: &str) {
-        if self.alarm == Some(AlarmLock::SilentUntilReset) {
+        if self.alarm_lock == Some(AlarmLock::SilentUntilReset) {
             return;
         }
         if line.len() > MAX_LINE_BYTES {
@@ -226,7 +227,7 @@ impl Firmware {
             Ok(true) => self.is_answer_pending = true,
             Ok(false) => self.send_ok(),
             Err(code) => {
-                self.latched_error = self.options.is_native_level.then_some(code);
+                self.latched_error = self.options.is_compatibility_level_0.then_some(code);
                 self.send_error(code);
             }
         }
@@ -237,52 +238,52 @@ impl Firmware {
         if let Some(code) = self.latched_error {
             return Err(code);
         }
-        if self.alarm.is_some() {
+        if self.alarm_lock.is_some() {
             return Err(ERROR_LOCKED);
         }
         let job = match self.options.interpreter.interpret_line(line, &self.planned_position)? {
             LineAction::NoMotion => return Ok(false),
-            LineAction::OutOfTravel => return Ok(self.soft_limit()),
+            LineAction::OutOfTravel => return Ok(self.raise_soft_limit_alarm()),
             LineAction::Execute(job) => job,
         };
         let waits = job.is_acknowledged_at_end();
         if let Some(to) = job.target() {
             self.planned_position = self.planned_position.updated_by(to);
         }
-        self.queue.push_back(job);
+        self.job_queue.push_back(job);
         Ok(waits)
     }
 
     /// Soft limit. While idle: an alarm, and the line is answered. While moving: no answer until a reset.
-    fn soft_limit(&mut self) -> bool {
+    fn raise_soft_limit_alarm(&mut self) -> bool {
         let moving = self.is_moving();
         self.hold();
         self.is_held = false;
         self.send_line(&format!("ALARM:{ALARM_SOFT_LIMIT}"));
         self.stop_at_current_position();
         if moving {
-            self.alarm = Some(AlarmLock::SilentUntilReset);
+            self.alarm_lock = Some(AlarmLock::SilentUntilReset);
             return true;
         }
         self.send_line("[MSG:Reset to continue]");
-        self.alarm = Some(AlarmLock::NeedsReset);
+        self.alarm_lock = Some(AlarmLock::NeedsReset);
         false
     }
 
     fn is_moving(&self) -> bool {
-        !self.is_held && (self.executor.active.is_some() || !self.queue.is_empty())
+        !self.is_held && (self.executor.active_job.is_some() || !self.job_queue.is_empty())
     }
 
     /// Discards all motion; the machine stays at its position.
     fn stop_at_current_position(&mut self) {
-        self.executor.active = None;
-        self.queue.clear();
+        self.executor.active_job = None;
+        self.job_queue.clear();
         self.is_answer_pending = false;
         self.planned_position = self.executor.displayed_position();
     }
 
     /// Soft reset (0x18). A reset during motion makes the position uncertain and raises an alarm.
-    fn reset(&mut self) {
+    fn soft_reset(&mut self) {
         let moving = self.is_moving();
         self.hold();
         self.stop_at_current_position();
@@ -291,9 +292,9 @@ impl Firmware {
         self.is_door_open = false;
         self.is_hung = false;
         self.latched_error = None;
-        self.has_reported = false;
+        self.has_sent_status_report = false;
         self.is_homed = false;
-        self.alarm = moving.then_some(AlarmLock::Unlockable);
+        self.alarm_lock = moving.then_some(AlarmLock::Unlockable);
         if moving {
             self.send_line(&format!("ALARM:{ALARM_RESET_IN_MOTION}"));
         }

@@ -17,7 +17,7 @@ impl Firmware {
     }
 
     pub(super) fn send_ok(&mut self) {
-        match std::mem::take(&mut self.next_answer) {
+        match std::mem::take(&mut self.next_answer_count) {
             AnswerCount::Once => self.send_line("ok"),
             AnswerCount::Twice => {
                 self.record_fault(FaultKind::DoubleOk);
@@ -34,7 +34,7 @@ impl Firmware {
 
     pub(super) fn send_banner(&mut self) {
         self.send_line("");
-        self.send_line(match self.options.is_native_level {
+        self.send_line(match self.options.is_compatibility_level_0 {
             true => "GrblHAL 1.1f ['$' or '$HELP' for help]",
             false => "Grbl 1.1f ['$' for help]",
         });
@@ -46,7 +46,7 @@ impl Firmware {
 
     /// Unit of lengths in reports, mm.
     fn length_unit_mm(&self) -> f64 {
-        if self.setting_value(settings::INCHES_SETTING) == 0.0 { 1.0 } else { 25.4 }
+        if self.setting_value(settings::REPORT_INCHES_SETTING) == 0.0 { 1.0 } else { 25.4 }
     }
 
     /// Axis values as reports print them: lengths in the report's unit, angles in degrees, three decimals.
@@ -61,7 +61,7 @@ impl Firmware {
 
     fn state_name(&self) -> &'static str {
         match () {
-            () if self.alarm.is_some() => "Alarm",
+            () if self.alarm_lock.is_some() => "Alarm",
             () if self.is_door_open => "Door:1",
             () if self.is_held => "Hold:0",
             () if self.is_moving() => "Run",
@@ -69,11 +69,11 @@ impl Firmware {
         }
     }
 
-    /// Sends a status report. `full`: with all fields, as in the answer to 0x87.
-    pub(super) fn send_status(&mut self, full: bool) {
-        let position = self.executor.position_at(self.now);
+    /// Sends a status report. `has_all_fields`: as in the answer to 0x87.
+    pub(super) fn send_status(&mut self, has_all_fields: bool) {
+        let position = self.executor.displayed_position_at(self.time_since_start);
         let free = RX_BUFFER_BYTES - 1 - self.receive_buffer.len().min(RX_BUFFER_BYTES - 1);
-        let planned = self.queue.len() + usize::from(self.executor.active.is_some());
+        let planned = self.job_queue.len() + usize::from(self.executor.active_job.is_some());
         let mut report = format!(
             "<{}|MPos:{}|Bf:{},{free}|FS:0,0",
             self.state_name(),
@@ -86,20 +86,20 @@ impl Firmware {
             report += "|Pn:P";
         }
         self.executor.on_probe_state_reported();
-        let [feed, rapid] = self.options.overrides;
+        let [feed, rapid] = self.options.feed_and_rapid_override_percent;
         let shows_overrides =
             self.setting_value(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_OVERRIDES_BIT != 0;
-        if shows_overrides && (full || !self.has_reported) {
+        if shows_overrides && (has_all_fields || !self.has_sent_status_report) {
             report += &format!("|Ov:{feed},{rapid},100");
         }
-        if full {
-            let (pendant, homed) = (u8::from(self.options.has_pendant), u8::from(self.is_homed));
+        if has_all_fields {
+            let (pendant, homed) = (u8::from(self.options.is_pendant_in_control), u8::from(self.is_homed));
             let axes = self.homed_axes_mask();
             report += &format!("|MPG:{pendant}|H:{homed},{axes}|T:0|TLR:0|FW:grblHAL");
-        } else if !self.has_reported {
+        } else if !self.has_sent_status_report {
             report += "|A:|TLR:0";
         }
-        self.has_reported = true;
+        self.has_sent_status_report = true;
         if self.options.has_time_stamps {
             report += &format!("|Time:{t_s}");
         }
@@ -110,11 +110,11 @@ impl Firmware {
     pub(super) fn run_dollar_command(&mut self, command: &str) {
         match command.to_ascii_uppercase().as_str() {
             "I" => self.send_build_info(),
-            "G" => self.send_line(&format!("[{}]", self.options.interpreter.modes())),
+            "G" => self.send_line(&format!("[{}]", self.options.interpreter.modes_report())),
             "#" => self.send_offsets(),
             "$" => self.send_settings(),
-            "H" | "X" if self.alarm == Some(AlarmLock::NeedsReset) => return self.send_error(79),
-            "H" => (self.alarm, self.is_homed) = (None, true),
+            "H" | "X" if self.alarm_lock == Some(AlarmLock::NeedsReset) => return self.send_error(79),
+            "H" => (self.alarm_lock, self.is_homed) = (None, true),
             "X" => self.unlock(),
             other => {
                 let number = other.parse().ok();
@@ -134,7 +134,7 @@ impl Firmware {
     }
 
     fn unlock(&mut self) {
-        if self.alarm.take().is_some() {
+        if self.alarm_lock.take().is_some() {
             self.send_line("[MSG:Caution: Unlocked]");
         }
     }
@@ -153,12 +153,12 @@ impl Firmware {
     }
 
     fn send_offsets(&mut self) {
-        for (name, offset) in self.options.interpreter.offsets() {
+        for (name, offset) in self.options.interpreter.named_offsets() {
             self.send_line(&format!("[{name}:{}]", self.format_axis_values(&offset)));
         }
         let home = self.format_axis_values(&Position::new());
         self.send_line(&format!("[HOME:{home}:{}]", self.homed_axes_mask()));
-        self.send_line(&format!("[TLO:0.000,0.000,{:.3}]", self.options.tool_length_mm));
+        self.send_line(&format!("[TLO:0.000,0.000,{:.3}]", self.options.reported_tool_length_mm));
         self.send_last_probe();
     }
 }

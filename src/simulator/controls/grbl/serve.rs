@@ -22,13 +22,13 @@ impl Firmware {
             self.send_banner();
         }
         loop {
-            let next = self.advance(self.start.elapsed());
-            let wake = self.start + next.unwrap_or(Duration::ZERO);
+            let next = self.advance_and_return_wake_time(self.start_instant.elapsed());
+            let wake = self.start_instant + next.unwrap_or(Duration::ZERO);
             // `read` and `write` are cancel safe: a branch that is not taken has transferred no byte.
             tokio::select! {
                 read = reader.read(&mut buffer) => match read? {
                     0 => return Ok(()),
-                    count => self.receive_bytes(&buffer[..count], self.start.elapsed()),
+                    count => self.receive_bytes(&buffer[..count], self.start_instant.elapsed()),
                 },
                 written = writer.write(&self.send_buffer), if !self.send_buffer.is_empty() => {
                     self.send_buffer.drain(..written?);

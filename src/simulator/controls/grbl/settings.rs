@@ -7,22 +7,23 @@ use machine::Axis;
 use machine::record::machine::Machine;
 
 pub(super) const REPORT_MASK_SETTING: u16 = 10;
-pub(super) const INCHES_SETTING: u16 = 13;
-const STEPS_PER_UNIT_SETTING: u16 = 100;
-const MAX_RATE_SETTING: u16 = 110;
-const ACCELERATION_SETTING: u16 = 120;
-const MAX_TRAVEL_SETTING: u16 = 130;
+pub(super) const REPORT_INCHES_SETTING: u16 = 13;
+// Settings of the first axis; the numbers of the next axes follow.
+const FIRST_STEPS_PER_UNIT_SETTING: u16 = 100;
+const FIRST_MAX_RATE_SETTING: u16 = 110;
+const FIRST_ACCELERATION_SETTING: u16 = 120;
+const FIRST_MAX_TRAVEL_SETTING: u16 = 130;
 
 /// First numbers of the settings for minimum and maximum of the travel, an extension: grblHAL cannot express a
 /// travel on both sides of zero.
-const TRAVEL_LIMIT_SETTINGS: [u16; 2] = [9000, 9050];
+const FIRST_MIN_AND_MAX_TRAVEL_SETTINGS: [u16; 2] = [9000, 9050];
 
 /// Bit of the report mask: reports contain the state of the inputs.
 pub(super) const REPORT_PINS_BIT: u32 = 1 << 4;
 pub(super) const REPORT_OVERRIDES_BIT: u32 = 1 << 6;
 
 const MOTOR_STEPS_PER_UNIT: f64 = 1000.0;
-const PULL_OFF_MM: f64 = 1.0;
+const HOMING_PULL_OFF_MM: f64 = 1.0;
 /// Homing mask: homing enabled, the switch position is zero, and an axis without a switch is homed at its
 /// current position.
 const HOMING_MASK: f64 = 1.0 + 8.0 + 32.0;
@@ -33,8 +34,8 @@ pub(super) fn machine_settings(machine: &Machine) -> BTreeMap<u16, f64> {
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     let mut settings: BTreeMap<u16, f64> =
         [(0, 5.0), (1, 25.0), (2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0), (6, 0.0)].into();
-    settings.extend([(REPORT_MASK_SETTING, 511.0), (11, 0.01), (12, 0.002), (INCHES_SETTING, 0.0)]);
-    settings.extend([(20, 1.0), (21, 1.0), (22, HOMING_MASK), (27, PULL_OFF_MM)]);
+    settings.extend([(REPORT_MASK_SETTING, 511.0), (11, 0.01), (12, 0.002), (REPORT_INCHES_SETTING, 0.0)]);
+    settings.extend([(20, 1.0), (21, 1.0), (22, HOMING_MASK), (27, HOMING_PULL_OFF_MM)]);
     let (mut homed_axes, mut to_negative, mut rotary_axes) = (0_u16, 0_u16, 0_u16);
     for ((axis, spec), number) in axes.zip(0_u16..) {
         let bit = 1 << number;
@@ -42,15 +43,15 @@ pub(super) fn machine_settings(machine: &Machine) -> BTreeMap<u16, f64> {
         homed_axes |= if switched { bit } else { 0 };
         to_negative |= if spec.min == 0.0 { bit } else { 0 };
         rotary_axes |= if axis.is_linear() { 0 } else { bit };
-        let pull_off = if switched { PULL_OFF_MM } else { 0.0 };
+        let pull_off = if switched { HOMING_PULL_OFF_MM } else { 0.0 };
         if !switched {
-            settings.insert(TRAVEL_LIMIT_SETTINGS[0] + number, spec.min);
-            settings.insert(TRAVEL_LIMIT_SETTINGS[1] + number, spec.max);
+            settings.insert(FIRST_MIN_AND_MAX_TRAVEL_SETTINGS[0] + number, spec.min);
+            settings.insert(FIRST_MIN_AND_MAX_TRAVEL_SETTINGS[1] + number, spec.max);
         }
-        settings.insert(STEPS_PER_UNIT_SETTING + number, MOTOR_STEPS_PER_UNIT);
-        settings.insert(MAX_RATE_SETTING + number, spec.rapid_per_min);
-        settings.insert(ACCELERATION_SETTING + number, spec.acceleration_per_s2);
-        settings.insert(MAX_TRAVEL_SETTING + number, spec.max - spec.min + pull_off);
+        settings.insert(FIRST_STEPS_PER_UNIT_SETTING + number, MOTOR_STEPS_PER_UNIT);
+        settings.insert(FIRST_MAX_RATE_SETTING + number, spec.rapid_per_min);
+        settings.insert(FIRST_ACCELERATION_SETTING + number, spec.acceleration_per_s2);
+        settings.insert(FIRST_MAX_TRAVEL_SETTING + number, spec.max - spec.min + pull_off);
     }
     settings.extend([(23, f64::from(to_negative)), (44, f64::from(homed_axes)), (376, f64::from(rotary_axes))]);
     settings

@@ -11,7 +11,7 @@ use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
 /// Machine with X, Y ±400 mm, Z -400 to 0, B ±110°, C ±720°; the stylus-ball centre is the spindle datum.
-pub fn machine() -> Machine {
+pub fn five_axis_machine() -> Machine {
     let linear = json!({"min": -400, "max": 400});
     serde_json::from_value(json!({
         "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
@@ -23,11 +23,13 @@ pub fn machine() -> Machine {
 
 /// An errorless world: a part of radius 25 mm about the C axis, from Z -200 to -100 mm, and a ball of radius 3
 /// mm, so that contact is at 28 mm from the axis. The machine is at zero.
-pub fn world() -> Arc<Mutex<SimulatedWorld>> {
+pub fn world_with_round_part() -> Arc<Mutex<SimulatedWorld>> {
     let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
     let artefact: Artefact = serde_json::from_value(json!({
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
-    Arc::new(Mutex::new(SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap()))
+    Arc::new(Mutex::new(
+        SimulatedWorld::new(&five_axis_machine(), &probe, &artefact, &MachineTruth::default()).unwrap(),
+    ))
 }

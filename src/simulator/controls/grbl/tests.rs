@@ -4,17 +4,17 @@
 use super::*;
 
 fn grblhal_firmware(change: impl FnOnce(&mut SimulatedGrblOptions)) -> Firmware {
-    let mut options = SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Fast);
+    let mut options = SimulatedGrblOptions::for_machine(&testing::five_axis_machine(), SimulationPace::Immediate);
     options.has_time_stamps = false;
     change(&mut options);
-    Firmware::new(testing::world(), options)
+    Firmware::new(testing::world_with_round_part(), options)
 }
 
 fn send_at(firmware: &mut Firmware, seconds: f64, bytes: &str) -> Vec<String> {
     let now = Duration::from_secs_f64(seconds);
-    firmware.advance(now);
+    firmware.advance_and_return_wake_time(now);
     firmware.receive_bytes(bytes.as_bytes(), now);
-    firmware.advance(now);
+    firmware.advance_and_return_wake_time(now);
     let out = String::from_utf8(std::mem::take(&mut firmware.send_buffer)).unwrap();
     out.split_terminator("\r\n").map(str::to_owned).collect()
 }
@@ -26,7 +26,7 @@ fn send(firmware: &mut Firmware, bytes: &str) -> Vec<String> {
 const MOVE_BESIDE_PART: &str = "G53 G0 X40 Y0\nG53 G0 Z-150\n";
 
 #[test]
-fn simulated_grbl_reports_its_version() {
+fn version_and_first_status_are_those_of_grblhal() {
     let mut firmware = grblhal_firmware(|_| {});
     assert_eq!(
         send(&mut firmware, "$I\n"),
@@ -39,10 +39,10 @@ fn simulated_grbl_reports_its_version() {
 }
 
 #[test]
-fn banners_differ_by_level() {
+fn banner_depends_on_the_compatibility_level() {
     let mut native = grblhal_firmware(|_| {});
     assert_eq!(send(&mut native, "\x18"), ["", "GrblHAL 1.1f ['$' or '$HELP' for help]"]);
-    let mut classic = grblhal_firmware(|options| options.is_native_level = false);
+    let mut classic = grblhal_firmware(|options| options.is_compatibility_level_0 = false);
     assert_eq!(send(&mut classic, "\x18"), ["", "Grbl 1.1f ['$' for help]"]);
 }
 
@@ -71,12 +71,12 @@ fn touch_miss_and_closed_probe_are_reported() {
 fn level_0_latches_errors_and_level_10_does_not() {
     let mut native = grblhal_firmware(|_| {});
     assert_eq!(send(&mut native, "G5\nG21\n\nG21\n"), ["error:20", "error:20", "ok", "ok"]);
-    let mut classic = grblhal_firmware(|options| options.is_native_level = false);
+    let mut classic = grblhal_firmware(|options| options.is_compatibility_level_0 = false);
     assert_eq!(send(&mut classic, "G5\nG21\n"), ["error:20", "ok"]);
 }
 
 #[test]
-fn a_soft_limit_while_idle_asks_for_a_reset() {
+fn soft_limit_while_idle_locks_until_a_reset() {
     let mut firmware = grblhal_firmware(|_| {});
     let answer = send(&mut firmware, "G0 X500\n");
     assert_eq!(answer[..2], ["ALARM:2", "[MSG:Reset to continue]"]);
@@ -88,8 +88,8 @@ fn a_soft_limit_while_idle_asks_for_a_reset() {
 }
 
 #[test]
-fn a_soft_limit_while_moving_is_silence_until_a_reset() {
-    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::Real);
+fn soft_limit_while_moving_leaves_lines_unanswered_until_a_reset() {
+    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::RealTime);
     let answer = send(&mut firmware, "G0 X100\nG0 X500\nG0 X0\n");
     assert_eq!(answer, ["ok", "ALARM:2"]);
     assert_eq!(send_at(&mut firmware, 9.0, "G0 X0\n$X\n"), [""; 0]);
@@ -98,8 +98,8 @@ fn a_soft_limit_while_moving_is_silence_until_a_reset() {
 }
 
 #[test]
-fn a_hold_keeps_a_move_where_it_is() {
-    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::Real);
+fn feed_hold_stops_a_move_and_cycle_start_completes_it() {
+    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::RealTime);
     assert_eq!(send(&mut firmware, "G1 X60 F60\n"), ["ok"]);
     assert!(send_at(&mut firmware, 20.0, "?").join("").starts_with("<Run|"));
     let held = send_at(&mut firmware, 30.0, "!?").join("");
@@ -112,8 +112,8 @@ fn a_hold_keeps_a_move_where_it_is() {
 }
 
 #[test]
-fn a_reset_in_motion_loses_the_lines_and_locks() {
-    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::Real);
+fn soft_reset_in_motion_raises_alarm_3_and_locks() {
+    let mut firmware = grblhal_firmware(|options| options.pace = SimulationPace::RealTime);
     send(&mut firmware, "G1 X60 F60\nG4 P1\nG0 X0\n");
     assert_eq!(
         send_at(&mut firmware, 10.0, "\x18"),
@@ -123,7 +123,7 @@ fn a_reset_in_motion_loses_the_lines_and_locks() {
 }
 
 #[test]
-fn lines_are_read_as_rs274() {
+fn lines_get_the_ok_or_error_code_of_grblhal() {
     for (line, answer) in [
         ("(comment) G21 ; more", "ok"),
         ("N12 G53 G1 X1 F100", "ok"),

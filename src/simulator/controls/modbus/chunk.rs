@@ -18,18 +18,18 @@ impl Firmware {
     /// Handles a write of the sequence register.
     pub(super) fn on_sequence_written(&mut self) {
         let sequence = self.holding_registers[SEQUENCE_REGISTER];
-        self.record(ControlEvent::Offered { sequence });
+        self.record_event(ControlEvent::ChunkOffered { sequence });
         let next_sequence = if self.accepted_sequence == u16::MAX { 1 } else { self.accepted_sequence + 1 };
-        if sequence != next_sequence || self.frozen_status.is_some() {
+        if sequence != next_sequence || self.frozen_status_block.is_some() {
             return;
         }
         let accepted_before = std::mem::replace(&mut self.accepted_sequence, sequence);
-        match self.chunk_bytes(accepted_before).and_then(|bytes| self.accept_chunk(sequence, bytes)) {
+        match self.acceptable_chunk_bytes(accepted_before).and_then(|bytes| self.accept_chunk(sequence, bytes)) {
             Err(error) => self.error_code = error,
             Ok(text) => {
                 self.error_code = 0;
                 self.accepted_chunk_count += 1;
-                self.record(ControlEvent::Accepted { sequence, text });
+                self.record_event(ControlEvent::ChunkAccepted { sequence, text });
             }
         }
     }
@@ -45,15 +45,15 @@ impl Firmware {
     }
 
     /// Bytes of the chunk, if it may be accepted.
-    fn chunk_bytes(&self, accepted_before: u16) -> Result<Vec<u8>, u16> {
-        if self.mode != OperatingState::Ready || self.is_moving() {
+    fn acceptable_chunk_bytes(&self, accepted_before: u16) -> Result<Vec<u8>, u16> {
+        if self.operating_state != OperatingState::Ready || self.is_moving() {
             return Err(ERROR_BUSY);
         }
-        if !self.is_heartbeat_current(self.now) {
+        if !self.is_heartbeat_current(self.time_since_power_up) {
             return Err(ERROR_NO_HEARTBEAT);
         }
         let is_acknowledged = match &self.resident_program {
-            Some(resident) => !resident.slot.valid,
+            Some(resident) => !resident.result_slot.is_valid,
             None => self.holding_registers[ACKNOWLEDGE_REGISTER] == accepted_before,
         };
         if !is_acknowledged {

@@ -11,7 +11,7 @@ use crate::LatchDelay;
 use crate::interpreter::ProbeInputFault;
 
 const ALARM_E_STOP: u16 = 10;
-const DEFAULT_ALARM: u16 = 99;
+const DEFAULT_ALARM_CODE: u16 = 99;
 const DEFAULT_REPLY_DELAY_S: f64 = 0.7;
 /// Scan period of a common PLC, s.
 const DEFAULT_SCAN_PERIOD_S: f64 = 0.010;
@@ -19,9 +19,9 @@ const DEFAULT_SCAN_PERIOD_S: f64 = 0.010;
 /// Time stamp of [`FaultKind::WrongStamp`], s: far beyond the clock of any control.
 pub(super) const WRONG_STAMP_S: f64 = 1e300;
 
-const MIN_HALF_WRITE_REGISTERS: usize = 8;
+const MAX_FULLY_WRITTEN_REGISTERS: usize = 8;
 /// First register of the latched position.
-const LATCH_REGISTER: usize = 20;
+const FIRST_LATCH_REGISTER: usize = 20;
 
 /// One fault. It occurs once, at the first request after all conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -37,7 +37,7 @@ pub struct Fault {
     /// Number of contacts before which the fault does not occur.
     #[serde(default)]
     pub after_touch: u64,
-    /// Code of an alarm or an exception.
+    /// Code of an alarm or an exception; `None`: the default code of the kind.
     pub code: Option<u8>,
     /// Delay of a reply, s.
     pub late_s: Option<f64>,
@@ -121,7 +121,7 @@ impl FaultKind {
     fn affects(self, request: &Request<'_>) -> bool {
         match self {
             Self::HalfWritten => {
-                matches!(request, Request::WriteMultipleRegisters(_, words) if words.len() > MIN_HALF_WRITE_REGISTERS)
+                matches!(request, Request::WriteMultipleRegisters(_, words) if words.len() > MAX_FULLY_WRITTEN_REGISTERS)
             }
             Self::LostStart => matches!(request, Request::WriteMultipleRegisters(at, words)
                 if usize::from(*at) == SEQUENCE_REGISTER && words.len() == 1),
@@ -137,6 +137,7 @@ impl FaultKind {
 
 /// Reply to a request, and its delay.
 pub(super) struct DelayedReply {
+    /// `None`: no reply is sent.
     pub answer: Option<Result<Response, ExceptionCode>>,
     pub delay: Duration,
 }
@@ -153,7 +154,7 @@ impl Firmware {
         let (request_count, accepted_chunk_count, contact_count) =
             (self.request_count, self.accepted_chunk_count, self.contact_count);
         let has_previous_result =
-            self.resident_program.as_ref().is_some_and(|resident| resident.previous_slot.is_some());
+            self.resident_program.as_ref().is_some_and(|resident| resident.previous_result_slot.is_some());
         let due = |fault: &Fault| {
             fault.at_request <= request_count
                 && fault.at_line <= accepted_chunk_count
@@ -171,14 +172,14 @@ impl Firmware {
     fn execute_and_advance(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let answer = self.execute_request(request);
         // A write takes effect at once.
-        self.advance(self.now);
+        self.advance(self.time_since_power_up);
         answer
     }
 
     fn apply_fault(&mut self, fault: &Fault, request: &Request<'_>) -> DelayedReply {
         use FaultKind as K;
         if !fault.kind.is_recorded_later() {
-            self.record(ControlEvent::FaultOccurred(fault.kind));
+            self.record_event(ControlEvent::FaultOccurred(fault.kind));
         }
         let mut delay = Duration::ZERO;
         let answer = match fault.kind {
@@ -205,9 +206,9 @@ impl Firmware {
                 Some(Err(code.unwrap_or(ExceptionCode::ServerDeviceBusy)))
             }
             K::HalfWritten | K::LostStart | K::LostHold => Some(self.write_first_half(request)),
-            K::StaleResult => Some(self.with_stale_result(request)),
-            K::Torn => Some(self.torn_status(request)),
-            K::Stale => Some(self.stale_status(request)),
+            K::StaleResult => Some(self.reply_with_previous_result(request)),
+            K::Torn => Some(self.reply_with_torn_status(request)),
+            K::Stale => Some(self.reply_with_previous_status(request)),
             kind => {
                 self.apply_control_fault(kind, fault);
                 Some(self.execute_and_advance(request))
@@ -219,36 +220,37 @@ impl Firmware {
     /// Applies a fault of the control itself.
     fn apply_control_fault(&mut self, kind: FaultKind, fault: &Fault) {
         match kind {
-            FaultKind::Frozen => self.frozen_status = Some(self.status_block()),
-            FaultKind::HeartbeatStands => self.stopped_heartbeat = Some(self.heartbeat_count()),
+            FaultKind::Frozen => self.frozen_status_block = Some(self.status_block()),
+            FaultKind::HeartbeatStands => self.frozen_heartbeat_value = Some(self.heartbeat_count()),
             FaultKind::WrongStamp => self.has_wrong_stamp = true,
-            FaultKind::Reset => self.reset(),
-            FaultKind::Alarm => self.alarm(fault.code.map_or(DEFAULT_ALARM, u16::from)),
-            FaultKind::EStop => self.alarm(ALARM_E_STOP),
+            FaultKind::Reset => self.power_cycle(),
+            FaultKind::Alarm => self.raise_alarm(fault.code.map_or(DEFAULT_ALARM_CODE, u16::from)),
+            FaultKind::EStop => self.raise_alarm(ALARM_E_STOP),
             FaultKind::Hold => {
                 self.stop_at_current_position();
-                self.mode = OperatingState::Held(0);
+                self.operating_state = OperatingState::Held(0);
             }
             FaultKind::ProbeStuck => self.executor.probe_fault = ProbeInputFault::StuckClosed,
             FaultKind::ProbeDead => self.executor.probe_fault = ProbeInputFault::StuckOpen,
-            FaultKind::ForeignBody => self.executor.probe_fault = ProbeInputFault::Obstacle,
+            FaultKind::ForeignBody => self.executor.probe_fault = ProbeInputFault::ObstacleOnNextProbe,
             FaultKind::RapidContact => self.executor.probe_fault = ProbeInputFault::BrushPending,
             FaultKind::SlowLatch => {
                 let scan_ms = fault.scan_s.unwrap_or(DEFAULT_SCAN_PERIOD_S) * 1e3;
-                self.executor.with_world(|world| world.set_latch(LatchDelay { scan_ms, ..LatchDelay::default() }));
+                self.executor
+                    .with_world(|world| world.set_latch_delay(LatchDelay { scan_ms, ..LatchDelay::default() }));
             }
             _ => {}
         }
         let Some(resident) = &mut self.resident_program else { return };
         match kind {
-            FaultKind::RepeatedResult => resident.ignores_acknowledgement = true,
-            FaultKind::SkippedResult => resident.skips_result = true,
-            FaultKind::StartedTwice => resident.restarts = true,
+            FaultKind::RepeatedResult => resident.ignores_next_acknowledgement = true,
+            FaultKind::SkippedResult => resident.skips_next_result = true,
+            FaultKind::StartedTwice => resident.restarts_at_end = true,
             _ => {}
         }
     }
 
-    fn with_stale_result(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+    fn reply_with_previous_result(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         self.shows_previous_result = true;
         let answer = self.execute_and_advance(request);
         self.shows_previous_result = false;
@@ -269,11 +271,11 @@ impl Firmware {
     }
 
     /// Status whose registers from the latch on are those of the previous status.
-    fn torn_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
-        let before = self.previous_status.clone();
+    fn reply_with_torn_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let before = self.previous_status_block.clone();
         match self.execute_and_advance(request) {
             Ok(Response::ReadInputRegisters(mut words)) => {
-                for (word, old) in words.iter_mut().zip(before).skip(LATCH_REGISTER) {
+                for (word, old) in words.iter_mut().zip(before).skip(FIRST_LATCH_REGISTER) {
                     *word = old;
                 }
                 if let (Some(head), Some(tail)) = (words.first().copied(), words.last_mut()) {
@@ -285,8 +287,8 @@ impl Firmware {
         }
     }
 
-    fn stale_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
-        let shown = self.previous_status.clone();
+    fn reply_with_previous_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let shown = self.previous_status_block.clone();
         match self.execute_and_advance(request) {
             Ok(Response::ReadInputRegisters(words)) if words.len() == shown.len() => {
                 Ok(Response::ReadInputRegisters(shown))

@@ -6,27 +6,27 @@ use super::chunk::ERROR_BAD_TEXT;
 use super::layout::position_steps;
 use super::{
     ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, ALARM_SOFT_LIMIT, ControlEvent, FaultKind, Firmware,
-    HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, OperatingState,
+    HEARTBEAT_TIMEOUT, HOLD_REASON_HEARTBEAT_LOST, OperatingState,
 };
-use crate::Contact;
+use crate::LatchedContact;
 use crate::interpreter::{Job, JobResult, LineAction};
 
 impl Firmware {
     /// Advances the control to the time `now`.
     pub(super) fn advance(&mut self, now: Duration) {
         loop {
-            if let Some(end_time) = self.executor.active.as_ref().map(|active| active.end_time) {
-                let heartbeat_deadline = self.last_heartbeat.unwrap_or_default() + HEARTBEAT_TIMEOUT;
+            if let Some(end_time) = self.executor.active_job.as_ref().map(|active| active.end_time) {
+                let heartbeat_deadline = self.last_heartbeat_change_time.unwrap_or_default() + HEARTBEAT_TIMEOUT;
                 if heartbeat_deadline < end_time && heartbeat_deadline <= now {
-                    self.now = heartbeat_deadline;
-                    self.hold(HOLD_HEARTBEAT_LOST);
+                    self.time_since_power_up = heartbeat_deadline;
+                    self.hold(HOLD_REASON_HEARTBEAT_LOST);
                 } else if end_time <= now {
-                    self.now = end_time;
+                    self.time_since_power_up = end_time;
                     self.finish_active_job();
                 } else {
                     break;
                 }
-            } else if self.mode != OperatingState::Ready || self.frozen_status.is_some() {
+            } else if self.operating_state != OperatingState::Ready || self.frozen_status_block.is_some() {
                 break;
             } else if let Some(line) = self.pending_lines.pop_front() {
                 self.execute_line(&line);
@@ -34,9 +34,9 @@ impl Firmware {
                 break;
             }
         }
-        self.now = now;
-        let done = self.mode == OperatingState::Ready && !self.is_moving() && self.error_code == 0;
-        if done && self.frozen_status.is_none() {
+        self.time_since_power_up = now;
+        let done = self.operating_state == OperatingState::Ready && !self.is_moving() && self.error_code == 0;
+        if done && self.frozen_status_block.is_none() {
             self.executed_sequence = self.accepted_sequence;
         }
     }
@@ -45,7 +45,7 @@ impl Firmware {
         let here = self.executor.displayed_position();
         match self.options.interpreter.interpret_line(line, &here) {
             Ok(LineAction::NoMotion) => {}
-            Ok(LineAction::OutOfTravel) => self.alarm(ALARM_SOFT_LIMIT),
+            Ok(LineAction::OutOfTravel) => self.raise_alarm(ALARM_SOFT_LIMIT),
             Ok(LineAction::Execute(job)) => self.start_job(job),
             Err(_) => {
                 self.error_code = ERROR_BAD_TEXT;
@@ -56,17 +56,17 @@ impl Firmware {
 
     pub(super) fn start_job(&mut self, job: Job) {
         if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
-            return self.alarm(ALARM_PROBE_CLOSED);
+            return self.raise_alarm(ALARM_PROBE_CLOSED);
         }
-        if self.executor.start_job(job, self.now) {
-            self.record(ControlEvent::FaultOccurred(FaultKind::RapidContact));
+        if self.executor.start_job(job, self.time_since_power_up) {
+            self.record_event(ControlEvent::FaultOccurred(FaultKind::RapidContact));
         }
     }
 
     fn finish_active_job(&mut self) {
         let Some((_, result)) = self.executor.finish_job() else { return };
         match result {
-            JobResult::Waited => self.finish_row(None),
+            JobResult::DwellOrOrientFinished => self.finish_row(None),
             JobResult::Moved { has_crashed } => {
                 self.finish_row(None);
                 self.alarm_if_crashed(has_crashed);
@@ -74,13 +74,13 @@ impl Firmware {
             JobResult::Probed { contact, has_crashed, alarms_on_miss } => {
                 let has_contact = contact.is_some();
                 if contact.is_none() && alarms_on_miss {
-                    self.alarm(ALARM_NO_CONTACT);
+                    self.raise_alarm(ALARM_NO_CONTACT);
                 }
                 if let Some(contact) = contact {
                     self.latch_contact(contact);
                 }
                 if self.executor.remove_obstacle() {
-                    self.record(ControlEvent::FaultOccurred(FaultKind::ForeignBody));
+                    self.record_event(ControlEvent::FaultOccurred(FaultKind::ForeignBody));
                 }
                 self.finish_row(Some(has_contact));
                 self.alarm_if_crashed(has_crashed);
@@ -88,31 +88,34 @@ impl Firmware {
         }
     }
 
-    fn latch_contact(&mut self, contact: Contact) {
+    fn latch_contact(&mut self, contact: LatchedContact) {
         self.latch_count = self.latch_count.wrapping_add(1);
         self.contact_count += 1;
-        self.latch = contact.position;
-        self.latch_time_s = contact.t_s;
-        self.record(ControlEvent::Contact { latch: position_steps(&self.latch), t_s: contact.t_s });
+        self.latched_position = contact.latched_position;
+        self.latch_time_s = contact.latch_time_s;
+        self.record_event(ControlEvent::ContactLatched {
+            latch: position_steps(&self.latched_position),
+            t_s: contact.latch_time_s,
+        });
     }
 
     /// A drive that is pressed against an obstacle stalls.
     fn alarm_if_crashed(&mut self, has_crashed: bool) {
         if has_crashed {
-            self.alarm(ALARM_HARD_LIMIT);
+            self.raise_alarm(ALARM_HARD_LIMIT);
         }
     }
 
-    pub(super) fn alarm(&mut self, code: u16) {
+    pub(super) fn raise_alarm(&mut self, code: u16) {
         self.stop_at_current_position();
-        self.mode = OperatingState::Alarm(code);
+        self.operating_state = OperatingState::Alarm(code);
     }
 
     /// Stops the machine where it is and discards the remaining motion.
     pub(super) fn hold(&mut self, reason: u16) {
-        if self.mode == OperatingState::Ready {
+        if self.operating_state == OperatingState::Ready {
             self.stop_at_current_position();
-            self.mode = OperatingState::Held(reason);
+            self.operating_state = OperatingState::Held(reason);
         }
     }
 
@@ -121,6 +124,6 @@ impl Firmware {
         if let Some(resident) = &mut self.resident_program {
             resident.stop();
         }
-        self.executor.hold_job(self.now);
+        self.executor.hold_job(self.time_since_power_up);
     }
 }

@@ -3,8 +3,8 @@
 use machine::{Axis, Position};
 
 /// Sizes of the command block in holding registers: with lines, and with the table of a resident program.
-pub(super) const LINE_BLOCK_REGISTERS: usize = 106;
-pub(super) const PROGRAM_BLOCK_REGISTERS: usize = 334;
+pub(super) const LINE_COMMAND_BLOCK_REGISTER_COUNT: usize = 106;
+pub(super) const PROGRAM_COMMAND_BLOCK_REGISTER_COUNT: usize = 334;
 pub(super) const HOLD_REGISTER: usize = 0;
 pub(super) const SEQUENCE_REGISTER: usize = 1;
 pub(super) const HEARTBEAT_REGISTER: usize = 2;

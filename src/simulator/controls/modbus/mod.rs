@@ -9,7 +9,7 @@ mod fault;
 mod job;
 mod layout;
 mod registers;
-mod resident;
+mod resident_program;
 mod serve;
 #[cfg(test)]
 mod tests;
@@ -21,7 +21,7 @@ use std::time::Duration;
 pub use fault::{Fault, FaultKind};
 pub use serve::{serve_rtu, serve_tcp};
 
-use resident::SimulatedResidentProgram;
+use resident_program::SimulatedResidentProgram;
 
 use super::job_executor::JobExecutor;
 use crate::SimulatedWorld;
@@ -33,8 +33,8 @@ const ALARM_HARD_LIMIT: u16 = 1;
 const ALARM_SOFT_LIMIT: u16 = 2;
 const ALARM_PROBE_CLOSED: u16 = 4;
 const ALARM_NO_CONTACT: u16 = 5;
-const ALARM_STILL_CLOSED: u16 = 11;
-const HOLD_HEARTBEAT_LOST: u16 = 64;
+const ALARM_PROBE_STILL_CLOSED: u16 = 11;
+const HOLD_REASON_HEARTBEAT_LOST: u16 = 64;
 
 /// Timeout of the client's heartbeat: after it, motion is held and no chunk is accepted.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(2);
@@ -61,20 +61,21 @@ impl SimulatedModbusOptions {
 #[derive(Debug, Clone, PartialEq)]
 pub enum ControlEvent {
     /// A chunk was accepted; `text` describes its lines or the rows of its table.
-    Accepted {
+    ChunkAccepted {
         sequence: u16,
         text: String,
     },
     /// A chunk was offered, whether accepted or not.
-    Offered {
+    ChunkOffered {
         sequence: u16,
     },
     /// Latched positions, in steps of 0.001 mm or degree, and the time.
-    Contact {
+    ContactLatched {
         latch: Vec<i32>,
         t_s: f64,
     },
-    Hold,
+    /// A value other than 0 was written to the hold register.
+    HoldRegisterWritten,
     FaultOccurred(FaultKind),
 }
 
@@ -95,7 +96,7 @@ enum OperatingState {
 pub struct Firmware {
     options: SimulatedModbusOptions,
     executor: JobExecutor,
-    mode: OperatingState,
+    operating_state: OperatingState,
     /// The holding registers.
     holding_registers: Vec<u16>,
     /// Lines of the current chunk that have not been started.
@@ -105,12 +106,12 @@ pub struct Firmware {
     executed_sequence: u16,
     error_code: u16,
     latch_count: u16,
-    latch: Position,
+    latched_position: Position,
     latch_time_s: f64,
     /// Number of status blocks written so far.
-    status_count: u16,
+    status_block_count: u16,
     /// Time at which the client's heartbeat last changed.
-    last_heartbeat: Option<Duration>,
+    last_heartbeat_change_time: Option<Duration>,
     request_count: u64,
     accepted_chunk_count: u64,
     /// Number of contacts since the control was built.
@@ -118,29 +119,29 @@ pub struct Firmware {
     /// Whether the current status shows the previous result.
     shows_previous_result: bool,
     /// Status of a frozen control, which accepts nothing.
-    frozen_status: Option<Vec<u16>>,
+    frozen_status_block: Option<Vec<u16>>,
     /// Value of a heartbeat that has stopped.
-    stopped_heartbeat: Option<u16>,
+    frozen_heartbeat_value: Option<u16>,
     has_wrong_stamp: bool,
     /// The previous status block.
-    previous_status: Vec<u16>,
+    previous_status_block: Vec<u16>,
     is_hung: bool,
     cut_signal: Arc<tokio::sync::Notify>,
-    diary: ControlEventLog,
+    event_log: ControlEventLog,
     /// Host time since power-up.
-    now: Duration,
+    time_since_power_up: Duration,
 }
 
 impl Firmware {
     pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: SimulatedModbusOptions) -> Self {
         let (resident, size) = match options.has_resident_program {
-            true => (Some(SimulatedResidentProgram::default()), layout::PROGRAM_BLOCK_REGISTERS),
-            false => (None, layout::LINE_BLOCK_REGISTERS),
+            true => (Some(SimulatedResidentProgram::default()), layout::PROGRAM_COMMAND_BLOCK_REGISTER_COUNT),
+            false => (None, layout::LINE_COMMAND_BLOCK_REGISTER_COUNT),
         };
         Self {
             executor: JobExecutor::new(world, options.pace),
             options,
-            mode: OperatingState::Ready,
+            operating_state: OperatingState::Ready,
             holding_registers: vec![0; size],
             pending_lines: VecDeque::new(),
             resident_program: resident,
@@ -148,51 +149,51 @@ impl Firmware {
             executed_sequence: 0,
             error_code: 0,
             latch_count: 0,
-            latch: Position::new(),
+            latched_position: Position::new(),
             latch_time_s: 0.0,
-            status_count: 0,
-            last_heartbeat: None,
+            status_block_count: 0,
+            last_heartbeat_change_time: None,
             request_count: 0,
             accepted_chunk_count: 0,
             contact_count: 0,
             shows_previous_result: false,
-            frozen_status: None,
-            stopped_heartbeat: None,
+            frozen_status_block: None,
+            frozen_heartbeat_value: None,
             has_wrong_stamp: false,
-            previous_status: Vec::new(),
+            previous_status_block: Vec::new(),
             is_hung: false,
             cut_signal: Arc::default(),
-            diary: Arc::default(),
-            now: Duration::ZERO,
+            event_log: Arc::default(),
+            time_since_power_up: Duration::ZERO,
         }
     }
 
     pub fn event_log(&self) -> ControlEventLog {
-        self.diary.clone()
+        self.event_log.clone()
     }
 
-    fn record(&self, entry: ControlEvent) {
+    fn record_event(&self, entry: ControlEvent) {
         // A list stays consistent if another thread panics.
-        self.diary.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
+        self.event_log.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
     }
 
     /// Switches the control off and on; a person must make it ready again.
-    fn reset(&mut self) {
+    fn power_cycle(&mut self) {
         self.stop_at_current_position();
         self.holding_registers.fill(0);
         (self.accepted_sequence, self.executed_sequence, self.error_code, self.latch_count) = (0, 0, 0, 0);
-        self.last_heartbeat = None;
+        self.last_heartbeat_change_time = None;
         self.resident_program = self.resident_program.take().map(|_| SimulatedResidentProgram::default());
-        self.mode = OperatingState::NotReady;
+        self.operating_state = OperatingState::NotReady;
     }
 
     fn is_moving(&self) -> bool {
         let begun = self.resident_program.as_ref().is_some_and(SimulatedResidentProgram::is_running);
-        self.mode == OperatingState::Ready
-            && (begun || self.executor.active.is_some() || !self.pending_lines.is_empty())
+        self.operating_state == OperatingState::Ready
+            && (begun || self.executor.active_job.is_some() || !self.pending_lines.is_empty())
     }
 
     fn is_heartbeat_current(&self, at: Duration) -> bool {
-        self.last_heartbeat.is_some_and(|beat| at <= beat + HEARTBEAT_TIMEOUT)
+        self.last_heartbeat_change_time.is_some_and(|beat| at <= beat + HEARTBEAT_TIMEOUT)
     }
 }

@@ -6,7 +6,7 @@ use super::fault::WRONG_STAMP_S;
 use super::layout::{
     ACKNOWLEDGE_REGISTER, HEARTBEAT_REGISTER, HOLD_REGISTER, SEQUENCE_REGISTER, position_steps, register_words,
 };
-use super::resident::ResultSlot;
+use super::resident_program::ResultSlot;
 use super::{ControlEvent, Firmware, OperatingState};
 use machine::Position;
 
@@ -22,55 +22,56 @@ fn position_words(position: &Position) -> Vec<u16> {
 impl Firmware {
     /// Input registers 0 to 44; 0 to 49 with a resident program.
     pub(super) fn status_block(&mut self) -> Vec<u16> {
-        if let Some(frozen) = &self.frozen_status {
+        if let Some(frozen) = &self.frozen_status_block {
             return frozen.clone();
         }
-        let (state, alarm) = match self.mode {
+        let (state, alarm) = match self.operating_state {
             OperatingState::NotReady => (0, 0),
             OperatingState::Ready if self.is_moving() => (2, 0),
             OperatingState::Ready => (1, 0),
             OperatingState::Held(reason) => (3, reason),
             OperatingState::Alarm(code) => (4, code),
         };
-        let position = self.executor.position_at(self.now);
-        self.status_count = self.status_count.wrapping_add(1);
+        let position = self.executor.displayed_position_at(self.time_since_power_up);
+        self.status_block_count = self.status_block_count.wrapping_add(1);
         let probe = u16::from(self.executor.is_probe_closed());
         self.executor.on_probe_state_reported();
         let beat = self.heartbeat_count();
         let slot = self.reported_slot();
         let version = if slot.is_some() { PROGRAM_WINDOW_VERSION } else { LINE_WINDOW_VERSION };
         let (number, t_s, latch) = match &slot {
-            Some(slot) => (slot.number, slot.t_s, &slot.latch),
-            None => (self.latch_count, self.latch_time_s, &self.latch),
+            Some(slot) => (slot.result_number, slot.latch_time_s, &slot.latched_position),
+            None => (self.latch_count, self.latch_time_s, &self.latched_position),
         };
         let t_s = if self.has_wrong_stamp && t_s > 0.0 { WRONG_STAMP_S } else { t_s };
-        let mut block = vec![self.status_count, version, state, alarm, self.accepted_sequence, self.executed_sequence];
+        let mut block =
+            vec![self.status_block_count, version, state, alarm, self.accepted_sequence, self.executed_sequence];
         block.extend([self.error_code, probe, 0, 0, number, beat]);
         block.extend(register_words(&self.executor.with_world(|world| world.time_s()).to_be_bytes()));
         block.extend(register_words(&t_s.to_be_bytes()));
         block.extend(position_words(latch));
         block.extend(position_words(&position));
         if let (Some(slot), Some(resident)) = (slot, &self.resident_program) {
-            let at = u16::try_from(resident.current_row).unwrap_or(u16::MAX);
-            block.extend([at, slot.sequence, slot.row]);
-            block.extend([slot.contact, slot.valid].map(u16::from));
+            let at = u16::try_from(resident.current_row_number).unwrap_or(u16::MAX);
+            block.extend([at, slot.chunk_sequence, slot.row_number]);
+            block.extend([slot.has_contact, slot.is_valid].map(u16::from));
         }
-        block.push(self.status_count);
-        self.previous_status.clone_from(&block);
+        block.push(self.status_block_count);
+        self.previous_status_block.clone_from(&block);
         block
     }
 
     pub(super) fn heartbeat_count(&self) -> u16 {
-        let beat = (self.now.as_secs_f64() * HEARTBEATS_PER_S) as u64 as u16;
-        self.stopped_heartbeat.unwrap_or(beat)
+        let beat = (self.time_since_power_up.as_secs_f64() * HEARTBEATS_PER_S) as u64 as u16;
+        self.frozen_heartbeat_value.unwrap_or(beat)
     }
 
     /// Result shown by the resident program; the previous one for [`FaultKind::StaleResult`].
     fn reported_slot(&mut self) -> Option<ResultSlot> {
         let resident = self.resident_program.as_ref()?;
-        match self.shows_previous_result.then(|| resident.previous_slot.clone()).flatten() {
-            Some(before) => Some(ResultSlot { valid: true, ..before }),
-            None => Some(resident.slot.clone()),
+        match self.shows_previous_result.then(|| resident.previous_result_slot.clone()).flatten() {
+            Some(before) => Some(ResultSlot { is_valid: true, ..before }),
+            None => Some(resident.result_slot.clone()),
         }
     }
 
@@ -101,14 +102,14 @@ impl Firmware {
         }
     }
 
-    pub(super) fn write_registers(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
-        let first = usize::from(at);
+    pub(super) fn write_registers(&mut self, first_address: u16, words: &[u16]) -> Result<(), ExceptionCode> {
+        let first = usize::from(first_address);
         let range = first..first + words.len();
         let before = [HOLD_REGISTER, HEARTBEAT_REGISTER].map(|registers| self.holding_registers[registers]);
         let registers = self.holding_registers.get_mut(range.clone()).ok_or(ExceptionCode::IllegalDataAddress)?;
         registers.copy_from_slice(words);
         if self.holding_registers[HEARTBEAT_REGISTER] != before[1] {
-            self.last_heartbeat = Some(self.now);
+            self.last_heartbeat_change_time = Some(self.time_since_power_up);
         }
         if let Some(resident) = self.resident_program.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER)) {
             resident.on_acknowledge_written(self.holding_registers[ACKNOWLEDGE_REGISTER]);
@@ -117,7 +118,7 @@ impl Firmware {
             self.on_sequence_written();
         }
         if self.holding_registers[HOLD_REGISTER] != 0 && range.contains(&HOLD_REGISTER) {
-            self.record(ControlEvent::Hold);
+            self.record_event(ControlEvent::HoldRegisterWritten);
             self.hold(0);
         }
         Ok(())

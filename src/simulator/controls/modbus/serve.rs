@@ -22,9 +22,9 @@ const WIRE_BUFFER_BYTES: usize = 4096;
 #[derive(Clone)]
 struct FirmwareServer {
     firmware: Arc<Mutex<Firmware>>,
-    start: Instant,
-    /// Unit address that is answered; requests to others are ignored.
-    unit: Option<u8>,
+    start_instant: Instant,
+    /// Unit address that is answered; requests to others are ignored. `None`: all are answered.
+    answered_unit: Option<u8>,
 }
 
 impl Service for FirmwareServer {
@@ -34,12 +34,12 @@ impl Service for FirmwareServer {
     type Future = Pin<Box<dyn Future<Output = Result<Option<Response>, ExceptionCode>> + Send + 'static>>;
 
     fn call(&self, SlaveRequest { slave, request }: Self::Request) -> Self::Future {
-        if self.unit.is_some_and(|unit| unit != slave) {
+        if self.answered_unit.is_some_and(|unit| unit != slave) {
             return Box::pin(std::future::ready(Ok(None)));
         }
         let reply = {
             let mut firmware = self.firmware.lock().unwrap_or_else(PoisonError::into_inner);
-            firmware.handle_request(&request, self.start.elapsed())
+            firmware.handle_request(&request, self.start_instant.elapsed())
         };
         Box::pin(async move {
             if !reply.delay.is_zero() {
@@ -50,9 +50,12 @@ impl Service for FirmwareServer {
     }
 }
 
-fn firmware_server(firmware: Firmware, unit: Option<u8>) -> (FirmwareServer, Arc<Notify>) {
+fn firmware_server_and_cut_signal(firmware: Firmware, unit: Option<u8>) -> (FirmwareServer, Arc<Notify>) {
     let cut = firmware.cut_signal.clone();
-    (FirmwareServer { firmware: Arc::new(Mutex::new(firmware)), start: Instant::now(), unit }, cut)
+    (
+        FirmwareServer { firmware: Arc::new(Mutex::new(firmware)), start_instant: Instant::now(), answered_unit: unit },
+        cut,
+    )
 }
 
 /// Serves every client that connects, until dropped.
@@ -60,7 +63,7 @@ fn firmware_server(firmware: Firmware, unit: Option<u8>) -> (FirmwareServer, Arc
 /// # Errors
 /// The listener fails.
 pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<()> {
-    let (server, cut) = firmware_server(firmware, None);
+    let (server, cut) = firmware_server_and_cut_signal(firmware, None);
     let connected = |stream: TcpStream, _| {
         let (server, cut) = (server.clone(), cut.clone());
         async move {
@@ -90,6 +93,6 @@ fn cuttable_stream(mut stream: TcpStream, cut_signal: Arc<Notify>) -> DuplexStre
 /// # Errors
 /// The serial line fails.
 pub async fn serve_rtu(firmware: Firmware, line: SerialStream) -> io::Result<()> {
-    let (server, _) = firmware_server(firmware, Some(RTU_UNIT_ADDRESS));
+    let (server, _) = firmware_server_and_cut_signal(firmware, Some(RTU_UNIT_ADDRESS));
     rtu::Server::new(line).serve_forever(server).await
 }

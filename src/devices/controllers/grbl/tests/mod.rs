@@ -1,29 +1,29 @@
 //! Tests of the driver against the simulated control, and against scripted peers.
 
-mod bench;
 mod faults;
 mod readiness;
+mod scripted_peer;
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bench::{IDLE_REPORT, peer, peer_with_overrides};
+use scripted_peer::{IDLE_REPORT, spawn_peer_with_odd_replies, spawn_scripted_peer};
 
 use super::{GrblDriver, GrblTimeouts};
 use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
 use link::{LineLink, LinkAddress, create_pty, open_line_link};
 use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
-use planning::gcode::Transmission;
-use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
-use planning::proof::{ProvenBlock, prove_modes};
+use planning::gcode::TransmissionForm;
+use planning::proof::for_tests::{load_dialect, prove_block_text, prove_block_text_from};
+use planning::proof::{ProvenBlock, render_and_prove_mode_text};
 use simulator::controls::grbl::{Firmware, SimulatedGrblOptions, testing};
 use simulator::interpreter::SimulationPace;
 use simulator::{SimulatedWorld, Speed};
 
-fn grbl(link: LineLink) -> (GrblDriver, HaltHandle) {
-    let (machine, dialect) = (testing::machine(), dialect("grbl").unwrap());
-    let modes = prove_modes(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
+fn driver_with_short_timeouts(link: LineLink) -> (GrblDriver, HaltHandle) {
+    let (machine, dialect) = (testing::five_axis_machine(), load_dialect("grbl").unwrap());
+    let modes = render_and_prove_mode_text(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
     let (driver, halt) = GrblDriver::new(link, &machine, modes);
     let timeouts = GrblTimeouts {
         reply_timeout: Duration::from_millis(300),
@@ -36,17 +36,17 @@ fn grbl(link: LineLink) -> (GrblDriver, HaltHandle) {
 
 /// Proves the block for the transmission of this control; the clearance of bodies is not checked.
 fn prove_block(block: &Block) -> ProvenBlock {
-    let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
-    let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
-    proven_block(block, &axes, &dialect("grbl").unwrap(), &transmission).unwrap()
+    let axes: Vec<Axis> = testing::five_axis_machine().axes.keys().copied().collect();
+    let transmission = TransmissionForm::Lines { max_line_bytes: usize::MAX };
+    prove_block_text(block, &axes, &load_dialect("grbl").unwrap(), &transmission).unwrap()
 }
 
 fn position(axes: &[(Axis, f64)]) -> Position {
-    axes.iter().map(|(axis, edge)| (*axis, axis.to_mm_or_rad(*edge))).collect()
+    axes.iter().map(|(axis, mm_or_deg)| (*axis, axis.to_mm_or_rad(*mm_or_deg))).collect()
 }
 
 /// Approach, touch and retract at one of 8 angles around the part.
-fn touch(step: u32) -> Block {
+fn touch_block(step: u32) -> Block {
     let angle = f64::from(step % 8) * 45_f64.to_radians();
     let at = |r: f64| position(&[(Axis::X, r * angle.cos()), (Axis::Y, r * angle.sin())]);
     let motions = vec![
@@ -61,70 +61,76 @@ fn touch(step: u32) -> Block {
     Block { step, repeat: 0, motions }
 }
 
-async fn run(driver: &mut GrblDriver, steps: u32) -> Vec<BlockOutcome> {
+async fn run_touches(driver: &mut GrblDriver, steps: u32) -> Vec<BlockOutcome> {
     let prepared = driver.prepare().await.unwrap();
     assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
     let mut outcomes = Vec::new();
     for step in 0..steps {
-        outcomes.push(driver.execute(prove_block(&touch(step))).await.unwrap());
+        outcomes.push(driver.execute(prove_block(&touch_block(step))).await.unwrap());
     }
-    driver.finish().await.unwrap();
+    driver.restore_modes().await.unwrap();
     outcomes
 }
 
 /// A prepared driver, its halt, and the simulated world in which its control moves.
-async fn prepared_in_world(pace: SimulationPace) -> (GrblDriver, HaltHandle, Arc<Mutex<SimulatedWorld>>) {
+async fn prepared_driver_in_world(pace: SimulationPace) -> (GrblDriver, HaltHandle, Arc<Mutex<SimulatedWorld>>) {
     let (ours, theirs) = tokio::io::duplex(4096);
-    let world = testing::world();
-    let mut control = Firmware::new(world.clone(), SimulatedGrblOptions::for_machine(&testing::machine(), pace));
+    let world = testing::world_with_round_part();
+    let mut control =
+        Firmware::new(world.clone(), SimulatedGrblOptions::for_machine(&testing::five_axis_machine(), pace));
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, halt) = grbl(LineLink::from_stream("in process", ours));
+    let (mut driver, halt) = driver_with_short_timeouts(LineLink::from_stream("in process", ours));
     driver.prepare().await.unwrap();
     (driver, halt, world)
 }
 
-fn firmware() -> Firmware {
-    Firmware::new(testing::world(), SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Fast))
+fn simulated_firmware() -> Firmware {
+    Firmware::new(
+        testing::world_with_round_part(),
+        SimulatedGrblOptions::for_machine(&testing::five_axis_machine(), SimulationPace::Immediate),
+    )
 }
 
 #[tokio::test]
-async fn touches_agree_over_every_stream() {
+async fn touches_agree_in_process_over_pty_and_over_tcp() {
     let (ours, theirs) = tokio::io::duplex(4096);
-    let mut control = firmware();
+    let mut control = simulated_firmware();
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(LineLink::from_stream("in process", ours));
-    let in_process = run(&mut driver, 70).await;
+    let (mut driver, _) = driver_with_short_timeouts(LineLink::from_stream("in process", ours));
+    let in_process = run_touches(&mut driver, 70).await;
     for (step, outcome) in in_process.iter().enumerate() {
-        let at = outcome.touch.as_ref().unwrap();
+        let at = outcome.trigger_position.as_ref().unwrap();
         let radius = at.get_or_zero(Axis::X).hypot(at.get_or_zero(Axis::Y));
         assert!((radius - 28.0).abs() < 1.5e-3, "step {step}: {radius}");
         assert!((at.get_or_zero(Axis::C).to_degrees() - 45.0 * (step % 8) as f64).abs() < 1e-3);
     }
-    assert!(in_process.is_sorted_by(|a, b| a.t_s.unwrap() < b.t_s.unwrap()));
+    assert!(in_process.is_sorted_by(|a, b| a.trigger_time_s.unwrap() < b.trigger_time_s.unwrap()));
 
     let mut pty = create_pty().unwrap();
-    let mut control = firmware();
+    let mut control = simulated_firmware();
     tokio::spawn(async move { control.serve(&mut pty.device).await });
-    let (mut driver, _) = grbl(open_line_link(&LinkAddress::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
-    assert_eq!(run(&mut driver, 70).await, in_process);
+    let (mut driver, _) = driver_with_short_timeouts(
+        open_line_link(&LinkAddress::Serial { path: pty.path, baud: 115_200 }).await.unwrap(),
+    );
+    assert_eq!(run_touches(&mut driver, 70).await, in_process);
 
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     tokio::spawn(async move {
         let (stream, _) = listener.accept().await.unwrap();
-        firmware().serve(stream).await
+        simulated_firmware().serve(stream).await
     });
     let address = LinkAddress::Tcp { host: "127.0.0.1".to_owned(), port };
-    let (mut driver, _) = grbl(open_line_link(&address).await.unwrap());
-    assert_eq!(run(&mut driver, 70).await, in_process);
+    let (mut driver, _) = driver_with_short_timeouts(open_line_link(&address).await.unwrap());
+    assert_eq!(run_touches(&mut driver, 70).await, in_process);
 }
 
-fn status(text: &str) -> String {
+fn status_report(text: &str) -> String {
     format!("<{text}>\r\n")
 }
 
 async fn prepare_error(link: LineLink) -> ControllerError {
-    grbl(link).0.prepare().await.unwrap_err()
+    driver_with_short_timeouts(link).0.prepare().await.unwrap_err()
 }
 
 #[tokio::test]
@@ -136,7 +142,7 @@ async fn unsuitable_control_is_refused_before_motion() {
         ("Tool|MPos:0.000", "the control is not ready: Tool", "reset the control"),
         ("Idle|MPos:0.000|Pn:P|Ov:100,100,100", "the control is not ready: the probe reads closed", "stylus"),
     ] {
-        let (link, tape) = peer_with_overrides(move |line| (line == "?").then(|| status(said)));
+        let (link, tape) = spawn_peer_with_odd_replies(move |line| (line == "?").then(|| status_report(said)));
         let error = prepare_error(link).await;
         assert_eq!(error.to_string(), expected);
         assert!(error.remedy().contains(remedy), "{}", error.remedy());
@@ -145,7 +151,7 @@ async fn unsuitable_control_is_refused_before_motion() {
         assert!(!tape.contains('G') && !tape.contains("$X") && !tape.contains('\x18'), "{tape}");
     }
     let classic = "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n";
-    let (link, _) = peer_with_overrides(move |line| (line == "$I").then(|| classic.to_owned()));
+    let (link, _) = spawn_peer_with_odd_replies(move |line| (line == "$I").then(|| classic.to_owned()));
     let error = prepare_error(link).await;
     assert!(matches!(&error, ControllerError::UnsupportedByControl { reason, .. }
         if reason == "the control has the axes XYZ, but not B, C"));
@@ -154,82 +160,83 @@ async fn unsuitable_control_is_refused_before_motion() {
 
 #[tokio::test]
 async fn silence_noise_and_foreign_devices_are_distinguished() {
-    let (link, _) = peer(|_| None);
+    let (link, _) = spawn_scripted_peer(|_| None);
     let error = prepare_error(link).await;
     assert!(matches!(error, ControllerError::NoAnswer { .. }), "{error}");
-    let (link, _) = peer(|_| Some("\u{f8}\u{80}\u{1f}\u{0}x".to_owned()));
+    let (link, _) = spawn_scripted_peer(|_| Some("\u{f8}\u{80}\u{1f}\u{0}x".to_owned()));
     let error = prepare_error(link).await;
     assert!(error.to_string().contains("unreadable bytes"), "{error}");
     assert!(error.remedy().contains("baud"));
-    let (link, _) = peer(|_| Some("start\r\necho:Unknown command\r\n".to_owned()));
+    let (link, _) = spawn_scripted_peer(|_| Some("start\r\necho:Unknown command\r\n".to_owned()));
     let error = prepare_error(link).await;
     assert!(error.to_string().contains("`start`"), "{error}");
-    let (link, _) = peer(|_| Some("HANG UP".to_owned()));
+    let (link, _) = spawn_scripted_peer(|_| Some("HANG UP".to_owned()));
     assert!(matches!(prepare_error(link).await, ControllerError::Link(_)));
 }
 
-/// Result of one touch if the peer answers oddly after the preparation.
+/// Result of one touch, and the lines sent for it. `odd_answer` replaces replies of the peer after the preparation.
 async fn execute_touch(
     mut odd_answer: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> (Result<BlockOutcome, ControllerError>, String) {
     let prepared = Arc::new(Mutex::new(false));
     let copy = prepared.clone();
-    let (link, tape) = peer_with_overrides(move |line| if *copy.lock().unwrap() { odd_answer(line) } else { None });
-    let (mut driver, _) = grbl(link);
+    let (link, tape) =
+        spawn_peer_with_odd_replies(move |line| if *copy.lock().unwrap() { odd_answer(line) } else { None });
+    let (mut driver, _) = driver_with_short_timeouts(link);
     driver.prepare().await.unwrap();
     *prepared.lock().unwrap() = true;
     tape.lock().unwrap().clear();
-    let outcome = driver.execute(prove_block(&touch(3))).await;
+    let outcome = driver.execute(prove_block(&touch_block(3))).await;
     let tape = tape.lock().unwrap().replace(['?', '!'], "");
     (outcome, tape)
 }
 
 #[tokio::test]
-async fn touch_with_replies_of_a_real_control() {
+async fn touch_with_replies_of_a_real_control_gives_its_position() {
     let (outcome, tape) = execute_touch(|_| None).await;
     let outcome = outcome.unwrap();
-    let at = outcome.touch.unwrap();
+    let at = outcome.trigger_position.unwrap();
     // Position at the end of the touch, at 26 mm and 135 degrees, three decimals.
     assert_eq!([at.get_or_zero(Axis::X), at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)], [-18.385, 18.385, -150.0]);
     assert_eq!(at.iter().map(|(axis, _)| axis.letter()).collect::<String>(), "XYZBC");
-    assert_eq!(outcome.t_s, None);
+    assert_eq!(outcome.trigger_time_s, None);
     assert_eq!(tape.lines().count(), 8, "seven motions, and the touch told again: {tape}");
 }
 
-fn reply_to_probe(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+fn reply_to_probing_move(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
     move |line| line.contains("F30.").then(|| said.to_owned())
 }
 
-fn reply_to_guarded(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+fn reply_to_guarded_move(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
     move |line| line.contains("F3000.").then(|| said.to_owned())
 }
 
 #[tokio::test]
-async fn touch_failures_are_reported_by_name() {
+async fn each_touch_failure_gives_the_expected_error() {
     let miss = "[PRB:0.000,0.000,1.000,0.000,0.000:0]\r\nok\r\n";
-    let (outcome, _) = execute_touch(reply_to_probe(miss)).await;
+    let (outcome, _) = execute_touch(reply_to_probing_move(miss)).await;
     assert!(matches!(outcome, Err(ControllerError::NoContact { step: 3 })));
     let alarmed = "ALARM:5\r\n[PRB:0.000,0.000,1.000,0.000,0.000:0]\r\nok\r\n";
-    let (outcome, _) = execute_touch(reply_to_probe(alarmed)).await;
+    let (outcome, _) = execute_touch(reply_to_probing_move(alarmed)).await;
     assert!(matches!(outcome, Err(ControllerError::NoContact { step: 3 })));
-    let (outcome, _) = execute_touch(reply_to_probe("ALARM:4\r\nok\r\n")).await;
+    let (outcome, _) = execute_touch(reply_to_probing_move("ALARM:4\r\nok\r\n")).await;
     assert!(matches!(outcome, Err(ControllerError::ProbeStillClosed { step: 3 })));
-    let (outcome, _) = execute_touch(reply_to_probe("ok\r\n")).await;
+    let (outcome, _) = execute_touch(reply_to_probing_move("ok\r\n")).await;
     assert!(matches!(outcome, Err(ControllerError::UnreadableReply { .. })));
-    let (outcome, _) = execute_touch(reply_to_probe("[PRB:1.000,0.000:1]\r\nok\r\n")).await;
+    let (outcome, _) = execute_touch(reply_to_probing_move("[PRB:1.000,0.000:1]\r\nok\r\n")).await;
     assert!(matches!(outcome, Err(ControllerError::UnreadableReply { .. })));
     let hit = "[PRB:0.000,0.000,1.000,0.000,0.000:1]\r\nok\r\n";
-    let (outcome, tape) = execute_touch(reply_to_guarded(hit)).await;
+    let (outcome, tape) = execute_touch(reply_to_guarded_move(hit)).await;
     assert!(matches!(outcome, Err(ControllerError::UnexpectedContact { step: 3 })));
     assert_eq!(tape.lines().count(), 3, "nothing follows: {tape}");
-    let closed = |line: &str| (line == "?").then(|| status("Idle|MPos:{at}|Pn:PZ"));
+    let closed = |line: &str| (line == "?").then(|| status_report("Idle|MPos:{at}|Pn:PZ"));
     let (outcome, tape) = execute_touch(closed).await;
     assert!(matches!(outcome, Err(ControllerError::ProbeStillClosed { step: 3 })));
     assert!(!tape.contains("F30."), "{tape}");
     let mut probed = false;
     let stuck = move |line: &str| {
         probed |= line.contains("F30.");
-        (probed && line == "?").then(|| status("Idle|MPos:{at}|Pn:P"))
+        (probed && line == "?").then(|| status_report("Idle|MPos:{at}|Pn:P"))
     };
     let (outcome, tape) = execute_touch(stuck).await;
     assert!(matches!(outcome, Err(ControllerError::ProbeStillClosed { step: 3 })));
@@ -238,7 +245,7 @@ async fn touch_failures_are_reported_by_name() {
 
 #[tokio::test]
 async fn only_a_back_off_is_executed_in_contact() {
-    let (mut driver, _halt, world) = prepared_in_world(SimulationPace::Fast).await;
+    let (mut driver, _halt, world) = prepared_driver_in_world(SimulationPace::Immediate).await;
     // The target is 1.5 mm inside the part: contact is at 28 mm.
     let at = |x: f64| position(&[(Axis::X, x)]);
     let one = |motion: Motion| prove_block(&Block { step: 3, repeat: 0, motions: vec![motion] });
@@ -265,7 +272,7 @@ async fn only_a_back_off_is_executed_in_contact() {
 
 #[tokio::test]
 async fn alarms_errors_and_resets_are_reported_with_their_meaning() {
-    let (outcome, tape) = execute_touch(reply_to_guarded("error:20\r\n")).await;
+    let (outcome, tape) = execute_touch(reply_to_guarded_move("error:20\r\n")).await;
     let error = outcome.unwrap_err();
     assert!(error.to_string().contains("`error:20`"), "{error}");
     assert!(error.to_string().contains("unknown to this control"), "{error}");
@@ -282,7 +289,7 @@ async fn alarms_errors_and_resets_are_reported_with_their_meaning() {
     let reset = "ALARM:3\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
     let banner = "\r\nGrbl 1.1f ['$' for help]\r\n";
     for said in [reset, banner] {
-        let (outcome, tape) = execute_touch(reply_to_probe(said)).await;
+        let (outcome, tape) = execute_touch(reply_to_probing_move(said)).await;
         assert!(matches!(outcome, Err(ControllerError::ControlReset { .. })));
         assert_eq!(tape.lines().count(), 5);
     }
@@ -291,7 +298,7 @@ async fn alarms_errors_and_resets_are_reported_with_their_meaning() {
 #[tokio::test]
 async fn lost_reply_dead_control_and_lost_link_end_the_job() {
     // A byte of the line was lost: the control idles and never answers the line.
-    let (outcome, _) = execute_touch(reply_to_probe("")).await;
+    let (outcome, _) = execute_touch(reply_to_probing_move("")).await;
     assert!(matches!(outcome, Err(ControllerError::NoAnswer { .. })));
     let mut dead = false;
     let dying = move |line: &str| {
@@ -299,7 +306,7 @@ async fn lost_reply_dead_control_and_lost_link_end_the_job() {
         dead.then(String::new)
     };
     assert!(matches!(execute_touch(dying).await.0, Err(ControllerError::NoAnswer { .. })));
-    let (outcome, _) = execute_touch(reply_to_probe("HANG UP")).await;
+    let (outcome, _) = execute_touch(reply_to_probing_move("HANG UP")).await;
     assert!(matches!(outcome, Err(ControllerError::Link(_))));
 }
 
@@ -309,7 +316,7 @@ async fn slow_move_is_awaited_while_the_control_reports_run() {
     let running = move |line: &str| match line {
         "?" if polls > 0 && polls < 30 => {
             polls += 1;
-            Some(status("Run|MPos:0.000,0.000,0.000,0.000,0.000|FS:30,0"))
+            Some(status_report("Run|MPos:0.000,0.000,0.000,0.000,0.000|FS:30,0"))
         }
         probing if probing.contains("F30.") => {
             polls = 1;
@@ -321,13 +328,13 @@ async fn slow_move_is_awaited_while_the_control_reports_run() {
         }
         _ => None,
     };
-    assert_eq!(execute_touch(running).await.0.unwrap().touch.unwrap().get_or_zero(Axis::X), -18.385);
+    assert_eq!(execute_touch(running).await.0.unwrap().trigger_position.unwrap().get_or_zero(Axis::X), -18.385);
 }
 
 #[tokio::test]
 async fn dwell_is_awaited_although_the_control_reports_idle() {
     let begun = Arc::new(Mutex::new(None));
-    let (link, _) = peer_with_overrides(move |line| {
+    let (link, _) = spawn_peer_with_odd_replies(move |line| {
         let mut begun = begun.lock().unwrap();
         if line.contains("G4 ") {
             *begun = Some(std::time::Instant::now());
@@ -339,7 +346,7 @@ async fn dwell_is_awaited_although_the_control_reports_idle() {
             format!("{IDLE_REPORT}ok\r\n")
         })
     });
-    let (mut driver, _) = grbl(link);
+    let (mut driver, _) = driver_with_short_timeouts(link);
     driver.prepare().await.unwrap();
     let motions = vec![Motion::Dwell { seconds: 0.45 }];
     driver.execute(prove_block(&Block { step: 0, repeat: 0, motions })).await.unwrap();
@@ -350,43 +357,43 @@ async fn halt_during_a_touch_sends_the_hold_and_no_further_line() {
     let halt: Arc<Mutex<Option<HaltHandle>>> = Arc::default();
     let asked = halt.clone();
     let mut held = false;
-    let (link, tape) = peer_with_overrides(move |line| match line {
+    let (link, tape) = spawn_peer_with_odd_replies(move |line| match line {
         "!" => {
             held = true;
             Some(String::new())
         }
-        "?" if held => Some(status("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
+        "?" if held => Some(status_report("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
         probing if probing.contains("F30.") => {
             asked.lock().unwrap().as_ref().unwrap().trigger();
             Some(String::new())
         }
         _ => None,
     });
-    let (mut driver, handle) = grbl(link);
+    let (mut driver, handle) = driver_with_short_timeouts(link);
     *halt.lock().unwrap() = Some(handle);
     driver.prepare().await.unwrap();
     for _ in 0..2 {
-        let outcome = driver.execute(prove_block(&touch(0))).await;
+        let outcome = driver.execute(prove_block(&touch_block(0))).await;
         assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
     }
-    assert!(matches!(driver.finish().await, Err(ControllerError::Halted)));
+    assert!(matches!(driver.restore_modes().await, Err(ControllerError::Halted)));
     let tape = tape.lock().unwrap().clone();
     let after = tape.split_once('!').unwrap().1;
     assert!(after.chars().all(|byte| matches!(byte, '?' | '!')), "{after}");
 }
 
-/// Error after a halt at a control that moves until it has received more than `deaf` holds, and the text sent.
-async fn halt_with_lost_holds(deaf: usize) -> (ControllerError, String) {
+/// Error after a halt at a control that loses `lost_hold_count` holds and moves meanwhile, and the text sent.
+async fn halt_with_lost_holds(lost_hold_count: usize) -> (ControllerError, String) {
     let halt: Arc<Mutex<Option<HaltHandle>>> = Arc::default();
     let asked = halt.clone();
     let (mut moves, mut holds) = (false, 0);
-    let (link, tape) = peer_with_overrides(move |line| match line {
+    let (link, tape) = spawn_peer_with_odd_replies(move |line| match line {
         "!" => {
             holds += 1;
             Some(String::new())
         }
-        "?" if holds > deaf => Some(status("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
-        "?" if moves => Some(status("Run|MPos:0.000,0.000,0.000,0.000,0.000")),
+        "?" if holds > lost_hold_count => Some(status_report("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
+        "?" if moves => Some(status_report("Run|MPos:0.000,0.000,0.000,0.000,0.000")),
         probing if probing.contains("F30.") => {
             moves = true;
             asked.lock().unwrap().as_ref().unwrap().trigger();
@@ -394,10 +401,10 @@ async fn halt_with_lost_holds(deaf: usize) -> (ControllerError, String) {
         }
         _ => None,
     });
-    let (mut driver, handle) = grbl(link);
+    let (mut driver, handle) = driver_with_short_timeouts(link);
     *halt.lock().unwrap() = Some(handle);
     driver.prepare().await.unwrap();
-    let error = driver.execute(prove_block(&touch(0))).await.unwrap_err();
+    let error = driver.execute(prove_block(&touch_block(0))).await.unwrap_err();
     let tape = tape.lock().unwrap().clone();
     (error, tape)
 }
@@ -416,7 +423,7 @@ async fn lost_hold_is_repeated_until_the_machine_is_at_rest() {
 
 #[tokio::test]
 async fn halt_stops_a_slow_move_of_the_simulated_machine() {
-    let (mut driver, halt, world) = prepared_in_world(SimulationPace::Real).await;
+    let (mut driver, halt, world) = prepared_driver_in_world(SimulationPace::RealTime).await;
     let before = world.lock().unwrap().position();
     // 90 mm at 10 mm/min: nine minutes without a hold.
     let to = position(&[(Axis::Z, -90.0)]);
@@ -433,7 +440,7 @@ async fn halt_stops_a_slow_move_of_the_simulated_machine() {
 #[tokio::test]
 async fn regress_late_reply_of_the_first_blank_line_is_not_assigned_to_the_next() {
     let (mut asked, mut owed) = (0, true);
-    let (link, _) = peer_with_overrides(move |line| {
+    let (link, _) = spawn_peer_with_odd_replies(move |line| {
         asked += usize::from(line == "?");
         match line {
             "" => Some(String::new()),
@@ -445,9 +452,9 @@ async fn regress_late_reply_of_the_first_blank_line_is_not_assigned_to_the_next(
             _ => None,
         }
     });
-    let prepared = grbl(link).0.prepare().await.unwrap();
+    let prepared = driver_with_short_timeouts(link).0.prepare().await.unwrap();
     assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
     // The answer to the blank line never comes: the next line is sent nevertheless.
-    let (link, _) = peer_with_overrides(|line| line.is_empty().then(String::new));
-    grbl(link).0.prepare().await.unwrap();
+    let (link, _) = spawn_peer_with_odd_replies(|line| line.is_empty().then(String::new));
+    driver_with_short_timeouts(link).0.prepare().await.unwrap();
 }

@@ -3,13 +3,13 @@
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-use super::bench::{FULL_REPORT, SentText};
+use super::scripted_peer::{FULL_REPORT, SentText};
 use super::*;
 use crate::controllers::grbl::message::GrblMessage;
 
 /// Driver of a simulated control with the options `made`, and the text that the driver has sent.
-fn taped_driver(made: SimulatedGrblOptions) -> (GrblDriver, SentText) {
-    let mut control = Firmware::new(testing::world(), made);
+fn driver_with_sent_text(made: SimulatedGrblOptions) -> (GrblDriver, SentText) {
+    let mut control = Firmware::new(testing::world_with_round_part(), made);
     let (ours, middle) = tokio::io::duplex(4096);
     let (onward, theirs) = tokio::io::duplex(4096);
     tokio::spawn(async move { control.serve(theirs).await });
@@ -26,11 +26,11 @@ fn taped_driver(made: SimulatedGrblOptions) -> (GrblDriver, SentText) {
             }
         }
     });
-    (grbl(LineLink::from_stream("in process", ours)).0, tape)
+    (driver_with_short_timeouts(LineLink::from_stream("in process", ours)).0, tape)
 }
 
 /// Lines that command a motion: G0, G1, G38, G28, G30, homing and jogs.
-fn motions(sent: &str) -> Vec<&str> {
+fn sent_motion_lines(sent: &str) -> Vec<&str> {
     let moves = |line: &&str| {
         let mut words = line.split_whitespace();
         words.any(|word| matches!(word, "G0" | "G1" | "G28" | "G30") || word.starts_with("G38"))
@@ -40,7 +40,7 @@ fn motions(sent: &str) -> Vec<&str> {
     sent.lines().filter(|line| !line.starts_with('(')).filter(moves).collect()
 }
 
-/// Setting, value, text of the message, remedy.
+/// Settings with which a control is refused: number, value, text of the error, text of its remedy.
 const UNREADY_SETTINGS: [(u16, f64, &str, &str); 7] = [
     (13, 1.0, "in inches ($13=1)", "$13=0"),
     (20, 0.0, "soft limits are off", "$20=1"),
@@ -51,60 +51,81 @@ const UNREADY_SETTINGS: [(u16, f64, &str, &str); 7] = [
     (10, 495.0, "do not contain the probe", "$10=511"),
 ];
 
-fn options() -> SimulatedGrblOptions {
-    SimulatedGrblOptions::for_machine(&testing::machine(), SimulationPace::Fast)
+fn ready_grbl_options() -> SimulatedGrblOptions {
+    SimulatedGrblOptions::for_machine(&testing::five_axis_machine(), SimulationPace::Immediate)
 }
 
 #[tokio::test]
 async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
     for (number, value, state, remedy) in UNREADY_SETTINGS {
-        let mut made = options();
+        let mut made = ready_grbl_options();
         made.settings.insert(number, value);
         assert_refused(made, state, remedy).await;
     }
-    assert_refused(SimulatedGrblOptions { is_homed: false, ..options() }, "X, Y, Z, B, C are not homed", "$H").await;
+    assert_refused(
+        SimulatedGrblOptions { is_homed: false, ..ready_grbl_options() },
+        "X, Y, Z, B, C are not homed",
+        "$H",
+    )
+    .await;
     for (overrides, state) in [([200, 100], "feed 200 %"), ([100, 25], "rapid 25 %")] {
-        assert_refused(SimulatedGrblOptions { overrides, ..options() }, state, "100 %").await;
+        assert_refused(
+            SimulatedGrblOptions { feed_and_rapid_override_percent: overrides, ..ready_grbl_options() },
+            state,
+            "100 %",
+        )
+        .await;
     }
-    assert_refused(SimulatedGrblOptions { has_pendant: true, ..options() }, "a pendant", "pendant off").await;
-    assert_refused(SimulatedGrblOptions { tool_length_mm: 50.0, ..options() }, "tool length", "G49").await;
-    let silent = SimulatedGrblOptions { settings: [].into(), ..options() };
+    assert_refused(
+        SimulatedGrblOptions { is_pendant_in_control: true, ..ready_grbl_options() },
+        "a pendant",
+        "pendant off",
+    )
+    .await;
+    assert_refused(
+        SimulatedGrblOptions { reported_tool_length_mm: 50.0, ..ready_grbl_options() },
+        "tool length",
+        "G49",
+    )
+    .await;
+    let silent = SimulatedGrblOptions { settings: [].into(), ..ready_grbl_options() };
     assert_refused(silent, "does not report its settings", "grblHAL").await;
 
-    let (mut driver, tape) = taped_driver(options());
+    let (mut driver, tape) = driver_with_sent_text(ready_grbl_options());
     driver.prepare().await.unwrap();
-    driver.execute(prove_block(&touch(0))).await.unwrap();
-    assert!(!motions(&tape.lock().unwrap()).is_empty());
+    driver.execute(prove_block(&touch_block(0))).await.unwrap();
+    assert!(!sent_motion_lines(&tape.lock().unwrap()).is_empty());
 }
 
 async fn assert_refused(made: SimulatedGrblOptions, state: &str, remedy: &str) {
-    let (mut driver, tape) = taped_driver(made);
+    let (mut driver, tape) = driver_with_sent_text(made);
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains(state), "{error}");
     assert!(error.remedy().contains(remedy), "{}", error.remedy());
-    let refused = driver.execute(prove_block(&touch(0))).await.unwrap_err();
+    let refused = driver.execute(prove_block(&touch_block(0))).await.unwrap_err();
     assert!(matches!(refused, ControllerError::NotReady { .. }), "{refused}");
     let sent = tape.lock().unwrap().clone();
-    assert_eq!(motions(&sent), Vec::<&str>::new(), "{state}");
+    assert_eq!(sent_motion_lines(&sent), Vec::<&str>::new(), "{state}");
 }
 
 /// B and C have no switch, and `homing = "none"` declares it.
 #[tokio::test]
 async fn axis_without_homing_switch_must_be_declared() {
-    let mut made = options();
+    let mut made = ready_grbl_options();
     made.settings.extend([(22, 1.0), (44, 7.0)]);
     assert_refused(made.clone(), "does not home B, C", "homing = \"none\"").await;
-    let (mut driver, _) = taped_driver(made);
-    driver.homed_axes.retain(|axis| axis.is_linear());
+    let (mut driver, _) = driver_with_sent_text(made);
+    driver.required_homed_axes.retain(|axis| axis.is_linear());
     driver.prepare().await.unwrap();
 }
 
 /// `check` lists all that `prepare` refuses.
 #[tokio::test]
 async fn device_info_lists_all_findings_that_block_prepare() {
-    let mut made = SimulatedGrblOptions { is_homed: false, overrides: [110, 50], ..options() };
+    let mut made =
+        SimulatedGrblOptions { is_homed: false, feed_and_rapid_override_percent: [110, 50], ..ready_grbl_options() };
     made.settings.extend([(13, 1.0), (20, 0.0)]);
-    let said = taped_driver(made).0.identify_device().await.unwrap();
+    let said = driver_with_sent_text(made).0.identify_device().await.unwrap();
     let blocking: Vec<String> = said.findings.iter().filter(|r| r.is_blocking).map(|r| r.description.clone()).collect();
     assert_eq!(blocking.len(), 4, "{blocking:?}");
 }
@@ -113,28 +134,28 @@ async fn device_info_lists_all_findings_that_block_prepare() {
 #[tokio::test]
 async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
     for (words, state) in [("M3", "spindle"), ("M4", "spindle"), ("G51:XY", "scaled")] {
-        let (link, tape) = peer_with_overrides(move |line| {
+        let (link, tape) = spawn_peer_with_odd_replies(move |line| {
             let modes = format!("[GC:G0 G59 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
             (line == "$G").then_some(modes)
         });
-        let (mut driver, _) = grbl(link);
+        let (mut driver, _) = driver_with_short_timeouts(link);
         let error = driver.prepare().await.unwrap_err();
         assert!(error.to_string().contains(state), "{error}");
-        assert_eq!(motions(&tape.lock().unwrap()), Vec::<&str>::new());
+        assert_eq!(sent_motion_lines(&tape.lock().unwrap()), Vec::<&str>::new());
     }
 }
 
 #[tokio::test]
-async fn regress_an_override_during_a_touch_gives_no_reading() {
+async fn regress_a_changed_feed_override_during_a_touch_gives_no_reading() {
     let mut touched = false;
-    let (link, tape) = peer_with_overrides(move |line| {
+    let (link, tape) = spawn_peer_with_odd_replies(move |line| {
         // 30 mm/min is the feed of the touch, not of the guarded approach.
         touched |= line.contains("G38") && line.contains("F30.");
-        (touched && line == "?").then(|| status("Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:200,100,100"))
+        (touched && line == "?").then(|| status_report("Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:200,100,100"))
     });
-    let (mut driver, _) = grbl(link);
+    let (mut driver, _) = driver_with_short_timeouts(link);
     driver.prepare().await.unwrap();
-    let error = driver.execute(prove_block(&touch(3))).await.unwrap_err();
+    let error = driver.execute(prove_block(&touch_block(3))).await.unwrap_err();
     assert!(error.to_string().contains("feed 200 %"), "{error}");
     tokio::time::sleep(Duration::from_millis(30)).await;
     let tape = tape.lock().unwrap().clone();
@@ -148,33 +169,33 @@ async fn regress_an_override_during_a_touch_gives_no_reading() {
 async fn regress_unready_control_is_refused_before_the_head_lines_are_sent() {
     let head_sent = |driver: &GrblDriver, tape: &SentText| {
         let tape = tape.lock().unwrap();
-        let head = driver.modes.head().iter().filter(|line| !line.starts_with('('));
+        let head = driver.mode_text.head_lines().iter().filter(|line| !line.starts_with('('));
         head.filter(|line| tape.lines().any(|sent| sent.ends_with(line.as_str()))).count()
     };
-    let (mut driver, tape) = taped_driver(SimulatedGrblOptions { is_homed: false, ..options() });
+    let (mut driver, tape) = driver_with_sent_text(SimulatedGrblOptions { is_homed: false, ..ready_grbl_options() });
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("not homed"), "{error}");
     assert_eq!(head_sent(&driver, &tape), 0);
     for words in ["M3 G50", "M5 G51:XY"] {
-        let (link, tape) = peer_with_overrides(move |line| {
+        let (link, tape) = spawn_peer_with_odd_replies(move |line| {
             let modes = format!("[GC:G0 G54 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
             (line == "$G").then_some(modes)
         });
-        let (mut driver, _) = grbl(link);
+        let (mut driver, _) = driver_with_short_timeouts(link);
         driver.prepare().await.unwrap_err();
         assert_eq!(head_sent(&driver, &tape), 0, "{words}");
     }
-    let (mut driver, tape) = taped_driver(options());
+    let (mut driver, tape) = driver_with_sent_text(ready_grbl_options());
     driver.prepare().await.unwrap();
     assert!(head_sent(&driver, &tape) > 0);
 }
 
 /// Reported properties of a control with axes of 400 mm travel and these settings.
-async fn device_info(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo {
+async fn device_info_with_settings(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo {
     let all = [(10, 511.0), (13, 0.0), (20, 1.0), (27, 2.0), (133, 0.0), (134, 0.0)];
     let travels = [(130, 400.0), (131, 400.0), (132, 400.0)];
     let settings = all.iter().chain(&travels).chain(settings).copied().collect();
-    taped_driver(SimulatedGrblOptions { settings, ..options() }).0.identify_device().await.unwrap()
+    driver_with_sent_text(SimulatedGrblOptions { settings, ..ready_grbl_options() }).0.identify_device().await.unwrap()
 }
 
 #[tokio::test]
@@ -187,33 +208,33 @@ async fn regress_travel_of_a_homed_control_follows_its_homing_settings() {
         (&[(21, 1.0), (22, 35.0), (23, 1.0), (44, 0.0)], None),
         (&[(21, 0.0), (22, 1.0), (23, 0.0)], Some(true)),
     ] {
-        let said = device_info(settings).await;
+        let said = device_info_with_settings(settings).await;
         let x = said.axes[&Axis::X];
         assert_eq!((x.travel_min, format!("{:?}", x.travel_max)), (Some(-400.0), "Some(0.0)".to_owned()));
         assert_eq!(said.axes[&Axis::B].has_homing, has_homing, "{settings:?}");
     }
-    let said = device_info(&[(21, 0.0), (22, 41.0), (23, 1.0), (44, 0.0)]).await;
+    let said = device_info_with_settings(&[(21, 0.0), (22, 41.0), (23, 1.0), (44, 0.0)]).await;
     assert_eq!((said.axes[&Axis::X].travel_min, said.axes[&Axis::X].travel_max), (Some(0.0), Some(400.0)));
     assert_eq!(said.axes[&Axis::Y].travel_min, Some(-400.0));
-    let off = device_info(&[(21, 0.0), (22, 0.0), (44, 7.0)]).await;
+    let off = device_info_with_settings(&[(21, 0.0), (22, 0.0), (44, 7.0)]).await;
     assert_eq!((off.axes[&Axis::X].travel_min, off.axes[&Axis::B].has_homing), (None, None));
 }
 
 #[tokio::test]
 async fn moving_control_is_refused_with_the_advice_to_wait() {
-    let (link, _) = peer_with_overrides(|line| match line {
-        "?" => Some(status("Run|MPos:{at}|FS:500,0")),
+    let (link, _) = spawn_peer_with_odd_replies(|line| match line {
+        "?" => Some(status_report("Run|MPos:{at}|FS:500,0")),
         "$I" => Some("error:8\r\n".to_owned()),
         _ => None,
     });
-    let error = grbl(link).0.identify_device().await.unwrap_err();
+    let error = driver_with_short_timeouts(link).0.identify_device().await.unwrap_err();
     assert!(error.remedy().contains("wait until the machine is at rest"), "{}", error.remedy());
 }
 
 /// The answer to an earlier `?` arrives after 0x87 was sent, as on a busy computer.
 #[tokio::test]
 async fn regress_a_late_report_is_not_taken_for_the_full_one() {
-    let (link, _) = peer_with_overrides(|line| {
+    let (link, _) = spawn_peer_with_odd_replies(|line| {
         let late = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0>\r\n";
         match line {
             "?" => Some(late.to_owned()),
@@ -221,20 +242,21 @@ async fn regress_a_late_report_is_not_taken_for_the_full_one() {
             _ => None,
         }
     });
-    grbl(link).0.prepare().await.unwrap();
+    driver_with_short_timeouts(link).0.prepare().await.unwrap();
 }
 
 /// grblHAL at compatibility level 2 leaves out the field that marks a full report.
 #[tokio::test]
-async fn full_report_without_its_mark_is_read_if_no_other_follows() {
-    let (link, _) = peer_with_overrides(|line| (line == "0x87").then(|| FULL_REPORT.replace("|FW:grblHAL", "")));
-    grbl(link).0.prepare().await.unwrap();
+async fn full_report_without_the_fw_field_is_accepted() {
+    let (link, _) =
+        spawn_peer_with_odd_replies(|line| (line == "0x87").then(|| FULL_REPORT.replace("|FW:grblHAL", "")));
+    driver_with_short_timeouts(link).0.prepare().await.unwrap();
 }
 
 /// After a reset the axes are not homed, and all modes are lost.
 #[tokio::test]
 async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
-    let (mut driver, _) = taped_driver(options());
+    let (mut driver, _) = driver_with_sent_text(ready_grbl_options());
     driver.prepare().await.unwrap();
     driver.connection.send_line("\x18").await.unwrap_err();
     let error = driver.prepare().await.unwrap_err();
@@ -246,7 +268,7 @@ async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
 /// An operator enters modal words at the control between two preparations.
 #[tokio::test]
 async fn regress_modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
-    let (mut driver, _) = taped_driver(options());
+    let (mut driver, _) = driver_with_sent_text(ready_grbl_options());
     driver.connection.start_session().await.unwrap();
     driver.connection.send_line("G55 G90").await.unwrap();
     driver.prepare().await.unwrap();
@@ -255,8 +277,8 @@ async fn regress_modes_changed_by_hand_are_set_again_and_the_first_ones_restored
     let modes = |said: Vec<GrblMessage>| format!("{said:?}");
     let set = modes(driver.connection.send_line("$G").await.unwrap());
     assert!(["G59", "G21", "G90"].iter().all(|word| set.contains(word)), "{set}");
-    driver.execute(prove_block(&touch(0))).await.unwrap();
-    driver.finish().await.unwrap();
+    driver.execute(prove_block(&touch_block(0))).await.unwrap();
+    driver.restore_modes().await.unwrap();
     let left = modes(driver.connection.send_line("$G").await.unwrap());
     assert!(left.contains("G55") && left.contains("G90"), "{left}");
 }

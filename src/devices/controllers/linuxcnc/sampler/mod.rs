@@ -18,7 +18,7 @@ use self::tick_record::{TickPositions, TickRecord};
 use crate::controllers::ControllerError;
 use link::Clock;
 use link::{ByteStreamHandle, HostPort, LinkAddress, StreamRead};
-use machine::record::track::AxisTrack;
+use machine::record::axis_track::AxisTrack;
 use machine::{Axis, Position};
 
 /// Time for which the stream is observed before anything moves, to check its period.
@@ -77,8 +77,8 @@ impl TryFrom<SamplerKeys> for SamplerConfig {
     }
 }
 
-/// Handle that the driver holds. Its task ends when it is dropped.
-pub struct Sampler {
+/// Connection to LinuxCNC's `sampler`. A task reads its stream until this handle is dropped.
+pub struct SamplerClient {
     name: String,
     period_s: f64,
     clock: Arc<dyn Clock>,
@@ -90,10 +90,10 @@ pub struct Sampler {
 struct SamplerState {
     record: TickRecord,
     /// Reason why no more positions will come.
-    lost_reason: Option<String>,
+    connection_lost_reason: Option<String>,
 }
 
-impl Sampler {
+impl SamplerClient {
     /// Connects to the address of `config`; `axes` are the machine's axes. Call inside a tokio runtime.
     ///
     /// # Errors
@@ -107,7 +107,7 @@ impl Sampler {
             let state = format!("{name} is not reachable: {error}");
             ControllerError::not_ready(&state, format!("start the sampler together with LinuxCNC: {SETUP_GUIDE}"))
         })?;
-        let state = SamplerState { record: TickRecord::new(axes, config.period_s), lost_reason: None };
+        let state = SamplerState { record: TickRecord::new(axes, config.period_s), connection_lost_reason: None };
         let shared_state = Arc::new(Mutex::new(state));
         tokio::spawn(read_stream(stream, Arc::downgrade(&shared_state), clock.clone()));
         Ok(Self { name, period_s: config.period_s, clock, shared_state, mm_per_unit: 1.0 })
@@ -124,7 +124,7 @@ impl Sampler {
 
     /// Checks that the sampler is running, has the configured period and agrees with the control, whose
     /// axes are at `position`; `mm_per_unit` is the control's unit of length, mm.
-    pub(super) async fn check_agreement(
+    pub(super) async fn check_agreement_with_control(
         &mut self,
         position: &Position,
         axes: &[Axis],
@@ -151,30 +151,30 @@ impl Sampler {
         sleep(PERIOD_CHECK_TIME).await;
         let now_s = self.clock.now_s();
         let newest = self.wait_for_tick_after(now_s).await.map_err(|reason| silent(&self.name, reason))?;
-        let period_s = before.and_then(|tick| self.lock_state().record.tick_clock.wrong_period_s(tick));
+        let period_s = before.and_then(|tick| self.lock_state().record.tick_clock.true_period_s_if_different(tick));
         if let Some(period_s) = period_s {
             return Err(ControllerError::not_ready(
                 format!("{} counts one tick every {:.3} ms", self.name, period_s * 1e3),
                 "set [controller.sampler] period_s to the servo thread's period (`halcmd show thread`)",
             ));
         }
-        let difference = self.position_difference(&newest, position);
+        let difference = self.describe_position_difference(&newest, position);
         difference.map_or(Ok(()), |difference| Err(ControllerError::not_ready(&difference, pin_remedy())))
     }
 
-    /// Starts to keep positions.
+    /// Starts to keep the positions that arrive.
     pub(super) fn start_recording(&self) {
         self.lock_state().record.start_recording();
     }
 
     /// Returns all positions since [`Self::start_recording`]; the machine has come to rest at `position` after `step`.
     pub(super) async fn finish_recording(&self, step: u32, position: &Position) -> Result<AxisTrack, ControllerError> {
-        let unstamped = |reason, remedy| ControllerError::MissingTrack { step, reason, remedy };
+        let unstamped = |reason, remedy| ControllerError::MissingPositionTrack { step, reason, remedy };
         let newest = self.wait_for_tick_after(self.clock.now_s()).await.map_err(|reason| {
             unstamped(format!("{}: {reason}", self.name), format!("check that the sampler runs: {SETUP_GUIDE}"))
         })?;
         let track = self.lock_state().record.finish_recording(self.mm_per_unit);
-        if let Some(difference) = self.position_difference(&newest, position) {
+        if let Some(difference) = self.describe_position_difference(&newest, position) {
             return Err(unstamped(difference, pin_remedy()));
         }
         track.ok_or_else(|| {
@@ -196,7 +196,7 @@ impl Sampler {
         loop {
             {
                 let state = self.lock_state();
-                if let Some(reason) = &state.lost_reason {
+                if let Some(reason) = &state.connection_lost_reason {
                     return Err(format!("the connection is lost: {reason}"));
                 }
                 let newest = state.record.newest_positions.as_ref();
@@ -218,8 +218,8 @@ impl Sampler {
         }
     }
 
-    /// Describes a difference between the positions of the sampler and of the control.
-    fn position_difference(&self, newest: &TickPositions, position: &Position) -> Option<String> {
+    /// Describes the first axis whose position differs between sampler and control; `None` if all agree.
+    fn describe_position_difference(&self, newest: &TickPositions, position: &Position) -> Option<String> {
         let state = self.lock_state();
         let value: Vec<f64> = state.record.to_internal_units(&newest.positions, self.mm_per_unit).collect();
         let mut axes = state.record.axes().iter().zip(value);
@@ -258,7 +258,7 @@ async fn read_stream(
             }
             Ok(Some(StreamRead::Overflow)) => state.record.discard_partial_line(),
             Err(error) => {
-                state.lost_reason = Some(error.to_string());
+                state.connection_lost_reason = Some(error.to_string());
                 return;
             }
         }

@@ -13,7 +13,7 @@ const AXES: [Axis; 3] = [Axis::X, Axis::C, Axis::S];
 
 /// Sends the text that `line` returns for each tick, ten ticks every ten milliseconds, until `line` returns
 /// `None`; then sends nothing for a while.
-fn start_halsampler(line: impl Fn(i64) -> Option<String> + Send + 'static) -> SamplerConfig {
+fn start_scripted_halsampler(line: impl Fn(i64) -> Option<String> + Send + 'static) -> SamplerConfig {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     thread::spawn(move || {
@@ -38,24 +38,25 @@ fn position(x: f64, c_deg: f64) -> Position {
     Position::new().with(Axis::X, x).with(Axis::C, c_deg.to_radians())
 }
 
-async fn open_sampler(config: &SamplerConfig) -> Sampler {
-    Sampler::open(config, &AXES, Arc::new(HostClock::start())).await.unwrap()
+async fn open_sampler(config: &SamplerConfig) -> SamplerClient {
+    SamplerClient::open(config, &AXES, Arc::new(HostClock::start())).await.unwrap()
 }
 
-fn valid_line(tick: i64) -> Option<String> {
+fn valid_sampler_line(tick: i64) -> Option<String> {
     Some(format!("{tick} 2.000000 90.000000 0 \n"))
 }
 
-async fn refusal_text(config: &SamplerConfig, stands: Position) -> String {
-    let error = open_sampler(config).await.check_agreement(&stands, &AXES, 1.0).await.unwrap_err();
+async fn refusal_text(config: &SamplerConfig, control_position: Position) -> String {
+    let error =
+        open_sampler(config).await.check_agreement_with_control(&control_position, &AXES, 1.0).await.unwrap_err();
     assert!(matches!(error, ControllerError::NotReady { .. }), "{error:?}");
     format!("{error}; {}", error.remedy())
 }
 
 #[tokio::test]
 async fn consistent_ticks_are_recorded_during_a_block() {
-    let mut sampler = open_sampler(&start_halsampler(valid_line)).await;
-    sampler.check_agreement(&position(50.8, 90.0), &AXES, 25.4).await.unwrap();
+    let mut sampler = open_sampler(&start_scripted_halsampler(valid_sampler_line)).await;
+    sampler.check_agreement_with_control(&position(50.8, 90.0), &AXES, 25.4).await.unwrap();
     sampler.start_recording();
     let begun_s = sampler.clock.now_s();
     sleep(Duration::from_millis(300)).await;
@@ -71,16 +72,16 @@ async fn consistent_ticks_are_recorded_during_a_block() {
 
 #[tokio::test]
 async fn wrong_pins_lines_axes_and_period_are_refused_before_motion() {
-    let swapped = refusal_text(&start_halsampler(valid_line), position(90.0, 2.0)).await;
+    let swapped = refusal_text(&start_scripted_halsampler(valid_sampler_line), position(90.0, 2.0)).await;
     assert!(swapped.contains("X is at 90.000") && swapped.contains("joint.N.pos-fb"), "{swapped}");
     // Lines without the bit.
-    let config = start_halsampler(|tick| Some(format!("{tick} 2.0 90.0 \n")));
+    let config = start_scripted_halsampler(|tick| Some(format!("{tick} 2.0 90.0 \n")));
     let other = refusal_text(&config, position(2.0, 90.0)).await;
     assert!(other.contains("received `") && other.contains("2 positions and a bit"), "{other}");
-    let few = SamplerConfig { axes: Some(vec![Axis::X]), ..start_halsampler(valid_line) };
+    let few = SamplerConfig { axes: Some(vec![Axis::X]), ..start_scripted_halsampler(valid_sampler_line) };
     let few = refusal_text(&few, position(2.0, 90.0)).await;
     assert!(few.contains("does not record axis C"), "{few}");
-    let slow = SamplerConfig { period_s: 0.002, ..start_halsampler(valid_line) };
+    let slow = SamplerConfig { period_s: 0.002, ..start_scripted_halsampler(valid_sampler_line) };
     let slow = refusal_text(&slow, position(2.0, 90.0)).await;
     assert!(slow.contains("period_s"), "{slow}");
 }
@@ -89,24 +90,24 @@ async fn wrong_pins_lines_axes_and_period_are_refused_before_motion() {
 async fn silent_or_unreachable_sampler_is_reported() {
     let silent = Arc::new(AtomicBool::new(false));
     let known = silent.clone();
-    let quiet = start_halsampler(move |tick| if known.load(SeqCst) { None } else { valid_line(tick) });
+    let quiet = start_scripted_halsampler(move |tick| if known.load(SeqCst) { None } else { valid_sampler_line(tick) });
     let mut sampler = open_sampler(&quiet).await;
-    sampler.check_agreement(&position(2.0, 90.0), &AXES, 1.0).await.unwrap();
+    sampler.check_agreement_with_control(&position(2.0, 90.0), &AXES, 1.0).await.unwrap();
     sampler.start_recording();
     silent.store(true, SeqCst);
     sleep(Duration::from_millis(700)).await;
     let error = sampler.finish_recording(5, &position(2.0, 90.0)).await.unwrap_err();
-    assert!(matches!(error, ControllerError::MissingTrack { step: 5, .. }), "{error:?}");
+    assert!(matches!(error, ControllerError::MissingPositionTrack { step: 5, .. }), "{error:?}");
     assert!(error.to_string().contains("no new line"), "{error}");
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let nobody = SamplerConfig { tcp: HostPort::local(free), period_s: 0.001, axes: None };
-    let closed = Sampler::open(&nobody, &AXES, Arc::new(HostClock::start())).await;
+    let closed = SamplerClient::open(&nobody, &AXES, Arc::new(HostClock::start())).await;
     let error = closed.err().unwrap();
     assert!(error.to_string().contains("is not reachable") && error.remedy().contains("docs/"), "{error}");
 }
 
 #[test]
-fn sampler_table_is_checked() {
+fn invalid_sampler_keys_are_refused_with_a_reason() {
     let read = |text: &str| toml::from_str::<SamplerConfig>(text).map_err(|error| error.to_string());
     assert!(read("tcp = \"127.0.0.1:5008\"\nperiod_s = 0.0005\naxes = [\"C\", \"X\"]").is_ok());
     for (keys, named) in [

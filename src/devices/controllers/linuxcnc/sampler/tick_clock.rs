@@ -1,75 +1,76 @@
-//! Time of a tick. The servo thread counts; how long after its tick a line arrives is unknown, because
-//! lines come in batches and are sometimes late. But no line is early: of all lines within some seconds,
-//! the one with the least delay relates the count to the time. The remaining delay is constant and belongs
-//! to the latency between positions and sensor.
+//! Converts tick numbers to times of the host clock. The servo thread counts ticks; how long after its tick a
+//! line arrives is unknown, because lines come in batches and are sometimes late. But no line is early: of all
+//! lines within some seconds, the one with the least delay relates the tick number to the time. The remaining
+//! delay is constant and belongs to the latency between positions and sensor.
 
 use std::collections::VecDeque;
 
 /// Width of the bins into which ticks are grouped, s.
-const BIN_S: f64 = 0.25;
+const BIN_WIDTH_S: f64 = 0.25;
 /// Number of bins before and after a tick's own that determine its time: meanwhile the clocks of two
 /// computers that differ by 20 in a million diverge by less than 0.1 ms.
-const NEIGHBOUR_BINS: i64 = 20;
+const NEIGHBOUR_BINS_PER_SIDE: i64 = 20;
 /// Largest excess of a bin's least delay over that of its neighbours, s. A later bin is not trusted: either
-/// the count or only the transmission was interrupted.
-const MAX_BIN_DELAY_S: f64 = 0.02;
+/// the counting or only the transmission was interrupted.
+const MAX_EXCESS_BIN_DELAY_S: f64 = 0.02;
 /// Maximum number of bins that are kept: half an hour.
 const MAX_BINS: usize = 8192;
-/// Largest relative deviation of the count from its period; beyond it the configured period is wrong.
-const MAX_PERIOD_ERROR: f64 = 0.02;
+/// Largest relative deviation of the measured period from the configured one; beyond it the configured period is
+/// wrong.
+const MAX_RELATIVE_PERIOD_ERROR: f64 = 0.02;
 
-/// A tick. Within one count a tick is identified by its number; a restart of the numbers begins another
-/// count.
+/// A tick, identified by its number within a segment. A restart of the numbers, or ticks that were lost without
+/// being counted, begin another segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Tick {
-    pub count_index: u32,
+    pub segment_index: u32,
     pub number: i64,
 }
 
 impl Tick {
     pub fn is_next_after(self, before: Self) -> bool {
-        self.count_index == before.count_index && before.number.checked_add(1) == Some(self.number)
+        self.segment_index == before.segment_index && before.number.checked_add(1) == Some(self.number)
     }
 }
 
 #[derive(Debug)]
 struct TickBin {
-    /// Index of the count, and of the bin within the count.
-    index: (u32, i64),
+    /// Index of the segment, and of the bin within the segment.
+    segment_and_bin_index: (u32, i64),
     /// Minimum of the time of arrival minus number times period, s.
-    min_offset_s: f64,
+    min_arrival_offset_s: f64,
 }
 
 #[derive(Debug)]
 pub(super) struct TickClock {
     period_s: f64,
-    count_index: u32,
+    segment_index: u32,
     bins: VecDeque<TickBin>,
     newest_tick: Option<Tick>,
 }
 
 impl TickClock {
     pub fn with_period(period_s: f64) -> Self {
-        Self { period_s, count_index: 0, bins: VecDeque::new(), newest_tick: None }
+        Self { period_s, segment_index: 0, bins: VecDeque::new(), newest_tick: None }
     }
 
-    /// Starts a new count, which does not continue the previous one.
-    pub fn start_new_count(&mut self) {
-        self.count_index += 1;
+    /// Starts a new segment: the numbers that follow do not continue the previous ones.
+    pub fn start_new_segment(&mut self) {
+        self.segment_index += 1;
     }
 
-    /// Registers the tick `number` that arrived at `at_s`. A number that is not greater than the last one
-    /// starts a new count.
-    pub fn register_tick(&mut self, number: i64, at_s: f64) -> Tick {
-        if self.newest_tick.is_some_and(|last| last.count_index == self.count_index && last.number >= number) {
-            self.start_new_count();
+    /// Registers the tick `number` that arrived at `arrival_s`. A number that is not greater than the last one
+    /// starts a new segment.
+    pub fn register_tick(&mut self, number: i64, arrival_s: f64) -> Tick {
+        if self.newest_tick.is_some_and(|last| last.segment_index == self.segment_index && last.number >= number) {
+            self.start_new_segment();
         }
-        let tick = Tick { count_index: self.count_index, number };
+        let tick = Tick { segment_index: self.segment_index, number };
         self.newest_tick = Some(tick);
-        let (index, min_offset_s) = (self.bin_index(tick), at_s - self.nominal_time_s(tick));
-        match self.bins.back_mut().filter(|bin| bin.index == index) {
-            Some(bin) => bin.min_offset_s = bin.min_offset_s.min(min_offset_s),
-            None => self.bins.push_back(TickBin { index, min_offset_s }),
+        let (index, min_offset_s) = (self.segment_and_bin_index(tick), arrival_s - self.nominal_time_s(tick));
+        match self.bins.back_mut().filter(|bin| bin.segment_and_bin_index == index) {
+            Some(bin) => bin.min_arrival_offset_s = bin.min_arrival_offset_s.min(min_offset_s),
+            None => self.bins.push_back(TickBin { segment_and_bin_index: index, min_arrival_offset_s: min_offset_s }),
         }
         if self.bins.len() > MAX_BINS {
             self.bins.pop_front();
@@ -77,25 +78,32 @@ impl TickClock {
         tick
     }
 
-    /// Time of the tick, s; `None` if it cannot be trusted.
+    /// Time of the tick on the host clock, s; `None` if no bin shows it reliably.
     pub fn time_s(&self, tick: Tick) -> Option<f64> {
-        let (count_index, number) = self.bin_index(tick);
-        let from = self.bins.partition_point(|bin| bin.index < (count_index, number - NEIGHBOUR_BINS));
-        let neighbours =
-            || self.bins.range(from..).take_while(|bin| bin.index <= (count_index, number + NEIGHBOUR_BINS));
-        let min_offset_s = neighbours().map(|bin| bin.min_offset_s).fold(f64::INFINITY, f64::min);
-        let own = neighbours().find(|bin| bin.index == (count_index, number))?;
-        (own.min_offset_s <= min_offset_s + MAX_BIN_DELAY_S).then(|| min_offset_s + self.nominal_time_s(tick))
+        let (count_index, number) = self.segment_and_bin_index(tick);
+        let from = self
+            .bins
+            .partition_point(|bin| bin.segment_and_bin_index < (count_index, number - NEIGHBOUR_BINS_PER_SIDE));
+        let neighbours = || {
+            self.bins
+                .range(from..)
+                .take_while(|bin| bin.segment_and_bin_index <= (count_index, number + NEIGHBOUR_BINS_PER_SIDE))
+        };
+        let min_offset_s = neighbours().map(|bin| bin.min_arrival_offset_s).fold(f64::INFINITY, f64::min);
+        let own = neighbours().find(|bin| bin.segment_and_bin_index == (count_index, number))?;
+        (own.min_arrival_offset_s <= min_offset_s + MAX_EXCESS_BIN_DELAY_S)
+            .then(|| min_offset_s + self.nominal_time_s(tick))
     }
 
-    /// True period, s, if it differs from the configured one, as the bins after `since` show.
-    pub fn wrong_period_s(&self, since: Tick) -> Option<f64> {
-        let mut bins = self.bins.iter().filter(|bin| bin.index > self.bin_index(since));
+    /// True period, s, from the bins after `since`; `None` if it agrees with the configured period.
+    pub fn true_period_s_if_different(&self, since: Tick) -> Option<f64> {
+        let mut bins = self.bins.iter().filter(|bin| bin.segment_and_bin_index > self.segment_and_bin_index(since));
         // The minimum of the last bin is not final: some of its lines are still in transit.
         let (first, last) = (bins.next()?, bins.rev().nth(1)?);
-        let elapsed_s = (last.index.1 - first.index.1) as f64 * BIN_S;
-        let relative_error = (last.min_offset_s - first.min_offset_s) / elapsed_s;
-        (first.index.0 == last.index.0 && relative_error.abs() > MAX_PERIOD_ERROR)
+        let elapsed_s = (last.segment_and_bin_index.1 - first.segment_and_bin_index.1) as f64 * BIN_WIDTH_S;
+        let relative_error = (last.min_arrival_offset_s - first.min_arrival_offset_s) / elapsed_s;
+        (first.segment_and_bin_index.0 == last.segment_and_bin_index.0
+            && relative_error.abs() > MAX_RELATIVE_PERIOD_ERROR)
             .then_some(self.period_s * (1.0 + relative_error))
     }
 
@@ -103,8 +111,8 @@ impl TickClock {
         tick.number as f64 * self.period_s
     }
 
-    fn bin_index(&self, tick: Tick) -> (u32, i64) {
-        (tick.count_index, (self.nominal_time_s(tick) / BIN_S).floor() as i64)
+    fn segment_and_bin_index(&self, tick: Tick) -> (u32, i64) {
+        (tick.segment_index, (self.nominal_time_s(tick) / BIN_WIDTH_S).floor() as i64)
     }
 }
 
@@ -116,18 +124,18 @@ mod tests {
     /// Time of tick 0, s.
     const TICK_ZERO_TIME_S: f64 = 100.0;
 
-    /// Registers `count` ticks from `first` on in batches of `batch`. A batch arrives after its last tick,
-    /// with the delay `late` of the batch's number, s.
-    fn feed_ticks(ticks: &mut TickClock, (first, count): (i64, i64), batch: i64, late: impl Fn(i64) -> f64) {
+    /// Registers `count` ticks from `first` on in batches of `batch_size`. A batch arrives after its last tick,
+    /// with the delay `delay_s` of the batch's number.
+    fn feed_ticks(clock: &mut TickClock, (first, count): (i64, i64), batch_size: i64, delay_s: impl Fn(i64) -> f64) {
         for number in first..first + count {
-            let of = number / batch;
-            let told_s = TICK_ZERO_TIME_S + (of * batch + batch - 1) as f64 * PERIOD_S + late(of);
-            ticks.register_tick(number, told_s);
+            let batch = number / batch_size;
+            let last_tick = batch * batch_size + batch_size - 1;
+            clock.register_tick(number, TICK_ZERO_TIME_S + last_tick as f64 * PERIOD_S + delay_s(batch));
         }
     }
 
     fn time_error_s(ticks: &TickClock, number: i64) -> Option<f64> {
-        let time_s = ticks.time_s(Tick { count_index: 0, number })?;
+        let time_s = ticks.time_s(Tick { segment_index: 0, number })?;
         Some(((time_s - TICK_ZERO_TIME_S - number as f64 * PERIOD_S) * 1e9).round() / 1e9)
     }
 
@@ -157,9 +165,9 @@ mod tests {
     }
 
     #[test]
-    fn stopped_counter_gives_no_time() {
+    fn ticks_soon_after_an_interruption_have_no_time() {
         let mut ticks = TickClock::with_period(PERIOD_S);
-        // After tick 10000 nothing arrives for 3 s (the sampler was disabled), then the count continues.
+        // After tick 10000 nothing arrives for 3 s (the sampler was disabled), then the numbers continue.
         feed_ticks(&mut ticks, (0, 10_000), 10, |_| 0.0);
         feed_ticks(&mut ticks, (10_000, 20_000), 10, |_| 3.0);
         assert_eq!(time_error_s(&ticks, 5_000), Some(0.0));
@@ -168,24 +176,24 @@ mod tests {
     }
 
     #[test]
-    fn restarted_counter_starts_a_new_count() {
+    fn restarted_counter_starts_a_new_segment() {
         let mut ticks = TickClock::with_period(PERIOD_S);
         feed_ticks(&mut ticks, (5_000, 5_000), 1, |_| 0.0);
         let late_s = TICK_ZERO_TIME_S + 20.0;
         let again = ticks.register_tick(3, late_s);
-        assert_eq!((again, ticks.newest_tick), (Tick { count_index: 1, number: 3 }, Some(again)));
+        assert_eq!((again, ticks.newest_tick), (Tick { segment_index: 1, number: 3 }, Some(again)));
         assert!((ticks.time_s(again).unwrap() - late_s).abs() < 1e-9);
         assert_eq!(time_error_s(&ticks, 7_000), Some(0.0));
-        assert!(!Tick { count_index: 1, number: 4 }.is_next_after(Tick { count_index: 0, number: 3 }));
+        assert!(!Tick { segment_index: 1, number: 4 }.is_next_after(Tick { segment_index: 0, number: 3 }));
     }
 
     #[test]
     fn wrong_period_is_detected_within_two_seconds() {
-        let since = Tick { count_index: 0, number: 0 };
+        let since = Tick { segment_index: 0, number: 0 };
         for (period_s, wrong) in [(PERIOD_S, None), (0.0005, Some(PERIOD_S)), (0.00095, Some(PERIOD_S))] {
             let mut ticks = TickClock::with_period(period_s);
             feed_ticks(&mut ticks, (0, 2_000), 10, |of| ((of * 37) % 91) as f64 * 1e-4);
-            match (ticks.wrong_period_s(since), wrong) {
+            match (ticks.true_period_s_if_different(since), wrong) {
                 (None, None) => {}
                 (Some(found), Some(true_s)) => {
                     assert!((found / true_s - 1.0).abs() < 0.01, "{found} instead of {true_s}");
@@ -196,8 +204,8 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_bounded() {
-        let mut ticks = TickClock::with_period(BIN_S);
+    fn bin_count_is_bounded() {
+        let mut ticks = TickClock::with_period(BIN_WIDTH_S);
         feed_ticks(&mut ticks, (0, 3 * MAX_BINS as i64), 1, |_| 0.0);
         assert_eq!(ticks.bins.len(), MAX_BINS);
     }

@@ -4,12 +4,12 @@
 
 use super::tick_clock::{Tick, TickClock};
 use machine::Axis;
-use machine::record::track::AxisTrack;
+use machine::record::axis_track::AxisTrack;
 
 /// Maximum length of a line, bytes; longer input is not a line.
 const MAX_LINE_BYTES: usize = 1024;
 /// Maximum number of ticks of one block that are kept: a quarter of an hour at 1 kHz.
-const MAX_TICKS: usize = 1_000_000;
+const MAX_BLOCK_TICKS: usize = 1_000_000;
 
 /// Positions of the axes at a tick, in the control's own units and degrees.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,7 +33,7 @@ pub(super) struct TickRecord {
 #[derive(Debug, Default)]
 struct BlockTicks {
     ticks: Vec<Tick>,
-    positions: Vec<f64>,
+    flat_positions: Vec<f64>,
     is_full: bool,
 }
 
@@ -54,13 +54,13 @@ impl TickRecord {
         &self.axes
     }
 
-    /// Processes bytes that were read at `at_s`.
-    pub fn push_bytes(&mut self, bytes: &[u8], at_s: f64) {
+    /// Processes bytes that were read at `read_s` of the host clock.
+    pub fn push_bytes(&mut self, bytes: &[u8], read_s: f64) {
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
             self.partial_line.extend_from_slice(piece);
             if piece.ends_with(b"\n") {
                 let line = std::mem::take(&mut self.partial_line);
-                self.process_line(String::from_utf8_lossy(&line).trim(), at_s);
+                self.process_line(String::from_utf8_lossy(&line).trim(), read_s);
             } else if self.partial_line.len() > MAX_LINE_BYTES {
                 self.partial_line.clear();
                 self.last_invalid_line = Some(format!("{MAX_LINE_BYTES} bytes without a line end"));
@@ -68,12 +68,12 @@ impl TickRecord {
         }
     }
 
-    /// Handles bytes that were lost before they were read.
+    /// Discards the incomplete line: bytes after it were lost before they were read.
     pub fn discard_partial_line(&mut self) {
         self.partial_line.clear();
     }
 
-    fn process_line(&mut self, line: &str, at_s: f64) {
+    fn process_line(&mut self, line: &str, read_s: f64) {
         // The numbers that follow show which ticks are missing.
         if line == "overrun" {
             return;
@@ -83,14 +83,14 @@ impl TickRecord {
             return;
         };
         if has_missing_ticks {
-            self.tick_clock.start_new_count();
+            self.tick_clock.start_new_segment();
         }
-        let tick = self.tick_clock.register_tick(number, at_s);
+        let tick = self.tick_clock.register_tick(number, read_s);
         if let Some(block_ticks) = &mut self.block_ticks {
-            block_ticks.is_full |= block_ticks.ticks.len() >= MAX_TICKS;
+            block_ticks.is_full |= block_ticks.ticks.len() >= MAX_BLOCK_TICKS;
             if !block_ticks.is_full {
                 block_ticks.ticks.push(tick);
-                block_ticks.positions.extend(&at);
+                block_ticks.flat_positions.extend(&at);
             }
         }
         self.newest_positions = Some(TickPositions { tick, positions: at });
@@ -101,13 +101,13 @@ impl TickRecord {
         self.block_ticks = Some(BlockTicks::default());
     }
 
-    /// Returns the ticks kept since [`Self::start_recording`], with the times as they are known now; `None` if there
+    /// Returns the positions kept since [`Self::start_recording`], with the times that are known now; `None` if there
     /// were too many.
     pub fn finish_recording(&mut self, mm_per_unit: f64) -> Option<AxisTrack> {
         let block_ticks = self.block_ticks.take().unwrap_or_default();
         let mut track = AxisTrack::new(self.axes.clone());
         let mut before = None;
-        for (tick, at) in block_ticks.ticks.iter().zip(block_ticks.positions.chunks(self.axes.len().max(1))) {
+        for (tick, at) in block_ticks.ticks.iter().zip(block_ticks.flat_positions.chunks(self.axes.len().max(1))) {
             if !before.is_some_and(|before| tick.is_next_after(before)) {
                 track.record_gap();
             }
@@ -120,22 +120,22 @@ impl TickRecord {
     }
 
     /// Converts positions to mm and rad; `mm_per_unit` is the control's unit of length, mm.
-    pub fn to_internal_units<'a>(&'a self, at: &'a [f64], mm_per_unit: f64) -> impl Iterator<Item = f64> + 'a {
-        let scaled = move |(axis, at): (&Axis, &f64)| match axis.is_linear() {
-            true => at * mm_per_unit,
-            false => axis.to_mm_or_rad(*at),
+    pub fn to_internal_units<'a>(&'a self, positions: &'a [f64], mm_per_unit: f64) -> impl Iterator<Item = f64> + 'a {
+        let scaled = move |(axis, position): (&Axis, &f64)| match axis.is_linear() {
+            true => position * mm_per_unit,
+            false => axis.to_mm_or_rad(*position),
         };
-        self.axes.iter().zip(at).map(scaled)
+        self.axes.iter().zip(positions).map(scaled)
     }
 }
 
-/// Returns the number of the tick, `axes` positions, and whether ticks before it are missing.
-fn parse_tick_line(line: &str, axes: usize) -> Option<(i64, Vec<f64>, bool)> {
+/// Returns the number of the tick, `axis_count` positions, and whether ticks before it are missing.
+fn parse_tick_line(line: &str, axis_count: usize) -> Option<(i64, Vec<f64>, bool)> {
     let mut words = line.split_whitespace();
     let number = words.next()?.parse().ok()?;
     let at: Vec<f64> = words
         .by_ref()
-        .take(axes)
+        .take(axis_count)
         .map(|word| word.parse().ok().filter(|value: &f64| value.is_finite()))
         .collect::<Option<_>>()?;
     let has_missing_ticks = match (words.next()?, words.next()) {
@@ -143,7 +143,7 @@ fn parse_tick_line(line: &str, axes: usize) -> Option<(i64, Vec<f64>, bool)> {
         ("1", None) => true,
         _ => return None,
     };
-    (at.len() == axes).then_some((number, at, has_missing_ticks))
+    (at.len() == axis_count).then_some((number, at, has_missing_ticks))
 }
 
 #[cfg(test)]
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_split_anywhere_give_the_track() {
+    fn lines_split_anywhere_give_the_same_track() {
         let text = b"overrun\n7 1.500000 90.000000 0 \n8 2.500000 -90.000000 0 \n";
         for cut in 0..text.len() {
             let mut record = new_record();
@@ -232,7 +232,7 @@ mod tests {
     fn record_longer_than_the_buffer_gives_no_track() {
         let mut record = new_record();
         record.start_recording();
-        push_lines(&mut record, 0..MAX_TICKS as i64 + 1);
+        push_lines(&mut record, 0..MAX_BLOCK_TICKS as i64 + 1);
         assert_eq!(record.finish_recording(1.0), None);
     }
 }

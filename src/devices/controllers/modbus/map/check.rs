@@ -1,11 +1,11 @@
-//! Validity of a register map.
+//! Checks that a register map is valid: no overlaps, and blocks that one request can read or write.
 
 use super::{ChunkRegisters, MAX_READ_REGISTERS, MAX_WRITE_REGISTERS, WindowRegisterMap};
 use link::modbus::RegisterSpace;
-use link::modbus::value::ByteOrder;
+use link::modbus::number_format::ByteOrder;
 
-/// Maximum number of registers for parameters: far more than any touch needs.
-const MAX_PROGRAM_REGISTERS: usize = 2000;
+/// Maximum number of registers for the parameters of a resident program: far more than any touch needs.
+const MAX_PARAMETER_REGISTERS: usize = 2000;
 
 /// # Errors
 /// The map is invalid; the message names the items.
@@ -13,11 +13,11 @@ pub(super) fn check_map(map: &WindowRegisterMap) -> Result<(), String> {
     if !matches!(map.status.space, RegisterSpace::Input | RegisterSpace::Holding) {
         return Err("`status.space` must be `input` or `holding`: coils and discrete inputs are single bits".to_owned());
     }
-    let ChunkRegisters { registers, order, .. } = map.command.chunk;
+    let ChunkRegisters { register_count: registers, order, .. } = map.command.chunk;
     // A line must fit in one request; parameters are read back before they take effect, and may need
     // several requests.
     let is_program = map.status.result.is_some();
-    let max_registers = if is_program { MAX_PROGRAM_REGISTERS } else { MAX_WRITE_REGISTERS };
+    let max_registers = if is_program { MAX_PARAMETER_REGISTERS } else { MAX_WRITE_REGISTERS };
     if !(1..=max_registers).contains(&usize::from(registers)) {
         return Err(format!(
             "`command.chunk` has {registers} registers; {} 1 to {max_registers}",
@@ -44,9 +44,9 @@ pub(super) fn check_map(map: &WindowRegisterMap) -> Result<(), String> {
 /// Checks that one request writes a line and all that belongs to it. Then a late request of the line before
 /// cannot leave values next to those of the next line.
 fn check_line_block(map: &WindowRegisterMap) -> Result<(), String> {
-    const LINE_ITEMS: [&str; 4] = ["acknowledge", "crc", "length", "chunk"];
+    const LINE_REQUEST_ITEMS: [&str; 4] = ["acknowledge", "crc", "length", "chunk"];
     let mut spans = map.command.register_spans();
-    spans.retain(|(name, ..)| LINE_ITEMS.contains(name));
+    spans.retain(|(name, ..)| LINE_REQUEST_ITEMS.contains(name));
     spans.sort_by_key(|(_, at, _)| *at);
     let is_adjacent = |pair: &[(&str, u16, u16)]| match pair {
         [(_, at, count), (_, next, _)] => u32::from(*at) + u32::from(*count) == u32::from(*next),
@@ -67,9 +67,9 @@ fn check_line_block(map: &WindowRegisterMap) -> Result<(), String> {
 
 fn check_scales(map: &WindowRegisterMap) -> Result<(), String> {
     let status = &map.status;
-    let axes = status.latch.values().chain(status.position.values());
-    let times = [status.time_s, status.latch_time_s];
-    match axes.chain(&times).find(|register| register.number.scale <= 0.0) {
+    let axes = status.latched_position.values().chain(status.position.values());
+    let times = [status.control_time_s, status.latch_time_s];
+    match axes.chain(&times).find(|register| register.number_format.scale <= 0.0) {
         None => Ok(()),
         Some(register) => Err(format!("the scale at address {} must be greater than 0", register.address)),
     }
@@ -77,7 +77,7 @@ fn check_scales(map: &WindowRegisterMap) -> Result<(), String> {
 
 /// Checks that one request can read the status, head first, tail last.
 fn check_status_block(map: &WindowRegisterMap) -> Result<(), String> {
-    let (first, count) = map.status.block_range();
+    let (first, count) = map.status.block_first_and_count();
     let last = map.status.sequence_tail.address;
     for (name, address, length) in map.status.register_spans() {
         let end = usize::from(address) + usize::from(length);

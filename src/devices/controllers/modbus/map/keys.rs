@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::{ChunkRegisters, CommandRegisters, Register, ResultRegisters, StatusRegisters, WindowRegisterMap, check};
 use link::modbus::RegisterSpace;
-use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
+use link::modbus::number_format::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
 
 /// Keys of one item; an omitted key keeps its published value.
@@ -64,7 +64,7 @@ struct WindowStatusKeys {
     heartbeat: RegisterKeys,
     time_s: RegisterKeys,
     latch_time_s: RegisterKeys,
-    /// If present, such a table lists all axes of the window.
+    /// Latched positions. If present, the table `latch` or `position` lists all axes of the window.
     latch: Option<BTreeMap<Axis, RegisterKeys>>,
     position: Option<BTreeMap<Axis, RegisterKeys>>,
     sequence_tail: RegisterKeys,
@@ -81,29 +81,30 @@ struct ResultKeys {
     valid: RegisterKeys,
 }
 
-/// Default addresses of a window.
-struct DefaultAddresses {
-    chunk_registers: u16,
+/// Defaults that differ between the window for lines and the window of a resident program.
+struct WindowDefaults {
+    chunk_register_count: u16,
     tail_address: u16,
 }
 
-const LINE_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk_registers: 100, tail_address: 44 };
-const PROGRAM_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk_registers: 328, tail_address: 49 };
+const LINE_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 100, tail_address: 44 };
+const PROGRAM_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 328, tail_address: 49 };
 
 const WINDOW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-const LATCH_ADDRESS: u16 = 20;
-const POSITION_ADDRESS: u16 = 32;
+/// Default address of the first latched position, and of the first position; two registers for each axis.
+const DEFAULT_LATCH_ADDRESS: u16 = 20;
+const DEFAULT_POSITION_ADDRESS: u16 = 32;
 /// Default scale of positions, mm or degrees.
-const POSITION_SCALE: f64 = 0.001;
+const DEFAULT_POSITION_SCALE: f64 = 0.001;
 
 impl RegisterKeys {
-    pub(in super::super) fn register(self, address: u16, kind: NumberType) -> Register {
+    pub(in super::super) fn register(self, default_address: u16, default_kind: NumberType) -> Register {
         let number = NumberFormat {
-            kind: self.kind.unwrap_or(kind),
+            kind: self.kind.unwrap_or(default_kind),
             order: self.order.unwrap_or_default(),
             scale: self.scale.unwrap_or(1.0),
         };
-        Register { address: self.address.unwrap_or(address), number }
+        Register { address: self.address.unwrap_or(default_address), number_format: number }
     }
 
     /// Sets the scale, unless the keys give one.
@@ -111,18 +112,18 @@ impl RegisterKeys {
         Self { scale: self.scale.or(Some(scale)), ..self }
     }
 
-    fn axis_register(self, address: u16) -> Register {
-        self.with_default_scale(POSITION_SCALE).register(address, NumberType::I32)
+    fn axis_register(self, default_address: u16) -> Register {
+        self.with_default_scale(DEFAULT_POSITION_SCALE).register(default_address, NumberType::I32)
     }
 }
 
 fn axis_registers(
     name: &str,
     keys: Option<BTreeMap<Axis, RegisterKeys>>,
-    first: u16,
+    first_address: u16,
 ) -> Result<BTreeMap<Axis, Register>, String> {
     let Some(keys) = keys else {
-        let addresses = WINDOW_AXES.into_iter().zip((first..).step_by(2));
+        let addresses = WINDOW_AXES.into_iter().zip((first_address..).step_by(2));
         return Ok(addresses.map(|(axis, address)| (axis, RegisterKeys::default().axis_register(address))).collect());
     };
     let register = |(axis, entry): (Axis, RegisterKeys)| match entry.address {
@@ -169,7 +170,7 @@ impl RegisterMapKeys {
 }
 
 impl CommandKeys {
-    fn into_registers(self, defaults: &DefaultAddresses) -> CommandRegisters {
+    fn into_registers(self, defaults: &WindowDefaults) -> CommandRegisters {
         CommandRegisters {
             hold: self.hold.register(0, NumberType::U16),
             sequence: self.sequence.register(1, NumberType::U16),
@@ -179,7 +180,7 @@ impl CommandKeys {
             length: self.length.register(5, NumberType::U16),
             chunk: ChunkRegisters {
                 address: self.chunk.address.unwrap_or(6),
-                registers: self.chunk.registers.unwrap_or(defaults.chunk_registers),
+                register_count: self.chunk.registers.unwrap_or(defaults.chunk_register_count),
                 order: self.chunk.order.unwrap_or_default(),
             },
         }
@@ -189,34 +190,34 @@ impl CommandKeys {
 impl ResultKeys {
     fn into_registers(self) -> ResultRegisters {
         ResultRegisters {
-            under_way: self.under_way.register(44, NumberType::U16),
-            sequence: self.sequence.register(45, NumberType::U16),
-            row: self.row.register(46, NumberType::U16),
-            contact: self.contact.register(47, NumberType::U16),
-            valid: self.valid.register(48, NumberType::U16),
+            active_row_number: self.under_way.register(44, NumberType::U16),
+            call_sequence: self.sequence.register(45, NumberType::U16),
+            row_number: self.row.register(46, NumberType::U16),
+            contact_flag: self.contact.register(47, NumberType::U16),
+            pending_flag: self.valid.register(48, NumberType::U16),
         }
     }
 }
 
 impl WindowStatusKeys {
-    fn into_registers(self, defaults: &DefaultAddresses) -> Result<StatusRegisters, String> {
+    fn into_registers(self, defaults: &WindowDefaults) -> Result<StatusRegisters, String> {
         Ok(StatusRegisters {
             space: self.space.unwrap_or(RegisterSpace::Input),
             sequence_head: self.sequence_head.register(0, NumberType::U16),
             version: self.version.register(1, NumberType::U16),
             state: self.state.register(2, NumberType::U16),
-            alarm: self.alarm.register(3, NumberType::U16),
-            accepted: self.accepted.register(4, NumberType::U16),
-            executed: self.executed.register(5, NumberType::U16),
-            error: self.error.register(6, NumberType::U16),
-            probe: self.probe.register(7, NumberType::U16),
-            inputs: self.inputs.register(8, NumberType::U32),
-            latches: self.latches.register(10, NumberType::U16),
+            alarm_code: self.alarm.register(3, NumberType::U16),
+            accepted_sequence: self.accepted.register(4, NumberType::U16),
+            executed_sequence: self.executed.register(5, NumberType::U16),
+            refusal_code: self.error.register(6, NumberType::U16),
+            probe_closed_flag: self.probe.register(7, NumberType::U16),
+            input_bits: self.inputs.register(8, NumberType::U32),
+            latch_count: self.latches.register(10, NumberType::U16),
             heartbeat: self.heartbeat.register(11, NumberType::U16),
-            time_s: self.time_s.register(12, NumberType::F64),
+            control_time_s: self.time_s.register(12, NumberType::F64),
             latch_time_s: self.latch_time_s.register(16, NumberType::F64),
-            latch: axis_registers("latch", self.latch, LATCH_ADDRESS)?,
-            position: axis_registers("position", self.position, POSITION_ADDRESS)?,
+            latched_position: axis_registers("latch", self.latch, DEFAULT_LATCH_ADDRESS)?,
+            position: axis_registers("position", self.position, DEFAULT_POSITION_ADDRESS)?,
             sequence_tail: self.sequence_tail.register(defaults.tail_address, NumberType::U16),
             result: None,
         })

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use link::modbus::value::{ByteOrder, NumberFormat, RegisterValueError};
+use link::modbus::number_format::{ByteOrder, NumberFormat, RegisterValueError};
 use link::modbus::{AccessList, RegisterRange, RegisterSpace};
 use machine::Axis;
 
@@ -23,14 +23,14 @@ const MAX_READ_REGISTERS: usize = 125;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Register {
     pub address: u16,
-    pub number: NumberFormat,
+    pub number_format: NumberFormat,
 }
 
 /// A block of registers for one command: text, two characters a register; or the parameters of a resident program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ChunkRegisters {
     pub address: u16,
-    pub registers: u16,
+    pub register_count: u16,
     pub order: ByteOrder,
 }
 
@@ -53,17 +53,17 @@ pub(super) struct StatusRegisters {
     pub sequence_head: Register,
     pub version: Register,
     pub state: Register,
-    pub alarm: Register,
-    pub accepted: Register,
-    pub executed: Register,
-    pub error: Register,
-    pub probe: Register,
-    pub inputs: Register,
-    pub latches: Register,
+    pub alarm_code: Register,
+    pub accepted_sequence: Register,
+    pub executed_sequence: Register,
+    pub refusal_code: Register,
+    pub probe_closed_flag: Register,
+    pub input_bits: Register,
+    pub latch_count: Register,
     pub heartbeat: Register,
-    pub time_s: Register,
+    pub control_time_s: Register,
     pub latch_time_s: Register,
-    pub latch: BTreeMap<Axis, Register>,
+    pub latched_position: BTreeMap<Axis, Register>,
     pub position: BTreeMap<Axis, Register>,
     pub sequence_tail: Register,
     /// Registers of the results, only with a resident program.
@@ -73,11 +73,11 @@ pub(super) struct StatusRegisters {
 /// Further registers of a resident program: the row that it executes, and the result that it hands over.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ResultRegisters {
-    pub under_way: Register,
-    pub sequence: Register,
-    pub row: Register,
-    pub contact: Register,
-    pub valid: Register,
+    pub active_row_number: Register,
+    pub call_sequence: Register,
+    pub row_number: Register,
+    pub contact_flag: Register,
+    pub pending_flag: Register,
 }
 
 /// Register map of the whole window.
@@ -89,33 +89,34 @@ pub struct WindowRegisterMap {
 }
 
 impl Register {
-    pub(super) fn count(&self) -> u16 {
-        self.number.register_count()
+    pub(super) fn register_count(&self) -> u16 {
+        self.number_format.register_count()
     }
 
     /// Reads the number from a block of registers that begins at `first`.
-    pub(super) fn read(&self, block: &[u16], first: u16) -> Result<f64, RegisterValueError> {
-        let wanted = self.count();
+    pub(super) fn decode_from_block(&self, block: &[u16], first: u16) -> Result<f64, RegisterValueError> {
+        let wanted = self.register_count();
         let start = usize::from(self.address.saturating_sub(first));
         let words = block.get(start..start + usize::from(wanted));
-        self.number.decode(words.ok_or(RegisterValueError::RegisterCount { received: block.len(), expected: wanted })?)
+        self.number_format
+            .decode(words.ok_or(RegisterValueError::WrongRegisterCount { received: block.len(), expected: wanted })?)
     }
 
-    /// Returns the address and the words of `value`.
-    pub(super) fn write(&self, value: u16) -> Result<(u16, Vec<u16>), RegisterValueError> {
-        Ok((self.address, self.number.encode(f64::from(value))?))
+    /// Returns the address and the words of `value` for a write.
+    pub(super) fn encode_value(&self, value: u16) -> Result<(u16, Vec<u16>), RegisterValueError> {
+        Ok((self.address, self.number_format.encode(f64::from(value))?))
     }
 }
 
 impl ChunkRegisters {
     /// Capacity of the chunk, bytes.
     pub(super) fn capacity_bytes(&self) -> usize {
-        2 * usize::from(self.registers)
+        2 * usize::from(self.register_count)
     }
 
-    /// Returns the address and the words of the text, the first character in the high byte unless bytes are
+    /// Returns the address and the words of the text for a write, the first character in the high byte unless bytes are
     /// swapped.
-    pub(super) fn write(&self, text: &[u8]) -> (u16, Vec<u16>) {
+    pub(super) fn encode_text(&self, text: &[u8]) -> (u16, Vec<u16>) {
         let word = |pair: &[u8]| {
             let pair = [pair.first().copied(), pair.get(1).copied()].map(Option::unwrap_or_default);
             match self.order {
@@ -138,16 +139,16 @@ impl CommandRegisters {
             ("crc", self.crc),
             ("length", self.length),
         ];
-        let items = items.map(|(name, register)| (name, register.address, register.count()));
-        items.into_iter().chain([("chunk", self.chunk.address, self.chunk.registers)]).collect()
+        let items = items.map(|(name, register)| (name, register.address, register.register_count()));
+        items.into_iter().chain([("chunk", self.chunk.address, self.chunk.register_count)]).collect()
     }
 }
 
 impl StatusRegisters {
     /// Returns the first register of the status block, and the number of its registers.
-    pub(super) fn block_range(&self) -> (u16, u16) {
+    pub(super) fn block_first_and_count(&self) -> (u16, u16) {
         let (first, tail) = (self.sequence_head.address, self.sequence_tail);
-        (first, tail.address.saturating_add(tail.count()).saturating_sub(first))
+        (first, tail.address.saturating_add(tail.register_count()).saturating_sub(first))
     }
 
     fn register_spans(&self) -> Vec<(String, u16, u16)> {
@@ -155,15 +156,15 @@ impl StatusRegisters {
             ("sequence_head", self.sequence_head),
             ("version", self.version),
             ("state", self.state),
-            ("alarm", self.alarm),
-            ("accepted", self.accepted),
-            ("executed", self.executed),
-            ("error", self.error),
-            ("probe", self.probe),
-            ("inputs", self.inputs),
-            ("latches", self.latches),
+            ("alarm", self.alarm_code),
+            ("accepted", self.accepted_sequence),
+            ("executed", self.executed_sequence),
+            ("error", self.refusal_code),
+            ("probe", self.probe_closed_flag),
+            ("inputs", self.input_bits),
+            ("latches", self.latch_count),
             ("heartbeat", self.heartbeat),
-            ("time_s", self.time_s),
+            ("time_s", self.control_time_s),
             ("latch_time_s", self.latch_time_s),
             ("sequence_tail", self.sequence_tail),
         ];
@@ -173,9 +174,9 @@ impl StatusRegisters {
         let results = results.map(|(name, register)| (format!("result.{name}"), register));
         items
             .chain(results)
-            .chain(self.latch.iter().map(of("latch")))
+            .chain(self.latched_position.iter().map(of("latch")))
             .chain(self.position.iter().map(of("position")))
-            .map(|(name, register)| (name, register.address, register.count()))
+            .map(|(name, register)| (name, register.address, register.register_count()))
             .collect()
     }
 }
@@ -183,11 +184,11 @@ impl StatusRegisters {
 impl ResultRegisters {
     fn named_registers(&self) -> [(&'static str, Register); 5] {
         [
-            ("under_way", self.under_way),
-            ("sequence", self.sequence),
-            ("row", self.row),
-            ("contact", self.contact),
-            ("valid", self.valid),
+            ("under_way", self.active_row_number),
+            ("sequence", self.call_sequence),
+            ("row", self.row_number),
+            ("contact", self.contact_flag),
+            ("valid", self.pending_flag),
         ]
     }
 }
@@ -195,7 +196,7 @@ impl ResultRegisters {
 impl WindowRegisterMap {
     /// Ranges that the link may access: the status to read, the command block to write.
     pub(super) fn access_ranges(&self) -> AccessList {
-        let (first, count) = self.status.block_range();
+        let (first, count) = self.status.block_first_and_count();
         let last = first.saturating_add(count.saturating_sub(1));
         let read = vec![RegisterRange { space: self.status.space, first, last }];
         let mut spans: Vec<(u16, u16)> =
@@ -213,10 +214,10 @@ impl WindowRegisterMap {
         AccessList { readable: read, writable: write }
     }
 
-    /// Returns an axis without registers in the window.
+    /// Returns the first of `axes` without registers in the window; `None` if each has them.
     pub(super) fn axis_without_registers(&self, axes: &[Axis]) -> Option<Axis> {
         let has_registers =
-            |axis: &&Axis| self.status.latch.contains_key(axis) && self.status.position.contains_key(axis);
+            |axis: &&Axis| self.status.latched_position.contains_key(axis) && self.status.position.contains_key(axis);
         axes.iter().find(|axis| !has_registers(axis)).copied()
     }
 }

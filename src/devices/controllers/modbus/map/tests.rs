@@ -1,22 +1,23 @@
 use super::*;
 
-fn map(text: &str) -> Result<WindowRegisterMap, String> {
+fn parse_map(text: &str) -> Result<WindowRegisterMap, String> {
     toml::from_str::<WindowRegisterMap>(text).map_err(|error| error.message().to_owned())
 }
 
 #[test]
 fn published_window_is_valid_and_limits_the_access() {
-    let published = map("").unwrap();
+    let published = parse_map("").unwrap();
     let allowed = published.access_ranges();
     assert_eq!(allowed.readable, [RegisterRange { space: RegisterSpace::Input, first: 0, last: 44 }]);
     assert_eq!(allowed.writable, [RegisterRange { space: RegisterSpace::Holding, first: 0, last: 105 }]);
-    assert_eq!(published.status.block_range(), (0, 45));
+    assert_eq!(published.status.block_first_and_count(), (0, 45));
     assert_eq!(published.axis_without_registers(&[Axis::X, Axis::C]), None);
 }
 
 #[test]
 fn item_can_have_another_address_and_type() {
-    let moved = map("
+    let moved = parse_map(
+        "
         [command]
         hold = { address = 500 }
         [status]
@@ -37,14 +38,15 @@ fn item_can_have_another_address_and_type() {
         latch_time_s = { address = 216 }
         latch = { X = { address = 220, type = \"f32\", scale = 1.0 } }
         position = { X = { address = 230, scale = 0.0001 } }
-    ")
+    ",
+    )
     .unwrap();
-    assert_eq!(moved.status.block_range(), (200, 100));
+    assert_eq!(moved.status.block_first_and_count(), (200, 100));
     assert_eq!(moved.access_ranges().writable.len(), 2);
     assert_eq!(moved.axis_without_registers(&[Axis::X, Axis::C]), Some(Axis::C));
     let mut block = vec![0; 100];
     (block[30], block[31]) = (0xFFFF, 0xFFFE);
-    assert_eq!(moved.status.position[&Axis::X].read(&block, 200), Ok(-0.0002));
+    assert_eq!(moved.status.position[&Axis::X].decode_from_block(&block, 200), Ok(-0.0002));
 }
 
 #[test]
@@ -64,15 +66,15 @@ fn invalid_map_is_refused_with_a_reason() {
         ("[status]\nstat = { address = 1 }", "unknown field"),
         ("[status]\nstate = { adress = 1 }", "unknown field"),
     ] {
-        let said = map(text).unwrap_err();
+        let said = parse_map(text).unwrap_err();
         assert!(said.contains(why), "{text}: {said}");
     }
 }
 
 #[test]
 fn text_has_two_characters_per_register() {
-    let mut chunk = map("").unwrap().command.chunk;
-    assert_eq!(chunk.write(b"G1X"), (6, vec![0x4731, 0x5800]));
+    let mut chunk = parse_map("").unwrap().command.chunk;
+    assert_eq!(chunk.encode_text(b"G1X"), (6, vec![0x4731, 0x5800]));
     chunk.order = ByteOrder::Badc;
-    assert_eq!(chunk.write(b"G1X"), (6, vec![0x3147, 0x0058]));
+    assert_eq!(chunk.encode_text(b"G1X"), (6, vec![0x3147, 0x0058]));
 }

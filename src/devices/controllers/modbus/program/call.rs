@@ -21,14 +21,15 @@ use planning::proof::ProvenBlock;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ContactRowResult {
     /// Index of the row, from 0.
-    pub row: usize,
+    pub row_index: usize,
     pub has_contact: bool,
-    /// Latched position of the axes; `t_s` is its time, s.
+    /// Latched position of the axes.
     pub latched_position: Position,
-    pub t_s: Option<f64>,
+    /// Time of the latch on the control's clock, s, if it is reported.
+    pub latch_time_s: Option<f64>,
 }
 
-/// Kind of a valid result in a status.
+/// Whether the result in a status is a new one of the present call.
 enum ResultFreshness {
     /// A result of another call, or an older status.
     Stale,
@@ -46,7 +47,7 @@ impl ModbusDriver {
     ) -> Result<(), ControllerError> {
         self.window.last_result_number = Some(status.latch_count);
         match status.result {
-            Some(ReportedResult { is_pending: true, .. }) => self.window.acknowledge(status.latch_count).await,
+            Some(ReportedResult { is_pending: true, .. }) => self.window.acknowledge_result(status.latch_count).await,
             _ => Ok(()),
         }
     }
@@ -59,13 +60,16 @@ impl ModbusDriver {
         let rows = rows::rows_from_block(block)?;
         let (results, status) = self.execute_rows(program, &rows, block).await?;
         let touch = self.find_touch(&rows, &results, block.step())?;
-        let latch_s = touch.and_then(|result| result.t_s);
-        let mut outcome = BlockOutcome { t_s: self.contact_time_s(latch_s, &status)?, ..BlockOutcome::default() };
+        let latch_s = touch.and_then(|result| result.latch_time_s);
+        let mut outcome = BlockOutcome {
+            trigger_time_s: self.contact_or_status_time_s(latch_s, &status)?,
+            ..BlockOutcome::default()
+        };
         if let Some(result) = touch {
-            let orientation = block.motions().take(result.row).filter_map(orientation_rad).last();
+            let orientation = block.motions().take(result.row_index).filter_map(orientation_rad).last();
             let spindle = orientation.or(self.monitor.spindle_rad).map(|s| (Axis::S, s));
             let contact = self.monitor.machine_axes_only(&result.latched_position);
-            outcome.touch = Some(contact.iter().chain(spindle).collect());
+            outcome.trigger_position = Some(contact.iter().chain(spindle).collect());
         }
         self.monitor.spindle_rad = block.motions().filter_map(orientation_rad).last().or(self.monitor.spindle_rad);
         let end = rows::end_position(&rows, &self.monitor.standstill_position);
@@ -88,8 +92,8 @@ impl ModbusDriver {
         let chunk = program.layout.encode_chunk(&call);
         let chunk = chunk.map_err(|reason| ControllerError::RenderFailed { step, reason })?;
         self.check_block_start(block).await?;
-        let name = format!("program {}, step {step}", program.number);
-        let mut pending = self.window.start_chunk(&chunk, &name, max_standstill_time(rows)).await?;
+        let name = format!("program {}, step {step}", program.program_number);
+        let mut pending = self.window.start_chunk(&chunk, &name, planned_standstill_time(rows)).await?;
         let collected = self.collect_results(&mut pending, rows, step).await;
         collected.map_err(|error| match error {
             ControllerError::Alarm { code, .. }
@@ -101,6 +105,7 @@ impl ModbusDriver {
         })
     }
 
+    /// Reads and acknowledges results until the program has ended; returns them in order, and the last status.
     async fn collect_results(
         &mut self,
         pending: &mut PendingChunk,
@@ -111,9 +116,9 @@ impl ModbusDriver {
         loop {
             let (status, done) = self.window.poll_chunk(pending).await?;
             let Some(slot) = status.result else {
-                return Err(result_mismatch("no result", rows.len()));
+                return Err(result_mismatch_error("no result", rows.len()));
             };
-            let active_row = usize::from(slot.active_row).checked_sub(1);
+            let active_row = usize::from(slot.active_row_number).checked_sub(1);
             let row = active_row.and_then(|row| rows.get(row));
             if status.is_probe_closed && row.is_some_and(|row| row.is_free_move) {
                 // The machine may still be moving, and does not stop by itself.
@@ -126,25 +131,25 @@ impl ModbusDriver {
                 }
                 continue;
             }
-            match result_kind(&self.window, &status, &slot, pending.sequence)? {
+            match result_freshness(&self.window, &status, &slot, pending.sequence)? {
                 ResultFreshness::Stale => {}
-                ResultFreshness::AlreadyRead => self.window.acknowledge(status.latch_count).await?,
+                ResultFreshness::AlreadyRead => self.window.acknowledge_result(status.latch_count).await?,
                 ResultFreshness::New => {
                     results.push(ContactRowResult {
-                        row: usize::from(slot.row).wrapping_sub(1),
+                        row_index: usize::from(slot.row_number).wrapping_sub(1),
                         has_contact: slot.has_contact,
                         latched_position: status.latched_position.clone(),
-                        t_s: status.latch_time_s,
+                        latch_time_s: status.latch_time_s,
                     });
                     self.window.last_result_number = Some(status.latch_count);
-                    self.window.acknowledge(status.latch_count).await?;
+                    self.window.acknowledge_result(status.latch_count).await?;
                 }
             }
             // The program has ended, but still reports a result that was acknowledged.
             let since = ended_at.filter(|_| done).unwrap_or_else(Instant::now);
             ended_at = done.then_some(since);
             if since.elapsed() > self.window.timeouts.reply_timeout {
-                return Err(result_mismatch("an acknowledged result", results.len()));
+                return Err(result_mismatch_error("an acknowledged result", results.len()));
             }
         }
     }
@@ -159,7 +164,7 @@ impl ModbusDriver {
     ) -> Result<Option<&'a ContactRowResult>, ControllerError> {
         let mut touches = (0..).zip(rows).filter(|(_, row)| row.action == RowAction::Touch);
         for result in results {
-            let row = rows.get(result.row).map(|row| row.action);
+            let row = rows.get(result.row_index).map(|row| row.action);
             match row {
                 Some(RowAction::Guarded) if result.has_contact => {
                     return Err(ControllerError::UnexpectedContact { step });
@@ -170,34 +175,35 @@ impl ModbusDriver {
                 _ => {}
             }
             match touches.next() {
-                Some((index, row)) if index == result.row => {
-                    self.check_contact_path(rows.get(..index).unwrap_or(rows), row, result)?;
+                Some((index, row)) if index == result.row_index => {
+                    self.check_contact_on_path(rows.get(..index).unwrap_or(rows), row, result)?;
                 }
                 _ => {
-                    return Err(result_mismatch(&format!("a result of row {}", result.row + 1), 0));
+                    return Err(result_mismatch_error(&format!("a result of row {}", result.row_index + 1), 0));
                 }
             }
         }
         match touches.count() {
             0 => Ok(results.last()),
-            missing => Err(result_mismatch("no result", missing)),
+            missing => Err(result_mismatch_error("no result", missing)),
         }
     }
 
-    fn check_contact_path(
+    /// Checks that the contact of `row` is on the path from the end of `earlier_rows` to the row's target.
+    fn check_contact_on_path(
         &self,
-        before: &[ProgramRow],
+        earlier_rows: &[ProgramRow],
         row: &ProgramRow,
         result: &ContactRowResult,
     ) -> Result<(), ControllerError> {
-        let from = rows::end_position(before, &self.monitor.standstill_position);
+        let from = rows::end_position(earlier_rows, &self.monitor.standstill_position);
         let to = from.updated_by(&row.target);
         let contact = self.monitor.machine_axes_only(&result.latched_position);
-        self.monitor.check_contact_path(&from, &to, &contact.filter_axes(|axis| from.get(axis).is_some()))
+        self.monitor.check_contact_on_path(&from, &to, &contact.filter_axes(|axis| from.get(axis).is_some()))
     }
 }
 
-fn result_kind(
+fn result_freshness(
     window: &WindowConnection,
     status: &WindowStatus,
     slot: &ReportedResult,
@@ -221,7 +227,7 @@ fn result_kind(
     Err(ControllerError::UnexpectedReply { reply })
 }
 
-fn result_mismatch(slot: &str, expected: usize) -> ControllerError {
+fn result_mismatch_error(slot: &str, expected: usize) -> ControllerError {
     ControllerError::UnexpectedReply { reply: format!("{slot} received, {expected} results expected") }
 }
 
@@ -233,9 +239,9 @@ fn orientation_rad(motion: &Motion) -> Option<f64> {
 }
 
 /// Maximum time for which the machine may be at rest within a call.
-fn max_standstill_time(rows: &[ProgramRow]) -> Duration {
+fn planned_standstill_time(rows: &[ProgramRow]) -> Duration {
     let rest_times = rows.iter().map(|row| match row.action {
-        RowAction::Dwell => to_duration(row.value),
+        RowAction::Dwell => to_duration(row.feed_dwell_or_angle),
         RowAction::Orient => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     });

@@ -8,14 +8,14 @@ use crate::controllers::modbus::map::Register;
 use crate::controllers::modbus::map::check::{RegisterSpan, check_overlaps};
 use crate::controllers::modbus::map::keys::RegisterKeys;
 use link::modbus::RegisterSpace;
-use link::modbus::value::{NumberType, RegisterValueError};
+use link::modbus::number_format::{NumberType, RegisterValueError};
 use machine::Axis;
 
 const ROW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// Default scale of positions, mm or degrees: the last of the text's four decimals. `VALUE_SCALE`: the last
+/// Default scale of positions, mm or degrees: the last of the text's four decimals. `DEFAULT_VALUE_SCALE`: the last
 /// of three decimals of feeds and seconds.
-const POSITION_SCALE: f64 = 0.0001;
-const VALUE_SCALE: f64 = 0.001;
+const DEFAULT_POSITION_SCALE: f64 = 0.0001;
+const DEFAULT_VALUE_SCALE: f64 = 0.001;
 /// Largest difference between a number in registers and the number in the text, in the text's units.
 const ROUNDING_TOLERANCE: f64 = 1e-6;
 
@@ -71,29 +71,30 @@ pub(super) struct ProgramCall<'a> {
     pub rows: &'a [ProgramRow],
 }
 
+/// Registers of the parameters within the chunk, and of each item within a row of the table.
 #[derive(Debug, Clone)]
 pub(super) struct ParameterLayout {
     /// Registers of [`PARAMETER_NAMES`].
     parameters: [Register; PARAMETER_NAMES.len()],
-    /// First register of the table; registers of a row (`row_registers`); maximum number of rows (`max_rows`).
-    table_address: u16,
-    row_registers: u16,
+    /// First register of the table, from the chunk's first; registers of a row; maximum number of rows (`max_rows`).
+    table_offset: u16,
+    registers_per_row: u16,
     max_rows: u16,
-    kind: Register,
-    axes: Register,
+    action: Register,
+    axis_mask: Register,
     value: Register,
-    target: Vec<(Axis, Register)>,
+    axis_targets: Vec<(Axis, Register)>,
 }
 
 impl ParameterLayout {
     /// # Errors
-    /// Items overlap, or are beyond the `registers` of the chunk.
-    pub(super) fn from_keys(keys: ParameterKeys, row: RowKeys, registers: u16) -> Result<Self, String> {
+    /// Items overlap, or are beyond the registers of the chunk.
+    pub(super) fn from_keys(keys: ParameterKeys, row: RowKeys, chunk_register_count: u16) -> Result<Self, String> {
         let table = keys.table.address.unwrap_or(8);
         let row_registers = keys.table.registers.unwrap_or(16);
         let axes = ROW_AXES.into_iter().zip([row.x, row.y, row.z, row.a, row.b, row.c]);
         let axis = |(address, (axis, entry)): (u16, (Axis, RegisterKeys))| {
-            (axis, entry.with_default_scale(POSITION_SCALE).register(address, NumberType::I32))
+            (axis, entry.with_default_scale(DEFAULT_POSITION_SCALE).register(address, NumberType::I32))
         };
         let layout = Self {
             parameters: [
@@ -104,13 +105,13 @@ impl ParameterLayout {
                 keys.touches.register(5, NumberType::U16),
                 keys.rows.register(6, NumberType::U16),
             ],
-            table_address: table,
-            row_registers,
-            max_rows: registers.saturating_sub(table).checked_div(row_registers).unwrap_or(0),
-            kind: row.kind.register(0, NumberType::U16),
-            axes: row.axes.register(1, NumberType::U16),
-            value: row.value.with_default_scale(VALUE_SCALE).register(2, NumberType::U32),
-            target: (4..).step_by(2).zip(axes).map(axis).collect(),
+            table_offset: table,
+            registers_per_row: row_registers,
+            max_rows: chunk_register_count.saturating_sub(table).checked_div(row_registers).unwrap_or(0),
+            action: row.kind.register(0, NumberType::U16),
+            axis_mask: row.axes.register(1, NumberType::U16),
+            value: row.value.with_default_scale(DEFAULT_VALUE_SCALE).register(2, NumberType::U32),
+            axis_targets: (4..).step_by(2).zip(axes).map(axis).collect(),
         };
         layout.check_addresses()?;
         Ok(layout)
@@ -121,20 +122,20 @@ impl ParameterLayout {
             return Err("`command.chunk` is too small for one row of the program's table".to_owned());
         }
         let span = |section: &str, name: &str, at: &Register| -> RegisterSpan {
-            (RegisterSpace::Holding, at.address, at.count(), format!("{section}.{name}"))
+            (RegisterSpace::Holding, at.address, at.register_count(), format!("{section}.{name}"))
         };
         let parameters = PARAMETER_NAMES.iter().zip(&self.parameters);
         let parameters: Vec<_> = parameters.map(|(name, at)| span("parameters", name, at)).collect();
-        let named = [("kind", &self.kind), ("axes", &self.axes), ("value", &self.value)];
+        let named = [("kind", &self.action), ("axes", &self.axis_mask), ("value", &self.value)];
         let mut row: Vec<RegisterSpan> = named.map(|(name, at)| span("row", name, at)).to_vec();
-        row.extend(self.target.iter().map(|(axis, at)| span("row", &axis.to_string(), at)));
-        row.push((RegisterSpace::Holding, self.row_registers, 1, "the next row".to_owned()));
+        row.extend(self.axis_targets.iter().map(|(axis, at)| span("row", &axis.to_string(), at)));
+        row.push((RegisterSpace::Holding, self.registers_per_row, 1, "the next row".to_owned()));
         let end = |(_, at, count, _): &RegisterSpan| u32::from(*at) + u32::from(*count);
-        if let Some((.., name)) = row.iter().rev().skip(1).find(|item| end(item) > self.row_registers.into()) {
-            return Err(format!("`{name}` is beyond the {} registers of a row", self.row_registers));
+        if let Some((.., name)) = row.iter().rev().skip(1).find(|item| end(item) > self.registers_per_row.into()) {
+            return Err(format!("`{name}` is beyond the {} registers of a row", self.registers_per_row));
         }
-        if let Some((.., name)) = parameters.iter().find(|item| end(item) > self.table_address.into()) {
-            return Err(format!("`{name}` must be before the table at {}", self.table_address));
+        if let Some((.., name)) = parameters.iter().find(|item| end(item) > self.table_offset.into()) {
+            return Err(format!("`{name}` must be before the table at {}", self.table_offset));
         }
         check_overlaps(parameters)?;
         check_overlaps(row)
@@ -146,17 +147,17 @@ impl ParameterLayout {
     /// There are too many rows, or the registers cannot hold a number of the text.
     pub(super) fn encode_chunk(&self, call: &ProgramCall) -> Result<Vec<u8>, String> {
         let items = self.parameter_values(call)?;
-        let length = usize::from(self.table_address) + call.rows.len() * usize::from(self.row_registers);
+        let length = usize::from(self.table_offset) + call.rows.len() * usize::from(self.registers_per_row);
         let mut words = vec![0; length];
         for (register, value) in &items {
-            let written = register.number.encode(*value).map_err(|error| error.to_string())?;
+            let written = register.number_format.encode(*value).map_err(|error| error.to_string())?;
             let first = usize::from(register.address);
             let target = words.get_mut(first..first + written.len());
             target.ok_or("a parameter is beyond the chunk")?.copy_from_slice(&written);
         }
         // Compares each number with the one that the control will read.
         for (register, value) in &items {
-            let read = register.read(&words, 0).map_err(|error: RegisterValueError| error.to_string())?;
+            let read = register.decode_from_block(&words, 0).map_err(|error: RegisterValueError| error.to_string())?;
             if (read - value).abs() > ROUNDING_TOLERANCE {
                 return Err(format!(
                     "the registers would contain {read} instead of {value} in the program text: set a finer \
@@ -174,27 +175,27 @@ impl ParameterLayout {
             return Err(format!("the block has {rows} moves, but `command.chunk` holds only {max_rows} rows"));
         }
         let touches = call.rows.iter().filter(|row| row.action == RowAction::Touch).count();
-        let (program, tool) = (f64::from(call.program.number), f64::from(call.program.tool));
+        let (program, tool) = (f64::from(call.program.program_number), f64::from(call.program.probe_tool_number));
         let values = [f64::from(call.sequence), program, tool, f64::from(call.step), touches as f64, rows as f64];
         let mut items: Vec<_> = self.parameters.into_iter().zip(values).collect();
-        for (row, first) in call.rows.iter().zip((self.table_address..).step_by(self.row_registers.into())) {
-            self.add_row(row, first, &mut items)?;
+        for (row, first) in call.rows.iter().zip((self.table_offset..).step_by(self.registers_per_row.into())) {
+            self.add_row_values(row, first, &mut items)?;
         }
         Ok(items)
     }
 
-    fn add_row(&self, row: &ProgramRow, first: u16, items: &mut Vec<(Register, f64)>) -> Result<(), String> {
+    fn add_row_values(&self, row: &ProgramRow, first: u16, items: &mut Vec<(Register, f64)>) -> Result<(), String> {
         let at = |at: &Register| Register { address: first + at.address, ..*at };
-        let has_axis = |axis: Axis| self.target.iter().any(|(known, _)| *known == axis);
+        let has_axis = |axis: Axis| self.axis_targets.iter().any(|(known, _)| *known == axis);
         if let Some((axis, _)) = row.target.iter().find(|(axis, _)| !has_axis(*axis)) {
             return Err(format!("a row has no register for {axis}"));
         }
-        let named = self.target.iter().zip(0..).filter(|((axis, _), _)| row.target.get(*axis).is_some());
+        let named = self.axis_targets.iter().zip(0..).filter(|((axis, _), _)| row.target.get(*axis).is_some());
         let mask: u16 = named.map(|(_, bit)| 1 << bit).sum();
-        items.push((at(&self.kind), f64::from(row.action as u8)));
-        items.push((at(&self.axes), f64::from(mask)));
-        items.push((at(&self.value), row.value));
-        for (axis, register) in &self.target {
+        items.push((at(&self.action), f64::from(row.action as u8)));
+        items.push((at(&self.axis_mask), f64::from(mask)));
+        items.push((at(&self.value), row.feed_dwell_or_angle));
+        for (axis, register) in &self.axis_targets {
             let value = row.target.get(*axis).map_or(0.0, |value| axis.to_mm_or_deg(value));
             items.push((at(register), value));
         }

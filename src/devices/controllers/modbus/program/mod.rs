@@ -36,9 +36,9 @@ pub(super) struct ProgramKeys {
 /// Number of the resident program, and layout of its parameters in the chunk.
 #[derive(Debug, Clone)]
 pub(super) struct ResidentProgram {
-    pub number: u16,
+    pub program_number: u16,
     /// Number of the probe as a tool of the control; 0: the program need not check it.
-    tool: u16,
+    probe_tool_number: u16,
     layout: ParameterLayout,
 }
 
@@ -47,7 +47,7 @@ impl ResidentProgram {
     /// The parameters do not fit the chunk of `map`, or overlap.
     pub(super) fn from_keys(keys: ProgramKeys, map: &WindowRegisterMap) -> Result<Self, String> {
         let ProgramKeys { number, tool, parameters, row } = keys;
-        let layout = ParameterLayout::from_keys(parameters, row, map.command.chunk.registers)?;
-        Ok(Self { number: number.unwrap_or(1), tool, layout })
+        let layout = ParameterLayout::from_keys(parameters, row, map.command.chunk.register_count)?;
+        Ok(Self { program_number: number.unwrap_or(1), probe_tool_number: tool, layout })
     }
 }

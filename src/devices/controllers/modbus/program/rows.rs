@@ -3,7 +3,7 @@
 use crate::controllers::ControllerError;
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 use planning::gcode::rs274::{MotionKind, ReadMotion};
 use planning::proof::ProvenBlock;
 
@@ -18,13 +18,14 @@ pub(super) enum RowAction {
     Orient = 6,
 }
 
+/// One row of the table that a resident program executes: one motion.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ProgramRow {
     pub action: RowAction,
     /// End position of the axes that the row names, mm and rad.
     pub target: Position,
     /// Feed in mm/min, duration of a dwell in s, orientation in degrees; 0 for a rapid.
-    pub value: f64,
+    pub feed_dwell_or_angle: f64,
     /// Whether the move should touch nothing: a contact during it is a fault. A back-off leads out of
     /// contact.
     pub is_free_move: bool,
@@ -36,7 +37,7 @@ pub(super) struct ProgramRow {
 /// The block differs from the proven one, or no row can express its text.
 pub(super) fn rows_from_block(block: &ProvenBlock) -> Result<Vec<ProgramRow>, ControllerError> {
     let step = block.step();
-    if *block.transmission() != Transmission::Rows {
+    if *block.transmission() != TransmissionForm::TableRows {
         return Err(ControllerError::WrongTransmission { step });
     }
     let fault = |reason: String| ControllerError::RenderFailed { step, reason };
@@ -56,11 +57,11 @@ fn row_from_motion(motion: &Motion, read: &ReadMotion) -> Result<ProgramRow, Str
         MotionKind::Probe { .. } => (RowAction::Guarded, feed),
         MotionKind::Dwell { seconds } => (RowAction::Dwell, Some(seconds)),
         MotionKind::Orient { s } => (RowAction::Orient, Some(Axis::S.to_mm_or_deg(s))),
-        MotionKind::Stop => return Err(format!("line {} waits for the operator", read.line)),
+        MotionKind::ProgramStop => return Err(format!("line {} waits for the operator", read.line)),
     };
     let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
     let is_free_move = matches!(motion, Motion::Rapid { .. } | Motion::Feed { .. });
-    Ok(ProgramRow { action, target: read.target.clone(), value, is_free_move })
+    Ok(ProgramRow { action, target: read.target.clone(), feed_dwell_or_angle: value, is_free_move })
 }
 
 /// Position of the machine after `rows`, if it was at `from` and each touch met its contact. Axes that a

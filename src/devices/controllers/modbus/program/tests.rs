@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use super::super::driver::ModbusDriver;
-use super::super::tests::{driver, fault, prove_block_for, turn_at_feed, wait_for_hold};
+use super::super::tests::{driver_of_simulated_control, fault_at_line, prove_block_for, turn_at_feed, wait_for_hold};
 use super::call::ContactRowResult;
 use super::rows;
 use crate::controllers::{ControllerDriver, ControllerError};
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
-use planning::gcode::Transmission;
+use planning::gcode::TransmissionForm;
 use planning::proof::ProvenBlock;
 use simulator::controls::modbus::{ControlEvent, ControlEventLog, Fault, FaultKind};
 use simulator::interpreter::SimulationPace;
@@ -17,11 +17,11 @@ use simulator::interpreter::SimulationPace;
 const PROGRAM_KEYS: &str = "[program]";
 
 fn prove_block(block: &Block) -> ProvenBlock {
-    prove_block_for(&Transmission::Rows, block)
+    prove_block_for(&TransmissionForm::TableRows, block)
 }
 
-fn position_of(places: &[(Axis, f64)]) -> Position {
-    places.iter().copied().collect()
+fn position_of(mm_or_rad: &[(Axis, f64)]) -> Position {
+    mm_or_rad.iter().copied().collect()
 }
 
 fn x_position(mm: f64) -> Position {
@@ -38,7 +38,7 @@ fn approach_motions() -> Vec<Motion> {
     ]
 }
 
-fn touch() -> [Motion; 2] {
+fn touch_and_back_off() -> [Motion; 2] {
     [
         Motion::Probe { to: x_position(27.0), feed_mm_min: 60.0 },
         Motion::BackOff { to: x_position(30.123), feed_mm_min: 600.0 },
@@ -50,15 +50,15 @@ fn block(motions: Vec<Motion>) -> Block {
 }
 
 async fn prepared_driver(keys: &str, faults: Vec<Fault>) -> (ModbusDriver, ControlEventLog) {
-    let (mut driver, _, diary) = driver(keys, SimulationPace::Fast, faults).await;
+    let (mut driver, _, diary) = driver_of_simulated_control(keys, SimulationPace::Immediate, faults).await;
     driver.prepare().await.unwrap();
     (driver, diary)
 }
 
-fn executed_texts(diary: &ControlEventLog) -> Vec<String> {
-    let diary = diary.lock().unwrap();
-    let took = diary.iter().filter_map(|entry| match entry {
-        ControlEvent::Accepted { text, .. } => Some(text.clone()),
+fn executed_texts(events: &ControlEventLog) -> Vec<String> {
+    let events = events.lock().unwrap();
+    let took = events.iter().filter_map(|entry| match entry {
+        ControlEvent::ChunkAccepted { text, .. } => Some(text.clone()),
         _ => None,
     });
     took.collect()
@@ -69,10 +69,10 @@ async fn block_is_one_call_with_the_motions_of_the_text() {
     let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     let mut motions = vec![Motion::Orient { s: -0.5 }, Motion::Dwell { seconds: 0.25 }];
     motions.extend(approach_motions());
-    motions.extend(touch());
+    motions.extend(touch_and_back_off());
     motions.push(Motion::Rapid { to: position_of(&[(Axis::B, -0.1), (Axis::C, 0.2)]) });
     let outcome = driver.execute(prove_block(&block(motions))).await.unwrap();
-    let touch = outcome.touch.unwrap();
+    let touch = outcome.trigger_position.unwrap();
     assert!((touch.get_or_zero(Axis::X) - 28.0).abs() < 1e-3, "{touch:?}");
     assert_eq!((touch.get_or_zero(Axis::Z), touch.get_or_zero(Axis::S)), (-150.0, -0.5));
     // -0.5 rad is 331.352 degrees, -0.1 and 0.2 rad are -5.7296 and 11.4592 degrees.
@@ -86,21 +86,24 @@ async fn block_is_one_call_with_the_motions_of_the_text() {
 #[tokio::test]
 async fn results_of_a_list_of_touches_are_transferred_one_by_one() {
     for kind in [None, Some(FaultKind::RepeatedResult), Some(FaultKind::StaleResult)] {
-        let faults = kind.map(|kind| Fault { after_touch: 2, ..fault(kind, 0) });
+        let faults = kind.map(|kind| Fault { after_touch: 2, ..fault_at_line(kind, 0) });
         let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, faults.into_iter().collect()).await;
-        let motions: Vec<_> = approach_motions().into_iter().chain([touch(), touch(), touch()].concat()).collect();
+        let motions: Vec<_> = approach_motions()
+            .into_iter()
+            .chain([touch_and_back_off(), touch_and_back_off(), touch_and_back_off()].concat())
+            .collect();
         let block = block(motions);
         let rows = rows::rows_from_block(&prove_block(&block)).unwrap();
         let program = driver.program.clone().unwrap();
         let (found, status) = driver.execute_rows(&program, &rows, &prove_block(&block)).await.unwrap();
-        assert_eq!(found.iter().map(|found| found.row).collect::<Vec<_>>(), [3, 5, 7], "{kind:?}");
+        assert_eq!(found.iter().map(|found| found.row_index).collect::<Vec<_>>(), [3, 5, 7], "{kind:?}");
         // Each result is a contact that the control has made.
         let diary = diary.lock().unwrap();
         let made = diary.iter().filter_map(|entry| match entry {
-            ControlEvent::Contact { t_s, .. } => Some(Some(*t_s)),
+            ControlEvent::ContactLatched { t_s, .. } => Some(Some(*t_s)),
             _ => None,
         });
-        let times: Vec<_> = found.iter().map(|found: &ContactRowResult| found.t_s).collect();
+        let times: Vec<_> = found.iter().map(|found: &ContactRowResult| found.latch_time_s).collect();
         assert_eq!(times, made.collect::<Vec<_>>());
         assert_eq!(status.latch_count, 3);
         let wrong = |entry: &&ControlEvent| matches!(entry, ControlEvent::FaultOccurred(_));
@@ -132,7 +135,7 @@ async fn unexpected_and_missing_contacts_end_the_program() {
 async fn unread_result_is_not_used_by_the_next_run() {
     let (mut first, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     // The program ends, and its result is never acknowledged: the daemon was killed.
-    let motions: Vec<_> = approach_motions().into_iter().chain(touch()).collect();
+    let motions: Vec<_> = approach_motions().into_iter().chain(touch_and_back_off()).collect();
     let block = block(motions);
     let rows = rows::rows_from_block(&prove_block(&block)).unwrap();
     let (program, sequence) = (first.program.clone().unwrap(), first.window.next_sequence());
@@ -145,13 +148,14 @@ async fn unread_result_is_not_used_by_the_next_run() {
     // The next run prepares, and its own touch has another result.
     first.prepare().await.unwrap();
     assert!(!first.window.read_status().await.unwrap().result.unwrap().is_pending);
-    let outcome = first.execute(prove_block(&Block { step: 2, repeat: 0, motions: touch().into() })).await.unwrap();
+    let outcome =
+        first.execute(prove_block(&Block { step: 2, repeat: 0, motions: touch_and_back_off().into() })).await.unwrap();
     let diary = diary.lock().unwrap();
     let last = diary.iter().rev().find_map(|entry| match entry {
-        ControlEvent::Contact { t_s, .. } => Some(*t_s),
+        ControlEvent::ContactLatched { t_s, .. } => Some(*t_s),
         _ => None,
     });
-    assert_eq!(outcome.t_s, last);
+    assert_eq!(outcome.trigger_time_s, last);
 }
 
 #[tokio::test]
@@ -162,7 +166,7 @@ async fn block_that_does_not_fit_the_registers_starts_no_program() {
         ("[program]\n[registers.command]\nchunk = { registers = 72 }", "holds only 4 rows"),
     ] {
         let (mut driver, diary) = prepared_driver(keys, Vec::new()).await;
-        let motions = approach_motions().into_iter().chain(touch()).collect();
+        let motions = approach_motions().into_iter().chain(touch_and_back_off()).collect();
         let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
         assert!(error.to_string().contains(why), "{error}");
         assert!(executed_texts(&diary).is_empty());
@@ -196,8 +200,8 @@ async fn unfinished_call_of_an_earlier_run_is_ignored() {
 
 #[tokio::test]
 async fn a_contact_during_a_rapid_is_held() {
-    let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver(PROGRAM_KEYS, SimulationPace::Real, faults).await;
+    let faults = vec![fault_at_line(FaultKind::RapidContact, 0)];
+    let (mut driver, _, diary) = driver_of_simulated_control(PROGRAM_KEYS, SimulationPace::RealTime, faults).await;
     driver.prepare().await.unwrap();
     let error = driver.execute(prove_block(&block(vec![Motion::Rapid { to: x_position(390.0) }]))).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
@@ -208,8 +212,8 @@ async fn a_contact_during_a_rapid_is_held() {
 
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_is_held() {
-    let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver(PROGRAM_KEYS, SimulationPace::Real, faults).await;
+    let faults = vec![fault_at_line(FaultKind::RapidContact, 0)];
+    let (mut driver, _, diary) = driver_of_simulated_control(PROGRAM_KEYS, SimulationPace::RealTime, faults).await;
     driver.prepare().await.unwrap();
     let error = driver.execute(prove_block(&turn_at_feed())).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
@@ -226,9 +230,9 @@ async fn contact_off_the_path_and_wrong_end_position_give_no_result() {
         let axes = axes.map(|(axis, k)| format!("{axis} = {{ address = {} }}", first + k));
         let keys = format!("{PROGRAM_KEYS}\n[registers.status]\n{item} = {{ {} }}", axes.join(", "));
         let (mut driver, diary) = prepared_driver(&keys, Vec::new()).await;
-        let motions = approach_motions().into_iter().chain(touch()).collect();
+        let motions = approach_motions().into_iter().chain(touch_and_back_off()).collect();
         let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
         assert!(matches!(error, ControllerError::WrongPosition { .. }), "{item}: {error}");
-        assert!(matches!(diary.lock().unwrap()[..], [.., ControlEvent::Contact { .. }]));
+        assert!(matches!(diary.lock().unwrap()[..], [.., ControlEvent::ContactLatched { .. }]));
     }
 }

@@ -1,0 +1,28 @@
+//! Count of a rotary encoder that comes with each sample: an encoder-triggered amplifier sends it together
+//! with the value. A counter restarts after `modulus` counts; the count is kept as the remainder, and only
+//! differences of counts are used. A signed count has the same remainders.
+
+/// Largest number of counts until a counter restarts. An unlimited counter is read modulo this value.
+pub(super) const MAX_COUNT_MODULUS: u64 = 1 << 32;
+
+/// Number of counts after which the counter of the table `key` restarts: `declared`, or the capacity of `bits` if
+/// `declared` is `None`.
+///
+/// # Errors
+/// `declared` is below 2, or more than `bits` can hold.
+pub(super) fn resolve_modulus(key: &str, declared: Option<u64>, bits: u16) -> Result<u64, String> {
+    let max_modulus = 1_u64.checked_shl(u32::from(bits)).unwrap_or(MAX_COUNT_MODULUS).min(MAX_COUNT_MODULUS);
+    match declared {
+        None => Ok(max_modulus),
+        Some(modulus) if (2..=max_modulus).contains(&modulus) => Ok(modulus),
+        Some(modulus) => {
+            Err(format!("`{key}.round` is {modulus}; permitted: 2 to {max_modulus} (counts until the count restarts)"))
+        }
+    }
+}
+
+/// Returns the remainder of `number` divided by `modulus`, from 0 to `modulus` - 1.
+pub(super) fn wrap_count(number: i128, modulus: u64) -> u32 {
+    // The conversion is exact: `modulus` is at most 2^32.
+    number.rem_euclid(i128::from(modulus)) as u32
+}

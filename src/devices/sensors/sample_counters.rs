@@ -1,0 +1,41 @@
+//! Counts of the samples that came from a sensor, and of those that did not.
+
+use std::fmt;
+
+use super::Sample;
+use machine::record::reading::ReadingFlag;
+
+/// Counts of samples over all requests to the sensor's task.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SampleCounters {
+    /// Number of samples that were requested and received.
+    pub received_count: u64,
+    /// Number of samples missing between the received ones, by the sensor's counter.
+    pub missing_count: u64,
+    /// Number of samples with the flag `Stale`: no sample came within the sensor's timeout, or an old one.
+    pub stale_count: u64,
+    /// Minimum number of samples that came without being requested, by the counter.
+    pub unrequested_count: u64,
+}
+
+impl SampleCounters {
+    pub(super) fn count_sample(&mut self, sample: &Sample) {
+        if sample.flag == ReadingFlag::Stale {
+            self.stale_count += 1;
+        } else {
+            self.received_count += 1;
+        }
+        self.missing_count += u64::from(sample.missing_count);
+    }
+}
+
+impl fmt::Display for SampleCounters {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { received_count, missing_count, stale_count, unrequested_count } = self;
+        write!(
+            f,
+            "{received_count} samples received, {missing_count} missing, {stale_count} timeouts, \
+             {unrequested_count} not requested"
+        )
+    }
+}

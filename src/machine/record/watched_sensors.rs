@@ -1,0 +1,80 @@
+//! Sensors that are read while a prompt waits: their declaration in the plan, and their values.
+
+use serde::{Deserialize, Serialize};
+
+use super::sensor::Sensor;
+
+/// A sensor of a prompt: it is read while the operator works. None of these values is a reading of the run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WatchedSensor {
+    pub sensor: String,
+    /// Value after the operator has done what the prompt requires.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_mm: Option<f64>,
+    /// For a radial sensor with a target: the section whose position its deviation shows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub section: Option<SectionPoint>,
+}
+
+/// Point of a round artefact at which a radial sensor measures.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SectionPoint {
+    /// Number of the section, from 1.
+    pub number: usize,
+    pub z_mm: f64,
+    /// Direction from the axis to the sensor, counter-clockwise from +X, machine frame.
+    pub angle_deg: f64,
+}
+
+impl WatchedSensor {
+    /// A watched sensor without a target.
+    pub fn new(sensor: &str) -> Self {
+        Self { sensor: sensor.to_owned(), target_mm: None, section: None }
+    }
+
+    /// A watched sensor whose target is the middle of its range.
+    pub fn with_mid_range_target(sensor: &Sensor) -> Self {
+        let [min, max] = sensor.range_mm;
+        Self { target_mm: Some((min + max) / 2.0), ..Self::new(&sensor.name) }
+    }
+}
+
+/// Values of the watched sensors of a prompt.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct LiveValues {
+    pub sensors: Vec<LiveSensorValue>,
+    /// Sections by their numbers, from 1.
+    pub sections: Vec<LiveSectionValue>,
+    /// Slope of the line through the centres of two sections, along X and Y.
+    pub tilt_urad: Option<[f64; 2]>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LiveSensorValue {
+    pub sensor: String,
+    pub range_mm: [f64; 2],
+    pub target_mm: Option<f64>,
+    /// Measured value; null if the sensor failed, with the reason in `failure`.
+    pub value_mm: Option<f64>,
+    pub failure: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LiveSectionValue {
+    pub number: usize,
+    /// Distance from the axis to the centre of the section along X and Y. Null: its sensors do not determine it.
+    pub eccentricity_um: Option<[f64; 2]>,
+}
+
+impl LiveSensorValue {
+    /// Remaining change of the value to the target.
+    pub fn change_to_target_um(&self) -> Option<f64> {
+        Some((self.target_mm? - self.value_mm?) * 1e3)
+    }
+
+    /// Relative position of a distance in the range: 0 at the minimum, 1 at the maximum.
+    pub fn fraction_of_range(&self, mm: f64) -> f64 {
+        let [min, max] = self.range_mm;
+        ((mm - min) / (max - min)).clamp(0.0, 1.0)
+    }
+}

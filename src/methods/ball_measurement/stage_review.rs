@@ -1,0 +1,137 @@
+//! Review of the readings of a stage: accept, measure again, or hold the run.
+
+use nalgebra::Vector3;
+
+use super::found_balls::{BallReadings, FoundBalls, group_readings_by_measurement};
+use super::setup::{MeasurementSetup, describe_rotary_axes_in_degrees};
+use super::touch_label::MeasurementPass;
+use crate::MethodRefusal;
+use machine::Axis;
+use machine::record::plan::{Stage, StepKind};
+use machine::record::reading::Reading;
+use planning::{BallCheckError, BallLimits};
+
+/// Checks the measurements of the `last` stage. Returns the steps of those that must be measured again, and
+/// the number of their repeat.
+///
+/// # Errors
+/// A measurement was outside the limits for the second time; a ball is outside its possible range. Neither is
+/// an error if the run was stopped and resumed since then.
+pub fn review_stage(
+    setup: &MeasurementSetup<'_>,
+    last: &Stage,
+    readings: &[Reading],
+) -> Result<Option<(Vec<u32>, u32)>, MethodRefusal> {
+    let all = group_readings_by_measurement(setup, readings);
+    let of_stage = |measurement: &&BallReadings<'_>| measurement.steps.iter().any(|step| last.steps.contains(&step.id));
+    let mut again = Vec::new();
+    for measurement in all.iter().filter(of_stage) {
+        // After a stop the operator has checked the ball and may have cleaned it.
+        let newest_s = measurement.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
+        let is_resumed_since = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
+        let doubt = match find_measurement_fault(setup, measurement) {
+            Some(fault) if last.repeat > 0 => Some(repeated_fault_refusal(setup, &fault)),
+            Some(_) => None,
+            None => match check_ball_position(setup, &all, measurement) {
+                Ok(()) => continue,
+                Err(elsewhere) => Some(elsewhere),
+            },
+        };
+        match doubt {
+            Some(doubt) if !is_resumed_since => return Err(doubt),
+            _ => again.extend(measurement.steps.iter().map(|step| step.id)),
+        }
+    }
+    Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
+}
+
+/// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals;
+/// for them it is sufficient that they lie on a sphere.
+fn find_measurement_fault(setup: &MeasurementSetup<'_>, measurement: &BallReadings<'_>) -> Option<BallCheckError> {
+    let measured = match measurement.fit_ball(setup)? {
+        Ok(measured) => measured,
+        Err(doubt) => return Some(doubt),
+    };
+    let stated_mm = 2.0 * setup.balls.balls.get(measurement.ball_index)?.radius_mm;
+    let limits = BallLimits {
+        max_form_mm: setup.touch_settings.form_limit_mm,
+        max_diameter_deviation_mm: setup.touch_settings.diameter_deviation_limit_mm,
+    };
+    let slow = measurement.label.pass != MeasurementPass::Find;
+    slow.then(|| measured.check_form_and_diameter(&measurement.label.ball, stated_mm, &limits).err()).flatten()
+}
+
+fn repeated_fault_refusal(setup: &MeasurementSetup<'_>, fault: &BallCheckError) -> MethodRefusal {
+    MethodRefusal {
+        reason: format!("the repeated measurement was rejected too: {fault}"),
+        remedy: format!(
+            "clean and tighten the ball and the stylus, and compare both radii with the machine file, {}. \
+            The limits are form_limit_um and diameter_limit_um in [method.{}]",
+            continuation_advice(setup),
+            setup.method
+        ),
+    }
+}
+
+/// How to continue. A run can be resumed only by its references, and the first searches precede them.
+pub fn continuation_advice(setup: &MeasurementSetup<'_>) -> &'static str {
+    match setup.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
+        true => "then resume the run, which measures the ball again",
+        false => "then start a new run",
+    }
+}
+
+fn describe_measurement(setup: &MeasurementSetup<'_>, measurement: &BallReadings<'_>) -> String {
+    let ball = setup.balls.balls.get(measurement.ball_index).map_or("", |ball| &ball.id);
+    let at = measurement.steps.first().map(|step| step.from.filter_axes(|axis: Axis| !axis.is_linear()));
+    format!("ball {ball} at {}", describe_rotary_axes_in_degrees(&at.unwrap_or_default()))
+}
+
+/// Checks that a ball is within the position uncertainty of its expected position.
+fn check_ball_position(
+    setup: &MeasurementSetup<'_>,
+    all: &[BallReadings<'_>],
+    measurement: &BallReadings<'_>,
+) -> Result<(), MethodRefusal> {
+    let (Some(Ok(measured)), Some(ball)) = (measurement.fit_ball(setup), setup.balls.balls.get(measurement.ball_index))
+    else {
+        return Ok(());
+    };
+    if measurement.label.pass != MeasurementPass::Find {
+        return Ok(());
+    }
+    // The results of its own stage were unknown when the stage was planned.
+    let stage = |of: &BallReadings<'_>| (of.label.pass, of.label.indexation_index);
+    let before = all.iter().take_while(|other| stage(other) != stage(measurement));
+    let known = FoundBalls::from_measurements(setup, before);
+    let stated = Vector3::from(ball.centre_mm);
+    let expected = known.expected_centre(setup, measurement.ball_index, measurement.label.indexation_index as usize);
+    let (away, limit) = (measured.centre_mm.metric_distance(&expected), known.max_distance_from_expected_mm(setup));
+    if away <= limit {
+        return Ok(());
+    }
+    let place = describe_measurement(setup, measurement);
+    if expected == stated {
+        return Err(MethodRefusal {
+            reason: format!(
+                "{place} was found {away:.3} mm from the position in [artefact], more than uncertainty_mm = \
+                {limit}"
+            ),
+            remedy: format!(
+                "check centre_mm of the ball and the position of the artefact on the table, {}",
+                continuation_advice(setup)
+            ),
+        });
+    }
+    Err(MethodRefusal {
+        reason: format!(
+            "{place} was found {away:.3} mm from the position expected from earlier indexations, more than \
+            {limit} mm: the ball has moved, or point_mm of a rotary axis is wrong by this distance"
+        ),
+        remedy: format!(
+            "clean the ball, and put the ball back if it has moved, {}. After a change of point_mm, \
+            standoff_mm or uncertainty_mm start a new run",
+            continuation_advice(setup)
+        ),
+    })
+}

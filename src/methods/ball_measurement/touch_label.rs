@@ -1,0 +1,86 @@
+//! Label of a step, such as `slow/007/3/+45`: pass, number of the visit's indexation, ball, touch.
+
+use std::fmt;
+use std::str::FromStr;
+
+use machine::record::plan::{Plan, Step};
+
+/// Purpose of a touch of a ball.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum MeasurementPass {
+    /// Fast touches to find the ball.
+    Find,
+    /// Slow touches along the normals, which are known by then. The identification uses them.
+    Slow,
+    /// As `Slow`, before the run, to check whether the machine is at rest. The identification does not use
+    /// them.
+    Watch,
+    /// As `Slow`, to check whether the machine has moved. The identification uses them as well.
+    Reference,
+}
+
+/// One touch of one measurement of a ball. All steps that share pass, indexation and ball are one
+/// measurement, with the same position of the rotary axes.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TouchLabel {
+    pub pass: MeasurementPass,
+    /// Index of the visit's indexation, or of the round of a reference or of the watch, from 0. The text and the
+    /// messages for users count from 1.
+    pub indexation_index: u32,
+    pub ball: String,
+    /// Name of the touch, e.g. `+45`, `-135`, `pole`.
+    pub touch: String,
+}
+
+const PASS_NAMES: [(MeasurementPass, &str); 4] = [
+    (MeasurementPass::Find, "find"),
+    (MeasurementPass::Slow, "slow"),
+    (MeasurementPass::Watch, "watch"),
+    (MeasurementPass::Reference, "reference"),
+];
+
+impl TouchLabel {
+    /// Number of the indexation or of the round, counted from 1.
+    pub fn indexation_number(&self) -> u32 {
+        self.indexation_index.saturating_add(1)
+    }
+
+    /// Common part of the labels of a measurement, e.g. `slow/007/3`.
+    pub fn measurement_label(&self) -> String {
+        let text = self.to_string();
+        text.rsplit_once('/').map_or(text.clone(), |(measurement, _)| measurement.to_owned())
+    }
+}
+
+/// The steps of the plan that touch a ball, with their labels.
+pub fn touch_steps_with_labels(plan: &Plan) -> impl Iterator<Item = (&Step, TouchLabel)> {
+    plan.steps.iter().filter_map(|step| Some((step, step.label.parse().ok()?)))
+}
+
+impl fmt::Display for TouchLabel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = PASS_NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
+        write!(f, "{name}/{:03}/{}/{}", self.indexation_number(), self.ball, self.touch)
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is not a label of a ball measurement, such as slow/007/3/+45")]
+pub struct InvalidTouchLabel(pub String);
+
+impl FromStr for TouchLabel {
+    type Err = InvalidTouchLabel;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let unknown = || InvalidTouchLabel(text.to_owned());
+        let [pass, indexation, ball, touch] = text.split('/').collect::<Vec<_>>().try_into().map_err(|_| unknown())?;
+        let number: u32 = indexation.parse().map_err(|_| unknown())?;
+        let named = PASS_NAMES.iter().find(|(_, name)| *name == pass);
+        Ok(Self {
+            pass: named.ok_or_else(unknown)?.0,
+            indexation_index: number.checked_sub(1).ok_or_else(unknown)?,
+            ball: ball.to_owned(),
+            touch: touch.to_owned(),
+        })
+    }
+}

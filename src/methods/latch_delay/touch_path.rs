@@ -1,0 +1,204 @@
+//! Touches of the plan: one position, always in the same direction.
+//!
+//! All touches are as long as a search for the part. They take a few seconds longer than touches near the found
+//! position, but each is proven against the part at every possible position: one contact determines the position of
+//! the part along the touch, not across it.
+
+use nalgebra::Vector3;
+
+use super::feeds::TouchFeeds;
+use super::settings::LatchDelaySettings;
+use crate::MethodRefusal;
+use machine::artefact::max_misplacement_mm;
+use machine::frame::unit_vector;
+use machine::kinematics::KinematicChain;
+use machine::record::artefact::{Artefact, Balls, Cylinder};
+use machine::record::plan::{Plan, Step, StepKind};
+use machine::{Axis, Position, frame::Point};
+use planning::{BallApproach, BallTask, TouchAccess};
+
+/// Label of the first touch, which is not used for identification.
+pub const SEARCH_LABEL: &str = "search";
+/// Clearance before the first possible contact, mm.
+const STANDOFF_MM: f64 = 0.5;
+/// Distance beyond the last possible contact, mm.
+const OVERRUN_MM: f64 = 0.3;
+/// Cosine of the largest accepted tilt of the part's axis, one degree. A larger tilt is refused.
+const MIN_UPRIGHT_COSINE: f64 = 0.99985;
+/// Number of touches of one ball among which the touch nearest to the preferred direction is selected.
+const CANDIDATE_TOUCHES_PER_BALL: usize = 5;
+
+/// The touch of a plan, without number and feed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TouchPath {
+    pub from: Position,
+    pub to: Position,
+    pub normal: [f64; 3],
+}
+
+/// Length of a touch, mm, for a part whose position is uncertain by `uncertainty_mm` and a feed that needs
+/// `margin_mm`.
+pub fn touch_length_mm(uncertainty_mm: f64, margin_mm: f64) -> f64 {
+    2.0 * (uncertainty_mm + margin_mm) + STANDOFF_MM + OVERRUN_MM
+}
+
+impl TouchPath {
+    /// # Errors
+    /// The axes reach no position, or none is free of collision.
+    pub fn from_plan(plan: &Plan, settings: &LatchDelaySettings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
+        let half_travel_mm = max_misplacement_mm(&plan.artefact) + feeds.fast_touch_margin_mm;
+        match &plan.artefact {
+            Artefact::Cylinder(part) => flank_touch(plan, settings, part, half_travel_mm),
+            Artefact::Balls(balls) => ball_touch(plan, settings, balls, half_travel_mm),
+            Artefact::DatumCylinder(_) => Err(MethodRefusal::new(
+                "this method touches the artefact; a datum cylinder is not touched",
+                "describe the part with kind = \"cylinder\"",
+            )),
+            Artefact::None => Err(MethodRefusal::new(
+                "this method touches the artefact; [artefact] states that there is none",
+                "describe a part with kind = \"cylinder\", or balls with kind = \"balls\"",
+            )),
+        }
+    }
+
+    fn touch_step(&self, kind: StepKind, label: String, feed_mm_min: f64) -> Step {
+        Step {
+            kind,
+            from: self.from.clone(),
+            to: self.to.clone(),
+            feed_mm_min,
+            sensors: vec!["probe".to_owned()],
+            normal: self.normal,
+            text: None,
+            ..Step::prompt(label, String::new())
+        }
+    }
+
+    /// The search touch.
+    pub fn search_step(&self, feed_mm_min: f64) -> Step {
+        self.touch_step(StepKind::Touch, SEARCH_LABEL.to_owned(), feed_mm_min)
+    }
+
+    /// Touches in the order slow, fast, fast, slow and so on, so that a uniform drift affects both feeds alike. The
+    /// slow ones are references: after an interruption they show whether the part has moved.
+    pub fn alternating_steps(&self, feeds: &TouchFeeds, touches_per_feed: u32) -> Vec<Step> {
+        let slow = (StepKind::Reference, feeds.measuring_mm_min);
+        let fast = (StepKind::Touch, feeds.fast_mm_min);
+        let pairs = (0..touches_per_feed).flat_map(|pair| {
+            let both = if pair % 2 == 0 { [slow, fast] } else { [fast, slow] };
+            both.map(|(kind, feed)| self.touch_step(kind, format!("F{feed}/{:02}", pair + 1), feed))
+        });
+        pairs.collect()
+    }
+}
+
+fn horizontal_direction(degrees: f64) -> Vector3<f64> {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    Vector3::new(cos, sin, 0.0)
+}
+
+/// Touch of a cylinder at half the height of its flank.
+fn flank_touch(
+    plan: &Plan,
+    settings: &LatchDelaySettings,
+    part: &Cylinder,
+    half_travel_mm: f64,
+) -> Result<TouchPath, MethodRefusal> {
+    let axis = Vector3::from(part.axis);
+    MethodRefusal::require(
+        axis.z > MIN_UPRIGHT_COSINE * axis.norm(),
+        "the part is not upright: axis in [artefact] is not [0, 0, 1]",
+        "mount the part upright: this method touches the flank of an upright round part",
+    )?;
+    let directions = match settings.direction_deg {
+        Some(degrees) => vec![degrees],
+        None => vec![0.0, 90.0, 180.0, 270.0],
+    };
+    let mut unreachable = None;
+    for degrees in directions {
+        let path = flank_touch_from(plan, part, horizontal_direction(degrees), half_travel_mm)?;
+        match axis_out_of_travel(plan, &path) {
+            None => return Ok(path),
+            Some(axis) => unreachable = unreachable.or(Some(axis)),
+        }
+    }
+    Err(MethodRefusal::new(
+        match unreachable {
+            Some(axis) => format!("{axis} does not reach the flank of the part"),
+            None => "no direction to touch the part is left".to_owned(),
+        },
+        "mount the part nearer to the middle of the travel, choose another direction_deg, \
+                  or correct centre_mm in [artefact] and tool_mm",
+    ))
+}
+
+fn flank_touch_from(
+    plan: &Plan,
+    part: &Cylinder,
+    towards: Vector3<f64>,
+    half_travel_mm: f64,
+) -> Result<TouchPath, MethodRefusal> {
+    let chain = KinematicChain::new(&plan.machine)?;
+    let rotary = plan.machine.rotary_zero_position();
+    let table = chain.machine_from_table(&rotary, &[]).rotation;
+    let axis = unit_vector(Vector3::from(part.axis)).unwrap_or_default();
+    let towards = table.inverse() * towards;
+    let level = towards - axis * towards.dot(&axis);
+    let outward = unit_vector(level).unwrap_or_default();
+    let middle = Vector3::from(part.centre_mm) + axis * part.height_mm / 2.0;
+    let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
+    let position = |clearance_mm: f64| {
+        let reach = part.radius_mm + plan.probe.ball_radius_mm + clearance_mm;
+        let linear = chain.solve_linear_axes(Point::from_vec(middle + reach * outward), tip, &rotary, &[]);
+        linear.map(|linear| rotary.updated_by(&linear.filter_axes(Axis::is_linear)).rounded_to_file_resolution())
+    };
+    Ok(TouchPath {
+        from: position(half_travel_mm + STANDOFF_MM)?,
+        to: position(-half_travel_mm - OVERRUN_MM)?,
+        normal: (table * outward).into(),
+    })
+}
+
+fn axis_out_of_travel(plan: &Plan, path: &TouchPath) -> Option<Axis> {
+    let ends = path.from.iter().chain(path.to.iter());
+    let is_outside = |(axis, value): &(Axis, f64)| {
+        let spec = plan.machine.axes.get(axis);
+        !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&axis.to_mm_or_deg(*value)))
+    };
+    ends.filter(|(axis, _)| axis.is_linear()).find(is_outside).map(|(axis, _)| axis)
+}
+
+/// Touch of the first ball that can be measured, from a free direction.
+fn ball_touch(
+    plan: &Plan,
+    settings: &LatchDelaySettings,
+    balls: &Balls,
+    half_travel_mm: f64,
+) -> Result<TouchPath, MethodRefusal> {
+    let access = TouchAccess::new(plan, &plan.artefact)?;
+    let preferred = settings.direction_deg.map_or(Vector3::z(), horizontal_direction);
+    let (rotary, mut first_reason) = (plan.machine.rotary_zero_position(), None);
+    for ball in &balls.balls {
+        let approach = BallApproach::Search { uncertainty_mm: half_travel_mm, standoff_mm: STANDOFF_MM };
+        let task = BallTask { ball, rotary: &rotary, approach, touch_count: CANDIDATE_TOUCHES_PER_BALL };
+        let steps = access.touch_steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
+        match steps {
+            Ok(steps) => {
+                let along = |step: &Step| Vector3::from(step.normal).dot(&preferred);
+                let best = steps.into_iter().max_by(|a, b| along(a).total_cmp(&along(b)));
+                if let Some(Step { from, to, normal, .. }) = best {
+                    return Ok(TouchPath { from, to, normal });
+                }
+            }
+            Err(why) => first_reason = first_reason.or(Some(format!("ball {}: {why}", ball.id))),
+        }
+    }
+    Err(MethodRefusal::new(
+        format!(
+            "no ball can be touched with all rotary axes at zero; {}",
+            first_reason.unwrap_or_else(|| "the artefact has no balls".to_owned())
+        ),
+        "mount the balls so that one of them is accessible, or correct \
+                  [artefact]",
+    ))
+}

@@ -1,0 +1,42 @@
+//! Labels of the steps.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Label of a step: its purpose, with the number of the mounting or of the centring round, from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StepLabel {
+    MountPrompt(usize),
+    CentringRound(usize),
+    MountingReference(usize),
+    ForwardTurn(usize),
+    BackwardTurn(usize),
+}
+
+impl fmt::Display for StepLabel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            StepLabel::MountPrompt(number) => write!(f, "mount/{number}"),
+            StepLabel::CentringRound(round) => write!(f, "centring/{round}"),
+            StepLabel::MountingReference(number) => write!(f, "reference/{number}"),
+            StepLabel::ForwardTurn(number) => write!(f, "index/{number}/forward"),
+            StepLabel::BackwardTurn(number) => write!(f, "index/{number}/backward"),
+        }
+    }
+}
+
+impl FromStr for StepLabel {
+    type Err = ();
+
+    fn from_str(label: &str) -> Result<Self, ()> {
+        let number: usize = label.split('/').nth(1).and_then(|number| number.parse().ok()).ok_or(())?;
+        let purposes = [
+            StepLabel::MountPrompt,
+            StepLabel::CentringRound,
+            StepLabel::MountingReference,
+            StepLabel::ForwardTurn,
+            StepLabel::BackwardTurn,
+        ];
+        purposes.map(|purpose| purpose(number)).into_iter().find(|candidate| candidate.to_string() == label).ok_or(())
+    }
+}

@@ -1,0 +1,143 @@
+//! The unknowns and the equation of one touch.
+//!
+//! The distance of the stylus centre in contact from the ball's centre is
+//! r = n·(c + v·t) + R + h(k, n in the spindle's frame) + h(k, n in the machine's frame) − τ·(feed − measuring feed),
+//! and for a fast touch another h(k, n in the spindle's frame) is added, with
+//! h(k, n) = λ Σ (a_k cos kα + b_k sin kα), α the azimuth of n and λ = √(n_x² + n_y²).
+//! c: centre of the ball; v: drift; R: both radii less pre-travel; τ: latch delay. The first h is the map of the probe,
+//! the second the part that does not turn with the spindle: form of the ball, squareness and scale of X and Y.
+
+use nalgebra::Vector3;
+
+use super::observe::{MeasuredTouch, ObservedTouches};
+use crate::identification::azimuth_dependence::azimuth_factor;
+
+/// Selection and order of the unknowns.
+#[derive(Debug, Clone)]
+pub struct UnknownsLayout {
+    /// Number of parts of the run between interruptions. Each has its own centre of the ball.
+    segment_count: usize,
+    /// Orders of the probe map.
+    pub map_orders: Vec<u32>,
+    /// Orders of the part that does not turn with the spindle.
+    pub stationary_orders: Vec<u32>,
+    /// Orders of the difference of the map at the fast feed. Empty without fast touches.
+    pub fast_orders: Vec<u32>,
+}
+
+/// Harmonic of the map: λ cos kα and λ sin kα.
+pub fn harmonic_factors(order: u32, n: &Vector3<f64>) -> [f64; 2] {
+    [0.0, 0.25].map(|quarter_turns| azimuth_factor(order, quarter_turns, n))
+}
+
+impl UnknownsLayout {
+    /// Selects the unknowns. `highest_order`: highest order of the map.
+    pub fn new(observed: &ObservedTouches, highest_order: u32) -> Self {
+        let turned: Vec<u32> = (1..=highest_order).filter(|k| has_sufficient_phase_difference(observed, *k)).collect();
+        let first = if turned.contains(&1) { 1 } else { 2 };
+        let has_fast = observed.touches.iter().any(|touch| touch.is_fast);
+        Self {
+            segment_count: observed.touches.iter().map(|touch| touch.segment_index + 1).max().unwrap_or(1),
+            map_orders: (first..=highest_order).collect(),
+            // The first order that does not turn with the spindle is the centre of the ball.
+            stationary_orders: turned.into_iter().filter(|k| *k > 1).collect(),
+            fast_orders: (1..=highest_order).filter(|_| has_fast).collect(),
+        }
+    }
+
+    /// Whether the spindle orientations separate an order of the map from the part that does not turn.
+    pub fn separates_order(&self, order: u32) -> bool {
+        self.stationary_orders.contains(&order) || order == 1 && self.map_orders.contains(&1)
+    }
+
+    fn first_drift_index(&self) -> usize {
+        3 * self.segment_count
+    }
+
+    /// Index of R: both radii less pre-travel.
+    pub fn radius_index(&self) -> usize {
+        self.first_drift_index() + 3
+    }
+
+    /// Index of the unknown for the cosine part of the order `map_orders[index]`. The sine part is the next unknown.
+    pub fn map_cosine_index(&self, index: usize) -> usize {
+        self.radius_index() + 1 + 2 * index
+    }
+
+    fn first_stationary_index(&self) -> usize {
+        self.map_cosine_index(self.map_orders.len())
+    }
+
+    /// Index of the latch delay. Without fast touches there is none.
+    pub fn latch_delay_index(&self) -> usize {
+        self.first_stationary_index() + 2 * self.stationary_orders.len()
+    }
+
+    /// Index of the unknown for the cosine part of `fast_orders[index]`. The sine part is the next unknown.
+    pub fn fast_map_cosine_index(&self, index: usize) -> usize {
+        self.latch_delay_index() + 1 + 2 * index
+    }
+
+    pub fn unknown_count(&self) -> usize {
+        if self.fast_orders.is_empty() {
+            self.latch_delay_index()
+        } else {
+            self.fast_map_cosine_index(self.fast_orders.len())
+        }
+    }
+
+    /// Derivatives of the touch's distance by all unknowns.
+    pub fn design_row(&self, observed: &ObservedTouches, touch: &MeasuredTouch) -> Vec<f64> {
+        let mut row = vec![0.0; self.unknown_count()];
+        let mut put = |first: usize, values: &[f64]| {
+            row[first..first + values.len()].copy_from_slice(values);
+        };
+        put(3 * touch.segment_index, touch.normal_in_machine.as_slice());
+        put(self.first_drift_index(), (touch.normal_in_machine * observed.relative_time(touch)).as_slice());
+        put(self.radius_index(), &[1.0]);
+        for (index, order) in self.map_orders.iter().enumerate() {
+            put(self.map_cosine_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
+        }
+        for (index, order) in self.stationary_orders.iter().enumerate() {
+            put(self.first_stationary_index() + 2 * index, &harmonic_factors(*order, &touch.normal_in_machine));
+        }
+        if touch.is_fast {
+            put(self.latch_delay_index(), &[-(observed.speeds_mm_s[1] - observed.speeds_mm_s[0])]);
+            for (index, order) in self.fast_orders.iter().enumerate() {
+                put(self.fast_map_cosine_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
+            }
+        }
+        row
+    }
+
+    /// Description of an unknown for a refusal.
+    pub fn unknown_description(&self, unknown: usize) -> String {
+        let order = |orders: &[u32], from: usize| orders[(unknown - from) / 2];
+        match unknown {
+            _ if unknown < self.first_drift_index() => "the centre of the ball".to_owned(),
+            _ if unknown < self.radius_index() => "the drift".to_owned(),
+            _ if unknown == self.radius_index() => "the radius".to_owned(),
+            _ if unknown < self.first_stationary_index() => {
+                format!("order {} of the map", order(&self.map_orders, self.map_cosine_index(0)))
+            }
+            _ if unknown < self.latch_delay_index() => {
+                format!("order {} of the ball's form", order(&self.stationary_orders, self.first_stationary_index()))
+            }
+            _ if unknown == self.latch_delay_index() => "the latch delay".to_owned(),
+            _ => format!("order {} at the fast feed", order(&self.fast_orders, self.fast_map_cosine_index(0))),
+        }
+    }
+}
+
+/// Minimum phase difference of an order between two orientations, degrees, for the order to be separable.
+const MIN_PHASE_DIFFERENCE_DEG: f64 = 20.0;
+
+/// Whether any two orientations rotate this order by a sufficient phase.
+fn has_sufficient_phase_difference(observed: &ObservedTouches, order: u32) -> bool {
+    let degrees = &observed.orientations_deg;
+    let turned = |a: f64, b: f64| {
+        let turn = (f64::from(order) * (a - b)).rem_euclid(360.0);
+        turn.min(360.0 - turn) >= MIN_PHASE_DIFFERENCE_DEG
+    };
+    degrees.iter().any(|a| degrees.iter().any(|b| turned(*a, *b)))
+}

@@ -1,0 +1,205 @@
+//! The measured rotary axis, and the frame in which its readings are reduced: the machine frame with the linear
+//! axes that carry the workpiece at zero. The rays pass through the stated axis.
+
+use nalgebra::Vector3;
+
+use super::settings::{MIN_UPRIGHT_COSINE, SelfCalibrationSettings};
+use crate::MethodRefusal;
+use crate::identification::KnownErrorMotions;
+use machine::frame::{Point, Pose, SpindleFrame, TableFrame};
+use machine::kinematics::{AxisLine, KinematicChain, KinematicsError};
+use machine::record::artefact::Cylinder;
+use machine::record::machine::AxisSpec;
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::Reading;
+use machine::{Axis, Position};
+
+pub struct MeasuredTableAxis {
+    pub axis: Axis,
+    pub spec: AxisSpec,
+    /// 1 if a positive command turns the table clockwise seen from +Z, otherwise −1.
+    pub clockwise_sign: f64,
+    /// Positions of all rotary axes except S during the cycle, with the measured axis at zero.
+    pub cycle_rotary_position: Position,
+    line: AxisLine,
+    chain: KinematicChain,
+    stylus_tip: Point<SpindleFrame>,
+    /// Pose of the table with all rotary axes at `rest_position`.
+    table_pose: Pose,
+}
+
+impl MeasuredTableAxis {
+    /// # Errors
+    /// No axis of the table is along Z at the configured positions, or a position is not possible on this machine.
+    pub fn new(plan: &Plan, settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
+        let chain = KinematicChain::new(&plan.machine)?;
+        let still = configured_rotary_position(plan, &settings.at)?;
+        // The search starts with the axis next to the workpiece.
+        let mut carriers = chain.topology().workpiece_branch().iter().rev().copied();
+        let found = carriers.find_map(|axis| {
+            let line = chain.axis_line(axis, &still).filter(is_upright)?;
+            let spec = plan.machine.axes.get(&axis)?;
+            settings.at.get(axis).is_none().then_some((axis, line, spec))
+        });
+        let Some((axis, line, spec)) = found else {
+            return Err(no_upright_axis_refusal(plan, &chain, &still));
+        };
+        let spindle = chain.machine_from_spindle(&still, &[]).rotation * Vector3::z();
+        MethodRefusal::require(
+            spindle.z >= MIN_UPRIGHT_COSINE,
+            format!("the spindle is not along Z with {}", describe_positions(&still, axis)),
+            "correct `at` in [method.self-calibration]",
+        )?;
+        Ok(Self {
+            axis,
+            spec: spec.clone(),
+            clockwise_sign: spec.positive.direction_sign() * line.direction.z.signum(),
+            table_pose: chain.machine_from_table(&still, &[]),
+            stylus_tip: Point::from_vec(Vector3::from(plan.machine.tool_mm)),
+            cycle_rotary_position: still,
+            line,
+            chain,
+        })
+    }
+
+    /// The other rotary axes that are not at 0, such as `A at 90°`. Empty if all are at 0.
+    pub fn describe_other_nonzero_axes(&self) -> String {
+        describe_positions(
+            &self.cycle_rotary_position.filter_axes(|axis| self.cycle_rotary_position.get_or_zero(axis) != 0.0),
+            self.axis,
+        )
+    }
+
+    /// Point of the stated axis at the height `z`.
+    pub fn axis_point_at_height(&self, z: f64) -> Vector3<f64> {
+        let AxisLine { point, direction, .. } = self.line;
+        let along = (z - point.z) / direction.z;
+        Vector3::new(point.x + along * direction.x, point.y + along * direction.y, z)
+    }
+
+    /// `point_mm` of an axis that is displaced from the stated one by `off`.
+    pub fn displaced_point_mm(&self, off: Vector3<f64>) -> Vector3<f64> {
+        Vector3::from(self.spec.point_mm) + self.line.carrier_pose.rotation.inverse() * off
+    }
+
+    /// Positions X, Y, Z at which the ball's centre is at `centre`. `orientation` contains S if the spindle turns.
+    pub fn solve_linear_axes(&self, centre: Vector3<f64>, orientation: &Position) -> Result<Position, KinematicsError> {
+        let target = self.table_pose.inverse_transform_point(&centre.into()).coords;
+        let target = Point::<TableFrame>::from_vec(target);
+        let others = self.cycle_rotary_position.updated_by(orientation);
+        let linear = self.chain.solve_linear_axes(target, self.stylus_tip, &others, &[])?;
+        Ok(linear.filter_axes(Axis::is_linear))
+    }
+
+    /// Ball centre of a reading by the linear axes alone, with the measured axis at zero, mm.
+    pub fn ball_centre(&self, step: &Step, reading: &Reading) -> Vector3<f64> {
+        let position = step.from.updated_by(&reading.position);
+        let position = position.updated_by(&Position::new().with(self.axis, 0.0));
+        let on_table = self.chain.tip_in_table(&position, self.stylus_tip, &[]).mm;
+        self.table_pose.transform_point(&on_table.into()).coords
+    }
+
+    /// The ball centre without the displacement of the table by the `known_motions` of this axis.
+    pub fn corrected_ball_centre(
+        &self,
+        step: &Step,
+        reading: &Reading,
+        known_motions: &KnownErrorMotions<'_>,
+    ) -> Vector3<f64> {
+        if known_motions.is_empty() {
+            return self.ball_centre(step, reading);
+        }
+        let position = step.from.updated_by(&reading.position);
+        let angle = position.get_or_zero(self.axis);
+        let on_table = self.chain.tip_in_table(&position, self.stylus_tip, &known_motions.error_terms_at(angle)).mm;
+        let turned = self.cycle_rotary_position.clone().with(self.axis, angle);
+        self.chain.machine_from_table(&turned, &[]).transform_point(&on_table.into()).coords
+    }
+
+    /// Derivative of the radius of a touch by the error motion of this axis along or about `component`, if this
+    /// motion is subtracted: mm per mm or rad. `centre`: centre of the ball. `normal`: outward unit vector, machine
+    /// frame.
+    pub fn radius_derivative_by_motion(&self, component: Axis, centre: Vector3<f64>, normal: Vector3<f64>) -> f64 {
+        let along = self.line.carrier_pose.rotation * component.nominal_direction();
+        match component.is_linear() {
+            true => -normal.dot(&along),
+            false => -normal.dot(&along.cross(&(centre - self.line.point))),
+        }
+    }
+
+    /// Converts a part from the table frame to the machine frame.
+    pub fn part_in_machine_frame(&self, part: &Cylinder) -> Cylinder {
+        transform_part(part, &self.table_pose)
+    }
+
+    /// Converts a part from the machine frame to the table frame.
+    pub fn part_in_table_frame(&self, standing: &Cylinder) -> Cylinder {
+        transform_part(standing, &self.table_pose.inverse())
+    }
+}
+
+fn transform_part(part: &Cylinder, by: &Pose) -> Cylinder {
+    Cylinder {
+        centre_mm: by.transform_point(&part.centre_mm.into()).into(),
+        axis: (by.rotation * Vector3::from(part.axis)).into(),
+        ..part.clone()
+    }
+}
+
+/// Positions of all rotary axes except S: as configured, otherwise zero.
+fn configured_rotary_position(plan: &Plan, at: &Position) -> Result<Position, MethodRefusal> {
+    let turns = |axis: Axis| !axis.is_linear() && axis != Axis::S;
+    for (axis, value) in at.iter() {
+        let spec = plan.machine.axes.get(&axis).filter(|_| turns(axis));
+        let degrees = axis.to_mm_or_deg(value);
+        MethodRefusal::require(
+            spec.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees)),
+            format!(
+                "`at` contains {axis} = {degrees}, which is not a rotary axis of this machine or is \
+                outside its limits"
+            ),
+            "give in `at` of [method.self-calibration] only rotary axes of [axes], within their limits",
+        )?;
+    }
+    let axes = plan.machine.axes.keys().copied().filter(|axis| turns(*axis));
+    Ok(axes.map(|axis| (axis, at.get_or_zero(axis))).collect())
+}
+
+fn is_upright(line: &AxisLine) -> bool {
+    line.direction.z.abs() >= MIN_UPRIGHT_COSINE
+}
+
+fn no_upright_axis_refusal(plan: &Plan, chain: &KinematicChain, still: &Position) -> MethodRefusal {
+    let carriers = chain.topology().workpiece_branch();
+    if carriers.iter().all(|axis| axis.is_linear()) {
+        return MethodRefusal::new(
+            "this method requires a rotary axis that carries the workpiece",
+            "add the axis on the workpiece side of the topology (w-C-…) and as [axes.C] in the machine file",
+        );
+    }
+    let upright = |other: Axis, degrees: f64| {
+        let at = still.clone().with(other, other.to_mm_or_rad(degrees));
+        let mut turned = carriers.iter().filter(|axis| **axis != other);
+        let reached = plan.machine.axes.get(&other);
+        reached.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees))
+            && turned.any(|axis| chain.axis_line(*axis, &at).as_ref().is_some_and(is_upright))
+    };
+    let places = still.iter().flat_map(|(other, _)| [90.0, -90.0].map(|degrees| (other, degrees)));
+    let place = places.into_iter().find(|(other, degrees)| upright(*other, *degrees));
+    let example =
+        place.map_or(String::new(), |(other, degrees)| format!(", for example at = {{ {other} = {degrees:.1} }}"));
+    MethodRefusal::new(
+        format!("no rotary axis that carries the workpiece is along Z with {}", describe_positions(still, Axis::S)),
+        format!(
+            "set `at` in [method.self-calibration] to positions of the other axes at which one axis is \
+            along Z{example}; or correct direction in [axes]"
+        ),
+    )
+}
+
+/// Text such as `A at 90°, B at 0°`, without the axis `except`.
+fn describe_positions(position: &Position, except: Axis) -> String {
+    let others = position.iter().filter(|(axis, _)| *axis != except);
+    let parts = others.map(|(axis, value)| format!("{axis} at {}°", axis.to_mm_or_deg(value)));
+    parts.collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,45 @@
+//! Check of the axis' sense of rotation against the machine file.
+
+use super::fit::Fit;
+use super::model::{Observation, UnknownsLayout};
+use super::outputs::error_motion_coefficients;
+use crate::identification::dot_product;
+
+/// Result of the check of the stated sense of the axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RotationSenseCheck {
+    Confirmed,
+    /// Both senses explain the readings: the part is too round and centred, or the design has too few touches.
+    NotConfirmed,
+    /// The opposite sense explains the readings far better.
+    Contradicted,
+}
+
+/// Solves with the opposite sense as well. With the wrong sense an eccentric part appears as an error motion of
+/// twice its eccentricity. With the correct one the error motion is small.
+pub fn check_rotation_sense(fit: &Fit) -> RotationSenseCheck {
+    let n = fit.layout.design.position_count;
+    let turned: Vec<Observation> = fit
+        .observations
+        .iter()
+        .map(|observation| Observation { c_index: (n - observation.c_index) % n, ..*observation })
+        .collect();
+    let Ok(other) = Fit::new(fit.layout.clone(), turned, fit.sigma.clone(), false) else {
+        return RotationSenseCheck::NotConfirmed;
+    };
+    let stated = error_motion_norm(&fit.layout, &fit.x);
+    let opposite = error_motion_norm(&fit.layout, &other.x);
+    // Scatter does not change the ratio of the two values by a factor of five.
+    if opposite > 5.0 * stated {
+        RotationSenseCheck::Confirmed
+    } else if stated > 5.0 * opposite {
+        RotationSenseCheck::Contradicted
+    } else {
+        RotationSenseCheck::NotConfirmed
+    }
+}
+
+fn error_motion_norm(layout: &UnknownsLayout, x: &[f64]) -> f64 {
+    let at = |i| [false, true].map(|along_y| dot_product(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2));
+    (0..layout.design.position_count).flat_map(at).sum::<f64>().sqrt()
+}

@@ -1,0 +1,153 @@
+//! The second-order terms of the measurement equation (METHODS section 1): the reduction of a radius because the
+//! ball contacts the part off the ray. The coefficients do not depend on the unknowns. Many trials are evaluated
+//! at once.
+
+use faer::Mat;
+use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
+
+use super::model::{Observation, UnknownsLayout};
+use super::outputs::scale_and_squareness_coefficients;
+use estimation::trigonometric_interpolation::TrigonometricInterpolant;
+
+pub struct SecondOrderCorrection {
+    pub contacts: Vec<ObservationContact>,
+    pub heights: Vec<LinearFormsAtHeight>,
+}
+
+/// Contact of one observation.
+pub struct ObservationContact {
+    pub height_index: usize,
+    pub normal: Vector3<f64>,
+    /// Indices of the unknowns E_x and E_y.
+    pub ex_index: usize,
+    pub ey_index: usize,
+    /// Grid angle on the part.
+    pub theta_index: usize,
+    pub lateral_mm: f64,
+}
+
+/// Linear forms over the unknowns at one height.
+pub struct LinearFormsAtHeight {
+    /// Index of R.
+    pub radius_index: usize,
+    /// Unknowns × forms: the derivative of W at each grid angle, 1/rad, then scale difference and squareness for R
+    /// = 1 mm.
+    pub forms: Mat<f64>,
+}
+
+impl SecondOrderCorrection {
+    pub fn new(layout: &UnknownsLayout, observations: &[Observation]) -> Self {
+        let contacts = observations.iter().map(|observation| ObservationContact::new(layout, observation)).collect();
+        let heights = (0..layout.height_count).map(|height| LinearFormsAtHeight::new(layout, height)).collect();
+        Self { contacts, heights }
+    }
+
+    /// Adds τW′/L + τ²/2L, τ = (E − E_lin)·t − lateral, L = R, to `radii` (trials × observations, mm) at
+    /// the unknowns `x` (trials × unknowns).
+    pub fn add_second_order_terms(&self, x: &Mat<f64>, radii: &mut Mat<f64>) {
+        let heights: Vec<TrialValuesAtHeight> = self.heights.iter().map(|height| height.evaluate_trials(x)).collect();
+        for (i, contact) in self.contacts.iter().enumerate() {
+            contact.add_second_order_terms(x, &heights[contact.height_index], radii.col_as_slice_mut(i));
+        }
+    }
+}
+
+/// Values that all contacts of a height share, one entry per trial.
+struct TrialValuesAtHeight {
+    /// Values of the forms, trials × forms.
+    forms: Mat<f64>,
+    /// Curvature 1/R, 1/mm.
+    curvature: Vec<f64>,
+    simd: Arch,
+}
+
+impl ObservationContact {
+    fn new(layout: &UnknownsLayout, observation: &Observation) -> Self {
+        Self {
+            height_index: observation.height_index,
+            normal: layout.ray_direction(observation.phi_index),
+            ex_index: layout.ex_index(observation.height_index, observation.c_index),
+            ey_index: layout.ey_index(observation.height_index, observation.c_index),
+            theta_index: layout.design.theta_index(observation.c_index, observation.phi_index),
+            lateral_mm: observation.lateral_mm,
+        }
+    }
+
+    fn add_second_order_terms(&self, x: &Mat<f64>, shared: &TrialValuesAtHeight, radii: &mut [f64]) {
+        let form = |j: usize| shared.forms.col_as_slice(j);
+        let scale = shared.forms.ncols() - 2;
+        shared.simd.dispatch(SecondOrderTerms {
+            cos: self.normal.x,
+            sin: self.normal.y,
+            lateral_mm: self.lateral_mm,
+            ex: x.col_as_slice(self.ex_index),
+            ey: x.col_as_slice(self.ey_index),
+            slope: form(self.theta_index),
+            scale: form(scale),
+            squareness: form(scale + 1),
+            curvature: &shared.curvature,
+            radii,
+        });
+    }
+}
+
+/// The terms of one contact in all trials. A struct instead of a closure: only this form is inlined with the wide
+/// registers enabled.
+struct SecondOrderTerms<'a> {
+    cos: f64,
+    sin: f64,
+    lateral_mm: f64,
+    ex: &'a [f64],
+    ey: &'a [f64],
+    slope: &'a [f64],
+    scale: &'a [f64],
+    squareness: &'a [f64],
+    curvature: &'a [f64],
+    radii: &'a mut [f64],
+}
+
+impl WithSimd for SecondOrderTerms<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { cos, sin, lateral_mm, ex, ey, slope, scale, squareness, curvature, radii } = self;
+        let (squared, mixed) = (sin * sin, sin * cos);
+        let trials = radii.len();
+        let (ex, ey, slope) = (&ex[..trials], &ey[..trials], &slope[..trials]);
+        let (scale, squareness) = (&scale[..trials], &squareness[..trials]);
+        let curvature = &curvature[..trials];
+        for trial in 0..trials {
+            // E_lin·t. The factor 1/L of the forms and the factor L of the deviations cancel.
+            let linear_axes = squareness[trial] * squared + scale[trial] * mixed;
+            let tau = ey[trial] * cos - ex[trial] * sin - linear_axes - lateral_mm;
+            radii[trial] += tau * (slope[trial] + tau / 2.0) * curvature[trial];
+        }
+    }
+}
+
+impl LinearFormsAtHeight {
+    fn new(layout: &UnknownsLayout, height: usize) -> Self {
+        let n = layout.design.position_count;
+        let mut forms = Mat::zeros(layout.unknown_count(), n + 2);
+        for j in 0..n {
+            let mut unit = vec![0.0; n];
+            unit[j] = 1.0;
+            let interpolant = TrigonometricInterpolant::new(&unit);
+            for i in 0..n {
+                forms[(layout.flank_form_index(height, j), i)] =
+                    interpolant.derivative(layout.design.grid_angle_rad(i));
+            }
+        }
+        let (scale_difference, squareness) = scale_and_squareness_coefficients(layout, height, 1.0);
+        forms.col_as_slice_mut(n).copy_from_slice(&scale_difference);
+        forms.col_as_slice_mut(n + 1).copy_from_slice(&squareness);
+        Self { radius_index: layout.radius_index(height), forms }
+    }
+
+    fn evaluate_trials(&self, x: &Mat<f64>) -> TrialValuesAtHeight {
+        let curvature = x.col_as_slice(self.radius_index).iter().map(|radius| 1.0 / radius).collect();
+        TrialValuesAtHeight { forms: x * &self.forms, curvature, simd: Arch::new() }
+    }
+}

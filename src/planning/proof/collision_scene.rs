@@ -1,0 +1,371 @@
+//! All bodies of a plan, and the pairs that could collide.
+
+use nalgebra::Vector3;
+
+use super::MIN_UNGUARDED_CLEARANCE_MM;
+use super::body::{BodyRole, CollisionBody, CollisionShape};
+use super::body_gap::LateralMisplacement;
+use super::collision_pairs::{BodyPair, PairRole, collision_pairs_and_unchecked};
+use super::refusal::RefusalReason;
+use super::sweep::{
+    ClearanceDemand, JointPath, REPORTED_CLEARANCE_ACCURACY_MM, check_min_clearance_on_path,
+    segment_point_nearest_to_origin,
+};
+use machine::Axis;
+use machine::artefact::{self, ArtefactBody};
+use machine::frame::Pose;
+use machine::kinematics::{CarrierChain, KinematicChain, MachineSide};
+use machine::record::artefact::Artefact;
+use machine::record::machine::Carrier;
+use machine::record::plan::Plan;
+use machine::record::sensor::SensorMount;
+
+/// Minimum clearance of a probing move from everything that it does not touch, mm. The probe does not detect the
+/// nose on a clamp, its own body on a stem or the table on a column, so nothing would stop there; and the declared
+/// bodies are not measured to the last tenth. The probe does detect contact of its stylus (ball and stem) with the
+/// artefact, including stems: on guarded moves, the stylus keeps only the artefact's uncertainty.
+const MIN_UNDETECTED_CONTACT_CLEARANCE_MM: f64 = 0.5;
+/// Tolerance for rounding of the text and of the position that the control reports, mm.
+const START_CLEARANCE_TOLERANCE_MM: f64 = 0.01;
+
+/// All bodies, with the artefact at one assumed position, and the pairs of bodies that could collide.
+pub struct CollisionScene {
+    bodies: Vec<CollisionBody>,
+    pairs: Vec<BodyPair>,
+    /// Maximum distance of the artefact from its assumed position, mm.
+    pub max_artefact_misplacement_mm: f64,
+    /// Bodies that are not declared, and unchecked neighbours.
+    pub unchecked_items: Vec<String>,
+}
+
+/// Clearance, mm, and the names of the two bodies.
+type ClearanceAndBodyNames = (f64, [String; 2]);
+
+/// Clearance rule for a path.
+#[derive(Debug, Clone, Copy)]
+pub enum ClearanceRule {
+    /// All pairs stay [`MIN_UNGUARDED_CLEARANCE_MM`] apart, wherever the artefact is within its uncertainty.
+    UnguardedMove,
+    /// Like `UnguardedMove`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
+    UnguardedInNest,
+    /// A guarded move: no bodies collide, and pairs whose contact the probe does not detect stay
+    /// [`MIN_UNDETECTED_CONTACT_CLEARANCE_MM`] apart.
+    GuardedMove,
+    /// Like `GuardedMove`, but a pair that is nearer at the start may keep that distance during the whole move: the
+    /// first, guarded move of a machine that was stopped beside the artefact. The pair must not come nearer.
+    GuardedFirstMove,
+    /// An unguarded move out of contact: a pair that is nearer than [`MIN_UNGUARDED_CLEARANCE_MM`] at the start must
+    /// not come nearer, all others keep [`MIN_UNGUARDED_CLEARANCE_MM`]. A pair that intersects at the start is not
+    /// checked: one such pair is in contact, and the true position of the machine is unknown.
+    Retract,
+    /// A touch of this body of the artefact: all pairs that do not concern this body stay
+    /// [`MIN_UNDETECTED_CONTACT_CLEARANCE_MM`] apart.
+    TouchOtherBodies(usize),
+    /// A touch of this body, whose position may be off across the touch: parts that move with the stylus ball stay
+    /// clear of this body and its stem.
+    TouchMovingParts(usize, LateralMisplacement),
+}
+
+impl CollisionScene {
+    /// Builds the scene with `artefact` at its assumed position.
+    pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, RefusalReason> {
+        let chain = KinematicChain::new(&plan.machine)?;
+        let mut builder = CollisionSceneBuilder { chain, bodies: Vec::new() };
+        let uncertainty = artefact::max_misplacement_mm(artefact);
+        let mut unchecked_items = builder.add_artefact(artefact)?;
+        unchecked_items.extend(builder.add_spindle_parts_and_sensors(plan)?);
+        unchecked_items.extend(builder.sides_without_solid(plan));
+        for keepout in &plan.keepout {
+            let [low, high] = [keepout.min_mm, keepout.max_mm].map(Vector3::from);
+            builder.add_body(&keepout.name, BodyRole::OtherBody, Carrier::Bed, CollisionShape::cuboid(low, high))?;
+        }
+        for solid in &plan.solids {
+            builder.add_body(&solid.name, BodyRole::OtherBody, solid.on, CollisionShape::from_solid(solid))?;
+        }
+        let (pairs, unchecked) = collision_pairs_and_unchecked(&builder.bodies, uncertainty);
+        unchecked_items.extend(unchecked);
+        Ok(Self { bodies: builder.bodies, pairs, max_artefact_misplacement_mm: uncertainty, unchecked_items })
+    }
+
+    /// Bodies that are touched, with their numbers.
+    pub fn touchable_bodies(&self) -> impl Iterator<Item = (usize, &CollisionBody)> {
+        self.bodies.iter().filter_map(|body| match body.role {
+            BodyRole::Touchable(number) => Some((number, body)),
+            _ => None,
+        })
+    }
+
+    pub fn stylus_ball(&self) -> Option<&CollisionBody> {
+        self.bodies.iter().find(|body| body.role == BodyRole::StylusBall)
+    }
+
+    /// Smallest clearance on the path, mm, and its two bodies, if it is below `max_clearance_mm`. The pair of stylus
+    /// ball and artefact counts on unguarded paths only, because otherwise it is meant to come near. Pairs on one side
+    /// never count, because their distance is a matter of the machine's design.
+    ///
+    /// # Errors
+    /// The first pair that comes too near, or cannot be proven clear.
+    pub fn check_path_and_find_nearest_pair(
+        &self,
+        joint_path: &JointPath,
+        rule: &ClearanceRule,
+        max_clearance_mm: f64,
+    ) -> Result<Option<ClearanceAndBodyNames>, RefusalReason> {
+        let mut nearest_pair = None;
+        let mut nearest = max_clearance_mm;
+        let centres = (!joint_path.moves_rotary_axis()).then(|| self.body_centres_at_path_ends(joint_path));
+        for pair in &self.pairs {
+            let Some((min_clearance_mm, lateral)) = required_clearance(rule, pair, joint_path) else {
+                continue;
+            };
+            let counts = !pair.is_on_same_machine_side()
+                && (!matches!(pair.role, PairRole::StylusBallAndTouchable(_)) || min_clearance_mm > 0.0);
+            let position_uncertainty_mm = if lateral.is_none() { pair.max_misplacement_mm } else { 0.0 };
+            let demand = ClearanceDemand {
+                min_clearance_mm,
+                max_misplacement_mm: position_uncertainty_mm,
+                lateral_misplacement: lateral,
+                ignored_above_mm: if counts { nearest } else { min_clearance_mm },
+            };
+            if centres.as_ref().is_some_and(|centres| are_far_apart(pair, centres, &demand)) {
+                continue;
+            }
+            let BodyPair { one, other, .. } = pair;
+            let between = || [one.name.clone(), other.name.clone()];
+            match check_min_clearance_on_path(joint_path, one, other, &demand) {
+                Ok(Some(clearance)) if counts => {
+                    nearest = clearance;
+                    nearest_pair = Some((clearance, between()));
+                }
+                Ok(_) => {}
+                Err(clearance) => {
+                    let clearance = clearance.max(0.0);
+                    return Err(RefusalReason::ClearanceTooSmall { between: between(), clearance, min_clearance_mm });
+                }
+            }
+        }
+        Ok(nearest_pair)
+    }
+
+    /// Centre of each body at both ends of the path, machine frame.
+    fn body_centres_at_path_ends(&self, joint_path: &JointPath) -> Vec<[Vector3<f64>; 2]> {
+        let mut poses: Vec<(&CarrierChain, [Pose; 2])> = Vec::new();
+        let of = |body: &CollisionBody, [from, to]: [Pose; 2]| {
+            let (centre, _) = body.shape.bounding_ball();
+            [from.transform_point(&centre.into()).coords, to.transform_point(&centre.into()).coords]
+        };
+        let mut centres = Vec::with_capacity(self.bodies.len());
+        for body in &self.bodies {
+            let known = poses.iter().find(|(carried, _)| carried.has_same_axes_as(&body.carrier_chain));
+            let pose = known.map_or_else(
+                || [&joint_path.from, &joint_path.to].map(|commands| body.carrier_chain.pose(commands)),
+                |(_, pose)| *pose,
+            );
+            if known.is_none() {
+                poses.push((&body.carrier_chain, pose));
+            }
+            centres.push(of(body, pose));
+        }
+        centres
+    }
+}
+
+/// On a path without turning: whether the bounding balls of the two bodies stay farther apart than required.
+fn are_far_apart(pair: &BodyPair, centres: &[[Vector3<f64>; 2]], demand: &ClearanceDemand) -> bool {
+    let [Some(one), Some(other)] = pair.body_indices.map(|number| centres.get(number)) else {
+        return false;
+    };
+    let apart = segment_point_nearest_to_origin(other[0] - one[0], other[1] - one[1]).norm();
+    let reach = pair.one.shape.bounding_ball().1 + pair.other.shape.bounding_ball().1;
+    let uncertainty_mm =
+        demand.max_misplacement_mm + demand.lateral_misplacement.map_or(0.0, |lateral| lateral.max_misplacement_mm);
+    apart - reach - uncertainty_mm
+        > demand.min_clearance_mm.max(demand.ignored_above_mm - REPORTED_CLEARANCE_ACCURACY_MM)
+}
+
+/// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the
+/// pair is not checked.
+fn required_clearance(
+    rule: &ClearanceRule,
+    pair: &BodyPair,
+    joint_path: &JointPath,
+) -> Option<(f64, Option<LateralMisplacement>)> {
+    Some(match (rule, pair.role) {
+        (ClearanceRule::UnguardedMove, _) => (MIN_UNGUARDED_CLEARANCE_MM, None),
+        (ClearanceRule::UnguardedInNest, _) => (pair.min_measured_gap_mm.unwrap_or(MIN_UNGUARDED_CLEARANCE_MM), None),
+        (ClearanceRule::GuardedMove, _) => (pair.required_guarded_clearance_mm(), None),
+        (ClearanceRule::GuardedFirstMove, _) => {
+            (start_clearance_mm(pair, joint_path).unwrap_or(0.0).min(pair.required_guarded_clearance_mm()), None)
+        }
+        (ClearanceRule::Retract, _) => match start_clearance_mm(pair, joint_path) {
+            Some(apart) => (apart.min(MIN_UNGUARDED_CLEARANCE_MM), None),
+            None => return None,
+        },
+        (ClearanceRule::TouchOtherBodies(touched_body), role) if !role.concerns_body(*touched_body) => {
+            (MIN_UNDETECTED_CONTACT_CLEARANCE_MM, None)
+        }
+        (ClearanceRule::TouchMovingParts(touched_body, lateral), PairRole::MovingPartAndTouchable(number))
+            if number == *touched_body =>
+        {
+            (pair.required_guarded_clearance_mm(), Some(*lateral))
+        }
+        _ => return None,
+    })
+}
+
+/// Required clearance of a pair that is leaving, mm: its clearance at the start of the path. `None` if the two
+/// intersect at the assumed positions.
+fn start_clearance_mm(pair: &BodyPair, joint_path: &JointPath) -> Option<f64> {
+    let start = JointPath { from: joint_path.from, to: joint_path.from };
+    let demand = ClearanceDemand {
+        min_clearance_mm: 0.0,
+        max_misplacement_mm: 0.0,
+        lateral_misplacement: None,
+        ignored_above_mm: f64::INFINITY,
+    };
+    match check_min_clearance_on_path(&start, &pair.one, &pair.other, &demand) {
+        Ok(Some(apart)) => Some(apart - pair.max_misplacement_mm - START_CLEARANCE_TOLERANCE_MM),
+        _ => None,
+    }
+}
+
+impl BodyPair {
+    /// Required clearance of the pair on a guarded move, mm.
+    fn required_guarded_clearance_mm(&self) -> f64 {
+        if self.is_contact_detected { 0.0 } else { MIN_UNDETECTED_CONTACT_CLEARANCE_MM }
+    }
+}
+
+impl PairRole {
+    /// Whether the pair concerns this body of the artefact.
+    fn concerns_body(self, touched_body: usize) -> bool {
+        matches!(self, Self::StylusBallAndTouchable(number) | Self::MovingPartAndTouchable(number) if number == touched_body)
+    }
+}
+
+struct CollisionSceneBuilder {
+    chain: KinematicChain,
+    bodies: Vec<CollisionBody>,
+}
+
+impl CollisionSceneBuilder {
+    fn add_body(
+        &mut self,
+        name: &str,
+        role: BodyRole,
+        on: Carrier,
+        shape: CollisionShape,
+    ) -> Result<(), RefusalReason> {
+        let missing = || RefusalReason::UnknownCarrier { solid: name.to_owned() };
+        let carried = self.chain.carrier_chain(on).ok_or_else(missing)?;
+        let corners = shape.hull_points_and_radius();
+        self.bodies.push(CollisionBody {
+            name: name.to_owned(),
+            role,
+            shape,
+            carrier_chain: carried,
+            hull_points_and_radius: corners,
+        });
+        Ok(())
+    }
+
+    /// Adds the artefact. A stem begins inside the ball that it carries. Returns the names of undeclared parts.
+    fn add_artefact(&mut self, artefact: &Artefact) -> Result<Vec<String>, RefusalReason> {
+        let parts = artefact::artefact_bodies(artefact);
+        let frame = match artefact {
+            Artefact::DatumCylinder(_) => BodyRole::DatumCylinder,
+            _ => BodyRole::OtherArtefactPart,
+        };
+        let touched: Vec<&ArtefactBody> = parts.iter().filter(|part| part.is_touchable).collect();
+        let mut balls_without_stem: Vec<usize> = (0..touched.len()).collect();
+        for part in &parts {
+            let carries = |touched: &&ArtefactBody| match part.shape {
+                artefact::BodyShape::Cylinder { from, .. } => {
+                    CollisionShape::from_artefact_body(touched).distance_to_point(from) <= 0.0
+                }
+                artefact::BodyShape::Ball { .. } => false,
+            };
+            let own = |other: &&ArtefactBody| std::ptr::eq(*other, part);
+            let number = |condition: &dyn Fn(&&ArtefactBody) -> bool| touched.iter().position(condition);
+            let role = if let Some(number) = number(&own) {
+                BodyRole::Touchable(number)
+            } else {
+                number(&carries).map_or(frame, BodyRole::StemOfTouchable)
+            };
+            balls_without_stem.retain(|number| role != BodyRole::StemOfTouchable(*number));
+            self.add_body(&part.name, role, Carrier::Table, CollisionShape::from_artefact_body(part))?;
+        }
+        let stems = matches!(artefact, Artefact::Balls(_));
+        let balls_without_stem = balls_without_stem.iter().filter(|_| stems).filter_map(|number| touched.get(*number));
+        Ok(balls_without_stem.map(|part| format!("stem of {}", part.name)).collect())
+    }
+
+    /// Adds the parts in the spindle that turn with it, and the sensors on every mount. Returns the names of
+    /// undeclared parts.
+    fn add_spindle_parts_and_sensors(&mut self, plan: &Plan) -> Result<Vec<String>, RefusalReason> {
+        let turns = self.chain.topology().contains(Axis::S);
+        let spindle = if turns { Carrier::Axis(Axis::S) } else { Carrier::Spindle };
+        let mut missing = Vec::new();
+        // A sensor in the spindle replaces the probe.
+        if !plan.sensors.iter().any(|sensor| sensor.mount.is_spindle()) {
+            missing.extend(self.add_probe(plan, spindle)?);
+        }
+        for sensor in &plan.sensors {
+            let on = match sensor.mount {
+                SensorMount::Spindle => spindle,
+                SensorMount::Table => Carrier::Table,
+                SensorMount::Bed => Carrier::Bed,
+            };
+            let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
+            let front = zero - along * sensor.stand_off_mm;
+            let back = front - along * sensor.body_length_mm;
+            if sensor.body_radius_mm > 0.0 && front != back {
+                let body = CollisionShape::cylinder(front, back, sensor.body_radius_mm);
+                let role = match sensor.mount {
+                    SensorMount::Table => {
+                        let at_near_end = sensor.stand_off_mm + sensor.range_mm[0];
+                        BodyRole::TableSensor { min_gap_mm: at_near_end.clamp(0.0, MIN_UNGUARDED_CLEARANCE_MM) }
+                    }
+                    SensorMount::Spindle | SensorMount::Bed => BodyRole::SpindleOrBedSensor,
+                };
+                self.add_body(&sensor.name, role, on, body)?;
+            } else {
+                missing.push(format!("body of {}", sensor.name));
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Adds ball, stem and body of the probe. Returns the names of undeclared parts.
+    fn add_probe(&mut self, plan: &Plan, on: Carrier) -> Result<Vec<String>, RefusalReason> {
+        let probe = &plan.probe;
+        let ball = Vector3::from(plan.machine.tool_mm);
+        self.add_body("stylus ball", BodyRole::StylusBall, on, CollisionShape::ball(ball, probe.ball_radius_mm))?;
+        let end = ball + Vector3::z() * probe.stem_length_mm;
+        let top = end + Vector3::z() * probe.body_length_mm;
+        let parts = [
+            ("stylus stem", BodyRole::StylusStem, ball, end, probe.stem_radius_mm),
+            ("probe body", BodyRole::OtherBody, end, top, probe.body_radius_mm),
+        ];
+        let mut missing = Vec::new();
+        for (name, role, from, to, radius) in parts {
+            if radius > 0.0 && from != to {
+                self.add_body(name, role, on, CollisionShape::cylinder(from, to, radius))?;
+            } else {
+                missing.push(name.to_owned());
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Sides of the machine without a declared solid.
+    fn sides_without_solid(&self, plan: &Plan) -> Vec<String> {
+        let has_solid_on = |side: MachineSide| {
+            let carried = |on| self.chain.carrier_chain(on).map(|carried| carried.side);
+            plan.solids.iter().any(|solid| carried(solid.on) == Some(side))
+        };
+        let sides = [("spindle nose", MachineSide::Tool), ("table", MachineSide::Workpiece)];
+        let balls_without_stem = sides.into_iter().filter(|(_, side)| !has_solid_on(*side));
+        balls_without_stem.map(|(name, _)| name.to_owned()).collect()
+    }
+}

@@ -1,0 +1,85 @@
+//! Axes with round ticks.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
+use plotters::coord::types::RangedCoordf64;
+
+use crate::report::number;
+
+/// Maximum number of tick intervals.
+const MAX_TICK_INTERVALS: f64 = 8.0;
+
+/// A straight axis with a tick at every multiple of `step`.
+#[derive(Clone)]
+pub(super) struct TickedAxis {
+    plotters_range: RangedCoordf64,
+    tick_step: f64,
+}
+
+impl TickedAxis {
+    pub(super) fn with_tick_step(step: f64, range: Range<f64>) -> Self {
+        Self { plotters_range: range.into(), tick_step: step }
+    }
+
+    /// An axis with the finest round step that gives at most [`MAX_TICK_INTERVALS`] intervals.
+    pub(super) fn with_round_ticks(range: Range<f64>) -> Self {
+        Self::with_tick_step(round_up_to_1_2_or_5((range.end - range.start) / MAX_TICK_INTERVALS), range)
+    }
+
+    /// As [`Self::with_round_ticks`], with half the number of intervals, for a shorter axis.
+    pub(super) fn with_coarse_round_ticks(range: Range<f64>) -> Self {
+        Self::with_tick_step(round_up_to_1_2_or_5((range.end - range.start) / (MAX_TICK_INTERVALS / 2.0)), range)
+    }
+
+    pub(super) fn tick_label(&self, value: f64) -> String {
+        tick_label(value, self.tick_step)
+    }
+}
+
+impl Ranged for TickedAxis {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        self.plotters_range.map(value, limit)
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        let Range { start, end } = self.range();
+        let (first, last) = ((start / self.tick_step).ceil(), (end / self.tick_step).floor());
+        // An axis is too narrow for ticks if its numbers differ in their last digits only.
+        let count = (last - first).clamp(-1.0, 2.0 * MAX_TICK_INTERVALS) as i32;
+        (0..=count).map(|n| (first + f64::from(n)) * self.tick_step).collect()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.plotters_range.range()
+    }
+}
+
+/// Text of a number on an axis with ticks `step` apart.
+pub(super) fn tick_label(value: f64, step: f64) -> String {
+    number::format_fixed(value, (-step.log10().floor()).clamp(0.0, 9.0) as usize)
+}
+
+/// The round number (1, 2 or 5 times a power of ten) at or above `step`.
+pub(super) fn round_up_to_1_2_or_5(step: f64) -> f64 {
+    let power = 10f64.powf(step.log10().floor());
+    [1.0, 2.0, 5.0].into_iter().map(|m| m * power).find(|s| *s >= step).unwrap_or(10.0 * power)
+}
+
+/// Minimum and maximum of `values`; `None` without values.
+pub(super) fn value_bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.fold(None, |value_bounds, value| {
+        let (low, high) = value_bounds.unwrap_or((value, value));
+        Some((low.min(value), high.max(value)))
+    })
+}
+
+/// The range with a margin on either side; never empty.
+pub(super) fn add_margin((low, high): (f64, f64)) -> (f64, f64) {
+    let span = high - low;
+    let room = if span > 0.0 { 0.08 * span } else { low.abs().max(1.0) };
+    (low - room, high + room)
+}

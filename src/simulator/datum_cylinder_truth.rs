@@ -1,0 +1,54 @@
+//! True errors of a datum cylinder and of its indexing stage.
+
+use serde::{Deserialize, Serialize};
+
+use super::cylinder::FormHarmonic;
+
+/// `[simulated.datum_cylinder]`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DatumCylinderTruth {
+    /// Standard deviation of the form of each section and of the face, drawn from the seed: harmonics 2 to 20.
+    pub form_um: f64,
+    /// Stated form of single sections, in addition to the drawn form and to the `form` of all sections.
+    pub section_form: Vec<SectionFormHarmonic>,
+    /// Height of the face over the angle about the axis.
+    pub face_form: Vec<FormHarmonic>,
+    /// Lean of the axis towards X and Y.
+    pub tilt_urad: [f64; 2],
+}
+
+/// A harmonic of the form of one section; sections count from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SectionFormHarmonic {
+    pub section: usize,
+    pub n: u32,
+    #[serde(default)]
+    pub cos_um: f64,
+    #[serde(default)]
+    pub sin_um: f64,
+}
+
+/// `[simulated.stage]`: the indexing stage between table and artefact. Standard deviations of the errors that
+/// each new mounting draws from the seed.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct IndexingStageTruth {
+    /// Standard deviation of the indexed angle.
+    pub index_error_urad: f64,
+    /// Standard deviation of the artefact's position along X and along Y.
+    pub eccentricity_um: f64,
+    /// Standard deviation of the artefact's tilt towards X and towards Y.
+    pub tilt_urad: f64,
+    /// Mountings at a wrong angle.
+    pub faults: Vec<MountingAngleFault>,
+}
+
+/// Angle error of one mounting. `mounting` counts from 1, without the first mounting.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MountingAngleFault {
+    pub mounting: u32,
+    pub off_deg: f64,
+}

@@ -1,0 +1,224 @@
+//! Runs the program with a machine file for the rig and an empty journal.
+
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+
+use libtest_mimic::Failed;
+use machine::record::estimate::Estimate;
+use machine::record::plan::Plan;
+use tempfile::TempDir;
+
+use super::data_streams::StreamsProcess;
+use super::driver::rig_ini_path;
+use super::rig::LinuxCncRig;
+use crate::support::terminal_operator;
+
+const MACHINE_FILE: &str = include_str!("../../../config/linuxcnc-sim.toml");
+/// Machine files that replace the part and the settings of `MACHINE_FILE`.
+const SAMBA_SECTIONS: &str = include_str!("samba.toml");
+const LASER_SECTIONS: &str = include_str!("laser.toml");
+const MULTIPROBE_SECTIONS: &str = include_str!("multiprobe.toml");
+
+/// Fewer and faster touches.
+const QUICK_TOUCH_TEXT_CHANGES: [(&str, &str); 4] = [
+    ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 300.0"),
+    ("repeatability_um = 0.15", "repeatability_um = 1.5"),
+    ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
+    ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false"),
+];
+
+/// A workspace: a machine file for this rig and an empty journal.
+pub struct RunWorkspace(TempDir);
+
+impl RunWorkspace {
+    /// `config/linuxcnc-sim.toml` unchanged.
+    pub fn for_rig(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        Self::with_text_changes(rig, &[])
+    }
+
+    /// A short cycle with quick touches, for trials that do not depend on the result.
+    pub fn with_quick_touches(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        Self::with_text_changes(rig, &QUICK_TOUCH_TEXT_CHANGES)
+    }
+
+    /// A short cycle that is triggered externally: the program serves at `port` of this computer.
+    pub fn with_modbus_trigger(rig: &LinuxCncRig, port: u16) -> Result<Self, Failed> {
+        let serve = format!(
+            "{}\n[tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n[serve]\nmin_interval_s = 1.0\n\
+             [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n[serve.modbus]\n\
+             listen = \"127.0.0.1:{port}\"\nallow = [\"127.0.0.1\"]\n",
+            MACHINE_FILE
+        );
+        Self::from_machine_text(rig, &serve, &QUICK_TOUCH_TEXT_CHANGES)
+    }
+
+    /// A short cycle with accurate touches.
+    pub fn with_position_count(rig: &LinuxCncRig, positions: u32) -> Result<Self, Failed> {
+        let settings = format!("heights_mm = [90.0]\npositions = {positions}");
+        let short = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
+            ("heights_mm = [90.0]", &*settings),
+        ];
+        Self::with_text_changes(rig, &short)
+    }
+
+    /// With balls in place of the cylinder, and touches at twice the feed: a servo period is then 1 µm.
+    pub fn with_balls(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let faster =
+            [("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"), ("repeatability_um = 0.15", "repeatability_um = 0.3")];
+        Self::from_machine_text(rig, &format!("{head}{SAMBA_SECTIONS}"), &faster)
+    }
+
+    /// With a laser over one ball, and LinuxCNC's sampler, whose table has this additional line.
+    pub fn with_laser(rig: &LinuxCncRig, streams: &StreamsProcess, line: &str) -> Result<Self, Failed> {
+        let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let ports = [
+            ("[controller.sampler]\ntcp", &*format!("[controller.sampler]\n{line}\ntcp")),
+            ("127.0.0.1:5011", &*format!("127.0.0.1:{}", streams.position_port)),
+            ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser_port)),
+        ];
+        Self::from_machine_text(rig, &format!("{head}{LASER_SECTIONS}"), &ports)
+    }
+
+    /// With sensors around a datum cylinder at 0°, 90° and 230° (as in rig.hal), and LinuxCNC's sampler.
+    pub fn with_multiprobe_sensors(rig: &LinuxCncRig, streams: &StreamsProcess) -> Result<Self, Failed> {
+        let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let mut file = format!("{head}{MULTIPROBE_SECTIONS}");
+        for (device, degrees) in streams.sensor_serial_paths.iter().zip([0.0_f64, 90.0, 230.0]) {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            file += &format!(
+                "\n[[sensor]]\nname = \"at {degrees}\"\nmount = \"bed\"\n\
+                 zero_mm = [{:.9}, {:.9}, 60.0]\ndirection = [{:.9}, {:.9}, 0.0]\n\
+                 range_mm = [-0.3, 0.3]\nstand_off_mm = 0.5\n\
+                 [sensor.serial]\nserial = \"{device}\"\nbaud = 115200\ntimeout_s = 3.0\n\
+                 [sensor.serial.line]\nseparator = \",\"\nvalue = {{ column = 1, scale_mm = 1.0 }}\n\
+                 counter = {{ column = 2, round = 10000 }}\n",
+                30.0 * cos,
+                30.0 * sin,
+                -cos,
+                -sin
+            );
+        }
+        let port = format!("127.0.0.1:{}", streams.position_port);
+        Self::from_machine_text(rig, &file, &[("127.0.0.1:5011", &port)])
+    }
+
+    /// `MACHINE_FILE` with some of its text replaced.
+    fn with_text_changes(rig: &LinuxCncRig, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        Self::from_machine_text(rig, MACHINE_FILE, changes)
+    }
+
+    fn from_machine_text(rig: &LinuxCncRig, machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        let port = format!("127.0.0.1:{}", rig.rsh_port);
+        let directory = rig.directory.display().to_string();
+        let ini = format!("ini = \"{}\"", rig_ini_path().display());
+        let here = [
+            ("127.0.0.1:5007", &*port),
+            ("/tmp/trued-linuxcnc", &*directory),
+            ("# ini = \"/home/cnc/linuxcnc/configs/mine/mine.ini\"", &*ini),
+        ];
+        let changes: Vec<_> = changes.iter().chain(&here).copied().collect();
+        Self::new(machine, &changes)
+    }
+
+    /// A machine file with some of its text replaced.
+    pub fn new(machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        let mut machine = machine.to_owned();
+        for (from, to) in changes {
+            if !machine.contains(from) {
+                return Err(format!("`{from}` does not stand in the machine file").into());
+            }
+            machine = machine.replace(from, to);
+        }
+        let workspace = Self(TempDir::new()?);
+        std::fs::write(workspace.machine_file_path(), machine)?;
+        Ok(workspace)
+    }
+
+    pub fn machine_file_path(&self) -> PathBuf {
+        self.0.path().join("machine.toml")
+    }
+
+    /// Command of the program without `--state`, so that it has no journal in this folder.
+    pub fn trued_command_without_journal(arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    pub fn trued_command_with_journal(&self, arguments: &[&str]) -> Command {
+        let mut command = Self::trued_command_without_journal(arguments);
+        command.arg("--state").arg(self.0.path());
+        command
+    }
+
+    /// Standard output of a command that must succeed.
+    pub fn run_stdout(&self, arguments: &[&str]) -> Result<String, Failed> {
+        let output = self.trued_command_with_journal(arguments).output()?;
+        if !output.status.success() {
+            return Err(failure_text(&output).into());
+        }
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// Checks the state of the last run in the journal.
+    pub fn check_last_run_state(&self, state: &str) -> Result<(), Failed> {
+        let runs = self.run_stdout(&["runs", "--json"])?;
+        let said = serde_json::from_str::<serde_json::Value>(&runs)?[0]["state"].clone();
+        if said == state { Ok(()) } else { Err(runs.into()) }
+    }
+
+    /// Number of exported readings of the first run.
+    pub fn probe_reading_count(&self) -> Result<usize, Failed> {
+        let readings = self.read_exported_file("readings.csv")?;
+        Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
+    }
+
+    /// Number of readings of the first run in steps whose label begins with `label`.
+    pub fn reading_count_of_label_prefix(&self, label: &str) -> Result<usize, Failed> {
+        let plan: Plan = serde_json::from_str(&self.read_exported_file("plan.json")?)?;
+        let steps = plan.steps.iter().filter(|step| step.label.starts_with(label));
+        let steps: Vec<String> = steps.map(|step| step.id.to_string()).collect();
+        let readings = self.read_exported_file("readings.csv")?;
+        let rows = readings.lines().filter_map(|line| line.split(',').next());
+        Ok(rows.filter(|step| steps.iter().any(|of| of == step)).count())
+    }
+
+    fn read_exported_file(&self, name: &str) -> Result<String, Failed> {
+        self.run_stdout(&["export", "1", "--to", &self.0.path().display().to_string()])?;
+        Ok(std::fs::read_to_string(self.0.path().join(format!("run-1-{name}")))?)
+    }
+
+    /// Acknowledges the hold and resumes the first run.
+    pub fn start_resume_of_first_run(&self) -> Result<Child, Failed> {
+        Ok(self.trued_command_with_journal(&["resume", "1", "--acknowledge", "Anna", "--json"]).spawn()?)
+    }
+
+    pub fn start_self_calibration(&self) -> Result<Child, Failed> {
+        self.start_run("self-calibration")
+    }
+
+    /// Starts `trued serve`.
+    pub fn start_daemon(&self) -> Result<Child, Failed> {
+        let machine = self.machine_file_path().display().to_string();
+        Ok(self.trued_command_with_journal(&["serve", "--machine", &machine]).spawn()?)
+    }
+
+    pub fn start_run(&self, method: &str) -> Result<Child, Failed> {
+        let machine = self.machine_file_path().display().to_string();
+        let mut command = self.trued_command_with_journal(&["run", method, "--json", "--machine", &machine]);
+        Ok(terminal_operator::confirm_prompts_with_enter(&mut command).spawn()?)
+    }
+}
+
+pub fn failure_text(output: &Output) -> String {
+    format!("{}: {}", output.status, String::from_utf8_lossy(&output.stderr))
+}
+
+/// Value and expanded uncertainty, µm.
+pub fn value_and_expanded_u(estimate: &Estimate, symbol: &str) -> Result<(f64, f64), Failed> {
+    let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+    found.map(|parameter| (parameter.value, parameter.expanded)).ok_or_else(|| symbol.into())
+}
