@@ -30,7 +30,7 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
     let (x_name, y_name) = (format!("x / {unit}"), format!("y / {unit}"));
     draw_picture(PICTURE_SIZE, |area| {
         let axis = |middle: f64| TickedAxis::with_round_ticks(middle - half..middle + half);
-        let mut chart = draw_axes(area, (axis(x), &x_name), (axis(y), &y_name))?;
+        let mut chart = draw_axes(area, axis(x).titled(&x_name), axis(y).titled(&y_name))?;
         chart.draw_series([Polygon::new(ellipse(ux, uy), FIT_COLOUR.mix(BAND_OPACITY))])?;
         chart.draw_series([PathElement::new(points.clone(), LINE_COLOUR.mix(0.5).stroke_width(2))])?;
         let fitted = ellipse(figure.radius, figure.radius);

@@ -19,7 +19,8 @@ pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[PlotPoint]) ->
     let x_axis = x_axis(function, samples)?;
     let (x_name, y_name) = axis_names_with_units(function);
     draw_picture(PICTURE_SIZE, |area| {
-        let mut chart = super::draw_axes(area, (x_axis, &x_name), (TickedAxis::with_round_ticks(low..high), &y_name))?;
+        let mut chart =
+            super::draw_axes(area, x_axis.titled(&x_name), TickedAxis::with_round_ticks(low..high).titled(&y_name))?;
         for samples in samples.chunk_by(|sample, next| sample.x <= next.x) {
             let upper = samples.iter().map(|sample| (sample.x, sample.y + sample.uncertainty_half_width));
             let lower = samples.iter().rev().map(|sample| (sample.x, sample.y - sample.uncertainty_half_width));

@@ -25,7 +25,7 @@ pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[PlotPoint]
     let x_axis = TickedAxis::with_round_ticks(columns.bin_edge(0)..columns.bin_edge(columns.counts.len()));
     draw_picture(PICTURE_SIZE, |area| {
         let y_axis = TickedAxis::with_round_ticks(0.0..1.08 * top);
-        let mut chart = super::draw_axes(area, (x_axis, &x_name), (y_axis, "count"))?;
+        let mut chart = super::draw_axes(area, x_axis.titled(&x_name), y_axis.titled("count"))?;
         chart.draw_series(columns.counts.iter().enumerate().map(|(i, count)| {
             let corners = [(columns.bin_edge(i), *count as f64), (columns.bin_edge(i + 1), 0.0)];
             Rectangle::new(corners, LINE_COLOUR.mix(0.6).filled())

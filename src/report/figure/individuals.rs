@@ -65,12 +65,12 @@ impl IndividualsChart {
         };
         let x_name = format!("{word} before now");
         let y_name = format!("{} / {}", number::one_line_symbol(&self.symbol), number::unit_symbol(unit));
-        let time = TickedAxis::with_round_ticks(scaled.time_range.0..scaled.time_range.1);
+        let time = TickedAxis::with_round_ticks(scaled.time_range.0..scaled.time_range.1).titled(&x_name);
         draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + rows + below), |area| {
             let (above, rest) = area.split_vertically(rows as i32);
             legend::draw_legend(&above, Y_LABEL_WIDTH, &legend_entries)?;
             let (upper, lower) = rest.split_vertically(PICTURE_SIZE.1 as i32);
-            self.draw_values_and_limits(&upper, &scaled, (time.clone(), &x_name), &y_name)?;
+            self.draw_values_and_limits(&upper, &scaled, time.clone(), &y_name)?;
             let Some(range) = temperature_range else { return Ok(()) };
             let (names, lower) = lower.split_vertically(legend::LEGEND_ROW_HEIGHT as i32);
             legend::draw_legend(
@@ -78,7 +78,7 @@ impl IndividualsChart {
                 Y_LABEL_WIDTH,
                 &temperature_strip::thermometer_legend_entries(&self.temperatures),
             )?;
-            temperature_strip::draw_strip(&lower, &self.temperatures, time, &x_name, scale, range.0, range.1)
+            temperature_strip::draw_strip(&lower, &self.temperatures, time, scale, range.0, range.1)
         })
     }
 
@@ -131,13 +131,7 @@ impl IndividualsChart {
         legend_entries
     }
 
-    fn draw_values_and_limits(
-        &self,
-        area: &Area<'_>,
-        scaled: &ScaledChart,
-        x: (TickedAxis, &str),
-        y_name: &str,
-    ) -> DrawResult {
+    fn draw_values_and_limits(&self, area: &Area<'_>, scaled: &ScaledChart, x: TickedAxis, y_name: &str) -> DrawResult {
         let ScaledChart {
             samples,
             time_range: (first, last),
@@ -145,7 +139,7 @@ impl IndividualsChart {
             value_range: (low, high),
             drawn_tolerance_lines: tolerance,
         } = scaled;
-        let mut chart = super::draw_axes(area, x, (TickedAxis::with_round_ticks(*low..*high), y_name))?;
+        let mut chart = super::draw_axes(area, x, TickedAxis::with_round_ticks(*low..*high).titled(y_name))?;
         if let Some(([lower, centre, upper], from)) = self.control_limits_and_first_index {
             let begin = self.times_values_and_expanded_u.get(from).map_or(*first, |[t_s, ..]| t_s / scale);
             let band = [(begin, lower), (*last, upper)];

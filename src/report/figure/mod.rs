@@ -108,12 +108,8 @@ fn draw_picture((width, height): (u32, u32), draw: impl for<'a> FnOnce(&Area<'a>
 
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<TickedAxis, TickedAxis>>;
 
-/// A chart with its axes drawn and named.
-fn draw_axes<'a>(
-    area: &Area<'a>,
-    (x, x_name): (TickedAxis, &str),
-    (y, y_name): (TickedAxis, &str),
-) -> Result<Chart<'a>, Box<dyn std::error::Error>> {
+/// A chart with its axes drawn, with their titles.
+fn draw_axes<'a>(area: &Area<'a>, x: TickedAxis, y: TickedAxis) -> Result<Chart<'a>, Box<dyn std::error::Error>> {
     let mut chart = ChartBuilder::on(area)
         .margin(PICTURE_MARGIN)
         .margin_right(2 * PICTURE_MARGIN)
@@ -127,8 +123,8 @@ fn draw_axes<'a>(
         .light_line_style(TRANSPARENT)
         .x_label_formatter(&|value| x.tick_label(*value))
         .y_label_formatter(&|value| y.tick_label(*value))
-        .x_desc(x_name)
-        .y_desc(y_name)
+        .x_desc(&x.title)
+        .y_desc(&y.title)
         .label_style(text_style(FONT_SIZE))
         .axis_desc_style(text_style(1.1 * FONT_SIZE))
         .draw()?;

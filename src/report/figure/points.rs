@@ -15,9 +15,9 @@ pub(super) fn draw_points(function: &EstimatedFunction, samples: &[PlotPoint]) -
     let (low, high) = add_margin(value_bounds(ends.chain([0.0]))?);
     let (first, last) = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);
     let (x_name, y_name) = curve::axis_names_with_units(function);
-    let axes = (TickedAxis::with_round_ticks(first..last), TickedAxis::with_round_ticks(low..high));
+    let [x_axis, y_axis] = [first..last, low..high].map(TickedAxis::with_round_ticks);
     draw_picture(PICTURE_SIZE, |area| {
-        let mut chart = super::draw_axes(area, (axes.0, &x_name), (axes.1, &y_name))?;
+        let mut chart = super::draw_axes(area, x_axis.titled(&x_name), y_axis.titled(&y_name))?;
         let zero = vec![(first, 0.0), (last, 0.0)];
         chart.draw_series([PathElement::new(zero, INK_COLOUR.stroke_width(2))])?;
         let bars = samples.iter().filter(|sample| sample.uncertainty_half_width > 0.0).map(|sample| {

@@ -34,7 +34,7 @@ pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[PlotPoint])
             legend::draw_legend(&above, Y_LABEL_WIDTH, &[(LegendSymbol::ShadedArea, "not identifiable".to_owned())])?;
         }
         let y_axis = TickedAxis::with_round_ticks(0.0..top);
-        let mut chart = super::draw_axes(&below, (x_axis, &x_name), (y_axis, &y_name))?;
+        let mut chart = super::draw_axes(&below, x_axis.titled(&x_name), y_axis.titled(&y_name))?;
         let shade =
             |[from, to]: &[f64; 2]| Rectangle::new([(*from, 0.0), (*to, top)], GRID_COLOUR.mix(SHADE_OPACITY).filled());
         chart.draw_series(lost.iter().map(shade))?;

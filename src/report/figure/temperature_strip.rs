@@ -35,12 +35,11 @@ pub(super) fn draw_strip(
     area: &Area<'_>,
     curves: &TemperatureCurves,
     x: TickedAxis,
-    x_name: &str,
     seconds_per_x_unit: f64,
     low: f64,
     high: f64,
 ) -> DrawResult {
-    let mut chart = super::draw_axes(area, (x, x_name), (TickedAxis::with_coarse_round_ticks(low..high), "°C"))?;
+    let mut chart = super::draw_axes(area, x, TickedAxis::with_coarse_round_ticks(low..high).titled("°C"))?;
     for (number, (_, values)) in curves.iter().enumerate() {
         let point = |(t_s, celsius): &(f64, Option<f64>)| Some((t_s / seconds_per_x_unit, (*celsius)?));
         let unknown = |(_, celsius): &(f64, Option<f64>)| !celsius.is_some_and(f64::is_finite);

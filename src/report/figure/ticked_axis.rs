@@ -10,16 +10,18 @@ use crate::report::number;
 /// Maximum number of tick intervals.
 const MAX_TICK_INTERVALS: f64 = 8.0;
 
-/// A straight axis with a tick at every multiple of `step`.
+/// A straight axis with a tick at every multiple of `tick_step`.
 #[derive(Clone)]
 pub(super) struct TickedAxis {
     plotters_range: RangedCoordf64,
     tick_step: f64,
+    /// Quantity and unit, beside the axis.
+    pub(super) title: String,
 }
 
 impl TickedAxis {
     pub(super) fn with_tick_step(step: f64, range: Range<f64>) -> Self {
-        Self { plotters_range: range.into(), tick_step: step }
+        Self { plotters_range: range.into(), tick_step: step, title: String::new() }
     }
 
     /// An axis with the finest round step that gives at most [`MAX_TICK_INTERVALS`] intervals.
@@ -30,6 +32,10 @@ impl TickedAxis {
     /// As [`Self::with_round_ticks`], with half the number of intervals, for a shorter axis.
     pub(super) fn with_coarse_round_ticks(range: Range<f64>) -> Self {
         Self::with_tick_step(round_up_to_1_2_or_5((range.end - range.start) / (MAX_TICK_INTERVALS / 2.0)), range)
+    }
+
+    pub(super) fn titled(self, title: &str) -> Self {
+        Self { title: title.to_owned(), ..self }
     }
 
     pub(super) fn tick_label(&self, value: f64) -> String {
