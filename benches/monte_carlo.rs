@@ -13,7 +13,7 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::identification::{DrawDistribution, ObservationEffect, UncertaintySource};
-use methods::self_calibration::{FittedCycle, LinearisedFit, SecondOrderCorrection, SelfCalibration};
+use methods::self_calibration::{FitWithSensitivity, FittedRun, SecondOrderCorrection, SelfCalibration};
 use methods::{Method, RegisteredMethod};
 use serde_json::{Value, json};
 use trued::setup::{self, MachineFile};
@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (method, plan, readings) = measure_built_in_machine()?;
     let (ours_s, estimate) = time_identification(&method, &plan, &readings)?;
     println!("trued: {ours_s:.3} s for {MONTE_CARLO_TRIALS} trials on {} threads", rayon::current_num_threads());
-    let problem = trial_input_json(&method.fit_cycle(&plan, &readings)?);
+    let problem = trial_input_json(&method.fit_without_estimate(&plan, &readings)?);
     let (numpy_s, theirs) = match numpy_python().and_then(|python| time_numpy_trials(&python, &problem)) {
         Ok(found) => found,
         Err(why) if std::env::var_os("TRUED_REQUIRE_PEERS").is_none() => {
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     for (parameter, theirs_mm) in estimate.parameters.iter().zip(&theirs) {
         let by_trials = parameter.u_monte_carlo.ok_or("no trials")?;
-        let theirs = parameter.unit.to_display_value(*theirs_mm);
+        let theirs = parameter.unit.to_reported_value(*theirs_mm);
         println!("{}: u {:.5}, {by_trials:.5}, numpy {theirs:.5}", parameter.symbol, parameter.u);
         // Two standard deviations from a million trials each differ by 0.1 %.
         if (by_trials / theirs - 1.0).abs() > 6e-3 {
@@ -62,7 +62,7 @@ fn measure_built_in_machine() -> Result<(SelfCalibration, Plan, Vec<Reading>), B
     let settings = format!("\n[method.self-calibration]\nmonte_carlo_trials = {MONTE_CARLO_TRIALS}\n");
     let text = include_str!("../config/simulated.toml").to_owned() + &settings;
     let file = MachineFile::parse("simulated.toml", text)?;
-    let (method, plan) = setup::configure_method_and_plan(&file, "self-calibration", None)?;
+    let (method, plan) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None)?;
     let own = SelfCalibration::new(serde_json::from_value(method.settings())?);
     let (plan, readings) = plan_player::measure_all_stages(&mut setup::build_world(&file)?, method.as_ref(), plan);
     Ok((own, plan, readings))
@@ -84,15 +84,15 @@ fn time_identification(
 }
 
 /// Input of the trials, in the format of the script.
-fn trial_input_json(fitted: &FittedCycle) -> Value {
+fn trial_input_json(fitted: &FittedRun) -> Value {
     let fit = &fitted.fit;
     let unknowns = fit.x.len();
     json!({
         "trials": MONTE_CARLO_TRIALS,
-        "sensitivity": matrix_rows(&LinearisedFit::new(fit).sensitivity),
+        "sensitivity": matrix_rows(&FitWithSensitivity::new(fit).sensitivity),
         "gain": matrix_rows(&fit.solution.gain),
         "x": fit.x,
-        "radii": fit.observations.iter().map(|seen| seen.radius_mm).collect::<Vec<_>>(),
+        "radii": fit.observations.iter().map(|seen| seen.along_ray_mm).collect::<Vec<_>>(),
         "slopes": matrix_rows(&fitted.outputs.linear_parameter_slopes(unknowns)),
         "sources": fitted.sources.iter().map(source_json).collect::<Vec<_>>(),
         "bend": fit.second_order.as_ref().map(second_order_json),
@@ -104,7 +104,7 @@ fn source_json(source: &UncertaintySource) -> Value {
     match &source.effect {
         ObservationEffect::Independent(sizes) => json!({"normal": is_normal, "each": sizes}),
         ObservationEffect::Joint(columns) => json!({"normal": is_normal, "joint": columns}),
-        ObservationEffect::Spans(_) => panic!("self-calibration has no source of runs"),
+        ObservationEffect::Spans(_) => panic!("self-calibration has no source of spans"),
     }
 }
 
@@ -118,7 +118,7 @@ fn second_order_json(bend: &SecondOrderCorrection) -> Value {
             contact.ex_index,
             contact.ey_index,
             contact.theta_index,
-            contact.lateral_mm
+            contact.across_ray_mm
         ])
     });
     let heights = bend.heights.iter();

@@ -10,7 +10,9 @@ use std::process::Command;
 use std::time::Instant;
 
 use estimation::random;
-use estimation::revolutions::{AngleSample, ResampleFilter, ResampledChannel, Resampler, common_revolutions};
+use estimation::revolutions::{
+    AngleSample, ResampleFilter, ResampledChannel, Resampler, common_and_rejected_revolutions,
+};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
@@ -48,7 +50,7 @@ struct RotationSamples<'a> {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let file = eight_sensor_machine_file()?;
-    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None)?;
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "multiprobe", None)?;
     let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
     let turns = simulate_rotations(&plan);
     let samples: usize = turns.iter().map(|turn| turn.samples.len()).sum();
@@ -202,7 +204,7 @@ fn time_numpy_resampling(python: &Path, turns: &[RotationSamples]) -> Result<(f6
 }
 
 fn check_against_numpy(all: &[ResampledChannel], theirs: &[f64]) -> Result<(), Box<dyn Error>> {
-    let blocks = all.iter().flat_map(|of| common_revolutions(0, std::slice::from_ref(of)).0);
+    let blocks = all.iter().flat_map(|of| common_and_rejected_revolutions(0, std::slice::from_ref(of)).0);
     let ours: Vec<f64> = blocks.flat_map(|row| row.revolutions[0].clone()).collect();
     let differences: Vec<f64> = ours.iter().zip(theirs).map(|(a, b)| (a - b).abs()).collect();
     if differences.len() != theirs.len() {

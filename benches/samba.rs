@@ -126,7 +126,7 @@ fn time_repeated_solves(data: &SimulatedMeasurements) -> Result<f64, Box<dyn Err
             let centres = 3 * measured.centre_axes_mm.len();
             let mut change: Vec<f64> = (0..centres).map(|_| next(NOISE_STD_MM)).collect();
             change.extend(measured.lengths_mm.iter().map(|_| next(BAR_STD_U_MM)));
-            (model.solve_for_change(&change)[0] - minimum.x[0]).powi(2)
+            (model.unknowns_for_changed_observations(&change)[0] - minimum.x[0]).powi(2)
         })
         .sum();
     let seconds = start.elapsed().as_secs_f64();
@@ -166,7 +166,7 @@ fn simulate_measurements() -> Result<SimulatedMeasurements, Box<dyn Error>> {
         for (ball, xyz) in stands {
             let xyz = xyz.map(|value| value + next() * NOISE_STD_MM);
             seen.push(BallMeasurement {
-                position_index: k,
+                rotary_position_index: k,
                 ball_index: ball,
                 whitening: Matrix3::identity() / NOISE_STD_MM,
             });

@@ -77,7 +77,8 @@ fn time_journal_writes(readings: &[Reading], folder: &Path) -> Result<Vec<Durati
     let folder = tempfile::tempdir_in(folder)?;
     let journal = Journal::open(folder.path())?;
     let method = METHOD_DESCRIPTIONS[0].name;
-    let (_, plan) = setup::configure_method_and_plan(&setup::load_machine_file(None, method)?, method, None)?;
+    let (_, plan) =
+        setup::configure_method_and_plan_without_steps(&setup::load_machine_file(None, method)?, method, None)?;
     let id = journal.begin_run(&NewRun { machine_file_text: String::new(), plan }).wait()?;
     let mut times = Vec::new();
     for reading in readings {

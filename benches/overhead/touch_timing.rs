@@ -8,7 +8,7 @@ use devices::controllers::Controller;
 use devices::controllers::grbl::GrblDriver;
 use devices::controllers::modbus::{ModbusConfig, ModbusDriver};
 use link::{CaptureWriter, LineLink, LinkAddress, LinkMode};
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use trued::run::Run;
@@ -146,28 +146,28 @@ fn block_on_new_runtime<T>(work: impl Future<Output = T>) -> T {
 async fn run_and_time_touches(file: &MachineFile, devices: &Devices, folder: &Path) -> TimedRun {
     let folder = tempfile::tempdir_in(folder).unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::configure_method_and_plan(file, METHOD_NAME, None).unwrap();
-    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
+    let (method, header) = setup::configure_method_and_plan_without_steps(file, METHOD_NAME, None).unwrap();
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan: header.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let (mut touches, mut stages) = (Vec::new(), Vec::new());
     let (mut begun, mut ended, mut between) = (None::<Instant>, None::<Instant>, false);
-    let mut on_event = |event: &Event| match event {
-        Event::StageStarted { .. } => between = true,
-        Event::StepStarted { .. } if between => {
+    let mut on_event = |event: &RunEvent| match event {
+        RunEvent::StageStarted { .. } => between = true,
+        RunEvent::StepStarted { .. } if between => {
             between = false;
             let now = Instant::now();
             stages.extend(ended.map(|ended| now - ended));
             begun = Some(now);
         }
         // This event comes after the reading is stored.
-        Event::ReadingStored { .. } => {
+        RunEvent::ReadingStored { .. } => {
             let now = Instant::now();
             touches.extend(begun.replace(now).map(|begun| now - begun));
             ended = Some(now);
         }
         _ => {}
     };
-    let mut run = Run::new(id, method.as_ref(), devices, &journal, plan, &mut on_event);
+    let mut run = Run::new(id, method.as_ref(), devices, &journal, header, &mut on_event);
     run.execute().await.unwrap();
     let readings = run.readings;
     assert!(touches.len() == readings.len() && readings.len() > 200, "{} touches", touches.len());

@@ -60,7 +60,7 @@ struct ConnectionState {
     is_held: bool,
     /// Time of the end of a running move, and the answer to it.
     running_move: Option<(Instant, Vec<u8>)>,
-    /// Times of the last two answers.
+    /// Times of the last two answers, the older first.
     last_answer_times: [Instant; 2],
 }
 

@@ -36,14 +36,16 @@ impl CompareError {
     }
 }
 
+/// Differences between two stored runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Comparison {
+pub struct RunComparison {
+    /// First and second run; a difference is second minus first.
     pub runs: [RunSummary; 2],
     pub differences: Vec<ParameterDifference>,
     pub functions: Vec<FunctionDifference>,
     /// Sources of uncertainty with the same value in both runs: they cancel in `differences`.
     pub common_sources: Vec<String>,
-    /// Other differences between the runs, in words.
+    /// Differences other than those of parameters and functions, in words.
     pub besides: Vec<String>,
 }
 
@@ -54,7 +56,7 @@ pub struct Comparison {
 /// # Errors
 /// A run or an estimate does not exist, or the estimates have no quantity in common or only quantities in
 /// different units.
-pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<Comparison, CompareError> {
+pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<RunComparison, CompareError> {
     let [one, other] = [journal.load_run(first)?, journal.load_run(second)?];
     let last = |run: &StoredRun| {
         let last = run.estimates.last().map(|stored| stored.estimate.clone());
@@ -65,7 +67,7 @@ pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<Co
     let differences = parameter_differences(&of_one, &of_other, &common_sources);
     let functions = function_differences(&of_one, &of_other, largest_coverage_factor([&of_one, &of_other]));
     let unit_differences = symbols_with_different_units(&of_one, &of_other);
-    let mut besides = describe_setup_differences(&one, &other);
+    let mut other_differences = describe_setup_differences(&one, &other);
     let runs = [one.summary, other.summary];
     if differences.is_empty() && functions.is_empty() {
         return Err(not_comparable_error(runs, &unit_differences));
@@ -73,13 +75,13 @@ pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<Co
     if !functions.is_empty() && of_one.gauge != of_other.gauge {
         let gauges = [(first, &of_one), (second, &of_other)];
         let line = |(run, of): (RunId, &Estimate)| format!("convention of run {run}: {}", of.gauge.join("; "));
-        besides.extend(gauges.map(line));
+        other_differences.extend(gauges.map(line));
     }
-    besides.extend(describe_height_differences(&of_one, &of_other));
+    other_differences.extend(describe_height_differences(&of_one, &of_other));
     if !unit_differences.is_empty() {
-        besides.push(format!("the two runs have different units for {}", unit_differences.join(", ")));
+        other_differences.push(format!("the two runs have different units for {}", unit_differences.join(", ")));
     }
-    Ok(Comparison { runs, differences, functions, common_sources, besides })
+    Ok(RunComparison { runs, differences, functions, common_sources, besides: other_differences })
 }
 
 /// Maximum difference of two heights that count as equal, mm.

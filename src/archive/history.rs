@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::report::{self, IndividualsChart};
 use crate::store::{FinishedRunResult, Journal, RunId, StoreError};
-use machine::record::estimate::{Parameter, ParameterLimit, Unit};
+use machine::record::estimate::{Parameter, ParameterTolerance, Unit};
 use machine::record::reading::Temperatures;
 use methods::decision::trend::{self, ChangeKind, NamedTrend, Trend, TrendPoint};
 
@@ -31,7 +31,7 @@ pub struct ParameterSeries {
     pub method: String,
     pub symbol: String,
     pub unit: Unit,
-    /// Maximum magnitude of the value, by the present machine file.
+    /// Maximum magnitude of the value, by the present machine file; `None`: it states no limit.
     pub tolerance: Option<f64>,
     pub values: Vec<RunParameter>,
     pub trend: Trend,
@@ -48,12 +48,12 @@ const MAX_RUNS_PER_METHOD: u32 = 200;
 pub fn machine_history(
     journal: &Journal,
     machine: &str,
-    limits: &[ParameterLimit],
+    tolerances: &[ParameterTolerance],
 ) -> Result<Vec<ParameterSeries>, StoreError> {
     let mut all: Vec<ParameterValues> = Vec::new();
     journal.visit_finished_run_results(machine, MAX_RUNS_PER_METHOD, |measured| add_run_values(&mut all, measured))?;
     all.sort_by(|one, other| one.method.cmp(&other.method));
-    Ok(all.into_iter().map(|parameter| parameter.into_series(limits)).collect())
+    Ok(all.into_iter().map(|parameter| parameter.into_series(tolerances)).collect())
 }
 
 /// Values of one parameter so far.
@@ -78,14 +78,14 @@ fn add_run_values(all: &mut Vec<ParameterValues>, measured: FinishedRunResult) {
 }
 
 impl ParameterValues {
-    fn into_series(self, limits: &[ParameterLimit]) -> ParameterSeries {
+    fn into_series(self, tolerances: &[ParameterTolerance]) -> ParameterSeries {
         let Self { method, symbol, unit, values } = self;
         let point = |value: &RunParameter| TrendPoint {
             measurement_time_s: value.started.as_duration().as_secs_f64(),
             value: value.value,
         };
         let trend = Trend::from_points(values.iter().map(point).collect());
-        let limit = limits.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
+        let limit = tolerances.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
         ParameterSeries { method, symbol, unit, tolerance: limit.map(|limit| limit.limit), values, trend }
     }
 }

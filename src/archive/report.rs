@@ -4,8 +4,8 @@ use super::run_story::{describe_events_with_times, describe_signatures};
 use super::volumetric_error::volumetric_error_maps;
 use crate::report::{page, temperature};
 use crate::store::{Journal, RunId, StoreError};
-use machine::record::event::Event;
-use machine::record::proof::Proof;
+use machine::record::event::RunEvent;
+use machine::record::stage_proof::StageProof;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -55,9 +55,9 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
     Ok(page::render_result_page(&stored.plan, &last.estimate, &facts)?)
 }
 
-fn stage_proof(event: &Event) -> Option<Proof> {
+fn stage_proof(event: &RunEvent) -> Option<StageProof> {
     match event {
-        Event::StageProven { proof, .. } => Some(proof.clone()),
+        RunEvent::StageProven { proof, .. } => Some(proof.clone()),
         _ => None,
     }
 }

@@ -1,19 +1,19 @@
 //! Describes the events of a stored run, its end and the next possible action, in words.
 
-use crate::store::{RunId, RunState, RunSummary, Signature, StoredRun};
-use machine::record::event::Event;
+use crate::store::{EstimateSignature, RunId, RunState, RunSummary, StoredRun};
+use machine::record::event::RunEvent;
 use machine::record::machine::Homing;
 
 /// Stops, faults, prompts, acknowledgements and signatures of a run: the time and the text of each.
 pub fn describe_events_with_times(stored: &StoredRun) -> Vec<(String, String)> {
-    let told = |event: &Event| match event {
-        Event::Held { reason } => Some(format!("held: {reason}")),
-        Event::Faulted { what, .. } => Some(format!("fault: {what}")),
-        Event::Acknowledged { who, what, .. } => Some(format!("confirmed by {who}: {what}")),
-        Event::Asked { text, .. } => Some(format!("prompt for the operator: {text}")),
-        Event::Answered { who, .. } => Some(format!("prompt confirmed by {who}")),
-        Event::Resumed { gap_s } => Some(format!("resumed after an interruption at t = {gap_s:.1} s")),
-        Event::SamplesRemoved { scans } => {
+    let told = |event: &RunEvent| match event {
+        RunEvent::Held { reason } => Some(format!("held: {reason}")),
+        RunEvent::Faulted { what, .. } => Some(format!("fault: {what}")),
+        RunEvent::Acknowledged { who, what, .. } => Some(format!("confirmed by {who}: {what}")),
+        RunEvent::Asked { text, .. } => Some(format!("prompt for the operator: {text}")),
+        RunEvent::Answered { who, .. } => Some(format!("prompt confirmed by {who}")),
+        RunEvent::Resumed { gap_s } => Some(format!("resumed after an interruption at t = {gap_s:.1} s")),
+        RunEvent::SamplesRemoved { scans } => {
             Some(format!("the samples of {scans} scans were deleted at the end of their retention period"))
         }
         _ => None,
@@ -33,11 +33,11 @@ pub fn describe_signatures(stored: &StoredRun) -> Vec<String> {
     of_last.map(|(at, signature)| format!("{} on {at:.0}", describe_signer(signature))).collect()
 }
 
-fn signs_last_estimate(stored: &StoredRun, signature: &Signature) -> bool {
+fn signs_last_estimate(stored: &StoredRun, signature: &EstimateSignature) -> bool {
     stored.estimates.last().is_some_and(|last| last.sha256 == signature.estimate_sha256)
 }
 
-fn describe_signer(Signature { who, remark, .. }: &Signature) -> String {
+fn describe_signer(EstimateSignature { who, remark, .. }: &EstimateSignature) -> String {
     match remark.as_str() {
         "" => format!("by {who}"),
         remark => format!("by {who} ({remark})"),
@@ -48,8 +48,8 @@ fn describe_signer(Signature { who, remark, .. }: &Signature) -> String {
 pub fn describe_run_end(stored: &StoredRun) -> String {
     let (id, state) = (stored.summary.id, stored.summary.state);
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
-        Event::Held { reason } => Some(reason.clone()),
-        Event::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
+        RunEvent::Held { reason } => Some(reason.clone()),
+        RunEvent::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
         _ => None,
     });
     let why = match (state, last) {
@@ -67,9 +67,9 @@ pub fn describe_run_end(stored: &StoredRun) -> String {
 /// identification has failed: the process ended first, or the computation is in progress.
 pub fn identification_fault(stored: &StoredRun) -> Option<String> {
     let events = stored.events.iter().rev().map(|(_, event)| event);
-    let mut since = events.take_while(|event| !matches!(event, Event::Finished | Event::Resumed { .. }));
+    let mut since = events.take_while(|event| !matches!(event, RunEvent::Finished | RunEvent::Resumed { .. }));
     since.find_map(|event| match event {
-        Event::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
+        RunEvent::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
         _ => None,
     })
 }
@@ -81,17 +81,17 @@ pub fn may_have_lost_position(stored: &StoredRun) -> bool {
         return true;
     }
     let events = stored.events.iter().rev().map(|(_, event)| event);
-    let mut since = events.take_while(|event| !matches!(event, Event::Resumed { .. }));
-    since.any(|event| matches!(event, Event::Faulted { position_lost: true, .. }))
+    let mut since = events.take_while(|event| !matches!(event, RunEvent::Resumed { .. }));
+    since.any(|event| matches!(event, RunEvent::Faulted { position_lost: true, .. }))
 }
 
 /// Whether a person has acknowledged the stop and abandoned the run: no further action is expected. An
 /// acknowledgement for a resume does not count.
 pub fn is_abandoned(stored: &StoredRun) -> bool {
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
-        Event::Acknowledged { leaves, .. } => Some(*leaves),
+        RunEvent::Acknowledged { leaves, .. } => Some(*leaves),
         // Messages, and the later removal of samples.
-        Event::Announced { .. } | Event::SamplesRemoved { .. } => None,
+        RunEvent::Announced { .. } | RunEvent::SamplesRemoved { .. } => None,
         _ => Some(false),
     });
     last.unwrap_or(false)

@@ -2,8 +2,8 @@ use super::compare::{CompareError, compare_runs};
 use super::history::{draw_series_chart, machine_history};
 use super::report::render_report;
 use super::run_story::{describe_events_with_times, describe_signatures, may_have_lost_position};
-use crate::store::{Journal, NewRun, RunId, RunState, Signature};
-use machine::record::estimate::{Estimate, Parameter, ParameterLimit, Unit};
+use crate::store::{EstimateSignature, Journal, NewRun, RunId, RunState};
+use machine::record::estimate::{Estimate, Parameter, ParameterTolerance, Unit};
 use machine::record::plan::Plan;
 
 pub fn plan(method: &str, machine: &str) -> Plan {
@@ -62,11 +62,11 @@ fn history_has_the_last_estimate_of_each_finished_run() {
     run("samba", "mill", finished, &[]);
     run("laser-r-test", "mill", finished, &[one(5.0)]);
     let last = run("samba", "mill", finished, &[one(6.0)]);
-    let limit = |unit, limit| ParameterLimit { symbol: "EX0C".to_owned(), unit, limit };
+    let limit = |unit, limit| ParameterTolerance { symbol: "EX0C".to_owned(), unit, limit };
     let tolerance = [limit(Unit::Mm, 0.1), limit(Unit::Um, 7.5)];
     let all = machine_history(&journal, "mill", &tolerance).unwrap();
     assert!(all.iter().all(|series| series.tolerance == Some(7.5)));
-    let other = ParameterLimit { symbol: "EY0C".to_owned(), ..limit(Unit::Um, 7.5) };
+    let other = ParameterTolerance { symbol: "EY0C".to_owned(), ..limit(Unit::Um, 7.5) };
     assert!(machine_history(&journal, "mill", &[other]).unwrap().iter().all(|s| s.tolerance.is_none()));
     let told: Vec<String> = all
         .iter()
@@ -116,7 +116,7 @@ fn signature_applies_to_the_signed_estimate_only() {
     let run = journal.begin_run(&new).wait().unwrap();
     let sign = |who: &str, hash: &str| {
         let signature =
-            Signature { who: who.to_owned(), remark: "as ever".to_owned(), estimate_sha256: hash.to_owned() };
+            EstimateSignature { who: who.to_owned(), remark: "as ever".to_owned(), estimate_sha256: hash.to_owned() };
         journal.add_signature(run, &signature).wait().unwrap();
     };
     let by = || journal.runs().unwrap()[0].signed.clone();
@@ -137,7 +137,7 @@ fn signature_applies_to_the_signed_estimate_only() {
     for statement in ["DELETE FROM signatures", "UPDATE signatures SET who = 'Eve'"] {
         assert!(raw.execute(statement, []).is_err(), "{statement}");
     }
-    let ghost = Signature { who: "Eve".to_owned(), remark: String::new(), estimate_sha256: first };
+    let ghost = EstimateSignature { who: "Eve".to_owned(), remark: String::new(), estimate_sha256: first };
     assert!(journal.add_signature(RunId(7), &ghost).wait().is_err());
 }
 

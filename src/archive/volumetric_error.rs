@@ -10,7 +10,7 @@ use methods::prediction::{ErrorPredictor, ErrorSlice, WorkZero};
 /// axis errors.
 pub fn volumetric_error_maps(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
     let predictor = ErrorPredictor::new(machine, estimate, WorkZero::TableOrigin).ok()?;
-    let poses = predictor.grid_poses().ok()?;
+    let poses = predictor.volume_grid_poses().ok()?;
     let errors = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
     let slices = predictor.error_slices(poses.get(errors[0].worst_pose_index)?).ok()?;
     let mut lines = vec![format!(

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 
 use super::args::CheckArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::run::build_runtime;
 use super::signals::start_signal_halt_thread;
@@ -19,7 +19,7 @@ use crate::store::{Journal, MachineLock};
 /// Name of a method for loading the machine file; any method would do.
 const PLACEHOLDER_METHOD: &str = "self-calibration";
 
-pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), PLACEHOLDER_METHOD)?;
     let folder = state_folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
@@ -52,7 +52,7 @@ fn select_operator(reopenable_machine: &ReopenableMachine<'_>, stop: &CheckStop)
     }
 }
 
-fn print_summary(summary: &CheckSummary, json: bool) -> Result<(), Failure> {
+fn print_summary(summary: &CheckSummary, json: bool) -> Result<(), CommandFailure> {
     if json {
         return show::print_json(summary);
     }

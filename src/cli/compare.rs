@@ -2,22 +2,22 @@
 
 use std::path::Path;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::result_args::CompareArgs;
 use super::{ExitStatus, show};
-use crate::archive::compare::{CompareError, Comparison, compare_runs};
+use crate::archive::compare::{CompareError, RunComparison, compare_runs};
 use crate::store::{Journal, RunId};
 use methods::decision::function_difference::FunctionDifference;
 use methods::decision::parameter_difference::ParameterDifference;
 
-impl From<CompareError> for Failure {
+impl From<CompareError> for CommandFailure {
     fn from(error: CompareError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-pub fn compare_stored_runs(args: &CompareArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn compare_stored_runs(args: &CompareArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let comparison = compare_runs(&journal, RunId(args.first), RunId(args.second))?;
     match args.json {
@@ -27,12 +27,12 @@ pub fn compare_stored_runs(args: &CompareArgs, state: Option<&Path>) -> Result<E
     Ok(ExitStatus::Pass)
 }
 
-fn print_comparison(comparison: &Comparison) {
-    let Comparison { runs, differences, functions, common_sources, besides } = comparison;
+fn print_comparison(comparison: &RunComparison) {
+    let RunComparison { runs, differences, functions, common_sources, besides: other_differences } = comparison;
     for run in runs {
         outln!("run {}: {} on {}, {:.0}", run.id, run.method, run.machine, run.started);
     }
-    for words in besides {
+    for words in other_differences {
         outln!("note: {words}");
     }
     print_parameter_differences(differences);

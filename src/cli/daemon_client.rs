@@ -1,4 +1,4 @@
-//! Client of a daemon that holds the machine: the command starts one of the daemon's cycles, as the page would,
+//! Client of a daemon that holds the machine: the command starts one of the daemon's cycles, as the web page would,
 //! and waits for its end.
 
 use std::path::Path;
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::ExitStatus;
 use super::args::RunArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::progress::ProgressDisplay;
 use super::signals::start_signal_halt_thread;
 use super::terminal::{confirm_with_enter, prompt_line};
@@ -19,7 +19,7 @@ use crate::setup::MachineFile;
 use crate::store::{Journal, LockError, LockHolder, RunId, sha256_text};
 use devices::controllers::HaltHandle;
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 /// Polling period of the daemon's state.
 const POLL_PERIOD: Duration = Duration::from_millis(200);
@@ -45,8 +45,9 @@ impl DaemonClient {
         let LockError::MachineInUse { holder: Some(LockHolder { machine, pid, .. }), .. } = error else {
             return None;
         };
-        let PageAddressFile { page, machine_files, .. } = PageAddressFile::read(*pid, folder)?;
-        let machine_file_sha256 = machine_files.get(machine)?.clone();
+        let PageAddressFile { page, machine_file_sha256_by_machine: sha256_by_machine, .. } =
+            PageAddressFile::read(*pid, folder)?;
+        let machine_file_sha256 = sha256_by_machine.get(machine)?.clone();
         let agent = ureq::Agent::config_builder()
             .timeout_global(Some(REQUEST_TIMEOUT))
             .http_status_as_error(false)
@@ -63,7 +64,7 @@ impl DaemonClient {
         args: &RunArgs,
         machine: &MachineFile,
         journal: &Journal,
-    ) -> Result<(RunId, Estimate), Failure> {
+    ) -> Result<(RunId, Estimate), CommandFailure> {
         refuse_unsupported_options(args)?;
         self.check_same_machine_file(args, machine)?;
         let state = self.machine_state()?;
@@ -85,13 +86,13 @@ impl DaemonClient {
             Some("waiting") => {}
             Some("held") => {
                 let next_action = format!("check the machine, then `trued resume {run}`");
-                return Err(Failure {
+                return Err(CommandFailure {
                     exit_status: ExitStatus::Stopped,
-                    ..Failure::new(format!("run {run} is held"), next_action)
+                    ..CommandFailure::new(format!("run {run} is held"), next_action)
                 });
             }
             _ => {
-                return Err(Failure::new(
+                return Err(CommandFailure::new(
                     "the daemon reports that the cycle has failed",
                     "read the reason \
                 in the log of the daemon",
@@ -101,7 +102,7 @@ impl DaemonClient {
         let last = journal.load_run(run)?.estimates.pop();
         let last = last.ok_or_else(|| {
             let what = format!("run {run} is measured, but has no estimate yet");
-            Failure::new(what, format!("the daemon computes the estimate; `trued show {run}` shows it"))
+            CommandFailure::new(what, format!("the daemon computes the estimate; `trued show {run}` shows it"))
         })?;
         Ok((run, last.estimate))
     }
@@ -112,7 +113,7 @@ impl DaemonClient {
         who: &str,
         answers: &PromptAnswerSource,
         progress: &mut ProgressDisplay,
-    ) -> Result<Value, Failure> {
+    ) -> Result<Value, CommandFailure> {
         let (mut stage, mut open) = (Value::Null, None);
         let print = progress.line_printer();
         loop {
@@ -125,12 +126,12 @@ impl DaemonClient {
                 print("the run waits for the operator; confirm the prompt on a terminal or on the page:");
             }
             let values = serde_json::from_value(state["asked"]["live"].clone());
-            progress.show_event(&Event::Watched { values: values.unwrap_or_default() });
+            progress.show_event(&RunEvent::Watched { values: values.unwrap_or_default() });
             if let Some(OpenPrompt { step_id: step, repeat_number: repeat, .. }) =
                 asked.as_ref().filter(|asked| answers.poll(asked).is_some())
                 && let Err(refused) = self.post("answer", &json!({"step": step, "repeat": repeat, "who": who}))
             {
-                // Another person has confirmed the prompt on the page first.
+                // Another person has confirmed the prompt on the web page first.
                 print(&refused.message);
             }
             open = asked;
@@ -146,13 +147,13 @@ impl DaemonClient {
     }
 
     /// Checks that the daemon uses the same machine file; it keeps the one that it read at its start.
-    fn check_same_machine_file(&self, args: &RunArgs, machine: &MachineFile) -> Result<(), Failure> {
+    fn check_same_machine_file(&self, args: &RunArgs, machine: &MachineFile) -> Result<(), CommandFailure> {
         if sha256_text(machine.text()) == self.machine_file_sha256 {
             return Ok(());
         }
         let file = args.machine.as_ref().map(|file| file.display().to_string());
         let file = file.unwrap_or_else(|| "the built-in machine file".to_owned());
-        Err(Failure::new(
+        Err(CommandFailure::new(
             format!(
                 "the machine file {file} differs from the machine file that the running daemon has read \
                 at its start"
@@ -161,11 +162,11 @@ impl DaemonClient {
         ))
     }
 
-    fn machine_state(&self) -> Result<Value, Failure> {
+    fn machine_state(&self) -> Result<Value, CommandFailure> {
         parse_response(self.with_token(self.agent.get(&self.machine_url)).call())
     }
 
-    fn post(&self, action: &str, body: &Value) -> Result<Value, Failure> {
+    fn post(&self, action: &str, body: &Value) -> Result<Value, CommandFailure> {
         let request = self.agent.post(format!("{}/{action}", self.machine_url));
         parse_response(self.with_token(request).send_json(body))
     }
@@ -186,9 +187,9 @@ fn open_prompt(asked: &Value) -> Option<OpenPrompt> {
 }
 
 /// Body of a successful response; an error for a refusal or if there is no response.
-fn parse_response(answered: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Result<Value, Failure> {
+fn parse_response(answered: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Result<Value, CommandFailure> {
     let lost = |error: ureq::Error| {
-        Failure::new(
+        CommandFailure::new(
             format!("no reply from the daemon that controls the machine: {error}"),
             "check the machine and the log of the daemon",
         )
@@ -199,19 +200,21 @@ fn parse_response(answered: Result<ureq::http::Response<ureq::Body>, ureq::Error
     let word = |key: &str| said[key].as_str().unwrap_or_default().to_owned();
     match (refused, word("code").as_str()) {
         (false, _) => Ok(said),
-        (true, "no-token") => Err(Failure::new(
+        (true, "no-token") => Err(CommandFailure::new(
             word("message"),
             format!(
                 "set the environment variable {TOKEN_VARIABLE} to a valid \
                 token"
             ),
         )),
-        (true, _) => Err(Failure::new(format!("the daemon refuses the request: {}", word("message")), word("remedy"))),
+        (true, _) => {
+            Err(CommandFailure::new(format!("the daemon refuses the request: {}", word("message")), word("remedy")))
+        }
     }
 }
 
 /// Refuses options that a cycle of the daemon does not support.
-fn refuse_unsupported_options(args: &RunArgs) -> Result<(), Failure> {
+fn refuse_unsupported_options(args: &RunArgs) -> Result<(), CommandFailure> {
     let only = [
         ("--with", !args.with.is_empty()),
         ("--repeat", args.repeat.is_some()),
@@ -220,23 +223,23 @@ fn refuse_unsupported_options(args: &RunArgs) -> Result<(), Failure> {
     ];
     match only.into_iter().find(|(_, is_asked)| *is_asked) {
         None => Ok(()),
-        Some((option, _)) => Err(Failure::new(
+        Some((option, _)) => Err(CommandFailure::new(
             format!("a daemon controls the machine, and the option {option} is not available for its cycles"),
             "omit the option, or stop the daemon first",
         )),
     }
 }
 
-fn unknown_cycle_error(method: &str, cycles: &[Value]) -> Failure {
+fn unknown_cycle_error(method: &str, cycles: &[Value]) -> CommandFailure {
     let known: Vec<&str> = cycles.iter().filter_map(|cycle| cycle["method"].as_str()).collect();
-    Failure::new(
+    CommandFailure::new(
         format!("a daemon controls the machine, and none of its cycles has the method {method}"),
         format!("choose one of {}, or add the method to [serve] of the machine file", known.join(", ")),
     )
 }
 
 /// Name of the operator who confirms that the machine may move; without `--acknowledge` it is read from the terminal.
-fn operator_name(args: &RunArgs) -> Result<String, Failure> {
+fn operator_name(args: &RunArgs) -> Result<String, CommandFailure> {
     const START_CONDITIONS: &str = "the machine may move, the control is in automatic mode, the guards are closed";
     let who = match &args.acknowledge {
         Some(name) => name.trim().to_owned(),
@@ -244,13 +247,13 @@ fn operator_name(args: &RunArgs) -> Result<String, Failure> {
             "A daemon controls the machine and will move it. Make sure that: {START_CONDITIONS}.\nType your name to \
             start, or press Enter to cancel:"
         ))
-        .map_err(Failure::without_remedy)?,
+        .map_err(CommandFailure::without_remedy)?,
     };
     match who.is_empty() {
         false => Ok(who),
-        true => Err(Failure {
+        true => Err(CommandFailure {
             exit_status: ExitStatus::UsageError,
-            ..Failure::new(
+            ..CommandFailure::new(
                 "no operator has confirmed that the machine may move; nothing has moved",
                 format!("check the machine ({START_CONDITIONS}), then add `--acknowledge YOUR_NAME`"),
             )

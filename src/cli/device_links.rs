@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use crate::setup::Devices;
 use link::{CaptureReplay, CaptureWriter, LinkMode};
@@ -15,12 +15,13 @@ pub struct DeviceLinks<'a> {
 }
 
 impl<'a> DeviceLinks<'a> {
-    pub fn from_options(capture_file: Option<&'a Path>, replayed: Option<&Path>) -> Result<Self, Failure> {
+    pub fn from_options(capture_file: Option<&'a Path>, replayed: Option<&Path>) -> Result<Self, CommandFailure> {
         let (wiring, replay_folder) = match (capture_file, replayed) {
             (Some(file), _) => (LinkMode::Captured(create_capture(file)?), None),
             (None, Some(file)) => {
-                let replay = CaptureReplay::read(file)
-                    .map_err(|error| Failure::new(error, "use a file that `trued run --capture FILE` has written"))?;
+                let replay = CaptureReplay::read(file).map_err(|error| {
+                    CommandFailure::new(error, "use a file that `trued run --capture FILE` has written")
+                })?;
                 (LinkMode::Replayed(replay), Some(TemporaryFolder::new()?))
             }
             (None, None) => (LinkMode::Direct, None),
@@ -35,7 +36,7 @@ impl<'a> DeviceLinks<'a> {
 
     /// Directory of journal and locks. A replay measures nothing: it has a directory of its own, and it cannot
     /// be resumed.
-    pub fn state_folder(&self, state: Option<&Path>) -> Result<PathBuf, Failure> {
+    pub fn state_folder(&self, state: Option<&Path>) -> Result<PathBuf, CommandFailure> {
         match &self.replay_folder {
             Some(replay_folder) => Ok(replay_folder.0.clone()),
             None => state_folder(state),
@@ -43,7 +44,10 @@ impl<'a> DeviceLinks<'a> {
     }
 
     /// Opens the devices over these links.
-    pub async fn connect(&self, opening: impl Future<Output = Result<Devices, Failure>>) -> Result<Devices, Failure> {
+    pub async fn connect(
+        &self,
+        opening: impl Future<Output = Result<Devices, CommandFailure>>,
+    ) -> Result<Devices, CommandFailure> {
         let mut devices = self.link_mode.clone().apply_to(opening).await?;
         if let LinkMode::Replayed(replay) = &self.link_mode {
             devices.clock = replay.clock();
@@ -55,7 +59,7 @@ impl<'a> DeviceLinks<'a> {
     ///
     /// # Errors
     /// The error of the run; in a replay with a message for replays.
-    pub fn end_capture_and_map_error<T>(&self, ended: Result<T, Failure>) -> Result<T, Failure> {
+    pub fn end_capture_and_map_error<T>(&self, ended: Result<T, CommandFailure>) -> Result<T, CommandFailure> {
         if let (LinkMode::Captured(capture), Some(file)) = (&self.link_mode, self.capture_file) {
             match capture.finish() {
                 Ok(()) => errln!("capture written: {}", file.display()),
@@ -67,30 +71,30 @@ impl<'a> DeviceLinks<'a> {
 }
 
 /// The error of a replay: nothing has moved, and the run cannot be resumed.
-fn replay_failure(failure: Failure) -> Failure {
-    Failure::new(
+fn replay_failure(failure: CommandFailure) -> CommandFailure {
+    CommandFailure::new(
         format!("the replay ended: {}", failure.message),
         "use the machine file, the method and the program version of the captured run; a replay cannot \
         continue after the end of that run",
     )
 }
 
-fn create_capture(file: &Path) -> Result<CaptureWriter, Failure> {
+fn create_capture(file: &Path) -> Result<CaptureWriter, CommandFailure> {
     CaptureWriter::create(file).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => Failure::new(
+        std::io::ErrorKind::AlreadyExists => CommandFailure::new(
             format!("the file {} exists already", file.display()),
             "a capture is never overwritten: choose another name, or move the existing file",
         ),
-        _ => Failure::from_file_error(file, &error),
+        _ => CommandFailure::from_file_error(file, &error),
     })
 }
 
 struct TemporaryFolder(PathBuf);
 
 impl TemporaryFolder {
-    fn new() -> Result<Self, Failure> {
+    fn new() -> Result<Self, CommandFailure> {
         let folder = std::env::temp_dir().join(format!("trued-replay-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).map_err(|error| Failure::from_file_error(&folder, &error))?;
+        std::fs::create_dir_all(&folder).map_err(|error| CommandFailure::from_file_error(&folder, &error))?;
         Ok(Self(folder))
     }
 }

@@ -13,14 +13,15 @@ use methods::{IdentifyError, MethodRefusal};
 use planning::PlanningError;
 use planning::gcode::RenderError;
 
+/// Error of a command.
 #[derive(Debug)]
-pub struct Failure {
+pub struct CommandFailure {
     pub message: String,
     pub remedy: Option<String>,
     pub exit_status: ExitStatus,
 }
 
-impl Failure {
+impl CommandFailure {
     pub fn new(message: impl ToString, remedy: impl Into<String>) -> Self {
         Self { message: message.to_string(), remedy: Some(remedy.into()), exit_status: ExitStatus::Error }
     }
@@ -35,73 +36,73 @@ impl Failure {
     }
 }
 
-impl From<SetupError> for Failure {
+impl From<SetupError> for CommandFailure {
     fn from(error: SetupError) -> Self {
         Self { message: error.to_string(), remedy: error.remedy(), exit_status: ExitStatus::Error }
     }
 }
 
-impl From<SensorError> for Failure {
+impl From<SensorError> for CommandFailure {
     fn from(error: SensorError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl From<ServeError> for Failure {
+impl From<ServeError> for CommandFailure {
     fn from(error: ServeError) -> Self {
         Self { message: error.to_string(), remedy: error.remedy(), exit_status: ExitStatus::Error }
     }
 }
 
-impl From<TokenError> for Failure {
+impl From<TokenError> for CommandFailure {
     fn from(error: TokenError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl From<StoreError> for Failure {
+impl From<StoreError> for CommandFailure {
     fn from(error: StoreError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl From<LockError> for Failure {
+impl From<LockError> for CommandFailure {
     fn from(error: LockError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl From<IdentifyError> for Failure {
+impl From<IdentifyError> for CommandFailure {
     fn from(error: IdentifyError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl From<MethodRefusal> for Failure {
+impl From<MethodRefusal> for CommandFailure {
     fn from(refused: MethodRefusal) -> Self {
         Self::new(refused.reason, refused.remedy)
     }
 }
 
-impl From<RenderError> for Failure {
+impl From<RenderError> for CommandFailure {
     fn from(error: RenderError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl From<QualificationError> for Failure {
+impl From<QualificationError> for CommandFailure {
     fn from(error: QualificationError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl From<PlanningError> for Failure {
+impl From<PlanningError> for CommandFailure {
     fn from(error: PlanningError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
 
-impl Failure {
+impl CommandFailure {
     /// The error of a cycle of `method`, with the command that continues the run if there is one.
     pub fn from_cycle_error(error: &CycleError, method: &str) -> Self {
         let is_stopped = error.holds_machine() || error.is_requested_stop();

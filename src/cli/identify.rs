@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::args::IdentifyArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::{read_estimates, state_folder};
 use super::{ExitStatus, show};
 use crate::report::readings_csv;
@@ -14,12 +14,12 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::{PLAN_VERSION, Plan, StepKind};
 use machine::record::reading::Reading;
 
-pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let estimate = match (args.run, &args.readings) {
         (Some(run), _) => identify_stored_run(args, RunId(run), state)?,
         (None, Some(file)) => identify_readings_file(args, file)?,
         (None, None) => {
-            return Err(Failure::without_remedy("one of the options --readings and --run is required"));
+            return Err(CommandFailure::without_remedy("one of the options --readings and --run is required"));
         }
     };
     if args.json {
@@ -30,29 +30,30 @@ pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exi
     Ok(estimate.verdict.into())
 }
 
-fn identify_readings_file(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> {
+fn identify_readings_file(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan) = match &args.plan {
         Some(file) => read_plan_and_method(file, &args.method)?,
         None => {
-            let (method, header) = setup::configure_method_and_plan(&machine, &args.method, None)?;
-            let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
+            let (method, plan_without_steps) =
+                setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
+            let (plan, _) = methods::plan_nominal_stages(method.as_ref(), plan_without_steps)?;
             (method, plan)
         }
     };
-    let bytes = std::fs::read(csv).map_err(|error| Failure::from_file_error(csv, &error))?;
+    let bytes = std::fs::read(csv).map_err(|error| CommandFailure::from_file_error(csv, &error))?;
     let readings = readings_csv::read_readings(&bytes)
-        .map_err(|error| Failure::without_remedy(format!("{}: {error}", csv.display())))?;
+        .map_err(|error| CommandFailure::without_remedy(format!("{}: {error}", csv.display())))?;
     replace_priors_and_check_probe(args, &mut plan)?;
-    Ok(judge_estimate(identify_readings(method.as_ref(), &plan, &readings)?, &machine.parameter_limits))
+    Ok(judge_estimate(identify_readings(method.as_ref(), &plan, &readings)?, &machine.tolerances))
 }
 
 /// Identifies a stored run; the tolerances are those of `--machine`, or of the machine file of the run.
-fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<Estimate, Failure> {
+fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<Estimate, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let stored = journal.load_run(run)?;
     if stored.plan.method != args.method {
-        return Err(Failure::without_remedy(format!(
+        return Err(CommandFailure::without_remedy(format!(
             "run {run} was measured with the method `{}`, not with `{}`",
             stored.plan.method, args.method
         )));
@@ -65,12 +66,12 @@ fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) ->
                 .map_err(SetupError::from)?
         }
     };
-    let method =
-        methods::configure_method(&args.method, stored.plan.settings.clone()).map_err(Failure::without_remedy)?;
+    let method = methods::configure_method(&args.method, stored.plan.settings.clone())
+        .map_err(CommandFailure::without_remedy)?;
     let (mut plan, skipped_steps) = keep_measured_steps(stored.plan, stored.summary.state, &stored.readings);
     replace_priors_and_check_probe(args, &mut plan)?;
     let estimate = identify_readings(method.as_ref(), &plan, &stored.readings)?;
-    let mut estimate = judge_estimate(estimate, &machine.parameter_limits);
+    let mut estimate = judge_estimate(estimate, &machine.tolerances);
     estimate.warnings.extend(skipped_steps);
     journal.add_estimate(run, &estimate).wait()?;
     Ok(estimate)
@@ -78,7 +79,7 @@ fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) ->
 
 /// Replaces the priors of the plan by those of `--with`, if given, and checks that they were qualified
 /// with the probe of the plan.
-fn replace_priors_and_check_probe(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
+fn replace_priors_and_check_probe(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), CommandFailure> {
     if !args.with.is_empty() {
         plan.priors = read_estimates(&args.with)?;
     }
@@ -100,10 +101,10 @@ fn keep_measured_steps(mut plan: Plan, state: RunState, readings: &[Reading]) ->
     (plan, (missing > 0).then_some(message))
 }
 
-fn read_plan_and_method(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::from_file_error(file, &error))?;
+fn read_plan_and_method(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), CommandFailure> {
+    let text = std::fs::read_to_string(file).map_err(|error| CommandFailure::from_file_error(file, &error))?;
     let wrong = |why: String| {
-        Failure::new(format!("{}: {why}", file.display()), "use a plan in the format of `trued plan --json`")
+        CommandFailure::new(format!("{}: {why}", file.display()), "use a plan in the format of `trued plan --json`")
     };
     let plan: Plan = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     if plan.trued_plan != PLAN_VERSION {

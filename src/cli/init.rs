@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 
 use super::ExitStatus;
 use super::args::InitArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::run::build_runtime;
 use crate::setup::{MachineFileDraft, SetupError};
 use devices::controllers::{ControllerConfig, DeviceInfo, DiagnosisMode};
 
-pub fn init_command(args: &InitArgs) -> Result<ExitStatus, Failure> {
+pub fn init_command(args: &InitArgs) -> Result<ExitStatus, CommandFailure> {
     if let Some(file) = args.to.as_deref().filter(|file| file.exists()) {
         return Err(file_exists_error(file));
     }
@@ -34,12 +34,12 @@ pub fn init_command(args: &InitArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Absolute path of LinuxCNC's INI file, as the machine file may be read from another folder.
-fn absolute_ini_path(path: Option<&Path>) -> Result<Option<String>, Failure> {
+fn absolute_ini_path(path: Option<&Path>) -> Result<Option<String>, CommandFailure> {
     let Some(path) = path else { return Ok(None) };
     match path.canonicalize() {
         Ok(path) if path.is_file() => Ok(Some(path.display().to_string())),
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::from_file_error(path, &error)),
-        _ => Err(Failure::new(
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(CommandFailure::from_file_error(path, &error)),
+        _ => Err(CommandFailure::new(
             format!("--ini: the file {} does not exist", path.display()),
             "use the path of the INI file of the running LinuxCNC",
         )),
@@ -71,7 +71,7 @@ async fn query_device_info(
     draft: &MachineFileDraft,
     control: &dyn ControllerConfig,
     searches_actively: bool,
-) -> Result<DeviceInfo, Failure> {
+) -> Result<DeviceInfo, CommandFailure> {
     let error = match draft.query_device_info(control).await {
         Err(SetupError::Controller(error)) => error,
         info => return Ok(info?),
@@ -86,20 +86,20 @@ async fn query_device_info(
     Err(SetupError::Controller(error).into())
 }
 
-fn write_new_machine_file(file: &Path, text: &str) -> Result<(), Failure> {
+fn write_new_machine_file(file: &Path, text: &str) -> Result<(), CommandFailure> {
     let created = OpenOptions::new().write(true).create_new(true).open(file);
     let written = created.and_then(|mut created| created.write_all(text.as_bytes()));
     written.map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => file_exists_error(file),
-        _ => Failure::from_file_error(file, &error),
+        _ => CommandFailure::from_file_error(file, &error),
     })?;
     errln!("written: {}. Correct the values that are marked YOURS, then run:", file.display());
     errln!("  trued check --machine {}", file.display());
     Ok(())
 }
 
-fn file_exists_error(file: &Path) -> Failure {
-    Failure::new(
+fn file_exists_error(file: &Path) -> CommandFailure {
+    CommandFailure::new(
         format!("the file {} exists already", file.display()),
         "a machine file is never overwritten: choose another name, or move the existing file",
     )

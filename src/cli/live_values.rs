@@ -1,6 +1,6 @@
 //! Live values of a prompt's sensors, as lines for a terminal.
 
-use machine::record::watched_sensors::{LiveSectionValue, LiveSensorValue, LiveValues};
+use machine::record::watched_sensors::{LiveCrossSectionValue, LiveSensorValue, LiveValues};
 
 /// Width of the drawn range, characters.
 const RANGE_BAR_WIDTH_CHARS: usize = 17;
@@ -34,7 +34,7 @@ fn range_bar(live: &LiveSensorValue) -> String {
     format!("[{}]", (0..RANGE_BAR_WIDTH_CHARS).map(mark).collect::<String>())
 }
 
-fn section_line(live: &LiveSectionValue) -> String {
+fn section_line(live: &LiveCrossSectionValue) -> String {
     let at = match live.eccentricity_um {
         Some([x, y]) => format!("X {x:+.1} µm, Y {y:+.1} µm from the axis"),
         None => "not known, as too few of its sensors report a value".to_owned(),

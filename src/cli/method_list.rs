@@ -3,7 +3,7 @@
 /// One paragraph per method, for `trued run --help`.
 pub(super) fn methods_help() -> String {
     let paragraphs = methods::METHOD_DESCRIPTIONS.iter().map(|method| {
-        format!("  {}\n      needs: {}\n      measures: {}\n", method.name, method.required_setup, method.results)
+        format!("  {}\n      needs: {}\n      finds: {}\n", method.name, method.required_setup, method.results)
     });
     format!("Methods:\n{}", paragraphs.collect::<String>())
 }

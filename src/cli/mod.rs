@@ -47,7 +47,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use self::args::{Cli, Command};
-use self::failure::Failure;
+use self::failure::CommandFailure;
 use machine::record::estimate::Verdict;
 
 /// Exit code of a command (DESIGN, contracts).
@@ -103,7 +103,7 @@ fn print_to_stderr(text: std::fmt::Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-fn dispatch_command(cli: Cli) -> Result<ExitStatus, Failure> {
+fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
     let state = cli.state.as_deref();
     match cli.command {
         Command::Run(args) => run::measurement_run_command(&args, state),

@@ -2,21 +2,21 @@
 
 use super::ExitStatus;
 use super::args::PlanArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::show;
 use crate::setup;
 use machine::Axis;
-use machine::record::motion::Block;
+use machine::record::motion::MotionBlock;
 use machine::record::plan::{Plan, Sampling, Stage};
-use machine::record::proof::Proof;
+use machine::record::stage_proof::StageProof;
 use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
-use planning::{ConfirmedDirections, MachineTime};
+use planning::{MachineTime, TouchedDirections};
 
-pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
+pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
-    let (method, header) = setup::configure_method_and_plan(&machine, &args.method, None)?;
-    let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header)?;
+    let (method, plan_without_steps) = setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
+    let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), plan_without_steps)?;
     let once: Vec<Stage> = stages.iter().filter(|stage| stage.repeat == 0).cloned().collect();
     if args.json {
         show::print_json(&plan)?;
@@ -41,7 +41,7 @@ pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
         for line in method.forecast(&plan, machine_s)? {
             outln!("{line}");
         }
-        let (_, proof) = render_and_prove_program(&plan, &once, machine.controller.control.dialect())?;
+        let (_, proof) = render_and_prove_program(&plan, &once, machine.controller_section.control.dialect())?;
         for line in describe_proof(&proof, &plan) {
             outln!("{line}");
         }
@@ -57,11 +57,15 @@ pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// The whole program, each step once, and its proof. The start position of the machine is unknown.
-fn render_and_prove_program(plan: &Plan, stages: &[Stage], dialect_name: &str) -> Result<(String, Proof), Failure> {
+fn render_and_prove_program(
+    plan: &Plan,
+    stages: &[Stage],
+    dialect_name: &str,
+) -> Result<(String, StageProof), CommandFailure> {
     let dialect =
         Dialect::from_name(dialect_name).and_then(|named| named.with_machine_options(&plan.machine, &plan.probe));
-    let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
-    let (blocks, _) = planning::plan_blocks_by_stage(plan, stages)?;
+    let dialect = dialect.map_err(|error| CommandFailure::new(&error, error.remedy()))?;
+    let (blocks, _) = planning::plan_blocks_and_time_s_by_stage(plan, stages)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let title = match describe_dwell_sampling(plan) {
         Some(what) => format!("{}, {what}", plan.method),
@@ -73,11 +77,18 @@ fn render_and_prove_program(plan: &Plan, stages: &[Stage], dialect_name: &str) -
         .iter()
         .map(|stage| StageSteps { step_ids: &stage.steps, found_artefact: stage.found.as_ref() })
         .collect();
-    let (stages, stands, confirmed) = (&staged, None, ConfirmedDirections::default());
+    let (stages, stands, confirmed) = (&staged, None, TouchedDirections::default());
     let programs = std::slice::from_ref(&text);
-    let request = ProofRequest { plan, stages, start_position: stands, confirmed, dialect: &dialect, programs };
+    let request = ProofRequest {
+        plan,
+        stages,
+        start_position: stands,
+        touched_directions: confirmed,
+        dialect: &dialect,
+        programs,
+    };
     let proof = prove_programs(&request).map_err(|refusal| {
-        Failure::new(format!("the collision check refuses the program: {refusal}"), refusal.remedy())
+        CommandFailure::new(format!("the collision check refuses the program: {refusal}"), refusal.remedy())
     })?;
     Ok((text, proof))
 }
@@ -88,8 +99,8 @@ fn render_program_text(
     program: &HeadAndFootValues<'_>,
     plan: &Plan,
     stages: &[Stage],
-    blocks: &[Block],
-) -> Result<String, Failure> {
+    blocks: &[MotionBlock],
+) -> Result<String, CommandFailure> {
     let mut lines = dialect.render_head(program)?;
     let mut blocks = blocks.iter().peekable();
     for stage in stages {
@@ -117,7 +128,7 @@ fn describe_dwell_sampling(plan: &Plan) -> Option<String> {
 }
 
 /// Summary of the proof for the user.
-fn describe_proof(proof: &Proof, plan: &Plan) -> Vec<String> {
+fn describe_proof(proof: &StageProof, plan: &Plan) -> Vec<String> {
     let nearest = proof.nearest.as_ref().map_or(String::new(), |near| {
         let [one, other] = &near.between;
         let label = plan.steps.iter().find(|step| step.id == near.step).map(|step| &step.label);
@@ -129,14 +140,14 @@ fn describe_proof(proof: &Proof, plan: &Plan) -> Vec<String> {
             label.map_or("", String::as_str)
         )
     });
-    let mut lines = vec![format!("collision check passed: {} motions{nearest}", proof.motions)];
+    let mut lines = vec![format!("collision check passed: {} motions{nearest}", proof.motion_count)];
     lines.extend(proof.not_looked_at.iter().map(|what| format!("not checked: {what}")));
     lines
 }
 
 /// Prints the plan; returns the machine time of all stages, s.
-fn print_plan_and_return_time_s(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
-    let (blocks, machine_s) = planning::plan_blocks_by_stage(plan, stages)?;
+fn print_plan_and_return_time_s(plan: &Plan, stages: &[Stage]) -> Result<f64, CommandFailure> {
+    let (blocks, machine_s) = planning::plan_blocks_and_time_s_by_stage(plan, stages)?;
     outln!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {
         let turned: Vec<String> = step

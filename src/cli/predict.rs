@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::ExitStatus;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::read_estimate;
 use super::result_args::PredictArgs;
 use crate::setup;
@@ -21,7 +21,7 @@ const POSE_COLUMNS: [(&str, Axis); 7] = [
     ("s_deg", Axis::S),
 ];
 
-pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
+pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, CommandFailure> {
     let estimate = read_estimate(&args.estimate)?;
     let machine = setup::load_machine_file(args.machine.as_deref(), &estimate.method)?.machine;
     let zero_at = args.zero.as_deref().map(parse_pose).transpose()?;
@@ -32,7 +32,7 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
     };
     let predictor = ErrorPredictor::new(&machine, &estimate, zero)?;
     if let Some(zero) = zero_at.as_ref().filter(|_| !args.extrapolate) {
-        let refused = |why: methods::MethodRefusal| Failure::new(format!("--zero: {}", why.reason), why.remedy);
+        let refused = |why: methods::MethodRefusal| CommandFailure::new(format!("--zero: {}", why.reason), why.remedy);
         predictor.check_measured_range(zero).map_err(refused)?;
     }
     let (axes, poses) = match &args.at {
@@ -43,7 +43,7 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
             }
             (axes, poses.into_iter().map(|(at, _)| at).collect())
         }
-        None => (Vec::new(), predictor.grid_poses()?),
+        None => (Vec::new(), predictor.volume_grid_poses()?),
     };
     let tips = predictor.tip_errors(&poses);
     if !axes.is_empty() {
@@ -68,10 +68,10 @@ fn check_poses_in_measured_ranges(
     predictor: &ErrorPredictor<'_>,
     file: &Path,
     poses: &[(Position, u64)],
-) -> Result<(), Failure> {
+) -> Result<(), CommandFailure> {
     for (at, line) in poses {
         let refused = |why: methods::MethodRefusal| {
-            Failure::new(format!("{}, line {line}: {}", file.display(), why.reason), why.remedy)
+            CommandFailure::new(format!("{}, line {line}: {}", file.display(), why.reason), why.remedy)
         };
         predictor.check_measured_range(at).map_err(refused)?;
     }
@@ -79,9 +79,9 @@ fn check_poses_in_measured_ranges(
 }
 
 /// Parses a pose such as `X100 Y0 Z300 B0 C90`; axes that are not named are at 0.
-fn parse_pose(text: &str) -> Result<Position, Failure> {
+fn parse_pose(text: &str) -> Result<Position, CommandFailure> {
     let wrong = |word: &str| {
-        Failure::new(
+        CommandFailure::new(
             format!("--zero: `{word}` is not an axis position"),
             "write a pose as \"X100 Y0 Z300 B0 C90\", in mm and degrees",
         )
@@ -99,15 +99,15 @@ fn parse_pose(text: &str) -> Result<Position, Failure> {
 type PoseTable = (Vec<(&'static str, Axis)>, Vec<(Position, u64)>);
 
 /// Reads the poses: the axes in the order of the columns, and each pose with its line.
-fn read_pose_table(file: &Path, machine: &Machine) -> Result<PoseTable, Failure> {
+fn read_pose_table(file: &Path, machine: &Machine) -> Result<PoseTable, CommandFailure> {
     let wrong = |line: u64, why: String| {
-        Failure::new(
+        CommandFailure::new(
             format!("{}, line {line}: {why}", file.display()),
             "write a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg and one pose per \
             line",
         )
     };
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::from_file_error(file, &error))?;
+    let text = std::fs::read_to_string(file).map_err(|error| CommandFailure::from_file_error(file, &error))?;
     let mut rows = csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
     let head = rows.headers().map_err(|error| wrong(1, error.to_string()))?;
     let known = |name: &str| POSE_COLUMNS.into_iter().find(|(column, _)| *column == name);

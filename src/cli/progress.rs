@@ -3,7 +3,7 @@
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::live_values::live_value_lines;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 /// Template of the progress bar while steps are measured.
 const STEP_BAR_TEMPLATE: &str = "  {bar:14} {pos:>2}/{len}  {wide_msg}";
@@ -33,16 +33,16 @@ impl ProgressDisplay {
         }
     }
 
-    pub fn show_event(&mut self, event: &Event) {
+    pub fn show_event(&mut self, event: &RunEvent) {
         match event {
             // Identity and stopping method of the control, each on a line of its own.
-            Event::Announced { text } => text.split("; ").for_each(|line| self.print_line(line)),
-            Event::StageStarted { stage } => {
+            RunEvent::Announced { text } => text.split("; ").for_each(|line| self.print_line(line)),
+            RunEvent::StageStarted { stage } => {
                 self.print_line(&format!("{}: {} steps", stage.name, stage.steps.len()));
                 self.bar.set_length(stage.steps.len() as u64);
                 self.bar.set_position(0);
             }
-            Event::StageProven { proof, .. } => {
+            RunEvent::StageProven { proof, .. } => {
                 if let Some(near) = &proof.nearest {
                     let [one, other] = &near.between;
                     self.print_line(&format!(
@@ -51,13 +51,13 @@ impl ProgressDisplay {
                     ));
                 }
             }
-            Event::Acknowledged { who, what, .. } => self.print_line(&format!("confirmed by {who}: {what}")),
-            Event::Resumed { .. } => self.print_line("the run is resumed; the references are measured first"),
-            Event::StepStarted { label, remaining_s, .. } => {
+            RunEvent::Acknowledged { who, what, .. } => self.print_line(&format!("confirmed by {who}: {what}")),
+            RunEvent::Resumed { .. } => self.print_line("the run is resumed; the references are measured first"),
+            RunEvent::StepStarted { label, remaining_s, .. } => {
                 let left = format_minutes_and_seconds(*remaining_s);
                 self.bar.set_message(format!("{label:<12} remaining {left:>5}  {}", self.last_reading_text));
             }
-            Event::ReadingStored { reading } => {
+            RunEvent::ReadingStored { reading } => {
                 // The current touch is named by its rotary positions; they are left out here.
                 let edge: Vec<String> = reading
                     .position
@@ -68,27 +68,27 @@ impl ProgressDisplay {
                 self.last_reading_text = format!("last {}", edge.join(" "));
                 self.bar.inc(1);
             }
-            Event::ScanStored { samples, flagged, .. } => {
+            RunEvent::ScanStored { samples, flagged, .. } => {
                 self.last_reading_text = format!("last {samples} samples, {flagged} flagged");
                 self.bar.inc(1);
             }
             // The source of the answer shows the prompt.
-            Event::Asked { .. } => self.bar.set_message("waiting for the operator"),
+            RunEvent::Asked { .. } => self.bar.set_message("waiting for the operator"),
             // On a terminal only: a log would grow for as long as the operator works.
-            Event::Watched { values } => {
+            RunEvent::Watched { values } => {
                 self.set_template(SENSOR_BAR_TEMPLATE);
                 self.bar.set_message(live_value_lines(values));
             }
-            Event::Answered { who, .. } => {
+            RunEvent::Answered { who, .. } => {
                 self.set_template(STEP_BAR_TEMPLATE);
                 self.bar.set_message("");
                 self.print_line(&format!("confirmed by {who}"));
                 self.bar.inc(1);
             }
             // The command prints the reason and the remedy at its end.
-            Event::Held { .. } | Event::Faulted { .. } | Event::Finished => self.clear_bar(),
+            RunEvent::Held { .. } | RunEvent::Faulted { .. } | RunEvent::Finished => self.clear_bar(),
             // This event occurs long after the run.
-            Event::SamplesRemoved { .. } => {}
+            RunEvent::SamplesRemoved { .. } => {}
         }
     }
 

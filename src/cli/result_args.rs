@@ -68,7 +68,8 @@ pub struct ExportArgs {
     /// Output folder; created if missing.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub to: PathBuf,
-    /// Also write the readings as points in workpiece coordinates, computed with the nominal machine model.
+    /// Also write the readings as points in workpiece coordinates (of a touch: the centre of the stylus ball),
+    /// computed with the nominal machine model.
     #[arg(long, value_enum)]
     pub frame: Option<ExportFrame>,
     /// Compute these points with the machine errors of this estimate.

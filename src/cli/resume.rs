@@ -5,7 +5,7 @@ use std::path::Path;
 use super::ExitStatus;
 use super::args::ResumeArgs;
 use super::device_links::DeviceLinks;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::progress::ProgressDisplay;
 use super::run::{build_runtime, check_report_folder, open_devices, print_result_and_write_report};
@@ -13,9 +13,9 @@ use super::signals::start_signal_halt_thread;
 use super::terminal::{confirm_with_enter, prompt_line};
 use crate::run::{CycleError, ResumableRun, ResumeQuestion, ResumeRefusal, identify_stored_run, store_identification};
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
-pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     check_report_folder(&args.output)?;
     let folder = state_folder(state)?;
     let (journal, id) = (Journal::open(&folder)?, RunId(args.run));
@@ -34,14 +34,14 @@ pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitSta
     let name = again.stored_run().plan.method.clone();
     let mut progress = ProgressDisplay::start(args.output.json);
     let answers = confirm_with_enter(who, progress.line_printer());
-    let mut tell = |event: &Event| progress.show_event(event);
+    let mut tell = |event: &RunEvent| progress.show_event(event);
     tell(&acknowledged);
     let result = build_runtime()?.block_on(async {
         let opening = open_devices(&again.machine_file, args.output.speed, again.earlier_sessions());
         let devices = links.connect(opening).await?;
-        start_signal_halt_thread(devices.controller.halt_handle())?;
+        start_signal_halt_thread(devices.open_controller.halt_handle())?;
         let result = again.resume_and_identify(&devices, &journal, answers, &mut tell).await;
-        result.map_err(|error| Failure::from_cycle_error(&error, &name))
+        result.map_err(|error| CommandFailure::from_cycle_error(&error, &name))
     });
     let (id, estimate) = links.end_capture_and_map_error(result)?;
     print_result_and_write_report(&journal, state, id, estimate, &args.output, links.is_journal_kept())
@@ -53,17 +53,17 @@ fn identify_measured_run(
     journal: &Journal,
     state: Option<&Path>,
     stored: StoredRun,
-) -> Result<ExitStatus, Failure> {
+) -> Result<ExitStatus, CommandFailure> {
     check_same_machine_file(args, &stored)?;
     let (run, method) = (stored.summary.id, stored.plan.method.clone());
     errln!("all steps of run {run} are measured: computing the estimate from {} readings", stored.readings.len());
     let result = identify_stored_run(stored);
     let result = build_runtime()?.block_on(store_identification(journal, run, result));
-    let of_cycle = |why| Failure::from_cycle_error(&CycleError::NotIdentified { run, why }, &method);
+    let of_cycle = |why| CommandFailure::from_cycle_error(&CycleError::NotIdentified { run, why }, &method);
     print_result_and_write_report(journal, state, run, result.map_err(of_cycle)?, &args.output, true)
 }
 
-impl From<ResumeRefusal> for Failure {
+impl From<ResumeRefusal> for CommandFailure {
     fn from(error: ResumeRefusal) -> Self {
         let what = error.to_string();
         let (question, homed) = match error {
@@ -85,9 +85,9 @@ impl From<ResumeRefusal> for Failure {
 }
 
 /// Checks that the machine file is the stored one: another machine file requires a new run.
-fn check_same_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failure> {
+fn check_same_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), CommandFailure> {
     let Some(file) = &args.machine else { return Ok(()) };
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::from_file_error(file, &error))?;
+    let text = std::fs::read_to_string(file).map_err(|error| CommandFailure::from_file_error(file, &error))?;
     if text == stored.machine_file_text {
         return Ok(());
     }
@@ -96,14 +96,14 @@ fn check_same_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), 
     let what = differs.map_or("one file is longer".to_owned(), |(i, (now, then))| {
         format!("line {} is `{now}` instead of `{then}`", i + 1)
     });
-    Err(Failure::new(
+    Err(CommandFailure::new(
         format!("{} differs from the machine file of run {}: {what}", file.display(), stored.summary.id),
         "resume without --machine to use the stored machine file, or start a new run",
     ))
 }
 
 /// Name of the operator, and the acknowledgement that the machine may move.
-fn acknowledge_resume(args: &ResumeArgs, resumable_run: &ResumableRun) -> Result<(String, Event), Failure> {
+fn acknowledge_resume(args: &ResumeArgs, resumable_run: &ResumableRun) -> Result<(String, RunEvent), CommandFailure> {
     let who = match &args.acknowledge {
         Some(name) => name.clone(),
         None => prompt_for_operator_name(&resumable_run.resume_question())?,
@@ -117,10 +117,10 @@ fn acknowledge_resume(args: &ResumeArgs, resumable_run: &ResumableRun) -> Result
 /// Asks for the acknowledgement on the terminal.
 fn prompt_for_operator_name(
     ResumeQuestion { end_reason, question_text: confirmation, .. }: &ResumeQuestion,
-) -> Result<String, Failure> {
+) -> Result<String, CommandFailure> {
     prompt_line(&format!(
         "{end_reason}\nCheck the machine: {confirmation} The machine will move: first Z straight up, then to the \
         references.\nType your name to continue, or press Enter to cancel:"
     ))
-    .map_err(Failure::without_remedy)
+    .map_err(CommandFailure::without_remedy)
 }

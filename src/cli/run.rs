@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::args::{OutputArgs, RunArgs, SimulationSpeed};
 use super::daemon_client::DaemonClient;
 use super::device_links::DeviceLinks;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::read_estimates;
 use super::progress::ProgressDisplay;
 use super::signals::start_signal_halt_thread;
@@ -16,16 +16,17 @@ use crate::run::{Cycle, PromptAnswerSource, check_qualifications_match_probe};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::{Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use methods::Method;
 
-pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
-    let (method, mut plan) = setup::configure_method_and_plan(&machine, &args.method, args.repeat)?;
+    let (method, mut plan_without_steps) =
+        setup::configure_method_and_plan_without_steps(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
-    plan.priors = read_estimates(&args.with)?;
-    method.check_priors(&plan)?;
-    check_qualifications_match_probe(&plan)?;
+    plan_without_steps.priors = read_estimates(&args.with)?;
+    method.check_priors(&plan_without_steps)?;
+    check_qualifications_match_probe(&plan_without_steps)?;
     check_report_folder(&args.output)?;
     let links = DeviceLinks::from_options(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = links.state_folder(state)?;
@@ -43,15 +44,15 @@ pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<E
 
     let mut progress = ProgressDisplay::start(args.output.json);
     let answers = prompt_answer_source(args, &progress);
-    let mut tell = |event: &Event| progress.show_event(event);
+    let mut tell = |event: &RunEvent| progress.show_event(event);
     let result = build_runtime()?.block_on(async {
         // The run begins after its machine is open.
         let opening = open_devices(&machine, args.output.speed, EarlierSessions::default());
         let devices = links.connect(opening).await?;
-        start_signal_halt_thread(devices.controller.halt_handle())?;
-        let cycle = Cycle { machine_file: &machine, method, plan_without_steps: plan, prompt_answer_source: answers };
+        start_signal_halt_thread(devices.open_controller.halt_handle())?;
+        let cycle = Cycle { machine_file: &machine, method, plan_without_steps, prompt_answer_source: answers };
         let ended = cycle.run(&devices, &journal, |_| (), &mut tell).await;
-        ended.map_err(|error| Failure::from_cycle_error(&error, &args.method))
+        ended.map_err(|error| CommandFailure::from_cycle_error(&error, &args.method))
     });
     let (id, estimate) = links.end_capture_and_map_error(result)?;
     print_result_and_write_report(&journal, state, id, estimate, &args.output, links.is_journal_kept())
@@ -67,9 +68,9 @@ fn prompt_answer_source(args: &RunArgs, progress: &ProgressDisplay) -> PromptAns
 }
 
 /// Runtime with one thread for all tasks.
-pub fn build_runtime() -> Result<tokio::runtime::Runtime, Failure> {
+pub fn build_runtime() -> Result<tokio::runtime::Runtime, CommandFailure> {
     let mut builder = tokio::runtime::Builder::new_current_thread();
-    builder.enable_all().build().map_err(Failure::without_remedy)
+    builder.enable_all().build().map_err(CommandFailure::without_remedy)
 }
 
 /// Prints the estimate, and writes the report if `--report` is given; `is_journal_kept` is false for a replay.
@@ -80,7 +81,7 @@ pub fn print_result_and_write_report(
     estimate: Estimate,
     output: &OutputArgs,
     is_journal_kept: bool,
-) -> Result<ExitStatus, Failure> {
+) -> Result<ExitStatus, CommandFailure> {
     if output.json {
         show::print_json(&estimate)?;
     } else {
@@ -100,15 +101,15 @@ pub fn print_result_and_write_report(
 }
 
 /// Checks before the measurement that the report can be written.
-pub fn check_report_folder(output: &OutputArgs) -> Result<(), Failure> {
+pub fn check_report_folder(output: &OutputArgs) -> Result<(), CommandFailure> {
     output.report.as_ref().map_or(Ok(()), |file| check_parent_folder(file, "the report", "--report"))
 }
 
 /// Checks that the folder of `file` exists.
-pub fn check_parent_folder(file: &Path, what: &str, option: &str) -> Result<(), Failure> {
+pub fn check_parent_folder(file: &Path, what: &str, option: &str) -> Result<(), CommandFailure> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     match folder {
-        Some(folder) if !folder.is_dir() => Err(Failure::new(
+        Some(folder) if !folder.is_dir() => Err(CommandFailure::new(
             format!("the folder {} for {what} does not exist", folder.display()),
             format!("create the folder, or choose another folder with {option}"),
         )),
@@ -120,7 +121,7 @@ pub async fn open_devices(
     machine: &MachineFile,
     speed: Option<SimulationSpeed>,
     earlier_sessions: EarlierSessions<'_>,
-) -> Result<Devices, Failure> {
+) -> Result<Devices, CommandFailure> {
     Ok(setup::open_devices(machine, speed.unwrap_or_default().into(), earlier_sessions).await?)
 }
 

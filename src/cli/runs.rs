@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::{read_estimate, state_folder};
 use super::result_args::{ExportArgs, ExportFrame, RunsArgs, ShowArgs};
 use super::{ExitStatus, add_state_option, show};
@@ -15,7 +15,7 @@ use machine::record::plan::Plan;
 use machine::record::reading::{Reading, ReadingFlag};
 use methods::prediction::WorkpieceTransform;
 
-pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     let mut runs = journal.runs()?;
@@ -59,7 +59,7 @@ fn current_run_state(run: &RunSummary, folder: &Path) -> RunState {
     }
 }
 
-pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     let run = RunId(args.run);
@@ -116,26 +116,26 @@ fn print_events_and_next_action(stored: &StoredRun, state: Option<&Path>) {
     }
 }
 
-pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let run = RunId(args.run);
     let stored = journal.load_run(run)?;
-    std::fs::create_dir_all(&args.to).map_err(|error| Failure::from_file_error(&args.to, &error))?;
+    std::fs::create_dir_all(&args.to).map_err(|error| CommandFailure::from_file_error(&args.to, &error))?;
     let write = |name: String, content: &[u8]| {
         let file = args.to.join(name);
-        std::fs::write(&file, content).map_err(|error| Failure::from_file_error(&file, &error))?;
+        std::fs::write(&file, content).map_err(|error| CommandFailure::from_file_error(&file, &error))?;
         outln!("{}", file.display());
-        Ok::<(), Failure>(())
+        Ok::<(), CommandFailure>(())
     };
     write(format!("run-{run}-plan.json"), to_pretty_json(&stored.plan)?.as_bytes())?;
     let mut csv = Vec::new();
     let comments = [format!("run {run}: {} on {}", stored.plan.method, stored.plan.machine.name)];
-    readings_csv::write_readings(&stored.readings, &comments, &mut csv).map_err(Failure::without_remedy)?;
+    readings_csv::write_readings(&stored.readings, &comments, &mut csv).map_err(CommandFailure::without_remedy)?;
     write(format!("run-{run}-readings.csv"), &csv)?;
     write(format!("run-{run}-machine.toml"), stored.machine_file_text.as_bytes())?;
     if args.frame == Some(ExportFrame::Workpiece) {
         let estimate = args.with.as_deref().map(read_estimate).transpose()?;
-        let points = workpiece_points_csv(&stored.plan, &stored.readings, estimate.as_ref())?;
+        let points = readings_in_workpiece_frame_csv(&stored.plan, &stored.readings, estimate.as_ref())?;
         write(format!("run-{run}-points.csv"), points.as_bytes())?;
     }
     if let Some(last) = stored.estimates.last() {
@@ -145,13 +145,17 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
     Ok(ExitStatus::Pass)
 }
 
-/// Readings as points of the workpiece, mm, with their standard uncertainties.
-fn workpiece_points_csv(plan: &Plan, readings: &[Reading], estimate: Option<&Estimate>) -> Result<String, Failure> {
+/// Readings in the workpiece frame: for a touch the centre of the stylus ball; mm, with standard uncertainties.
+fn readings_in_workpiece_frame_csv(
+    plan: &Plan,
+    readings: &[Reading],
+    estimate: Option<&Estimate>,
+) -> Result<String, CommandFailure> {
     let frame = WorkpieceTransform::new(plan, estimate)?;
     errln!("points: {}", frame.describe_stylus());
     let mut lines = vec!["step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm".to_owned()];
     for reading in readings.iter().filter(|reading| reading.flag == ReadingFlag::None) {
-        let Some(point) = frame.workpiece_point(reading) else { continue };
+        let Some(point) = frame.point_in_workpiece_frame(reading) else { continue };
         let step = plan.steps.iter().find(|step| step.id == reading.step);
         let label = step.map_or("", |step| step.label.as_str());
         let numbers = point.position_mm.iter().chain(point.u_mm.iter());
@@ -162,6 +166,6 @@ fn workpiece_points_csv(plan: &Plan, readings: &[Reading], estimate: Option<&Est
     Ok(lines.join("\n") + "\n")
 }
 
-fn to_pretty_json(value: &impl serde::Serialize) -> Result<String, Failure> {
-    serde_json::to_string_pretty(value).map_err(Failure::without_remedy)
+fn to_pretty_json(value: &impl serde::Serialize) -> Result<String, CommandFailure> {
+    serde_json::to_string_pretty(value).map_err(CommandFailure::without_remedy)
 }

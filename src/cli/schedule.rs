@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::args::{ArmArgs, DisarmArgs, ScheduleArgs};
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::{ExitStatus, show};
 use crate::service::DaemonFile;
@@ -28,7 +28,7 @@ struct ScheduleReport {
     last: Vec<ScheduleSlot>,
 }
 
-pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let file = match (&args.config, &args.machine) {
         (Some(config), _) => Some(DaemonFile::read(config)),
@@ -45,7 +45,7 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exi
             (journal.last_arming_of_each_cycle(&machine)?, journal.newest_slots(&machine, MAX_LISTED_PAST_SLOTS)?);
         Ok(ScheduleReport { machine, planned, armed, last })
     });
-    let reports = reports.collect::<Result<Vec<_>, Failure>>()?;
+    let reports = reports.collect::<Result<Vec<_>, CommandFailure>>()?;
     match args.json {
         true => show::print_json(&reports)?,
         false => reports.iter().for_each(print_schedule),
@@ -83,20 +83,20 @@ fn print_schedule(report: &ScheduleReport) {
     }
 }
 
-pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let ArmArgs { machine, cycle, who, until, why } = args;
     check_machine_known(&journal, machine)?;
     let arming = new_arming(machine, *cycle, require_operator_name(who)?, why, until, Timestamp::now());
     let arming = arming.map_err(|why| {
-        Failure::new(why, "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00")
+        CommandFailure::new(why, "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00")
     })?;
     journal.arm_cycle(&arming).wait()?;
     outln!("the schedule may start cycle {cycle} of {machine} until {}", arming.until);
     Ok(ExitStatus::Pass)
 }
 
-pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let DisarmArgs { machine, cycle, who, why } = args;
     check_machine_known(&journal, machine)?;
@@ -105,14 +105,14 @@ pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<ExitSta
     Ok(ExitStatus::Pass)
 }
 
-fn require_operator_name(who: &str) -> Result<&str, Failure> {
+fn require_operator_name(who: &str) -> Result<&str, CommandFailure> {
     match who.trim() {
-        "" => Err(Failure::new("the name of the operator is missing", "add your name with --who NAME")),
+        "" => Err(CommandFailure::new("the name of the operator is missing", "add your name with --who NAME")),
         who => Ok(who),
     }
 }
 
-fn check_machine_known(journal: &Journal, machine: &str) -> Result<(), Failure> {
+fn check_machine_known(journal: &Journal, machine: &str) -> Result<(), CommandFailure> {
     let all = journal.machine_names()?;
     if all.iter().any(|known| known == machine) {
         return Ok(());
@@ -122,5 +122,5 @@ fn check_machine_known(journal: &Journal, machine: &str) -> Result<(), Failure> 
         it",
         all.join(", ")
     );
-    Err(Failure::new(format!("the journal contains no machine `{machine}`"), remedy))
+    Err(CommandFailure::new(format!("the journal contains no machine `{machine}`"), remedy))
 }

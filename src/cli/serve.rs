@@ -4,14 +4,14 @@ use std::path::Path;
 
 use super::ExitStatus;
 use super::args::ServeArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::run::check_parent_folder;
 use super::signals::start_signal_halt_thread;
 use crate::service::{DaemonFile, ExitState, Service, log_destination};
 use crate::setup::SetupError;
 
-pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let file = match (&args.config, &args.machine) {
         (Some(config), _) => DaemonFile::read(config),
         (None, Some(machine)) => DaemonFile::for_machine_file(machine),

@@ -4,20 +4,20 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use crate::archive::report::render_report;
 use crate::store::{Journal, RunId};
 use machine::record::estimate::{Estimate, LimitVerdict, Unit, Verdict};
 
-pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(value).map_err(Failure::without_remedy)?;
+pub fn print_json(value: &impl Serialize) -> Result<(), CommandFailure> {
+    let text = serde_json::to_string_pretty(value).map_err(CommandFailure::without_remedy)?;
     outln!("{text}");
     Ok(())
 }
 
 pub fn print_estimate(estimate: &Estimate) {
-    let is_judged = estimate.parameters.iter().any(|p| p.judged.is_some());
-    let more = if is_judged { "       limit  verdict" } else { "" };
+    let has_limits = estimate.parameters.iter().any(|p| p.judged.is_some());
+    let more = if has_limits { "       limit  verdict" } else { "" };
     outln!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit{more}", "parameter", "value", "u", "U", "k");
     for p in &estimate.parameters {
         // All values to about a nanometre.
@@ -92,7 +92,7 @@ pub fn describe_verdict(verdict: Verdict) -> &'static str {
 }
 
 /// Writes the report of a stored run's last estimate.
-pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
-    let html = render_report(journal, run).map_err(|error| Failure::new(error.to_string(), error.remedy()))?;
-    std::fs::write(file, html).map_err(|error| Failure::from_file_error(file, &error))
+pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), CommandFailure> {
+    let html = render_report(journal, run).map_err(|error| CommandFailure::new(error.to_string(), error.remedy()))?;
+    std::fs::write(file, html).map_err(|error| CommandFailure::from_file_error(file, &error))
 }

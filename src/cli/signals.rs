@@ -5,19 +5,20 @@ use std::sync::mpsc::{Sender, channel};
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use devices::controllers::HaltHandle;
 
 /// Holds the machine at a signal, from the return of this call on. A thread of its own receives the signals, so
 /// that a stop does not wait for a computation of the run.
-pub fn start_signal_halt_thread(halt: HaltHandle) -> Result<(), Failure> {
+pub fn start_signal_halt_thread(halt: HaltHandle) -> Result<(), CommandFailure> {
     let (ready, is_ready) = channel();
     std::thread::Builder::new()
         .name("signals".to_owned())
         .spawn(move || run_signal_thread(&halt, &ready))
-        .map_err(Failure::without_remedy)?;
+        .map_err(CommandFailure::without_remedy)?;
     let listening = is_ready.recv().unwrap_or_else(|_| Err(io::ErrorKind::BrokenPipe.into()));
-    listening.map_err(|error| Failure::without_remedy(format!("the signal handler could not be started: {error}")))
+    listening
+        .map_err(|error| CommandFailure::without_remedy(format!("the signal handler could not be started: {error}")))
 }
 
 /// Body of the signal thread; sends on `ready` once the signals are received, or the error.

@@ -5,28 +5,28 @@ use std::time::Duration;
 
 use super::ExitStatus;
 use super::args::SimulateArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::run::build_runtime;
 use crate::setup::{self, SimulatedMachine};
 use machine::Axis;
-use machine::record::question::{Question, StylusState};
+use machine::record::question::{OperatorQuestion, StylusState};
 use simulator::SimulatedOperator;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 
-pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, Failure> {
+pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
-    let (_, plan) = setup::configure_method_and_plan(&machine, &args.method, None)?;
+    let (_, plan_without_steps) = setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
     let pace = args.speed.into();
     build_runtime()?.block_on(async {
-        let rehearsal = SimulatedMachine::new(&machine)?;
-        if let Some(sensor) = plan.sensors.iter().find(|sensor| sensor.mount.is_spindle()) {
-            rehearsal.remove_probe();
+        let simulated = SimulatedMachine::new(&machine)?;
+        if let Some(sensor) = plan_without_steps.sensors.iter().find(|sensor| sensor.mount.is_spindle()) {
+            simulated.remove_probe();
             errln!("the sensor `{}` is mounted in the spindle instead of the touch probe", sensor.name);
         }
         let simulator = match args.faults {
-            None => rehearsal.serve_control(pace)?,
+            None => simulated.serve_control(pace)?,
             Some(seed) => {
-                rehearsal.serve_control_with_faulty_wire(pace, FaultyWire::for_rehearsal(seed), print_fault)?
+                simulated.serve_control_with_faulty_wire(pace, FaultyWire::with_few_faults(seed), print_fault)?
             }
         };
         outln!("{simulator}");
@@ -42,10 +42,10 @@ pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, Failure> {
                 .collect::<Vec<_>>()
                 .join("\n")
         );
-        start_stylus_input(rehearsal.simulated_operator());
+        start_stylus_input(simulated.simulated_operator());
         let ended = tokio::signal::ctrl_c().await;
         drop(simulator);
-        ended.map_err(Failure::without_remedy)
+        ended.map_err(CommandFailure::without_remedy)
     })?;
     Ok(ExitStatus::Pass)
 }
@@ -63,7 +63,7 @@ fn start_stylus_input(mut simulated_operator: SimulatedOperator) {
                 "free" => StylusState::Free,
                 _ => continue,
             };
-            simulated_operator.answer(&Question::StylusState(stylus));
+            simulated_operator.answer(&OperatorQuestion::StylusState(stylus));
             errln!("{stylus:?}");
         }
     });

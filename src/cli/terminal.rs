@@ -10,7 +10,7 @@ use tokio::time::sleep;
 use crate::commissioning::{AnswerFuture, CheckStop, OperatorInterface, describe_question};
 use crate::run::{OpenPrompt, PromptAnswerSource};
 use machine::Axis;
-use machine::record::question::{Answer, AxisDirection, ObservedMotion, Question};
+use machine::record::question::{AxisDirection, ObservedMotion, OperatorAnswer, OperatorQuestion};
 
 /// Polling period of a stop while the terminal waits for an answer.
 const STOP_POLL_PERIOD: Duration = Duration::from_millis(50);
@@ -87,15 +87,15 @@ impl TerminalOperator {
         Self { stop, typed_lines: spawn_line_reader() }
     }
 
-    async fn read_answer(&self, question: &Question) -> Answer {
+    async fn read_answer(&self, question: &OperatorQuestion) -> OperatorAnswer {
         loop {
             // Lines typed before the question do not answer it.
             while self.typed_lines.try_recv().is_ok() {}
             errln!("\n{}", describe_question(question));
-            let Some(line) = self.next_line().await else { return Answer::NoOperator };
+            let Some(line) = self.next_line().await else { return OperatorAnswer::NoOperator };
             let answer = match question {
-                Question::ObservedJog { .. } => parse_observation(&line).map(Answer::Motion),
-                Question::RetractDirection { .. } => parse_retract_direction(&line),
+                OperatorQuestion::ObservedJog { .. } => parse_observation(&line).map(OperatorAnswer::Motion),
+                OperatorQuestion::RetractDirection { .. } => parse_retract_direction(&line),
                 _ => parse_yes_no(&line),
             };
             match answer {
@@ -119,29 +119,29 @@ impl TerminalOperator {
 }
 
 impl OperatorInterface for TerminalOperator {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
         Box::pin(self.read_answer(question))
     }
 }
 
-fn parse_yes_no(line: &str) -> Option<Answer> {
+fn parse_yes_no(line: &str) -> Option<OperatorAnswer> {
     match line.to_ascii_lowercase().as_str() {
-        "y" | "yes" => Some(Answer::Yes),
-        "n" | "no" => Some(Answer::No),
+        "y" | "yes" => Some(OperatorAnswer::Yes),
+        "n" | "no" => Some(OperatorAnswer::No),
         _ => None,
     }
 }
 
 /// Parses a linear axis with a sign, such as `Z+`, or no. Yes alone is not accepted, as it names no direction.
-fn parse_retract_direction(line: &str) -> Option<Answer> {
+fn parse_retract_direction(line: &str) -> Option<OperatorAnswer> {
     let line = line.to_ascii_uppercase();
     let (letter, is_positive) = match (line.strip_suffix('+'), line.strip_suffix('-')) {
         (Some(letter), _) => (letter, true),
         (_, Some(letter)) => (letter, false),
-        _ => return parse_yes_no(&line).filter(|answer| *answer == Answer::No),
+        _ => return parse_yes_no(&line).filter(|answer| *answer == OperatorAnswer::No),
     };
     let axis: Axis = letter.parse().ok()?;
-    axis.is_linear().then_some(Answer::Retract(AxisDirection { axis, is_positive }))
+    axis.is_linear().then_some(OperatorAnswer::Retract(AxisDirection { axis, is_positive }))
 }
 
 /// Parses an observation: a letter, an axis, or a distance.
@@ -173,10 +173,10 @@ mod tests {
             line.send("n".to_owned()).unwrap();
         });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let may = Question::AllowAction { action: "May it?".to_owned() };
-        assert_eq!(runtime.block_on(person.read_answer(&may)), Answer::No);
+        let may = OperatorQuestion::AllowAction { action: "May it?".to_owned() };
+        assert_eq!(runtime.block_on(person.read_answer(&may)), OperatorAnswer::No);
         later.join().unwrap();
-        assert_eq!(runtime.block_on(person.read_answer(&may)), Answer::NoOperator, "the terminal is gone");
+        assert_eq!(runtime.block_on(person.read_answer(&may)), OperatorAnswer::NoOperator, "the terminal is gone");
     }
 
     #[test]
@@ -204,10 +204,10 @@ mod tests {
 
     #[test]
     fn retract_is_entered_as_axis_and_sign() {
-        let retract = |axis, is_positive| Some(Answer::Retract(AxisDirection { axis, is_positive }));
+        let retract = |axis, is_positive| Some(OperatorAnswer::Retract(AxisDirection { axis, is_positive }));
         assert_eq!(parse_retract_direction("Z+"), retract(Axis::Z, true));
         assert_eq!(parse_retract_direction("x-"), retract(Axis::X, false));
-        assert_eq!(parse_retract_direction("n"), Some(Answer::No));
+        assert_eq!(parse_retract_direction("n"), Some(OperatorAnswer::No));
         for line in ["", "y", "Z", "+", "+Z", "C+", "Z+1", "Z++", "\u{fc}+", "\u{2212}"] {
             assert_eq!(parse_retract_direction(line), None, "{line}");
         }
@@ -230,7 +230,7 @@ mod tests {
         for (line, expected) in typed {
             assert_eq!(parse_observation(line), expected, "{line}");
         }
-        assert_eq!(parse_yes_no("Yes"), Some(Answer::Yes));
+        assert_eq!(parse_yes_no("Yes"), Some(OperatorAnswer::Yes));
         assert_eq!(parse_yes_no(""), None, "a slip on the keyboard moves nothing");
     }
 }

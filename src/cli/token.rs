@@ -1,4 +1,4 @@
-//! `trued token`: access from other computers to the page and its interface.
+//! `trued token`: access from other computers to the web page and its interface.
 
 use std::path::Path;
 
@@ -6,12 +6,12 @@ use jiff::tz::TimeZone;
 
 use super::ExitStatus;
 use super::args::{TokenArgs, TokenCommand};
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::show::print_json;
 use crate::service::TokenStore;
 
-pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let tokens = TokenStore::in_folder(&state_folder(state)?);
     match &args.command {
         TokenCommand::Add { name, role } => {
@@ -30,7 +30,7 @@ pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<ExitStatu
     Ok(ExitStatus::Pass)
 }
 
-fn list_tokens(tokens: &TokenStore, json: bool) -> Result<(), Failure> {
+fn list_tokens(tokens: &TokenStore, json: bool) -> Result<(), CommandFailure> {
     let all = tokens.read_all()?;
     if json {
         let public = |token: &crate::service::Token| serde_json::json!({"name": token.name, "role": token.role, "made": token.made});

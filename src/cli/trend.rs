@@ -3,17 +3,17 @@
 use std::path::Path;
 
 use super::args::TrendArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::{ExitStatus, show};
 use crate::archive::history::{ParameterSeries, describe_changes, machine_history};
 use crate::setup::MachineFile;
 use crate::store::Journal;
-use machine::record::estimate::ParameterLimit;
+use machine::record::estimate::ParameterTolerance;
 
-pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
-    let last = || Ok::<_, Failure>(journal.runs()?.pop().map(|run| run.machine));
+    let last = || Ok::<_, CommandFailure>(journal.runs()?.pop().map(|run| run.machine));
     let Some(machine) = args.machine.clone().map_or_else(last, |name| Ok(Some(name)))? else {
         outln!("no runs yet: start one with `trued run self-calibration`");
         return Ok(ExitStatus::Pass);
@@ -34,14 +34,14 @@ pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatu
 }
 
 /// Tolerances in the machine file of the newest run; none if this version cannot read that file.
-fn tolerances_of_newest_run(journal: &Journal, machine: &str) -> Result<Vec<ParameterLimit>, Failure> {
+fn tolerances_of_newest_run(journal: &Journal, machine: &str) -> Result<Vec<ParameterTolerance>, CommandFailure> {
     let runs = journal.runs()?;
     let Some(newest) = runs.iter().rev().find(|run| run.machine == machine) else {
         return Ok(Vec::new());
     };
     let stored = journal.load_run(newest.id)?;
     let file = MachineFile::from_stored_run("machine file", stored.machine_file_text, &stored.plan.artefact);
-    Ok(file.map(|file| file.parameter_limits).unwrap_or_default())
+    Ok(file.map(|file| file.tolerances).unwrap_or_default())
 }
 
 /// Prints the series of one method.

@@ -4,15 +4,15 @@ use tokio::sync::mpsc;
 
 use super::ExitStatus;
 use super::args::WatchArgs;
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use crate::setup::{self, MachineFile};
 use devices::sensors::{Sample, SensorHandle};
 use machine::record::reading::ReadingFlag;
 
-pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
+pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, CommandFailure> {
     let file = MachineFile::read(&args.machine).map_err(setup::SetupError::from)?;
     let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::without_remedy)?;
+        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(CommandFailure::without_remedy)?;
     runtime.block_on(async {
         let sensor = setup::open_sensor(&file, &args.sensor).await?;
         let connection = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
@@ -20,14 +20,14 @@ pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
         let mut printer = SamplePrinter { json: args.json, remaining_samples: args.samples, is_signal_missing: false };
         tokio::select! {
             ended = print_samples(&sensor, &at, &mut printer) => ended,
-            ended = tokio::signal::ctrl_c() => ended.map_err(Failure::without_remedy),
+            ended = tokio::signal::ctrl_c() => ended.map_err(CommandFailure::without_remedy),
         }
     })?;
     Ok(ExitStatus::Pass)
 }
 
 /// Shows every sample.
-async fn print_samples(sensor: &SensorHandle, at: &str, printer: &mut SamplePrinter) -> Result<(), Failure> {
+async fn print_samples(sensor: &SensorHandle, at: &str, printer: &mut SamplePrinter) -> Result<(), CommandFailure> {
     let (tell, mut samples) = mpsc::unbounded_channel();
     let good = move |sample: &Sample| tell.send(*sample).is_ok();
     sensor.watch(good, || {}).await?;
@@ -58,7 +58,7 @@ struct SamplePrinter {
 impl SamplePrinter {
     /// Shows the sample; returns whether it is the last.
     fn print_and_check_last(&mut self, sample: &Sample) -> bool {
-        let Sample { received_s: t_s, value_mm, flag, missing_count: missing, encoder_count } = *sample;
+        let Sample { received_s: t_s, value_mm, flag, lost_before_count: missing, encoder_count } = *sample;
         let is_signal_missing = flag == ReadingFlag::Stale;
         if !(is_signal_missing && self.is_signal_missing) {
             let flag = flag.as_str();

@@ -8,7 +8,7 @@ use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::control_hints;
 use machine::Axis;
 use machine::record::machine::AxisSense;
-use machine::record::question::{Answer, Jog, ObservedMotion, Question};
+use machine::record::question::{Jog, ObservedMotion, OperatorAnswer, OperatorQuestion};
 
 /// Length of a jog, mm or degrees.
 const JOG_LENGTH_MM_OR_DEG: f64 = 1.0;
@@ -62,10 +62,10 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
         }
         let stands = check.position.clone().unwrap_or_default();
         let expected = visible_motion(&check.machine_file.machine, &stands, &jog).unwrap_or_default();
-        let may = Question::AllowJog { jog, visible_motion: expected.clone() };
+        let may = OperatorQuestion::AllowJog { jog, visible_motion: expected.clone() };
         match check.prompt_operator(may).await? {
-            Answer::Yes => {}
-            Answer::NoOperator => return Ok(AxisOutcome::NoOperator),
+            OperatorAnswer::Yes => {}
+            OperatorAnswer::NoOperator => return Ok(AxisOutcome::NoOperator),
             _ => {
                 check.report_unchecked(CheckPart::Axes, format!("{axis}: the operator did not permit the jog"));
                 return Ok(AxisOutcome::Reported);
@@ -75,8 +75,8 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
             report_failed_jog(check, &jog, since, &error).await?;
             return Ok(AxisOutcome::Reported);
         }
-        let Answer::Motion(seen) =
-            check.prompt_operator(Question::ObservedJog { jog, visible_motion: expected.clone() }).await?
+        let OperatorAnswer::Motion(seen) =
+            check.prompt_operator(OperatorQuestion::ObservedJog { jog, visible_motion: expected.clone() }).await?
         else {
             report_axis_not_returned(check, &jog, since);
             return Err(CheckEnd::Unsafe);
@@ -202,7 +202,7 @@ fn judge_observed_motion(
                 axis_unit(axis)
             ),
         ),
-        ObservedMotion::Distance(distance) => gain_fault(jog, distance),
+        ObservedMotion::Distance(distance) => gain_fault_and_remedy(jog, distance),
     };
     check.has_axis_fault = true;
     check.report_failed(CheckPart::Axes, since, what, remedy);
@@ -224,14 +224,15 @@ fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {
 }
 
 /// Description and remedy of a wrong number of steps per unit. `observed_distance`: mm or degrees.
-fn gain_fault(jog: &Jog, observed_distance: f64) -> (String, String) {
+fn gain_fault_and_remedy(jog: &Jog, observed_distance: f64) -> (String, String) {
     let (axis, unit, gain) = (jog.axis, axis_unit(jog.axis), (observed_distance / jog.by).abs());
-    let inches = if axis.is_linear() && (gain - 25.4).abs() < 1.5 { ": is the control set to inches?" } else { "" };
+    let is_inches = axis.is_linear() && (gain - 25.4).abs() < 1.5;
+    let inches_hint = if is_inches { ": is the control set to inches?" } else { "" };
     // Rounded to a hundredth, the resolution of the eye.
     let rounded = (observed_distance * 100.0).round() / 100.0;
-    let turned = if rounded * jog.by < 0.0 { ", in the opposite direction" } else { "" };
+    let opposite_note = if rounded * jog.by < 0.0 { ", in the opposite direction" } else { "" };
     let what = format!(
-        "{axis} {}: the axis moved by {}{turned}: the gain of {axis} is {gain:.3}{inches}",
+        "{axis} was commanded by {} and moved by {}{opposite_note}: its gain is {gain:.3}{inches_hint}",
         format_jog(jog),
         format_amount(axis, format_args!("{rounded:+}"))
     );

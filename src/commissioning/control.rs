@@ -9,7 +9,7 @@ use super::{
 };
 use devices::controllers::{ControllerError, DeviceInfo, MachineSnapshot, describe_unreadable_items};
 use machine::Position;
-use machine::record::question::{Answer, Question};
+use machine::record::question::{OperatorAnswer, OperatorQuestion};
 
 pub(super) async fn check_control(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
@@ -131,9 +131,11 @@ async fn confirm_displayed_position(check: &mut MachineCheck<'_>) -> Result<(), 
     let since = Instant::now();
     let position = check.position.clone().unwrap_or_default();
     let reported = format_position(&position);
-    match check.prompt_operator(Question::DisplayedPosition(position)).await? {
-        Answer::Yes => check.report_ok(CheckPart::Control, since, "the display of the control shows the same position"),
-        Answer::No => {
+    match check.prompt_operator(OperatorQuestion::DisplayedPosition(position)).await? {
+        OperatorAnswer::Yes => {
+            check.report_ok(CheckPart::Control, since, "the display of the control shows the same position")
+        }
+        OperatorAnswer::No => {
             let what = format!("the display of the control does not show the reported position {reported}");
             let remedy = "the check does not move the machine in this state. Modbus: compare `type`, \
                 `order` and `scale` of the position registers with the program of the control. Other \

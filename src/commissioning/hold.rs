@@ -11,8 +11,8 @@ use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::{SetupError, SimulationPace, control_hints};
 use devices::controllers::ControllerError;
 use machine::Axis;
-use machine::record::motion::BlockOutcome;
-use machine::record::question::{Answer, Jog, Question};
+use machine::record::motion::MotionBlockOutcome;
+use machine::record::question::{Jog, OperatorAnswer, OperatorQuestion};
 
 /// Length of the path that is held, mm.
 const HELD_JOG_LENGTH_MM: f64 = 5.0;
@@ -31,7 +31,7 @@ struct HeldJog {
     time_to_halt_s: Option<f64>,
     /// Time from the halt to the end of the motion, s.
     stopping_time_s: f64,
-    block_result: Result<BlockOutcome, ControllerError>,
+    block_result: Result<MotionBlockOutcome, ControllerError>,
 }
 
 pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
@@ -53,19 +53,19 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
         );
         return Ok(());
     };
-    if check.prompt_operator(Question::AllowJogWithHold(jog)).await? != Answer::Yes {
+    if check.prompt_operator(OperatorQuestion::AllowJogWithHold(jog)).await? != OperatorAnswer::Yes {
         check.report_unchecked(CheckPart::Hold, "the operator did not permit the motion");
         return Ok(());
     }
     let since = Instant::now();
     if check.reopenable_machine.simulated_operator().is_some() {
-        // At real pace, otherwise the motion ends before the halt.
+        // Reopens at real pace, otherwise the motion ends before the halt.
         if let Err(error) = reopen_and_prepare_control(check, SimulationPace::RealTime).await {
             check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     }
-    let proven = match jog::prove_jog_and_check_unmoved(check, &jog).await {
+    let proven = match jog::prove_jog_and_check_position_unchanged(check, &jog).await {
         Ok(proven) => proven,
         Err(error) => {
             check.require_no_stop_request()?;
@@ -181,7 +181,8 @@ async fn wait_for_release(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> 
     for _ in 0..MAX_RELEASE_QUESTIONS {
         check.devices = None;
         check.position = None;
-        if check.prompt_operator(Question::HoldReleased { last_failure: not_yet }).await? != Answer::Yes {
+        if check.prompt_operator(OperatorQuestion::HoldReleased { last_failure: not_yet }).await? != OperatorAnswer::Yes
+        {
             return Ok(());
         }
         match reopen_and_prepare_control(check, check.pace).await {

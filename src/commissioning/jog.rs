@@ -3,22 +3,22 @@
 use super::MachineCheck;
 use crate::setup;
 use devices::controllers::ControllerError;
-use machine::record::machine::AxisSpec;
-use machine::record::motion::{Block, Motion};
+use machine::record::machine::StatedAxis;
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
 use planning::proof::{JogProofRequest, ProvenBlock, StageProofError, prove_jog, prove_retract};
 
 /// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
 const MAX_JOG_FEED_PER_MIN: f64 = 60.0;
-/// Length of one retract step, mm.
-pub(super) const RETRACT_STEP_MM: f64 = 1.0;
+/// Distance of one retract increment, mm.
+pub(super) const RETRACT_INCREMENT_MM: f64 = 1.0;
 /// Maximum distance of a homed axis beyond its limit, mm or degrees.
 const LIMIT_TOLERANCE_MM_OR_DEG: f64 = 0.01;
 /// Maximum difference between two reported positions of a machine that was not moved, mm or degrees.
 const UNMOVED_TOLERANCE_MM_OR_DEG: f64 = 0.02;
-/// Step number of a jog in the N words of its lines.
-const JOG_STEP_NUMBER: u32 = 1;
+/// Number in the N words of the lines of a jog.
+const JOG_N_WORD_NUMBER: u32 = 1;
 
 /// Reason why a jog did not reach its end.
 #[derive(Debug, thiserror::Error)]
@@ -56,7 +56,7 @@ impl JogError {
 }
 
 /// A jog by `by` away from the nearer limit. `None`: the axis lacks the travel.
-pub(super) fn jog_away_from_limit(axis: Axis, by: f64, spec: &AxisSpec, position: &Position) -> Option<Jog> {
+pub(super) fn jog_away_from_limit(axis: Axis, by: f64, spec: &StatedAxis, position: &Position) -> Option<Jog> {
     let here = axis.to_mm_or_deg(position.get(axis)?);
     let (up, down) = (spec.max - here, here - spec.min);
     let by = if up >= down { by } else { -by };
@@ -69,14 +69,14 @@ pub(super) fn reversed_jog(jog: &Jog) -> Jog {
     Jog { by: -jog.by, ..*jog }
 }
 
-/// A proven jog or retract step.
+/// A proven jog or retract increment.
 pub(super) struct ProvenJog {
     pub block: ProvenBlock,
     /// End position of the axis, mm or rad.
     pub target_mm_or_rad: f64,
 }
 
-/// Proves a jog.
+/// Proves that a jog comes too close to no body.
 ///
 /// # Errors
 /// The jog cannot be rendered, or it comes too close to a body.
@@ -103,7 +103,7 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
         MoveKind::Jog if axis.is_linear() => Motion::Guarded { to: end, feed_mm_min },
         _ => Motion::BackOff { to: end, feed_mm_min },
     };
-    let block = Block { step: JOG_STEP_NUMBER, repeat: 0, motions: vec![motion] };
+    let block = MotionBlock { step: JOG_N_WORD_NUMBER, repeat: 0, motions: vec![motion] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     let plan = setup::plan_without_steps(check.machine_file, "check", serde_json::Value::Null);
     let request = JogProofRequest {
@@ -122,19 +122,22 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
 /// same text is another motion.
 ///
 /// # Errors
-/// See [`prove_planned_jog`]; or the machine was moved, or the control does not report its position.
-pub(super) async fn prove_jog_and_check_unmoved(check: &MachineCheck<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
+/// The errors of [`prove_planned_jog`]; or the machine was moved, or the control does not report its position.
+pub(super) async fn prove_jog_and_check_position_unchanged(
+    check: &MachineCheck<'_>,
+    jog: &Jog,
+) -> Result<ProvenJog, JogError> {
     let proven = prove_planned_jog(check, jog)?;
-    check_unmoved(check).await?;
+    check_position_unchanged(check).await?;
     Ok(proven)
 }
 
 /// Executes a jog and updates the position.
 ///
 /// # Errors
-/// See [`prove_jog_and_check_unmoved`]; or the error of the control that stopped the jog.
+/// The errors of [`prove_jog_and_check_unmoved`]; or the error of the control that stopped the jog.
 pub(super) async fn run_jog(check: &mut MachineCheck<'_>, jog: &Jog) -> Result<(), JogError> {
-    let ProvenJog { block, target_mm_or_rad: to } = prove_jog_and_check_unmoved(check, jog).await?;
+    let ProvenJog { block, target_mm_or_rad: to } = prove_jog_and_check_position_unchanged(check, jog).await?;
     execute_block(check, block).await?;
     if let Some(position) = &mut check.position {
         position.set(jog.axis, to);
@@ -142,17 +145,18 @@ pub(super) async fn run_jog(check: &mut MachineCheck<'_>, jog: &Jog) -> Result<(
     Ok(())
 }
 
-/// Executes one retract step out of contact from `position`, which the driver compares with the control's report.
+/// Moves by one retract increment out of contact from `position`, which the driver compares with the control's report.
 ///
 /// # Errors
-/// As `run_jog`; `ProbeStillClosed`: the step is complete, and the probe input is still closed.
-pub(super) async fn run_retract_step(
+/// The errors of the proof; or the error of the control that stopped the move. `ProbeStillClosed`: the move is
+/// complete, and the probe input is still closed.
+pub(super) async fn run_retract_increment(
     check: &MachineCheck<'_>,
     position: &Position,
     direction: AxisDirection,
 ) -> Result<(), JogError> {
     let AxisDirection { axis, is_positive } = direction;
-    let by = if is_positive { RETRACT_STEP_MM } else { -RETRACT_STEP_MM };
+    let by = if is_positive { RETRACT_INCREMENT_MM } else { -RETRACT_INCREMENT_MM };
     let rapid = check.machine_file.machine.axes.get(&axis).map_or(MAX_JOG_FEED_PER_MIN, |spec| spec.rapid_per_min);
     let feed_per_min = MAX_JOG_FEED_PER_MIN.min(rapid).min(check.machine_file.probe.search_feed_mm_min);
     let ProvenJog { block, .. } = prove_move(check, position, &Jog { axis, by, feed_per_min }, MoveKind::Retract)?;
@@ -167,7 +171,7 @@ async fn execute_block(check: &MachineCheck<'_>, block: ProvenBlock) -> Result<(
     Ok(())
 }
 
-async fn check_unmoved(check: &MachineCheck<'_>) -> Result<(), JogError> {
+async fn check_position_unchanged(check: &MachineCheck<'_>) -> Result<(), JogError> {
     let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
     let now = controller.read_snapshot().await?.position;
     for (axis, at) in check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S) {

@@ -10,10 +10,10 @@ use crate::run::{CycleError, IdentificationError, Run, RunError, identify_judge_
 use crate::setup;
 use crate::store::NewRun;
 use devices::controllers::ControllerError;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::machine::{LiveCheck, Probe};
 use machine::record::plan::Plan;
-use machine::record::question::{Answer, Question};
+use machine::record::question::{OperatorAnswer, OperatorQuestion};
 use methods::latch_delay::{self, LatchDelayResult, LatchDiagnosis};
 use methods::{IdentifyError, Method, MethodRefusal};
 
@@ -32,19 +32,19 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
     let since = Instant::now();
     // The check itself asks the operator.
     let file = check.machine_file.without_prompts();
-    let header = setup::configure_method_and_plan(&file, latch_delay::METHOD_NAME, None);
+    let configured = setup::configure_method_and_plan_without_steps(&file, latch_delay::METHOD_NAME, None);
     let described =
-        header.and_then(|(method, plan)| Ok((describe_latch_run(method.as_ref(), plan.clone())?, method, plan)));
-    let (action, method, plan) = match described {
+        configured.and_then(|(method, plan)| Ok((describe_latch_run(method.as_ref(), plan.clone())?, method, plan)));
+    let (action, method, plan_without_steps) = match described {
         Ok(described) => described,
         Err(error) => {
             check.report_failed(CheckPart::Latch, since, error.to_string(), error.remedy().unwrap_or_default());
             return Ok(());
         }
     };
-    let why = match check.prompt_operator(Question::AllowAction { action }).await? {
-        Answer::Yes => return touch_part_and_report_latch(check, method.into(), plan).await,
-        Answer::NoOperator => "no operator is present to permit touches of the part",
+    let why = match check.prompt_operator(OperatorQuestion::AllowAction { action }).await? {
+        OperatorAnswer::Yes => return touch_part_and_report_latch(check, method.into(), plan_without_steps).await,
+        OperatorAnswer::NoOperator => "no operator is present to permit touches of the part",
         _ => "the operator did not permit touches of the part",
     };
     check.report_unchecked(CheckPart::Latch, why);
@@ -52,9 +52,9 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
 }
 
 /// Description of the run, for the operator's permission.
-fn describe_latch_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal> {
-    let (plan, stages) = methods::plan_nominal_stages(method, plan)?;
-    let planned = planning::plan_blocks_by_stage(&plan, &stages);
+fn describe_latch_run(method: &dyn Method, plan_without_steps: Plan) -> Result<String, MethodRefusal> {
+    let (plan, stages) = methods::plan_nominal_stages(method, plan_without_steps)?;
+    let planned = planning::plan_blocks_and_time_s_by_stage(&plan, &stages);
     let (_, seconds) = planned.map_err(|error| MethodRefusal { reason: error.to_string(), remedy: error.remedy() })?;
     let start = plan.steps.first().map_or(String::new(), |step| {
         let axes = step.from.iter();
@@ -72,11 +72,11 @@ fn describe_latch_run(method: &dyn Method, plan: Plan) -> Result<String, MethodR
 async fn touch_part_and_report_latch(
     check: &mut MachineCheck<'_>,
     method: Arc<dyn Method>,
-    plan: Plan,
+    plan_without_steps: Plan,
 ) -> Result<(), CheckEnd> {
     let since = Instant::now();
-    let probe = plan.probe.clone();
-    let measured = run_latch_delay_method(check, method, plan).await?;
+    let probe = plan_without_steps.probe.clone();
+    let measured = run_latch_delay_method(check, method, plan_without_steps).await?;
     check.require_no_stop_request()?;
     match measured {
         Ok(result) => report_latch(check, &result, &probe, since),
@@ -99,23 +99,23 @@ async fn touch_part_and_report_latch(
 async fn run_latch_delay_method(
     check: &MachineCheck<'_>,
     method: Arc<dyn Method>,
-    mut plan: Plan,
+    mut plan_without_steps: Plan,
 ) -> Result<Result<LatchDelayResult, CycleError>, CheckEnd> {
     let devices = check.devices.as_ref().ok_or(CheckEnd::Unsafe)?;
     // The operator has deflected the stylus already.
-    plan.probe.live_check = LiveCheck::Touch;
-    let new = NewRun { machine_file_text: check.machine_file.text().to_owned(), plan: plan.clone() };
+    plan_without_steps.probe.live_check = LiveCheck::Touch;
+    let new = NewRun { machine_file_text: check.machine_file.text().to_owned(), plan: plan_without_steps.clone() };
     let id = match check.journal.begin_run(&new).await {
         Ok(id) => id,
         Err(error) => return Ok(Err(error.into())),
     };
-    let mut on_event = |_: &Event| {};
+    let mut on_event = |_: &RunEvent| {};
     let motion = check.stop.begin_motion().ok_or(CheckEnd::Stopped)?;
-    let mut run = Run::new(id, method.as_ref(), devices, check.journal, plan, &mut on_event);
+    let mut run = Run::new(id, method.as_ref(), devices, check.journal, plan_without_steps, &mut on_event);
     let ended = run.execute().await;
     drop(motion);
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
-    let concluded = identify_judge_and_store(run, ended, &method, &check.machine_file.parameter_limits).await;
+    let concluded = identify_judge_and_store(run, ended, &method, &check.machine_file.tolerances).await;
     let result = concluded.and_then(|_| {
         let refused = |why: IdentifyError| CycleError::NotIdentified { run: id, why: why.into() };
         LatchDelayResult::from_readings(&plan, &readings).map_err(refused)

@@ -6,13 +6,13 @@ use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::SetupError;
 use crate::setup::machine_file::ControlConfig;
 use devices::controllers::{ConnectionDiagnosisRequest, ControllerError, DiagnosisMode};
-use machine::record::question::{Answer, Question};
+use machine::record::question::{OperatorAnswer, OperatorQuestion};
 
 pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let error = match check.open_devices(check.pace).await {
         Ok(()) => {
-            let at = match &check.machine_file.controller.control {
+            let at = match &check.machine_file.controller_section.control {
                 ControlConfig::Real(control) => control.describe_address(),
                 ControlConfig::Simulated(_) => "simulated".to_owned(),
             };
@@ -38,12 +38,12 @@ pub(super) async fn end_with_link_fault<T>(
 ) -> Result<T, CheckEnd> {
     check.report_failed(part, since, error.to_string(), error.remedy());
     check.devices = None;
-    if let ControlConfig::Real(control) = &check.machine_file.controller.control {
+    if let ControlConfig::Real(control) = &check.machine_file.controller_section.control {
         let machine = &check.machine_file.machine;
         let request = ConnectionDiagnosisRequest { machine, failure: error, mode: DiagnosisMode::Passive };
         let mut diagnoses = control.diagnose_connection(request).await;
         let is_unclear = diagnoses.is_empty() || diagnoses.iter().any(|diagnosis| diagnosis.needs_active_search);
-        if is_unclear && check.prompt_operator(active_diagnosis_question()).await? == Answer::Yes {
+        if is_unclear && check.prompt_operator(active_diagnosis_question()).await? == OperatorAnswer::Yes {
             diagnoses = control
                 .diagnose_connection(ConnectionDiagnosisRequest { mode: DiagnosisMode::Active, ..request })
                 .await;
@@ -56,10 +56,10 @@ pub(super) async fn end_with_link_fault<T>(
     Err(CheckEnd::Unsafe)
 }
 
-fn active_diagnosis_question() -> Question {
+fn active_diagnosis_question() -> OperatorQuestion {
     let what = "The cause is not clear. The check can send requests at other baud rates, with the protocols \
         of other controls and to other unit identifiers. These requests are not commands to a control, but \
         another device on the link may misinterpret them. Make sure that nothing can move. Send the \
         requests?";
-    Question::AllowAction { action: what.to_owned() }
+    OperatorQuestion::AllowAction { action: what.to_owned() }
 }

@@ -1,9 +1,9 @@
 //! Compares the machine file with the data that the control reports. A file that claims less than the control
 //! has is correct.
 
-use devices::controllers::{DeviceInfo, ReportedAxis};
+use devices::controllers::{DeviceInfo, ReportedAxisProperties};
 use machine::Axis;
-use machine::record::machine::{AxisSpec, Machine};
+use machine::record::machine::{Machine, StatedAxis};
 
 /// Relative amount by which a value may exceed that of the control, whose values are rounded.
 const RELATIVE_ROUNDING_TOLERANCE: f64 = 1e-3;
@@ -43,7 +43,7 @@ fn missing_axis_difference(axis: Axis, info: &DeviceInfo) -> MachineFileDifferen
     }
 }
 
-fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<MachineFileDifference> {
+fn axis_differences(axis: Axis, spec: &StatedAxis, info: &ReportedAxisProperties) -> Vec<MachineFileDifference> {
     let mut differences = Vec::new();
     let span = spec.max - spec.min;
     let slack = RELATIVE_ROUNDING_TOLERANCE * span;
@@ -98,12 +98,12 @@ mod tests {
     fn machine_with_matching_info() -> (Machine, DeviceInfo) {
         let text = include_str!("../../config/simulated.toml").to_owned();
         let machine = MachineFile::parse("machine.toml", text).unwrap().machine;
-        let info = |spec: &AxisSpec| ReportedAxis {
+        let info = |spec: &StatedAxis| ReportedAxisProperties {
             travel_min: Some(spec.min),
             travel_max: Some(spec.max),
             rapid_per_min: Some(spec.rapid_per_min),
             acceleration_per_s2: Some(spec.acceleration_per_s2),
-            ..ReportedAxis::default()
+            ..ReportedAxisProperties::default()
         };
         let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
         let axes = axes.map(|(axis, spec)| (*axis, info(spec))).collect();
@@ -116,7 +116,7 @@ mod tests {
         assert_eq!(machine_file_differences(&machine, &info), []);
         assert_eq!(machine_file_differences(&machine, &DeviceInfo::default()), [], "it tells nothing");
 
-        let descriptions_after = |change: fn(&mut ReportedAxis)| {
+        let descriptions_after = |change: fn(&mut ReportedAxisProperties)| {
             let mut info = info.clone();
             change(info.axes.get_mut(&Axis::X).unwrap());
             let differences = machine_file_differences(&machine, &info);

@@ -31,7 +31,7 @@ pub use stop::CheckStop;
 use crate::setup::{Devices, MachineFile, ReopenableMachine, SetupError, SimulationPace};
 use crate::store::Journal;
 use devices::controllers::Controller;
-use machine::record::question::{Answer, Question};
+use machine::record::question::{OperatorAnswer, OperatorQuestion};
 use machine::{Axis, Position};
 use planning::gcode::TransmissionForm;
 
@@ -147,7 +147,7 @@ impl<'a> MachineCheck<'a> {
     ///
     /// # Errors
     /// A stop was requested.
-    async fn prompt_operator(&mut self, question: Question) -> Result<Answer, CheckEnd> {
+    async fn prompt_operator(&mut self, question: OperatorQuestion) -> Result<OperatorAnswer, CheckEnd> {
         self.require_no_stop_request()?;
         let answer = self.operator.wait_for_answer(&question).await;
         self.require_no_stop_request()?;
@@ -161,7 +161,7 @@ impl<'a> MachineCheck<'a> {
 
     /// The open control; an error if no link is open.
     fn controller(&self) -> Result<&Controller, CheckEnd> {
-        self.devices.as_ref().map(|devices| &devices.controller).ok_or(CheckEnd::Unsafe)
+        self.devices.as_ref().map(|devices| &devices.open_controller).ok_or(CheckEnd::Unsafe)
     }
 
     /// Opens the devices, also again after a hold.
@@ -169,7 +169,7 @@ impl<'a> MachineCheck<'a> {
         // A port can be open only once.
         self.devices = None;
         let devices = self.reopenable_machine.open(pace).await?;
-        self.stop.set_control_halt(devices.controller.halt_handle());
+        self.stop.set_control_halt(devices.open_controller.halt_handle());
         self.devices = Some(devices);
         Ok(())
     }

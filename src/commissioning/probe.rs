@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
 use super::{CheckEnd, CheckPart, MachineCheck, control, retract};
-use machine::record::question::{Answer, Question, StylusState};
+use machine::record::question::{OperatorAnswer, OperatorQuestion, StylusState};
 
 const NO_OPERATOR_REASON: &str = "no operator is present to deflect the stylus";
 const PROBE_POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -27,7 +27,7 @@ pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), Chec
     let Some(test) = test_probe_input(check, since).await? else {
         return if check.position.is_some() { update_position(check, since).await } else { Err(CheckEnd::Unsafe) };
     };
-    if let Some((what, remedy)) = test.fault(check.probe_polarity_hint.as_deref()) {
+    if let Some((what, remedy)) = test.fault_and_remedy(check.probe_polarity_hint.as_deref()) {
         check.report_failed(CheckPart::Probe, since, what, remedy);
         // With a faulty probe nothing would stop at a contact.
         return Err(CheckEnd::Unsafe);
@@ -62,13 +62,14 @@ async fn test_probe_input(
 
 /// Whether the operator confirms the state of the stylus.
 async fn is_stylus_state_confirmed(check: &mut MachineCheck<'_>, state: StylusState) -> Result<bool, CheckEnd> {
-    Ok(check.prompt_operator(Question::StylusState(state)).await? == Answer::Yes)
+    Ok(check.prompt_operator(OperatorQuestion::StylusState(state)).await? == OperatorAnswer::Yes)
 }
 
 /// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.
 async fn is_probe_mounted(check: &mut MachineCheck<'_>) -> Result<bool, CheckEnd> {
     let swapped = check.machine_file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
-    Ok(!swapped || check.prompt_operator(Question::StylusState(StylusState::Mounted)).await? != Answer::No)
+    Ok(!swapped
+        || check.prompt_operator(OperatorQuestion::StylusState(StylusState::Mounted)).await? != OperatorAnswer::No)
 }
 
 fn report_untested_probe(check: &mut MachineCheck<'_>, since: Instant, is_closed_at_rest: bool, why: &str) {
@@ -110,7 +111,7 @@ async fn wait_for_probe_input(
 
 impl ProbeInputBehaviour {
     /// Fault and remedy; `None` if the input works. `polarity`: the setting that inverts the input at the control.
-    fn fault(&self, polarity: Option<&str>) -> Option<(String, String)> {
+    fn fault_and_remedy(&self, polarity: Option<&str>) -> Option<(String, String)> {
         let (what, remedy) = match (self.is_closed_at_rest, self.follows_stylus) {
             (false, true) if self.returns_to_rest => return None,
             (false, true) => (

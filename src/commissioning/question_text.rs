@@ -3,27 +3,27 @@
 
 use nalgebra::Vector3;
 
-use super::jog::RETRACT_STEP_MM;
+use super::jog::RETRACT_INCREMENT_MM;
 use machine::kinematics::{KinematicChain, MachineSide};
 use machine::record::machine::{Carrier, Machine};
-use machine::record::question::{Jog, Question, StylusState};
+use machine::record::question::{Jog, OperatorQuestion, StylusState};
 use machine::{Axis, Position};
 
 /// Text of a question, with the possible answers on a terminal.
-pub fn describe_question(question: &Question) -> String {
+pub fn describe_question(question: &OperatorQuestion) -> String {
     match question {
-        Question::DisplayedPosition(position) => format!(
+        OperatorQuestion::DisplayedPosition(position) => format!(
             "The control reports the position {}. Does the display of the control show the same machine \
             coordinates? yes / no",
             format_position(position)
         ),
-        Question::AllowJog { jog, visible_motion } => format!(
+        OperatorQuestion::AllowJog { jog, visible_motion } => format!(
             "{} will move by {}: {visible_motion}. The axis moves back after your next answer.\nIs the path free, \
             and is the emergency stop within reach? yes / no",
             jog.axis,
             format_jog(jog)
         ),
-        Question::ObservedJog { jog, visible_motion } => format!(
+        OperatorQuestion::ObservedJog { jog, visible_motion } => format!(
             "Expected motion: {visible_motion}. Did the axis move like this? Keep clear: the axis moves back \
             after your answer.\ny  yes      r  same distance, opposite direction      n  no motion      ?  \
             repeat the jog\nX, Y, .. C  this axis moved instead      25  {} moved by {} (-25: opposite \
@@ -31,18 +31,18 @@ pub fn describe_question(question: &Question) -> String {
             jog.axis,
             format_amount(jog.axis, 25)
         ),
-        Question::StylusState(StylusState::Mounted) => {
+        OperatorQuestion::StylusState(StylusState::Mounted) => {
             "The next checks need the touch probe. If a sensor is in the spindle, replace it by the probe, \
             and switch the probe on. Is the probe in the spindle? yes / no"
                 .to_owned()
         }
-        Question::StylusState(StylusState::Free) => {
+        OperatorQuestion::StylusState(StylusState::Free) => {
             "Leave the stylus free. Is the stylus free of any contact? yes / no".to_owned()
         }
-        Question::StylusState(StylusState::Deflected) => {
+        OperatorQuestion::StylusState(StylusState::Deflected) => {
             "Deflect the stylus with a finger and hold it deflected. Is the stylus deflected now? yes / no".to_owned()
         }
-        Question::AllowJogWithHold(jog) => format!(
+        OperatorQuestion::AllowJogWithHold(jog) => format!(
             "{} will move by {} at {}/min, and the check sends a hold during the motion: the axis should \
             stop about half-way and stay there.\nIs the path free, and is the emergency stop within reach? \
             yes / no",
@@ -50,7 +50,7 @@ pub fn describe_question(question: &Question) -> String {
             format_jog(jog),
             format_amount(jog.axis, jog.feed_per_min)
         ),
-        Question::HoldReleased { last_failure: not_yet } => {
+        OperatorQuestion::HoldReleased { last_failure: not_yet } => {
             let not_yet = not_yet.as_ref().map_or(String::new(), |why| format!("The control is not ready: {why}.\n"));
             format!(
                 "{not_yet}The control was stopped during a motion. Make the control ready for commands: if \
@@ -58,10 +58,10 @@ pub fn describe_question(question: &Question) -> String {
                 the reset has cleared the homing. Is the control ready? yes / no"
             )
         }
-        Question::RetractDirection { position, visible_motions, last_result } => {
+        OperatorQuestion::RetractDirection { position, visible_motions, last_result } => {
             retract_question(position, visible_motions, last_result.as_deref())
         }
-        Question::AllowAction { action: what } => format!("{what}\nyes / no"),
+        OperatorQuestion::AllowAction { action: what } => format!("{what}\nyes / no"),
     }
 }
 
@@ -69,7 +69,7 @@ fn retract_question(position: &Position, visible_motions: &[String], last_result
     let last_result = last_result.map_or(String::new(), |result| format!("{result}.\n"));
     format!(
         "{last_result}The probe reads closed: the stylus is probably in contact. The control reports the \
-        position {}.\nOne axis can move out of contact by {RETRACT_STEP_MM} mm, slowly. A further contact does \
+        position {}.\nOne axis can move out of contact by {RETRACT_INCREMENT_MM} mm, slowly. A further contact does \
         not stop this move: watch the stylus, and keep the emergency stop within reach.\n{}\nWhich axis and \
         direction lead straight out of the contact?\nZ+, Z-, X+ ..  make this step      n  no motion (also \
         if the display of the control shows another position)",

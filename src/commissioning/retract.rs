@@ -4,17 +4,17 @@
 
 use std::time::Instant;
 
-use super::jog::{self, JogError, RETRACT_STEP_MM};
+use super::jog::{self, JogError, RETRACT_INCREMENT_MM};
 use super::question_text::visible_motion;
 use super::{CheckEnd, CheckPart, MachineCheck, control};
 use devices::controllers::ControllerError;
-use machine::record::question::{Answer, AxisDirection, Jog, Question};
+use machine::record::question::{AxisDirection, Jog, OperatorAnswer, OperatorQuestion};
 use machine::{Axis, Position};
 
 /// Maximum number of answers in one check.
 const MAX_RETRACT_ANSWERS: usize = 20;
 
-/// Prompts for a direction and executes a step, until the probe input is open or the operator leaves it closed.
+/// Prompts for a direction and moves by one increment, until the probe input is open or the operator leaves it closed.
 ///
 /// # Errors
 /// The stylus was retracted out of contact, a stop was requested, or the control cannot continue.
@@ -30,11 +30,11 @@ pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result
             break;
         }
         let visible_motions = visible_motions(check, &snapshot.position);
-        let question = Question::RetractDirection { position: snapshot.position, visible_motions, last_result };
-        let Answer::Retract(direction) = check.prompt_operator(question).await? else {
+        let question = OperatorQuestion::RetractDirection { position: snapshot.position, visible_motions, last_result };
+        let OperatorAnswer::Retract(direction) = check.prompt_operator(question).await? else {
             return Ok(());
         };
-        last_result = Some(retract_step(check, direction).await?);
+        last_result = Some(retract_by_one_increment(check, direction).await?);
     }
     let what = format!("the probe still reads closed after {MAX_RETRACT_ANSWERS} answers of the operator");
     let remedy = "check the machine and the stylus; retract with the jog keys of the control";
@@ -57,21 +57,21 @@ fn report_released_stylus(check: &mut MachineCheck<'_>, since: Instant) -> Check
 fn visible_motions(check: &MachineCheck<'_>, position: &Position) -> Vec<String> {
     let machine = &check.machine_file.machine;
     let motions = Axis::LINEAR.into_iter().filter_map(|axis| {
-        let jog = Jog { axis, by: RETRACT_STEP_MM, feed_per_min: 0.0 };
+        let jog = Jog { axis, by: RETRACT_INCREMENT_MM, feed_per_min: 0.0 };
         Some(format!("{axis}+: {}", visible_motion(machine, position, &jog)?))
     });
     motions.collect()
 }
 
-/// Executes one retract step and describes its result. A step that cannot be proven is not executed.
-async fn retract_step(check: &mut MachineCheck<'_>, direction: AxisDirection) -> Result<String, CheckEnd> {
+/// Moves by one retract increment and describes the result. A move that cannot be proven is not executed.
+async fn retract_by_one_increment(check: &mut MachineCheck<'_>, direction: AxisDirection) -> Result<String, CheckEnd> {
     let since = Instant::now();
     let position = control::prepare_in_contact(check).await?;
-    match jog::run_retract_step(check, &position, direction).await {
-        Ok(()) => Ok(format!("{direction}: moved by {RETRACT_STEP_MM} mm")),
-        // The usual outcome of every step but the last.
+    match jog::run_retract_increment(check, &position, direction).await {
+        Ok(()) => Ok(format!("{direction}: moved by {RETRACT_INCREMENT_MM} mm")),
+        // The usual outcome of every increment but the last.
         Err(JogError::Control(ControllerError::ProbeStillClosed { .. })) => {
-            Ok(format!("{direction}: moved by {RETRACT_STEP_MM} mm; the probe still reads closed"))
+            Ok(format!("{direction}: moved by {RETRACT_INCREMENT_MM} mm; the probe still reads closed"))
         }
         Err(error) if error.has_changed_nothing() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
         Err(error) => check.end_with_fault(CheckPart::Probe, since, format!("{direction}: {error}"), error.remedy()),

@@ -45,7 +45,7 @@ pub(super) async fn check_sensors(check: &mut MachineCheck<'_>) -> Result<(), Ch
 
 async fn record_samples(check: &MachineCheck<'_>, name: &str) -> Result<(SensorInfo, Vec<Sample>), SensorError> {
     let devices = check.devices.as_ref().ok_or(SensorError::TaskEnded)?;
-    let sensor = devices.sensors.open(name).await?;
+    let sensor = devices.sensor_opener.open(name).await?;
     let prepared = sensor.prepare().await?;
     let count =
         (prepared.sample_rate_hz * SENSOR_TEST_DURATION_S).clamp(MIN_TEST_SAMPLES.into(), MAX_TEST_SAMPLES.into());
@@ -66,7 +66,7 @@ fn sensor_fault(
 /// Fault of a sensor whose samples are missing or late.
 fn missing_samples_fault(samples: &[Sample]) -> Option<SensorFault> {
     let missing = missing_sample_count(samples);
-    let jumps = samples.iter().filter(|sample| sample.missing_count > 0).count();
+    let jumps = samples.iter().filter(|sample| sample.lost_before_count > 0).count();
     if 2 * jumps > samples.len() {
         let what = format!(
             "increments its sample counter by more than one between most samples: {missing} samples would \
@@ -121,7 +121,7 @@ fn rate_fault(declared_hz: f64, samples: &[Sample]) -> Option<SensorFault> {
 
 /// Number of missing samples by the sensor's counter.
 fn missing_sample_count(samples: &[Sample]) -> u64 {
-    samples.iter().map(|sample| u64::from(sample.missing_count)).sum()
+    samples.iter().map(|sample| u64::from(sample.lost_before_count)).sum()
 }
 
 fn describe_samples(name: &str, prepared: &SensorInfo, samples: &[Sample]) -> String {

@@ -9,11 +9,12 @@ use devices::controllers::HaltHandle;
 #[derive(Clone)]
 pub struct CheckStop {
     halt: HaltHandle,
-    state: Arc<Mutex<StopState>>,
+    state: Arc<Mutex<CheckStopState>>,
 }
 
+/// State of a [`CheckStop`].
 #[derive(Default)]
-struct StopState {
+struct CheckStopState {
     /// Halt handle of the open control.
     control_halt: Option<HaltHandle>,
     /// Whether a motion may be in progress.
@@ -22,7 +23,7 @@ struct StopState {
     has_sent_hold: bool,
 }
 
-impl StopState {
+impl CheckStopState {
     /// Holds the control if a motion may be in progress.
     fn hold_if_moving(&mut self) {
         if let (Some(control), true) = (&self.control_halt, self.is_moving) {
@@ -34,7 +35,7 @@ impl StopState {
 
 impl Default for CheckStop {
     fn default() -> Self {
-        let state: Arc<Mutex<StopState>> = Arc::default();
+        let state: Arc<Mutex<CheckStopState>> = Arc::default();
         let of_now = state.clone();
         let halt = HaltHandle::new(move || lock_state(&of_now).hold_if_moving());
         Self { halt, state }
@@ -42,7 +43,7 @@ impl Default for CheckStop {
 }
 
 /// Locks the state; it is valid even if another thread has panicked.
-fn lock_state(state: &Mutex<StopState>) -> MutexGuard<'_, StopState> {
+fn lock_state(state: &Mutex<CheckStopState>) -> MutexGuard<'_, CheckStopState> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -76,7 +77,7 @@ impl CheckStop {
 }
 
 /// A motion that a stop would hold; dropped at the end of the motion.
-pub(super) struct MotionGuard(Arc<Mutex<StopState>>);
+pub(super) struct MotionGuard(Arc<Mutex<CheckStopState>>);
 
 impl Drop for MotionGuard {
     fn drop(&mut self) {

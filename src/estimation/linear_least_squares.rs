@@ -85,7 +85,7 @@ pub enum LinearError {
 /// that case.
 pub fn solve_least_squares(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError> {
     let LinearProblem { a, y, sigma, constraints, rank_threshold } = *problem;
-    check_problem(problem)?;
+    check_row_counts_values_and_sigmas(problem)?;
     let weighted = Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] / sigma[i]);
     let scale = column_scale_factors(weighted.as_ref());
     let reduced = ReducedProblem::new(weighted.as_ref(), &scale, constraints, rank_threshold)?;
@@ -233,7 +233,7 @@ fn matrix_vector_product(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
     (0..a.nrows()).map(|i| x.iter().enumerate().map(|(j, x)| a[(i, j)] * x).sum()).collect()
 }
 
-fn check_problem(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
+fn check_row_counts_values_and_sigmas(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
     let rows = problem.a.nrows();
     if problem.y.len() != rows || problem.sigma.len() != rows {
         return Err(LinearError::Malformed("matrix, values and sigmas differ in their rows"));
@@ -248,8 +248,8 @@ fn check_problem(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
 }
 
 /// Lower triangle L with L·Lᵀ = `a`, both n × n (Cholesky; Golub & Van Loan, Matrix Computations, section 4.2). `a`
-/// is symmetric and positive semidefinite. A pivot that is not positive, because of linear dependence or rounding,
-/// gives a column of zeros.
+/// must be symmetric and positive semidefinite. A pivot that is not positive, because of linear dependence or
+/// rounding, gives a column of zeros.
 pub fn cholesky_lower(a: &Mat<f64>) -> Mat<f64> {
     let mut root = Mat::zeros(a.nrows(), a.nrows());
     for i in 0..a.nrows() {

@@ -9,7 +9,7 @@ const CHI2_BOUND_PROBABILITY: f64 = 0.998;
 
 #[derive(Debug, Clone, Copy)]
 pub struct Misfit {
-    /// χ²: the weighted sum of squares.
+    /// χ²: the sum of squares of the weighted residuals, not scaled.
     pub chi2: f64,
     /// Expectation of χ² if all sources are as declared: the degrees of freedom, or less if declared sources change
     /// many measurements together.

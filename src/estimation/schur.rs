@@ -13,7 +13,7 @@ use faer::Mat;
 use super::gram_schmidt::ColumnMatrix;
 use super::linear_least_squares::{LinearError, RANK_THRESHOLD, RankAnalysis, analyse_rank};
 
-/// The rows of one block, each divided by its standard uncertainty.
+/// Rows that share own unknowns, beside the common unknowns of all rows. Each is divided by its standard uncertainty.
 #[derive(Debug, Clone)]
 pub struct BlockRows {
     own_unknown_count: usize,
@@ -58,7 +58,8 @@ pub(super) fn add_damping_rows(mut blocks: Vec<BlockRows>, weights: &[f64]) -> V
     blocks
 }
 
-/// Factorisation A = Q·R in blocks, from which solution, covariance and rank are computed.
+/// Factorisation A = Q·R in blocks of rows with own and common unknowns, from which solution, covariance and rank are
+/// computed.
 #[derive(Debug, Clone)]
 pub struct BlockFactorisation {
     blocks: Vec<FactorBlock>,
@@ -69,6 +70,7 @@ pub struct BlockFactorisation {
     is_rank_deficient: bool,
 }
 
+/// Factorisation of the rows that share own unknowns.
 #[derive(Debug, Clone)]
 struct FactorBlock {
     orthonormal_columns: ColumnMatrix,

@@ -11,13 +11,13 @@ const NEGLIGIBLE_EIGENVALUE_RATIO: f64 = 1e-9;
 /// Without positions there are no columns.
 pub fn smooth_change_from_zero_columns(positions: &[f64], sigma: f64, correlation_length: f64) -> Vec<Vec<f64>> {
     let bell = squared_exponential(correlation_length);
-    covariance_columns(positions, |u, v| sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0))
+    covariance_factor_columns(positions, |u, v| sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0))
 }
 
 /// Like [`smooth_change_from_zero_columns`], but the columns give f(x) and not f(x) − f(0).
 pub fn stationary_function_columns(positions: &[f64], sigma: f64, correlation_length: f64) -> Vec<Vec<f64>> {
     let bell = squared_exponential(correlation_length);
-    covariance_columns(positions, |u, v| sigma * sigma * bell(u - v))
+    covariance_factor_columns(positions, |u, v| sigma * sigma * bell(u - v))
 }
 
 fn squared_exponential(correlation_length: f64) -> impl Fn(f64) -> f64 {
@@ -25,7 +25,7 @@ fn squared_exponential(correlation_length: f64) -> impl Fn(f64) -> f64 {
 }
 
 /// Columns B such that B·Bᵀ is the covariance of the values at `positions`.
-fn covariance_columns(positions: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
+fn covariance_factor_columns(positions: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
     let mut nodes = positions.to_vec();
     nodes.sort_by(f64::total_cmp);
     nodes.dedup();

@@ -31,7 +31,7 @@ use super::modbus::Framing;
 
 pub(super) const CAPTURE_HEADER: &str = "# trued-capture 1";
 
-/// Protocol of a link: how a reader must interpret the bytes.
+/// Protocol of a link: how the replay must interpret the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum LinkProtocol {
     Lines,
@@ -118,7 +118,7 @@ impl CaptureWriter {
     }
 }
 
-/// Recorder of one link.
+/// Writes what one link sends and receives to the capture file.
 #[derive(Clone)]
 pub(super) struct LinkRecorder {
     capture: CaptureWriter,

@@ -43,7 +43,7 @@ pub use sensor_request_capture::SensorRequestCapture;
 pub use shared_folder::SharedFolder;
 pub use shared_ports::SharedPorts;
 
-/// Errors of a link.
+/// Reasons why a link cannot be opened, or is lost.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     #[error("{address} does not exist")]

@@ -13,7 +13,7 @@ use super::boxed_stream::BoxedStream;
 use super::line_assembler::{LineAssembler, LineEvent};
 use super::stream_owner::{ByteSink, OwnerChannels, UrgentMessage, start_stream_owner_thread};
 
-/// Maximum number of lines in the queue to the reader. A peer that sends more is the wrong device.
+/// Maximum number of lines in the queue to the receiver of the lines. A peer that sends more is the wrong device.
 const MAX_QUEUED_LINES: usize = 4096;
 
 /// Handle of a link: receives lines, sends bytes.
@@ -26,7 +26,8 @@ pub struct LineLink {
 }
 
 /// Sends ahead of everything that is queued, from any thread, without blocking. A message whose first byte is
-/// already written is completed first. On a lost link nothing is sent or reported: the reader gets the error.
+/// already written is completed first. On a lost link nothing is sent or reported: the receiver of
+/// the lines gets the error.
 #[derive(Clone)]
 pub struct UrgentSender(mpsc::UnboundedSender<UrgentMessage>);
 

@@ -11,7 +11,7 @@ pub struct SensorRequestCapture {
 }
 
 impl SensorRequestCapture {
-    /// Neither records nor replays.
+    /// The requests of the sensor are neither recorded nor replayed.
     pub fn disabled() -> Self {
         Self { name: String::new(), backend: LinkBackend::Direct }
     }

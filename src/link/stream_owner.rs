@@ -31,7 +31,7 @@ const MAX_EMPTY_POLL_RETRIES: usize = 2;
 pub(super) trait ByteSink: Send + 'static {
     /// Takes bytes that have just arrived. An error ends the link.
     fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()>;
-    /// Ends when no reader is left.
+    /// Ends when no receiver is left.
     fn wait_for_no_readers(&self) -> impl Future<Output = ()> + Send;
     /// Reports the reason for the lost link, as the last message.
     fn report_loss(self, why: String) -> impl Future<Output = ()> + Send;
@@ -106,10 +106,11 @@ pub(super) struct StreamOwner<S, K> {
     /// Whether a hold was sent: only urgent bytes are sent now.
     sends_urgent_only: bool,
     /// Messages to be written; a part of the first message may already be written.
-    pending_messages: VecDeque<PendingMessage>,
+    write_queue: VecDeque<QueuedWrite>,
 }
 
-struct PendingMessage {
+/// Outgoing bytes that are not completely written yet.
+struct QueuedWrite {
     bytes: Vec<u8>,
     written_byte_count: usize,
     is_urgent: bool,
@@ -118,7 +119,7 @@ struct PendingMessage {
 impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
     pub(super) fn new(stream: S, channels: OwnerChannels<K>) -> Self {
         let (reader, writer) = tokio::io::split(stream);
-        Self { reader, writer, channels, sends_urgent_only: false, pending_messages: VecDeque::new() }
+        Self { reader, writer, channels, sends_urgent_only: false, write_queue: VecDeque::new() }
     }
 
     pub(super) async fn run(mut self) {
@@ -141,12 +142,12 @@ impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
             tokio::select! {
                 biased;
                 Some(message) = self.channels.urgent_queue.recv() => self.queue_urgent(message),
-                written = write_first_pending(&mut self.writer, &self.pending_messages), if !self.pending_messages.is_empty() => {
-                    remove_written_bytes(&mut self.pending_messages, written?);
+                written = write_first_queued(&mut self.writer, &self.write_queue), if !self.write_queue.is_empty() => {
+                    remove_written_bytes(&mut self.write_queue, written?);
                 }
-                message = self.channels.outgoing.recv(), if self.pending_messages.is_empty() => match message {
+                message = self.channels.outgoing.recv(), if self.write_queue.is_empty() => match message {
                     Some(_) if self.sends_urgent_only => {}
-                    Some(bytes) => self.pending_messages.push_back(PendingMessage { bytes, written_byte_count: 0, is_urgent: false }),
+                    Some(bytes) => self.write_queue.push_back(QueuedWrite { bytes, written_byte_count: 0, is_urgent: false }),
                     None => return Ok(()),
                 },
                 // If the peer has stopped reading, the queue never becomes empty.
@@ -195,14 +196,13 @@ impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
 
     /// Inserts a message after a partly written message and earlier urgent messages, but before all others.
     fn queue_urgent(&mut self, message: UrgentMessage) {
-        let has_precedence = |message: &&PendingMessage| message.is_urgent || message.written_byte_count > 0;
-        let index = self.pending_messages.iter().take_while(has_precedence).count();
+        let has_precedence = |message: &&QueuedWrite| message.is_urgent || message.written_byte_count > 0;
+        let index = self.write_queue.iter().take_while(has_precedence).count();
         if message.drops_non_urgent {
             self.sends_urgent_only = true;
-            self.pending_messages.truncate(index);
+            self.write_queue.truncate(index);
         }
-        self.pending_messages
-            .insert(index, PendingMessage { bytes: message.bytes, written_byte_count: 0, is_urgent: true });
+        self.write_queue.insert(index, QueuedWrite { bytes: message.bytes, written_byte_count: 0, is_urgent: true });
     }
 
     /// Sends what is queued when the handle is dropped, including a hold.
@@ -211,15 +211,15 @@ impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
             if self.sends_urgent_only {
                 continue;
             }
-            self.pending_messages.push_back(PendingMessage { bytes, written_byte_count: 0, is_urgent: false });
+            self.write_queue.push_back(QueuedWrite { bytes, written_byte_count: 0, is_urgent: false });
         }
         while let Ok(message) = self.channels.urgent_queue.try_recv() {
             self.queue_urgent(message);
         }
         let write = async {
-            while !self.pending_messages.is_empty() {
-                match write_first_pending(&mut self.writer, &self.pending_messages).await {
-                    Ok(count) => remove_written_bytes(&mut self.pending_messages, count),
+            while !self.write_queue.is_empty() {
+                match write_first_queued(&mut self.writer, &self.write_queue).await {
+                    Ok(count) => remove_written_bytes(&mut self.write_queue, count),
                     Err(_) => return,
                 }
             }
@@ -234,11 +234,11 @@ pub(super) fn poll_once<F: Future>(future: F) -> Poll<F::Output> {
     pin!(future).poll(&mut Context::from_waker(Waker::noop()))
 }
 
-async fn write_first_pending<S: AsyncWrite>(
+async fn write_first_queued<S: AsyncWrite>(
     writer: &mut WriteHalf<S>,
-    pending: &VecDeque<PendingMessage>,
+    write_queue: &VecDeque<QueuedWrite>,
 ) -> io::Result<usize> {
-    let Some(message) = pending.front() else { return Ok(0) };
+    let Some(message) = write_queue.front() else { return Ok(0) };
     let count = writer.write(&message.bytes[message.written_byte_count..]).await?;
     if count == 0 && !message.bytes.is_empty() {
         return Err(io::ErrorKind::WriteZero.into());
@@ -246,10 +246,10 @@ async fn write_first_pending<S: AsyncWrite>(
     Ok(count)
 }
 
-fn remove_written_bytes(pending: &mut VecDeque<PendingMessage>, count: usize) {
-    let Some(message) = pending.front_mut() else { return };
+fn remove_written_bytes(write_queue: &mut VecDeque<QueuedWrite>, count: usize) {
+    let Some(message) = write_queue.front_mut() else { return };
     message.written_byte_count += count;
     if message.written_byte_count >= message.bytes.len() {
-        pending.pop_front();
+        write_queue.pop_front();
     }
 }

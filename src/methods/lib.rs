@@ -23,7 +23,7 @@ pub mod probe_qualification;
 mod prompts;
 pub mod r_test;
 mod registry;
-mod revolution_steps;
+mod revolution_grid;
 pub mod samba;
 pub mod self_calibration;
 
@@ -277,8 +277,8 @@ pub trait Method: Send + Sync {
         false
     }
 
-    /// Expected uncertainty of a run and what the run cannot separate, one line each, for the user before the first
-    /// motion. All steps of `plan` have nominal positions; the plan takes `machine_time_s` seconds of machine time.
+    /// Lines for the user before the first motion: expected uncertainty of a run, then what the run cannot separate.
+    /// `plan`: all stages, planned from nominal positions. `machine_time_s`: its machine time, s.
     ///
     /// # Errors
     /// The plan cannot be identified.

@@ -14,9 +14,9 @@ use machine::record::machine::{Carrier, Machine};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
-/// Alternatives to each of the four touches round the ball: offset in azimuth, and elevation, degrees. The smallest
+/// Alternatives to each of the four touches around the ball: offset in azimuth, and elevation, degrees. The smallest
 /// offset comes first, because touches on the equator determine the centre best.
-const ALTERNATIVE_OFFSETS_DEG: [(f64, f64); 12] = [
+const ALTERNATIVE_AZIMUTH_OFFSET_AND_ELEVATION_DEG: [(f64, f64); 12] = [
     (0.0, 0.0),
     (0.0, 15.0),
     (15.0, 0.0),
@@ -30,16 +30,16 @@ const ALTERNATIVE_OFFSETS_DEG: [(f64, f64); 12] = [
     (-30.0, 30.0),
     (0.0, 45.0),
 ];
-/// Names and azimuths, degrees, of the four touches round the ball; paper 4, section 3.
+/// Names and azimuths, degrees, of the four touches around the ball; paper 4, section 3.
 const SIDE_TOUCH_AZIMUTHS_DEG: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
-pub const POLE_TOUCH_NAME: &str = "pole";
+pub const POLE_TOUCH_DIRECTION_NAME: &str = "pole";
 /// Number of candidate points, spread over the upper half, for touches beyond the five.
 const SPREAD_TOUCH_CANDIDATE_COUNT: u32 = 90;
 /// Maximum standard deviation of the fitted centre in its worst direction, relative to that of one touch; with all
 /// five touches it is 1.1.
 const MAX_CENTRE_SD_RATIO: f64 = 3.0;
 
-/// One free touch.
+/// Name and outward normal of a touch that no obstacle blocks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchDirection {
     /// Name: `+45`, `-135`, `-45`, `+135` or `pole` for the nominal position, although the touch may be moved away
@@ -52,7 +52,7 @@ pub struct TouchDirection {
 impl TouchDirection {
     /// Sort key: azimuth from X towards Y, rad; the pole comes last.
     fn sort_key(&self) -> f64 {
-        if self.name == POLE_TOUCH_NAME { TAU } else { self.normal.y.atan2(self.normal.x).rem_euclid(TAU) }
+        if self.name == POLE_TOUCH_DIRECTION_NAME { TAU } else { self.normal.y.atan2(self.normal.x).rem_euclid(TAU) }
     }
 }
 
@@ -102,7 +102,8 @@ pub struct TouchAccess {
 }
 
 impl TouchAccess {
-    /// Builds the check. `artefact`: all balls and stems at their assumed positions, enlarged by its uncertainty.
+    /// Builds the check whether a ball can be touched. `artefact`: all balls and stems at their assumed positions,
+    /// enlarged by its uncertainty.
     ///
     /// # Errors
     /// The machine has no kinematics.
@@ -126,8 +127,8 @@ impl TouchAccess {
         touch_count: usize,
     ) -> Result<Vec<TouchDirection>, BallAccessError> {
         self.check_rotary_position(rotary)?;
-        // Same rule as in the proof: a touch is long enough to meet the ball at every possible position.
         let (beyond_mm, uncertainty_mm) = (extent.beyond_mm, self.surroundings.max_artefact_misplacement_mm);
+        // As in the proof, a touch that is too short to meet the ball at every possible position is refused.
         if beyond_mm < uncertainty_mm {
             return Err(BallAccessError::SearchTooShort { beyond_mm, uncertainty_mm });
         }
@@ -138,12 +139,12 @@ impl TouchAccess {
         let mut contacts = Vec::new();
         for (name, azimuth) in SIDE_TOUCH_AZIMUTHS_DEG {
             let at = |(turn, up): &(f64, f64)| new_touch_direction(name, normal(azimuth + turn, *up));
-            match ALTERNATIVE_OFFSETS_DEG.iter().map(at).find(|contact| free(contact).is_ok()) {
+            match ALTERNATIVE_AZIMUTH_OFFSET_AND_ELEVATION_DEG.iter().map(at).find(|contact| free(contact).is_ok()) {
                 Some(contact) => contacts.push(contact),
-                None => blocked = blocked.or(free(&at(&ALTERNATIVE_OFFSETS_DEG[0])).err()),
+                None => blocked = blocked.or(free(&at(&ALTERNATIVE_AZIMUTH_OFFSET_AND_ELEVATION_DEG[0])).err()),
             }
         }
-        let pole = new_touch_direction(POLE_TOUCH_NAME, normal(0.0, 90.0));
+        let pole = new_touch_direction(POLE_TOUCH_DIRECTION_NAME, normal(0.0, 90.0));
         free(&pole)?;
         contacts.push(pole);
         let enough = contacts.len() >= 4 && worst_centre_sd_ratio(&contacts) <= MAX_CENTRE_SD_RATIO;
@@ -243,7 +244,7 @@ impl TouchAccess {
         let (from, touched) = (place(extent.before_mm)?, place(0.0)?);
         self.check_within_travel(&from)?;
         self.check_within_travel(&place(-extent.uncertainty_mm)?)?;
-        let over = self.surroundings.path_clearance_z(&from, &from, MIN_TOOL_CLEARANCE_MM);
+        let over = self.surroundings.clear_z_command_on_path(&from, &from, MIN_TOOL_CLEARANCE_MM);
         // Nothing is below: no height is needed.
         if over > f64::NEG_INFINITY {
             self.check_within_travel(&from.clone().with(Axis::Z, over))?;

@@ -1,4 +1,4 @@
-//! Steps of a ball measurement, reusable by every method: four touches round the ball and one at its pole, seen
+//! Steps of a ball measurement, reusable by every method: four touches around the ball and one at its pole, seen
 //! along the spindle (paper 4, section 3), or more for a check of form.
 
 use super::access::{BallAccessError, TouchAccess, TouchDirection, TouchExtent};
@@ -10,9 +10,9 @@ use machine::{Axis, Position};
 /// Distance by which a search touch goes beyond the ball's position uncertainty, mm, so that contact always occurs.
 const SEARCH_OVERRUN_MM: f64 = 0.3;
 
-/// Approach to a ball.
+/// Search or measurement of a ball, with the lengths of its touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum BallApproach {
+pub enum BallTouchMode {
     /// Fast, from a distance at which the ball is found within `uncertainty_mm` of its expected position.
     Search { uncertainty_mm: f64, standoff_mm: f64 },
     /// Slow, along the normals of the ball at its found position: from `standoff_mm` before contact to `search_mm`
@@ -20,19 +20,19 @@ pub enum BallApproach {
     Measure { standoff_mm: f64, search_mm: f64 },
 }
 
-/// One measurement of one ball.
+/// A measurement of one ball to be planned.
 #[derive(Debug, Clone, Copy)]
-pub struct BallTask<'a> {
+pub struct BallMeasurementRequest<'a> {
     /// The ball with its expected centre, table frame.
     pub ball: &'a Ball,
     /// Positions of all rotary axes, and of S if the spindle must be oriented.
     pub rotary: &'a Position,
-    pub approach: BallApproach,
+    pub touch_mode: BallTouchMode,
     /// Number of touches: 5, or more for a check of form; fewer if some are not free, but at least 4.
     pub touch_count: usize,
 }
 
-impl BallApproach {
+impl BallTouchMode {
     fn touch_extent(self) -> TouchExtent {
         match self {
             Self::Search { uncertainty_mm, standoff_mm } => TouchExtent {
@@ -59,25 +59,28 @@ impl TouchAccess {
     ///
     /// # Errors
     /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
-    pub fn accessible_touches(&self, task: &BallTask<'_>) -> Result<Vec<TouchDirection>, BallAccessError> {
-        self.select_touches(task.ball, task.rotary, task.approach.touch_extent(), task.touch_count)
+    pub fn accessible_touches(
+        &self,
+        request: &BallMeasurementRequest<'_>,
+    ) -> Result<Vec<TouchDirection>, BallAccessError> {
+        self.select_touches(request.ball, request.rotary, request.touch_mode.touch_extent(), request.touch_count)
     }
 
     /// Steps of one measurement, numbered from `first`, machine frame. `label` makes the label of a step from the
     /// name of the touch.
     ///
     /// # Errors
-    /// As [`TouchAccess::accessible_touches`]; a touch is longer than the probe's overtravel.
+    /// The errors of [`TouchAccess::accessible_touches`]; or a touch is longer than the probe's overtravel.
     pub fn touch_steps(
         &self,
-        task: &BallTask<'_>,
+        request: &BallMeasurementRequest<'_>,
         probe: &Probe,
         kind: StepKind,
         (first, stage): (u32, u32),
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, BallAccessError> {
-        let contacts = self.accessible_touches(task)?;
-        self.build_one_step_per_contact(task, contacts, probe, kind, (first, stage), label)
+        let contacts = self.accessible_touches(request)?;
+        self.build_one_step_per_contact(request, contacts, probe, kind, (first, stage), label)
     }
 
     /// Like [`TouchAccess::touch_steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame
@@ -87,36 +90,36 @@ impl TouchAccess {
     /// The first direction that is not free; a touch is longer than the probe's overtravel.
     pub fn touch_steps_along(
         &self,
-        task: &BallTask<'_>,
+        request: &BallMeasurementRequest<'_>,
         directions: &[[f64; 2]],
         probe: &Probe,
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, BallAccessError> {
-        let BallTask { ball, rotary, approach, .. } = *task;
-        let contacts = self.touches_along_directions(ball, rotary, approach.touch_extent(), directions)?;
-        self.build_one_step_per_contact(task, contacts, probe, StepKind::Touch, (0, 0), label)
+        let BallMeasurementRequest { ball, rotary, touch_mode: mode, .. } = *request;
+        let contacts = self.touches_along_directions(ball, rotary, mode.touch_extent(), directions)?;
+        self.build_one_step_per_contact(request, contacts, probe, StepKind::Touch, (0, 0), label)
     }
 
     fn build_one_step_per_contact(
         &self,
-        task: &BallTask<'_>,
+        request: &BallMeasurementRequest<'_>,
         contacts: Vec<TouchDirection>,
         probe: &Probe,
         kind: StepKind,
         (first, stage): (u32, u32),
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, BallAccessError> {
-        let TouchExtent { before_mm, beyond_mm, .. } = task.approach.touch_extent();
+        let TouchExtent { before_mm, beyond_mm, .. } = request.touch_mode.touch_extent();
         let (length, overtravel) = (before_mm + beyond_mm, probe.overtravel_mm);
         if length > overtravel {
             return Err(BallAccessError::SearchTooLong { length, overtravel });
         }
-        let contact_mm = self.contact_distance_mm(task.ball);
+        let contact_mm = self.contact_distance_mm(request.ball);
         let numbered = (first..).zip(contacts);
         numbered
             .map(|(id, contact)| {
                 let place = |distance_mm: f64| {
-                    self.position_beside_ball(task.ball, task.rotary, contact.normal, contact_mm + distance_mm)
+                    self.position_beside_ball(request.ball, request.rotary, contact.normal, contact_mm + distance_mm)
                 };
                 let (from, to) = (place(before_mm)?, place(-beyond_mm)?);
                 Ok(Step {
@@ -126,7 +129,7 @@ impl TouchAccess {
                     label: label(&contact.name),
                     from: from.rounded_to_file_resolution(),
                     to: to.rounded_to_file_resolution(),
-                    feed_mm_min: task.approach.feed_mm_min(probe),
+                    feed_mm_min: request.touch_mode.feed_mm_min(probe),
                     sensors: vec!["probe".to_owned()],
                     normal: contact.normal.into(),
                     ..Step::default()

@@ -1,16 +1,17 @@
 //! Path to the next touch of a ball, no higher than necessary.
 //!
-//! - From touch to touch of one ball: guarded, round the ball ([`super::ball_round_path`]), or if an obstacle blocks
+//! - From touch to touch of one ball: guarded, around the ball ([`super::path_around_ball`]), or if an obstacle blocks
 //!   that path, just above everything near.
 //! - To another ball at the same rotary position: rapid, 10 mm above everything below the path.
 //! - To another rotary position: rapid, 10 mm above everything that turns below *this* path.
 //! - From an unknown position: by way of the upper end of Z, one axis group after the other. Until touches have
-//!   confirmed the position of the machine, every path has this form, and is careful ([`super::unconfirmed_approach`]).
+//!   verified the position of the machine, every path has this form, and is careful
+//!   ([`super::unverified_position_approach`]).
 
 use super::motion_sequence::{MotionSequence, z_position};
 use super::safe_heights::{PLANNED_GUARDED_CLEARANCE_MM, PLANNED_UNGUARDED_CLEARANCE_MM};
-use super::unconfirmed_approach::UnconfirmedApproach;
-use super::{BlockStart, PlanningError, SafeHeights, ball_round_path};
+use super::unverified_position_approach::UnverifiedPositionApproach;
+use super::{BlockStart, PlanningError, SafeHeights, path_around_ball};
 use machine::record::machine::Machine;
 use machine::record::plan::{Plan, Step};
 use machine::{Axis, Position};
@@ -41,8 +42,9 @@ pub(super) fn plan_ball_approach(
     }
     let high = ball_path.clearance_z_above(&step.from, PLANNED_UNGUARDED_CLEARANCE_MM);
     let above = || z_position(ball_path.clearance_z_above(&step.from, PLANNED_GUARDED_CLEARANCE_MM));
-    if !start.confirmed.has_three_independent_directions() {
-        UnconfirmedApproach::new(plan, safe_heights, high, start.confirmed).move_above(path, &step.from);
+    if !start.touched_directions.has_three_independent_directions() {
+        UnverifiedPositionApproach::new(plan, safe_heights, high, start.touched_directions)
+            .move_above(path, &step.from);
         return Ok(above());
     }
     let known = |axis: Axis| axis == Axis::S || path.end_position.get(axis).is_some();
@@ -55,7 +57,7 @@ pub(super) fn plan_ball_approach(
     } else {
         ball_path.move_linear_axes(path, high);
     }
-    let aside = ball_round_path::block_end_beside_ball(&safe_heights.surroundings, machine, &step.from);
+    let aside = path_around_ball::block_end_beside_ball(&safe_heights.surroundings, machine, &step.from);
     Ok(aside.unwrap_or_else(above))
 }
 
@@ -71,7 +73,7 @@ struct BallApproachPath<'a> {
 
 impl BallApproachPath<'_> {
     fn clearance_z_above(&self, at: &Position, margin: f64) -> f64 {
-        self.safe_heights.surroundings.path_clearance_z(at, at, margin).max(self.highest_touch_z)
+        self.safe_heights.surroundings.clear_z_command_on_path(at, at, margin).max(self.highest_touch_z)
     }
 
     fn needs_rotary_move(&self, path: &MotionSequence) -> bool {
@@ -90,19 +92,20 @@ impl BallApproachPath<'_> {
         self.raise_z(path, needed);
         let turned = self.touch_start.filter_axes(|axis| !matches!(axis, Axis::Z | Axis::S));
         path.add_rapid(&turned);
-        path.add_orientation(self.touch_start.get(Axis::S));
+        path.add_spindle_orientation(self.touch_start.get(Axis::S));
         path.add_rapid(&z_position(high));
         Ok(())
     }
 
     /// Moves the linear axes; the rotary axes are already in position.
     fn move_linear_axes(&self, path: &mut MotionSequence, high: f64) {
-        let apart = self.safe_heights.surroundings.horizontal_distance_mm(&path.end_position, self.touch_start);
+        let apart = self.safe_heights.surroundings.xy_distance_mm(&path.end_position, self.touch_start);
         let between = |margin| {
-            let z = self.safe_heights.surroundings.path_clearance_z(&path.end_position, self.touch_start, margin);
+            let z =
+                self.safe_heights.surroundings.clear_z_command_on_path(&path.end_position, self.touch_start, margin);
             z.max(self.highest_touch_z)
         };
-        let places = ball_round_path::plan_path_round_ball(
+        let places = path_around_ball::plan_path_around_ball(
             &self.safe_heights.surroundings,
             self.machine,
             &path.end_position,
@@ -133,8 +136,9 @@ impl BallApproachPath<'_> {
         if z >= needed - POSITION_TOLERANCE_MM {
             return;
         }
-        let here =
-            |margin| self.safe_heights.surroundings.path_clearance_z(&path.end_position, &path.end_position, margin);
+        let here = |margin| {
+            self.safe_heights.surroundings.clear_z_command_on_path(&path.end_position, &path.end_position, margin)
+        };
         if z < here(PLANNED_GUARDED_CLEARANCE_MM) - POSITION_TOLERANCE_MM {
             let clear = here(PLANNED_UNGUARDED_CLEARANCE_MM).min(needed);
             path.add_guarded_move(&z_position(clear));

@@ -98,12 +98,12 @@ fn neighbour_tours(tour: &[usize], fixed_count: usize) -> impl Iterator<Item = V
         (fixed_count..count)
             .flat_map(move |from| (from + 1..=count.min(from.saturating_add(longest))).map(move |to| (from, to)))
     };
-    let turned = sections(count).map(|(from, to)| {
+    let with_reversed_section = sections(count).map(|(from, to)| {
         let (before, rest) = tour.split_at(from);
         let (section, after) = rest.split_at(to - from);
         before.iter().chain(section.iter().rev()).chain(after).copied().collect()
     });
-    let moved = sections(3).flat_map(move |(from, to)| {
+    let with_moved_section = sections(3).flat_map(move |(from, to)| {
         let (before, rest) = tour.split_at(from);
         let (section, after) = rest.split_at(to - from);
         let others: Vec<usize> = before.iter().chain(after).copied().collect();
@@ -112,5 +112,5 @@ fn neighbour_tours(tour: &[usize], fixed_count: usize) -> impl Iterator<Item = V
             before.iter().chain(section).chain(after).copied().collect()
         })
     });
-    turned.chain(moved)
+    with_reversed_section.chain(with_moved_section)
 }

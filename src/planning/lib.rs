@@ -8,14 +8,13 @@ mod ball;
 mod ball_approach_path;
 mod ball_evaluation;
 mod ball_order;
-mod ball_round_path;
-mod confirmed_directions;
 mod error;
 pub mod gcode;
 mod gjk;
 mod machine_time;
 mod motion_sequence;
 mod obstacle_body;
+mod path_around_ball;
 pub mod proof;
 mod safe_heights;
 mod scan;
@@ -23,28 +22,32 @@ mod stage_prompts;
 mod surroundings;
 mod tool_parts;
 mod touch;
+mod touched_directions;
 mod travel_limits;
 mod turn_feeds;
-mod unconfirmed_approach;
+mod unverified_position_approach;
 
 pub use access::{BallAccessError, TouchAccess, TouchDirection};
-pub use ball::{BallApproach, BallTask};
+pub use ball::{BallMeasurementRequest, BallTouchMode};
 pub use ball_evaluation::{BallCheckError, BallLimits, MeasuredBall, evaluate_ball};
 pub use ball_order::TravelTimes;
-pub use confirmed_directions::{BlockStart, ConfirmedDirections};
 pub use error::PlanningError;
 pub use machine_time::{MachineTime, machine_time_s};
 pub use safe_heights::SafeHeights;
 pub use scan::{out_of_range_block_count, step_blocks};
 pub use stage_prompts::split_prompts;
 pub use touch::touch_block;
+pub use touched_directions::{BlockStart, TouchedDirections};
 
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::{Plan, Stage, Step};
 use machine::{Axis, Position};
 
 /// Blocks of all steps of `plan` in order, once each, from an unknown machine position; and the machine time, s.
-pub fn plan_blocks(plan: &Plan, safe_heights: &SafeHeights) -> Result<(Vec<Block>, f64), PlanningError> {
+pub fn plan_blocks_and_time_s(
+    plan: &Plan,
+    safe_heights: &SafeHeights,
+) -> Result<(Vec<MotionBlock>, f64), PlanningError> {
     let mut program = BlockSequence::default();
     for step in &plan.steps {
         program.push(plan, step, 0, safe_heights)?;
@@ -52,9 +55,12 @@ pub fn plan_blocks(plan: &Plan, safe_heights: &SafeHeights) -> Result<(Vec<Block
     Ok((program.blocks, program.duration_s))
 }
 
-/// Like [`plan_blocks`], stage by stage as a run plans them: each with the artefact at its position found so far.
-/// Prompts have no block.
-pub fn plan_blocks_by_stage(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64), PlanningError> {
+/// Like [`plan_blocks_and_time_s`], stage by stage as a run plans them: each with the artefact at its position
+/// found so far. Prompts have no block.
+pub fn plan_blocks_and_time_s_by_stage(
+    plan: &Plan,
+    stages: &[Stage],
+) -> Result<(Vec<MotionBlock>, f64), PlanningError> {
     let (mut program, mut found) = (BlockSequence::default(), None);
     for stage in stages {
         found = stage.found.as_ref().or(found);
@@ -63,7 +69,7 @@ pub fn plan_blocks_by_stage(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>
         if !asked.is_empty() {
             // The operator may have moved the machine.
             program.end_position = None;
-            program.confirmed = ConfirmedDirections::default();
+            program.touched_directions = TouchedDirections::default();
         }
         for id in moves {
             let Some(step) = plan.steps.iter().find(|step| step.id == *id) else { continue };
@@ -76,15 +82,15 @@ pub fn plan_blocks_by_stage(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>
 /// Sequence of blocks, from an unknown machine position.
 #[derive(Default)]
 struct BlockSequence {
-    blocks: Vec<Block>,
+    blocks: Vec<MotionBlock>,
     duration_s: f64,
     end_position: Option<Position>,
-    confirmed: ConfirmedDirections,
+    touched_directions: TouchedDirections,
 }
 
 impl BlockSequence {
     fn push(&mut self, plan: &Plan, step: &Step, repeat: u32, safe_heights: &SafeHeights) -> Result<(), PlanningError> {
-        let start = BlockStart { position: self.end_position.as_ref(), confirmed: self.confirmed };
+        let start = BlockStart { position: self.end_position.as_ref(), touched_directions: self.touched_directions };
         let blocks = step_blocks(plan, step, repeat, start, safe_heights)?;
         for block in blocks {
             let begins = self.end_position.take().unwrap_or_default();
@@ -92,7 +98,7 @@ impl BlockSequence {
             self.end_position = Some(position_after_motions(&block.motions, &begins));
             self.blocks.push(block);
         }
-        self.confirmed = self.confirmed.after_step(step);
+        self.touched_directions = self.touched_directions.after_step(step);
         Ok(())
     }
 }
@@ -116,7 +122,7 @@ fn motion_target(motion: &Motion) -> Option<Position> {
         | Motion::Feed { to, .. }
         | Motion::Guarded { to, .. }
         | Motion::Probe { to, .. } => Some(to.clone()),
-        Motion::Orient { s } => Some(Position::new().with(Axis::S, *s)),
+        Motion::OrientSpindle { s } => Some(Position::new().with(Axis::S, *s)),
         Motion::Dwell { .. } => None,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::motion_target;
 use machine::record::machine::Machine;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 
 /// Machine time by kind of motion, s.
@@ -20,7 +20,7 @@ pub struct MachineTime {
 
 impl MachineTime {
     /// Machine time of the blocks in their order; the move to the first position is not included.
-    pub fn from_blocks(blocks: &[Block], machine: &Machine) -> Self {
+    pub fn from_blocks(blocks: &[MotionBlock], machine: &Machine) -> Self {
         let (mut time, mut position) = (Self::default(), Position::new());
         for block in blocks {
             time.add_block(block, &mut position, machine);
@@ -32,7 +32,7 @@ impl MachineTime {
         self.touch_s + self.linear_s + self.rotary_s + self.dwell_s
     }
 
-    fn add_block(&mut self, block: &Block, position: &mut Position, machine: &Machine) {
+    fn add_block(&mut self, block: &MotionBlock, position: &mut Position, machine: &Machine) {
         for motion in &block.motions {
             let Some(to) = motion_target(motion) else {
                 if let Motion::Dwell { seconds } = motion {
@@ -64,7 +64,7 @@ impl MachineTime {
 /// speed and acceleration of each. A feed applies to the path in X, Y, Z, or to the rotary axes in degrees if they
 /// alone move. The point of contact is unknown: the middle of the touch is assumed. An axis that `start_position` does
 /// not contain takes no time for its first move.
-pub fn machine_time_s(block: &Block, start_position: &Position, machine: &Machine) -> f64 {
+pub fn machine_time_s(block: &MotionBlock, start_position: &Position, machine: &Machine) -> f64 {
     let mut time = MachineTime::default();
     time.add_block(block, &mut start_position.clone(), machine);
     time.total_s()

@@ -26,7 +26,7 @@ impl MotionSequence {
     /// Turns the rotary axes, orients the spindle, moves X and Y as in `to`, and last Z to `z`.
     pub fn add_rapids_above(&mut self, to: &Position, z: f64) {
         self.add_rapid(&to.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
-        self.add_orientation(to.get(Axis::S));
+        self.add_spindle_orientation(to.get(Axis::S));
         self.add_rapid(&to.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
         self.add_rapid(&z_position(z));
     }
@@ -50,10 +50,11 @@ impl MotionSequence {
         }
     }
 
-    pub fn add_orientation(&mut self, s: Option<f64>) {
+    /// Adds the orientation of the spindle to `s`, rad, if the spindle is not there.
+    pub fn add_spindle_orientation(&mut self, s: Option<f64>) {
         if let Some(s) = s.filter(|s| !self.is_at(Axis::S, *s)) {
             self.end_position.set(Axis::S, s);
-            self.motions.push(Motion::Orient { s });
+            self.motions.push(Motion::OrientSpindle { s });
         }
     }
 

@@ -10,7 +10,7 @@ use super::gjk::{SupportMapping, candidate_separating_directions, gap_of_support
 /// Height of the tool cylinder, mm: more than any machine's.
 const TOOL_CYLINDER_HEIGHT_MM: f64 = 2000.0;
 
-/// Space that a part of the tool occupies on a straight path: an upright cylinder without an upper end. If a body
+/// Space that a part of the tool occupies on a straight path: a cylinder along Z without an upper end. If a body
 /// is clear of it, it is also clear of the straight descent to the path, and of any higher path.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SweptToolSpace {

@@ -45,7 +45,7 @@ impl SafeHeights {
     /// part at its position in the plan.
     ///
     /// # Errors
-    /// As [`SafeHeights::above_plan_artefact`].
+    /// The errors of [`SafeHeights::above_plan_artefact`].
     pub fn above_found_or_plan_artefact(plan: &Plan, found: Option<&Artefact>) -> Result<Self, PlanningError> {
         match found {
             Some(balls @ Artefact::Balls(_)) => Self::above_artefact(plan, balls),
@@ -78,8 +78,9 @@ impl SafeHeights {
         let max = self.top_z;
         let no_room = |needed| PlanningError::InsufficientZTravel { needed, max };
         poses.into_iter().try_fold(self.lower_z_limit, |needed, pose| {
-            Ok(needed
-                .max(self.surroundings.clearance_z_everywhere(&pose, PLANNED_UNGUARDED_CLEARANCE_MM).map_err(no_room)?))
+            Ok(needed.max(
+                self.surroundings.clear_z_command_everywhere(&pose, PLANNED_UNGUARDED_CLEARANCE_MM).map_err(no_room)?,
+            ))
         })
     }
 }

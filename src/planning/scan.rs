@@ -4,32 +4,33 @@
 use super::motion_sequence::{MotionSequence, z_position};
 use super::safe_heights::PLANNED_GUARDED_CLEARANCE_MM;
 use super::surroundings::TooNearPair;
-use super::unconfirmed_approach::{
-    UnconfirmedApproach, are_step_sensors_on_table, max_nest_feed_mm_min, near_part_feed_mm_min,
+use super::unverified_position_approach::{
+    UnverifiedPositionApproach, are_step_sensors_on_table, max_nest_feed_mm_min, near_part_feed_mm_min,
 };
-use super::{BlockStart, ConfirmedDirections, PlanningError, SafeHeights, touch_block, travel_limits, turn_feeds};
-use machine::record::motion::{Block, Motion};
+use super::{BlockStart, PlanningError, SafeHeights, TouchedDirections, touch_block, travel_limits, turn_feeds};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
 use machine::{Axis, Position};
 
 /// Height above the first point at which the descent becomes a feed move, mm.
 const SLOW_DESCENT_HEIGHT_MM: f64 = 10.0;
-/// Maximum distance from the first point at which the ball stays in a nest of sensors on the table, mm.
-const MAX_MOVE_IN_NEST_MM: f64 = 1.0;
+/// Maximum difference of each linear axis from the first point up to which the ball stays in a nest of sensors on the
+/// table, mm; from farther away it first leaves the nest.
+const MAX_OFFSET_TO_STAY_IN_NEST_MM: f64 = 1.0;
 
-/// Blocks of one step. A touch is one block. A scan with dwell points is one block for each section after which
-/// samples are taken, the first with the path to it. A continuous scan is the path to its first point and the scan,
-/// without a rest.
+/// Blocks of one step. A touch is one block. A scan with dwell points is one block for each part of the path
+/// after which samples are taken, the first with the path to the first point. A continuous scan is the path to its
+/// first point and the scan, without a rest.
 ///
 /// # Errors
-/// As [`touch_block`]; the points of a scan do not contain all axes, or its sampling is impossible.
+/// The errors of [`touch_block`]; or the points of a scan do not contain all axes, or its sampling is impossible.
 pub fn step_blocks(
     plan: &Plan,
     step: &Step,
     repeat: u32,
     start: BlockStart<'_>,
     safe_heights: &SafeHeights,
-) -> Result<Vec<Block>, PlanningError> {
+) -> Result<Vec<MotionBlock>, PlanningError> {
     match &step.scan {
         None => touch_block(plan, step, repeat, start, safe_heights).map(|block| vec![block]),
         Some(scan) => scan_blocks(plan, step, scan, repeat, start, safe_heights),
@@ -38,9 +39,9 @@ pub fn step_blocks(
 
 /// If the rotary axes or the spindle turn, the path leads up to the end of Z, turns and moves across; otherwise it
 /// is no higher than its two ends. Then it leads down, the last part slowly, and from point to point. Until a scan
-/// has confirmed the position of the machine, the path is careful ([`super::unconfirmed_approach`]), and the descent to
-/// where the sensor may reach a body is separate blocks ([`out_of_range_block_count`]). The path of the ball into a
-/// nest of sensors on the table is always planned like this; between scans, the ball stays in the nest.
+/// has verified the position of the machine, the path is careful ([`super::unverified_position_approach`]), and the
+/// descent to where the sensor may reach a body is separate blocks ([`out_of_range_block_count`]). The path
+/// of the ball into a nest of sensors on the table is always planned like this; between scans, the ball stays in the nest.
 fn scan_blocks(
     plan: &Plan,
     step: &Step,
@@ -48,23 +49,24 @@ fn scan_blocks(
     repeat: u32,
     start: BlockStart<'_>,
     safe_heights: &SafeHeights,
-) -> Result<Vec<Block>, PlanningError> {
-    check_scan_step(plan, step, scan)?;
+) -> Result<Vec<MotionBlock>, PlanningError> {
+    check_scan_step_is_plannable(plan, step, scan)?;
     let in_nest = are_step_sensors_on_table(plan, step);
-    let approach_feed = if in_nest { max_nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, start.confirmed) };
+    let approach_feed =
+        if in_nest { max_nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, start.touched_directions) };
     let mut path = MotionSequence::starting_at(start.position, approach_feed);
     let top_z = safe_heights.top_z;
     let mut blocks = Vec::new();
     let begins_in_place = scan.is_rotary_only() && are_unmoved_axes_at_start(&path, scan);
-    if begins_in_place || (in_nest && can_stay_in_nest(&path, &step.from, start.confirmed)) {
+    if begins_in_place || (in_nest && can_stay_in_nest(&path, &step.from, start.touched_directions)) {
         turn_to_first_point(&mut path, plan, &step.from, safe_heights);
-    } else if start.confirmed.has_three_independent_directions() && !in_nest {
+    } else if start.touched_directions.has_three_independent_directions() && !in_nest {
         plan_scan_approach(&mut path, &step.from, top_z);
     } else {
         let low_z = lowest_out_of_range_z(step, &path, safe_heights)?;
         let careful = match in_nest {
-            true => UnconfirmedApproach::to_nest(plan, safe_heights, low_z),
-            false => UnconfirmedApproach::new(plan, safe_heights, low_z, start.confirmed),
+            true => UnverifiedPositionApproach::to_nest(plan, safe_heights, low_z),
+            false => UnverifiedPositionApproach::new(plan, safe_heights, low_z, start.touched_directions),
         };
         careful.move_up(&mut path, &step.from);
         blocks.push(std::mem::take(&mut path.motions));
@@ -85,8 +87,8 @@ fn scan_blocks(
     }
     blocks.push(path.motions);
     blocks.retain(|motions| !motions.is_empty());
-    let block = |motions| Block { step: step.id, repeat, motions };
-    let blocks: Vec<Block> = blocks.into_iter().map(block).collect();
+    let block = |motions| MotionBlock { step: step.id, repeat, motions };
+    let blocks: Vec<MotionBlock> = blocks.into_iter().map(block).collect();
     blocks.iter().try_for_each(|block| travel_limits::check_block_within_limits(block, &plan.machine))?;
     Ok(blocks)
 }
@@ -100,17 +102,17 @@ fn are_unmoved_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
 }
 
 /// Whether the ball is so near to the first point of a scan in a nest that it can stay in the nest. Until the
-/// position is confirmed, no axis turns for this.
-fn can_stay_in_nest(path: &MotionSequence, from: &Position, confirmed: ConfirmedDirections) -> bool {
+/// position is verified, no axis turns for this.
+fn can_stay_in_nest(path: &MotionSequence, from: &Position, touched: TouchedDirections) -> bool {
     let is_in_place = |(axis, at): (Axis, f64)| match path.end_position.get(axis) {
-        Some(position) if axis.is_linear() => (position - at).abs() <= MAX_MOVE_IN_NEST_MM,
-        Some(_) if axis != Axis::S && confirmed.has_three_independent_directions() => true,
+        Some(position) if axis.is_linear() => (position - at).abs() <= MAX_OFFSET_TO_STAY_IN_NEST_MM,
+        Some(_) if axis != Axis::S && touched.has_three_independent_directions() => true,
         _ => path.is_at(axis, at),
     };
     from.iter().all(is_in_place)
 }
 
-/// Turns to the first point, at the feed that is allowed until the position is confirmed.
+/// Turns to the first point, at the feed that is allowed until the position is verified.
 fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, safe_heights: &SafeHeights) {
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
         let chain = &safe_heights.surroundings.chain;
@@ -120,15 +122,16 @@ fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, 
 }
 
 /// Number of the `block_count` blocks of a scan that lead to where no declared body is within the range of its sensor:
-/// straight up, then across and down. None once the position is confirmed; with sensors on the table, none if the
+/// straight up, then across and down. None once the position is verified; with sensors on the table, none if the
 /// ball is already between them.
 pub fn out_of_range_block_count(scan: &Scan, block_count: usize) -> usize {
-    // The path to the first point is in the first of these blocks.
-    let rest = match scan.sampling {
+    // Blocks after those: one for each dwell point, or two for a scan in motion. The first of them also contains the
+    // last part of the path to the first point.
+    let remaining_block_count = match scan.sampling {
         Sampling::Dwell { .. } => scan.path.len(),
         Sampling::Continuous { .. } => 2,
     };
-    block_count.saturating_sub(rest)
+    block_count.saturating_sub(remaining_block_count)
 }
 
 /// Height of Z above the first point from which on no declared body is within the range of a sensor, neither there
@@ -160,7 +163,8 @@ fn plan_scan_approach(path: &mut MotionSequence, from: &Position, top_z: f64) {
     path.add_rapids_above(from, (z + SLOW_DESCENT_HEIGHT_MM).min(top_z));
 }
 
-fn check_scan_step(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
+/// Checks that the scan has a path from `from` to `to` with all axes, a feed, known sensors and a possible sampling.
+fn check_scan_step_is_plannable(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     let id = step.id;
     let invalid = |reason| Err(PlanningError::InvalidScan { step: id, reason });
     let required_axes = plan.machine.axes.keys().copied().filter(|axis| *axis != Axis::S);

@@ -1,7 +1,7 @@
 //! Obstacles around the tool, and the height at which the tool passes them.
 //!
-//! The tool is upright along Z: the stylus ball, and above it cylinders without an upper end. The bounds are
-//! conservative; the proof decides whether an obstacle blocks the path.
+//! The tool points along +Z of the machine frame: the stylus ball, and above it cylinders without an upper end. The
+//! bounds are conservative; the proof decides whether an obstacle blocks the path.
 
 use nalgebra::Vector3;
 
@@ -121,14 +121,14 @@ impl Surroundings {
     }
 
     /// Centre of the stylus ball, machine frame.
-    pub fn tip_position(&self, position: &Position) -> Vector3<f64> {
+    pub fn tip_in_machine(&self, position: &Position) -> Vector3<f64> {
         self.chain.machine_from_spindle(position, &[]).transform_point(&self.tip.mm.into()).coords
     }
 
     /// Z command from which on the stylus ball is `margin` higher than everything that Z can pass over, with the
     /// rotary axes as in `pose`, at any position of the other axes. `Err`: the artefact is higher than Z reaches;
     /// the value is the required Z.
-    pub fn clearance_z_everywhere(&self, pose: &Position, margin: f64) -> Result<f64, f64> {
+    pub fn clear_z_command_everywhere(&self, pose: &Position, margin: f64) -> Result<f64, f64> {
         let (here, higher) = self.present_and_raised_positions(pose);
         let mut needed = f64::NEG_INFINITY;
         for obstacle in &self.obstacles {
@@ -147,8 +147,8 @@ impl Surroundings {
 
     /// Z command from which on the tool is `margin` clear of everything that Z can pass over, on the straight path
     /// in X and Y between two positions with the same rotary axes. Heights below `to` are not considered.
-    pub fn path_clearance_z(&self, from: &Position, to: &Position, margin: f64) -> f64 {
-        let highest = self.highest_clearance_z(&self.tool_parts, &self.obstacles, [from, to], margin, self.max_z);
+    pub fn clear_z_command_on_path(&self, from: &Position, to: &Position, margin: f64) -> f64 {
+        let highest = self.highest_clear_z_command(&self.tool_parts, &self.obstacles, [from, to], margin, self.max_z);
         highest.map_or(f64::NEG_INFINITY, |(z, _)| z)
     }
 
@@ -161,7 +161,7 @@ impl Surroundings {
     pub fn out_of_range_z(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, TooNearPair> {
         let ball = self.tool_parts.get(..1).unwrap_or_default();
         let clearance =
-            |parts, obstacles| self.highest_clearance_z(parts, obstacles, [from, to], margin, f64::INFINITY);
+            |parts, obstacles| self.highest_clear_z_command(parts, obstacles, [from, to], margin, f64::INFINITY);
         let of_spindle = clearance(&self.sensor_ranges, &self.obstacles);
         let of_table = clearance(ball, &self.measuring_lines).map(|(z, [ball, line])| (z, [line, ball]));
         let both = of_spindle.into_iter().chain(of_table);
@@ -176,7 +176,7 @@ impl Surroundings {
 
     /// Highest Z command, at most `max_z`, that is needed for one of `parts` to be `margin` clear of one of
     /// `obstacles` on the path, with the names of the two.
-    fn highest_clearance_z<'a>(
+    fn highest_clear_z_command<'a>(
         &self,
         parts: &'a [ToolPart],
         obstacles: &'a [Obstacle],
@@ -196,8 +196,8 @@ impl Surroundings {
             for part in parts.iter().filter(|part| part.may_collide(&path_ends, &body, margin)) {
                 let is_higher = |z: &f64| highest.is_none_or(|(highest, _)| *z > highest);
                 // The exact rise takes a search: it is needed only where the bound exceeds the highest so far.
-                let bound = z_after_rise(part.max_clearance_rise_mm(&path_ends, &body, margin));
-                let exact = || z_after_rise(part.clearance_rise_mm(&path_ends, &body, margin));
+                let bound = z_after_rise(part.rise_over_top_mm(&path_ends, &body, margin));
+                let exact = || z_after_rise(part.rise_until_clear_mm(&path_ends, &body, margin));
                 let z = bound.filter(is_higher).and_then(|_| exact()).filter(is_higher).filter(|z| *z <= max_z);
                 if let Some(z) = z {
                     highest = Some((z, [part.name.as_str(), obstacle.name.as_str()]));
@@ -233,8 +233,8 @@ impl Surroundings {
         })
     }
 
-    /// Distance of two positions seen along the spindle, with the rotary axes as in `to`, mm.
-    pub fn horizontal_distance_mm(&self, from: &Position, to: &Position) -> f64 {
+    /// Distance of two positions in X and Y of the machine frame, with the rotary axes as in `to`, mm.
+    pub fn xy_distance_mm(&self, from: &Position, to: &Position) -> f64 {
         let level = from.updated_by(&to.filter_axes(|axis| !axis.is_linear()));
         let [from, to] = [&level, to].map(|at| self.chain.tip_in_table(at, self.tip, &[]).mm);
         let table = self.chain.machine_from_table(&level, &[]).rotation;
@@ -268,12 +268,12 @@ impl Surroundings {
         let at = |z: f64| Position::new().with(Axis::Z, z);
         let over_table = |position: &Position| {
             let table = self.chain.machine_from_table(position, &[]);
-            self.tip_position(position).z - table.translation.vector.z
+            self.tip_in_machine(position).z - table.translation.vector.z
         };
         over_table(&at(1.0)) > over_table(&at(0.0))
     }
 
-    /// Whether the spindle is upright.
+    /// Whether the spindle's axis points along +Z of the machine frame in `pose`.
     pub fn is_spindle_upright(&self, pose: &Position) -> bool {
         let axis = self.chain.machine_from_spindle(pose, &[]).rotation * Vector3::z();
         axis.z > 1.0 - 1e-9
@@ -282,7 +282,7 @@ impl Surroundings {
     fn tip_and_carrier_poses(&self, at: &Position) -> TipAndCarrierPoses {
         let commands = Axis::ALL.map(|axis| at.get_or_zero(axis));
         let carriers = self.obstacle_carriers.iter().map(|carried| carried.pose(&commands)).collect();
-        TipAndCarrierPoses { tip: self.tip_position(at), carrier_poses: carriers }
+        TipAndCarrierPoses { tip: self.tip_in_machine(at), carrier_poses: carriers }
     }
 
     /// State at a position, and with Z 1 mm higher.

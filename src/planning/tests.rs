@@ -68,7 +68,7 @@ fn regress_one_touch_has_the_expected_motions() {
     let plan = cylinder_plan(vec![radial_touch_step(3, 0.0, 0.0, 1.0, 0.5)]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     assert!((clearance.part_clearance_z.unwrap() - PART_CLEARANCE_Z_MM).abs() < 1e-9 && clearance.top_z == 450.0);
-    let start = BlockStart { position: None, confirmed: ConfirmedDirections::all() };
+    let start = BlockStart { position: None, touched_directions: TouchedDirections::all() };
     let block = touch_block(&plan, &plan.steps[0], 2, start, &clearance).unwrap();
     assert_eq!((block.step, block.repeat), (3, 2));
     let z = |z| position_from_mm_or_rad(&[(Axis::Z, z)]);
@@ -77,7 +77,7 @@ fn regress_one_touch_has_the_expected_motions() {
     let expected = [
         Motion::Rapid { to: z(450.0) },
         Motion::Rapid { to: position_from_mm_or_rad(&[(Axis::B, 0.0), (Axis::C, 1.0)]) },
-        Motion::Orient { s: 0.5 },
+        Motion::OrientSpindle { s: 0.5 },
         Motion::Rapid { to: position_from_mm_or_rad(&[(Axis::X, 48.5), (Axis::Y, 0.0)]) },
         Motion::Rapid { to: z(safe) },
         Motion::Guarded { to: z(170.0), feed_mm_min: 1500.0 },
@@ -93,23 +93,23 @@ fn regress_one_touch_has_the_expected_motions() {
         &plan,
         &plan.steps[0],
         3,
-        BlockStart { position: Some(&position), confirmed: ConfirmedDirections::all() },
+        BlockStart { position: Some(&position), touched_directions: TouchedDirections::all() },
         &clearance,
     )
     .unwrap();
     assert_eq!(again.motions, expected[5..]);
 }
 
-/// Until touches have confirmed the position of the machine, the path leads by way of the upper end of Z, one axis
+/// Until touches have verified the position of the machine, the path leads by way of the upper end of Z, one axis
 /// group after the other, and near the part at the search feed.
 #[test]
-fn the_approach_to_an_unconfirmed_position_has_no_rapid() {
+fn the_approach_to_an_unverified_position_has_no_rapid() {
     let plan = cylinder_plan(vec![radial_touch_step(3, 0.0, 0.0, 1.0, 0.5)]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let [z, x] = [Axis::Z, Axis::X].map(|axis| move |to: f64| position_from_mm_or_rad(&[(axis, to)]));
     let guarded = |to: Position, feed_mm_min| Motion::Guarded { to, feed_mm_min };
     let of = |position, confirmed| {
-        let start = BlockStart { position, confirmed };
+        let start = BlockStart { position, touched_directions: confirmed };
         touch_block(&plan, &plan.steps[0], 0, start, &clearance).unwrap()
     };
     let touched = |feed| {
@@ -122,7 +122,7 @@ fn the_approach_to_an_unconfirmed_position_has_no_rapid() {
     };
     // Low beside the part, only C turned, and 0.1 mm off in X: too short for a probing move.
     let position = plan.steps[0].from.clone().with(Axis::C, 0.0).with(Axis::X, 48.6);
-    let block = of(Some(&position), ConfirmedDirections::default());
+    let block = of(Some(&position), TouchedDirections::default());
     let [Motion::Guarded { to: up, .. }, _, Motion::Feed { to: turn, .. }, rest @ ..] = block.motions.as_slice() else {
         panic!("{block:?}")
     };
@@ -137,16 +137,16 @@ fn the_approach_to_an_unconfirmed_position_has_no_rapid() {
     assert_eq!(rest[2..], touched(300.0));
     // From the end of that block, no sideways move is needed, and the probe is known to work.
     let position = position_after_motions(&block.motions, &position);
-    let begun = ConfirmedDirections::default().after_step(&plan.steps[0]);
+    let begun = TouchedDirections::default().after_step(&plan.steps[0]);
     assert_eq!(of(Some(&position), begun).motions, touched(1500.0));
     // Every axis whose position is unknown must move.
-    let unknown = of(None, ConfirmedDirections::default());
+    let unknown = of(None, TouchedDirections::default());
     assert!(!unknown.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
     assert_eq!(unknown.motions.len(), 4 + 2 + touched(300.0).len());
 }
 
 /// Checks that every motion of `block` obeys the rules of safe motion, whatever came before.
-fn assert_touch_block_moves_safely(plan: &Plan, block: &Block, begins: &Position, safe_z: f64) {
+fn assert_touch_block_moves_safely(plan: &Plan, block: &MotionBlock, begins: &Position, safe_z: f64) {
     let mut position = begins.clone();
     let mut probe: Option<(Position, Position)> = None;
     for motion in &block.motions {
@@ -164,23 +164,26 @@ fn assert_touch_block_moves_safely(plan: &Plan, block: &Block, begins: &Position
                 assert!(high(&next));
             }
             Motion::Probe { .. } => {
-                assert!(probe.is_none(), "a second probe");
+                assert!(probe.is_none(), "the touch has a second probing move");
                 probe = Some((position.clone(), next.clone()));
             }
             Motion::BackOff { .. } => {
                 let (start, deepest) = probe.clone().expect("a back-off without a touch");
-                assert!(are_positions_nearly_equal(&next, &start), "back the way it came");
+                assert!(
+                    are_positions_nearly_equal(&next, &start),
+                    "the back-off does not end at the start of the probing move"
+                );
                 let square = |axis| (next.get_or_zero(axis) - deepest.get_or_zero(axis)).powi(2);
                 let length = Axis::LINEAR.into_iter().map(square).sum::<f64>().sqrt();
                 assert!(length > 0.0 && length <= plan.probe.overtravel_mm);
             }
-            Motion::Guarded { .. } | Motion::Orient { .. } => {}
+            Motion::Guarded { .. } | Motion::OrientSpindle { .. } => {}
             Motion::Dwell { .. } | Motion::Feed { .. } => unreachable!("a touch does neither"),
         }
         position = next;
     }
-    assert!(probe.is_some(), "a touch probes");
-    assert!(position.get_or_zero(Axis::Z) >= safe_z - 1e-9, "ends high");
+    assert!(probe.is_some(), "the touch has no probing move");
+    assert!(position.get_or_zero(Axis::Z) >= safe_z - 1e-9, "the touch does not end above the safe height");
 }
 
 #[test]
@@ -208,7 +211,7 @@ fn regress_every_touch_of_a_cycle_obeys_the_motion_rules() {
                 &plan,
                 step,
                 0,
-                BlockStart { position: position.as_ref(), confirmed: ConfirmedDirections::all() },
+                BlockStart { position: position.as_ref(), touched_directions: TouchedDirections::all() },
                 &clearance,
             )
             .unwrap();
@@ -217,7 +220,7 @@ fn regress_every_touch_of_a_cycle_obeys_the_motion_rules() {
             position = Some(position_after_motions(&block.motions, &from));
         }
     }
-    let (blocks, seconds) = plan_blocks(&plan, &clearance).unwrap();
+    let (blocks, seconds) = plan_blocks_and_time_s(&plan, &clearance).unwrap();
     assert_eq!(blocks.len(), 24);
     assert!(seconds > 24.0 * 1.5);
 }
@@ -299,7 +302,8 @@ fn rotary_target_exactly_at_its_limit_is_accepted() {
 fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
     let machine = cylinder_plan(Vec::new()).machine;
     let begins = position_from_mm_or_rad(&[(Axis::X, 0.0), (Axis::Y, 0.0), (Axis::Z, 0.0), (Axis::C, 0.0)]);
-    let seconds = |motions: Vec<Motion>| machine_time_s(&Block { step: 0, repeat: 0, motions }, &begins, &machine);
+    let seconds =
+        |motions: Vec<Motion>| machine_time_s(&MotionBlock { step: 0, repeat: 0, motions }, &begins, &machine);
     let rapid = |axes: &[(Axis, f64)]| Motion::Rapid { to: position_from_mm_or_rad(axes) };
     let cases: [(Vec<Motion>, f64); 8] = [
         // 100 mm: 1 s and one ramp of 0.1 s.
@@ -326,7 +330,7 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
         ),
         (vec![Motion::Dwell { seconds: 2.5 }], 2.5),
         // S is unknown at first, then it turns 60°.
-        (vec![Motion::Orient { s: 1.0 }, Motion::Orient { s: 1.0 + PI / 3.0 }], 2.1),
+        (vec![Motion::OrientSpindle { s: 1.0 }, Motion::OrientSpindle { s: 1.0 + PI / 3.0 }], 2.1),
         (vec![rapid(&[(Axis::X, 0.0)])], 0.0),
     ];
     for (motions, expected) in cases {
@@ -371,11 +375,11 @@ fn scan_has_one_block_per_point_and_rises_to_top_only_when_necessary() {
     let mut plan = cylinder_plan(vec![scan(0, 0.0), scan(1, 0.0), scan(2, 1.0)]);
     plan.sensors = vec![sensor.unwrap()];
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
-    let (blocks, _) = plan_blocks(&plan, &clearance).unwrap();
+    let (blocks, _) = plan_blocks_and_time_s(&plan, &clearance).unwrap();
     assert_eq!(blocks.iter().map(|block| block.step).collect::<Vec<_>>(), [0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2]);
     let scan = plan.steps[0].scan.as_ref().unwrap();
     assert_eq!([5, 3].map(|count| out_of_range_block_count(scan, count)), [2, 0]);
-    let highest = |block: &Block| {
+    let highest = |block: &MotionBlock| {
         let heights = block.motions.iter().filter_map(|motion| motion_target(motion)?.get(Axis::Z));
         heights.fold(f64::NEG_INFINITY, f64::max)
     };
@@ -386,19 +390,19 @@ fn scan_has_one_block_per_point_and_rises_to_top_only_when_necessary() {
     assert_eq!(blocks[3].motions, [&to_middle[..], &rest].concat());
     let mut broken = plan.clone();
     broken.steps[0].scan.as_mut().unwrap().path[1] = position_from_mm_or_rad(&[(Axis::X, 0.0)]);
-    let refused = super::plan_blocks(&broken, &clearance).unwrap_err();
+    let refused = super::plan_blocks_and_time_s(&broken, &clearance).unwrap_err();
     assert!(matches!(refused, PlanningError::MissingAxisPosition { step: 0, .. }), "{refused}");
     let mut several = plan.clone();
     several.steps[0].sensors.push("probe".into());
-    let refused = super::plan_blocks(&several, &clearance).unwrap_err();
+    let refused = super::plan_blocks_and_time_s(&several, &clearance).unwrap_err();
     assert!(refused.to_string().contains("a name that no sensor"), "{refused}");
     plan.sensors.clear();
-    let refused = super::plan_blocks(&plan, &clearance).unwrap_err();
+    let refused = super::plan_blocks_and_time_s(&plan, &clearance).unwrap_err();
     assert!(refused.to_string().contains("a name that no sensor"), "{refused}");
 }
 
 #[test]
-fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_confirmed() {
+fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_verified() {
     let mut plan = cylinder_plan(vec![radial_touch_step(0, 0.0, 0.0, 1.0, 0.0)]);
     let clamp = json!({"close": "M65 P3", "open": "M64 P3"});
     plan.machine.axes.get_mut(&Axis::C).unwrap().clamp = serde_json::from_value(clamp).unwrap();
@@ -413,7 +417,7 @@ fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_confirmed() {
 /// The part is 100 mm high. With Z at 283, the far end of the range, 180 mm below the spindle datum, is 3 mm above
 /// the part, whose position is uncertain by `uncertainty_mm`.
 #[test]
-fn until_a_scan_confirms_the_descent_ends_where_nothing_is_within_range() {
+fn until_a_scan_verifies_the_descent_ends_where_nothing_is_within_range() {
     let of = |range_mm: [f64; 2]| {
         let step: Step = serde_json::from_value(serde_json::json!({
             "id": 0, "stage": 0, "kind": "scan", "label": "s", "feed_mm_min": 60.0, "sensor": "laser",
@@ -432,19 +436,19 @@ fn until_a_scan_confirms_the_descent_ends_where_nothing_is_within_range() {
         ];
         let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
         let uncertainty_mm = machine::artefact::max_misplacement_mm(&plan.artefact);
-        (plan_blocks(&plan, &clearance).map(|(blocks, _)| blocks), uncertainty_mm)
+        (plan_blocks_and_time_s(&plan, &clearance).map(|(blocks, _)| blocks), uncertainty_mm)
     };
     let (blocks, uncertainty_mm) = of([-10.0, 30.0]);
     let blocks = blocks.unwrap();
     assert_eq!(blocks.len(), 3);
-    let targets = |block: &Block| block.motions.iter().filter_map(motion_target).collect();
+    let targets = |block: &MotionBlock| block.motions.iter().filter_map(motion_target).collect();
     let [up, down, first]: [Vec<Position>; 3] = [0, 1, 2].map(|number| targets(&blocks[number]));
     assert_eq!(up, [position_from_mm_or_rad(&[(Axis::Z, 450.0)])]);
     let low_z = down.last().unwrap().get_or_zero(Axis::Z);
     assert!((low_z - 283.0 - uncertainty_mm).abs() < 0.2, "{low_z}");
     assert_eq!(first, [position_from_mm_or_rad(&[(Axis::Z, 255.0)])]);
     // At this height, a hold after the first distance must stop the machine within the range of 0.4 mm.
-    let feed = |blocks: &[Block]| match blocks[1].motions.last() {
+    let feed = |blocks: &[MotionBlock]| match blocks[1].motions.last() {
         Some(Motion::Feed { feed_mm_min, .. }) => *feed_mm_min,
         other => panic!("{other:?}"),
     };
@@ -476,11 +480,11 @@ fn continuous_scan_is_one_block_of_feeds_without_a_dwell() {
         let mut plan = cylinder_plan(vec![scan(path.iter().map(|x| point(*x)).collect(), rate_hz)]);
         plan.sensors = vec![serde_json::from_value(sensor.clone()).unwrap()];
         let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
-        plan_blocks(&plan, &clearance).map(|(blocks, _)| blocks)
+        plan_blocks_and_time_s(&plan, &clearance).map(|(blocks, _)| blocks)
     };
     // The path passes its first point again, and stops there once.
     let found = of(&[-1.0, 1.0, -1.0, -1.0, -2.0], 1000.0).unwrap();
-    assert_eq!(found.len(), 4, "up, across and down, to its first point, the scan");
+    assert_eq!(found.len(), 4, "motions: up, across and down, to the first point, scan");
     let way = |x: f64| Motion::Feed { to: position_from_mm_or_rad(&[(Axis::X, x)]), feed_mm_min: 60.0 };
     assert_eq!(found[3].motions, [way(1.0), way(-1.0), way(-2.0)]);
     let reason = |path: &[f64], rate| of(path, rate).unwrap_err().to_string();
@@ -517,7 +521,7 @@ fn prompts_after_motions_or_without_text_are_refused() {
     }
     // A prompt contains no axes: the path to the first touch begins at an unknown position.
     let stage = Stage { id: 0, name: String::new(), repeat: 0, steps: vec![0, 1], found: None };
-    let (blocks, _) = plan_blocks_by_stage(&plan, &[stage]).unwrap();
+    let (blocks, _) = plan_blocks_and_time_s_by_stage(&plan, &[stage]).unwrap();
     assert_eq!(blocks.iter().map(|block| block.step).collect::<Vec<_>>(), [1]);
 }
 
@@ -545,7 +549,7 @@ fn rotary_scan_begins_in_place_and_other_axes_turn_at_the_top_of_z() {
     plan.sensors = vec![serde_json::from_value(sensor).unwrap()];
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let from = |position: Position| {
-        let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
+        let start = BlockStart { position: Some(&position), touched_directions: TouchedDirections::default() };
         let blocks = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
         blocks.into_iter().flat_map(|block| block.motions).collect::<Vec<_>>()
     };

@@ -1,4 +1,4 @@
-//! The tool as a stack of upright parts, and their distance from bodies beside the path.
+//! The tool as a stack of parts along Z, and their distance from bodies beside the path.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -45,7 +45,7 @@ impl ToolPart {
     /// Fast check: false if the part passes above the body or beside it.
     pub fn may_collide(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> bool {
         let lowest = path_ends[0].z.min(path_ends[1].z) + self.bottom_height_mm;
-        lowest < body.top_z() + margin && horizontal_gap_mm(path_ends, body) < self.radius + margin
+        lowest < body.top_z() + margin && xy_gap_mm(path_ends, body) < self.radius + margin
     }
 
     pub fn is_clear(&self, path_ends: [Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> bool {
@@ -53,16 +53,16 @@ impl ToolPart {
     }
 
     /// Rise at which the lower end of the part is `margin` above the top of the body, mm; 0 if it is there already.
-    pub fn max_clearance_rise_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
+    pub fn rise_over_top_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
         (body.top_z() + margin - self.bottom_height_mm - path_ends[0].z.min(path_ends[1].z)).max(0.0)
     }
 
     /// Rise at which the part is clear of the body by `margin`, mm; found by bisection and rounded up.
-    pub fn clearance_rise_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
+    pub fn rise_until_clear_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
         if are_apart_by(&self.swept_space(*path_ends, 0.0), body, margin) {
             return f64::NEG_INFINITY;
         }
-        let (mut low, mut high) = (0.0, self.max_clearance_rise_mm(path_ends, body, margin));
+        let (mut low, mut high) = (0.0, self.rise_over_top_mm(path_ends, body, margin));
         while high - low > CLEARANCE_RISE_ACCURACY_MM {
             let middle = (low + high) / 2.0;
             let clear = are_apart_by(&self.swept_space(*path_ends, middle), body, margin);
@@ -72,8 +72,8 @@ impl ToolPart {
     }
 }
 
-/// Lower bound of the distance of a body from a straight path, seen from above: the largest over all directions.
-fn horizontal_gap_mm(path_ends: &[Vector3<f64>; 2], body: &ObstacleBody) -> f64 {
+/// Lower bound of the distance of a body from a straight path in X and Y: the largest over all directions.
+fn xy_gap_mm(path_ends: &[Vector3<f64>; 2], body: &ObstacleBody) -> f64 {
     let (points, radius) = body.hull_points_and_radius();
     let between = |u: &Vector2<f64>| {
         let near = points.iter().map(|p| p.xy().dot(u)).fold(f64::INFINITY, f64::min);
@@ -120,7 +120,7 @@ pub(super) fn tool_parts(plan: &Plan) -> Vec<ToolPart> {
     tool
 }
 
-/// Measuring range of `sensor`, as an upright cylinder about the stylus ball at `tip` that covers every orientation
+/// Measuring range of `sensor`, as a cylinder along Z about the stylus ball at `tip` that covers every orientation
 /// of the spindle.
 pub(super) fn sensor_range_as_tool_part(sensor: &Sensor, tip: &Vector3<f64>) -> ToolPart {
     let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);

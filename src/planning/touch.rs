@@ -1,40 +1,40 @@
 //! One touch as a safe sequence of motions.
 
-use super::confirmed_directions::BlockStart;
 use super::motion_sequence::{EQUAL_POSITION_TOLERANCE_MM_OR_RAD, MotionSequence, z_position};
-use super::unconfirmed_approach::{UnconfirmedApproach, near_part_feed_mm_min};
+use super::touched_directions::BlockStart;
+use super::unverified_position_approach::{UnverifiedPositionApproach, near_part_feed_mm_min};
 use super::{PlanningError, SafeHeights, ball_approach_path, travel_limits};
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
 
 /// The motions of one touch: up to a safe height, turn the rotary axes and the spindle, move above the start,
 /// guarded down to `from`, dwell if the probe requires it, touch towards `to`, back off to `from`, guarded up
 /// again. A move to the present position is omitted. Near the artefact, all moves but the back-off are guarded.
-/// Until touches have confirmed the position of the machine, all moves are careful ([`super::unconfirmed_approach`]),
-/// and near the artefact they use the search feed.
+/// Until touches have verified the position of the machine, all moves are careful
+/// ([`super::unverified_position_approach`]), and near the artefact they use the search feed.
 ///
-/// Between two touches of a round part, the path leads over its top. Between two touches of a ball, it leads round
-/// the ball, or otherwise as high as necessary ([`super::ball_approach_path`]); the block ends beside the ball, or
-/// above all near obstacles.
+/// Between two touches of a round part, the path leads over its top. Between two touches of a ball, it leads
+/// around the ball, or otherwise as high as necessary ([`super::ball_approach_path`]); the block ends beside the ball,
+/// or above all near obstacles.
 ///
 /// The back-off ends at `from`, the only point that is certainly out of contact. So that the back-off is never
 /// longer than the probe's overtravel, the touch must not be longer either.
 ///
 /// # Errors
 /// The step is not a complete touch; the touch is longer than the overtravel; a position is out of travel; for
-/// balls, the spindle is not upright.
+/// balls, the spindle does not point along +Z.
 pub fn touch_block(
     plan: &Plan,
     step: &Step,
     repeat: u32,
     start: BlockStart<'_>,
     safe_heights: &SafeHeights,
-) -> Result<Block, PlanningError> {
-    check_touch_step(plan, step)?;
+) -> Result<MotionBlock, PlanningError> {
+    check_touch_step_is_plannable(plan, step)?;
     check_guarded_feed(plan)?;
     let (near_part_feed_mm_min, back_feed) =
-        (near_part_feed_mm_min(plan, start.confirmed), plan.probe.search_feed_mm_min);
+        (near_part_feed_mm_min(plan, start.touched_directions), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
     let mut path = MotionSequence::starting_at(start.position, near_part_feed_mm_min);
     let end = match safe_heights.part_clearance_z {
@@ -49,7 +49,7 @@ pub fn touch_block(
     path.add_motion(&from.filter_axes(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
     path.add_guarded_move(&end);
 
-    let block = Block { step: step.id, repeat, motions: path.motions };
+    let block = MotionBlock { step: step.id, repeat, motions: path.motions };
     travel_limits::check_block_within_limits(&block, &plan.machine)?;
     Ok(block)
 }
@@ -65,8 +65,8 @@ fn plan_part_approach(
 ) -> Position {
     let (from, to) = (&step.from, &step.to);
     let safe_z = safe_z.max(from.get_or_zero(Axis::Z)).max(to.get_or_zero(Axis::Z));
-    if !start.confirmed.has_three_independent_directions() {
-        UnconfirmedApproach::new(plan, safe_heights, safe_z, start.confirmed).move_above(path, from);
+    if !start.touched_directions.has_three_independent_directions() {
+        UnverifiedPositionApproach::new(plan, safe_heights, safe_z, start.touched_directions).move_above(path, from);
         return z_position(safe_z);
     }
     match path.end_position.get(Axis::Z) {
@@ -78,7 +78,8 @@ fn plan_part_approach(
     z_position(safe_z)
 }
 
-fn check_touch_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
+/// Checks that the step is a touch with all axes, without rotary motion, and not longer than the probe's overtravel.
+fn check_touch_step_is_plannable(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
     let id = step.id;
     if !matches!(step.kind, StepKind::Touch | StepKind::Reference) {
         return Err(PlanningError::NotATouch { step: id });

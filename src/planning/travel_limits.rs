@@ -2,8 +2,8 @@
 
 use super::{PlanningError, motion_target};
 use machine::Position;
-use machine::record::machine::{AxisSpec, Machine};
-use machine::record::motion::Block;
+use machine::record::machine::{Machine, StatedAxis};
+use machine::record::motion::MotionBlock;
 
 /// Tolerance for limits in degrees, so that rounding does not refuse a move exactly to the limit.
 const LIMIT_TOLERANCE_MM_OR_DEG: f64 = 1e-9;
@@ -16,7 +16,7 @@ pub(super) fn is_position_within_limits(position: &Position, machine: &Machine) 
     })
 }
 
-fn is_axis_value_within_limits(value: f64, spec: &AxisSpec) -> bool {
+fn is_axis_value_within_limits(value: f64, spec: &StatedAxis) -> bool {
     (spec.min - LIMIT_TOLERANCE_MM_OR_DEG..=spec.max + LIMIT_TOLERANCE_MM_OR_DEG).contains(&value)
 }
 
@@ -24,7 +24,7 @@ fn is_axis_value_within_limits(value: f64, spec: &AxisSpec) -> bool {
 ///
 /// # Errors
 /// The machine lacks an axis; a position is outside its limits or not finite.
-pub(super) fn check_block_within_limits(block: &Block, machine: &Machine) -> Result<(), PlanningError> {
+pub(super) fn check_block_within_limits(block: &MotionBlock, machine: &Machine) -> Result<(), PlanningError> {
     let step = block.step;
     for to in block.motions.iter().filter_map(motion_target) {
         for (axis, value) in to.iter() {

@@ -1,4 +1,4 @@
-//! Maximum feeds while no touch has confirmed the position of the machine.
+//! Maximum feeds while no touch has verified the position of the machine.
 
 use nalgebra::Vector3;
 

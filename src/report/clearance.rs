@@ -3,10 +3,10 @@
 use super::number;
 use machine::record::estimate::{EstimatedFunction, FunctionFigureKind, Unit};
 use machine::record::plan::Plan;
-use machine::record::proof::{Clearance, Proof};
+use machine::record::stage_proof::{Clearance, StageProof};
 
 /// Minimum clearance of each touch or scan, in the order of the run; `None` without any.
-pub(super) fn clearance_of_each_step(proofs: &[Proof]) -> Option<EstimatedFunction> {
+pub(super) fn clearance_of_each_step(proofs: &[StageProof]) -> Option<EstimatedFunction> {
     let y: Vec<f64> = step_clearances(proofs).map(|clearance| clearance.clearance_mm).collect();
     (!y.is_empty()).then(|| EstimatedFunction {
         symbol: "clearance".to_owned(),
@@ -21,12 +21,14 @@ pub(super) fn clearance_of_each_step(proofs: &[Proof]) -> Option<EstimatedFuncti
     })
 }
 
-pub(super) fn proof_summary_rows(plan: &Plan, proofs: &[Proof]) -> Vec<(String, String)> {
+/// Name and text of each row: number of stages and motions, and the smallest clearance.
+pub(super) fn clearance_rows(plan: &Plan, proofs: &[StageProof]) -> Vec<(String, String)> {
     if proofs.is_empty() {
         return Vec::new();
     }
-    let motions: usize = proofs.iter().map(|proof| proof.motions).sum();
-    let mut rows = vec![("Stages".to_owned(), proofs.len().to_string()), ("Motions".to_owned(), motions.to_string())];
+    let motion_count: usize = proofs.iter().map(|proof| proof.motion_count).sum();
+    let mut rows =
+        vec![("Stages".to_owned(), proofs.len().to_string()), ("Motions".to_owned(), motion_count.to_string())];
     let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
     if let Some(nearest) = step_clearances(proofs).min_by(least) {
         let step = plan.steps.iter().find(|step| step.id == nearest.step);
@@ -40,7 +42,7 @@ pub(super) fn proof_summary_rows(plan: &Plan, proofs: &[Proof]) -> Vec<(String, 
 }
 
 /// Aspects that the proofs did not check, without duplicates, in the order of the stages.
-pub(super) fn unchecked_aspects(proofs: &[Proof]) -> Vec<String> {
+pub(super) fn unchecked_aspects(proofs: &[StageProof]) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
     for what in proofs.iter().flat_map(|proof| &proof.not_looked_at) {
         if !all.contains(what) {
@@ -50,6 +52,6 @@ pub(super) fn unchecked_aspects(proofs: &[Proof]) -> Vec<String> {
     all
 }
 
-fn step_clearances(proofs: &[Proof]) -> impl Iterator<Item = &Clearance> {
+fn step_clearances(proofs: &[StageProof]) -> impl Iterator<Item = &Clearance> {
     proofs.iter().flat_map(|proof| &proof.steps)
 }

@@ -4,7 +4,7 @@ use minijinja::{Value, context};
 
 use super::figure;
 use super::number;
-use machine::record::estimate::Covariance;
+use machine::record::estimate::ParameterCovariance;
 
 /// Minimum magnitude of the correlation of a listed pair.
 const MIN_LISTED_CORRELATION: f64 = 0.5;
@@ -12,7 +12,7 @@ const MIN_LISTED_CORRELATION: f64 = 0.5;
 const MAX_LISTED_CORRELATIONS: usize = 8;
 
 /// Template values; `svg` is none if there is nothing to draw.
-pub(super) fn correlation_values(covariance: &Covariance) -> Value {
+pub(super) fn correlation_values(covariance: &ParameterCovariance) -> Value {
     let drawn = figure::draw_matrix(covariance);
     let pairs = if drawn.is_some() { strongest_correlated_pairs(covariance) } else { Vec::new() };
     let named: Vec<Value> =
@@ -26,7 +26,7 @@ pub(super) fn correlation_values(covariance: &Covariance) -> Value {
 }
 
 /// Pairs at or above [`MIN_LISTED_CORRELATION`], strongest first.
-fn strongest_correlated_pairs(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
+fn strongest_correlated_pairs(covariance: &ParameterCovariance) -> Vec<(usize, usize, f64)> {
     let count = covariance.symbols.len();
     let all = (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j)));
     let known = all.filter_map(|(i, j)| Some((i, j, figure::correlation_coefficient(covariance, i, j)?)));
@@ -35,7 +35,7 @@ fn strongest_correlated_pairs(covariance: &Covariance) -> Vec<(usize, usize, f64
     pairs
 }
 
-fn pair_template_value(covariance: &Covariance, (i, j, value): &(usize, usize, f64)) -> Value {
+fn pair_template_value(covariance: &ParameterCovariance, (i, j, value): &(usize, usize, f64)) -> Value {
     let symbol = |n: usize| {
         let (base, index) = number::split_into_base_and_index(&covariance.symbols[n]);
         context! { plain => covariance.symbols[n].clone(), base, index }

@@ -7,7 +7,7 @@ use super::rows::NameTextRows;
 use super::{ErrorMap, clearance, correlation, figure, number, plan_summary, vectors};
 use machine::record::estimate::{BudgetLine, Distribution, Estimate, EvaluationType, LimitVerdict, Parameter, Verdict};
 use machine::record::plan::Plan;
-use machine::record::proof::Proof;
+use machine::record::stage_proof::StageProof;
 
 const PAGE_TEMPLATE: &str = include_str!("page.html");
 /// Minimum number of results in large type at the top. A method lists its main results first.
@@ -30,12 +30,12 @@ pub struct ReportFacts {
     /// Name of each hashed item (machine file, plan, ..) and its SHA-256.
     pub sha256_by_item: Vec<(String, String)>,
     /// Proof of each stage, in order.
-    pub stage_proofs: Vec<Proof>,
+    pub stage_proofs: Vec<StageProof>,
     /// Position error of the tool over the volume, in sentences and as maps.
     pub volume_texts_and_maps: Option<(Vec<String>, Vec<ErrorMap>)>,
 }
 
-/// Renders the page of `estimate`.
+/// Renders the report of `estimate`.
 ///
 /// # Errors
 /// The template is invalid.
@@ -141,9 +141,9 @@ fn volume_value(lines: &[String], maps: &[ErrorMap]) -> Value {
 }
 
 /// Proof of the motions, made before any motion.
-fn proof_value(plan: &Plan, proofs: &[Proof]) -> Value {
+fn proof_value(plan: &Plan, proofs: &[StageProof]) -> Value {
     context! {
-        rows => clearance::proof_summary_rows(plan, proofs),
+        rows => clearance::clearance_rows(plan, proofs),
         svg => svg_value(clearance::clearance_of_each_step(proofs).and_then(|f| figure::draw_function(&f, 1.0))),
         not_looked_at => clearance::unchecked_aspects(proofs),
     }

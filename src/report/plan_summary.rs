@@ -2,7 +2,7 @@
 
 use super::number;
 use super::rows::NameTextRows;
-use machine::record::artefact::{Artefact, Balls, Cylinder, CylinderSection, DatumCylinder};
+use machine::record::artefact::{Artefact, Balls, Cylinder, DatumCrossSection, DatumCylinder};
 use machine::record::plan::{Plan, StepKind};
 use machine::record::sensor::{Sensor, SensorMount};
 
@@ -74,7 +74,7 @@ fn describe_artefact(artefact: &Artefact) -> String {
 }
 
 fn describe_datum_cylinder(artefact: &DatumCylinder) -> String {
-    let section = |section: &CylinderSection| format!("radius {} mm at {} mm", section.radius_mm, section.z_mm);
+    let section = |section: &DatumCrossSection| format!("radius {} mm at {} mm", section.radius_mm, section.z_mm);
     let mut sections: Vec<String> = artefact.sections.iter().map(section).collect();
     sections.extend(artefact.face.iter().map(|face| format!("face at {} mm", face.z_mm)));
     format!("datum cylinder, foot {}; {}", format_vector_mm(artefact.centre_mm), sections.join(", "))

@@ -27,10 +27,10 @@ fn describe_temperatures(all: &[f64]) -> String {
     let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let change = all.last().zip(all.first()).map_or(0.0, |(last, first)| last - first);
     let [mean, least, most, by] = [mean, least, most, change].map(|value| format_fixed(value, TEMPERATURE_DECIMALS));
-    let plus = if change > 0.0 { "+" } else { "" };
+    let sign = if change > 0.0 { "+" } else { "" };
     let count = all.len();
     format!(
-        "mean {mean} °C, from {least} to {most} °C, change {plus}{by} K from the first to the last of \
+        "mean {mean} °C, from {least} to {most} °C, change {sign}{by} K from the first to the last of \
         {count} readings"
     )
 }

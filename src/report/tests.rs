@@ -2,7 +2,7 @@ use super::ErrorMap;
 use super::page::{ReportFacts, render_result_page};
 use machine::record::estimate::*;
 use machine::record::plan::Plan;
-use machine::record::proof::{Clearance, Proof};
+use machine::record::stage_proof::{Clearance, StageProof};
 
 const BUDGET_SOURCES_WITH_U: [(&str, f64); 4] =
     [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
@@ -80,7 +80,7 @@ fn example_estimate() -> Estimate {
         circles: vec![axis],
         arrows: Vec::new(),
         weakest: None,
-        covariance: Covariance::default(),
+        covariance: ParameterCovariance::default(),
         rank: 26,
         unknowns: 26,
         condition: 21.88,
@@ -115,11 +115,11 @@ fn plan(machine: &str) -> Plan {
     .unwrap()
 }
 
-fn proof_of_step(step: u32, clearance_mm: f64) -> Proof {
+fn proof_of_step(step: u32, clearance_mm: f64) -> StageProof {
     let between = ["stylus stem".to_owned(), "vice".to_owned()];
     let clearance = Clearance { step, line: 9, clearance_mm, between };
-    Proof {
-        motions: 8,
+    StageProof {
+        motion_count: 8,
         nearest: Some(clearance.clone()),
         steps: vec![clearance],
         not_looked_at: vec!["probe body".to_owned()],
@@ -142,7 +142,7 @@ fn report_facts() -> ReportFacts {
     }
 }
 
-/// The page shows the failed parameters, by how much they fail and by which rule; without limits the table has
+/// The report shows the failed parameters, by how much they fail and by which rule; without limits the table has
 /// no column for them.
 #[test]
 fn failed_parameters_are_named() {
@@ -231,7 +231,7 @@ fn page_has_all_sections() {
 
 /// A result with correlated unknowns, and vectors at their positions.
 fn estimate_with_arrows() -> Estimate {
-    let arrow = |label: &str, vector, flagged| Arrow {
+    let arrow = |label: &str, vector, flagged| FigureArrow {
         label: label.to_owned(),
         at_mm: [120.0, -40.0, 60.0],
         vector,
@@ -252,7 +252,7 @@ fn estimate_with_arrows() -> Estimate {
             figure: VectorFigureKind::Arrows,
         }],
         weakest: Some("EX0S together with tool_x".to_owned()),
-        covariance: Covariance {
+        covariance: ParameterCovariance {
             symbols: ["EX0S", "tool_x", "EA0B"].map(str::to_owned).into(),
             rows: vec![vec![4.0, -3.9999, 0.1], vec![-3.9999, 4.0, 0.0], vec![0.1, 0.0, 1.0]],
         },
@@ -300,7 +300,7 @@ fn balls_are_described() {
     assert!(told(&plan).contains("1 ball, radius 15 mm; no certified length"));
 }
 
-/// With a laser sensor the page does not mention a stylus, and repeated measurements are scans.
+/// With a laser sensor the report does not mention a stylus, and repeated measurements are scans.
 #[test]
 fn sensor_is_described_instead_of_the_stylus() {
     let mut plan = plan("mill");

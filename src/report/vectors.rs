@@ -4,7 +4,7 @@ use minijinja::{Value, context};
 
 use super::figure;
 use super::number;
-use machine::record::estimate::{Arrow, ArrowFigure, VectorFigureKind};
+use machine::record::estimate::{ArrowFigure, FigureArrow, VectorFigureKind};
 
 pub(super) fn vector_figure_value(figure: &ArrowFigure) -> Value {
     let common = figure::ArrowScales::new(figure);
@@ -34,7 +34,7 @@ pub(super) fn vector_figure_value(figure: &ArrowFigure) -> Value {
     }
 }
 
-fn describe_arrow(figure: &ArrowFigure, group: &str, Arrow { label, vector, .. }: &Arrow) -> String {
+fn describe_arrow(figure: &ArrowFigure, group: &str, FigureArrow { label, vector, .. }: &FigureArrow) -> String {
     let [x, y, z] = vector.map(|part| number::format_fixed(part, 1));
     format!("{label} at {group}: ({x}, {y}, {z}) {}", number::unit_symbol(figure.unit))
 }

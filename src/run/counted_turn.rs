@@ -132,7 +132,7 @@ impl CountedTurn<'_> {
     /// Checks for jumps. A wrong scale makes all steps longer and is not a jump.
     fn check_for_jumps(&self, counted: &[(Sample, i64)]) -> Result<(), EncoderCountFault> {
         let of_a_sample =
-            |step: i64, sample: &Sample| step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing_count));
+            |step: i64, sample: &Sample| step.unsigned_abs() as f64 / (1.0 + f64::from(sample.lost_before_count));
         let steps = || counted.windows(2).filter_map(|pair| Some((pair.first()?, pair.last()?)));
         let mut lengths: Vec<f64> =
             steps().map(|(from, to)| of_a_sample(to.1 - from.1, &to.0)).filter(|length| *length > 0.0).collect();
@@ -175,7 +175,7 @@ impl CountedTurn<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::setup::machine_file::Encoder;
+    use crate::setup::machine_file::AxisEncoder;
     use machine::record::reading::ReadingFlag;
 
     /// A turn by 400° from -8° within 10 s, with one second at rest before and after it, at 200 samples per
@@ -195,7 +195,7 @@ mod tests {
             received_s: f64::from(number) / 200.0,
             value_mm: Some(angle_of_sample_deg(number)),
             flag: ReadingFlag::None,
-            missing_count: 0,
+            lost_before_count: 0,
             encoder_count: Some(count(angle_of_sample_deg(number))),
         };
         (0..2400).map(sample).collect()
@@ -209,7 +209,7 @@ mod tests {
     ) -> Result<PositionedSamples, EncoderCountFault> {
         let rest = |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.to_mm_or_rad(deg));
         let turn = CountedTurn {
-            encoder_scale: EncoderScale { encoder: Encoder { axis: Axis::C, counts_per_turn }, wrap_count },
+            encoder_scale: EncoderScale { encoder: AxisEncoder { axis: Axis::C, counts_per_turn }, wrap_count },
             rest_positions_before_and_after: [&rest(-8.0), &rest(392.0)],
             sample_before_turn: samples[0],
             max_speed_deg_s: 40.0,
@@ -239,7 +239,7 @@ mod tests {
     fn missing_samples_do_not_shift_the_last_position() {
         let mut samples = samples_of_turn(|deg| counter_value(deg, 90_000, 1 << 16));
         samples.drain(900..960);
-        samples[900].missing_count = 60;
+        samples[900].lost_before_count = 60;
         let placed = assign_turn_positions(&samples, 90_000, 1 << 16).unwrap();
         let (sample, position) = placed.samples.last().unwrap();
         let off_deg = position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();

@@ -9,8 +9,8 @@ use super::qualification::{QualificationError, add_qualification};
 use super::{PromptAnswerSource, Run, RunError};
 use crate::setup::{Devices, MachineFile};
 use crate::store::{Journal, NewRun, RunId, StoreError};
-use machine::record::estimate::{Estimate, ParameterLimit};
-use machine::record::event::Event;
+use machine::record::estimate::{Estimate, ParameterTolerance};
+use machine::record::event::RunEvent;
 use machine::record::plan::Plan;
 use methods::Method;
 
@@ -74,7 +74,7 @@ impl Cycle<'_> {
         devices: &Devices,
         journal: &Journal,
         on_start: impl FnOnce(RunId),
-        on_event: &mut dyn FnMut(&Event),
+        on_event: &mut dyn FnMut(&RunEvent),
     ) -> Result<(RunId, Estimate), CycleError> {
         let Self { machine_file: machine, method, plan_without_steps: plan, prompt_answer_source: answers } = self;
         let plan = add_qualification(method.as_ref(), plan, journal, Timestamp::now())?;
@@ -84,7 +84,7 @@ impl Cycle<'_> {
         let run = Run::new(id, method.as_ref(), devices, journal, plan, on_event);
         let mut run = run.with_prompt_answer_source(answers);
         let ended = run.execute().await;
-        let estimate = identify_judge_and_store(run, ended, &method, &machine.parameter_limits).await?;
+        let estimate = identify_judge_and_store(run, ended, &method, &machine.tolerances).await?;
         Ok((id, estimate))
     }
 }
@@ -98,7 +98,7 @@ pub async fn identify_judge_and_store(
     run: Run<'_>,
     ended: Result<(), RunError>,
     method: &Arc<dyn Method>,
-    tolerance: &[ParameterLimit],
+    tolerances: &[ParameterTolerance],
 ) -> Result<Estimate, CycleError> {
     let can_resume = run.can_resume();
     let Run { id, plan, readings, has_moved, is_resumed, on_event, journal, devices, .. } = run;
@@ -106,9 +106,9 @@ pub async fn identify_judge_and_store(
         return Err(CycleError::MeasurementIncomplete { run: id, error, has_moved, is_resumed, can_resume });
     }
     let text = format!("computing the estimate from {} readings", readings.len());
-    on_event(&Event::Announced { text });
-    let found = identify_until_halted(method, plan, readings, &devices.controller.halt_handle()).await;
-    let found = found.map(|estimate| judge_estimate(estimate, tolerance));
+    on_event(&RunEvent::Announced { text });
+    let found = identify_until_halted(method, plan, readings, &devices.open_controller.halt_handle()).await;
+    let found = found.map(|estimate| judge_estimate(estimate, tolerances));
     let stored = store_identification(journal, id, found).await;
     stored.map_err(|why| CycleError::NotIdentified { run: id, why })
 }

@@ -17,7 +17,7 @@ pub(super) fn axis_and_angles_per_revolution(scan: &Scan) -> Option<(Axis, usize
     Some((scan.single_rotary_axis()?, count))
 }
 
-/// One turn at equal angles.
+/// Samples of one turn, resampled at equal angles of the axis.
 #[derive(Debug)]
 pub(super) struct ResampledTurn {
     /// Samples from the first angle with a value to the last; an angle without a value has [`ReadingFlag::Gap`].
@@ -25,7 +25,7 @@ pub(super) struct ResampledTurn {
     angle_gaps: Vec<AngleRange>,
 }
 
-/// Filters `positioned`, the samples in order of time with the positions of the axes.
+/// Resamples `positioned`, the samples in order of time with the positions of the axes.
 pub(super) fn resample_turn(
     positioned: &[(Sample, Position)],
     axis: Axis,
@@ -55,7 +55,7 @@ pub(super) fn resample_turn(
     let sample = |(angle, value_mm): (f64, Option<f64>)| {
         let flag = if value_mm.is_some() { ReadingFlag::None } else { ReadingFlag::Gap };
         let t_s = *times.get(&number(angle))?;
-        let sample = Sample { received_s: t_s, value_mm, flag, missing_count: 0, encoder_count: None };
+        let sample = Sample { received_s: t_s, value_mm, flag, lost_before_count: 0, encoder_count: None };
         Some((sample, first.clone().with(axis, angle)))
     };
     ResampledTurn {
@@ -69,7 +69,7 @@ impl ResampledTurn {
     pub fn gap_message(&self, label: &str, sensor: &str) -> Option<String> {
         (!self.angle_gaps.is_empty()).then(|| {
             format!(
-                "{label}: {sensor} has no sample, or a value at the end of its range, at {}; the equally \
+                "{label}: {sensor} has no value within its range at {}; the equally \
                 spaced angles near there have no value",
                 AngleRange::format_ranges(&self.angle_gaps)
             )
@@ -94,8 +94,13 @@ mod tests {
             let t_s = f64::from(number) / 2000.0;
             let angle = angle_deg(t_s);
             let value_mm = value(angle, t_s);
-            let sample =
-                Sample { received_s: t_s, value_mm, flag: ReadingFlag::None, missing_count: 0, encoder_count: None };
+            let sample = Sample {
+                received_s: t_s,
+                value_mm,
+                flag: ReadingFlag::None,
+                lost_before_count: 0,
+                encoder_count: None,
+            };
             let at = Position::new().with(Axis::X, 3.0).with(Axis::C, angle.to_radians());
             (sample, at)
         };

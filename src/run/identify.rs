@@ -11,8 +11,8 @@ use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use devices::controllers::HaltHandle;
 use machine::Axis;
-use machine::record::estimate::{Estimate, ParameterLimit, Provenance};
-use machine::record::event::Event;
+use machine::record::estimate::{Estimate, ParameterTolerance, Provenance};
+use machine::record::event::RunEvent;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::decision;
@@ -108,7 +108,7 @@ pub fn identify_stored_run(stored: StoredRun) -> Result<Estimate, Identification
     let unreadable = |error| IdentificationError::Setup(Box::new(error));
     let (machine, method) = setup_of_stored_run(&stored).map_err(unreadable)?;
     let estimate = identify_readings(method.as_ref(), &stored.plan, &stored.readings)?;
-    Ok(judge_estimate(estimate, &machine.parameter_limits))
+    Ok(judge_estimate(estimate, &machine.tolerances))
 }
 
 /// Runs [`identify_stored_run`] on a thread of its own. A channel error means that the thread panicked.
@@ -135,7 +135,7 @@ pub async fn store_identification(
             if why.is_permanent() {
                 let what = format!("no estimate: {why}");
                 let remedy = why.remedy().unwrap_or_default();
-                let fault = Event::Faulted { what, remedy, position_lost: false };
+                let fault = RunEvent::Faulted { what, remedy, position_lost: false };
                 journal.add_event(run, &fault).await?;
             }
             Err(why)
@@ -147,7 +147,7 @@ pub async fn store_identification(
 /// journal.
 ///
 /// # Errors
-/// See [`Method::identify`].
+/// The errors of [`Method::identify`].
 pub fn identify_readings(method: &dyn Method, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
     estimate.measured = axis_ranges(readings);
@@ -200,9 +200,9 @@ fn axis_ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
 }
 
 /// The estimate with its verdict, and a warning for each limit that matches no parameter.
-pub fn judge_estimate(mut estimate: Estimate, tolerance: &[ParameterLimit]) -> Estimate {
-    decision::judge_estimate(&mut estimate, tolerance);
-    estimate.warnings.extend(decision::describe_unmatched_limits(&estimate, tolerance));
+pub fn judge_estimate(mut estimate: Estimate, tolerances: &[ParameterTolerance]) -> Estimate {
+    decision::judge_estimate(&mut estimate, tolerances);
+    estimate.warnings.extend(decision::describe_unmatched_tolerances(&estimate, tolerances));
     estimate
 }
 

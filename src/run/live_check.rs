@@ -8,7 +8,7 @@ use super::{Run, RunError};
 use devices::controllers::ControllerError;
 use machine::Position;
 use machine::record::artefact::Artefact;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::machine::LiveCheck;
 
 /// Maximum wait for the operator to deflect the stylus, and again to release it.
@@ -31,36 +31,36 @@ impl Run<'_> {
                 if let Artefact::Cylinder(_) = self.plan.artefact {
                     text += " (a round part does not confirm the positions of the rotary axes)";
                 }
-                self.record_event(Event::Announced { text }).await?;
+                self.record_event(RunEvent::Announced { text }).await?;
                 Ok(None)
             }
             LiveCheck::Person => {
                 let seconds = STYLUS_TIMEOUT.as_secs();
                 let text = format!("deflect the stylus by hand and release it within {seconds} s");
-                self.record_event(Event::Announced { text }).await?;
+                self.record_event(RunEvent::Announced { text }).await?;
                 self.wait_for_probe_input(true).await?;
                 self.wait_for_probe_input(false).await?;
                 self.is_probe_confirmed = true;
-                self.record_event(Event::Announced { text: "the probe works".to_owned() }).await?;
+                self.record_event(RunEvent::Announced { text: "the probe works".to_owned() }).await?;
                 // The operator may have moved the machine, and changed modes, offsets or overrides.
-                Ok(Some(self.devices.controller.prepare().await?.position))
+                Ok(Some(self.devices.open_controller.prepare().await?.position))
             }
         }
     }
 
-    /// Waits until the probe input is `closed`.
-    async fn wait_for_probe_input(&mut self, closed: bool) -> Result<(), RunError> {
+    /// Waits until the probe input is closed, or open if `is_closed` is false.
+    async fn wait_for_probe_input(&mut self, is_closed: bool) -> Result<(), RunError> {
         let deadline = Instant::now() + STYLUS_TIMEOUT;
-        let controller = &self.devices.controller;
+        let controller = &self.devices.open_controller;
         loop {
             if controller.halt_handle().is_halt_requested() {
                 return Err(ControllerError::Halted.into());
             }
-            if controller.read_snapshot().await?.is_probe_closed == closed {
+            if controller.read_snapshot().await?.is_probe_closed == is_closed {
                 return Ok(());
             }
             if Instant::now() > deadline {
-                return Err(RunError::StylusTimeout { closed, seconds: STYLUS_TIMEOUT.as_secs() });
+                return Err(RunError::StylusTimeout { closed: is_closed, seconds: STYLUS_TIMEOUT.as_secs() });
             }
             sleep(STYLUS_POLL_PERIOD).await;
         }

@@ -9,7 +9,9 @@ use nalgebra::{Matrix2, Vector2};
 use super::Run;
 use super::watched_sensors::is_distance;
 use machine::record::reading::ReadingFlag;
-use machine::record::watched_sensors::{LiveSectionValue, LiveSensorValue, LiveValues, SectionPoint, WatchedSensor};
+use machine::record::watched_sensors::{
+    CrossSectionPoint, LiveCrossSectionValue, LiveSensorValue, LiveValues, WatchedSensor,
+};
 
 /// Minimum determinant of the normal equations of an eccentricity; for two sensors it is the squared sine of
 /// the angle between them.
@@ -56,7 +58,7 @@ fn describe_missing_distance(flag: ReadingFlag) -> &'static str {
 /// Adds the position of the artefact to the values.
 pub(super) fn live_values_with_artefact_position(watch: &[WatchedSensor], sensors: Vec<LiveSensorValue>) -> LiveValues {
     let sections = section_eccentricities(watch, &sensors);
-    let numbered = |section: &SectionEccentricity| LiveSectionValue {
+    let numbered = |section: &SectionEccentricity| LiveCrossSectionValue {
         number: section.section_number,
         eccentricity_um: section.eccentricity_mm.map(|mm| mm.map(|mm| mm * 1e3)),
     };
@@ -74,7 +76,7 @@ struct SectionEccentricity {
 fn section_eccentricities(watch: &[WatchedSensor], sensors: &[LiveSensorValue]) -> Vec<SectionEccentricity> {
     let mut deviations: BTreeMap<usize, (f64, Vec<RadialDeviation>)> = BTreeMap::new();
     for (watched, live) in watch.iter().zip(sensors) {
-        let Some(SectionPoint { number, z_mm, angle_deg }) = watched.section else { continue };
+        let Some(CrossSectionPoint { number, z_mm, angle_deg }) = watched.section else { continue };
         let (_, of_section) = deviations.entry(number).or_insert((z_mm, Vec::new()));
         let to_target_mm = live.change_to_target_um().map(|um| um * 1e-3);
         let angle_rad = angle_deg.to_radians();

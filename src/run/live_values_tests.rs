@@ -11,7 +11,7 @@ use super::live_values::live_values_with_artefact_position;
 use super::*;
 use crate::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::NewRun;
-use machine::record::watched_sensors::{LiveSensorValue, LiveValues, SectionPoint, WatchedSensor};
+use machine::record::watched_sensors::{CrossSectionPoint, LiveSensorValue, LiveValues, WatchedSensor};
 
 /// Behaviour of the sender.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,15 +75,16 @@ async fn sensor_failures_are_shown_and_do_not_end_a_prompt() {
     let file = machine_with_sensor(start_tcp_sensor(signal.clone()));
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
-    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
+    let (method, plan_without_steps) =
+        setup::configure_method_and_plan_without_steps(&file, "multiprobe", None).unwrap();
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan_without_steps.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let devices = setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
 
     let (mut told, mut kept, mut seen) = (Vec::<LiveValues>::new(), Vec::new(), Vec::new());
     let (is_done, is_answered) = (Arc::new(AtomicBool::new(false)), AtomicBool::new(false));
-    let mut on_event = |event: &Event| match event {
-        Event::Watched { values } => {
+    let mut on_event = |event: &RunEvent| match event {
+        RunEvent::Watched { values } => {
             assert!(!is_answered.load(Ordering::SeqCst), "read after the answer");
             if let Some((is, next)) = shown_and_next_signal(&values.sensors[0]) {
                 *signal.lock().unwrap() = next;
@@ -93,14 +94,14 @@ async fn sensor_failures_are_shown_and_do_not_end_a_prompt() {
             kept.push(journal.load_run(id).unwrap().events.len());
             told.push(values.clone());
         }
-        Event::Answered { .. } => is_answered.store(true, Ordering::SeqCst),
+        RunEvent::Answered { .. } => is_answered.store(true, Ordering::SeqCst),
         _ => {}
     };
     let answers = {
         let is_done = is_done.clone();
         PromptAnswerSource::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
     };
-    let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut on_event);
+    let run = Run::new(id, method.as_ref(), &devices, &journal, plan_without_steps, &mut on_event);
     let ended = run.with_prompt_answer_source(answers).execute().await;
 
     assert_eq!(
@@ -113,7 +114,7 @@ async fn sensor_failures_are_shown_and_do_not_end_a_prompt() {
     assert!(!failed.is_requested_stop() && failed.to_string().contains("x1"), "{failed}");
     let stored = journal.load_run(id).unwrap();
     assert!(stored.readings.is_empty());
-    let asked = stored.events.iter().filter(|(_, event)| matches!(event, Event::Watched { .. }));
+    let asked = stored.events.iter().filter(|(_, event)| matches!(event, RunEvent::Watched { .. }));
     assert_eq!(asked.count(), 0);
     for LiveValues { sensors, sections, tilt_urad } in &told {
         assert_eq!((sensors.len(), sections.len(), *tilt_urad), (7, 0, None));
@@ -139,7 +140,7 @@ fn watched_circle_sensors(
     let all = numbered.flat_map(|section| angles_deg.iter().map(move |angle| (section, *angle)));
     let one = |((number, (z_mm, at)), angle_deg): ((usize, &(f64, [f64; 2])), f64)| {
         let target_mm = Some(distance_to_circle_mm(angle_deg.to_radians(), [0.0; 2]));
-        let section = Some(SectionPoint { number, z_mm: *z_mm, angle_deg });
+        let section = Some(CrossSectionPoint { number, z_mm: *z_mm, angle_deg });
         let sensor = format!("{number}/{angle_deg}");
         let (range_mm, failure) = ([9.0, 11.0], None);
         let value_mm = Some(distance_to_circle_mm(angle_deg.to_radians(), *at));

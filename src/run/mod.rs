@@ -6,7 +6,6 @@
 
 mod counted_turn;
 mod cycle;
-mod display_rounding;
 mod equal_angles;
 mod error;
 mod identify;
@@ -28,6 +27,7 @@ mod temperature;
 #[cfg(test)]
 mod tests;
 mod timeline;
+mod unrounded_position;
 mod watched_sensors;
 
 pub use cycle::{Cycle, CycleError, identify_judge_and_store};
@@ -51,11 +51,11 @@ use crate::setup::{Devices, OpenSensor};
 use crate::store::{Journal, RunId, RunState};
 use devices::controllers::describe_unreadable_items;
 use machine::Position;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 use methods::{Method, NextStage, PositionSource};
-use planning::ConfirmedDirections;
+use planning::TouchedDirections;
 use planning::gcode::TransmissionForm;
 
 /// One run of one method.
@@ -72,7 +72,7 @@ pub struct Run<'a> {
     /// Whether the run was resumed after an interruption.
     pub is_resumed: bool,
     /// Directions that touches have confirmed since the control was prepared.
-    confirmed_directions: ConfirmedDirections,
+    confirmed_directions: TouchedDirections,
     /// How the control receives blocks; valid after it was prepared.
     transmission: TransmissionForm,
     timeline: Timeline,
@@ -87,29 +87,29 @@ pub struct Run<'a> {
     /// Whether the operator, a touch or a sensor has shown since the last preparation that the probe works.
     is_probe_confirmed: bool,
     /// Called with each event after it is durable.
-    on_event: &'a mut dyn FnMut(&Event),
+    on_event: &'a mut dyn FnMut(&RunEvent),
 }
 
 impl<'a> Run<'a> {
-    /// A run with the number `id` in the journal; its plan has no steps yet.
+    /// A run with the number `id` in the journal; the stages add their steps to the plan.
     pub fn new(
         id: RunId,
         method: &'a dyn Method,
         devices: &'a Devices,
         journal: &'a Journal,
-        plan: Plan,
-        on_event: &'a mut dyn FnMut(&Event),
+        plan_without_steps: Plan,
+        on_event: &'a mut dyn FnMut(&RunEvent),
     ) -> Self {
         Self {
             id,
             method,
             devices,
             journal,
-            plan,
+            plan: plan_without_steps,
             readings: Vec::new(),
             has_moved: false,
             is_resumed: false,
-            confirmed_directions: ConfirmedDirections::default(),
+            confirmed_directions: TouchedDirections::default(),
             transmission: TransmissionForm::TableRows,
             timeline: Timeline::new(),
             open_sensors: Vec::new(),
@@ -142,7 +142,7 @@ impl<'a> Run<'a> {
         match ended {
             Ok(()) => {
                 self.journal.set_state(self.id, RunState::NotIdentified).await?;
-                self.record_event(Event::Finished).await
+                self.record_event(RunEvent::Finished).await
             }
             Err(error) => {
                 let error = match self.plan.sensors.first() {
@@ -164,7 +164,7 @@ impl<'a> Run<'a> {
         self.next_stage(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
         for text in self.method.forecast(&planned, self.remaining_stages.total_machine_time_s())? {
-            self.record_event(Event::Announced { text }).await?;
+            self.record_event(RunEvent::Announced { text }).await?;
         }
         let position = self.prepare_devices().await?;
         self.run_stages(Vec::new(), Some(position)).await
@@ -179,14 +179,14 @@ impl<'a> Run<'a> {
 
     /// Prepares control and thermometers; returns the position of the machine.
     async fn prepare_devices(&mut self) -> Result<Position, RunError> {
-        let prepared = self.devices.controller.prepare().await?;
+        let prepared = self.devices.open_controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop_description);
-        self.record_event(Event::Announced { text }).await?;
+        self.record_event(RunEvent::Announced { text }).await?;
         if let Some(text) = describe_unreadable_items(&prepared.unreadable_items) {
-            self.record_event(Event::Announced { text }).await?;
+            self.record_event(RunEvent::Announced { text }).await?;
         }
         self.temperature_log.start_polling(&self.devices.thermometers).await;
-        self.confirmed_directions = ConfirmedDirections::default();
+        self.confirmed_directions = TouchedDirections::default();
         self.transmission = prepared.transmission;
         if !self.plan.sensors.is_empty() {
             self.open_plan_sensors().await?;
@@ -205,7 +205,7 @@ impl<'a> Run<'a> {
         while let NextStage::Stage { stage, new_steps } = next {
             self.plan.steps.extend(new_steps.iter().cloned());
             self.journal.add_stage(self.id, &stage, &new_steps).await?;
-            self.record_event(Event::StageStarted { stage: stage.clone() }).await?;
+            self.record_event(RunEvent::StageStarted { stage: stage.clone() }).await?;
             self.remaining_stages.remove_up_to_begun_stage(&stage.name);
             machine_position = self.run_stage(&done, &stage, machine_position).await?;
             done.push(stage);
@@ -213,7 +213,7 @@ impl<'a> Run<'a> {
         }
         self.report_sample_counts().await?;
         self.report_missing_temperatures().await?;
-        Ok(self.devices.controller.restore_modes().await?)
+        Ok(self.devices.open_controller.restore_modes().await?)
     }
 
     /// Reports for each sensor how many samples came and how many were ignored.
@@ -225,7 +225,7 @@ impl<'a> Run<'a> {
             messages.extend((tally.received_count > 0).then(|| format!("{}: {tally}", sensor.name())));
         }
         for text in messages {
-            self.record_event(Event::Announced { text }).await?;
+            self.record_event(RunEvent::Announced { text }).await?;
         }
         Ok(())
     }
@@ -235,7 +235,7 @@ impl<'a> Run<'a> {
     }
 
     /// Journals the event, then reports it.
-    async fn record_event(&mut self, event: Event) -> Result<(), RunError> {
+    async fn record_event(&mut self, event: RunEvent) -> Result<(), RunError> {
         self.journal.add_event(self.id, &event).await?;
         (self.on_event)(&event);
         Ok(())
@@ -245,8 +245,8 @@ impl<'a> Run<'a> {
     /// there is nowhere to write.
     async fn record_failure(&mut self, error: &RunError) {
         let event = match error {
-            _ if error.is_requested_stop() => Event::Held { reason: error.to_string() },
-            _ => Event::Faulted {
+            _ if error.is_requested_stop() => RunEvent::Held { reason: error.to_string() },
+            _ => RunEvent::Faulted {
                 what: error.to_string(),
                 remedy: error.remedy(),
                 position_lost: error.may_have_lost_position(),

@@ -49,7 +49,7 @@ pub(super) fn limit_sample_rate(samples: &[(Sample, Option<Position>)], rate_hz:
     let mut due = 1.0;
     for (sample, position) in samples {
         // Chosen by number and not by time, as sample times have jitter.
-        due += keep * (1.0 + f64::from(sample.missing_count));
+        due += keep * (1.0 + f64::from(sample.lost_before_count));
         if due < 1.0 {
             placed.dropped_by_rate_count += 1;
             continue;
@@ -68,7 +68,7 @@ pub(super) fn limit_sample_rate(samples: &[(Sample, Option<Position>)], rate_hz:
 fn kept_share(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> f64 {
     let own_hz = |window: &[(Sample, Option<Position>)]| {
         let ((first, _), rest) = window.split_first()?;
-        let came: f64 = rest.iter().map(|(sample, _)| 1.0 + f64::from(sample.missing_count)).sum();
+        let came: f64 = rest.iter().map(|(sample, _)| 1.0 + f64::from(sample.lost_before_count)).sum();
         Some(came / (rest.last()?.0.received_s - first.received_s))
     };
     let mut rates: Vec<f64> = samples.chunks(RATE_WINDOW_SAMPLES).filter_map(own_hz).collect();
@@ -110,7 +110,7 @@ mod tests {
                 received_s: t_s,
                 value_mm: Some(t_s),
                 flag: ReadingFlag::None,
-                missing_count: 0,
+                lost_before_count: 0,
                 encoder_count: None,
             }
         };
@@ -156,11 +156,11 @@ mod tests {
     /// A counter that wraps reports tens of thousands of missing samples. No other sample is lost because of
     /// it.
     #[test]
-    fn implausible_missing_counts_do_not_change_the_thinning() {
+    fn implausible_lost_counts_do_not_change_the_thinning() {
         let mut samples = evenly_timed_samples();
-        samples[1500].missing_count = 60_000;
-        samples[2000].missing_count = u32::MAX;
-        samples[2100].missing_count = u32::MAX;
+        samples[1500].lost_before_count = 60_000;
+        samples[2000].lost_before_count = u32::MAX;
+        samples[2100].lost_before_count = u32::MAX;
         assert_eq!(assign_positions(&samples, &straight_track(), 1000.0).dropped_by_rate_count, 0);
         let dropped_by_rate = assign_positions(&samples, &straight_track(), 100.0);
         assert!((880 - dropped_by_rate.samples.len() as i32).abs() <= 4, "{}", dropped_by_rate.samples.len());

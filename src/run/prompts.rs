@@ -11,10 +11,10 @@ use tokio::time::{Instant, sleep};
 use super::{Run, RunError};
 use devices::controllers::ControllerError;
 use machine::Position;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Stage, Step, StepKind};
 use machine::record::watched_sensors::WatchedSensor;
-use planning::{ConfirmedDirections, split_prompts};
+use planning::{TouchedDirections, split_prompts};
 
 /// Polling period for an answer and for a halt.
 const ANSWER_POLL_PERIOD: Duration = Duration::from_millis(50);
@@ -54,9 +54,9 @@ impl PromptAnswerSource {
 }
 
 /// Answered prompts as (step id, repeat number).
-pub(super) fn answered_prompt_steps_and_repeats(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
-    let answer = |(_, event): &(_, Event)| match event {
-        Event::Answered { step, repeat, .. } => Some((*step, *repeat)),
+pub(super) fn answered_prompt_steps_and_repeats(events: &[(Timestamp, RunEvent)]) -> Vec<(u32, u32)> {
+    let answer = |(_, event): &(_, RunEvent)| match event {
+        RunEvent::Answered { step, repeat, .. } => Some((*step, *repeat)),
         _ => None,
     };
     events.iter().filter_map(answer).collect()
@@ -109,18 +109,18 @@ impl Run<'_> {
             let mount = step.and_then(|step| step.mount);
             let watched_sensors = step.map_or(Vec::new(), |step| step.watch.clone());
             self.wait_for_prompt(prompt, &watched_sensors).await?;
-            mount.into_iter().for_each(|mount| self.devices.remount_simulated_artefact(mount));
+            mount.into_iter().for_each(|mount| self.devices.remount_simulated_datum_cylinder(mount));
         }
         // The operator may have moved the machine, and changed modes, offsets or overrides.
-        self.confirmed_directions = ConfirmedDirections::default();
-        Ok(Some(self.devices.controller.prepare().await?.position))
+        self.confirmed_directions = TouchedDirections::default();
+        Ok(Some(self.devices.open_controller.prepare().await?.position))
     }
 
     async fn wait_for_prompt(&mut self, prompt: OpenPrompt, watched_sensors: &[WatchedSensor]) -> Result<(), RunError> {
         self.check_operator_available(Some(&prompt.text))?;
         let OpenPrompt { step_id: step, repeat_number: repeat, text } = prompt.clone();
-        self.record_event(Event::Asked { step, repeat, text }).await?;
-        let halt = self.devices.controller.halt_handle();
+        self.record_event(RunEvent::Asked { step, repeat, text }).await?;
+        let halt = self.devices.open_controller.halt_handle();
         let mut next_values = Instant::now();
         let who = loop {
             if halt.is_halt_requested() {
@@ -131,12 +131,12 @@ impl Run<'_> {
             }
             if !watched_sensors.is_empty() && Instant::now() >= next_values {
                 let values = self.read_live_values(watched_sensors).await;
-                (self.on_event)(&Event::Watched { values });
+                (self.on_event)(&RunEvent::Watched { values });
                 next_values = Instant::now() + MIN_LIVE_VALUES_INTERVAL;
             }
             sleep(ANSWER_POLL_PERIOD).await;
         };
         self.answered_prompt_steps_and_repeats.push((step, repeat));
-        self.record_event(Event::Answered { step, repeat, who }).await
+        self.record_event(RunEvent::Answered { step, repeat, who }).await
     }
 }

@@ -11,7 +11,7 @@ use crate::archive::run_story;
 use crate::setup::{Devices, EarlierSessions, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState, StoredRun};
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::ArtefactMount;
 use methods::Method;
 
@@ -91,17 +91,17 @@ impl ResumableRun {
     /// The operator's acknowledgement that the machine may move. It is journaled before any motion.
     ///
     /// # Errors
-    /// `who` is empty, or `homed` is false although the control may have lost its position.
-    pub fn acknowledgement_event(&self, who: &str, homed: bool) -> Result<Event, ResumeRefusal> {
+    /// `who` is empty, or `is_homing_confirmed` is false although the control may have lost its position.
+    pub fn acknowledgement_event(&self, who: &str, is_homing_confirmed: bool) -> Result<RunEvent, ResumeRefusal> {
         let question = self.resume_question();
         let who = who.trim().to_owned();
-        match (who.is_empty(), question.may_have_lost_position && !homed) {
+        match (who.is_empty(), question.may_have_lost_position && !is_homing_confirmed) {
             (true, _) => Err(ResumeRefusal::OperatorNameMissing(question)),
             (false, true) => Err(ResumeRefusal::HomingNotConfirmed(question)),
             (false, false) => {
                 let ResumeQuestion { end_reason, question_text: confirmation, .. } = question;
                 let what = format!("{end_reason}; confirmed question: {confirmation}");
-                Ok(Event::Acknowledged { who, what, leaves: false })
+                Ok(RunEvent::Acknowledged { who, what, leaves: false })
             }
         }
     }
@@ -115,7 +115,7 @@ impl ResumableRun {
         devices: &Devices,
         journal: &Journal,
         answers: PromptAnswerSource,
-        on_event: &mut dyn FnMut(&Event),
+        on_event: &mut dyn FnMut(&RunEvent),
     ) -> Result<(RunId, Estimate), CycleError> {
         let Self {
             machine_file: machine,
@@ -136,7 +136,7 @@ impl ResumableRun {
                 time_since_last_reading_s: elapsed_s,
             })
             .await;
-        let estimate = identify_judge_and_store(run, ended, &method, &machine.parameter_limits).await?;
+        let estimate = identify_judge_and_store(run, ended, &method, &machine.tolerances).await?;
         Ok((summary.id, estimate))
     }
 }

@@ -5,7 +5,7 @@ use super::timeline::Timeline;
 use super::{Run, RunError};
 use crate::store::RunState;
 use machine::Position;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Stage};
 use machine::record::reading::Reading;
 use methods::decision::reference_check::ReferencePoints;
@@ -34,12 +34,12 @@ impl Run<'_> {
         can_resume(&self.plan, &self.readings)
     }
 
-    /// Continues the run where it was interrupted; `self.plan` holds the steps so far. The caller has journaled
-    /// the operator's acknowledgement.
+    /// Continues the run where it was interrupted. Before the call, `self.plan` must hold the steps so far, and the
+    /// operator's acknowledgement must be in the journal.
     ///
     /// # Errors
-    /// As [`Run::execute`]; [`RunError::ReferencesShifted`] and [`RunError::ReferencesIncompleteBeforeStop`] close the
-    /// run.
+    /// The errors of [`Run::execute`]; after [`RunError::ReferencesShifted`] and
+    /// [`RunError::ReferencesIncompleteBeforeStop`] the run is closed.
     pub async fn resume(&mut self, interrupted: InterruptedRun) -> Result<(), RunError> {
         self.is_resumed = true;
         let ended = self.resume_measurement(interrupted).await;
@@ -68,7 +68,7 @@ impl Run<'_> {
         let machine_position = self.prepare_devices().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
         // Journaled before the first touch: all later readings come after the gap.
-        self.record_event(Event::Resumed { gap_s }).await?;
+        self.record_event(RunEvent::Resumed { gap_s }).await?;
         if self.plan.gaps_s.last() != Some(&gap_s) {
             self.plan.gaps_s.push(gap_s);
         }
@@ -76,7 +76,7 @@ impl Run<'_> {
         let machine_position = if self.was_artefact_remounted() {
             let text = "the artefact was remounted after the last reading: the references cannot be \
                 compared";
-            self.record_event(Event::Announced { text: text.to_owned() }).await?;
+            self.record_event(RunEvent::Announced { text: text.to_owned() }).await?;
             Some(machine_position)
         } else {
             self.measure_references(&stages, machine_position).await?
@@ -104,7 +104,7 @@ impl Run<'_> {
             let stage =
                 ReferencePoints::from_readings(&self.plan, &self.readings[..count]).reference_repeat_stage(&stages);
             self.journal.add_stage(self.id, &stage, &[]).await?;
-            self.record_event(Event::StageStarted { stage: stage.clone() }).await?;
+            self.record_event(RunEvent::StageStarted { stage: stage.clone() }).await?;
             machine_position = self.run_stage(&stages, &stage, machine_position).await?;
             stages.push(stage);
         }
@@ -114,10 +114,10 @@ impl Run<'_> {
         if !unseen.is_empty() {
             return Err(RunError::ReferencesNotRemeasured { places: unseen.join("; ") });
         }
-        let (mut shifts, scatter) = references.compare_after_stop(after);
+        let (mut shifts, scatter) = references.shifts_and_scatter_after_stop(after);
         if shifts.iter().all(ReferenceShift::is_within_limit) {
             let text = format!("the references agree: {}", describe_shifts(&shifts));
-            self.record_event(Event::Announced { text }).await?;
+            self.record_event(RunEvent::Announced { text }).await?;
             return Ok(machine_position);
         }
         shifts.retain(|shift| !shift.is_within_limit());
@@ -139,7 +139,7 @@ impl Run<'_> {
         if rest.steps.is_empty() {
             return Ok((stages, machine_position));
         }
-        self.record_event(Event::StageStarted { stage: rest.clone() }).await?;
+        self.record_event(RunEvent::StageStarted { stage: rest.clone() }).await?;
         let machine_position = self.run_stage(&stages, &rest, machine_position).await?;
         Ok((stages, machine_position))
     }

@@ -1,8 +1,8 @@
 //! One scan: samples at rest at each point of the path, or samples in motion along the whole path
 //! (`scan_in_motion.rs`).
 
-use super::display_rounding::undo_display_rounding;
-use super::watched_sensors::{AcceptSample, has_signal, is_distance, is_out_of_range};
+use super::unrounded_position::undo_control_rounding;
+use super::watched_sensors::{SampleCondition, has_signal, is_distance, is_out_of_range};
 use super::{Run, RunError};
 use devices::sensors::Sample;
 use machine::Position;
@@ -16,7 +16,8 @@ use planning::{out_of_range_block_count, position_after_motions};
 pub(super) struct PositionedSample<'a> {
     pub sensor: &'a str,
     pub sample: Sample,
-    pub run_time_s: f64,
+    /// Time of the sample on the clock of the run, s.
+    pub time_in_run_s: f64,
     pub position: Position,
 }
 
@@ -29,7 +30,7 @@ impl Run<'_> {
         repeat_number: u32,
         mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
-        let rest = blocks.split_off(out_of_range_block_count(scan, blocks.len()));
+        let scan_blocks = blocks.split_off(out_of_range_block_count(scan, blocks.len()));
         let is_ball_in_nest = blocks.is_empty();
         self.leave_sensor_range(step, blocks).await?;
         if is_ball_in_nest {
@@ -39,12 +40,12 @@ impl Run<'_> {
         }
         match scan.sampling {
             Sampling::Dwell { samples, .. } => {
-                self.run_dwells(step, repeat_number, samples, rest, is_ball_in_nest).await
+                self.run_dwells(step, repeat_number, samples, scan_blocks, is_ball_in_nest).await
             }
             Sampling::Continuous { rate_hz, per_revolution } => {
                 // The filter to equal angles needs all samples.
                 let max_rate_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
-                self.run_scan_in_motion(step, scan, repeat_number, max_rate_hz, rest, is_ball_in_nest).await
+                self.run_scan_in_motion(step, scan, repeat_number, max_rate_hz, scan_blocks, is_ball_in_nest).await
             }
         }
     }
@@ -56,13 +57,13 @@ impl Run<'_> {
     async fn leave_sensor_range(&mut self, step: &Step, blocks: Vec<ProvenBlock>) -> Result<(), RunError> {
         let moving = self.step_sensors_on(step, &[SensorMount::Spindle, SensorMount::Table]);
         let moving: Vec<String> = moving.into_iter().map(|sensor| sensor.name).collect();
-        let accepts = |name: &String, is_last: bool| -> AcceptSample {
+        let condition = |name: &String, is_last: bool| -> SampleCondition {
             Box::new(if is_last && moving.contains(name) { is_out_of_range } else { has_signal })
         };
         let count = blocks.len();
         for (number, block) in (1..).zip(blocks) {
-            let all = step.sensors.iter().map(|name| accepts(name, number == count)).collect();
-            self.execute_watched(step, block, all).await?;
+            let conditions = step.sensors.iter().map(|name| condition(name, number == count)).collect();
+            self.execute_with_hold_on_rejection(step, block, conditions).await?;
         }
         if count > 0 {
             // A simulated sensor without a wire cannot be watched: it reports only when it is polled.
@@ -86,15 +87,15 @@ impl Run<'_> {
         let first = step.scan.as_ref().and_then(|scan| scan.path.first());
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
-            let accepts = match number {
+            let conditions = match number {
                 0 => self.entry_conditions(step, is_ball_in_nest),
-                _ => step.sensors.iter().map(|_| Box::new(is_distance) as AcceptSample).collect(),
+                _ => step.sensors.iter().map(|_| Box::new(is_distance) as SampleCondition).collect(),
             };
             commanded = position_after_motions(block.motions(), &commanded);
-            let outcome = self.execute_watched(step, block, accepts).await?;
+            let outcome = self.execute_with_hold_on_rejection(step, block, conditions).await?;
             let control_time_s = outcome.trigger_time_s.unwrap_or_else(|| self.devices.clock.now_s());
-            let position = self.devices.controller.read_snapshot().await?.position;
-            let position = undo_display_rounding(&position, &commanded);
+            let position = self.devices.open_controller.read_snapshot().await?.position;
+            let position = undo_control_rounding(&position, &commanded);
             let samples = self.take_samples_at_rest(step, samples_per_point).await?;
             readings.extend(self.point_readings(step, repeat_number, control_time_s, &position, &samples));
         }
@@ -111,14 +112,14 @@ impl Run<'_> {
         machine_position: &Position,
         samples: &[Vec<Sample>],
     ) -> Vec<Reading> {
-        let began = self.timeline.run_time_s(control_time_s);
+        let began = self.timeline.control_to_run_time_s(control_time_s);
         let times: Vec<f64> = samples.iter().take(1).flatten().map(|sample| sample.received_s).collect();
         let after_s = |k: usize| times.get(k).zip(times.first()).map_or(0.0, |(t, first)| t - first);
         let of_sensor = |(sensor, samples): (&String, &Vec<Sample>)| -> Vec<Reading> {
             let sampled = samples.iter().enumerate().map(|(k, sample)| PositionedSample {
                 sensor,
                 sample: *sample,
-                run_time_s: began + after_s(k),
+                time_in_run_s: began + after_s(k),
                 position: machine_position.clone(),
             });
             sampled.map(|sampled| to_reading(step, repeat_number, sampled)).collect()
@@ -128,7 +129,7 @@ impl Run<'_> {
 }
 
 pub(super) fn to_reading(step: &Step, repeat_number: u32, sampled: PositionedSample<'_>) -> Reading {
-    let PositionedSample { sensor, sample, run_time_s: t_s, position } = sampled;
+    let PositionedSample { sensor, sample, time_in_run_s: t_s, position } = sampled;
     Reading {
         step: step.id,
         repeat: repeat_number,

@@ -7,17 +7,17 @@ use tokio::sync::mpsc;
 use tokio::time::sleep;
 
 use super::counted_turn::{CountedTurn, rotation_between_samples_rad};
-use super::display_rounding::undo_display_rounding;
 use super::equal_angles;
 use super::position_assignment::{self, PositionedSamples, REST_TOLERANCE_MM_OR_RAD};
 use super::scan::{PositionedSample, to_reading};
-use super::watched_sensors::{AcceptSample, is_distance};
+use super::unrounded_position::undo_control_rounding;
+use super::watched_sensors::{SampleCondition, is_distance};
 use super::{Run, RunError};
 use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::Position;
 use machine::record::axis_track::AxisTrack;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::record::reading::Reading;
 use planning::proof::ProvenBlock;
@@ -57,7 +57,7 @@ impl Run<'_> {
             _ => false,
         };
         match steps.iter().find(lacks_positions) {
-            Some(step) if !self.devices.controller.can_record_track() => {
+            Some(step) if !self.devices.open_controller.can_record_track() => {
                 Err(RunError::NoTimeStampedPositions { step: step.id })
             }
             _ => Ok(()),
@@ -67,7 +67,7 @@ impl Run<'_> {
     /// Scale of the encoder whose counts give the positions of the samples of `sensor` along `scan`. `None`:
     /// the positions that the control stamps are used.
     fn path_encoder(&self, scan: &Scan, sensor: &str) -> Option<EncoderScale> {
-        let scale = self.devices.sensors.encoder_scale(sensor)?;
+        let scale = self.devices.sensor_opener.encoder_scale(sensor)?;
         let axis = scan.single_rotary_axis().filter(|axis| *axis == scale.encoder.axis)?;
         let turned = scan.path.last()?.get_or_zero(axis) - scan.path.first()?.get_or_zero(axis);
         (turned.abs() > REST_TOLERANCE_MM_OR_RAD).then_some(scale)
@@ -87,7 +87,8 @@ impl Run<'_> {
             return Err(scan_in_motion_failed(step, "the step contains no motion"));
         };
         for approach_block in blocks {
-            self.execute_watched(step, approach_block, self.entry_conditions(step, is_ball_in_nest)).await?;
+            self.execute_with_hold_on_rejection(step, approach_block, self.entry_conditions(step, is_ball_in_nest))
+                .await?;
         }
         let sweep = self.execute_scan_in_motion(step, scan, block).await?;
         let mut readings = Vec::new();
@@ -103,7 +104,7 @@ impl Run<'_> {
                 Some((axis, count)) => {
                     let turn = equal_angles::resample_turn(&placed.samples, axis, count);
                     if let Some(text) = turn.gap_message(&step.label, sensor) {
-                        self.record_event(Event::Announced { text }).await?;
+                        self.record_event(RunEvent::Announced { text }).await?;
                     }
                     turn.samples_with_positions
                 }
@@ -123,10 +124,10 @@ impl Run<'_> {
         let mut channels = self.open_sensor_channels(step, scan).await?;
         let is_counted = channels.iter().any(|channel| channel.encoder_and_rest_sample.is_some());
         let before = if is_counted { Some(self.read_rest_position(scan.path.first()).await?) } else { None };
-        let (accepts, mut kept): (Vec<AcceptSample>, Vec<mpsc::Receiver<Sample>>) =
-            step.sensors.iter().map(|_| sample_buffer(MAX_SAMPLES_PER_SENSOR)).unzip();
-        self.begin_watch(step, accepts).await?;
-        let executed = self.devices.controller.execute(block).await;
+        let (conditions, mut kept): (Vec<SampleCondition>, Vec<mpsc::Receiver<Sample>>) =
+            step.sensors.iter().map(|_| buffering_condition(MAX_SAMPLES_PER_SENSOR)).unzip();
+        self.begin_watch(step, conditions).await?;
+        let executed = self.devices.open_controller.execute(block).await;
         if is_counted && executed.is_ok() {
             wait_for_encoder_rest(&mut channels, &mut kept).await;
         }
@@ -171,8 +172,8 @@ impl Run<'_> {
 
     /// Position that the control reports at rest after the motion to `commanded`.
     async fn read_rest_position(&self, commanded: Option<&Position>) -> Result<Position, RunError> {
-        let displayed = self.devices.controller.read_snapshot().await?.position;
-        Ok(commanded.map_or_else(|| displayed.clone(), |commanded| undo_display_rounding(&displayed, commanded)))
+        let displayed = self.devices.open_controller.read_snapshot().await?.position;
+        Ok(commanded.map_or_else(|| displayed.clone(), |commanded| undo_control_rounding(&displayed, commanded)))
     }
 
     /// Reports the samples that were left out.
@@ -199,7 +200,7 @@ impl Run<'_> {
         );
         for (count, text) in [(without_position, by_gaps), (dropped_by_rate, by_rate)] {
             if *count > 0 {
-                self.record_event(Event::Announced { text }).await?;
+                self.record_event(RunEvent::Announced { text }).await?;
             }
         }
         Ok(())
@@ -213,11 +214,11 @@ impl Run<'_> {
         samples: Vec<(Sample, Position)>,
     ) -> Vec<Reading> {
         let now_s = self.devices.clock.now_s();
-        let shift_s = self.timeline.run_time_s(now_s) - now_s;
+        let shift_s = self.timeline.control_to_run_time_s(now_s) - now_s;
         let placed = samples.into_iter().map(|(sample, position)| PositionedSample {
             sensor,
             sample,
-            run_time_s: sample.received_s + shift_s,
+            time_in_run_s: sample.received_s + shift_s,
             position,
         });
         placed.map(|sampled| to_reading(step, repeat_number, sampled)).collect()
@@ -300,8 +301,9 @@ fn scan_in_motion_failed(step: &Step, why: &str) -> RunError {
     RunError::ScanInMotionFailed { step: step.id, why: why.to_owned() }
 }
 
-/// Accepts distances and sends them to the returned channel, at most `capacity` unread ones.
-fn sample_buffer(capacity: usize) -> (AcceptSample, mpsc::Receiver<Sample>) {
+/// Condition that accepts distances, and the channel to which it sends them. A full channel (`capacity` unread samples)
+/// rejects the next sample too, and so holds the machine.
+fn buffering_condition(capacity: usize) -> (SampleCondition, mpsc::Receiver<Sample>) {
     let (sender, receiver) = mpsc::channel(capacity);
     let keep = move |sample: &Sample| is_distance(sample) && sender.try_send(*sample).is_ok();
     (Box::new(keep), receiver)

@@ -8,19 +8,19 @@ use super::remaining_stages::{RehearsedStage, RemainingStages};
 use super::{Run, RunError};
 use machine::Position;
 use machine::record::artefact::Artefact;
-use machine::record::event::Event;
-use machine::record::motion::{Block, BlockOutcome, Motion};
+use machine::record::event::RunEvent;
+use machine::record::motion::{Motion, MotionBlock, MotionBlockOutcome};
 use machine::record::plan::{Plan, Stage, Step};
-use machine::record::proof::Proof;
 use machine::record::reading::{Reading, ReadingFlag};
+use machine::record::stage_proof::StageProof;
 use methods::{Method, NextStage, PositionSource};
 use planning::gcode::{Dialect, TransmissionForm};
 use planning::proof::{ProvenBlock, StageProofError, StageProofRequest, StageSteps, prove_blocks};
 use planning::{
-    BlockStart, ConfirmedDirections, SafeHeights, machine_time_s, position_after_motions, split_prompts, step_blocks,
+    BlockStart, SafeHeights, TouchedDirections, machine_time_s, position_after_motions, split_prompts, step_blocks,
 };
 
-/// The blocks of a step with their data: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
+/// The blocks of a step with their data: `B` is [`MotionBlock`] as planned, [`ProvenBlock`] as proven.
 struct StepBlocks<B> {
     step: Step,
     blocks: Vec<B>,
@@ -45,7 +45,7 @@ struct DialectAndTransmission<'a> {
 #[derive(Clone)]
 struct StageStart {
     position: Option<Position>,
-    confirmed_directions: ConfirmedDirections,
+    confirmed_directions: TouchedDirections,
 }
 
 impl Run<'_> {
@@ -60,12 +60,12 @@ impl Run<'_> {
         let begin = StageStart { position: machine_position.clone(), confirmed_directions: self.confirmed_directions };
         let sent = DialectAndTransmission { dialect: &self.devices.dialect, transmission: &self.transmission };
         let (tasks, proof) = plan_and_prove_on_thread(&self.plan, sent, done, stage, begin).await?;
-        self.record_event(Event::StageProven { stage: stage.id, proof }).await?;
+        self.record_event(RunEvent::StageProven { stage: stage.id, proof }).await?;
         let mut machine_position = machine_position;
         for task in tasks {
             let StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position } = task;
             let (id, repeat) = (step.id, stage.repeat);
-            (self.on_event)(&Event::StepStarted {
+            (self.on_event)(&RunEvent::StepStarted {
                 step: id,
                 repeat,
                 label: step.label.clone(),
@@ -90,13 +90,13 @@ impl Run<'_> {
         match (readings.as_slice(), &step.scan) {
             ([touch], None) => {
                 self.journal.add_reading(self.id, touch).await?;
-                (self.on_event)(&Event::ReadingStored { reading: touch.clone() });
+                (self.on_event)(&RunEvent::ReadingStored { reading: touch.clone() });
             }
             (samples, _) => {
                 self.journal.add_scan(self.id, samples).await?;
                 let flagged = samples.iter().filter(|sample| sample.flag != ReadingFlag::None).count();
                 let (step, samples) = (step.id, samples.len());
-                (self.on_event)(&Event::ScanStored { step, samples, flagged });
+                (self.on_event)(&RunEvent::ScanStored { step, samples, flagged });
             }
         }
         self.readings.extend(readings);
@@ -110,9 +110,9 @@ impl Run<'_> {
         repeat_number: u32,
         blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
-        let mut outcome = BlockOutcome::default();
+        let mut outcome = MotionBlockOutcome::default();
         for block in blocks {
-            outcome = self.devices.controller.execute(block).await?;
+            outcome = self.devices.open_controller.execute(block).await?;
         }
         Ok(vec![Reading {
             step: step.id,
@@ -120,7 +120,9 @@ impl Run<'_> {
             position: outcome.trigger_position.ok_or(RunError::NoContactPosition { step: step.id })?,
             value_mm: None,
             sensor: step.first_sensor().to_owned(),
-            t_s: self.timeline.run_time_s(outcome.trigger_time_s.unwrap_or_else(|| self.devices.clock.now_s())),
+            t_s: self
+                .timeline
+                .control_to_run_time_s(outcome.trigger_time_s.unwrap_or_else(|| self.devices.clock.now_s())),
             flag: ReadingFlag::None,
             temperatures_c: Default::default(),
         }])
@@ -156,11 +158,11 @@ pub(super) async fn rehearse_stages(
 ) -> Result<(RemainingStages, Vec<Step>), RunError> {
     let mut plan = Plan { steps: Vec::new(), ..plan.clone() };
     let (mut done, mut stages) = (Vec::new(), Vec::new());
-    let mut begin = StageStart { position: None, confirmed_directions: ConfirmedDirections::default() };
+    let mut begin = StageStart { position: None, confirmed_directions: TouchedDirections::default() };
     while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal)? {
         plan.steps.extend(new_steps);
         if !split_prompts(&plan, &stage.steps)?.0.is_empty() {
-            begin.confirmed_directions = ConfirmedDirections::default();
+            begin.confirmed_directions = TouchedDirections::default();
         }
         let sent = DialectAndTransmission { dialect, transmission: &TransmissionForm::TableRows };
         let (tasks, _) = plan_and_prove_on_thread(&plan, sent, &done, &stage, begin.clone()).await?;
@@ -182,7 +184,7 @@ async fn plan_and_prove_on_thread(
     done: &[Stage],
     stage: &Stage,
     begin: StageStart,
-) -> Result<(Vec<StepBlocks<ProvenBlock>>, Proof), RunError> {
+) -> Result<(Vec<StepBlocks<ProvenBlock>>, StageProof), RunError> {
     let (answer, result) = oneshot::channel();
     let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
     let (plan, dialect) = (plan.clone(), sent.dialect.clone());
@@ -203,13 +205,21 @@ fn plan_and_prove_blocks(
     found: Option<&Artefact>,
     begin: &StageStart,
     DialectAndTransmission { dialect, transmission }: DialectAndTransmission<'_>,
-) -> Result<(Vec<StepBlocks<ProvenBlock>>, Proof), RunError> {
+) -> Result<(Vec<StepBlocks<ProvenBlock>>, StageProof), RunError> {
     let tasks = plan_step_blocks(plan, stage, found, begin)?;
-    let blocks: Vec<Block> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
+    let blocks: Vec<MotionBlock> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
     let (_, moves) = split_prompts(plan, &stage.steps)?;
     let stages = [StageSteps { step_ids: moves, found_artefact: found }];
     let (stages, start_position, confirmed) = (&stages, begin.position.as_ref(), begin.confirmed_directions);
-    let request = StageProofRequest { plan, stages, start_position, confirmed, dialect, transmission, blocks: &blocks };
+    let request = StageProofRequest {
+        plan,
+        stages,
+        start_position,
+        touched_directions: confirmed,
+        dialect,
+        transmission,
+        blocks: &blocks,
+    };
     let (proof, proven) = prove_blocks(&request).map_err(|unproven| {
         let stage = stage.name.clone();
         match unproven {
@@ -218,22 +228,23 @@ fn plan_and_prove_blocks(
         }
     })?;
     let mut proven = proven.into_iter();
-    let of_task = |StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position }: StepBlocks<Block>| {
-        let blocks = proven.by_ref().take(blocks.len()).collect();
-        StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position }
-    };
+    let of_task =
+        |StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position }: StepBlocks<MotionBlock>| {
+            let blocks = proven.by_ref().take(blocks.len()).collect();
+            StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position }
+        };
     Ok((tasks.into_iter().map(of_task).collect(), proof))
 }
 
 /// Splits a long path into parts, as a control holds a limited number of rows. The last part contains the touch
 /// and the motions that belong to it. A scan is not split: samples are taken along it.
-fn split_block(step: &Step, mut block: Block) -> Vec<Block> {
+fn split_block(step: &Step, mut block: MotionBlock) -> Vec<MotionBlock> {
     if step.scan.is_some() {
         return vec![block];
     }
     let way = block.motions.len().saturating_sub(MAX_BLOCK_MOTIONS);
     let touch = block.motions.split_off(way);
-    let part = |motions: &[Motion]| Block { motions: motions.to_vec(), ..block.clone() };
+    let part = |motions: &[Motion]| MotionBlock { motions: motions.to_vec(), ..block.clone() };
     block.motions.chunks(MAX_BLOCK_MOTIONS).map(part).chain([part(&touch)]).collect()
 }
 
@@ -243,16 +254,16 @@ fn plan_step_blocks(
     stage: &Stage,
     found: Option<&Artefact>,
     begin: &StageStart,
-) -> Result<Vec<StepBlocks<Block>>, RunError> {
+) -> Result<Vec<StepBlocks<MotionBlock>>, RunError> {
     let clearance = SafeHeights::above_found_or_plan_artefact(plan, found)?;
     let StageStart { position: mut machine_position, confirmed_directions: mut confirmed } = begin.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
     let (_, moves) = split_prompts(plan, &stage.steps)?;
     for step in moves.iter().filter_map(step_of) {
-        let start = BlockStart { position: machine_position.as_ref(), confirmed };
+        let start = BlockStart { position: machine_position.as_ref(), touched_directions: confirmed };
         let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;
-        let blocks: Vec<Block> = blocks.into_iter().flat_map(|block| split_block(step, block)).collect();
+        let blocks: Vec<MotionBlock> = blocks.into_iter().flat_map(|block| split_block(step, block)).collect();
         let (mut end, mut seconds) = (machine_position.clone().unwrap_or_else(|| step.from.clone()), 0.0);
         for block in &blocks {
             seconds += machine_time_s(block, &end, &plan.machine);

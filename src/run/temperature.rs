@@ -6,15 +6,15 @@ use std::collections::BTreeMap;
 use super::{Run, RunError};
 use crate::setup::Thermometers;
 use devices::sensors::thermometer::ThermometerPoller;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::reading::Temperatures;
 
 #[derive(Default)]
 pub(super) struct TemperatureLog {
     poller: Option<ThermometerPoller>,
     reading_count: u32,
-    /// Number of readings without a temperature, for each thermometer.
-    missing_counts: BTreeMap<String, u32>,
+    /// Number of readings of the run without a temperature, for each thermometer.
+    reading_counts_without_temperature: BTreeMap<String, u32>,
 }
 
 impl TemperatureLog {
@@ -27,14 +27,14 @@ impl TemperatureLog {
 
     /// Temperatures at a reading, and the cause for each thermometer that does not answer for the first time.
     fn count_reading_and_get_temperatures(&mut self) -> (Temperatures, Vec<(String, String)>) {
-        let Self { poller: watch, reading_count: readings, missing_counts } = self;
+        let Self { poller: watch, reading_count: readings, reading_counts_without_temperature: counts } = self;
         *readings += 1;
         let (mut temperatures, mut not_replying) = (BTreeMap::new(), Vec::new());
         for (name, said) in watch.iter().flat_map(ThermometerPoller::current_temperatures_c) {
             match said {
                 Ok(celsius) => drop(temperatures.insert(name.to_owned(), celsius)),
                 Err(why) => {
-                    let count = missing_counts.entry(name.to_owned()).or_default();
+                    let count = counts.entry(name.to_owned()).or_default();
                     *count += 1;
                     not_replying.extend((*count == 1).then(|| (name.to_owned(), why.to_string())));
                 }
@@ -53,19 +53,20 @@ impl Run<'_> {
                 "thermometer {name} does not reply: {why}; readings have no temperature of {name} until the \
                 thermometer replies again"
             );
-            self.record_event(Event::Announced { text }).await?;
+            self.record_event(RunEvent::Announced { text }).await?;
         }
         Ok(temperatures)
     }
 
     /// Reports how many readings each thermometer has missed, if any: it may have answered again later.
     pub(super) async fn report_missing_temperatures(&mut self) -> Result<(), RunError> {
-        let TemperatureLog { reading_count: readings, missing_counts, .. } = &self.temperature_log;
-        let told = missing_counts
+        let TemperatureLog { reading_count: readings, reading_counts_without_temperature: counts, .. } =
+            &self.temperature_log;
+        let told = counts
             .iter()
             .map(|(name, count)| format!("thermometer {name}: {count} of {readings} readings have no temperature"));
         for text in told.collect::<Vec<_>>() {
-            self.record_event(Event::Announced { text }).await?;
+            self.record_event(RunEvent::Announced { text }).await?;
         }
         Ok(())
     }

@@ -8,28 +8,36 @@ use std::time::Instant;
 pub(super) struct Timeline {
     session_start: Instant,
     /// Time of the run at `started`, s. `None`: the control's own time is used.
-    run_time_at_session_start_s: Option<f64>,
+    time_in_run_at_session_start_s: Option<f64>,
     /// Time of the run minus time of the control, s; set at the first reading.
-    run_minus_control_time_s: Option<f64>,
+    time_in_run_minus_control_time_s: Option<f64>,
 }
 
 impl Timeline {
     /// Timeline of a new run: the time of the control is the time of the run.
     pub fn new() -> Self {
-        Self { session_start: Instant::now(), run_time_at_session_start_s: None, run_minus_control_time_s: Some(0.0) }
+        Self {
+            session_start: Instant::now(),
+            time_in_run_at_session_start_s: None,
+            time_in_run_minus_control_time_s: Some(0.0),
+        }
     }
 
     /// Timeline of a run that is resumed `elapsed_s` (wall time) after its last reading at `last_s`.
     pub fn resumed_after(last_s: f64, elapsed_s: f64) -> Self {
         let start_s = Some(last_s + elapsed_s.max(0.0));
-        Self { session_start: Instant::now(), run_time_at_session_start_s: start_s, run_minus_control_time_s: None }
+        Self {
+            session_start: Instant::now(),
+            time_in_run_at_session_start_s: start_s,
+            time_in_run_minus_control_time_s: None,
+        }
     }
 
     /// Time of the run that corresponds to the present time of the control, `control_time_s`.
-    pub fn run_time_s(&mut self, control_time_s: f64) -> f64 {
-        let (started, start) = (self.session_start, self.run_time_at_session_start_s.unwrap_or(control_time_s));
+    pub fn control_to_run_time_s(&mut self, control_time_s: f64) -> f64 {
+        let (started, start) = (self.session_start, self.time_in_run_at_session_start_s.unwrap_or(control_time_s));
         let offset = self
-            .run_minus_control_time_s
+            .time_in_run_minus_control_time_s
             .get_or_insert_with(|| start + started.elapsed().as_secs_f64() - control_time_s);
         control_time_s + *offset
     }

@@ -9,15 +9,15 @@ use super::{Run, RunError};
 use crate::setup::OpenSensor;
 use devices::controllers::ControllerError;
 use devices::sensors::{Sample, SensorError};
-use machine::record::event::Event;
-use machine::record::motion::BlockOutcome;
+use machine::record::event::RunEvent;
+use machine::record::motion::MotionBlockOutcome;
 use machine::record::plan::Step;
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor::SensorMount;
 use planning::proof::ProvenBlock;
 
 /// Whether a sample allows the motion to continue.
-pub(super) type AcceptSample = Box<dyn Fn(&Sample) -> bool + Send>;
+pub(super) type SampleCondition = Box<dyn Fn(&Sample) -> bool + Send>;
 
 /// Accepts a distance, or an out-of-range sample as on the path to the first point.
 pub(super) fn has_signal(sample: &Sample) -> bool {
@@ -37,7 +37,7 @@ const RANGE_EDGE_SHARE: f64 = 0.1;
 
 /// Condition while a ball enters the range of a sensor: any sample but a failure until the distance is well
 /// within the range, afterwards distances alone.
-pub(super) fn entry_condition(range_mm: [f64; 2]) -> AcceptSample {
+pub(super) fn entry_condition(range_mm: [f64; 2]) -> SampleCondition {
     let [least, greatest] = range_mm;
     let edge = RANGE_EDGE_SHARE * (greatest - least);
     let inner = least + edge..=greatest - edge;
@@ -55,11 +55,11 @@ impl Run<'_> {
         self.open_sensors.clear();
         for wanted in self.plan.sensors.clone() {
             let fault = sensor_error(&wanted.name);
-            let sensor = self.devices.sensors.open(&wanted.name).await.map_err(&fault)?;
+            let sensor = self.devices.sensor_opener.open(&wanted.name).await.map_err(&fault)?;
             let prepared = sensor.prepare().await.map_err(&fault)?;
             self.open_sensors.push(sensor);
             let text = format!("{}: {}", wanted.name, prepared.identity);
-            self.record_event(Event::Announced { text }).await?;
+            self.record_event(RunEvent::Announced { text }).await?;
         }
         self.is_probe_confirmed = true;
         Ok(())
@@ -75,14 +75,14 @@ impl Run<'_> {
     /// Conditions for the sensors of `step` during the motion to the first point. A sensor on the table
     /// measures the ball in the spindle, which is between the sensors during the whole motion (`is_ball_in_nest`) or
     /// enters their range.
-    pub(super) fn entry_conditions(&self, step: &Step, is_ball_in_nest: bool) -> Vec<AcceptSample> {
+    pub(super) fn entry_conditions(&self, step: &Step, is_ball_in_nest: bool) -> Vec<SampleCondition> {
         let on_table = self.step_sensors_on(step, &[SensorMount::Table]);
-        let accepts = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
-            None => Box::new(has_signal) as AcceptSample,
+        let condition = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
+            None => Box::new(has_signal) as SampleCondition,
             Some(_) if is_ball_in_nest => Box::new(is_distance),
             Some(sensor) => entry_condition(sensor.range_mm),
         };
-        step.sensors.iter().map(accepts).collect()
+        step.sensors.iter().map(condition).collect()
     }
 
     pub(super) fn find_open_sensor(&self, name: &str) -> Result<&OpenSensor, RunError> {
@@ -95,25 +95,29 @@ impl Run<'_> {
     }
 
     /// Executes `block`. The machine is held as soon as a sensor of `step` reports a sample that its entry of
-    /// `accepts` refuses.
-    pub(super) async fn execute_watched(
+    /// `sample_conditions` rejects.
+    pub(super) async fn execute_with_hold_on_rejection(
         &self,
         step: &Step,
         block: ProvenBlock,
-        accepts: Vec<AcceptSample>,
-    ) -> Result<BlockOutcome, RunError> {
-        self.begin_watch(step, accepts).await?;
-        let executed = self.devices.controller.execute(block).await;
+        sample_conditions: Vec<SampleCondition>,
+    ) -> Result<MotionBlockOutcome, RunError> {
+        self.begin_watch(step, sample_conditions).await?;
+        let executed = self.devices.open_controller.execute(block).await;
         self.end_watch(step, executed).await
     }
 
     /// Starts watching the sensors of `step`, until [`Run::end_watch`].
-    pub(super) async fn begin_watch(&self, step: &Step, accepts: Vec<AcceptSample>) -> Result<(), RunError> {
-        for (sensor, accepts) in self.step_sensors(step)?.iter().zip(accepts) {
-            let halt = self.devices.controller.halt_handle();
-            let watched = sensor.watch(accepts, move || halt.trigger()).await;
+    pub(super) async fn begin_watch(
+        &self,
+        step: &Step,
+        sample_conditions: Vec<SampleCondition>,
+    ) -> Result<(), RunError> {
+        for (sensor, condition) in self.step_sensors(step)?.iter().zip(sample_conditions) {
+            let halt = self.devices.open_controller.halt_handle();
+            let watched = sensor.watch(condition, move || halt.trigger()).await;
             let watched = watched.map_err(sensor_error(sensor.name()));
-            watched.inspect_err(|_| self.devices.controller.halt_handle().trigger())?;
+            watched.inspect_err(|_| self.devices.open_controller.halt_handle().trigger())?;
         }
         Ok(())
     }
@@ -122,8 +126,8 @@ impl Run<'_> {
     pub(super) async fn end_watch(
         &self,
         step: &Step,
-        executed: Result<BlockOutcome, ControllerError>,
-    ) -> Result<BlockOutcome, RunError> {
+        executed: Result<MotionBlockOutcome, ControllerError>,
+    ) -> Result<MotionBlockOutcome, RunError> {
         let mut accepted = Ok(());
         for sensor in self.step_sensors(step)? {
             accepted = accepted.and(end_sensor_watch(step, sensor).await);
@@ -147,7 +151,7 @@ impl Run<'_> {
             Some(sample) => Err(sample_error(step, name, Some(sample))),
             None => Ok(()),
         });
-        seen.inspect_err(|_| self.devices.controller.halt_handle().trigger())
+        seen.inspect_err(|_| self.devices.open_controller.halt_handle().trigger())
     }
 
     /// Takes `count` samples of each sensor of `step` at the same time, with the machine at rest. The machine
@@ -155,7 +159,7 @@ impl Run<'_> {
     pub(super) async fn take_samples_at_rest(&self, step: &Step, count: u32) -> Result<Vec<Vec<Sample>>, RunError> {
         let sensors = self.step_sensors(step)?;
         let taken = try_join_all(sensors.iter().map(|sensor| take_samples(step, sensor, count))).await;
-        taken.inspect_err(|_| self.devices.controller.halt_handle().trigger())
+        taken.inspect_err(|_| self.devices.open_controller.halt_handle().trigger())
     }
 }
 
@@ -195,7 +199,7 @@ mod tests {
     use super::*;
 
     fn sample(value_mm: Option<f64>, flag: ReadingFlag) -> Sample {
-        Sample { received_s: 0.0, value_mm, flag, missing_count: 0, encoder_count: None }
+        Sample { received_s: 0.0, value_mm, flag, lost_before_count: 0, encoder_count: None }
     }
 
     fn distance(mm: f64) -> Sample {
@@ -205,13 +209,13 @@ mod tests {
     #[test]
     fn ball_can_enter_the_range_of_a_sensor_but_not_leave_it() {
         let out_of_range = sample(None, ReadingFlag::Range);
-        let accepts = entry_condition([-1.0, 1.0]);
+        let condition = entry_condition([-1.0, 1.0]);
         // At the far end of the range noise makes the distance appear and disappear.
         for entering in [out_of_range, distance(0.99), out_of_range, distance(0.7), distance(-0.9)] {
-            assert!(accepts(&entering), "{entering:?}");
+            assert!(condition(&entering), "{entering:?}");
         }
-        assert!(!accepts(&out_of_range));
-        let accepts = entry_condition([-1.0, 1.0]);
-        assert!(!accepts(&sample(None, ReadingFlag::Stale)) && !accepts(&sample(None, ReadingFlag::Saturated)));
+        assert!(!condition(&out_of_range));
+        let condition = entry_condition([-1.0, 1.0]);
+        assert!(!condition(&sample(None, ReadingFlag::Stale)) && !condition(&sample(None, ReadingFlag::Saturated)));
     }
 }

@@ -14,14 +14,15 @@ use tracing::info_span;
 use super::config::{ServeConfig, StartInterlock};
 use super::heartbeat::Heartbeat;
 use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, ServiceState};
-use super::schedule_state::{DueRequest, ReadinessSource};
-use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, WorkerCommand};
+use super::schedule_state::{ReadinessSource, StartDueCycleRequest};
+use super::worker_command::{HoldEffect, Inspection, InspectionResultReceiver, WorkerCommand};
 use super::{Log, lock};
 use crate::run::{OpenPrompt, PromptAnswerSource, RehearsalResult};
 use crate::store::{Journal, NewestMeasuredRuns, RunId, StoreError};
 use devices::controllers::HaltHandle;
 
-pub(super) struct GateState {
+/// State of a [`CommandGate`].
+pub(super) struct CommandGateState {
     machine_state: MachineState,
     /// Halt handle of the run in progress.
     halt_handle: Option<HaltHandle>,
@@ -31,17 +32,17 @@ pub(super) struct GateState {
     /// The answered prompt and the name of the person who answered, until the run reads them.
     prompt_answer: Option<(OpenPrompt, String)>,
     /// Results of the rehearsal, by cycle number.
-    rehearsal_results: BTreeMap<u16, RehearsalResult>,
+    rehearsal_results_by_cycle: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
     last_cycle_end_time: Option<Instant>,
     pub(super) heartbeat: Heartbeat,
     pub(super) readiness_sources: Vec<ReadinessSource>,
-    pub(super) due_request_sender: Option<Sender<DueRequest>>,
+    pub(super) due_request_sender: Option<Sender<StartDueCycleRequest>>,
 }
 
 #[derive(Clone)]
 pub struct CommandGate {
-    gate_state: Arc<Mutex<GateState>>,
+    gate_state: Arc<Mutex<CommandGateState>>,
     command_sender: mpsc::Sender<WorkerCommand>,
     cycle_numbers: Arc<[u16]>,
     required_interlocks: Arc<[StartInterlock]>,
@@ -57,15 +58,15 @@ impl CommandGate {
     /// The receiver gets the accepted commands.
     pub fn new(config: &ServeConfig, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
         let (command_sender, command_receiver) = mpsc::channel(8);
-        let inner = GateState {
+        let inner = CommandGateState {
             machine_state: MachineState::default(),
             halt_handle: None,
             is_hold_requested: false,
             is_command_in_progress: false,
             prompt_answer: None,
-            rehearsal_results: BTreeMap::new(),
+            rehearsal_results_by_cycle: BTreeMap::new(),
             last_cycle_end_time: None,
-            heartbeat: Heartbeat::now(config.event_timeout),
+            heartbeat: Heartbeat::now(config.max_event_interval),
             readiness_sources: Vec::new(),
             due_request_sender: None,
         };
@@ -82,7 +83,7 @@ impl CommandGate {
         (gate, command_receiver)
     }
 
-    pub(super) fn lock_state(&self) -> MutexGuard<'_, GateState> {
+    pub(super) fn lock_state(&self) -> MutexGuard<'_, CommandGateState> {
         lock(&self.gate_state)
     }
 
@@ -133,7 +134,7 @@ impl CommandGate {
         let mut inner = self.send_command(inner, judged, WorkerCommand::StartCycle { cycle }, &what)?;
         inner.is_hold_requested = false;
         inner.machine_state.accepted_start_count = inner.machine_state.accepted_start_count.wrapping_add(1);
-        let machine_s = inner.rehearsal_results.get(&cycle).map(|known| known.machine_time_s);
+        let machine_s = inner.rehearsal_results_by_cycle.get(&cycle).map(|known| known.machine_time_s);
         inner.machine_state.begin_cycle(cycle, machine_s);
         drop(inner);
         self.notify_change();
@@ -151,15 +152,15 @@ impl CommandGate {
         run: RunId,
         inspection: Inspection<'_>,
         interlocks: Interlocks,
-    ) -> Result<AcknowledgementReceiver, Refusal> {
+    ) -> Result<InspectionResultReceiver, Refusal> {
         let inner = self.lock_state();
         let judged = match inner.machine_state.state {
             ServiceState::Held => interlocks.start_refusal(&self.required_interlocks).map_or(Ok(()), Err),
             ServiceState::Running => Err(Refusal::Busy),
             _ => Err(Refusal::NothingToAcknowledge),
         };
-        let (acknowledgement, answer) = inspection.acknowledgement_channel();
-        let command = WorkerCommand::ResumeRun { run, acknowledgement };
+        let (report, answer) = inspection.report_and_result_receiver();
+        let command = WorkerCommand::ResumeRun { run, report };
         let what = format!("resume of run {run} by {}", inspection.who);
         let mut inner = self.send_command(inner, judged, command, &what)?;
         inner.is_hold_requested = false;
@@ -177,11 +178,11 @@ impl CommandGate {
     /// is finished.
     fn send_command<'a>(
         &self,
-        mut inner: MutexGuard<'a, GateState>,
+        mut inner: MutexGuard<'a, CommandGateState>,
         accepted: Result<(), Refusal>,
         command: WorkerCommand,
         what: &str,
-    ) -> Result<MutexGuard<'a, GateState>, Refusal> {
+    ) -> Result<MutexGuard<'a, CommandGateState>, Refusal> {
         let sent = accepted.and_then(|()| match inner.is_command_in_progress {
             true => Err(Refusal::NotReady),
             false => self.command_sender.try_send(command).map_err(|_| Refusal::NotReady),
@@ -195,7 +196,12 @@ impl CommandGate {
         Ok(inner)
     }
 
-    fn check_start_conditions(&self, inner: &GateState, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
+    fn check_start_conditions(
+        &self,
+        inner: &CommandGateState,
+        cycle: u16,
+        interlocks: Interlocks,
+    ) -> Result<(), Refusal> {
         match inner.machine_state.state {
             ServiceState::Waiting => {}
             ServiceState::Running => return Err(Refusal::Busy),
@@ -206,7 +212,7 @@ impl CommandGate {
         if !self.cycle_numbers.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }
-        if inner.rehearsal_results.get(&cycle).is_some_and(|known| known.has_prompts)
+        if inner.rehearsal_results_by_cycle.get(&cycle).is_some_and(|known| known.has_prompts)
             && !interlocks.has_person_for_prompts
         {
             return Err(Refusal::PlanHasPrompts);
@@ -225,7 +231,7 @@ impl CommandGate {
         let mut inner = self.lock_state();
         inner.machine_state.last_refusal = Some(why);
         inner.machine_state.refusal_count = inner.machine_state.refusal_count.wrapping_add(1);
-        *inner.machine_state.counters.refusals.entry(why).or_default() += 1;
+        *inner.machine_state.counters.refusal_counts.entry(why).or_default() += 1;
         drop(inner);
         self.notify_change();
         self.log.info(&format!("request refused: {what}: {why}"));
@@ -235,21 +241,21 @@ impl CommandGate {
     ///
     /// # Errors
     /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
-    pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<AcknowledgementReceiver, Refusal> {
+    pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<InspectionResultReceiver, Refusal> {
         let inner = self.lock_state();
         let judged = match inner.machine_state.state {
             ServiceState::Held | ServiceState::Failed => Ok(()),
             _ => Err(Refusal::NothingToAcknowledge),
         };
-        let (acknowledgement, answer) = inspection.acknowledgement_channel();
+        let (report, answer) = inspection.report_and_result_receiver();
         let what = format!("acknowledgement by {}", inspection.who);
-        drop(self.send_command(inner, judged, WorkerCommand::Acknowledge(acknowledgement), &what)?);
+        drop(self.send_command(inner, judged, WorkerCommand::ReportInspection(report), &what)?);
         Ok(answer)
     }
 
     /// Stores the results of the rehearsals. A cycle with prompts does not start without a person at the machine.
     pub(super) fn set_rehearsal_results(&self, cycles: BTreeMap<u16, RehearsalResult>) {
-        self.lock_state().rehearsal_results = cycles;
+        self.lock_state().rehearsal_results_by_cycle = cycles;
     }
 
     /// Answers the prompt of this step and repeat: the person has done what the run requested.
@@ -271,12 +277,12 @@ impl CommandGate {
         Ok(())
     }
 
-    /// Source of the answers for the run. Each poll beats the heartbeat with `timeout`, so that a run that waits
+    /// Source of the answers for the run. Each poll reports progress with `next_report_within`, so that a run that waits
     /// for a person does not count as hung.
-    pub(super) fn prompt_answer_source(&self, timeout: Duration) -> PromptAnswerSource {
+    pub(super) fn prompt_answer_source(&self, next_report_within: Duration) -> PromptAnswerSource {
         let gate = self.clone();
         PromptAnswerSource::new(move |asked| {
-            gate.report_progress(timeout);
+            gate.report_progress(next_report_within);
             let given = gate.lock_state().prompt_answer.take_if(|(to, _)| to == asked);
             given.map(|(_, who)| who)
         })

@@ -31,7 +31,7 @@ pub struct CycleConfig {
     /// Number by which the cycle is started, from 1.
     pub number: u16,
     pub method: String,
-    /// Number of passes, as `--repeat`.
+    /// Number of passes, as `--repeat`; `None`: as without `--repeat`.
     pub repeat: Option<u32>,
 }
 
@@ -61,7 +61,7 @@ struct HttpKeys {
     tokens: bool,
 }
 
-/// The page and the HTTP API.
+/// The web page and the HTTP API.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "HttpKeys")]
 pub struct HttpConfig {
@@ -119,9 +119,14 @@ impl TryFrom<LineKeys> for LineInterfaceConfig {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ServeKeys {
+    /// Minimum time between the end of a cycle and the start of the next, s.
     min_interval_s: Option<f64>,
-    patience_s: Option<f64>,
+    /// Maximum time between two events of a run, s; after that, the run counts as hung.
+    #[serde(rename = "patience_s")]
+    event_timeout_s: Option<f64>,
+    /// Time for which a verdict stays valid, h.
     verdict_h: Option<f64>,
+    /// Conditions of an external start.
     demand: Option<Vec<StartInterlock>>,
     cycle: Vec<CycleConfig>,
     modbus: Option<ModbusServerConfig>,
@@ -138,15 +143,15 @@ pub struct ServeConfig {
     /// Minimum time between the end of a cycle and the start of the next.
     pub min_pause_between_cycles: Duration,
     /// Maximum time between two events of a run; after that, the run counts as hung.
-    pub event_timeout: Duration,
+    pub max_event_interval: Duration,
     /// Time for which a verdict stays valid.
     pub verdict_validity: Duration,
     /// Conditions of an external start; always contains [`StartInterlock::Enable`].
     pub required_interlocks: Vec<StartInterlock>,
     pub cycles: Vec<CycleConfig>,
-    pub modbus_server: Option<ModbusServerConfig>,
-    pub line_interface: Option<LineInterfaceConfig>,
-    pub http: Option<HttpConfig>,
+    pub modbus_server_config: Option<ModbusServerConfig>,
+    pub line_interface_config: Option<LineInterfaceConfig>,
+    pub http_config: Option<HttpConfig>,
     pub schedules: Vec<ScheduleEntry>,
 }
 
@@ -158,38 +163,40 @@ impl TryFrom<ServeKeys> for ServeConfig {
     type Error = String;
 
     fn try_from(keys: ServeKeys) -> Result<Self, String> {
-        let ServeKeys { min_interval_s, patience_s, verdict_h, demand, cycle, modbus, line, http, schedule } = keys;
-        let (min_interval_s, patience_s) = (min_interval_s.unwrap_or(5.0), patience_s.unwrap_or(900.0));
+        let ServeKeys { min_interval_s, event_timeout_s, verdict_h, demand, cycle, modbus, line, http, schedule } =
+            keys;
+        let (min_interval_s, event_timeout_s) = (min_interval_s.unwrap_or(5.0), event_timeout_s.unwrap_or(900.0));
         // One week between measurements, and one day of tolerance.
         let verdict_h = verdict_h.unwrap_or(192.0);
         let demand = demand.unwrap_or_else(|| vec![StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door]);
         check_key_range("min_interval_s", min_interval_s, 0.0, 86_400.0)?;
-        check_key_range("patience_s", patience_s, 1.0, 86_400.0)?;
+        check_key_range("patience_s", event_timeout_s, 1.0, 86_400.0)?;
         check_key_range("verdict_h", verdict_h, 0.1, 8784.0)?;
         if !demand.contains(&StartInterlock::Enable) {
             return Err("demand must contain `enable`: an external start must be enabled at the machine, \
                         not by software alone"
                 .to_owned());
         }
-        check_cycles(&cycle)?;
+        check_cycle_numbers(&cycle)?;
         let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
         entry::validate_schedule_entries(&schedule, &numbers)?;
-        modbus.as_ref().map_or(Ok(()), check_modbus)?;
+        modbus.as_ref().map_or(Ok(()), check_modbus_addresses_and_fresh_time)?;
         Ok(Self {
             min_pause_between_cycles: Duration::from_secs_f64(min_interval_s),
-            event_timeout: Duration::from_secs_f64(patience_s),
+            max_event_interval: Duration::from_secs_f64(event_timeout_s),
             verdict_validity: Duration::from_secs_f64(3600.0 * verdict_h),
             required_interlocks: demand,
             cycles: cycle,
-            modbus_server: modbus,
-            line_interface: line,
-            http,
+            modbus_server_config: modbus,
+            line_interface_config: line,
+            http_config: http,
             schedules: schedule,
         })
     }
 }
 
-fn check_cycles(cycles: &[CycleConfig]) -> Result<(), String> {
+/// Checks that there is a cycle, and that the numbers of the cycles are permitted and different.
+fn check_cycle_numbers(cycles: &[CycleConfig]) -> Result<(), String> {
     for (index, cycle) in cycles.iter().enumerate() {
         if !(1..=MAX_CYCLES).contains(&cycle.number) {
             return Err(format!("cycle number {} is not from 1 to {MAX_CYCLES}", cycle.number));
@@ -204,7 +211,7 @@ fn check_cycles(cycles: &[CycleConfig]) -> Result<(), String> {
     }
 }
 
-fn check_modbus(modbus: &ModbusServerConfig) -> Result<(), String> {
+fn check_modbus_addresses_and_fresh_time(modbus: &ModbusServerConfig) -> Result<(), String> {
     if modbus.listen.ip().is_unspecified() && !modbus.any_interface {
         return Err(format!(
             "modbus.listen is `{}`, every interface of this computer: set the address of the interface to \

@@ -11,7 +11,7 @@ use super::command_gate::CommandGate;
 use super::config::HttpConfig;
 use super::daemon_file::DaemonFile;
 use super::metrics::Metrics;
-use super::retention::{self, Retention};
+use super::retention::{self, RetentionConfig};
 use super::worker::MachineWorker;
 use super::{ExitState, Log, ServeError, http, systemd_watchdog};
 use crate::setup::SimulationPace;
@@ -21,12 +21,13 @@ use devices::controllers::HaltHandle;
 /// The machines that the daemon serves, before it starts.
 pub struct Service {
     workers: Vec<MachineWorker>,
-    http: Option<HttpConfig>,
+    http_config: Option<HttpConfig>,
     state_dir: PathBuf,
     log: Log,
     metrics: Metrics,
     capture_files: Option<CaptureFiles>,
-    retention: Option<Retention>,
+    /// `None`: nothing is removed.
+    retention_config: Option<RetentionConfig>,
 }
 
 impl Service {
@@ -36,7 +37,7 @@ impl Service {
     /// A cycle has an unknown method or invalid settings, two machines have the same name, or no trigger could start
     /// a machine.
     pub fn new(file: DaemonFile, folder: PathBuf, pace: SimulationPace, log: Log) -> Result<Self, ServeError> {
-        let DaemonFile { machines, http, retention } = file;
+        let DaemonFile { machines, http_config: http, retention_config: retention } = file;
         let has_several_machines = machines.len() > 1;
         let mut workers: Vec<MachineWorker> = Vec::new();
         for (machine, config) in machines {
@@ -44,20 +45,28 @@ impl Service {
             if workers.iter().any(|other| other.machine_name() == name) {
                 return Err(ServeError::DuplicateMachineName(name));
             }
-            if http.is_none() && config.modbus_server.is_none() && config.line_interface.is_none() {
+            if http.is_none() && config.modbus_server_config.is_none() && config.line_interface_config.is_none() {
                 return Err(ServeError::NoTrigger(name));
             }
             let log = if has_several_machines { log.with_machine_prefix(name) } else { log.clone() };
             workers.push(MachineWorker::new(machine, config, folder.clone(), pace, log)?);
         }
-        Ok(Self { workers, http, state_dir: folder, log, metrics: Metrics::default(), capture_files: None, retention })
+        Ok(Self {
+            workers,
+            http_config: http,
+            state_dir: folder,
+            log,
+            metrics: Metrics::default(),
+            capture_files: None,
+            retention_config: retention,
+        })
     }
 
     /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
     /// extension.
     pub fn with_captures(mut self, file: PathBuf) -> Self {
         let captures = CaptureFiles::new(file);
-        self.workers.iter_mut().for_each(|worker| worker.captures = Some(captures.clone()));
+        self.workers.iter_mut().for_each(|worker| worker.capture_files = Some(captures.clone()));
         self.capture_files = Some(captures);
         self
     }
@@ -106,10 +115,10 @@ impl Service {
         let started = threads.and_then(|threads| {
             // Each worker reports that it has begun; the first error ends the wait.
             all_ready.iter().collect::<Result<(), ServeError>>()?;
-            if let Some(config) = &self.http {
+            if let Some(config) = &self.http_config {
                 http::start_http_server(config, served_machines, Arc::clone(&journal), self.metrics, &self.log)?;
             }
-            if let Some(retention) = self.retention {
+            if let Some(retention) = self.retention_config {
                 retention::start_retention(retention, journal, self.capture_files, gates, &self.log)?;
             }
             systemd_watchdog::notify_ready_and_start_watchdog(watched_machines, &self.log)?;
@@ -125,7 +134,7 @@ impl Service {
     }
 }
 
-/// The thread of a worker.
+/// Thread that runs a [`MachineWorker`] until the service ends; `join` returns the exit state.
 struct WorkerThread {
     machine_name: String,
     thread: JoinHandle<ExitState>,

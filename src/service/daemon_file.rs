@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::config::{HttpConfig, ServeConfig};
-use super::retention::Retention;
+use super::retention::RetentionConfig;
 use crate::setup::MachineFile;
 use crate::setup::machine_file::{MachineFileError, TomlDocument};
 
@@ -21,8 +21,9 @@ struct MachineEntry {
 /// Content of the daemon's file.
 pub struct DaemonFile {
     pub machines: Vec<(MachineFile, ServeConfig)>,
-    pub http: Option<HttpConfig>,
-    pub retention: Option<Retention>,
+    pub http_config: Option<HttpConfig>,
+    /// `None`: nothing is removed.
+    pub retention_config: Option<RetentionConfig>,
 }
 
 impl DaemonFile {
@@ -32,12 +33,12 @@ impl DaemonFile {
         let document = TomlDocument::read(path)?;
         document.check_keys_are_known(&[], &SECTION_NAMES)?;
         let http = document.read_section(&["http"], HttpConfig::deserialize)?;
-        let retention = document.read_section(&["retention"], Retention::deserialize)?;
+        let retention = document.read_section(&["retention"], RetentionConfig::deserialize)?;
         let entries: Vec<MachineEntry> = document.deserialize_required_section(&["machine"])?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let machines = entries.iter().enumerate().map(|(index, entry)| {
             let (machine, config) = read_serve_section(MachineFile::read(&folder.join(&entry.file))?)?;
-            let Some(http) = &config.http else { return Ok((machine, config)) };
+            let Some(http) = &config.http_config else { return Ok((machine, config)) };
             let why = format!(
                 "refers to a machine file that configures its own page at {}: one daemon serves one page; \
                  move [serve.http] of that file to this file as [http]",
@@ -45,28 +46,28 @@ impl DaemonFile {
             );
             Err(document.entry_value_error(&["machine"], index, "file", why))
         });
-        Ok(Self { machines: machines.collect::<Result<_, _>>()?, http, retention })
+        Ok(Self { machines: machines.collect::<Result<_, _>>()?, http_config: http, retention_config: retention })
     }
 
     /// Serves the machine of one file, with its own page if the file configures one.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// The errors of [`Self::read`].
     pub fn for_machine_file(path: &Path) -> Result<Self, MachineFileError> {
         let (machine, config) = read_serve_section(MachineFile::read(path)?)?;
-        let http = config.http.clone();
-        Ok(Self { machines: vec![(machine, config)], http, retention: None })
+        let http = config.http_config.clone();
+        Ok(Self { machines: vec![(machine, config)], http_config: http, retention_config: None })
     }
 
     /// Serves the built-in simulated machine, with a page.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// The errors of [`Self::read`].
     pub fn built_in() -> Result<Self, MachineFileError> {
         let machine = read_serve_section(MachineFile::embedded_for("self-calibration")?)?;
         let http =
             HttpConfig { listen: ([127, 0, 0, 1], 8137).into(), proxy_names: Vec::new(), requires_tokens: false };
-        Ok(Self { machines: vec![machine], http: Some(http), retention: None })
+        Ok(Self { machines: vec![machine], http_config: Some(http), retention_config: None })
     }
 }
 
@@ -83,11 +84,11 @@ mod tests {
     #[test]
     fn daemon_file_in_config_serves_the_built_in_machine() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/trued.toml");
-        let DaemonFile { machines, http, .. } = DaemonFile::read(&file).unwrap();
+        let DaemonFile { machines, http_config: http, .. } = DaemonFile::read(&file).unwrap();
         assert_eq!(machines.len(), 1);
         assert_eq!(machines[0].1.cycles[0].method, "self-calibration");
         // The built-in machine is what `trued serve` serves without a file.
-        let DaemonFile { machines: built_in, http: page, .. } = DaemonFile::built_in().unwrap();
+        let DaemonFile { machines: built_in, http_config: page, .. } = DaemonFile::built_in().unwrap();
         assert_eq!(machines[0].0.text(), built_in[0].0.text());
         assert_eq!(http.map(|http| http.listen), page.map(|page| page.listen));
     }

@@ -11,12 +11,12 @@ use super::command_gate::CommandGate;
 use super::heartbeat::Heartbeat;
 use super::machine_state::Interlocks;
 use super::not_started::NotStartedReason;
-use super::schedule_state::{DueRequest, Readiness};
+use super::schedule_state::{Readiness, StartDueCycleRequest};
 
 impl CommandGate {
-    /// Reports progress of the worker; the next report is due within `timeout`.
-    pub fn report_progress(&self, timeout: Duration) {
-        self.lock_state().heartbeat = Heartbeat::now(timeout);
+    /// Reports progress of the worker; the next report is due within `next_report_within`.
+    pub fn report_progress(&self, next_report_within: Duration) {
+        self.lock_state().heartbeat = Heartbeat::now(next_report_within);
     }
 
     /// Time since the last report of progress.
@@ -54,20 +54,16 @@ impl CommandGate {
         sources.iter().map(|source| source()).collect()
     }
 
-    /// Sets the channel on which the scheduler receives the requests that a cycle is due.
-    pub fn set_due_request_sender(&self, due_requests: Sender<DueRequest>) {
-        self.lock_state().due_request_sender = Some(due_requests);
+    /// Sets the channel on which the scheduler receives the commands to start a due cycle.
+    pub fn set_start_due_cycle_sender(&self, start_request_sender: Sender<StartDueCycleRequest>) {
+        self.lock_state().due_request_sender = Some(start_request_sender);
     }
 
-    /// Requests on behalf of `who` that `cycle` is due now. `None`: the scheduler is not running.
-    pub fn request_due_cycle(
-        &self,
-        cycle: u16,
-        who: String,
-    ) -> Option<oneshot::Receiver<Result<(), NotStartedReason>>> {
+    /// Tells the scheduler on behalf of `who` to start `cycle`, which is due now. `None`: the scheduler is not running.
+    pub fn start_due_cycle(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), NotStartedReason>>> {
         let (result_sender, result_receiver) = oneshot::channel();
-        let due_requests = self.lock_state().due_request_sender.clone()?;
-        due_requests.send(DueRequest { cycle, who, result_sender }).ok()?;
+        let start_request_sender = self.lock_state().due_request_sender.clone()?;
+        start_request_sender.send(StartDueCycleRequest { cycle, who, result_sender }).ok()?;
         Some(result_receiver)
     }
 }

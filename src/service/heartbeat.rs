@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 pub(super) struct Heartbeat {
     beat_time: Instant,
     /// Maximum time until the next beat.
-    timeout: Duration,
+    max_interval: Duration,
 }
 
 impl Heartbeat {
-    /// A beat now; the next one is due within `timeout`.
-    pub(super) fn now(timeout: Duration) -> Self {
-        Self { beat_time: Instant::now(), timeout }
+    /// A beat now; the next one is due within `max_interval`.
+    pub(super) fn now(max_interval: Duration) -> Self {
+        Self { beat_time: Instant::now(), max_interval }
     }
 
     /// Time since the beat.
@@ -23,6 +23,6 @@ impl Heartbeat {
     }
 
     pub(super) fn is_late(self) -> bool {
-        self.age() > self.timeout
+        self.age() > self.max_interval
     }
 }

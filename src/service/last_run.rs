@@ -36,7 +36,7 @@ pub fn unfinished_run(journal: &Journal, machine: &str) -> Result<Option<Unfinis
 mod tests {
     use super::*;
     use crate::store::{NewRun, RunState};
-    use machine::record::event::Event;
+    use machine::record::event::RunEvent;
 
     /// An acknowledgement for a resume does not close the run: a service that starts after a power cut still waits
     /// for a person.
@@ -47,22 +47,22 @@ mod tests {
         let new = NewRun { machine_file_text: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };
         let run = journal.begin_run(&new).wait().unwrap();
         journal.set_state(run, RunState::Held).wait().unwrap();
-        let waits = |event: Event| {
+        let waits = |event: RunEvent| {
             journal.add_event(run, &event).wait().unwrap();
             unfinished_run(&journal, "mill").unwrap().map(|before| before.may_have_lost_position)
         };
-        let word = |leaves| Event::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
-        let said = || Event::Announced { text: "as ever".to_owned() };
-        assert_eq!(waits(Event::Held { reason: "a stop".to_owned() }), Some(false));
+        let word = |leaves| RunEvent::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
+        let said = || RunEvent::Announced { text: "as ever".to_owned() };
+        assert_eq!(waits(RunEvent::Held { reason: "a stop".to_owned() }), Some(false));
         assert_eq!(waits(word(false)), Some(false));
         assert_eq!(waits(said()), Some(false));
         assert_eq!(waits(word(true)), None);
         assert_eq!(waits(said()), None);
-        assert_eq!(waits(Event::SamplesRemoved { scans: 2 }), None);
+        assert_eq!(waits(RunEvent::SamplesRemoved { scans: 2 }), None);
         assert_eq!(waits(word(false)), Some(false));
-        assert_eq!(waits(Event::Resumed { gap_s: 1.0 }), Some(false));
+        assert_eq!(waits(RunEvent::Resumed { gap_s: 1.0 }), Some(false));
         let (what, remedy) = ("reset".to_owned(), "home".to_owned());
-        assert_eq!(waits(Event::Faulted { what, remedy, position_lost: true }), Some(true));
+        assert_eq!(waits(RunEvent::Faulted { what, remedy, position_lost: true }), Some(true));
         assert_eq!(waits(word(false)), Some(true));
     }
 }

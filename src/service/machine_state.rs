@@ -1,4 +1,4 @@
-//! State of a machine, for the triggers, the page and the HTTP API.
+//! State of a machine, for the triggers, the web page and the HTTP API.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::store::NewestMeasuredRuns;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::watched_sensors::LiveValues;
 
-/// State of the service of one machine.
+/// What the service does with the machine at the moment.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum ServiceState {
     #[default]
@@ -139,8 +139,9 @@ impl Interlocks {
 pub struct PlannedSchedule {
     pub name: String,
     pub cycle: u16,
-    /// Time pattern and time zone, as in the machine file.
+    /// Time pattern, as in the machine file.
     pub at: String,
+    /// Time zone, as in the machine file.
     pub zone: String,
     pub latest_min: u64,
     /// Next times, in the schedule's time zone.
@@ -149,8 +150,8 @@ pub struct PlannedSchedule {
     pub waiting: Option<String>,
 }
 
-/// State of a machine: everything that the triggers, the page, the API and the metrics report. Only the gate changes
-/// it ([`CommandGate`](super::command_gate::CommandGate)).
+/// State of a machine: everything that the triggers, the web page, the API and the metrics report. Only the gate
+/// changes it ([`CommandGate`](super::command_gate::CommandGate)).
 #[derive(Debug, Clone, Default)]
 pub struct MachineState {
     pub state: ServiceState,
@@ -227,9 +228,9 @@ impl CycleOutcome {
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Ended cycles and identifications by [`CycleOutcome::label`].
-    pub outcomes: BTreeMap<&'static str, u64>,
-    pub readings: u64,
-    pub refusals: BTreeMap<Refusal, u64>,
+    pub outcome_counts_by_label: BTreeMap<&'static str, u64>,
+    pub reading_count: u64,
+    pub refusal_counts: BTreeMap<Refusal, u64>,
     /// Cycles that ended by a failure of a link.
     pub cycles_with_link_error: u64,
 }
@@ -288,6 +289,6 @@ impl MachineState {
     }
 
     pub(super) fn count_outcome(&mut self, outcome: CycleOutcome) {
-        *self.counters.outcomes.entry(outcome.label()).or_default() += 1;
+        *self.counters.outcome_counts_by_label.entry(outcome.label()).or_default() += 1;
     }
 }

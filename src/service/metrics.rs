@@ -86,14 +86,14 @@ impl Metrics {
         }
         self.progress_age.get_or_create(&[name()]).set(progress_age.as_secs_f64());
         for label in CycleOutcome::ALL.map(CycleOutcome::label) {
-            let count = counters.outcomes.get(label).copied().unwrap_or_default();
+            let count = counters.outcome_counts_by_label.get(label).copied().unwrap_or_default();
             set(&self.cycles_by_outcome.get_or_create(&[name(), ("outcome", label.into())]), count);
         }
-        for (why, count) in &counters.refusals {
+        for (why, count) in &counters.refusal_counts {
             let labels = [name(), ("reason", format!("{why:?}").into())];
             set(&self.refusals.get_or_create(&labels), *count);
         }
-        set(&self.readings.get_or_create(&[name()]), counters.readings);
+        set(&self.readings.get_or_create(&[name()]), counters.reading_count);
         set(&self.cycles_with_link_error.get_or_create(&[name()]), counters.cycles_with_link_error);
     }
 

@@ -5,7 +5,6 @@
 //! one. A cycle that ends with the machine held releases the machine's lock, so that a person can resume the run.
 //! No cycle starts until a person has acknowledged.
 
-mod acknowledge;
 mod captures;
 pub mod command_gate;
 #[cfg(test)]
@@ -16,6 +15,7 @@ mod daemon;
 mod daemon_file;
 mod gate_inputs;
 mod heartbeat;
+mod held_machine_inspection;
 mod http;
 mod identification_queue;
 mod key_range;

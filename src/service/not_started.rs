@@ -11,7 +11,7 @@ pub enum NotStartedReason {
     CycleNotArmed,
     #[error("the arming by {who} ended at {when}: {why}")]
     ArmingEnded { who: String, when: Timestamp, why: String },
-    #[error("run {run} was not completed after {who} armed this cycle")]
+    #[error("run {run} was not completed after {who} armed this cycle; therefore the arming no longer holds")]
     ArmingBroken { who: String, run: RunId },
     #[error("the arming by {who} expired at {until}")]
     ArmingExpired { who: String, until: Timestamp },
@@ -21,7 +21,7 @@ pub enum NotStartedReason {
     InputsNotReported { inputs: String },
     #[error("not ready: {0}")]
     GateWouldRefuse(Refusal),
-    #[error("not ready: the control does not report that {condition}")]
+    #[error("not ready: {condition}")]
     UnmetCondition { condition: &'static str },
     #[error("not ready: the control does not report `idle`")]
     IdleNotReported,
@@ -31,7 +31,7 @@ pub enum NotStartedReason {
     LatestStartPassed(Box<NotStartedReason>),
     #[error("the cycle was already started at {0}")]
     AlreadyStarted(Timestamp),
-    #[error("the slot already has an outcome, or the journal cannot be written")]
+    #[error("the cycle was not started: the scheduled time was already handled, or the journal cannot be written")]
     SlotNotRecorded,
     #[error(transparent)]
     GateRefused(#[from] Refusal),

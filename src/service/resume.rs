@@ -1,4 +1,4 @@
-//! Resume of a run by a person at the page.
+//! Resume of a run by a person at the web page.
 
 use std::collections::BTreeSet;
 
@@ -8,12 +8,12 @@ use super::cycle_failure::CycleFailure;
 use super::machine_state::{Refusal, ServiceState};
 use super::run_events::RunEventPublisher;
 use super::worker::MachineWorker;
-use super::worker_command::Acknowledgement;
+use super::worker_command::InspectionReport;
 use crate::run::{ResumableRun, ResumeRefusal};
 use crate::setup;
 use crate::store::{Journal, RunId};
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 /// Why a run cannot be resumed.
 #[derive(Debug, thiserror::Error)]
@@ -30,10 +30,10 @@ impl MachineWorker {
     pub(super) async fn prepare_resume(
         &mut self,
         run: RunId,
-        acknowledgement: Acknowledgement,
+        report: InspectionReport,
         journal: &Journal,
     ) -> Option<ResumableRun> {
-        let Acknowledgement { who, is_homed: homed, result_sender, .. } = acknowledgement;
+        let InspectionReport { who, is_homed: homed, result_sender, .. } = report;
         match self.acknowledge_resume(run, &who, homed, journal).await {
             Ok(resumable_run) => {
                 let _ = result_sender.send(Ok(()));
@@ -79,15 +79,15 @@ impl MachineWorker {
         let opening =
             setup::open_devices(&resumable_run.machine_file, self.simulation_pace, resumable_run.earlier_sessions());
         let (devices, capture) = self.open_devices_with_capture(opening).await?;
-        let mut events = RunEventPublisher::new(&self.gate, &self.log, self.event_timeout());
-        let mut publish = |event: &Event| events.publish_event(event);
+        let mut events = RunEventPublisher::new(&self.gate, &self.log, self.max_event_interval());
+        let mut publish = |event: &RunEvent| events.publish_event(event);
         capture.iter().for_each(|capture| capture.name_after_run(resumable_run.stored_run().summary.id));
         let readings = resumable_run.stored_run().readings.iter();
         let stored_readings: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
         self.gate.update_machine_state(|machine_state| {
             machine_state.measured_step_count = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
         });
-        let answers = self.gate.prompt_answer_source(self.event_timeout());
+        let answers = self.gate.prompt_answer_source(self.max_event_interval());
         let ended = resumable_run.resume_and_identify(&devices, journal, answers, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)

@@ -30,12 +30,12 @@ struct RetentionKeys {
 /// `[retention]`, validated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "RetentionKeys")]
-pub struct Retention {
+pub struct RetentionConfig {
     /// Age, days, from which the scan samples and the capture of a run with an estimate are removed.
     pub keep_samples_days: u32,
 }
 
-impl TryFrom<RetentionKeys> for Retention {
+impl TryFrom<RetentionKeys> for RetentionConfig {
     type Error = String;
 
     fn try_from(RetentionKeys { keep_days }: RetentionKeys) -> Result<Self, String> {
@@ -48,7 +48,7 @@ impl TryFrom<RetentionKeys> for Retention {
 /// # Errors
 /// The thread cannot be started.
 pub(super) fn start_retention(
-    retention: Retention,
+    retention: RetentionConfig,
     journal: Arc<Journal>,
     captures: Option<CaptureFiles>,
     gates: Vec<CommandGate>,
@@ -72,7 +72,7 @@ pub(super) fn start_retention(
 
 /// Removes the samples and captures of one run after the other. When a cycle begins, it stops; the next call continues.
 fn remove_expired_samples(
-    Retention { keep_samples_days: keep_days }: Retention,
+    RetentionConfig { keep_samples_days: keep_days }: RetentionConfig,
     journal: &Journal,
     captures: Option<&CaptureFiles>,
     is_any_run_in_progress: &impl Fn() -> bool,

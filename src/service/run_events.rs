@@ -8,14 +8,14 @@ use super::Log;
 use super::command_gate::CommandGate;
 use super::machine_state::MachineState;
 use crate::run::OpenPrompt;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 /// Publishes the events of one run, and derives its progress from them.
 pub(super) struct RunEventPublisher<'a> {
     gate: &'a CommandGate,
     log: &'a Log,
-    /// Maximum time to the next event.
-    event_timeout: Duration,
+    /// Maximum time between two events; after that, the run counts as hung.
+    max_event_interval: Duration,
     /// Longest machine time left that the run has stated, s.
     max_remaining_s: f64,
     /// Progress, %; it decreases only if the remaining time exceeds `max_remaining_s`.
@@ -23,19 +23,19 @@ pub(super) struct RunEventPublisher<'a> {
 }
 
 impl<'a> RunEventPublisher<'a> {
-    pub(super) fn new(gate: &'a CommandGate, log: &'a Log, event_timeout: Duration) -> Self {
-        Self { gate, log, event_timeout, max_remaining_s: 0.0, progress_percent: 0 }
+    pub(super) fn new(gate: &'a CommandGate, log: &'a Log, max_event_interval: Duration) -> Self {
+        Self { gate, log, max_event_interval, max_remaining_s: 0.0, progress_percent: 0 }
     }
 
-    pub(super) fn publish_event(&mut self, event: &Event) {
-        self.gate.report_progress(self.event_timeout);
+    pub(super) fn publish_event(&mut self, event: &RunEvent) {
+        self.gate.report_progress(self.max_event_interval);
         match event {
-            Event::Announced { text } => self.log.info(text),
-            Event::StageStarted { stage } => {
+            RunEvent::Announced { text } => self.log.info(text),
+            RunEvent::StageStarted { stage } => {
                 self.log.info(&format!("{}: {} touches", stage.name, stage.steps.len()));
                 self.gate.update_machine_state(|machine_state| machine_state.stage_name.clone_from(&stage.name));
             }
-            Event::StepStarted { step, remaining_s, label, .. } => {
+            RunEvent::StepStarted { step, remaining_s, label, .. } => {
                 debug!(step, "{label}");
                 let percent = self.update_progress_percent(*remaining_s);
                 self.gate.update_machine_state(|machine_state: &mut MachineState| {
@@ -44,21 +44,21 @@ impl<'a> RunEventPublisher<'a> {
                     machine_state.step_label.clone_from(label);
                 });
             }
-            Event::Asked { step, repeat, text } => {
+            RunEvent::Asked { step, repeat, text } => {
                 self.log.info(&format!("prompt: {text}"));
                 let prompt = OpenPrompt { step_id: *step, repeat_number: *repeat, text: text.clone() };
                 self.gate.update_machine_state(|machine_state| {
                     (machine_state.open_prompt, machine_state.live_values) = (Some(prompt), None)
                 });
             }
-            Event::Watched { values } => {
+            RunEvent::Watched { values } => {
                 self.gate.update_machine_state(|machine_state| machine_state.live_values = Some(values.clone()));
             }
-            Event::Answered { who, .. } => self.log.info(&format!("prompt answered by {who}")),
-            Event::ReadingStored { .. } | Event::ScanStored { .. } => {
+            RunEvent::Answered { who, .. } => self.log.info(&format!("prompt answered by {who}")),
+            RunEvent::ReadingStored { .. } | RunEvent::ScanStored { .. } => {
                 self.gate.update_machine_state(|machine_state| {
                     machine_state.measured_step_count += 1;
-                    machine_state.counters.readings += 1;
+                    machine_state.counters.reading_count += 1;
                 });
             }
             _ => {}

@@ -52,7 +52,7 @@ pub struct Agenda {
     pub last: Vec<ScheduleSlot>,
 }
 
-/// Collects what the page and the HTTP API show of a schedule.
+/// Collects what the web page and the HTTP API show of a schedule.
 ///
 /// # Errors
 /// The journal cannot be read.
@@ -81,7 +81,7 @@ pub fn new_arming(
     until: &str,
     now: Timestamp,
 ) -> Result<Arming, String> {
-    // Whole seconds are enough for a reader.
+    // Whole seconds are enough for a person.
     let now = Timestamp::from_second(now.as_second()).unwrap_or(now);
     let for_so_long = |span: Span| Some(now.to_zoned(TimeZone::UTC).checked_add(span).ok()?.timestamp());
     let instant = until.parse::<Timestamp>().ok();
@@ -100,8 +100,9 @@ pub fn new_arming(
     Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken: None })
 }
 
-/// Request to start `cycle` now as if it were due. The result: the cycle starts, or the reason why not.
-pub struct DueRequest {
+/// Command to start `cycle` now, because a client reports it as due. The result: the cycle starts, or the reason why
+/// not.
+pub struct StartDueCycleRequest {
     pub cycle: u16,
     pub who: String,
     pub result_sender: oneshot::Sender<Result<(), NotStartedReason>>,

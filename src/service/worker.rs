@@ -19,21 +19,21 @@ use super::identification_queue::IdentificationQueue;
 use super::last_run::unfinished_run;
 use super::machine_state::{CycleEnd, CycleOutcome, RunFailure, ServiceState};
 use super::run_events::RunEventPublisher;
-use super::worker_command::{Acknowledgement, WorkerCommand};
+use super::worker_command::{InspectionReport, WorkerCommand};
 use super::{ExitState, Log, ServeError, schedule, triggers};
 use crate::run::{self, CycleError, IdentificationError};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SetupError, SimulationPace};
 use crate::store::{Journal, MachineLock, RunId, StoreError, sha256_text};
 use link::LinkMode;
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 /// Time between two heartbeats while the worker waits.
 const IDLE_POLL_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum time between two heartbeats while the worker waits; after that, it counts as hung.
-const IDLE_HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
+const MAX_IDLE_HEARTBEAT_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Worker of one machine.
+/// Executes the accepted commands of one machine, one at a time, on the machine's thread; holds its lock between runs.
 pub(super) struct MachineWorker {
     machine_file: MachineFile,
     config: ServeConfig,
@@ -42,7 +42,7 @@ pub(super) struct MachineWorker {
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
-    pub(super) captures: Option<CaptureFiles>,
+    pub(super) capture_files: Option<CaptureFiles>,
     /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) machine_lock: Option<MachineLock>,
     /// Identifications of runs that were measured before.
@@ -62,7 +62,7 @@ impl MachineWorker {
         log: Log,
     ) -> Result<Self, ServeError> {
         for cycle in &config.cycles {
-            setup::configure_method_and_plan(&machine, &cycle.method, cycle.repeat)?;
+            setup::configure_method_and_plan_without_steps(&machine, &cycle.method, cycle.repeat)?;
         }
         let (gate, commands) = CommandGate::new(&config, log.clone());
         let identifications = IdentificationQueue::default();
@@ -74,7 +74,7 @@ impl MachineWorker {
             gate,
             commands,
             log,
-            captures: None,
+            capture_files: None,
             machine_lock: None,
             identification_queue: identifications,
         })
@@ -103,14 +103,14 @@ impl MachineWorker {
         }
         schedule::start_scheduler(self.machine_name(), &self.config, &self.gate, journal, &self.log)?;
         // The time of the start-up does not count: progress is watched from now on.
-        self.gate.report_progress(IDLE_HEARTBEAT_TIMEOUT);
+        self.gate.report_progress(MAX_IDLE_HEARTBEAT_INTERVAL);
         Ok(())
     }
 
     /// Executes the accepted commands until the gate ends. Errors of a cycle are in the machine state and in the log.
     pub async fn execute_commands(mut self, journal: &Journal) -> ExitState {
         loop {
-            self.gate.report_progress(IDLE_HEARTBEAT_TIMEOUT);
+            self.gate.report_progress(MAX_IDLE_HEARTBEAT_INTERVAL);
             let command = match timeout(IDLE_POLL_PERIOD, self.commands.recv()).await {
                 Ok(Some(command)) => command,
                 Ok(None) => break,
@@ -121,21 +121,21 @@ impl MachineWorker {
                     continue;
                 }
             };
-            self.gate.report_progress(self.config.event_timeout);
+            self.gate.report_progress(self.config.max_event_interval);
             let exit_state = match command {
                 _ if self.gate.is_ending() => break,
                 WorkerCommand::ShutDown => break,
-                WorkerCommand::Acknowledge(acknowledgement) => {
-                    self.handle_acknowledgement(acknowledgement, journal).await;
+                WorkerCommand::ReportInspection(report) => {
+                    self.handle_inspection_report(report, journal).await;
                     None
                 }
                 WorkerCommand::StartCycle { cycle } => {
                     let span = info_span!("cycle", machine = self.machine_name(), cycle, run = Empty);
                     self.run_cycle(cycle, journal).instrument(span).await
                 }
-                WorkerCommand::ResumeRun { run, acknowledgement } => {
+                WorkerCommand::ResumeRun { run, report } => {
                     let span = info_span!("cycle", machine = self.machine_name(), run = run.0);
-                    self.resume_cycle(run, acknowledgement, journal).instrument(span).await
+                    self.resume_cycle(run, report, journal).instrument(span).await
                 }
             };
             if let Some(exit_state) = exit_state {
@@ -150,13 +150,8 @@ impl MachineWorker {
         self.finish_cycle(measured, ServiceState::Failed)
     }
 
-    async fn resume_cycle(
-        &mut self,
-        run: RunId,
-        acknowledgement: Acknowledgement,
-        journal: &Journal,
-    ) -> Option<ExitState> {
-        let resumable_run = self.prepare_resume(run, acknowledgement, journal).await?;
+    async fn resume_cycle(&mut self, run: RunId, report: InspectionReport, journal: &Journal) -> Option<ExitState> {
+        let resumable_run = self.prepare_resume(run, report, journal).await?;
         let measured = self.resume_run(resumable_run, journal).await;
         // If the devices could not be opened, the run still waits for a person.
         self.finish_cycle(measured, ServiceState::Held)
@@ -167,8 +162,9 @@ impl MachineWorker {
         let dialect = setup::machine_dialect(&self.machine_file)?;
         let mut all = BTreeMap::new();
         for CycleConfig { number, method, repeat } in &self.config.cycles {
-            let (method, plan) = setup::configure_method_and_plan(&self.machine_file, method, *repeat)?;
-            let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
+            let (method, plan_without_steps) =
+                setup::configure_method_and_plan_without_steps(&self.machine_file, method, *repeat)?;
+            let rehearsed = run::rehearse(method.as_ref(), &plan_without_steps, &dialect).await;
             let rehearsed =
                 rehearsed.map_err(|error| ServeError::InvalidCycle { number: *number, error: Box::new(error) })?;
             let minutes = rehearsed.machine_time_s / 60.0;
@@ -187,7 +183,7 @@ impl MachineWorker {
             gate: self.gate.clone(),
             cycles: self.config.cycles.clone(),
             required_interlocks: self.config.required_interlocks.clone(),
-            parameter_limits: self.machine_file.parameter_limits.clone(),
+            tolerances: self.machine_file.tolerances.clone(),
             verdict_validity: self.config.verdict_validity,
             live_part_cache: Arc::default(),
         }
@@ -198,8 +194,8 @@ impl MachineWorker {
     }
 
     /// Maximum time between two events of a run; after that, the run counts as hung.
-    pub(super) fn event_timeout(&self) -> Duration {
-        self.config.event_timeout
+    pub(super) fn max_event_interval(&self) -> Duration {
+        self.config.max_event_interval
     }
 
     pub(super) async fn acquire_lock(&mut self, journal: &Journal) -> Result<MachineLock, ServeError> {
@@ -237,7 +233,7 @@ impl MachineWorker {
         };
         let state = end.state;
         if state == ServiceState::Held {
-            // From now on a person may resume the run, from the page or from the command line.
+            // From now on a person may resume the run, from the web page or from the command line.
             self.machine_lock = None;
         }
         self.gate.record_cycle_end(end);
@@ -277,22 +273,23 @@ impl MachineWorker {
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {cycle_number}") }.into());
         };
-        let (method, plan) = setup::configure_method_and_plan(&self.machine_file, method, *repeat)?;
+        let (method, plan_without_steps) =
+            setup::configure_method_and_plan_without_steps(&self.machine_file, method, *repeat)?;
         let opening = setup::open_devices(&self.machine_file, self.simulation_pace, EarlierSessions::default());
         let (devices, capture) = self.open_devices_with_capture(opening).await?;
-        let mut events = RunEventPublisher::new(&self.gate, &self.log, self.event_timeout());
-        let mut publish = |event: &Event| events.publish_event(event);
+        let mut events = RunEventPublisher::new(&self.gate, &self.log, self.max_event_interval());
+        let mut publish = |event: &RunEvent| events.publish_event(event);
         let begun = |id: RunId| {
             Span::current().record("run", id.0);
             self.log.info(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.name_after_run(id));
             self.gate.update_machine_state(|machine_state| machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
-        let answers = self.gate.prompt_answer_source(self.event_timeout());
+        let answers = self.gate.prompt_answer_source(self.max_event_interval());
         let cycle = run::Cycle {
             machine_file: &self.machine_file,
             method: method.into(),
-            plan_without_steps: plan,
+            plan_without_steps,
             prompt_answer_source: answers,
         };
         let ended = cycle.run(&devices, journal, begun, &mut publish).await;
@@ -305,10 +302,10 @@ impl MachineWorker {
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,
     ) -> Result<(Devices, Option<RunCapture<'_>>), SetupError> {
-        let capture = self.captures.as_ref().and_then(|captures| captures.create_for_cycle(&self.log));
+        let capture = self.capture_files.as_ref().and_then(|captures| captures.create_for_cycle(&self.log));
         let link_mode = capture.as_ref().map_or(LinkMode::Direct, RunCapture::link_mode);
         let devices = link_mode.apply_to(opening).await?;
-        self.gate.register_halt_handle(&devices.controller.halt_handle());
+        self.gate.register_halt_handle(&devices.open_controller.halt_handle());
         Ok((devices, capture))
     }
 }

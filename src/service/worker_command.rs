@@ -1,4 +1,4 @@
-//! Commands to a machine's worker, and the acknowledgement of a person.
+//! Commands to a machine's worker, and a person's report that the machine has been inspected.
 
 use tokio::sync::oneshot;
 
@@ -9,14 +9,14 @@ use crate::store::RunId;
 #[derive(Debug)]
 pub enum WorkerCommand {
     StartCycle { cycle: u16 },
-    Acknowledge(Acknowledgement),
-    ResumeRun { run: RunId, acknowledgement: Acknowledgement },
+    ReportInspection(InspectionReport),
+    ResumeRun { run: RunId, report: InspectionReport },
     ShutDown,
 }
 
-/// Acknowledgement that a person has inspected the machine.
+/// Report of a person who has inspected the machine, with the channel for its result.
 #[derive(Debug)]
-pub struct Acknowledgement {
+pub struct InspectionReport {
     pub who: String,
     pub why: String,
     /// Whether all axes are homed; required where the control may have lost its position.
@@ -34,15 +34,15 @@ pub struct Inspection<'a> {
 }
 
 impl Inspection<'_> {
-    pub(super) fn acknowledgement_channel(self) -> (Acknowledgement, AcknowledgementReceiver) {
+    pub(super) fn report_and_result_receiver(self) -> (InspectionReport, InspectionResultReceiver) {
         let (result_sender, result_receiver) = oneshot::channel();
         let Self { who, why, is_homed: homed } = self;
-        (Acknowledgement { who: who.to_owned(), why: why.to_owned(), is_homed: homed, result_sender }, result_receiver)
+        (InspectionReport { who: who.to_owned(), why: why.to_owned(), is_homed: homed, result_sender }, result_receiver)
     }
 }
 
-/// Receiver of the result of an accepted acknowledgement.
-pub type AcknowledgementReceiver = oneshot::Receiver<Result<(), Refusal>>;
+/// Receiver of the result of an accepted inspection report.
+pub type InspectionResultReceiver = oneshot::Receiver<Result<(), Refusal>>;
 
 /// Effect of a hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -28,8 +28,9 @@ mod tests {
     fn each_method_has_a_plan_on_its_built_in_machine() {
         for method in methods::METHOD_DESCRIPTIONS {
             let file = setup::load_machine_file(None, method.name).unwrap();
-            let (_, plan) = setup::configure_method_and_plan(&file, method.name, None).unwrap();
-            assert_eq!(plan.method, method.name);
+            let (_, plan_without_steps) =
+                setup::configure_method_and_plan_without_steps(&file, method.name, None).unwrap();
+            assert_eq!(plan_without_steps.method, method.name);
         }
     }
 }

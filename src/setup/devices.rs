@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::machine_file::MachineFile;
 use super::simulated::SimulatedControlServer;
-use super::{Sensors, SetupError, Thermometers};
+use super::{SensorOpener, SetupError, Thermometers};
 use devices::controllers::Controller;
 use link::Clock;
 use link::clock::HostClock;
@@ -15,11 +15,12 @@ use planning::gcode::Dialect;
 use planning::proof::{ProvenModeText, render_and_prove_mode_text};
 use simulator::SimulatedWorld;
 
-/// The open devices of a machine, as a run needs them.
+/// Devices of a machine, as a run needs them: the control is open, the sensors are opened by the run.
 pub struct Devices {
-    pub controller: Controller,
-    /// Displacement sensors of the machine.
-    pub sensors: Sensors,
+    /// Handle of the task that drives the opened control.
+    pub open_controller: Controller,
+    /// Opens the displacement sensors of the machine.
+    pub sensor_opener: SensorOpener,
     /// Thermometers whose temperatures each reading contains.
     pub thermometers: Thermometers,
     /// Dialect of the control; every stage is rendered in it and read back before any motion.
@@ -41,11 +42,11 @@ impl Devices {
 
     /// Devices with the clock that the control was opened with.
     pub(super) fn with_clock(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
-        let sensors = Sensors::new(&[], None, clock.clone(), None);
+        let sensors = SensorOpener::new(&[], None, clock.clone(), None);
         let thermometers = Thermometers::new(&[], None);
         Self {
-            controller,
-            sensors,
+            open_controller: controller,
+            sensor_opener: sensors,
             thermometers,
             dialect,
             clock,
@@ -57,14 +58,14 @@ impl Devices {
     /// Adds the sensors and thermometers of the machine file; simulated ones measure in `world`.
     pub(super) fn with_sensors(self, file: &MachineFile, world: Option<Arc<Mutex<SimulatedWorld>>>) -> Self {
         let thermometers = Thermometers::new(&file.thermometers, world.clone());
-        let sensors = Sensors::new(&file.sensors, file.encoder, self.clock.clone(), world.clone());
-        Self { sensors, thermometers, simulated_world: world, ..self }
+        let sensors = SensorOpener::new(&file.sensors, file.encoder, self.clock.clone(), world.clone());
+        Self { sensor_opener: sensors, thermometers, simulated_world: world, ..self }
     }
 
-    /// Mounts the artefact anew in the simulated world, as the operator has done; no effect on a real machine.
-    pub fn remount_simulated_artefact(&self, mount: ArtefactMount) {
+    /// Mounts a datum cylinder again in the simulated world, as the operator has done; no effect on a real machine.
+    pub fn remount_simulated_datum_cylinder(&self, mount: ArtefactMount) {
         if let Some(world) = &self.simulated_world {
-            world.lock().unwrap_or_else(PoisonError::into_inner).mount_artefact(mount.turn_deg);
+            world.lock().unwrap_or_else(PoisonError::into_inner).remount_datum_cylinder(mount.turn_deg);
         }
     }
 
@@ -84,7 +85,8 @@ pub struct EarlierSessions<'a> {
     pub time_since_last_reading_s: f64,
 }
 
-/// Renders and proves the text that sets the modes of `machine`'s control. `result_log`: file to which the control
+/// Renders the head and foot of the programs for `machine`'s control, which set its modes, and proves that they move
+/// nothing. `result_log`: file to which the control
 /// writes its results, if it has one.
 ///
 /// # Errors
@@ -99,6 +101,6 @@ pub fn prove_mode_text(
 
 /// Dialect of the machine's control, with the additions of the machine file.
 pub fn machine_dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
-    let named = Dialect::from_name(file.controller.control.dialect())?;
+    let named = Dialect::from_name(file.controller_section.control.dialect())?;
     Ok(named.with_machine_options(&file.machine, &file.probe)?)
 }

@@ -24,7 +24,7 @@ pub use draft::MachineFileDraft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use reopenable_machine::{ReopenableMachine, open_devices};
-pub use sensors::{EncoderScale, OpenSensor, Sensors, open_sensor};
+pub use sensors::{EncoderScale, OpenSensor, SensorOpener, open_sensor};
 pub use simulated::SimulatedControlServer;
 pub use simulated_machine::SimulatedMachine;
 pub use thermometers::Thermometers;
@@ -47,7 +47,7 @@ pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFil
 
 /// The method with its settings and prompts, and the plan without steps. `repeat_count` overrides the
 /// number of repeats; `None`: as the file states it.
-pub fn configure_method_and_plan(
+pub fn configure_method_and_plan_without_steps(
     file: &MachineFile,
     name: &str,
     repeat_count: Option<u32>,
@@ -84,7 +84,7 @@ pub fn plan_without_steps(file: &MachineFile, purpose: &str, settings: serde_jso
         priors: Vec::new(),
         gaps_s: Vec::new(),
         assumed: file.assumed_keys.clone(),
-        compensations_active: file.controller.compensations_active.clone(),
+        compensations_active: file.controller_section.compensations_active.clone(),
         steps: Vec::new(),
     }
 }

@@ -26,7 +26,7 @@ impl<'a> ReopenableMachine<'a> {
     /// # Errors
     /// The simulated world cannot be built.
     pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
-        let machine = match &file.controller.control {
+        let machine = match &file.controller_section.control {
             ControlConfig::Simulated(_) => MachineKind::Simulated(SimulatedMachine::new(file)?),
             ControlConfig::Real(control) => MachineKind::Real(control.clone()),
         };

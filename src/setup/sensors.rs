@@ -3,7 +3,7 @@
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::machine_file::{Encoder, SensorConnection, SensorEntry};
+use super::machine_file::{AxisEncoder, SensorConnection, SensorEntry};
 use super::{MachineFile, SetupError, build_world};
 use devices::sensors::{SensorError, SensorHandle};
 use link::clock::HostClock;
@@ -20,13 +20,13 @@ pub async fn open_sensor(file: &MachineFile, name: &str) -> Result<OpenSensor, S
     let is_simulated = named.any(|entry| matches!(entry.connection, SensorConnection::Simulated(_)));
     let world = if is_simulated { Some(Arc::new(Mutex::new(build_world(file)?))) } else { None };
     let clock = Arc::new(HostClock::start());
-    Ok(Sensors::new(&file.sensors, file.encoder, clock, world).open(name).await?)
+    Ok(SensorOpener::new(&file.sensors, file.encoder, clock, world).open(name).await?)
 }
 
-/// Sensors of the machine file, and the world that simulated sensors measure.
-pub struct Sensors {
+/// Opens the sensors of the machine file when a run needs them; simulated ones measure `world`.
+pub struct SensorOpener {
     entries: Vec<SensorEntry>,
-    encoder: Option<Encoder>,
+    encoder: Option<AxisEncoder>,
     clock: Arc<dyn Clock>,
     world: Option<Arc<Mutex<SimulatedWorld>>>,
     /// Mode of the links when the machine was opened; the sensors are opened later, with the same mode.
@@ -35,11 +35,11 @@ pub struct Sensors {
     ports: SharedPorts,
 }
 
-impl Sensors {
-    /// Sensors of these entries; simulated ones measure `world`.
+impl SensorOpener {
+    /// For the sensors of these entries, which `open` opens later; simulated ones measure `world`.
     pub(super) fn new(
         entries: &[SensorEntry],
-        encoder: Option<Encoder>,
+        encoder: Option<AxisEncoder>,
         clock: Arc<dyn Clock>,
         world: Option<Arc<Mutex<SimulatedWorld>>>,
     ) -> Self {
@@ -93,7 +93,7 @@ impl Sensors {
 /// Scale of a rotary encoder's counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncoderScale {
-    pub encoder: Encoder,
+    pub encoder: AxisEncoder,
     /// Number of counts after which the count wraps.
     pub wrap_count: u64,
 }

@@ -10,13 +10,13 @@ use tokio::time::sleep;
 
 use super::MachineFile;
 use super::machine_file::SensorEntry;
-use super::sensors::Sensors;
+use super::sensors::SensorOpener;
 use devices::sensors::{Sample, SensorError};
 use link::clock::HostClock;
 use link::{Pty, create_pty};
 use machine::record::reading::ReadingFlag;
 use simulator::SensorOutput;
-use simulator::sensors::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_tcp};
+use simulator::sensor_devices::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_tcp};
 
 /// A sensor entry; `reached` is the table of its interface.
 fn parse_sensor_entry(name: &str, reached: &str) -> SensorEntry {
@@ -31,8 +31,8 @@ fn line_column_sensor(name: &str, path: &str, column: usize) -> SensorEntry {
     parse_sensor_entry(name, &format!("[serial]\nserial = \"{path}\"\n[serial.line]\n{keys}{value}"))
 }
 
-fn build_sensors(entries: &[SensorEntry]) -> Sensors {
-    Sensors::new(entries, None, Arc::new(HostClock::start()), None)
+fn build_sensors(entries: &[SensorEntry]) -> SensorOpener {
+    SensorOpener::new(entries, None, Arc::new(HostClock::start()), None)
 }
 
 fn values_mm(samples: &[Sample]) -> Vec<f64> {
@@ -63,7 +63,7 @@ async fn two_sensors_read_their_columns_of_one_serial_port() {
     assert_eq!(values_mm(&of_y1.unwrap()), [-0.0040; 20]);
     for sensor in [&x1, &y1] {
         let tally = sensor.sample_counters().await.unwrap();
-        assert_eq!(tally.missing_count, 0, "{}", sensor.name());
+        assert_eq!(tally.lost_sample_count, 0, "{}", sensor.name());
         sensor.watch(|sample| sample.flag == ReadingFlag::None, || ()).await.unwrap();
     }
     // After one sensor is closed, the other continues.

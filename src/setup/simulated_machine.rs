@@ -23,7 +23,7 @@ impl<'a> SimulatedMachine<'a> {
     /// # Errors
     /// The simulated world cannot be built.
     pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
-        let control = match &file.controller.control {
+        let control = match &file.controller_section.control {
             ControlConfig::Simulated(simulated) => simulated.clone(),
             ControlConfig::Real(_) => SimulatedControlConfig::default(),
         };
@@ -33,7 +33,7 @@ impl<'a> SimulatedMachine<'a> {
     /// Advances the world to the time after `history`, with its mountings.
     pub(super) fn advance_past_sessions(&self, history: EarlierSessions<'_>) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
-        history.mountings.iter().for_each(|mount| world.mount_artefact(mount.turn_deg));
+        history.mountings.iter().for_each(|mount| world.remount_datum_cylinder(mount.turn_deg));
         if let Some(last) = history.readings.last() {
             let probed = history.readings.iter().map(|reading| reading.step);
             world.advance(last.t_s + history.time_since_last_reading_s, probed);

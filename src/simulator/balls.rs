@@ -31,15 +31,15 @@ struct TrueBall {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct BallStem {
     direction: Vector3<f64>,
-    length: f64,
-    radius: f64,
+    length_mm: f64,
+    radius_mm: f64,
 }
 
 impl TrueBalls {
     pub fn new(stated: &artefact::Balls, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         let balls = stated.balls.iter().enumerate();
         let mut balls: Vec<TrueBall> = balls.map(|(i, ball)| TrueBall::new(i, ball, truth)).collect();
-        // `>` is false for NaN as well.
+        // A NaN is refused too: no `>` is true for it.
         if balls.is_empty() || !balls.iter().all(TrueBall::is_valid) {
             return Err(SimulatedWorldError::InvalidBalls);
         }
@@ -87,8 +87,8 @@ impl TrueBall {
             form_matrix: draw_ball_oval(truth.seed, index) * (form_um * 1e-3),
             stem: (length > 0.0 && radius > 0.0 && along != Vector3::zeros()).then_some(BallStem {
                 direction: along,
-                length,
-                radius,
+                length_mm: length,
+                radius_mm: radius,
             }),
             timed_displacements: moves.map(|moved| (moved.at_s, Vector3::from(moved.by_mm))).collect(),
         }
@@ -103,12 +103,12 @@ impl TrueBall {
         self.timed_displacements.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
     }
 
-    /// Lower bound of the distance between `point` and the ball.
+    /// Lower bound of the distance between `point` (table frame) and the ball.
     fn distance_lower_bound(&self, point: Vector3<f64>) -> f64 {
         (point - self.centre).norm() - self.radius - 2.0 * self.form_matrix.abs().sum()
     }
 
-    /// The nearer of `best` and the surface of this ball with its stem.
+    /// The nearer to `point` (table frame) of `best` and the surface of this ball with its stem.
     fn nearer_surface(&self, point: Vector3<f64>, best: NearestSurface) -> NearestSurface {
         let from_centre = point - self.centre;
         let may_be_nearer = self.distance_lower_bound(point) < best.signed_distance;
@@ -116,12 +116,13 @@ impl TrueBall {
         self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
     }
 
-    /// Surface of the ball nearest to `point`, which is relative to the ball's centre. Foot of the perpendicular:
-    /// `point` = r(u)·u + distance·normal(u). On a round ball its direction u is that of the point; for an oval of
-    /// micrometres, each iteration leaves a thousandth of the error.
-    fn nearest_ball_surface(&self, point: Vector3<f64>) -> NearestSurface {
-        let mut direction = unit_vector(point).unwrap_or(Vector3::z());
-        let mut nearest = NearestSurface { signed_distance: point.norm() - self.radius, outward_normal: direction };
+    /// Surface of the ball nearest to a point, given relative to the ball's centre. Foot of the perpendicular:
+    /// `from_centre` = r(u)·u + distance·normal(u). On a round ball its direction u is that of the point; for an oval
+    /// of micrometres, each iteration leaves a thousandth of the error.
+    fn nearest_ball_surface(&self, from_centre: Vector3<f64>) -> NearestSurface {
+        let mut direction = unit_vector(from_centre).unwrap_or(Vector3::z());
+        let mut nearest =
+            NearestSurface { signed_distance: from_centre.norm() - self.radius, outward_normal: direction };
         if self.form_matrix == Matrix3::zeros() {
             return nearest;
         }
@@ -131,9 +132,9 @@ impl TrueBall {
             let radius = self.radius + form_deviation;
             let slope = 2.0 * (form_product - direction * form_deviation);
             let normal = (direction - slope / radius).normalize();
-            let distance = (point - direction * radius).dot(&normal);
+            let distance = (from_centre - direction * radius).dot(&normal);
             nearest = NearestSurface { signed_distance: distance, outward_normal: normal };
-            let next = unit_vector(point - normal * distance).unwrap_or(direction);
+            let next = unit_vector(from_centre - normal * distance).unwrap_or(direction);
             if (next - direction).norm_squared() < PERPENDICULAR_FOOT_CONVERGENCE_RAD2 {
                 break;
             }
@@ -152,9 +153,9 @@ impl BallStem {
         let along = from_centre.dot(&self.direction);
         let across = from_centre - self.direction * along;
         let (reach, outward) = (across.norm(), unit_vector(across).unwrap_or(Vector3::x()));
-        let side = reach - self.radius;
-        let end = (along - self.length / 2.0).abs() - self.length / 2.0;
-        let cap = self.direction * (along - self.length / 2.0).signum();
+        let side = reach - self.radius_mm;
+        let end = (along - self.length_mm / 2.0).abs() - self.length_mm / 2.0;
+        let cap = self.direction * (along - self.length_mm / 2.0).signum();
         NearestSurface::from_prism_side_and_end(side, outward, end, cap)
     }
 }

@@ -31,6 +31,7 @@ pub(super) struct Beam {
     direction: Vector3<f64>,
     /// Unit vectors across the nominal direction, for `tilt_urad` and `lean_um`.
     transverse_directions: [Vector3<f64>; 2],
+    /// Smallest and largest reading, mm.
     range_mm: [f64; 2],
     /// Smallest and largest distance at which the sensor detects a surface, mm.
     detection_range_mm: [f64; 2],

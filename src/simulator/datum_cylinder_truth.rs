@@ -2,26 +2,27 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::cylinder::FormHarmonic;
+use super::true_round_part::FormHarmonic;
 
 /// `[simulated.datum_cylinder]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DatumCylinderTruth {
-    /// Standard deviation of the form of each section and of the face, drawn from the seed: harmonics 2 to 20.
+    /// Standard deviation of the form of each cross section and of the face, drawn from the seed: harmonics 2 to 20.
     pub form_um: f64,
-    /// Stated form of single sections, in addition to the drawn form and to the `form` of all sections.
+    /// Stated form of single cross sections, in addition to the drawn form and to the `form` of all.
     pub section_form: Vec<SectionFormHarmonic>,
     /// Height of the face over the angle about the axis.
     pub face_form: Vec<FormHarmonic>,
-    /// Lean of the axis towards X and Y.
+    /// Tilt of the axis towards X and towards Y.
     pub tilt_urad: [f64; 2],
 }
 
-/// A harmonic of the form of one section; sections count from 1.
+/// A harmonic of the form of one cross section.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SectionFormHarmonic {
+    /// Number of the cross section, from 1.
     pub section: usize,
     pub n: u32,
     #[serde(default)]

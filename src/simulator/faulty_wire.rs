@@ -40,7 +40,7 @@ pub enum WireFault {
     },
     /// Nothing is transmitted any more, though the stream stays open.
     Stall,
-    /// Both streams are closed.
+    /// The streams to and from the control are closed.
     Cut,
 }
 
@@ -64,7 +64,7 @@ pub struct FaultyWire {
 
 impl FaultyWire {
     /// A few faults in a run of sixty touches; some delays exceed every timeout.
-    pub fn for_rehearsal(seed: u64) -> Self {
+    pub fn with_few_faults(seed: u64) -> Self {
         Self { seed, mean_lines_between_faults: 300.0, max_delay: Duration::from_secs(4) }
     }
 
@@ -127,7 +127,7 @@ struct WireHalf<'t, P: Iterator<Item = PlannedFault>> {
     byte_index: u64,
     /// Whether the rest of this line is dropped.
     is_dropping_line: bool,
-    /// The rest of this line, which is sent twice.
+    /// Rest of the line that is being sent twice.
     line_copy: Option<Vec<u8>>,
 }
 

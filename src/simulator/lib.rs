@@ -12,7 +12,6 @@ mod balls;
 mod beam;
 pub mod controls;
 mod crc16;
-mod cylinder;
 mod datum_cylinder_truth;
 mod error;
 pub mod faulty_wire;
@@ -21,49 +20,50 @@ mod linear_errors;
 mod machine_pose;
 mod magnitude_check;
 mod motion_history;
+mod mounted_sensors;
 mod nearest_surface;
 mod operator;
-mod path;
-mod ramp;
 mod random_draws;
 mod rotary_errors;
 mod rotary_motion;
 mod sag;
 mod scene;
-mod sensing;
+pub mod sensor_devices;
 mod sensor_truth;
 mod sensor_view;
-pub mod sensors;
+mod straight_move;
 mod surface;
 mod testing;
 mod thermometer_truth;
 mod true_datum_cylinder;
+mod true_round_part;
 mod truth;
+mod velocity_profile;
 mod wiring;
 
 use std::collections::BTreeMap;
 
 pub use beam::SensorOutput;
-pub use cylinder::FormHarmonic;
 pub use datum_cylinder_truth::{DatumCylinderTruth, IndexingStageTruth, MountingAngleFault, SectionFormHarmonic};
 pub use error::SimulatedWorldError;
 pub use operator::SimulatedOperator;
-pub use ramp::Speed;
 pub use rotary_motion::RotaryMotionMagnitudes;
 pub use sensor_truth::{LinearityWave, SensorTruth};
 pub use testing::SampleInMotion;
+pub use true_round_part::FormHarmonic;
 pub use truth::{ErrorMotionHarmonic, LatchDelay, MachineTruth};
+pub use velocity_profile::Speed;
 
 use machine::record::artefact::Artefact;
-use machine::record::machine::{AxisSpec, Machine, Probe};
+use machine::record::machine::{Machine, Probe, StatedAxis};
 use machine::{Axis, Position};
 use motion_history::MotionHistory;
-use path::{LostMotion, MoveBounds, MovePath};
-use ramp::{MIN_SEARCH_STEP_MM, first_zero_crossing_fraction};
+use mounted_sensors::SimulatedSensor;
 use random_draws::{RandomSource, draw_normal};
-use scene::Scene;
-use sensing::SimulatedSensor;
+use scene::TrueScene;
+use straight_move::{LostMotion, MoveBounds, MovePath};
 use thermometer_truth::ThermometerTruth;
+use velocity_profile::{SEARCH_STEP_FLOOR_MM, first_zero_crossing_fraction};
 use wiring::TrueWiring;
 
 /// Result of an unguarded move.
@@ -98,8 +98,8 @@ pub struct LatchedContact {
 /// The only owner of simulated time, axis positions and the state of the probe.
 #[derive(Debug, Clone)]
 pub struct SimulatedWorld {
-    scene: Scene,
-    axis_specs: BTreeMap<Axis, AxisSpec>,
+    scene: TrueScene,
+    stated_axes: BTreeMap<Axis, StatedAxis>,
     seed: u64,
     touch_std_dev_mm: f64,
     stylus_overtravel_mm: f64,
@@ -137,12 +137,12 @@ impl SimulatedWorld {
         truth: &MachineTruth,
     ) -> Result<Self, SimulatedWorldError> {
         magnitude_check::check_magnitudes(machine, probe, truth)?;
-        let scene = Scene::new(machine, probe, artefact, truth)?;
+        let scene = TrueScene::new(machine, probe, artefact, truth)?;
         let mut command: Position = scene.axes().map(|axis| (axis, 0.0)).collect();
         command.set(Axis::Z, machine.axes.get(&Axis::Z).map_or(0.0, |spec| spec.max));
         Ok(Self {
             scene,
-            axis_specs: machine.axes.clone(),
+            stated_axes: machine.axes.clone(),
             seed: truth.seed,
             touch_std_dev_mm: probe.repeatability_um.unwrap_or_default() * 1e-3,
             stylus_overtravel_mm: probe.overtravel_mm,
@@ -201,7 +201,7 @@ impl SimulatedWorld {
         self.scene.trigger_distance(&self.true_axis_positions(), &command, self.simulated_time_s)
     }
 
-    /// True axis positions.
+    /// Positions that the axes really have: the commanded ones, changed by the lost motion and the true wiring.
     fn true_axis_positions(&self) -> Position {
         self.true_wiring.true_position(self.lost_motion.position_after_move_to(&self.commanded_position))
     }
@@ -211,10 +211,10 @@ impl SimulatedWorld {
         self.is_probe_removed = is_removed;
     }
 
-    /// Mounts the artefact again on its indexing stage, turned by this angle against its first mounting,
-    /// counter-clockwise seen from its tip.
-    pub fn mount_artefact(&mut self, turn_deg: f64) {
-        self.scene.mount_artefact(turn_deg);
+    /// Mounts a datum cylinder again on its indexing stage, turned by this angle against its first mounting,
+    /// counter-clockwise seen from its tip. Does nothing with another artefact.
+    pub fn remount_datum_cylinder(&mut self, turn_deg: f64) {
+        self.scene.remount_datum_cylinder(turn_deg);
     }
 
     /// Deflects the stylus by hand, or releases it.
@@ -274,7 +274,7 @@ impl SimulatedWorld {
     }
 
     /// Turns the spindle to `s_rad` at its rapid speed.
-    pub fn orient(&mut self, s_rad: f64) {
+    pub fn orient_spindle(&mut self, s_rad: f64) {
         self.travel(&Position::new().with(Axis::S, s_rad), Speed::Rapid);
     }
 
@@ -303,7 +303,7 @@ impl SimulatedWorld {
         } else {
             // Slightly beyond the opening, where the input is safely open.
             first_zero_crossing_fraction(|fraction| -margin(fraction), max_slope_mm, 0.0)
-                .map(|fraction| (fraction + MIN_SEARCH_STEP_MM / max_slope_mm).min(1.0))
+                .map(|fraction| (fraction + SEARCH_STEP_FLOOR_MM / max_slope_mm).min(1.0))
         };
         margin(1.0) <= 0.0 || open.is_none_or(|o| first_zero_crossing_fraction(margin, max_slope_mm, o).is_some())
     }
@@ -312,7 +312,7 @@ impl SimulatedWorld {
         let max_travel_ratio = self.true_wiring.max_true_travel_ratio();
         let lever_arm = |axis, at: &Position| self.scene.max_ball_distance_from_axis(axis, at);
         let limits = MoveBounds {
-            axis_specs: &self.axis_specs,
+            stated_axes: &self.stated_axes,
             max_ball_distance_from_axis: &lever_arm,
             max_true_travel_ratio: max_travel_ratio,
         };
@@ -363,7 +363,7 @@ impl SimulatedWorld {
 
     fn rounded_to_resolution(&self, command: &Position) -> Position {
         let rounded = |(axis, value): (Axis, f64)| {
-            let step = self.axis_specs.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
+            let step = self.stated_axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
             let rounds_to_steps = axis.is_linear() && step > 0.0;
             (axis, if rounds_to_steps { (value / step).round() * step } else { value })
         };

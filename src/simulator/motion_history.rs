@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::path::MovePath;
+use super::straight_move::MovePath;
 
 /// Number of moves that are kept.
 const MAX_STORED_MOVES: usize = 64;

@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{SimulatedWorld, Speed};
-use machine::record::question::{Answer, AxisDirection, Jog, ObservedMotion, Question, StylusState};
+use machine::record::question::{AxisDirection, Jog, ObservedMotion, OperatorAnswer, OperatorQuestion, StylusState};
 use machine::{Axis, Position};
 
 /// Smallest motion that the operator sees, mm or degrees.
@@ -23,21 +23,21 @@ impl SimulatedOperator {
         Self { world, true_position_before_jog: Position::new() }
     }
 
-    pub fn answer(&mut self, question: &Question) -> Answer {
+    pub fn answer(&mut self, question: &OperatorQuestion) -> OperatorAnswer {
         match question {
-            Question::DisplayedPosition(reported) => self.compare_display(reported),
-            Question::AllowJog { .. } | Question::AllowJogWithHold(_) => {
+            OperatorQuestion::DisplayedPosition(reported) => self.compare_display(reported),
+            OperatorQuestion::AllowJog { .. } | OperatorQuestion::AllowJogWithHold(_) => {
                 let true_position = self.lock_world().true_axis_positions();
                 self.true_position_before_jog = true_position;
-                Answer::Yes
+                OperatorAnswer::Yes
             }
-            Question::ObservedJog { jog, .. } => Answer::Motion(self.observed_motion(jog)),
-            Question::StylusState(stylus) => {
+            OperatorQuestion::ObservedJog { jog, .. } => OperatorAnswer::Motion(self.observed_motion(jog)),
+            OperatorQuestion::StylusState(stylus) => {
                 self.lock_world().set_stylus_deflected(*stylus == StylusState::Deflected);
-                Answer::Yes
+                OperatorAnswer::Yes
             }
-            Question::RetractDirection { .. } => self.retract_direction(),
-            Question::HoldReleased { .. } | Question::AllowAction { .. } => Answer::Yes,
+            OperatorQuestion::RetractDirection { .. } => self.retract_direction(),
+            OperatorQuestion::HoldReleased { .. } | OperatorQuestion::AllowAction { .. } => OperatorAnswer::Yes,
         }
     }
 
@@ -49,18 +49,18 @@ impl SimulatedOperator {
     }
 
     /// Whether the display agrees with the position that the control reports.
-    fn compare_display(&self, reported: &Position) -> Answer {
+    fn compare_display(&self, reported: &Position) -> OperatorAnswer {
         let displayed = self.lock_world().position();
         let differs =
             |(axis, at): (Axis, f64)| axis.to_mm_or_deg(at - displayed.get_or_zero(axis)).abs() > MIN_VISIBLE_MOTION;
-        if reported.iter().any(differs) { Answer::No } else { Answer::Yes }
+        if reported.iter().any(differs) { OperatorAnswer::No } else { OperatorAnswer::Yes }
     }
 
     /// The direction that frees the stylus most; `No` without contact, or if a finger deflects the stylus.
-    fn retract_direction(&self) -> Answer {
+    fn retract_direction(&self) -> OperatorAnswer {
         let world = self.lock_world();
         if world.is_stylus_deflected || !world.is_in_contact() {
-            return Answer::No;
+            return OperatorAnswer::No;
         }
         let freed_distance = |direction: &AxisDirection| {
             let (axis, mut trial) = (direction.axis, world.clone());
@@ -72,7 +72,7 @@ impl SimulatedOperator {
             .into_iter()
             .flat_map(|axis| [true, false].map(|is_positive| AxisDirection { axis, is_positive }));
         let best = directions.max_by(|a, b| freed_distance(a).total_cmp(&freed_distance(b)));
-        best.map_or(Answer::No, Answer::Retract)
+        best.map_or(OperatorAnswer::No, OperatorAnswer::Retract)
     }
 
     fn observed_motion(&self, jog: &Jog) -> ObservedMotion {

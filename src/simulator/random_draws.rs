@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::cylinder::FormHarmonic;
 use super::sensor_truth::LinearityWave;
+use super::true_round_part::FormHarmonic;
 use estimation::random;
 
 /// Random quantities, each with the meaning of its key. All are standard normal except `ScanPhase`.
@@ -130,10 +130,10 @@ pub(super) struct ProbeLobing {
 }
 
 impl ProbeLobing {
-    /// Draws the declared harmonics, or 2 to 6: the first is a stylus offset, the zeroth is part of the ball's
+    /// Draws the declared orders, or 2 to 6: the first is a stylus offset, the zeroth is part of the ball's
     /// radius.
-    pub fn draw(seed: u64, sigma_mm: f64, declared_harmonics: &[u32]) -> Self {
-        let orders = if declared_harmonics.is_empty() { &[2, 3, 4, 5, 6] } else { declared_harmonics };
+    pub fn draw(seed: u64, sigma_mm: f64, declared_orders: &[u32]) -> Self {
+        let orders = if declared_orders.is_empty() { &[2, 3, 4, 5, 6] } else { declared_orders };
         let term_sigma = sigma_mm / (orders.len() as f64).sqrt();
         let draw = |n, part| term_sigma * draw_normal(seed, RandomSource::Lobing, &[u64::from(n), part]);
         Self { order_and_cos_sin_mm: orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect() }

@@ -18,11 +18,12 @@ use super::surface::ArtefactSurface;
 use super::truth::MachineTruth;
 use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::artefact::Artefact;
-use machine::record::machine::{AxisSpec, Machine, Probe};
+use machine::record::machine::{Machine, Probe, StatedAxis};
 use machine::{Axis, Position, frame::Pose};
 
+/// The simulated machine with its errors, probe and artefact.
 #[derive(Debug, Clone)]
-pub(super) struct Scene {
+pub(super) struct TrueScene {
     chain: KinematicChain,
     stated_errors: Vec<ErrorTerm>,
     linear_errors: LinearErrors,
@@ -40,7 +41,7 @@ pub(super) struct Scene {
     max_rotary_axis_distance: f64,
 }
 
-impl Scene {
+impl TrueScene {
     pub fn new(
         machine: &Machine,
         probe: &Probe,
@@ -81,9 +82,10 @@ impl Scene {
         self.chain.topology().axes()
     }
 
-    /// Mounts the artefact again, turned by `turn_deg` against its first mounting.
-    pub fn mount_artefact(&mut self, turn_deg: f64) {
-        self.surface.mount_artefact(turn_deg);
+    /// Mounts a datum cylinder again on its indexing stage, turned by `turn_deg` against its first mounting. Does
+    /// nothing with another artefact.
+    pub fn remount_datum_cylinder(&mut self, turn_deg: f64) {
+        self.surface.remount_datum_cylinder(turn_deg);
     }
 
     /// Distance between ball and surface (negative: overlap), mm. `axes`: true axis positions, backlash
@@ -115,7 +117,7 @@ impl Scene {
         (nearest.signed_distance - self.stylus_ball_radius, pose.table_to_carrier_direction(nearest.outward_normal))
     }
 
-    /// The scene as seen from the spindle; `axes` and `command` as for [`Scene::clearance`].
+    /// The scene as seen from the spindle; `axes` and `command` as for [`TrueScene::clearance`].
     pub fn view_from_spindle(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let errors = self.error_terms_at(axes, Some(t_s));
         let spindle = self.chain.machine_from_spindle(axes, &errors);
@@ -171,7 +173,7 @@ impl Scene {
 }
 
 /// Of each linear axis: standard deviation of an error, and its correlation length, mm.
-fn linear_axis_sigmas_and_lengths(machine: &Machine, sigma: impl Fn(&AxisSpec) -> f64) -> [[f64; 2]; 3] {
+fn linear_axis_sigmas_and_lengths(machine: &Machine, sigma: impl Fn(&StatedAxis) -> f64) -> [[f64; 2]; 3] {
     Axis::LINEAR.map(|axis| machine.axes.get(&axis).map_or([0.0, 1.0], |spec| [sigma(spec), spec.error_wavelength_mm]))
 }
 

@@ -18,9 +18,9 @@ pub struct SensorTruth {
     pub tilt_urad: [f64; 2],
     /// Output per true distance.
     pub gain: f64,
-    /// Deviation of the output from a straight line; replaces the drawn one.
+    /// Deviation of the output from a straight line; `None`: the drawn one.
     pub linearity: Option<Vec<LinearityWave>>,
-    /// Standard deviation of one sample; replaces the declared one.
+    /// Standard deviation of one sample; `None`: the declared one.
     pub noise_um: Option<f64>,
     /// Diameter of the light spot; the output is the mean over it.
     pub spot_mm: f64,

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use super::machine_pose::MachinePose;
 use super::nearest_surface::NearestSurface;
-use super::ramp::first_zero_crossing_fraction;
 use super::surface::ArtefactSurface;
+use super::velocity_profile::first_zero_crossing_fraction;
 
 /// The scene at one moment, as seen from the part that carries a sensor.
 #[derive(Debug, Clone, Copy)]

@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 
 use super::SimulatedWorldError;
 use super::balls::TrueBalls;
-use super::cylinder::{RadiusProfile, TrueCylinder};
 use super::nearest_surface::NearestSurface;
 use super::random_draws::{RandomSource, draw_form_harmonics};
 use super::true_datum_cylinder::TrueDatumCylinder;
+use super::true_round_part::{RadiusProfile, TrueCylinder};
 use super::truth::MachineTruth;
 use machine::record::artefact::{Artefact, Cylinder};
 
@@ -51,11 +51,11 @@ impl ArtefactSurface {
         }
     }
 
-    /// Mounts the artefact again, turned by this angle against its first mounting. Only a datum cylinder has an
-    /// indexing stage.
-    pub fn mount_artefact(&mut self, turn_deg: f64) {
+    /// Mounts a datum cylinder again on its indexing stage, turned by this angle against its first mounting. Does
+    /// nothing with another artefact.
+    pub fn remount_datum_cylinder(&mut self, turn_deg: f64) {
         if let ArtefactSurface::DatumCylinder(datum) = self {
-            datum.mount_artefact(turn_deg);
+            datum.remount(turn_deg);
         }
     }
 
@@ -78,7 +78,7 @@ fn true_cylinder(cylinder: &Cylinder, truth: &MachineTruth) -> Result<TrueCylind
     let direction = Vector3::from(cylinder.axis);
     let is_finite = direction.iter().all(|part| part.is_finite());
     let is_valid = is_finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
-    // `>` is false for NaN as well.
+    // A NaN is refused too: no `>` is true for it.
     if !(is_valid && profile.min_radius_bound() > 0.0) {
         return Err(SimulatedWorldError::InvalidArtefact);
     }

@@ -1,4 +1,4 @@
-//! The true datum cylinder on its indexing stage: one cylinder for each section, each with its own form, and a
+//! The true datum cylinder on its indexing stage: one cylinder for each cross section, each with its own form, and a
 //! face that is not quite flat.
 
 use std::ops::RangeInclusive;
@@ -6,10 +6,10 @@ use std::ops::RangeInclusive;
 use nalgebra::{Rotation3, Vector3};
 
 use super::SimulatedWorldError;
-use super::cylinder::{FormHarmonic, RadiusProfile, TrueCylinder};
 use super::datum_cylinder_truth::IndexingStageTruth;
 use super::nearest_surface::NearestSurface;
 use super::random_draws::{RandomSource, draw_form_harmonics, draw_normal};
+use super::true_round_part::{FormHarmonic, RadiusProfile, TrueCylinder};
 use super::truth::MachineTruth;
 use machine::frame::unit_vector;
 use machine::record::artefact::DatumCylinder;
@@ -18,10 +18,11 @@ use machine::record::artefact::DatumCylinder;
 #[derive(Debug, Clone)]
 pub(super) struct TrueDatumCylinder {
     stated: DatumCylinder,
-    /// Profiles of the stated sections, in their order.
+    /// Profiles of the stated cross sections, in their order.
     profiles: Vec<RadiusProfile>,
     face_form: Vec<FormHarmonic>,
     first_mounting_axis_foot: Vector3<f64>,
+    /// Tilt of the axis towards X and towards Y.
     tilt_rad: [f64; 2],
     stage_truth: IndexingStageTruth,
     seed: u64,
@@ -33,7 +34,7 @@ pub(super) struct TrueDatumCylinder {
 
 #[derive(Debug, Clone)]
 struct MountedDatumCylinder {
-    sections: Vec<TrueCylinder>,
+    true_cross_sections: Vec<TrueCylinder>,
     axis_foot: Vector3<f64>,
     /// Columns: the x, y and axis directions of the artefact.
     frame: Rotation3<f64>,
@@ -46,7 +47,7 @@ impl TrueDatumCylinder {
         let section_form = |section| {
             draw_form_harmonics(truth.seed, RandomSource::SectionForm, &[section], SECTION_FORM_ORDERS, own.form_um)
         };
-        let profile = |(number, section): (usize, &machine::record::artefact::CylinderSection)| {
+        let profile = |(number, section): (usize, &machine::record::artefact::DatumCrossSection)| {
             let drawn = section_form(number as u64);
             let listed = own.section_form.iter().filter(|form| form.section == number + 1);
             let listed = listed.map(|f| FormHarmonic { n: f.n, cos_um: f.cos_um, sin_um: f.sin_um });
@@ -75,15 +76,19 @@ impl TrueDatumCylinder {
             seed: truth.seed,
             remounting_count: 0,
             turn_deg: 0.0,
-            mounted_pose: MountedDatumCylinder { sections: Vec::new(), axis_foot: foot, frame: Rotation3::identity() },
+            mounted_pose: MountedDatumCylinder {
+                true_cross_sections: Vec::new(),
+                axis_foot: foot,
+                frame: Rotation3::identity(),
+            },
         };
         datum.mounted_pose = datum.compute_mounted_pose(0.0, [0.0; 2], datum.tilt_rad);
         Ok(datum)
     }
 
-    /// Mounts the artefact at this angle against the first mounting, counter-clockwise seen from its tip. Does
+    /// Mounts the cylinder again at this angle against the first mounting, counter-clockwise seen from its tip. Does
     /// nothing if it is already at this angle.
-    pub fn mount_artefact(&mut self, turn_deg: f64) {
+    pub fn remount(&mut self, turn_deg: f64) {
         if turn_deg == self.turn_deg {
             return;
         }
@@ -112,7 +117,7 @@ impl TrueDatumCylinder {
         };
         let sections: Vec<TrueCylinder> = self.profiles.iter().enumerate().map(section).collect();
         let frame = sections.first().map_or(Rotation3::identity(), |section| *section.frame());
-        MountedDatumCylinder { sections, axis_foot: foot, frame }
+        MountedDatumCylinder { true_cross_sections: sections, axis_foot: foot, frame }
     }
 
     /// Heights of the boundaries between sections, from the foot to the end; sections are stated in rising
@@ -128,7 +133,7 @@ impl TrueDatumCylinder {
     /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
         let far = NearestSurface::no_surface_within(f64::INFINITY);
-        let MountedDatumCylinder { sections, axis_foot: foot, frame } = &self.mounted_pose;
+        let MountedDatumCylinder { true_cross_sections: sections, axis_foot: foot, frame } = &self.mounted_pose;
         let nearer = |best: NearestSurface, section: &TrueCylinder| {
             let is_farther = section.distance_lower_bound(point) > best.signed_distance;
             if is_farther { best } else { best.or_nearer(section.nearest(point, growth)) }

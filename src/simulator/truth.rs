@@ -7,11 +7,11 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::SimulatedWorldError;
-use super::cylinder::FormHarmonic;
 use super::datum_cylinder_truth::{DatumCylinderTruth, IndexingStageTruth};
 use super::rotary_motion::RotaryMotionMagnitudes;
 use super::sensor_truth::SensorTruth;
 use super::thermometer_truth::ThermometerTruth;
+use super::true_round_part::FormHarmonic;
 use super::wiring::Wiring;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm};
@@ -26,7 +26,7 @@ pub struct MachineTruth {
     /// ISO 230-1 location errors and linear gains; the unit follows the symbol: `EX0C_um`, `EA0C_urad`,
     /// `EXX1_um_per_m`.
     pub errors: BTreeMap<String, f64>,
-    /// Error motions of rotary axes, one harmonic each.
+    /// Error motions of rotary axes; each entry is one harmonic.
     pub error_motion: Vec<ErrorMotionHarmonic>,
     /// Error motions of rotary axes, declared by magnitude.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -102,7 +102,7 @@ pub struct BallTruth {
     pub offset_mm: [f64; 3],
     #[serde(default)]
     pub diameter_um: f64,
-    /// Replaces `ball_form_um` for this ball.
+    /// Form of this ball; `None`: `ball_form_um`.
     pub form_um: Option<f64>,
 }
 

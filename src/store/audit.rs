@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 use serde::Serialize;
 
-use super::{Journal, PendingWrite, StoreError, StoreFault, columns};
+use super::{AwaitableWrite, Journal, StoreError, StoreFault, columns};
 
 /// A request that changes something.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -13,7 +13,7 @@ pub struct AuditEntry {
     pub what: String,
     pub why: String,
     pub machine: String,
-    /// Number of the run in progress, 0 for none.
+    /// Number of the run in progress or of the signed run, 0 for none.
     pub run: i64,
     pub outcome: String,
 }
@@ -22,6 +22,7 @@ pub struct AuditEntry {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StoredAuditEntry {
     pub seq: i64,
+    /// Time at which the entry was made.
     pub at: Timestamp,
     #[serde(flatten)]
     pub entry: AuditEntry,
@@ -29,7 +30,7 @@ pub struct StoredAuditEntry {
 
 impl Journal {
     /// Adds an entry that is never changed or removed.
-    pub fn add_audit_entry(&self, audit: &AuditEntry) -> PendingWrite<()> {
+    pub fn add_audit_entry(&self, audit: &AuditEntry) -> AwaitableWrite<()> {
         let audit = audit.clone();
         self.submit_job(move |connection| insert_audit_entry(connection, &audit))
     }

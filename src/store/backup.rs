@@ -8,7 +8,7 @@ use rusqlite::Connection;
 use super::durable_dir::JOURNAL_FILE_NAME;
 use super::{RunId, StoreError, StoreFault, checksum, connection, format_identification, read, verified_copy};
 
-/// Content of a backup.
+/// What `backup` has found in the copy: the newest run, and whether its rows have checksums.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BackupContent {
     pub newest_run: Option<RunId>,

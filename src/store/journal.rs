@@ -14,12 +14,12 @@ use tokio::sync::oneshot;
 
 use super::durable_dir::{self, JOURNAL_FILE_NAME};
 use super::{
-    FinishedRunResult, MachineLock, NewRun, RunId, RunProgress, RunState, RunSummary, Signature, StoreError,
+    EstimateSignature, FinishedRunResult, MachineLock, NewRun, RunId, RunProgress, RunState, RunSummary, StoreError,
     StoreFault, StoredRun,
 };
 use super::{connection, read, scan, signature, write};
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Stage, Step};
 use machine::record::reading::Reading;
 
@@ -33,14 +33,14 @@ pub struct Journal {
 }
 
 /// Result of a job, available once the job is durable or has failed: `.await` it in async code, use
-/// [`PendingWrite::wait`] elsewhere. The job runs even if the `PendingWrite` is dropped.
+/// [`AwaitableWrite::wait`] elsewhere. The job runs even if the `AwaitableWrite` is dropped.
 #[must_use = "the job is durable only after the result is received"]
-pub struct PendingWrite<T> {
+pub struct AwaitableWrite<T> {
     path: PathBuf,
     result_receiver: oneshot::Receiver<Result<T, StoreFault>>,
 }
 
-impl<T> PendingWrite<T> {
+impl<T> AwaitableWrite<T> {
     /// Blocks this thread until the result is available. Async code must use `.await` instead.
     pub fn wait(self) -> Result<T, StoreError> {
         let result = self.result_receiver.blocking_recv();
@@ -48,7 +48,7 @@ impl<T> PendingWrite<T> {
     }
 }
 
-impl<T> Future for PendingWrite<T> {
+impl<T> Future for AwaitableWrite<T> {
     type Output = Result<T, StoreError>;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
@@ -97,53 +97,53 @@ impl Journal {
     }
 
     /// Adds a run in state `running`, with this program's version and the hashes of its inputs.
-    pub fn begin_run(&self, new: &NewRun) -> PendingWrite<RunId> {
+    pub fn begin_run(&self, new: &NewRun) -> AwaitableWrite<RunId> {
         let new = new.clone();
         self.submit_job(move |connection| write::insert_run(connection, &new))
     }
 
     /// Adds a stage that is about to run, and its new steps to the plan.
-    pub fn add_stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> PendingWrite<()> {
+    pub fn add_stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> AwaitableWrite<()> {
         let (stage, steps) = (stage.clone(), new_steps.to_vec());
         self.submit_job(move |connection| write::insert_stage(connection, run, &stage, &steps))
     }
 
-    pub fn add_reading(&self, run: RunId, reading: &Reading) -> PendingWrite<()> {
+    pub fn add_reading(&self, run: RunId, reading: &Reading) -> AwaitableWrite<()> {
         let reading = reading.clone();
         self.submit_job(move |connection| write::insert_reading(connection, run, &reading))
     }
 
     /// Adds all samples of one scan.
-    pub fn add_scan(&self, run: RunId, samples: &[Reading]) -> PendingWrite<()> {
+    pub fn add_scan(&self, run: RunId, samples: &[Reading]) -> AwaitableWrite<()> {
         let samples = samples.to_vec();
         self.submit_job(move |connection| scan::insert_scan(connection, run, &samples))
     }
 
-    pub fn add_event(&self, run: RunId, event: &Event) -> PendingWrite<()> {
+    pub fn add_event(&self, run: RunId, event: &RunEvent) -> AwaitableWrite<()> {
         let event = event.clone();
         self.submit_job(move |connection| write::insert_event(connection, run, &event))
     }
 
     /// Adds an estimate; earlier estimates of the run stay. Returns its [`super::sha256`].
-    pub fn add_estimate(&self, run: RunId, estimate: &Estimate) -> PendingWrite<String> {
+    pub fn add_estimate(&self, run: RunId, estimate: &Estimate) -> AwaitableWrite<String> {
         let estimate = estimate.clone();
         self.submit_job(move |connection| write::insert_estimate(connection, run, &estimate))
     }
 
     /// Adds a signature that is never changed or removed.
-    pub fn add_signature(&self, run: RunId, signature: &Signature) -> PendingWrite<()> {
+    pub fn add_signature(&self, run: RunId, signature: &EstimateSignature) -> AwaitableWrite<()> {
         let signature = signature.clone();
         self.submit_job(move |connection| signature::insert_signature(connection, run, &signature))
     }
 
     /// Sets the state of the run.
-    pub fn set_state(&self, run: RunId, state: RunState) -> PendingWrite<()> {
+    pub fn set_state(&self, run: RunId, state: RunState) -> AwaitableWrite<()> {
         self.submit_job(move |connection| write::set_state(connection, run, state))
     }
 
     /// Marks the runs that a dead process left `running`. Holding the machine's lock proves that the process is
     /// dead.
-    pub fn mark_running_runs_interrupted(&self, lock: &MachineLock) -> PendingWrite<Vec<RunId>> {
+    pub fn mark_running_runs_interrupted(&self, lock: &MachineLock) -> AwaitableWrite<Vec<RunId>> {
         let machine = lock.machine().to_owned();
         self.submit_job(move |connection| write::mark_interrupted(connection, &machine))
     }
@@ -175,7 +175,7 @@ impl Journal {
     }
 
     /// Progress of a run, without its readings.
-    pub fn run_progress(&self, run: RunId) -> Result<RunProgress, StoreError> {
+    pub fn load_run_progress(&self, run: RunId) -> Result<RunProgress, StoreError> {
         self.query(|connection| read::load_progress(connection, run))
     }
 
@@ -191,14 +191,14 @@ impl Journal {
     pub(super) fn submit_job<T: Send + 'static>(
         &self,
         job: impl FnOnce(&mut Connection) -> Result<T, StoreFault> + Send + 'static,
-    ) -> PendingWrite<T> {
+    ) -> AwaitableWrite<T> {
         let (sender, receiver) = oneshot::channel();
         let job: WriterJob = Box::new(move |connection| drop(sender.send(job(connection))));
         // A refused job drops its sender; the caller gets `WriterEnded`.
         if let Some(jobs) = &self.job_sender {
             let _ = jobs.send(job);
         }
-        PendingWrite { path: self.path.clone(), result_receiver: receiver }
+        AwaitableWrite { path: self.path.clone(), result_receiver: receiver }
     }
 }
 

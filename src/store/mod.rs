@@ -6,7 +6,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use machine::record::estimate::{Estimate, Parameter};
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::{Reading, Temperatures};
 
@@ -37,11 +37,11 @@ mod write;
 pub use audit::{AuditEntry, StoredAuditEntry};
 pub use backup::{BackupContent, backup};
 pub use error::{StoreError, StoreFault};
-pub use journal::{Journal, PendingWrite};
+pub use journal::{AwaitableWrite, Journal};
 pub use lock::{LockError, LockHolder, MachineLock};
 pub use run_lists::{NewestMeasuredRuns, NewestRunResult, RunFilter};
 pub use schedule::{Arming, ScheduleSlot, SlotOutcome};
-pub use signature::Signature;
+pub use signature::EstimateSignature;
 pub use state_dir::state_dir;
 
 /// Number of a run in its journal.
@@ -68,7 +68,7 @@ pub enum RunState {
     /// Measured to its end, with an estimate.
     Finished,
     Failed,
-    /// Its process died; an operator must check the machine before anything else.
+    /// The process of the run died; an operator must check the machine before anything else.
     Interrupted,
     /// Not resumable, because its references moved or were never measured; its readings stay.
     Closed,
@@ -141,11 +141,11 @@ pub struct StoredRun {
     /// Time at which the last reading was acknowledged; `None` without readings, or if an older version stored
     /// them.
     pub last_reading_stored_at: Option<Timestamp>,
-    pub events: Vec<(Timestamp, Event)>,
+    pub events: Vec<(Timestamp, RunEvent)>,
     /// Estimates, oldest first; the last one is valid.
     pub estimates: Vec<StoredEstimate>,
     /// Signatures, oldest first. A signature of an earlier estimate does not apply to the last one.
-    pub signatures: Vec<(Timestamp, Signature)>,
+    pub signatures: Vec<(Timestamp, EstimateSignature)>,
 }
 
 /// Progress of a run; cheap enough for polling.

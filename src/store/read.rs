@@ -8,7 +8,7 @@ use super::{FinishedRunResult, RunId, RunProgress, RunState, RunSummary, StoreFa
 use super::{checksum, scan, signature};
 use machine::Axis;
 use machine::record::estimate::Parameter;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
@@ -126,7 +126,7 @@ pub(super) fn load_run(connection: &mut Connection, run: RunId) -> Result<Stored
             run,
             estimate_from_row,
         )?,
-        signatures: signature::run_signatures(&snapshot, run)?,
+        signatures: signature::load_run_signatures(&snapshot, run)?,
     })
 }
 
@@ -159,11 +159,11 @@ fn load_plan_without_interruptions(connection: &Connection, run: RunId) -> Resul
 /// Times of the run's interruptions on the readings' clock, each once.
 fn interruption_times_s(connection: &Connection, run: RunId) -> Result<Vec<f64>, StoreFault> {
     let events =
-        select_rows_of_run(connection, "SELECT event FROM events", run, |row| parse_json_column::<Event>(row, 0))?;
+        select_rows_of_run(connection, "SELECT event FROM events", run, |row| parse_json_column::<RunEvent>(row, 0))?;
     let mut gaps: Vec<f64> = events
         .into_iter()
         .filter_map(|event| match event {
-            Event::Resumed { gap_s } => Some(gap_s),
+            RunEvent::Resumed { gap_s } => Some(gap_s),
             _ => None,
         })
         .collect();

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 
 use super::{Journal, RunId, RunState, StoreError, StoreFault, read};
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 impl Journal {
     /// Runs that ended before `before` and have an estimate, so that their samples may be removed. Oldest
@@ -27,7 +27,7 @@ impl Journal {
         if scans == 0 {
             return Ok(0);
         }
-        self.add_event(run, &Event::SamplesRemoved { scans }).wait()?;
+        self.add_event(run, &RunEvent::SamplesRemoved { scans }).wait()?;
         while self.submit_job(move |connection| delete_next_stored_scan(connection, run)).wait()? {}
         Ok(scans)
     }

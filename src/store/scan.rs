@@ -11,6 +11,7 @@ use machine::record::reading::{Reading, ReadingFlag};
 /// in s.
 #[derive(Serialize, Deserialize)]
 struct StoredSample {
+    /// Positions of the axes.
     at: [Option<f64>; Axis::ALL.len()],
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mm: Option<f64>,

@@ -5,7 +5,7 @@ use jiff::{Timestamp, Unit};
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 use serde::Serialize;
 
-use super::{AuditEntry, Journal, PendingWrite, RunId, StoreError, StoreFault, audit, columns, write};
+use super::{AuditEntry, AwaitableWrite, Journal, RunId, StoreError, StoreFault, audit, columns, write};
 
 /// Permission of a person that a cycle may start unattended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -28,9 +28,9 @@ pub struct Arming {
 #[serde(rename_all = "lowercase")]
 pub enum SlotOutcome {
     Started,
-    /// Its run has an estimate.
+    /// The run that this slot started has an estimate.
     Ran,
-    /// Started, but its run was not completed.
+    /// The run that this slot started was not completed.
     Failed,
     Skipped,
     /// The service was not running at the time of the slot.
@@ -57,6 +57,7 @@ pub struct ScheduleSlot {
     pub machine: String,
     pub schedule: String,
     pub cycle: u16,
+    /// Planned time of the slot.
     pub at: Timestamp,
     pub outcome: SlotOutcome,
     pub why: String,
@@ -66,14 +67,14 @@ pub struct ScheduleSlot {
 
 impl Journal {
     /// Replaces the arming of the cycle by `arming`, and adds an entry to the audit log.
-    pub fn arm_cycle(&self, arming: &Arming) -> PendingWrite<()> {
+    pub fn arm_cycle(&self, arming: &Arming) -> AwaitableWrite<()> {
         let arming = arming.clone();
         self.submit_job(move |connection| insert_arming(connection, &arming))
     }
 
     /// Ends the armings of `machine`, of one cycle or of all. Returns how many armings ended; each end is an
     /// entry in the audit log.
-    pub fn disarm_cycles(&self, machine: &str, cycle: Option<u16>, who: &str, why: &str) -> PendingWrite<usize> {
+    pub fn disarm_cycles(&self, machine: &str, cycle: Option<u16>, who: &str, why: &str) -> AwaitableWrite<usize> {
         let [machine, who, why] = [machine, who, why].map(str::to_owned);
         self.submit_job(move |connection| end_armings_audited(connection, &machine, cycle, &who, &why))
     }
@@ -107,14 +108,14 @@ impl Journal {
         machine: &str,
         names_and_calendars: Vec<(String, String)>,
         now: Timestamp,
-    ) -> PendingWrite<Vec<Timestamp>> {
+    ) -> AwaitableWrite<Vec<Timestamp>> {
         let machine = machine.to_owned();
         self.submit_job(move |connection| replace_schedules(connection, &machine, &names_and_calendars, now))
     }
 
     /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. A missed slot may still
     /// start if the clock is set back; a started one may end.
-    pub fn store_slot(&self, slot: &ScheduleSlot) -> PendingWrite<bool> {
+    pub fn store_slot(&self, slot: &ScheduleSlot) -> AwaitableWrite<bool> {
         let slot = slot.clone();
         self.submit_job(move |connection| upsert_slot(connection, &slot))
     }

@@ -6,8 +6,9 @@ use serde::Serialize;
 
 use super::{RunId, StoreFault, columns};
 
+/// Signature of a person under an estimate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Signature {
+pub struct EstimateSignature {
     pub who: String,
     pub remark: String,
     /// Hash of the signed estimate, see [`super::sha256`].
@@ -17,9 +18,9 @@ pub struct Signature {
 pub(super) fn insert_signature(
     connection: &mut Connection,
     run: RunId,
-    signature: &Signature,
+    signature: &EstimateSignature,
 ) -> Result<(), StoreFault> {
-    let Signature { who, remark, estimate_sha256 } = signature;
+    let EstimateSignature { who, remark, estimate_sha256 } = signature;
     connection
         .execute(
             "INSERT INTO signatures (run, at, who, remark, estimate_sha256)
@@ -31,10 +32,13 @@ pub(super) fn insert_signature(
 }
 
 /// Signatures of `run`, oldest first.
-pub(super) fn run_signatures(connection: &Connection, run: RunId) -> Result<Vec<(Timestamp, Signature)>, StoreFault> {
+pub(super) fn load_run_signatures(
+    connection: &Connection,
+    run: RunId,
+) -> Result<Vec<(Timestamp, EstimateSignature)>, StoreFault> {
     let select = "SELECT at, who, remark, estimate_sha256 FROM signatures";
     columns::select_rows_of_run(connection, select, run, |row| {
         let (who, remark, estimate_sha256) = (row.get(1)?, row.get(2)?, row.get(3)?);
-        Ok((columns::parse_text_column(row, 0)?, Signature { who, remark, estimate_sha256 }))
+        Ok((columns::parse_text_column(row, 0)?, EstimateSignature { who, remark, estimate_sha256 }))
     })
 }

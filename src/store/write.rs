@@ -6,7 +6,7 @@ use super::columns::{has_only_finite_numbers, now_text, to_json_with_finite_numb
 use super::{NewRun, RunId, RunState, StoreFault, read, sha256_text};
 use machine::Axis;
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 
@@ -103,13 +103,13 @@ pub(super) fn insert_reading(connection: &mut Connection, run: RunId, reading: &
     Ok(())
 }
 
-pub(super) fn insert_event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), StoreFault> {
+pub(super) fn insert_event(connection: &mut Connection, run: RunId, event: &RunEvent) -> Result<(), StoreFault> {
     let text = to_json_with_finite_numbers("an event", event)?;
     let transaction = begin_transaction(connection)?;
     transaction
         .execute("INSERT INTO events (run, at, event) VALUES (?1, ?2, ?3)", params![run.0, now_text(), text])
         .map_err(StoreFault::from_run_error(run))?;
-    if matches!(event, Event::Resumed { .. }) {
+    if matches!(event, RunEvent::Resumed { .. }) {
         hash_plan(&transaction, run)?;
     }
     Ok(transaction.commit()?)

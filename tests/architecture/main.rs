@@ -2,9 +2,9 @@
 //! package without IO, import circles between files, and the length of a file. Reads `src/` with syn. `cargo test
 //! --test architecture -- --nocapture` prints the imports between the modules of `trued`.
 
-mod imports;
-mod resolve;
-mod source;
+mod import_parser;
+mod parsed_sources;
+mod path_resolver;
 #[cfg(test)]
 mod tests;
 
@@ -12,8 +12,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use imports::{FileImports, PathSegments};
-use resolve::{ResolvedPath, Resolver};
+use import_parser::{FileImports, PathSegments};
+use path_resolver::{ResolvedPath, Resolver};
 
 /// Maximum length of a file; the target is half of it.
 const MAX_FILE_LINES: usize = 400;
@@ -66,12 +66,12 @@ struct Package {
 }
 
 static PACKAGES: LazyLock<Vec<Package>> = LazyLock::new(|| {
-    let of = |(name, folder): (String, PathBuf)| build_package(name, &source::parse_package_sources(&folder));
-    source::workspace_packages().into_iter().map(of).collect()
+    let of = |(name, folder): (String, PathBuf)| build_package(name, &parsed_sources::parse_package_sources(&folder));
+    parsed_sources::workspace_packages().into_iter().map(of).collect()
 });
 
-fn build_package(name: String, sources: &[source::SourceFile]) -> Package {
-    let files: Vec<FileImports> = sources.iter().map(imports::imports_of_file).collect();
+fn build_package(name: String, sources: &[parsed_sources::SourceFile]) -> Package {
+    let files: Vec<FileImports> = sources.iter().map(import_parser::imports_of_file).collect();
     let resolver = Resolver::new(&files);
     Package { name, files, resolver }
 }
@@ -103,7 +103,7 @@ fn packages_depend_on_lower_packages_only() {
         let refused = dependencies.filter(ours).filter(|name| !allowed.contains(&name.as_str()));
         Some(refused.map(|refused| format!("`{name}` depends on `{refused}`")).collect::<Vec<_>>())
     };
-    let checked: Vec<_> = source::workspace_packages().into_iter().filter_map(of).collect();
+    let checked: Vec<_> = parsed_sources::workspace_packages().into_iter().filter_map(of).collect();
     assert_eq!(checked.len(), PACKAGE_DEPENDENCIES.len(), "a package is missing from the table");
     let breaches = checked.concat();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
@@ -265,7 +265,7 @@ fn import_circles(package: &Package) -> Vec<String> {
     circles
 }
 
-fn all_references(package: &Package) -> impl Iterator<Item = (&FileImports, &imports::Reference)> {
+fn all_references(package: &Package) -> impl Iterator<Item = (&FileImports, &import_parser::Reference)> {
     let of_file = |file| {
         let file: &FileImports = file;
         file.references.iter().map(move |reference| (file, reference))

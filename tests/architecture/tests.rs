@@ -2,7 +2,7 @@
 
 use super::{IO_AND_CLOCK_PATHS, UNSEEDED_RANDOM_PATHS};
 use super::{
-    build_package, import_circles, module_imports_and_layer_breaches, sibling_import_breaches, source,
+    build_package, import_circles, module_imports_and_layer_breaches, parsed_sources, sibling_import_breaches,
     uses_of_forbidden_paths,
 };
 
@@ -12,7 +12,7 @@ fn parse_package(name: &str, modules: &[(&str, &str)]) -> super::Package {
         let path = module.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
         (format!("{}/mod.rs", module.replace("::", "/")), path, (*text).to_owned())
     });
-    build_package(name.to_owned(), &source::parse_without_test_modules(files))
+    build_package(name.to_owned(), &parsed_sources::parse_without_test_modules(files))
 }
 
 #[test]

@@ -5,9 +5,10 @@ use super::method_cases::{LASER_MACHINE_FILE, METHOD_CASES, SIMULATED_MACHINE_FI
 use super::runs::RunOutput;
 use super::workspace::{Workspace, replace_line_starts};
 
-/// Compares a short run over the wire that `keys` declare with the stored one.
-fn check_run_over_control_wire(name: &str, keys: &str) {
-    let machine = replace_line_starts(SIMULATED_MACHINE_FILE, &[("wire = \"memory\"\n", keys)]);
+/// Compares a run of `latch-delay` on a simulated control with the stored one; `wire_keys`: its protocol and its kind
+/// of wire (memory, pty or tcp).
+fn check_run_over_control_wire(name: &str, wire_keys: &str) {
+    let machine = replace_line_starts(SIMULATED_MACHINE_FILE, &[("wire = \"memory\"\n", wire_keys)]);
     RunOutput::run_method("latch-delay", &append_method_settings(&machine, "latch-delay", "touches = 6\n"))
         .check_estimate_readings_and_capture("wires", name);
 }
@@ -38,9 +39,9 @@ pub fn run_over_resident_program_on_pty_is_as_stored() {
 
 /// Sensors that send without requests over a pseudo-terminal or a bus measure in wall time, so that no two runs are
 /// identical. They are left out.
-fn check_run_with_sensor_wire(name: &str, keys: &str) {
+fn check_run_with_sensor_wire(name: &str, wire_keys: &str) {
     let from = "speaks = \"can\"\nwire = \"memory\"\n";
-    let machine = replace_line_starts(LASER_MACHINE_FILE, &[(from, keys)]);
+    let machine = replace_line_starts(LASER_MACHINE_FILE, &[(from, wire_keys)]);
     let case = &METHOD_CASES[1];
     RunOutput::run_method(case.method, &append_method_settings(&machine, case.method, case.short_run_settings))
         .check_estimate_readings_and_capture("wires", name);

@@ -15,9 +15,9 @@ impl Workspace {
     }
 
     /// A workspace with this `machine.toml`.
-    pub fn with_machine_file(text: &str) -> Self {
+    pub fn with_machine_file(machine_text: &str) -> Self {
         let workspace = Self::new();
-        fs::write(workspace.file_path("machine.toml"), text).unwrap();
+        fs::write(workspace.file_path("machine.toml"), machine_text).unwrap();
         workspace
     }
 

@@ -32,7 +32,7 @@ fn measure_and_identify(method: &str, file: &MachineFile, priors: Vec<Estimate>)
 
 /// `files`: the machine file of the program, and that of the world.
 fn measure_in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate>) -> Estimate {
-    let (method, mut header) = setup::configure_method_and_plan(files[0], method, None).unwrap();
+    let (method, mut header) = setup::configure_method_and_plan_without_steps(files[0], method, None).unwrap();
     header.priors = priors;
     let mut world = setup::build_world(files[1]).unwrap();
     let played = plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, touch_without_path);
@@ -64,7 +64,7 @@ fn assert_deviations_decrease_from_n1_to_s3(estimate: &Estimate) {
 }
 
 /// Changes for a world with only the thirteen errors and the stylus: its result is the true value.
-fn changes_without_unmodelled_errors() -> MachineFileChanges {
+fn machine_file_changes_without_unmodelled_errors() -> MachineFileChanges {
     let nothing = [
         "axes.X.error_motion_um",
         "axes.Y.error_motion_um",
@@ -97,7 +97,11 @@ fn wrong_dome_temperature_appears_in_n1_and_its_u() {
             ("simulated.tool_offset_um", Value::Array(vec![Value::Float(0.0); 3])),
             ("probe.stylus_offset_um", Value::Float(0.0)),
         ];
-        changed_machine(BALL_DOME_MACHINE_FILE, 1, &[&changes_without_unmodelled_errors()[..], &changes].concat())
+        changed_machine(
+            BALL_DOME_MACHINE_FILE,
+            1,
+            &[&machine_file_changes_without_unmodelled_errors()[..], &changes].concat(),
+        )
     };
     let world = at(22.0, 0.0);
     let n1 = |file: &MachineFile| {
@@ -121,7 +125,7 @@ fn coverage_of_the_dome_styluses_and_mean_deviations() {
         let still = [("machine.drift_um_per_h", Value::Float(0.0))];
         let (measured, truth) = (
             samba_and_dome_estimate(seed, str::to_owned, &still),
-            samba_and_dome_estimate(seed, str::to_owned, &changes_without_unmodelled_errors()),
+            samba_and_dome_estimate(seed, str::to_owned, &machine_file_changes_without_unmodelled_errors()),
         );
         let parameters = measured.parameters.iter().zip(&truth.parameters);
         let ratio = |(own, truth): (&Parameter, &Parameter)| {
@@ -181,9 +185,9 @@ fn yielding_dome_is_flagged() {
 
 /// Machine time of the plan, minutes.
 fn planned_machine_time_min(file: &MachineFile) -> f64 {
-    let (method, header) = setup::configure_method_and_plan(file, "ball-dome", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
-    planning::plan_blocks_by_stage(&plan, &stages).unwrap().1 / 60.0
+    planning::plan_blocks_and_time_s_by_stage(&plan, &stages).unwrap().1 / 60.0
 }
 
 /// A ball that is searched for once is measured in three quarters of the time of one that is searched for at every
@@ -216,9 +220,12 @@ fn readings_with_drift_watch(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<
     ];
     let mut world = setup::build_world(&changed_machine(BALL_DOME_MACHINE_FILE, 1, &changes)).unwrap();
     let declared: MachineFileChanges = changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
-    let (method, header) =
-        setup::configure_method_and_plan(&changed_machine(BALL_DOME_MACHINE_FILE, 1, &declared), "ball-dome", None)
-            .unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(
+        &changed_machine(BALL_DOME_MACHINE_FILE, 1, &declared),
+        "ball-dome",
+        None,
+    )
+    .unwrap();
     plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, touch_without_path)
         .map(|(_, readings)| readings)
 }

@@ -2,15 +2,15 @@
 //! measurements in 32 indexations.
 
 use machine::record::artefact::{Artefact, Balls};
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::{Axis, Position};
 use methods::{NextStage, PositionSource};
 use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{
-    BallApproach, BallTask, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes, machine_time_s,
-    plan_blocks, position_after_motions, touch_block,
+    BallMeasurementRequest, BallTouchMode, BlockStart, SafeHeights, TouchAccess, TouchedDirections, TravelTimes,
+    machine_time_s, plan_blocks_and_time_s, position_after_motions, touch_block,
 };
 
 /// The built-in machine with the axis order of the paper, space for its balls and a longer stylus.
@@ -41,7 +41,7 @@ fn paper_4_balls_plan() -> Plan {
     );
     text.push_str("[simulated]\nseed = 1\n");
     let file = trued::setup::MachineFile::parse("rumba.toml", text).unwrap();
-    trued::setup::configure_method_and_plan(&file, "samba", None).unwrap().1
+    trued::setup::configure_method_and_plan_without_steps(&file, "samba", None).unwrap().1
 }
 
 /// Paper 4, table 1.
@@ -76,7 +76,9 @@ fn indexations_of_balls(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec
             .into_iter()
             .map(|(axis, degrees)| (axis, axis.to_mm_or_rad(degrees)))
             .collect();
-        let free = |ball: &usize| access.accessible_touches(&ball_task(plan, *ball, &rotary, SEARCH_APPROACH)).is_ok();
+        let free = |ball: &usize| {
+            access.accessible_touches(&ball_measurement_request(plan, *ball, &rotary, SEARCH_MODE)).is_ok()
+        };
         // A different ball is left out each time.
         let from = quarter % 6;
         let some: Vec<usize> = (from..from + 6).map(|ball| ball % 6).filter(free).collect();
@@ -90,11 +92,16 @@ fn indexations_of_balls(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec
     visits
 }
 
-const SEARCH_APPROACH: BallApproach = BallApproach::Search { uncertainty_mm: 1.0, standoff_mm: 0.5 };
-const MEASURE_APPROACH: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
+const SEARCH_MODE: BallTouchMode = BallTouchMode::Search { uncertainty_mm: 1.0, standoff_mm: 0.5 };
+const MEASURE_MODE: BallTouchMode = BallTouchMode::Measure { standoff_mm: 0.5, search_mm: 1.0 };
 
-fn ball_task<'a>(plan: &'a Plan, ball: usize, rotary: &'a Position, approach: BallApproach) -> BallTask<'a> {
-    BallTask { ball: &plan_balls(plan).balls[ball], rotary, approach, touch_count: 5 }
+fn ball_measurement_request<'a>(
+    plan: &'a Plan,
+    ball: usize,
+    rotary: &'a Position,
+    mode: BallTouchMode,
+) -> BallMeasurementRequest<'a> {
+    BallMeasurementRequest { ball: &plan_balls(plan).balls[ball], rotary, touch_mode: mode, touch_count: 5 }
 }
 
 /// Steps of the visits in this order.
@@ -102,16 +109,16 @@ fn ball_visit_steps(
     plan: &Plan,
     access: &TouchAccess,
     visits: &[(Position, Vec<usize>)],
-    passes: &[BallApproach],
+    passes: &[BallTouchMode],
 ) -> Vec<Step> {
     let mut steps: Vec<Step> = Vec::new();
     for (number, (rotary, balls)) in visits.iter().enumerate() {
         for ball in balls {
-            for approach in passes {
+            for mode in passes {
                 let numbers = (steps.len() as u32, 0);
                 let label = |touch: &str| format!("slow/{:03}/{}/{touch}", number + 1, ball + 1);
-                let task = ball_task(plan, *ball, rotary, *approach);
-                let new = access.touch_steps(&task, &plan.probe, StepKind::Touch, numbers, label);
+                let request = ball_measurement_request(plan, *ball, rotary, *mode);
+                let new = access.touch_steps(&request, &plan.probe, StepKind::Touch, numbers, label);
                 steps.extend(new.unwrap());
             }
         }
@@ -151,7 +158,7 @@ fn full_retract_time_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Ste
     let mut stands = Position::new();
     let mut seconds = 0.0;
     for (step, clearance) in steps {
-        let start = BlockStart { position: None, confirmed: ConfirmedDirections::all() };
+        let start = BlockStart { position: None, touched_directions: TouchedDirections::all() };
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         assert!(matches!(&block.motions[0], Motion::Rapid { to } if to.get(Axis::Z).is_some()));
         seconds += machine_time_s(&block, &stands, &plan.machine);
@@ -177,7 +184,7 @@ struct PlannedStage {
 fn plan_samba_on_built_in_machine(settings: &str) -> (Plan, Vec<PlannedStage>) {
     let text = format!("{}\n[method.samba]\n{settings}\n", include_str!("../../config/samba.toml"));
     let file = trued::setup::MachineFile::parse("samba.toml", text).unwrap();
-    let (method, mut plan) = trued::setup::configure_method_and_plan(&file, "samba", None).unwrap();
+    let (method, mut plan) = trued::setup::configure_method_and_plan_without_steps(&file, "samba", None).unwrap();
     let (mut stages, mut done, mut found) = (Vec::new(), Vec::new(), None);
     while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal).unwrap()
     {
@@ -191,8 +198,8 @@ fn plan_samba_on_built_in_machine(settings: &str) -> (Plan, Vec<PlannedStage>) {
 }
 
 /// All directions if the machine position is known, because touches have confirmed it before; otherwise none.
-fn confirmed_directions(position: Option<&Position>) -> ConfirmedDirections {
-    position.map_or(ConfirmedDirections::default(), |_| ConfirmedDirections::all())
+fn confirmed_directions(position: Option<&Position>) -> TouchedDirections {
+    position.map_or(TouchedDirections::default(), |_| TouchedDirections::all())
 }
 
 /// Blocks as in a run, each touch from the end of the last one; and the machine time.
@@ -200,11 +207,11 @@ fn plan_step_blocks<'a>(
     plan: &Plan,
     steps: impl IntoIterator<Item = (&'a Step, &'a SafeHeights)>,
     stands: &mut Option<Position>,
-    mut confirmed: ConfirmedDirections,
-) -> (Vec<Block>, f64) {
+    mut confirmed: TouchedDirections,
+) -> (Vec<MotionBlock>, f64) {
     let (mut blocks, mut seconds) = (Vec::new(), 0.0);
     for (step, clearance) in steps {
-        let start = BlockStart { position: stands.as_ref(), confirmed };
+        let start = BlockStart { position: stands.as_ref(), touched_directions: confirmed };
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         let here = stands.take().unwrap_or_default();
         seconds += machine_time_s(&block, &here, &plan.machine);
@@ -228,7 +235,7 @@ impl PlannedStage {
 fn regress_built_in_samba_takes_at_most_45_percent_of_the_naive_time() {
     let (plan, stages) = plan_samba_on_built_in_machine("");
     let all = || stages.iter().flat_map(|planned| planned.steps_with_safe_heights(&plan));
-    let (_, ours_s) = plan_step_blocks(&plan, all(), &mut None, ConfirmedDirections::all());
+    let (_, ours_s) = plan_step_blocks(&plan, all(), &mut None, TouchedDirections::all());
     let place = |step: &Step| {
         let [pass, _, ball, touch] = step.label.split('/').collect::<Vec<_>>().try_into().unwrap();
         let touches = ["+45", "-135", "-45", "+135", "pole"];
@@ -263,13 +270,13 @@ fn every_named_design_of_the_built_in_machine_is_proven() {
 
 /// Prints the time of touches and back-offs, which is independent of the order; from ball to ball; and from touch
 /// to touch of one ball.
-fn print_time_per_motion_kind(plan: &Plan, blocks: &[Block]) {
+fn print_time_per_motion_kind(plan: &Plan, blocks: &[MotionBlock]) {
     let mut stands = Position::new();
     let (mut touching, mut balls, mut round) = (0.0, 0.0, 0.0);
     for (block, step) in blocks.iter().zip(&plan.steps) {
         let touch = |motion: &&Motion| matches!(motion, Motion::Probe { .. } | Motion::BackOff { .. });
         let motions = block.motions.iter().filter(touch).cloned().collect();
-        let touch_s = machine_time_s(&Block { motions, ..*block }, &step.from, &plan.machine);
+        let touch_s = machine_time_s(&MotionBlock { motions, ..*block }, &step.from, &plan.machine);
         let way_s = machine_time_s(block, &stands, &plan.machine) - touch_s;
         touching += touch_s / 60.0;
         *(if step.label.ends_with("+45") { &mut balls } else { &mut round }) += way_s / 60.0;
@@ -291,12 +298,12 @@ fn regress_109_balls_take_at_most_60_percent_of_the_naive_time() {
     let [searched, known] =
         [&plan.artefact, &found].map(|artefact| SafeHeights::above_artefact(&plan, artefact).unwrap());
     let about = |step: &Step| if step.feed_mm_min < 100.0 { &known } else { &searched };
-    for (name, passes) in [("find and slow", &[SEARCH_APPROACH, MEASURE_APPROACH][..]), ("slow", &[MEASURE_APPROACH])] {
+    for (name, passes) in [("find and slow", &[SEARCH_MODE, MEASURE_MODE][..]), ("slow", &[MEASURE_MODE])] {
         let list = ball_visit_steps(&plan, &access, &visits, passes);
         let naive_s = full_retract_time_s(&plan, list.iter().map(|step| (step, about(step))));
         plan.steps = ball_visit_steps(&plan, &access, &ordered, passes);
         let with = plan.steps.iter().map(|step| (step, about(step)));
-        let (blocks, seconds) = plan_step_blocks(&plan, with, &mut None, ConfirmedDirections::all());
+        let (blocks, seconds) = plan_step_blocks(&plan, with, &mut None, TouchedDirections::all());
         print_time_per_motion_kind(&plan, &blocks);
         assert!(print_time_share(name, list.len(), seconds, naive_s) <= 0.6);
     }
@@ -307,21 +314,33 @@ fn regress_motions_of_109_ball_searches_are_proven() {
     let mut plan = paper_4_balls_plan();
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let ordered = visits_in_short_order(&plan, &access, &indexations_of_balls(&plan, &access));
-    plan.steps = ball_visit_steps(&plan, &access, &ordered, &[SEARCH_APPROACH]);
-    let (blocks, _) = plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
+    plan.steps = ball_visit_steps(&plan, &access, &ordered, &[SEARCH_MODE]);
+    let (blocks, _) = plan_blocks_and_time_s(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
     let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
     prove(&plan, &[StageSteps { step_ids: &ids, found_artefact: None }], None, &blocks).unwrap();
 }
 
 /// Proves the rendered blocks. `Err`: the refusal, and the program lines around it.
-fn prove(plan: &Plan, stages: &[StageSteps<'_>], stands: Option<&Position>, blocks: &[Block]) -> Result<(), String> {
+fn prove(
+    plan: &Plan,
+    stages: &[StageSteps<'_>],
+    stands: Option<&Position>,
+    blocks: &[MotionBlock],
+) -> Result<(), String> {
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let dialect = Dialect::from_name("linuxcnc").unwrap();
     let text =
         dialect.render_program(&HeadAndFootValues { title: "t", axes: &axes, result_log_path: None }, blocks).unwrap();
     let (confirmed, dialect) = (confirmed_directions(stands), &dialect);
     let programs = std::slice::from_ref(&text);
-    let proof = prove_programs(&ProofRequest { plan, stages, start_position: stands, confirmed, dialect, programs });
+    let proof = prove_programs(&ProofRequest {
+        plan,
+        stages,
+        start_position: stands,
+        touched_directions: confirmed,
+        dialect,
+        programs,
+    });
     let refused = |refusal: planning::proof::ProofRefusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))

@@ -42,7 +42,7 @@ pub fn machine_of_seed(seed: u64, changes: &[(&'static str, Value)]) -> MachineF
 }
 
 /// Balls at steps of 360°/`positions`, and a world without error motions above `harmonics`.
-fn layout_changes(steps: &[usize], positions: usize, harmonics: usize) -> MachineFileChanges {
+fn machine_file_changes_for_layout(steps: &[usize], positions: usize, harmonics: usize) -> MachineFileChanges {
     let table: Table = include_str!("../../config/ball-plate.toml").parse().unwrap();
     let like = table["artefact"]["balls"][0].as_table().unwrap();
     let ball = |(number, step): (usize, &usize)| {
@@ -63,12 +63,14 @@ fn layout_changes(steps: &[usize], positions: usize, harmonics: usize) -> Machin
     ]
 }
 
-/// Changes for a layout with an eighth of the touches: in a short test many seeds are better evidence than many stops.
-pub fn small_layout_changes() -> MachineFileChanges {
-    layout_changes(&[0, 4, 6, 9], 12, 5)
+/// Machine-file changes for a layout with an eighth of the touches: in a short test many seeds are better
+/// evidence than many stops.
+pub fn machine_file_changes_for_small_layout() -> MachineFileChanges {
+    machine_file_changes_for_layout(&[0, 4, 6, 9], 12, 5)
 }
 
-fn two_revolution_changes() -> MachineFileChanges {
+/// Machine-file changes for two revolutions in one direction.
+fn machine_file_changes_for_two_revolutions() -> MachineFileChanges {
     vec![
         ("axes.C.max", Value::Float(720.0)),
         ("method.ball-plate.revolutions", Value::Integer(2)),
@@ -76,7 +78,7 @@ fn two_revolution_changes() -> MachineFileChanges {
     ]
 }
 
-/// A harmonic of an error motion in the machine file, in the unit of the estimate.
+/// A harmonic of an error motion, as the machine file declares it, in the unit of the estimate.
 struct HarmonicTerm {
     symbol: String,
     harmonic_order: f64,
@@ -96,9 +98,9 @@ struct BallPlateRun {
 impl BallPlateRun {
     fn new(changes: MachineFileChanges) -> Self {
         let file = machine_of_seed(1, &changes);
-        let (method, header) = setup::configure_method_and_plan(&file, "ball-plate", None).unwrap();
+        let (method, header) = setup::configure_method_and_plan_without_steps(&file, "ball-plate", None).unwrap();
         let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
-        let (_, machine_s) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
+        let (_, machine_s) = planning::plan_blocks_and_time_s_by_stage(&plan, &stages).unwrap();
         let table: Table = file.text().parse().unwrap();
         let term = |term: &Value| {
             let value = |keys: [&str; 2]| -> f64 { keys.iter().filter_map(|key| term.get(*key)?.as_float()).sum() };
@@ -186,7 +188,11 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 /// Checks the coverage over the points of the curve of each error motion, over all seeds.
 fn check_coverage(name: &str, changes: MachineFileChanges, missing_share: f64) {
     let (seeds, shares) = coverage_seeds_and_share_limits();
-    let rig = BallPlateRun::new(if is_full_test_run() { changes } else { [small_layout_changes(), changes].concat() });
+    let rig = BallPlateRun::new(if is_full_test_run() {
+        changes
+    } else {
+        [machine_file_changes_for_small_layout(), changes].concat()
+    });
     let one = |seed: u64| {
         let estimate = rig.estimate(seed, missing_share);
         (rig.covered_shares(&estimate), estimate.chi2_per_dof)
@@ -216,7 +222,7 @@ fn coverage_on_a_poor_machine_with_5_percent_of_the_visits_missing() {
 #[test]
 fn coverage_of_values_at_the_stops() {
     let values = ("method.ball-plate.values", Value::Boolean(true));
-    let rig = BallPlateRun::new([small_layout_changes(), vec![values]].concat());
+    let rig = BallPlateRun::new([machine_file_changes_for_small_layout(), vec![values]].concat());
     let share = mean(rig.covered_shares(&rig.estimate(1, 0.0)).into_iter());
     println!("{share:.3} of the values within U");
     assert!(share > 0.9, "{share}");
@@ -225,7 +231,10 @@ fn coverage_of_values_at_the_stops() {
 #[test]
 fn curves_with_subharmonics_span_both_revolutions() {
     let sub_harmonics = ("method.ball-plate.sub_harmonics", Value::Integer(2));
-    let rig = BallPlateRun::new([small_layout_changes(), two_revolution_changes(), vec![sub_harmonics]].concat());
+    let rig = BallPlateRun::new(
+        [machine_file_changes_for_small_layout(), machine_file_changes_for_two_revolutions(), vec![sub_harmonics]]
+            .concat(),
+    );
     let estimate = rig.estimate(1, 0.0);
     assert_eq!(estimated_function(&estimate, "EXC").x.last(), Some(&720.0));
     let half = estimate.parameters.iter().find(|parameter| parameter.symbol == "EXC_c1/2").unwrap();
@@ -238,7 +247,9 @@ fn curves_with_subharmonics_span_both_revolutions() {
 fn forecast_u_agrees_with_the_u_of_a_run() {
     let drift =
         vec![("machine.drift_um_per_h", Value::Float(40.0)), ("method.ball-plate.drift_order", Value::Integer(0))];
-    for (name, changes) in [("as shipped", Vec::new()), ("drift", [small_layout_changes(), drift].concat())] {
+    for (name, changes) in
+        [("as shipped", Vec::new()), ("drift", [machine_file_changes_for_small_layout(), drift].concat())]
+    {
         let rig = BallPlateRun::new(changes);
         let lines = rig.method.forecast(&rig.plan, rig.planned_machine_time_s).unwrap();
         println!("{name}: {}", lines.join("\n"));
@@ -262,14 +273,17 @@ fn least_squares_is_compared_with_the_four_steps() {
         assert!(!estimate.warnings.iter().any(|line| line.contains("four steps")));
         estimate.gauge.into_iter().find(|line| line.contains("four steps")).unwrap()
     };
-    let even = BallPlateRun::new(layout_changes(&[0, 2, 4, 6, 8, 10], 12, 5));
+    let even = BallPlateRun::new(machine_file_changes_for_layout(&[0, 2, 4, 6, 8, 10], 12, 5));
     let compared = line(&even, 0.0);
     println!("{compared}");
     let (_, figures) = compared.split_once("largest difference ").unwrap();
     let by: f64 = figures.split(' ').next().unwrap().parse().unwrap();
     assert!(by < 0.05, "{compared}");
     assert!(line(&even, 0.05).ends_with("each ball must be measured once at each stop"));
-    assert!(line(&BallPlateRun::new(small_layout_changes()), 0.0).contains("balls at equal angles are required"));
+    assert!(
+        line(&BallPlateRun::new(machine_file_changes_for_small_layout()), 0.0)
+            .contains("balls at equal angles are required")
+    );
 }
 
 /// A motion with a period of two revolutions changes its sign between them. Drift terms would absorb most of it.
@@ -281,7 +295,9 @@ fn single_revolutions_show_the_asynchronous_motion() {
         ("machine.drift_um_per_h", Value::Float(0.0)),
         ("method.ball-plate.drift_order", Value::Integer(0)),
     ];
-    let rig = BallPlateRun::new([small_layout_changes(), two_revolution_changes(), changes].concat());
+    let rig = BallPlateRun::new(
+        [machine_file_changes_for_small_layout(), machine_file_changes_for_two_revolutions(), changes].concat(),
+    );
     let (estimate, world) = (rig.estimate(1, 0.0), rig.world(1));
     for (symbol, along) in [("EXC_stops", Axis::X), ("EYC_stops", Axis::Y), ("EZC_stops", Axis::Z)] {
         let stops = estimated_function(&estimate, symbol);
@@ -319,14 +335,14 @@ fn a_ball_that_comes_loose_is_named() {
 
 fn refusal_text(changes: &[(&'static str, Value)]) -> String {
     let file = machine_of_seed(1, changes);
-    let (method, header) = setup::configure_method_and_plan(&file, "ball-plate", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "ball-plate", None).unwrap();
     let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
     format!("{}; {}", refused.reason, refused.remedy)
 }
 
 #[test]
 fn balls_at_equal_angles_are_refused_with_a_better_layout() {
-    let refused = refusal_text(&layout_changes(&[0, 6, 12, 18, 24, 30], 36, 8));
+    let refused = refusal_text(&machine_file_changes_for_layout(&[0, 6, 12, 18, 24, 30], 36, 8));
     assert!(refused.contains("the harmonics 6 of the error motions are not determined"), "{refused}");
     assert!(refused.contains("degrees from the first ball"), "{refused}");
 }

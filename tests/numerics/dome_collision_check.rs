@@ -67,10 +67,10 @@ struct Bodies {
 }
 
 impl Bodies {
-    fn from_machine_file(file: &Table) -> Self {
-        let probe = file["probe"].as_table().unwrap();
+    fn from_machine_file(machine_file: &Table) -> Self {
+        let probe = machine_file["probe"].as_table().unwrap();
         let of_probe = |key: &str| toml_number(&probe[key]);
-        let tip = toml_point(file["machine"].as_table().unwrap(), "tool_mm");
+        let tip = toml_point(machine_file["machine"].as_table().unwrap(), "tool_mm");
         let mut tool = vec![(tip, of_probe("ball_radius_mm"))];
         let mut along = |low: f64, high: f64, radius: f64, spacing: f64| {
             let count = ((high - low - 2.0 * radius) / spacing).floor() as usize;
@@ -82,7 +82,7 @@ impl Bodies {
         let body_end = stem_end + of_probe("body_length_mm");
         along(stem_end, body_end, of_probe("body_radius_mm"), 5.0);
         let (mut balls, mut solids) = (Vec::new(), [Vec::new(), Vec::new()]);
-        for ball in file["artefact"]["balls"].as_array().unwrap() {
+        for ball in machine_file["artefact"]["balls"].as_array().unwrap() {
             let ball = ball.as_table().unwrap();
             let (from, radius) = (toml_point(ball, "centre_mm"), toml_number(&ball["radius_mm"]));
             let (way, long) = (toml_point(ball, "stem"), toml_number(&ball["stem_length_mm"]));
@@ -90,7 +90,7 @@ impl Bodies {
             balls.push((from, radius));
             solids[1].push(Solid { from, to, cylinder_radius: Some(toml_number(&ball["stem_radius_mm"])) });
         }
-        for solid in file["solid"].as_array().unwrap() {
+        for solid in machine_file["solid"].as_array().unwrap() {
             let solid = solid.as_table().unwrap();
             let (from, to) = (toml_point(solid, "from_mm"), toml_point(solid, "to_mm"));
             let radius = solid.get("radius_mm").map(toml_number);
@@ -193,10 +193,11 @@ fn parse_program_moves(text: &str) -> Vec<ProgramMove<'_>> {
     ways
 }
 
-fn render_dome_program(file: &Table) -> String {
-    let (method, header) = setup::configure_method_and_plan(&parse_machine_file(file), "ball-dome", None).unwrap();
+fn render_dome_program(machine_file: &Table) -> String {
+    let (method, header) =
+        setup::configure_method_and_plan_without_steps(&parse_machine_file(machine_file), "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
-    let (blocks, _) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
+    let (blocks, _) = planning::plan_blocks_and_time_s_by_stage(&plan, &stages).unwrap();
     let axes: Vec<_> = plan.machine.axes.keys().copied().collect();
     let program = HeadAndFootValues { title: "dome", axes: &axes, result_log_path: None };
     let dialect = Dialect::from_name("grbl").unwrap().with_machine_options(&plan.machine, &plan.probe).unwrap();

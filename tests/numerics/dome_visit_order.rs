@@ -2,9 +2,9 @@
 //! within each indexation, with the durations of the planned paths, including all their heights.
 
 use machine::Position;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::{Plan, Stage, Step};
-use planning::{BlockStart, ConfirmedDirections, MachineTime, SafeHeights, position_after_motions, step_blocks};
+use planning::{BlockStart, MachineTime, SafeHeights, TouchedDirections, position_after_motions, step_blocks};
 use rand::{Rng, RngExt};
 use rayon::prelude::*;
 use trued::setup::{self, MachineFile};
@@ -20,13 +20,18 @@ type TravelTimeMatrix = Vec<Vec<f64>>;
 type TouchOrderByBall = Vec<Vec<usize>>;
 
 /// Duration of the path to a touch, and the machine position after the touch.
-fn travel_time_and_end_position(plan: &Plan, from: &Position, step: &Step, clearance: &SafeHeights) -> (f64, Position) {
-    let start = BlockStart { position: Some(from), confirmed: ConfirmedDirections::all() };
-    let blocks = step_blocks(plan, step, 0, start, clearance).unwrap();
+fn travel_time_and_end_position(
+    plan: &Plan,
+    from: &Position,
+    step: &Step,
+    safe_heights: &SafeHeights,
+) -> (f64, Position) {
+    let start = BlockStart { position: Some(from), touched_directions: TouchedDirections::all() };
+    let blocks = step_blocks(plan, step, 0, start, safe_heights).unwrap();
     let ends = position_after_motions(blocks.iter().flat_map(|block| &block.motions), from);
     // The move to the start position takes no time.
-    let here = Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: from.clone() }] };
-    let all: Vec<Block> = std::iter::once(here).chain(blocks).collect();
+    let here = MotionBlock { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: from.clone() }] };
+    let all: Vec<MotionBlock> = std::iter::once(here).chain(blocks).collect();
     (MachineTime::from_blocks(&all, &plan.machine).linear_s, ends)
 }
 
@@ -37,13 +42,13 @@ fn stage_travel_times(
     stage: &Stage,
     stands: &mut Option<Position>,
 ) -> (TravelTimeMatrix, TouchOrderByBall) {
-    let clearance = SafeHeights::above_found_or_plan_artefact(plan, stage.found.as_ref()).unwrap();
+    let safe_heights = SafeHeights::above_found_or_plan_artefact(plan, stage.found.as_ref()).unwrap();
     let steps = stage.steps.iter().map(|id| plan.steps.iter().find(|step| step.id == *id).unwrap());
     let steps: Vec<&Step> = steps.collect();
-    let end = |step: &&&Step| travel_time_and_end_position(plan, &step.from, step, &clearance).1;
+    let end = |step: &&&Step| travel_time_and_end_position(plan, &step.from, step, &safe_heights).1;
     let ends: Vec<Position> = steps.par_iter().map(|step| end(&step)).collect();
     let row = |from: &Position| -> Vec<f64> {
-        steps.iter().map(|step| travel_time_and_end_position(plan, from, step, &clearance).0).collect()
+        steps.iter().map(|step| travel_time_and_end_position(plan, from, step, &safe_heights).0).collect()
     };
     let first = stands.as_ref().map_or(vec![0.0; steps.len()], row);
     *stands = ends.last().cloned();
@@ -99,7 +104,7 @@ fn annealed_time_s((ways, planned): &(TravelTimeMatrix, TouchOrderByBall), rando
 #[test]
 fn annealing_finds_no_order_shorter_by_5_percent() {
     let file = MachineFile::embedded_for("ball-dome").unwrap();
-    let (method, header) = setup::configure_method_and_plan(&file, "ball-dome", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let slow = stages.iter().filter(|stage| stage.name.starts_with("measure"));
     assert_eq!(slow.clone().count(), 24);

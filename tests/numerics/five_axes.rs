@@ -3,7 +3,7 @@
 
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::Artefact;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position, frame::Point};
 use nalgebra::Vector3;
 use simulator::{SimulatedWorld, Speed};
@@ -21,7 +21,7 @@ const TOUCH_POSES: [([f64; 3], usize); 5] = [
 ];
 const GUARDED_FEED_MM_MIN: f64 = 3000.0;
 
-fn ball_top_touch_block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Block {
+fn ball_top_touch_block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> MotionBlock {
     let Artefact::Balls(balls) = &file.artefact else { panic!("no balls") };
     let turned = Position::new().with(Axis::B, b.to_radians()).with(Axis::C, c.to_radians());
     let oriented = turned.clone().with(Axis::S, s.to_radians());
@@ -36,22 +36,22 @@ fn ball_top_touch_block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball
     let motions = vec![
         Motion::Rapid { to: Position::new().with(Axis::Z, 750.0) },
         Motion::Rapid { to: turned },
-        Motion::Orient { s: s.to_radians() },
+        Motion::OrientSpindle { s: s.to_radians() },
         Motion::Rapid { to: over(12.0).filter_axes(|axis| axis != Axis::Z) },
         Motion::Guarded { to: height(12.0), feed_mm_min: GUARDED_FEED_MM_MIN },
         Motion::Probe { to: height(7.0), feed_mm_min: 60.0 },
         Motion::BackOff { to: height(12.0), feed_mm_min: 300.0 },
     ];
-    Block { step, repeat: 0, motions }
+    MotionBlock { step, repeat: 0, motions }
 }
 
 /// Executes the moves of a block without a control.
-fn execute_in_world_for_contact(world: &mut SimulatedWorld, block: &Block) -> Position {
+fn execute_in_world_for_contact(world: &mut SimulatedWorld, block: &MotionBlock) -> Position {
     let mut found = None;
     for motion in &block.motions {
         match motion {
             Motion::Rapid { to } => assert!(!world.travel(to, Speed::Rapid).has_probe_closed),
-            Motion::Orient { s } => world.orient(*s),
+            Motion::OrientSpindle { s } => world.orient_spindle(*s),
             Motion::Guarded { to, feed_mm_min } => {
                 assert_eq!(world.probe(to, *feed_mm_min, block.step).contact, None);
             }
@@ -74,12 +74,12 @@ fn simulated_control_gives_the_same_contacts_as_the_world() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let devices = setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
-        devices.controller.prepare().await.unwrap();
+        devices.open_controller.prepare().await.unwrap();
         for (step, (pose, ball)) in TOUCH_POSES.into_iter().enumerate() {
             let block = ball_top_touch_block(&file, step as u32, pose, ball);
             let expected = execute_in_world_for_contact(&mut world, &block);
             let outcome = devices
-                .controller
+                .open_controller
                 .execute(proven_block_without_collision_check(&file, &devices, &block))
                 .await
                 .unwrap();
@@ -90,7 +90,7 @@ fn simulated_control_gives_the_same_contacts_as_the_world() {
                 assert!(off <= 1.001e-3, "{axis} at {pose:?}: {off}");
             }
         }
-        devices.controller.restore_modes().await.unwrap();
+        devices.open_controller.restore_modes().await.unwrap();
     });
 }
 
@@ -104,7 +104,7 @@ fn spindle_orientation_turns_an_offset_stylus() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let devices = setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
-        devices.controller.prepare().await.unwrap();
+        devices.open_controller.prepare().await.unwrap();
         let mut heights = Vec::new();
         for (step, s) in [0.0, 180.0].into_iter().enumerate() {
             // At 3 mm from the pole the slope of the ball is 3/9.35 of the stylus offset.
@@ -116,7 +116,8 @@ fn spindle_orientation_turns_an_offset_stylus() {
                     to.set(Axis::X, x + 3.0);
                 }
             }
-            let found = devices.controller.execute(proven_block_without_collision_check(&file, &devices, &block)).await;
+            let found =
+                devices.open_controller.execute(proven_block_without_collision_check(&file, &devices, &block)).await;
             let found = found.unwrap().trigger_position.unwrap();
             heights.push(found.get_or_zero(Axis::Z));
         }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use estimation::random;
 use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain, Topology};
-use machine::record::machine::{AxisSense, AxisSpec, Machine};
+use machine::record::machine::{AxisSense, Machine, StatedAxis};
 use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use rand::{Rng, RngExt};
@@ -16,8 +16,8 @@ const LOCATION_ERRORS_AND_GAINS_13: [&str; 13] =
 /// Axes in `reversed` turn against ISO 841; rotary axes pass through points off the origin.
 fn machine_of_topology(topology: &str, reversed: &[Axis]) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
-    let spec = |axis: Axis| -> AxisSpec {
-        let mut spec: AxisSpec = serde_json::from_str(r#"{"min":-400,"max":400}"#).unwrap();
+    let spec = |axis: Axis| -> StatedAxis {
+        let mut spec: StatedAxis = serde_json::from_str(r#"{"min":-400,"max":400}"#).unwrap();
         if reversed.contains(&axis) {
             spec.positive = AxisSense::Reversed;
             spec.point_mm = [12.5, -7.25, 3.0];
@@ -137,12 +137,12 @@ fn assert_jacobian_agrees_with_differences(topology: &str, reversed: &[Axis], se
 }
 
 #[test]
-fn regress_jacobian_of_13_parameters() {
+fn regress_jacobian_of_13_parameters_agrees_with_differences() {
     assert_jacobian_agrees_with_differences("wCBXFZYSt", &[], &parse_parameters(&LOCATION_ERRORS_AND_GAINS_13));
 }
 
 #[test]
-fn regress_jacobian_of_42_parameters() {
+fn regress_jacobian_of_42_parameters_agrees_with_differences() {
     assert_eq!(location_errors_and_gains_42().len(), 42);
     assert_jacobian_agrees_with_differences("wCBXFZYSt", &[], &location_errors_and_gains_42());
     assert_jacobian_agrees_with_differences(
@@ -153,7 +153,7 @@ fn regress_jacobian_of_42_parameters() {
 }
 
 #[test]
-fn regress_jacobian_with_error_motions() {
+fn regress_jacobian_with_error_motions_agrees_with_differences() {
     let mut set = error_motion_parameters(&["B", "C"]);
     set.extend(parse_parameters(&["EX0C", "EA0C", "EB0C", "EA0B", "EC0B", "EXX1", "EYY1", "EC0Y"]));
     assert_jacobian_agrees_with_differences("wCBFXYZt", &[], &set);
@@ -161,7 +161,7 @@ fn regress_jacobian_with_error_motions() {
 }
 
 #[test]
-fn regress_jacobian_of_other_machines() {
+fn regress_jacobian_of_other_machines_agrees_with_differences() {
     let locations = |axes: &[&str]| {
         let mut names = vec!["EXX1".to_owned(), "EYY1".to_owned(), "EZZ1".to_owned()];
         for axis in axes {

@@ -136,7 +136,7 @@ impl KnownMotionOptions {
 
 /// Estimates in one world: without priors and with each of the priors; and the true axis, um.
 fn estimates_with_priors_and_true_axis(file: &MachineFile, priors: &[KnownMotionOptions]) -> (Vec<Estimate>, [f64; 2]) {
-    let (method, header) = setup::configure_method_and_plan(file, "self-calibration", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(file, "self-calibration", None).unwrap();
     let mut world = setup::build_world(file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let with = priors.iter().map(|prior| vec![prior.prior_estimate(&world)]);
@@ -256,7 +256,7 @@ fn regress_known_motions_reduce_u_and_keep_the_coverage() {
 #[test]
 fn regress_u_of_known_motions_keeps_their_correlation() {
     let file = machine_with_c_motions_only(&[]);
-    let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let prior = EXACT_KNOWN_MOTIONS.prior_estimate(&world);

@@ -22,7 +22,7 @@ fn changed_machine(seed: u64, change: impl Fn(String) -> String, settings: &str)
 }
 
 fn measure_and_identify(file: &MachineFile) -> Estimate {
-    let (method, header) = setup::configure_method_and_plan(file, METHOD, None).expect("settings");
+    let (method, header) = setup::configure_method_and_plan_without_steps(file, METHOD, None).expect("settings");
     let mut world = setup::build_world(file).expect("a world");
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     method.identify(&plan, &readings).expect("an estimate")

@@ -88,7 +88,7 @@ struct PlayedRun {
 }
 
 fn play_run(file: MachineFile, seed: u64) -> PlayedRun {
-    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "multiprobe", None).unwrap();
     let mut world = setup::build_world(&machine_with_true_sensor_errors(&file, seed)).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     PlayedRun { file, plan, method, readings }
@@ -198,7 +198,11 @@ fn check_coverage(
     (seeds, shares): (u64, RangeInclusive<f64>),
 ) {
     // A small layout in the gate: many seeds are better evidence than many mountings.
-    let changes = if is_full_test_run() { changes.to_vec() } else { [&small_layout_changes()[..], changes].concat() };
+    let changes = if is_full_test_run() {
+        changes.to_vec()
+    } else {
+        [&machine_file_changes_for_small_layout()[..], changes].concat()
+    };
     let one = |seed: u64| {
         let mut played = play_run(machine_with_drawn_errors(seed, &changes), seed);
         let mut random = seeded_stream(seed, &[MISSING_SAMPLES_STREAM_KEY]);
@@ -238,7 +242,7 @@ fn check_coverage(
 fn gains_and_angles_are_found_from_the_turns() {
     let (mut squares, mut differences, mut count) = (0.0, 0.0, 0.0);
     for seed in 0..8 {
-        let played = play_run(machine_with_drawn_errors(seed, &small_layout_changes()), seed);
+        let played = play_run(machine_with_drawn_errors(seed, &machine_file_changes_for_small_layout()), seed);
         let estimate = played.estimate().unwrap();
         let drawn = DrawStream::from_key(seed, &[0x7365_6e73])
             .unit_variance_draws(2 + 2 * SENSOR_COUNT, &[DrawDistribution::Normal]);
@@ -278,8 +282,8 @@ fn coverage_with_missing_samples() {
     check_coverage("5 % missing", &changes, 0.05, population);
 }
 
-/// Changes for continuous turns: 6°/s, samples every 0.06°.
-fn continuous_turn_changes() -> Vec<(&'static str, Value)> {
+/// Machine-file changes for continuous turns: 18°/s, a sample every 0.18°.
+fn machine_file_changes_for_continuous_turns() -> Vec<(&'static str, Value)> {
     let motion = parse_toml_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 8");
     vec![
         ("simulated.rotary_motion", Value::Array(vec![motion])),
@@ -298,16 +302,17 @@ fn continuous_turn_changes() -> Vec<(&'static str, Value)> {
 fn coverage_of_continuous_turns() {
     // A turn has thousands of samples: 200 seeds take ten minutes.
     let population = if is_full_test_run() { (200, 0.93..=0.98) } else { (5, 0.85..=1.0) };
-    check_coverage("continuous turns", &continuous_turn_changes(), 0.0, population);
+    check_coverage("continuous turns", &machine_file_changes_for_continuous_turns(), 0.0, population);
 }
 
 /// Estimate of a small layout whose machine file has these changes; `Err`: why there is no estimate.
 fn identify_with_faults(changes: &[(&str, Value)]) -> Result<Estimate, IdentifyError> {
-    play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], changes].concat()), 1).estimate()
+    play_run(machine_with_drawn_errors(1, &[&machine_file_changes_for_small_layout()[..], changes].concat()), 1)
+        .estimate()
 }
 
-/// Changes for a small layout: fewer mountings, stops and harmonics.
-fn small_layout_changes() -> Vec<(&'static str, Value)> {
+/// Machine-file changes for a small layout: fewer mountings, stops and harmonics.
+fn machine_file_changes_for_small_layout() -> Vec<(&'static str, Value)> {
     let motion = parse_toml_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 6");
     vec![
         ("simulated.rotary_motion", Value::Array(vec![motion])),
@@ -346,8 +351,10 @@ fn reversed_direction_of_the_mountings_is_refused() {
     let fault = |n: u32| parse_toml_table(&format!("mounting = {}\noff_deg = {}.0", n, -144 * i64::from(n)));
     let faults = Value::Array((1..5).map(fault).collect());
     let changes = [("simulated.stage.faults", faults)];
-    let why =
-        refusal_text(&play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], &changes].concat()), 1));
+    let why = refusal_text(&play_run(
+        machine_with_drawn_errors(1, &[&machine_file_changes_for_small_layout()[..], &changes].concat()),
+        1,
+    ));
     assert!(why.contains("turned in the opposite direction"), "{why}");
 }
 
@@ -364,7 +371,8 @@ fn two_wrong_mountings_are_reported_as_contradicting() {
 fn gap_at_a_turn_end_costs_revolutions_of_its_own_channel_only() {
     let estimate = |revolutions: i64| {
         let more = [("method.multiprobe.revolutions", Value::Integer(revolutions))];
-        let mut played = play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], &more].concat()), 1);
+        let mut played =
+            play_run(machine_with_drawn_errors(1, &[&machine_file_changes_for_small_layout()[..], &more].concat()), 1);
         let turns = played.plan.steps.iter().filter(|step| step.label.starts_with("index/"));
         let turns: Vec<u32> = turns.map(|step| step.id).collect();
         for reading in &mut played.readings {
@@ -398,12 +406,12 @@ fn mountings_of_a_round_artefact_are_not_verifiable() {
 fn saturated_channel_is_named_with_its_angles() {
     // Clips near the largest distance of a cylinder with an eccentricity of 9 µm.
     let clipped = parse_toml_table("name = \"x1\"\nclips_mm = [-0.0085, 0.3]");
-    let mut played = play_run(machine_with_drawn_errors(1, &continuous_turn_changes()), 1);
+    let mut played = play_run(machine_with_drawn_errors(1, &machine_file_changes_for_continuous_turns()), 1);
     let mut truth: Table = machine_with_true_sensor_errors(&played.file, 1).text().parse().unwrap();
     set_key(&mut truth, "simulated.sensor", Value::Array(vec![clipped]));
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
-    let (_, header) = setup::configure_method_and_plan(&played.file, "multiprobe", None).unwrap();
+    let (_, header) = setup::configure_method_and_plan_without_steps(&played.file, "multiprobe", None).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, played.method.as_ref(), header);
     (played.plan, played.readings) = (plan, readings);
     let flat = |reading: &&Reading| reading.sensor == "x1" && reading.value_mm == Some(-0.0085);
@@ -414,7 +422,7 @@ fn saturated_channel_is_named_with_its_angles() {
 
 #[test]
 fn swapped_channels_are_named() {
-    let mut played = play_run(machine_with_drawn_errors(1, &small_layout_changes()), 1);
+    let mut played = play_run(machine_with_drawn_errors(1, &machine_file_changes_for_small_layout()), 1);
     for reading in &mut played.readings {
         reading.sensor = match reading.sensor.as_str() {
             "y1" => "r1".to_owned(),
@@ -429,7 +437,7 @@ fn swapped_channels_are_named() {
 /// A second of the clock of channel y2 is 1 % shorter than a true second.
 #[test]
 fn channel_with_a_fast_clock_is_named() {
-    let mut played = play_run(machine_with_drawn_errors(1, &continuous_turn_changes()), 1);
+    let mut played = play_run(machine_with_drawn_errors(1, &machine_file_changes_for_continuous_turns()), 1);
     // The run assigns a sample to a position by its time stamp.
     let step_of = |reading: &Reading| (reading.step, reading.sensor.clone());
     let starts: std::collections::BTreeMap<(u32, String), f64> =
@@ -451,7 +459,8 @@ fn channel_with_a_fast_clock_is_named() {
 fn unsuitable_layout_is_refused_with_a_better_one() {
     let refusal = |changes: &[(&str, Value)]| {
         let (method, header) =
-            setup::configure_method_and_plan(&machine_with_drawn_errors(1, changes), "multiprobe", None).unwrap();
+            setup::configure_method_and_plan_without_steps(&machine_with_drawn_errors(1, changes), "multiprobe", None)
+                .unwrap();
         let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
         format!("{} -> {}", refused.reason, refused.remedy)
     };
@@ -475,19 +484,20 @@ fn unsuitable_layout_is_refused_with_a_better_one() {
     second.insert("zero_mm".to_owned(), vec![-30.0, 0.0, 60.0].into());
     second.insert("direction".to_owned(), vec![1.0, 0.0, 0.0].into());
     let file = MachineFile::parse("opposed.toml", toml::to_string(&file).unwrap()).unwrap();
-    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "multiprobe", None).unwrap();
     let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
     assert!(refused.reason.contains("opposed") && refused.remedy.contains("move y1"), "{refused:?}");
 }
 
 /// The machine with sensors whose curve is not straight, as declared; or is straight, with the same declaration.
 fn estimate_with_sensor_linearity(seed: u64, is_curved: bool) -> Estimate {
-    let mut table: Table = machine_with_drawn_errors(seed, &small_layout_changes()).text().parse().unwrap();
+    let mut table: Table =
+        machine_with_drawn_errors(seed, &machine_file_changes_for_small_layout()).text().parse().unwrap();
     for sensor in table["sensor"].as_array_mut().unwrap() {
         sensor.as_table_mut().unwrap().insert("linearity_um".to_owned(), 0.3.into());
     }
     let file = MachineFile::parse("curved.toml", toml::to_string(&table).unwrap()).unwrap();
-    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "multiprobe", None).unwrap();
     let mut truth: Table = machine_with_true_sensor_errors(&file, seed).text().parse().unwrap();
     if !is_curved {
         for sensor in truth["simulated"]["sensor"].as_array_mut().unwrap() {
@@ -532,9 +542,10 @@ fn linearity_error_scatters_as_its_budget_line() {
 fn stability_of_each_mounting_is_monotonic_under_drift() {
     let changes =
         [("method.multiprobe.revolutions", Value::Integer(2)), ("machine.drift_um_per_h", Value::Float(30.0))];
-    let estimate = play_run(machine_with_drawn_errors(1, &[&small_layout_changes()[..], &changes].concat()), 1)
-        .estimate()
-        .unwrap();
+    let estimate =
+        play_run(machine_with_drawn_errors(1, &[&machine_file_changes_for_small_layout()[..], &changes].concat()), 1)
+            .estimate()
+            .unwrap();
     let stability = estimate.functions.iter().find(|f| f.symbol == "stability_x1").unwrap();
     assert_eq!(stability.y.len(), 5 * 4);
     for mounting in stability.y.chunks(4) {

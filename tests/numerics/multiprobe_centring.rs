@@ -75,7 +75,7 @@ fn mean_sensor_distance_mm(world: &mut SimulatedWorld, sensor: &str) -> f64 {
 #[test]
 fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
     let file = machine_with_artefact(FOOT_OFFSET_MM, CYLINDER_TILT_URAD);
-    let (method, header) = setup::configure_method_and_plan(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "multiprobe", None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let (plan, _) = plan_player::measure_all_stages(&mut world, &FirstCentringRoundMethod(method), header);
     let [.., turn, prompt] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };

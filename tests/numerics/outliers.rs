@@ -33,7 +33,9 @@ const OUTLIER_CASES: [OutlierCase; 4] = [
     },
     OutlierCase {
         method: "ball-plate",
-        machine_file_for_seed: |seed| ball_plate::machine_of_seed(seed, &ball_plate::small_layout_changes()),
+        machine_file_for_seed: |seed| {
+            ball_plate::machine_of_seed(seed, &ball_plate::machine_file_changes_for_small_layout())
+        },
     },
     OutlierCase {
         method: "laser-r-test",
@@ -65,7 +67,7 @@ pub fn measure_on_built_in_machine(method: &str, seed: u64) -> MeasuredRun {
 impl OutlierCase {
     fn measure_in_world(&self, seed: u64) -> MeasuredRun {
         let file = (self.machine_file_for_seed)(seed);
-        let (method, header) = setup::configure_method_and_plan(&file, self.method, None).unwrap();
+        let (method, header) = setup::configure_method_and_plan_without_steps(&file, self.method, None).unwrap();
         let mut world = setup::build_world(&file).unwrap();
         let played = plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, touch_without_path);
         let (plan, readings) = played.unwrap();
@@ -112,7 +114,7 @@ fn regress_repeated_touches_do_not_depend_on_an_interruption() {
     let text = include_str!("../../config/simulated.toml");
     let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
     let file = built_in_machine("self-calibration", &format!("{text}{settings}"), 1);
-    let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
     let (mut plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     for gap_s in [5.0, 20.0, 25.0] {
         plan.gaps_s = vec![gap_s];
@@ -222,7 +224,7 @@ fn play_and_identify(
     file: &MachineFile,
     play: fn(&mut SimulatedWorld, &Step, u32) -> Reading,
 ) -> (Estimate, Vec<Reading>, SimulatedWorld) {
-    let (method, header) = setup::configure_method_and_plan(file, method, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(file, method, None).unwrap();
     let mut world = setup::build_world(file).unwrap();
     let (plan, readings) = plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, play).unwrap();
     (method.identify(&plan, &readings).unwrap(), readings, world)

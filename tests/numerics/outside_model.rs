@@ -54,7 +54,7 @@ impl DeviationCase<'_> {
     fn measure_in_world(&self, seed: u64) -> (MachineFile, Plan, Vec<Reading>, [f64; 2]) {
         let world = machine_file_without_drift(seed, &[self.common_changes, self.world_changes]);
         let file = machine_file_without_drift(seed, &[self.common_changes, self.declared_changes]);
-        let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
+        let (method, header) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
         let mut world = setup::build_world(&world).unwrap();
         let (plan, mut readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
         for reading in &mut readings {
@@ -73,7 +73,7 @@ impl DeviationCase<'_> {
 
     fn estimate_and_true_location_um(&self, seed: u64) -> (Estimate, [f64; 2]) {
         let (file, plan, readings, location_um) = self.measure_in_world(seed);
-        let (method, _) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
+        let (method, _) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
         (method.identify(&plan, &readings).unwrap(), location_um)
     }
 
@@ -236,7 +236,7 @@ fn is_flagged(estimate: &Estimate) -> bool {
 
 /// A machine so accurate that the deviation is five standard uncertainties of the second harmonic of E_radial. On
 /// the built-in machine it is two or three.
-const GOOD_MACHINE_KEYS: [(&str, f64); 5] = [
+const LOW_NOISE_MACHINE_KEYS: [(&str, f64); 5] = [
     ("probe.repeatability_um", 0.1),
     ("axes.X.error_motion_um", 0.1),
     ("axes.Y.error_motion_um", 0.1),
@@ -245,9 +245,9 @@ const GOOD_MACHINE_KEYS: [(&str, f64); 5] = [
 ];
 
 fn assert_most_worlds_flagged(case: &DeviationCase<'_>, declared_lobing_um: f64, first_seed: u64) {
-    let good = GOOD_MACHINE_KEYS.map(|(path, value)| (path, Value::from(value)));
+    let low_noise = LOW_NOISE_MACHINE_KEYS.map(|(path, value)| (path, Value::from(value)));
     let declared = [("probe.lobing_um", declared_lobing_um.into())];
-    let case = DeviationCase { common_changes: &good, declared_changes: &declared, ..*case };
+    let case = DeviationCase { common_changes: &low_noise, declared_changes: &declared, ..*case };
     let worlds = population_size(100);
     let estimates = case.estimates_and_true_locations_um(first_seed, worlds);
     let flagged = estimates.iter().filter(|(estimate, _)| is_flagged(estimate)).count() as u64;
@@ -304,7 +304,7 @@ fn erroneous_touch_is_named() {
     for size_mm in [stated_mm, 0.02] {
         let is_named = |seed: u64| {
             let (file, plan, mut readings, _) = case.measure_in_world(seed);
-            let (method, _) = setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
+            let (method, _) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
             // The first five touches locate the part; those on its top are not used in the identification.
             let step_of = |reading: &Reading| plan.steps.iter().find(|s| s.id == reading.step).unwrap();
             let is_radial = |reading: &&mut Reading| step_of(reading).normal[2] == 0.0;

@@ -55,7 +55,7 @@ fn measure_with_deviation(
     world: &MachineFile,
     deviation: ContactDeviation<'_>,
 ) -> (Plan, Vec<Reading>) {
-    let (method, header) = setup::configure_method_and_plan(file, method, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(file, method, None).unwrap();
     let mut world = setup::build_world(world).unwrap();
     let played = plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, touch_without_path);
     let (plan, mut readings) = played.unwrap();
@@ -74,7 +74,7 @@ fn measure_with_deviation(
 }
 
 fn identify_readings(file: &MachineFile, plan: &Plan, readings: &[Reading]) -> Estimate {
-    let (method, _) = setup::configure_method_and_plan(file, &plan.method, None).unwrap();
+    let (method, _) = setup::configure_method_and_plan_without_steps(file, &plan.method, None).unwrap();
     method.check_priors(plan).unwrap();
     method.identify(plan, readings).unwrap()
 }
@@ -100,7 +100,7 @@ fn normal_draws(seed: u64) -> impl FnMut() -> f64 {
 }
 
 /// Lobes of 1 um in each order from 2 to 6; a stylus offset of 5 um; a ball with 0.1 um of form. Everything else as
-/// declared.
+/// declared. Returns the estimate and the true values by symbol.
 fn qualification_and_truth(seed: u64, spindle_turns: bool) -> (Estimate, Vec<(String, f64)>) {
     let changes = [
         ("simulated.seed", Value::Integer(seed as i64)),
@@ -240,7 +240,7 @@ fn undeclared_lobes_contradict_the_map() {
     assert_eq!(estimate.verdict, Verdict::None);
     assert!((found.value - 1.0).abs() < 3.0 * found.u, "{found:?}");
     // A later run rejects an estimate with a misfit.
-    let (method, mut plan) = setup::configure_method_and_plan(&file, "samba", None).unwrap();
+    let (method, mut plan) = setup::configure_method_and_plan_without_steps(&file, "samba", None).unwrap();
     let contradicted = Estimate { verdict: Verdict::UndecidedModel, ..estimate.clone() };
     plan.priors = vec![contradicted];
     assert!(method.check_priors(&plan).unwrap_err().reason.contains("contradict its model"));
@@ -259,7 +259,7 @@ fn form_of_an_uncertified_ball_is_not_attributed_to_the_probe() {
     assert!(estimate.parameters.iter().all(|own| !own.symbol.starts_with("E_probe")));
     let says = |text: &str| estimate.not_identifiable.iter().any(|line| line.contains(text));
     assert!(says("map at order 3, 4, 5, 6: inseparable from the form of the ball, because no"));
-    let (method, mut plan) = setup::configure_method_and_plan(&file, "samba", None).unwrap();
+    let (method, mut plan) = setup::configure_method_and_plan_without_steps(&file, "samba", None).unwrap();
     plan.priors = vec![estimate];
     assert!(method.check_priors(&plan).unwrap_err().remedy.contains("form_um"));
 }

@@ -44,7 +44,7 @@ struct PlayedRun {
 
 fn play_run(table: &Table, method: &str) -> PlayedRun {
     let file = parse_machine_file(table);
-    let (method, header) = setup::configure_method_and_plan(&file, method, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, method, None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     PlayedRun { method, plan, readings, world }
@@ -154,7 +154,8 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
     };
     declare(&mut sensors[0], zero_b, b);
     declare(&mut sensors[1], zero_a, a);
-    let (method, header) = setup::configure_method_and_plan(&parse_machine_file(&table), "r-test", None).unwrap();
+    let (method, header) =
+        setup::configure_method_and_plan_without_steps(&parse_machine_file(&table), "r-test", None).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
     let refused =
         plan_player::try_measure_all_stages(&mut world, method.as_ref(), header, plan_player::play_step).unwrap_err();

@@ -30,7 +30,8 @@ fn coverage_of_differences_with_common_sources() {
     let (mut held, mut count, mut points_held, mut points) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..worlds {
         let file = drift_free_machine(seed);
-        let (method, header) = setup::configure_method_and_plan(&file, "self-calibration", None).expect("settings");
+        let (method, header) =
+            setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).expect("settings");
         let mut world = setup::build_world(&file).expect("a world");
         let [first, second] = [(); 2].map(|()| {
             let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header.clone());

@@ -91,7 +91,7 @@ const METHOD_CASES: [MethodCase; 5] = [
     MethodCase {
         method: "ball-plate",
         file: |seed, changes| {
-            ball_plate::machine_of_seed(seed, &[&ball_plate::small_layout_changes(), changes].concat())
+            ball_plate::machine_of_seed(seed, &[&ball_plate::machine_file_changes_for_small_layout(), changes].concat())
         },
         sources: &[REPEATABILITY],
     },
@@ -130,7 +130,7 @@ impl MethodCase {
     /// The estimator declares the sources in either world.
     fn observed_to_stated_scatter(&self, sources: &[SourceCase], worlds: u64) -> Vec<(String, f64)> {
         let declared = self.machine_file_with_sources(0, sources, true);
-        let (method, header) = setup::configure_method_and_plan(&declared, self.method, None).unwrap();
+        let (method, header) = setup::configure_method_and_plan_without_steps(&declared, self.method, None).unwrap();
         let estimate = |seed: u64, is_on: bool| {
             let mut world = setup::build_world(&self.machine_file_with_sources(seed, sources, is_on)).unwrap();
             let header = header.clone();

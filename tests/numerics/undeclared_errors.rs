@@ -26,7 +26,7 @@ fn bow_of_x_and_position_error_of_b(_: &MeasuredRun, reading: &Reading, _: u64) 
     Vector3::new(turned * xyz.z, 0.0, bow - turned * xyz.x)
 }
 
-/// Each axis stops up to 3 um from its reported position, with a new error at each step.
+/// X, Y and Z stop up to 3 um from its reported position, with a new error at each step.
 fn stick_slip_of_all_axes(_: &MeasuredRun, reading: &Reading, seed: u64) -> Vector3<f64> {
     let random = &mut seeded_stream(seed, &[0x736c_6970, u64::from(reading.step)]);
     let mut stop = || random.random_range(-3e-3..3e-3);

@@ -33,7 +33,8 @@ fn machine_file_with_changes(changes: &[(&str, &str)]) -> MachineFile {
 
 /// Estimate and truth (um, um, um/m, urad) of one world.
 fn estimate_and_truth(file: &MachineFile) -> (Estimate, [f64; 4]) {
-    let (method, header) = setup::configure_method_and_plan(file, "self-calibration", None).expect("settings");
+    let (method, header) =
+        setup::configure_method_and_plan_without_steps(file, "self-calibration", None).expect("settings");
     let mut world = setup::build_world(file).expect("a world");
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let estimate = method.identify(&plan, &readings).expect("an estimate");
@@ -180,7 +181,8 @@ fn estimate_and_truth_of_interrupted_run(
         moved.extend([("EX0C_um", table.as_str()), ("centre_offset_mm", part.as_str())]);
         machine_file_with_changes(&moved)
     });
-    let (method, mut plan) = setup::configure_method_and_plan(&before, "self-calibration", None).expect("settings");
+    let (method, mut plan) =
+        setup::configure_method_and_plan_without_steps(&before, "self-calibration", None).expect("settings");
     let mut world = setup::build_world(&before).expect("a world");
     let mut readings = Vec::new();
     let mut done = Vec::new();

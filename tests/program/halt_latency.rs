@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use devices::controllers::grbl::{GrblDriver, GrblTimeouts};
 use devices::controllers::{Controller, ControllerError, HaltHandle};
 use link::LinkAddress;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use planning::gcode::{Dialect, HeadAndFootValues, TransmissionForm};
 use planning::proof::for_tests;
@@ -74,10 +74,10 @@ fn run_simulated_control(tell: Sender<SimulatedControlEvent>) {
     });
 }
 
-fn rapid_motion_block(motions: usize) -> Block {
+fn rapid_motion_block(motions: usize) -> MotionBlock {
     let to = |i: usize| Position::new().with(Axis::X, i as f64).with(Axis::C, 0.1);
     let motions = (0..motions).map(|i| Motion::Rapid { to: to(i) }).collect();
-    Block { step: 1, repeat: 0, motions }
+    MotionBlock { step: 1, repeat: 0, motions }
 }
 
 /// Renders a long stage as text, as a run does before it moves: some 50 ms.

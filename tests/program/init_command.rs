@@ -19,11 +19,11 @@ struct SimulatorProcess {
 }
 
 impl SimulatorProcess {
-    /// Starts with other lines in place of `wire`.
-    fn start(folder: &Path, wire: &str) -> Self {
+    /// Starts with `wire_lines` in place of the line with the key `wire`.
+    fn start(folder: &Path, wire_lines: &str) -> Self {
         let file = folder.join("truth.toml");
         assert!(MACHINE_FILE.contains("wire = \"memory\"\n"));
-        std::fs::write(&file, MACHINE_FILE.replace("wire = \"memory\"\n", wire)).unwrap();
+        std::fs::write(&file, MACHINE_FILE.replace("wire = \"memory\"\n", wire_lines)).unwrap();
         let mut process = Command::new(TRUED_PROGRAM)
             .args(["simulate", "--machine"])
             .arg(&file)

@@ -23,8 +23,9 @@ fn json_number(value: &Value, path: &[&str]) -> f64 {
     found.as_f64().unwrap_or_else(|| panic!("no number at {path:?}"))
 }
 
-/// Axis positions at the contact of one touch, mm: the ball touches the part's flank, or its top face.
-fn contact_position(plan: &Value, step: &Value) -> [f64; 3] {
+/// Axis positions X, Y, Z at the contact of one touch, mm, with the part turned about the true axis: the ball
+/// touches its flank, or its top face.
+fn axis_positions_at_true_contact(plan: &Value, step: &Value) -> [f64; 3] {
     let height = json_number(step, &["from", "Z"]);
     if json_number(&step["normal"][2], &[]) > 0.5 {
         let [top, ball] = [["artefact", "height_mm"], ["probe", "ball_radius_mm"]].map(|path| json_number(plan, &path));
@@ -61,7 +62,7 @@ fn played_readings_csv(plan: &Value) -> String {
     // A prompt moves nothing.
     let moves = steps.filter(|step| step["kind"] != "prompt");
     for (i, step) in moves.enumerate() {
-        let [x, y, z] = contact_position(plan, step);
+        let [x, y, z] = axis_positions_at_true_contact(plan, step);
         let (b, c) = (json_number(step, &["from", "B"]), json_number(step, &["from", "C"]));
         let id = step["id"].as_u64().unwrap();
         writeln!(csv, "{},{c},{id},0,{y},{x},{z},{b},20.5", 5 * i).unwrap();

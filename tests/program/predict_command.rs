@@ -21,7 +21,7 @@ fn estimate_json_with_c_axis_offset() -> String {
 
 /// At C = 180° a point of the table is 200 µm off from the work zero set at C = 0, computed by hand.
 fn predicted_tip_error_equals_the_hand_calculation() {
-    let shop = MachineShop::new(&built_in_machine_text());
+    let shop = MachineShop::with_machine_file(&built_in_machine_text());
     let (file, poses) = (shop.path_text("est.json"), shop.path_text("poses.csv"));
     std::fs::write(&file, estimate_json_with_c_axis_offset()).unwrap();
     std::fs::write(&poses, "# poses\nz_mm,c_deg\n400,0\n 400, 180\n").unwrap();
@@ -44,7 +44,7 @@ fn predicted_tip_error_equals_the_hand_calculation() {
 }
 
 fn invalid_predict_inputs_are_refused_with_their_cause() {
-    let shop = MachineShop::new(&built_in_machine_text());
+    let shop = MachineShop::with_machine_file(&built_in_machine_text());
     let (file, poses) = (shop.path_text("est.json"), shop.path_text("poses.csv"));
     std::fs::write(&file, estimate_json_with_c_axis_offset()).unwrap();
     let refused = |text: &str, more: &[&str], words: &str| {
@@ -68,7 +68,7 @@ fn invalid_predict_inputs_are_refused_with_their_cause() {
 
 /// The touches of a round part, converted with the nominal machine.
 fn a_run_is_exported_as_points_of_the_workpiece() {
-    let shop = MachineShop::new(&built_in_machine_text());
+    let shop = MachineShop::with_machine_file(&built_in_machine_text());
     assert_eq!(shop.run_self_calibration().status.code(), Some(0));
     let folder = shop.path_text("out");
     let exported = shop.run_trued(&["export", "1", "--to", &folder, "--frame", "workpiece"]);

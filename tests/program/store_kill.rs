@@ -77,10 +77,10 @@ fn acknowledged_step(line: &str) -> Option<u32> {
 fn killed_writer_loses_no_acknowledged_reading() {
     let dir = tempfile::tempdir().unwrap();
     let mut last = Vec::new();
-    for patience in READINGS_BEFORE_KILL {
+    for reading_count in READINGS_BEFORE_KILL {
         let (mut child, lines) = start_writer_child(dir.path());
         let mut lines = lines.map_while(Result::ok);
-        let before = lines.by_ref().filter_map(|line| acknowledged_step(&line)).nth(patience - 1);
+        let before = lines.by_ref().filter_map(|line| acknowledged_step(&line)).nth(reading_count - 1);
         assert!(before.is_some(), "the child ended by itself");
         let refused = MachineLock::acquire(dir.path(), "mill").unwrap_err();
         let LockError::MachineInUse { holder: Some(holder), .. } = refused else { panic!("{refused}") };

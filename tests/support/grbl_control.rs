@@ -57,13 +57,13 @@ fn build_world(file: &MachineFile) -> SimulatedWorld {
 }
 
 impl GrblControl {
-    /// The machine with the truth of `file`, without waiting times.
-    pub fn start(file: &str) -> Self {
-        Self::start_at_pace(file, SimulationPace::Immediate)
+    /// The machine with the truth of the machine file `machine_text`, without waiting times.
+    pub fn start(machine_text: &str) -> Self {
+        Self::start_at_pace(machine_text, SimulationPace::Immediate)
     }
 
-    pub fn start_at_pace(file: &str, pace: SimulationPace) -> Self {
-        let file = parse_machine_file(file);
+    pub fn start_at_pace(machine_text: &str, pace: SimulationPace) -> Self {
+        let file = parse_machine_file(machine_text);
         let world = Arc::new(Mutex::new(build_world(&file)));
         let session = Arc::new(Mutex::new(ClientSession::default()));
         let (wishes, wished) = unbounded_channel();

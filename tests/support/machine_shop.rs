@@ -19,10 +19,10 @@ pub fn built_in_machine_text() -> String {
 
 /// The built-in machine's text with a search feed five times as high: in real time the first touch comes after 6 s,
 /// not after 25 s.
-pub fn with_quick_approach(machine: &str) -> String {
+pub fn with_quick_approach(machine_text: &str) -> String {
     let (slow, fast) = ("search_feed_mm_min = 300.0", "search_feed_mm_min = 1500.0");
-    assert!(machine.contains(slow));
-    machine.replace(slow, fast)
+    assert!(machine_text.contains(slow));
+    machine_text.replace(slow, fast)
 }
 
 pub struct MachineShop {
@@ -32,10 +32,9 @@ pub struct MachineShop {
 }
 
 impl MachineShop {
-    /// `machine`: text of the machine file.
-    pub fn new(machine: &str) -> Self {
+    pub fn with_machine_file(machine_text: &str) -> Self {
         let shop = Self { folder: tempfile::tempdir().unwrap(), environment_variables: Vec::new() };
-        shop.replace_machine_file(machine);
+        shop.replace_machine_file(machine_text);
         shop
     }
 
@@ -46,11 +45,11 @@ impl MachineShop {
                      [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
                      [serve]\nmin_interval_s = 0.0\n\
                      [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
-        Self::new(&format!("{machine}\n{cycle}{trigger}"))
+        Self::with_machine_file(&format!("{machine}\n{cycle}{trigger}"))
     }
 
-    pub fn replace_machine_file(&self, machine: &str) {
-        std::fs::write(self.machine_path(), machine).unwrap();
+    pub fn replace_machine_file(&self, machine_text: &str) {
+        std::fs::write(self.machine_path(), machine_text).unwrap();
     }
 
     /// Replaces text of the machine file.

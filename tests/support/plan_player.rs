@@ -102,7 +102,7 @@ pub fn try_measure_all_stages(
         plan.steps.extend(new_steps);
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
             if let Some(mount) = step.mount {
-                world.mount_artefact(mount.turn_deg);
+                world.remount_datum_cylinder(mount.turn_deg);
             }
             match &step.scan {
                 _ if step.kind == StepKind::Prompt => {}

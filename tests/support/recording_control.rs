@@ -128,8 +128,8 @@ impl RecordingControl {
     pub fn wait_for_transferred_bytes(&self, bytes: usize, mut give_up: impl FnMut() -> bool) {
         let mut record = self.shared.record();
         while record.transferred_byte_count() < bytes {
-            let patience = Duration::from_millis(20);
-            record = self.shared.changed.wait_timeout(record, patience).unwrap().0;
+            let poll_interval = Duration::from_millis(20);
+            record = self.shared.changed.wait_timeout(record, poll_interval).unwrap().0;
             if give_up() {
                 return;
             }

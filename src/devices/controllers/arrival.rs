@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use super::control_clock::ControlClock;
 use crate::controllers::ControllerError;
-use machine::record::machine::{AxisSpec, Machine};
+use machine::record::machine::{Machine, StatedAxis};
 use machine::{Axis, Position};
 
 /// Largest distance from the target at which a control counts as arrived, mm or degrees: coarser than a
@@ -13,7 +13,7 @@ use machine::{Axis, Position};
 const ARRIVAL_TOLERANCE_MM_OR_DEG: f64 = 0.02;
 
 /// Largest permitted distance of an axis from its target, mm or rad.
-pub(in crate::controllers) fn axis_tolerance(axis: Axis, spec: Option<&AxisSpec>) -> f64 {
+pub(in crate::controllers) fn axis_tolerance(axis: Axis, spec: Option<&StatedAxis>) -> f64 {
     let step_mm = spec.map_or(0.0, |spec| spec.resolution_um * 1e-3);
     if axis.is_linear() {
         ARRIVAL_TOLERANCE_MM_OR_DEG.max(2.0 * step_mm)

@@ -24,8 +24,8 @@ impl ControlClock {
     /// One of the times cannot be a time of this clock.
     pub fn check_and_select_time(
         &mut self,
-        contact: ReportedTime,
-        now: ReportedTime,
+        contact: ControlTimestamp,
+        now: ControlTimestamp,
     ) -> Result<Option<f64>, ControllerError> {
         contact.check_plausible_after(self.last_s)?;
         now.check_plausible_after(self.last_s)?;
@@ -43,14 +43,14 @@ impl ControlClock {
 
 /// A time that a control reports.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::controllers) struct ReportedTime {
+pub(in crate::controllers) struct ControlTimestamp {
     /// Name of the time in the control's reports.
     pub name: &'static str,
     /// Time, s; `None` if it is not reported.
     pub t_s: Option<f64>,
 }
 
-impl ReportedTime {
+impl ControlTimestamp {
     /// Checks that the time is in the range of a clock and follows plausibly on `last_s`, the last accepted time.
     fn check_plausible_after(self, last_s: Option<f64>) -> Result<(), ControllerError> {
         let Some(t_s) = self.t_s else { return Ok(()) };
@@ -77,8 +77,8 @@ mod tests {
     fn check_and_select_time(clock: &mut ControlClock, stamp_s: f64, now_s: f64) -> Result<Option<f64>, String> {
         // As in the window of registers: 0 means no time.
         let reported = |t_s: f64| (t_s != 0.0).then_some(t_s);
-        let contact = ReportedTime { name: "latch", t_s: reported(stamp_s) };
-        let now = ReportedTime { name: "now", t_s: reported(now_s) };
+        let contact = ControlTimestamp { name: "latch", t_s: reported(stamp_s) };
+        let now = ControlTimestamp { name: "now", t_s: reported(now_s) };
         clock.check_and_select_time(contact, now).map_err(|error| error.to_string())
     }
 

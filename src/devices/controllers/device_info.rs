@@ -13,17 +13,18 @@ pub struct DeviceInfo {
     /// Name and version as reported.
     pub identity: String,
     /// All axes that the control drives.
-    pub axes: BTreeMap<Axis, ReportedAxis>,
+    pub axes: BTreeMap<Axis, ReportedAxisProperties>,
     /// Remarks on settings and states that prevent a measurement or that the operator must know.
     pub findings: Vec<ReadinessFinding>,
     /// How the operator inverts the probe input at the control, if the control supports it.
     pub probe_polarity_hint: Option<String>,
 }
 
-/// Properties of one axis, in the units of [`AxisSpec`](machine::record::machine::AxisSpec): mm, degrees,
-/// minutes and seconds. `None` if the control does not report the value.
+/// Properties of one axis as the control reports them, in the units of
+/// [`StatedAxis`](machine::record::machine::StatedAxis): mm, degrees, minutes and seconds. `None` if the control does
+/// not report the value.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct ReportedAxis {
+pub struct ReportedAxisProperties {
     /// Lower end of the travel, in machine coordinates.
     pub travel_min: Option<f64>,
     /// Upper end of the travel, in machine coordinates.
@@ -83,7 +84,7 @@ pub struct ConnectionDiagnosisRequest<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct PossibleCause {
     /// Whether the cause was observed; otherwise it is suspected.
-    pub is_confirmed: bool,
+    pub is_observed: bool,
     /// Whether an active search could find out more.
     pub needs_active_search: bool,
     /// Description of the possible cause.
@@ -95,12 +96,12 @@ pub struct PossibleCause {
 }
 
 impl PossibleCause {
-    pub(in crate::controllers) fn confirmed(
+    pub(in crate::controllers) fn observed(
         cause: impl Into<String>,
         evidence: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self { is_confirmed: true, ..Self::suspected(cause, evidence, remedy) }
+        Self { is_observed: true, ..Self::suspected(cause, evidence, remedy) }
     }
 
     pub(in crate::controllers) fn suspected(
@@ -109,7 +110,7 @@ impl PossibleCause {
         remedy: impl Into<String>,
     ) -> Self {
         let (cause, evidence, remedy) = (cause.into(), evidence.into(), remedy.into());
-        Self { is_confirmed: false, needs_active_search: false, cause, evidence, remedy }
+        Self { is_observed: false, needs_active_search: false, cause, evidence, remedy }
     }
 
     /// A suspected cause about which an active search could find out more.
@@ -124,7 +125,7 @@ impl PossibleCause {
 
 impl fmt::Display for PossibleCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { is_confirmed, cause, evidence, .. } = self;
+        let Self { is_observed: is_confirmed, cause, evidence, .. } = self;
         let grade = if *is_confirmed { "" } else { "suspected: " };
         write!(f, "{grade}{cause} ({evidence})")
     }

@@ -194,8 +194,8 @@ impl ControllerError {
                 "the state of the machine is unknown: inspect the machine, then check cable, power and baud rate"
             }
             Self::UnexpectedReply { .. } | Self::TouchMismatch { .. } => {
-                "the link loses or alters bytes: check cable, earthing and baud rate; if possible use USB or a \
-                 network, which detect transmission errors, instead of a plain serial line"
+                "probably the link loses or alters bytes: check cable, earthing and baud rate; if possible use USB or \
+                 a network, which detect transmission errors, instead of a plain serial line"
             }
             Self::WrongPosition { .. } => {
                 "inspect the machine and the stylus. Possible causes: bytes altered on the link (USB or a network \

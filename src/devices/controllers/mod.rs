@@ -14,7 +14,7 @@ use tokio::sync::{mpsc, oneshot};
 use link::Clock;
 use machine::Position;
 use machine::record::machine::Machine;
-use machine::record::motion::BlockOutcome;
+use machine::record::motion::MotionBlockOutcome;
 use planning::gcode::TransmissionForm;
 use planning::proof::{ProvenBlock, ProvenModeText};
 
@@ -32,7 +32,7 @@ mod readiness;
 mod stall_detector;
 
 pub use device_info::{
-    ConnectionDiagnosisRequest, DeviceInfo, DiagnosisMode, PossibleCause, ReadinessFinding, ReportedAxis,
+    ConnectionDiagnosisRequest, DeviceInfo, DiagnosisMode, PossibleCause, ReadinessFinding, ReportedAxisProperties,
 };
 pub use error::ControllerError;
 pub use readiness::{READINESS_ITEMS, ReadinessItem, describe_unreadable_items};
@@ -106,7 +106,10 @@ pub trait ControllerDriver: Send + 'static {
     }
     /// Executes one block; returns when the machine is at rest and the result is known. Refuses the block
     /// if the machine is not where the block begins, or if the block is not the one that was proven.
-    fn execute(&mut self, block: ProvenBlock) -> impl Future<Output = Result<BlockOutcome, ControllerError>> + Send;
+    fn execute(
+        &mut self,
+        block: ProvenBlock,
+    ) -> impl Future<Output = Result<MotionBlockOutcome, ControllerError>> + Send;
     /// Reads the present state. Nothing moves.
     fn read_snapshot(&mut self) -> impl Future<Output = Result<MachineSnapshot, ControllerError>> + Send;
     /// Reads the control's properties, prepared or not. Nothing moves and nothing is set.
@@ -158,7 +161,7 @@ impl HaltHandle {
 enum DriverRequest {
     Prepare(oneshot::Sender<Result<PreparedControl, ControllerError>>),
     PrepareInContact(oneshot::Sender<Result<PreparedControl, ControllerError>>),
-    Execute(ProvenBlock, oneshot::Sender<Result<BlockOutcome, ControllerError>>),
+    Execute(ProvenBlock, oneshot::Sender<Result<MotionBlockOutcome, ControllerError>>),
     ReadSnapshot(oneshot::Sender<Result<MachineSnapshot, ControllerError>>),
     IdentifyDevice(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
     RestoreModes(oneshot::Sender<Result<(), ControllerError>>),
@@ -198,7 +201,7 @@ impl Controller {
         self.send_request(DriverRequest::PrepareInContact).await
     }
 
-    pub async fn execute(&self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    pub async fn execute(&self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         self.send_request(|answer| DriverRequest::Execute(block, answer)).await
     }
 

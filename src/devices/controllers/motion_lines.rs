@@ -41,7 +41,7 @@ pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<Mo
 fn planned_standstill_time(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => to_duration(*seconds),
-        Motion::Orient { .. } => MAX_ORIENT_TIME,
+        Motion::OrientSpindle { .. } => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     }
 }

@@ -30,7 +30,7 @@ pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &C
 }
 
 fn connection_refused_diagnosis(address: &str) -> PossibleCause {
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         format!("wrong port, or the control's server is not running: no server answers at {address}"),
         "the computer refuses the connection",
         "start the server on that computer, or set [controller] tcp = \"host:port\" in the machine file to \
@@ -41,7 +41,7 @@ fn connection_refused_diagnosis(address: &str) -> PossibleCause {
 fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> PossibleCause {
     use std::io::ErrorKind as Kind;
     match source.kind() {
-        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => PossibleCause::confirmed(
+        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => PossibleCause::observed(
             format!(
                 "{address} is not reachable: wrong address, the computer is off, or a firewall blocks the connection"
             ),
@@ -49,7 +49,7 @@ fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> Possibl
             "switch the computer on, run `ping`, check the cable and the addresses of both computers; then \
              correct [controller] tcp in the machine file",
         ),
-        _ => PossibleCause::confirmed(
+        _ => PossibleCause::observed(
             format!("the host name in {address} is unknown"),
             source.to_string(),
             "use the IP address: [controller] tcp = \"192.0.2.10:23\"",
@@ -70,7 +70,7 @@ fn port_missing_diagnosis(address: &str, devices: &Path) -> PossibleCause {
             "set [controller] serial, or better serial_id with a name from {SERIAL_PORTS_BY_ID_DIR}: these names do not change"
         ),
     };
-    PossibleCause::confirmed(format!("wrong port: this computer has no {address}"), others, remedy)
+    PossibleCause::observed(format!("wrong port: this computer has no {address}"), others, remedy)
 }
 
 fn list_serial_ports(devices: &Path) -> Vec<String> {
@@ -84,7 +84,7 @@ fn list_serial_ports(devices: &Path) -> Vec<String> {
 
 fn no_port_with_id_diagnosis(id: &str, available_ids: &[String]) -> PossibleCause {
     let names = if available_ids.is_empty() { "none".to_owned() } else { available_ids.join(", ") };
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         format!("wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"),
         format!("{SERIAL_PORTS_BY_ID_DIR} contains {names}"),
         "set [controller] serial_id to a name from that directory, or to a part that occurs in one name only",
@@ -94,7 +94,7 @@ fn no_port_with_id_diagnosis(id: &str, available_ids: &[String]) -> PossibleCaus
 fn permission_denied_diagnosis(address: &str) -> PossibleCause {
     let group = fs::metadata(address).ok().and_then(|found| read_group_name(found.gid()));
     let group = group.unwrap_or_else(|| "dialout".to_owned());
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         format!("no permission: this user cannot open {address}"),
         format!("{address} belongs to the group `{group}`"),
         format!("run `sudo usermod -aG {group} $USER`, then log out and in again"),
@@ -123,7 +123,7 @@ fn port_in_use_diagnosis(address: &str) -> PossibleCause {
             ),
         ),
     };
-    PossibleCause::confirmed(format!("another program uses {address}"), evidence, remedy)
+    PossibleCause::observed(format!("another program uses {address}"), evidence, remedy)
 }
 
 /// Number and name of a process that has `path` open, as far as this user may see it.

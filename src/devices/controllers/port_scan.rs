@@ -78,7 +78,7 @@ async fn query_control(kind: &str, at: &LinkConfig) -> Option<String> {
 }
 
 fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &str) -> PossibleCause {
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         format!("wrong kind of control: the device is of kind `{kind}`, not `{configured_kind}`"),
         format!("a request in the protocol of `{kind}` got {reply}"),
         format!("in the machine file, set [controller] kind = \"{kind}\" with {keys}"),

@@ -6,7 +6,7 @@ use tokio::time::Instant;
 
 use crate::controllers::ControllerError;
 
-/// Time for which a control reports the same `State`.
+/// State that a control reports, and the time since which it has reported the same.
 pub(in crate::controllers) struct StallDetector<State>(Option<(State, Instant)>);
 
 impl<State: PartialEq> StallDetector<State> {

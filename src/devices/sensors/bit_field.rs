@@ -33,22 +33,22 @@ impl BitField {
         name: &str,
         byte: u16,
         bit: u16,
-        width: u16,
+        bit_width: u16,
         signed: bool,
         order: Option<Endianness>,
     ) -> Result<Self, String> {
         let least = if signed { 2 } else { 1 };
-        if !(least..=MAX_FIELD_BITS).contains(&width) {
+        if !(least..=MAX_FIELD_BITS).contains(&bit_width) {
             let kind = if signed { "a signed number has" } else { "a number has" };
-            return Err(format!("`{name}.width` is {width}; {kind} {least} to {MAX_FIELD_BITS} bits"));
+            return Err(format!("`{name}.width` is {bit_width}; {kind} {least} to {MAX_FIELD_BITS} bits"));
         }
         if bit > 7 {
             return Err(format!("`{name}.bit` is {bit}; permitted: 0 to 7 (bit within a byte)"));
         }
         // Within one byte both orders are the same.
-        let order = order.or((bit + width <= 8).then_some(Endianness::Little));
+        let order = order.or((bit + bit_width <= 8).then_some(Endianness::Little));
         let order = order.ok_or_else(|| format!("`{name}` needs an `order`: `little` or `big`"))?;
-        Ok(Self { first_byte: byte, bit_offset: bit, bit_width: width, byte_order: order, is_signed: signed })
+        Ok(Self { first_byte: byte, bit_offset: bit, bit_width, byte_order: order, is_signed: signed })
     }
 
     /// Index of the first byte after the field.
@@ -91,8 +91,8 @@ impl BitField {
 mod tests {
     use super::*;
 
-    fn field(byte: u16, bit: u16, width: u16, order: Endianness, signed: bool) -> BitField {
-        BitField { first_byte: byte, bit_offset: bit, bit_width: width, byte_order: order, is_signed: signed }
+    fn field(byte: u16, bit: u16, width: u16, order: Endianness, is_signed: bool) -> BitField {
+        BitField { first_byte: byte, bit_offset: bit, bit_width: width, byte_order: order, is_signed }
     }
 
     #[test]

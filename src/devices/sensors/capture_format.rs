@@ -29,7 +29,9 @@ pub fn info_line(SensorInfo { identity, sample_rate_hz }: &SensorInfo) -> String
 }
 
 /// Line of a sample in the capture. Numbers are written with full precision: parsing them gives the same bits.
-pub fn sample_line(Sample { received_s, value_mm, flag, missing_count, encoder_count }: &Sample) -> String {
+pub fn sample_line(
+    Sample { received_s, value_mm, flag, lost_before_count: missing_count, encoder_count }: &Sample,
+) -> String {
     let value = value_mm.map_or(EMPTY_COLUMN.to_owned(), |mm| mm.to_string());
     let flag = Some(flag.as_str()).filter(|flag| !flag.is_empty()).unwrap_or(EMPTY_COLUMN);
     let count = encoder_count.map(|count| format!(" {count}")).unwrap_or_default();
@@ -54,7 +56,7 @@ fn parse_sample(line: &str) -> Option<Sample> {
         received_s: t_s.parse().ok()?,
         value_mm,
         flag: ReadingFlag::ALL.into_iter().find(|known| known.as_str() == flag)?,
-        missing_count: missing.parse().ok()?,
+        lost_before_count: missing.parse().ok()?,
         encoder_count: parts.next().map(str::parse).transpose().ok()?,
     })
 }
@@ -135,7 +137,7 @@ mod tests {
                     received_s: 1.0 / 3.0,
                     value_mm,
                     flag,
-                    missing_count: 7,
+                    lost_before_count: 7,
                     encoder_count: value_mm.map(|_| u32::MAX),
                 };
                 assert_eq!(parse_sample(&sample_line(&one)), Some(one));

@@ -69,7 +69,7 @@ impl CounterTracker {
         let Some(missing) = missing else { return Sample::stale(t_s) };
         let data_lost = std::mem::take(&mut self.has_lost_data) || missing > 0;
         let flag = value.err().unwrap_or(if data_lost { ReadingFlag::Gap } else { ReadingFlag::None });
-        Sample { received_s: t_s, value_mm: value.ok(), flag, missing_count: missing, encoder_count }
+        Sample { received_s: t_s, value_mm: value.ok(), flag, lost_before_count: missing, encoder_count }
     }
 
     /// Returns the number of samples missing before the one with `count`; `None` if the count is unchanged.

@@ -2,17 +2,17 @@
 //! with the value. A counter restarts after `modulus` counts; the count is kept as the remainder, and only
 //! differences of counts are used. A signed count has the same remainders.
 
-/// Largest number of counts until a counter restarts. An unlimited counter is read modulo this value.
-pub(super) const MAX_COUNT_MODULUS: u64 = 1 << 32;
+/// Number of counts until a counter with more bits restarts; an unlimited counter is also read modulo this value.
+pub(super) const COUNT_MODULUS_CAP: u64 = 1 << 32;
 
-/// Number of counts after which the counter of the table `key` restarts: `declared`, or the capacity of `bits` if
-/// `declared` is `None`.
+/// Number of counts after which the counter of the table `key` restarts: `declared_modulus`, or the capacity of `bits`
+/// if `declared_modulus` is `None`.
 ///
 /// # Errors
-/// `declared` is below 2, or more than `bits` can hold.
-pub(super) fn resolve_modulus(key: &str, declared: Option<u64>, bits: u16) -> Result<u64, String> {
-    let max_modulus = 1_u64.checked_shl(u32::from(bits)).unwrap_or(MAX_COUNT_MODULUS).min(MAX_COUNT_MODULUS);
-    match declared {
+/// `declared_modulus` is below 2, or more than `bits` can hold.
+pub(super) fn resolve_modulus(key: &str, declared_modulus: Option<u64>, bits: u16) -> Result<u64, String> {
+    let max_modulus = 1_u64.checked_shl(u32::from(bits)).unwrap_or(COUNT_MODULUS_CAP).min(COUNT_MODULUS_CAP);
+    match declared_modulus {
         None => Ok(max_modulus),
         Some(modulus) if (2..=max_modulus).contains(&modulus) => Ok(modulus),
         Some(modulus) => {

@@ -17,6 +17,7 @@ pub struct FrameValueKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
+    /// Width of the number, bits.
     width: u16,
     order: Option<Endianness>,
     #[serde(default)]
@@ -45,6 +46,7 @@ pub struct FrameCounterKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
+    /// Width of the number, bits.
     width: u16,
     order: Option<Endianness>,
 }
@@ -56,6 +58,7 @@ pub struct FrameEncoderKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
+    /// Width of the number, bits.
     width: u16,
     order: Option<Endianness>,
     /// Number of counts after which the count restarts; if absent, the capacity of its bits.
@@ -70,6 +73,7 @@ pub struct FrameStatusKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
+    /// Width of the number, bits.
     #[serde(default = "default_width")]
     width: u16,
     order: Option<Endianness>,
@@ -116,18 +120,18 @@ impl NumberLocation for BitField {
 }
 
 impl FrameLayout {
-    /// Checks the layout of frames of `length` bytes; `order` applies to numbers without an order of their
+    /// Checks the layout of frames of `frame_bytes` bytes; `order` applies to numbers without an order of their
     /// own.
     ///
     /// # Errors
     /// The layout is invalid; the message names the keys.
     pub fn new(
         value: FrameValueKeys,
-        counter: Option<FrameCounterKeys>,
-        encoder: Option<FrameEncoderKeys>,
+        counter_keys: Option<FrameCounterKeys>,
+        encoder_keys: Option<FrameEncoderKeys>,
         status: Vec<FrameStatusKeys>,
         order: Option<Endianness>,
-        length: usize,
+        frame_bytes: usize,
     ) -> Result<Self, String> {
         let FrameValueKeys { byte, bit, width, signed, scale_mm, offset_mm, codes, .. } = value;
         let value = BitField::new("value", byte, bit, width, signed, value.order.or(order))?;
@@ -136,8 +140,8 @@ impl FrameLayout {
             Ok(((value, Some(check_representable("value", code.is, value)?)), code.means.reading_flag()))
         };
         let codes = codes.iter().map(code).collect::<Result<Vec<_>, String>>()?;
-        let counter = counter.map(|keys| counter_field_and_modulus(&keys, order)).transpose()?;
-        let encoder = encoder.map(|keys| encoder_field_and_modulus(&keys, order)).transpose()?;
+        let counter = counter_keys.map(|keys| counter_field_and_modulus(&keys, order)).transpose()?;
+        let encoder = encoder_keys.map(|keys| encoder_field_and_modulus(&keys, order)).transpose()?;
         let mut flags = status_conditions_with_flags(&status, order)?;
         let fields = [("value".to_owned(), value)].into_iter();
         let fields = fields.chain(counter.map(|(field, _)| ("counter".to_owned(), field)));
@@ -146,7 +150,7 @@ impl FrameLayout {
             |index: usize, field: BitField| !flags.iter().take(index).any(|((earlier, _), _)| *earlier == field);
         let status = status_entry_names().zip(flags.iter().map(|((field, _), _)| *field)).enumerate();
         let status = status.filter(|(index, (_, field))| is_first(*index, *field));
-        let min_bytes = check_fields_and_count_bytes(fields.chain(status.map(|(_, named)| named)), length)?;
+        let min_bytes = check_fields_and_count_bytes(fields.chain(status.map(|(_, named)| named)), frame_bytes)?;
         flags.extend(codes);
         let sample = SampleLayout {
             value_location: value,
@@ -231,21 +235,21 @@ fn status_entry_names() -> impl Iterator<Item = String> {
     (1..).map(|number: u32| format!("status {number}"))
 }
 
-/// Checks that no bit belongs to two fields and that no field extends beyond `length` bytes. Returns the number of
+/// Checks that no bit belongs to two fields and that no field extends beyond `frame_bytes` bytes. Returns the number of
 /// bytes that the fields need.
 fn check_fields_and_count_bytes(
     fields: impl Iterator<Item = (String, BitField)>,
-    length: usize,
+    frame_bytes: usize,
 ) -> Result<usize, String> {
     let mut taken = BTreeMap::new();
     let mut expected_bytes = 0;
     for (name, field) in fields {
         let end = field.exclusive_end_byte();
-        if end > length {
+        if end > frame_bytes {
             return Err(format!(
-                "`{name}` extends to byte {}; the frame has the {length} bytes 0 to {}",
+                "`{name}` extends to byte {}; the frame has the {frame_bytes} bytes 0 to {}",
                 end - 1,
-                length.saturating_sub(1)
+                frame_bytes.saturating_sub(1)
             ));
         }
         expected_bytes = expected_bytes.max(end);

@@ -21,8 +21,8 @@ struct TestLayoutKeys {
     status: Vec<FrameStatusKeys>,
 }
 
-fn parse_layout(text: &str) -> Result<FrameLayout, String> {
-    let keys: TestLayoutKeys = toml::from_str(text).map_err(|error| error.message().to_owned())?;
+fn parse_layout(toml: &str) -> Result<FrameLayout, String> {
+    let keys: TestLayoutKeys = toml::from_str(toml).map_err(|error| error.message().to_owned())?;
     let TestLayoutKeys { order, value, counter, encoder_count, status } = keys;
     FrameLayout::new(value, counter, encoder_count, status, order, 8)
 }
@@ -63,7 +63,7 @@ means = "stale"
 "#;
 
 fn expected_sample(value_mm: Option<f64>, flag: ReadingFlag, missing: u32) -> Sample {
-    Sample { received_s: 1.0, value_mm, flag, missing_count: missing, encoder_count: None }
+    Sample { received_s: 1.0, value_mm, flag, lost_before_count: missing, encoder_count: None }
 }
 
 #[test]

@@ -75,8 +75,8 @@ pub struct Sample {
     /// `Range`: out of range or no echo; `Saturated`: too much light; `Stale`: no sample came, or an old one; `Gap`:
     /// the value is valid, but samples before it are missing.
     pub flag: ReadingFlag,
-    /// Number of samples missing before this one, by the sensor's counter.
-    pub missing_count: u32,
+    /// Number of samples lost directly before this one, by the sensor's counter.
+    pub lost_before_count: u32,
     /// Count of the rotary encoder at this sample, if the sensor sends it; less than
     /// [`SensorConfig::encoder_modulus`].
     pub encoder_count: Option<u32>,
@@ -85,7 +85,7 @@ pub struct Sample {
 impl Sample {
     /// A sample without a new value.
     pub(crate) fn stale(t_s: f64) -> Self {
-        Self { received_s: t_s, value_mm: None, flag: ReadingFlag::Stale, missing_count: 0, encoder_count: None }
+        Self { received_s: t_s, value_mm: None, flag: ReadingFlag::Stale, lost_before_count: 0, encoder_count: None }
     }
 }
 
@@ -257,12 +257,12 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
 
 async fn read_samples(driver: &mut impl SensorDriver, count: u32) -> Result<Vec<Sample>, SensorError> {
     driver.discard_old_samples().await?;
-    let (mut samples, mut silence_count) = (Vec::new(), 0);
+    let (mut samples, mut consecutive_silence_count) = (Vec::new(), 0);
     for _ in 0..count {
         let sample = driver.next().await?;
-        silence_count = if sample.flag == ReadingFlag::Stale { silence_count + 1 } else { 0 };
+        consecutive_silence_count = if sample.flag == ReadingFlag::Stale { consecutive_silence_count + 1 } else { 0 };
         samples.push(sample);
-        if silence_count == MAX_CONSECUTIVE_SILENCES {
+        if consecutive_silence_count == MAX_CONSECUTIVE_SILENCES {
             break;
         }
     }

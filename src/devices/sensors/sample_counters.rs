@@ -10,8 +10,8 @@ use machine::record::reading::ReadingFlag;
 pub struct SampleCounters {
     /// Number of samples that were requested and received.
     pub received_count: u64,
-    /// Number of samples missing between the received ones, by the sensor's counter.
-    pub missing_count: u64,
+    /// Number of samples lost between the received ones, by the sensor's counter.
+    pub lost_sample_count: u64,
     /// Number of samples with the flag `Stale`: no sample came within the sensor's timeout, or an old one.
     pub stale_count: u64,
     /// Minimum number of samples that came without being requested, by the counter.
@@ -25,13 +25,13 @@ impl SampleCounters {
         } else {
             self.received_count += 1;
         }
-        self.missing_count += u64::from(sample.missing_count);
+        self.lost_sample_count += u64::from(sample.lost_before_count);
     }
 }
 
 impl fmt::Display for SampleCounters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { received_count, missing_count, stale_count, unrequested_count } = self;
+        let Self { received_count, lost_sample_count: missing_count, stale_count, unrequested_count } = self;
         write!(
             f,
             "{received_count} samples received, {missing_count} missing, {stale_count} timeouts, \

@@ -28,7 +28,7 @@ impl SensorDriver for ScriptedDriver {
         self.discard_old_samples().await?;
         let flag = self.flags.pop_front().unwrap_or(ReadingFlag::Stale);
         let value_mm = (flag == ReadingFlag::None).then_some(1.0);
-        Ok(Sample { received_s: 0.0, value_mm, flag, missing_count: 0, encoder_count: None })
+        Ok(Sample { received_s: 0.0, value_mm, flag, lost_before_count: 0, encoder_count: None })
     }
 
     fn is_on_demand(&self) -> bool {
@@ -36,8 +36,8 @@ impl SensorDriver for ScriptedDriver {
     }
 }
 
-fn spawn_scripted_sensor(flags: &[ReadingFlag], broken: bool) -> SensorHandle {
-    SensorHandle::spawn("script", ScriptedDriver { flags: flags.iter().copied().collect(), loses_link_at_end: broken })
+fn spawn_scripted_sensor(flags: &[ReadingFlag], loses_link_at_end: bool) -> SensorHandle {
+    SensorHandle::spawn("script", ScriptedDriver { flags: flags.iter().copied().collect(), loses_link_at_end })
 }
 
 /// Number of calls of the hold during a watch, and the result of the watch. `expects_hold`: wait for the first call.

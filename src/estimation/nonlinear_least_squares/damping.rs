@@ -49,7 +49,7 @@ impl Damping {
                 let next = model.evaluate_after_step(point, &step);
                 // Decrease of χ² predicted by the linearised model.
                 let predicted_decrease = square_sum(&coordinates) + self.lambda * self.scaled_norm(&velocity).powi(2);
-                let gain = (point.chi2 - next.chi2) / predicted_decrease;
+                let gain = (point.residual_square_sum - next.residual_square_sum) / predicted_decrease;
                 // The comparison rejects NaN.
                 if gain > MIN_DAMPED_DECREASE_RATIO {
                     self.decrease_lambda(gain);

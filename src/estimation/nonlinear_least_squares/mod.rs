@@ -101,14 +101,14 @@ struct LeastSquaresModel<R, S> {
 struct ModelPoint {
     x: Vec<f64>,
     residuals: Vec<f64>,
-    chi2: f64,
+    /// Sum of squares of `residuals`.
+    residual_square_sum: f64,
 }
 
 impl<R, S: Fn(&[f64]) -> Vec<f64>> LeastSquaresModel<R, S> {
     fn evaluate(&self, x: Vec<f64>) -> ModelPoint {
         let residuals = (self.residuals_at)(&x);
-        let chi2 = square_sum(&residuals);
-        ModelPoint { x, residuals, chi2 }
+        ModelPoint { x, residual_square_sum: square_sum(&residuals), residuals }
     }
 
     fn evaluate_after_step(&self, point: &ModelPoint, step: &[f64]) -> ModelPoint {
@@ -135,16 +135,18 @@ impl ModelPoint {
 /// Whether the undamped step is accepted. The comparisons reject NaN.
 fn accepts_undamped_step(step_size: f64, last_step_size: f64, point: &ModelPoint, next: &ModelPoint) -> bool {
     let predicted_decrease = step_size * step_size;
-    let near = predicted_decrease <= NEAR_MINIMUM_DECREASE_RATIO * NEAR_MINIMUM_DECREASE_RATIO * point.chi2
+    let near = predicted_decrease
+        <= NEAR_MINIMUM_DECREASE_RATIO * NEAR_MINIMUM_DECREASE_RATIO * point.residual_square_sum
         && step_size < MAX_NEAR_MINIMUM_STEP_RATIO * last_step_size;
-    point.chi2 - next.chi2 >= MIN_UNDAMPED_DECREASE_RATIO * predicted_decrease || (near && next.chi2.is_finite())
+    point.residual_square_sum - next.residual_square_sum >= MIN_UNDAMPED_DECREASE_RATIO * predicted_decrease
+        || (near && next.residual_square_sum.is_finite())
 }
 
 /// Whether the error that remains after a step of `step_size` from `point` is negligible, assuming that steps continue
 /// to shrink at least as they did from the last step to this one; or whether the step is only rounding.
 fn is_converged(step_size: f64, last_step_size: f64, point: &ModelPoint, factored: &BlockFactorisation) -> bool {
     let dof = point.residuals.len().saturating_sub(point.x.len());
-    let residual_sd = if dof > 0 { (point.chi2 / dof as f64).sqrt() } else { 1.0 };
+    let residual_sd = if dof > 0 { (point.residual_square_sum / dof as f64).sqrt() } else { 1.0 };
     let remaining = if last_step_size < f64::INFINITY {
         step_size * step_size / (last_step_size - step_size).max(0.0)
     } else {

@@ -19,6 +19,7 @@ pub(super) struct RadialFit<const D: usize> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RadialError {
+    /// Contains the number of points.
     TooFewPoints(usize),
     /// The points are on one line (D = 2) or in one plane (D = 3), or coincide.
     Flat,

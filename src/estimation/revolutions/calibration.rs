@@ -1,5 +1,5 @@
 //! Gains and angles of sensors from the scanned revolutions: the eccentricity of the part, which differs between
-//! mountings, is the same for all radial sensors of a section. The declared values of the sensors are additional
+//! mountings, is the same for all radial sensors of a cross section. The declared values of the sensors are additional
 //! observations. Therefore the mean gain and the mean angle of a section keep their declared values, and so do all
 //! values of a sensor that is not radial.
 //!
@@ -17,14 +17,14 @@ use crate::linear_least_squares::{self, LinearError, LinearProblem, RANK_THRESHO
 /// Gauss–Newton iterations. The deviations are small, so the second iteration is exact to their square.
 const ITERATION_COUNT: usize = 6;
 
-/// Smallest standard uncertainty of a declared value: a value that is known exactly has it in the fit.
-const MIN_DECLARED_STD_U: f64 = 1e-12;
+/// Standard uncertainty in the fit of a value that is declared as exactly known or with a smaller uncertainty.
+const STD_U_FLOOR_IN_FIT: f64 = 1e-12;
 
 /// Declared properties of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeclaredSensor {
-    /// Section of a radial sensor. `None`: the sensor is not radial.
-    pub section: Option<usize>,
+    /// Cross section that a radial sensor measures, from 0. `None`: the sensor is not radial.
+    pub cross_section_index: Option<usize>,
     /// γ, the angle of the sensor, counter-clockwise, rad.
     pub angle_rad: f64,
     /// Standard uncertainty of the gain, relative.
@@ -44,46 +44,48 @@ pub struct SensorCalibration {
 /// Estimates the deviations of all channels of `data` from the first harmonic. `turn_sign`: σ, ±1.
 ///
 /// # Errors
-/// The rows do not determine P and E_n, for example with one sensor in a section.
+/// The rows do not determine P and E_n, for example with one sensor in a cross section.
 pub fn calibrate_sensors(
     data: &HarmonicData,
     sensors: &[DeclaredSensor],
     turn_sign: f64,
 ) -> Result<SensorCalibration, LinearError> {
-    let section = |row: usize| sensors[data.row_keys[row].channel_index].section;
-    let rows: Vec<usize> = (0..data.row_keys.len()).filter(|row| section(*row).is_some()).collect();
+    let cross_section = |row: usize| sensors[data.row_keys[row].channel_index].cross_section_index;
+    let rows: Vec<usize> = (0..data.row_keys.len()).filter(|row| cross_section(*row).is_some()).collect();
     let mut mountings: Vec<MountingKey> =
-        rows.iter().map(|row| (section(*row), data.row_keys[*row].mounting_index)).collect();
+        rows.iter().map(|row| (cross_section(*row), data.row_keys[*row].mounting_index)).collect();
     mountings.sort_unstable();
     mountings.dedup();
     let sections: BTreeSet<Option<usize>> = mountings.iter().map(|(section, _)| *section).collect();
     let sections = sections.into_iter().collect();
-    CalibrationEquations { data, sensors, turn_sign, data_rows: rows, sections, mountings }.solve()
+    CalibrationEquations { data, sensors, turn_sign, data_rows: rows, cross_section_indices: sections, mountings }
+        .solve()
 }
 
-/// Section, and number of the mounting of the artefact, from 0.
+/// Cross section, and number of the mounting of the artefact, from 0.
 type MountingKey = (Option<usize>, usize);
 
-/// Unknowns in order: gains, angles, P of each section, then E_n. A complex unknown is its real and imaginary part.
+/// Unknowns in order: gains, angles, P of each cross section, then E_n. A complex unknown is its real and
+/// imaginary part.
 struct CalibrationEquations<'a> {
     data: &'a HarmonicData,
     sensors: &'a [DeclaredSensor],
     turn_sign: f64,
     /// Indices of the rows of `data`.
     data_rows: Vec<usize>,
-    sections: Vec<Option<usize>>,
+    cross_section_indices: Vec<Option<usize>>,
     mountings: Vec<MountingKey>,
 }
 
 impl CalibrationEquations<'_> {
     fn unknown_count(&self) -> usize {
-        2 * (self.sensors.len() + self.sections.len() + self.mountings.len())
+        2 * (self.sensors.len() + self.cross_section_indices.len() + self.mountings.len())
     }
 
     fn solve(&self) -> Result<SensorCalibration, LinearError> {
         let gains = self.sensors.iter().map(|sensor| sensor.u_gain);
         let angles = self.sensors.iter().map(|sensor| sensor.u_angle_rad);
-        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(MIN_DECLARED_STD_U)).collect();
+        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(STD_U_FLOOR_IN_FIT)).collect();
         let (own, observations) = (declared.len(), 2 * self.data_rows.len());
         let free = (observations + own).saturating_sub(self.unknown_count()).max(1);
         let sigma_mm = self.data.observation_std_u_mm(1);
@@ -118,11 +120,11 @@ impl CalibrationEquations<'_> {
         let mut y = Vec::new();
         for (number, row) in self.data_rows.iter().enumerate() {
             let key = self.data.row_keys[*row];
-            let (sensor, section) = (key.channel_index, self.sensors[key.channel_index].section);
-            let motion = self.sections.iter().position(|s| *s == section).unwrap_or(0);
+            let (sensor, section) = (key.channel_index, self.sensors[key.channel_index].cross_section_index);
+            let motion = self.cross_section_indices.iter().position(|s| *s == section).unwrap_or(0);
             let mounting = self.mountings.iter().position(|m| *m == (section, key.mounting_index));
             let against = 2 * (count + motion);
-            let with = 2 * (count + self.sections.len() + mounting.unwrap_or(0));
+            let with = 2 * (count + self.cross_section_indices.len() + mounting.unwrap_or(0));
             let gain = 1.0 + x[sensor];
             let angle = self.sensors[sensor].angle_rad + x[count + sensor];
             let turned = c64::cis(self.turn_sign * angle);

@@ -9,8 +9,9 @@ use super::shared_revolutions::{ChannelAtMounting, ChannelRevolutions};
 /// Degrees of freedom up to which the scatter of a harmonic is pooled with that of its neighbours. With this number
 /// the expanded uncertainty is within 5 % of that of a known scatter.
 const POOLING_TARGET_DOF: f64 = 30.0;
-/// Smallest standard uncertainty of a harmonic, mm. It is below the resolution of any sensor and above rounding.
-const MIN_HARMONIC_STD_U_MM: f64 = 1e-9;
+/// A smaller standard uncertainty of a harmonic is replaced by this one, mm. It is below the resolution of any sensor
+/// and above rounding.
+const HARMONIC_STD_U_FLOOR_MM: f64 = 1e-9;
 
 /// Covariance between channels, mm², of the cosine or sine part of one harmonic in one revolution.
 #[derive(Debug, Clone)]
@@ -60,7 +61,7 @@ impl HarmonicData {
     /// Fewer than two revolutions at every mounting; rows that are inconsistent with each other; fewer than
     /// 2·`max_order` + 1 samples per revolution.
     pub fn from_revolutions(measured: &[ChannelRevolutions], max_order: usize) -> Result<Self, RevolutionsError> {
-        check_revolutions(measured, max_order)?;
+        check_revolution_and_sample_counts(measured, max_order)?;
         let samples = measured[0].revolutions[0].len();
         let basis = HarmonicBasis::new(samples, max_order);
         let harmonics = |row: &ChannelRevolutions| -> Vec<Vec<c64>> {
@@ -140,7 +141,7 @@ impl HarmonicData {
         let covariance = &self.harmonic_scatters[order - 1].channel_covariance;
         let sigma = |(row, revolutions): (&ChannelAtMounting, &usize)| {
             let variance = covariance[(row.channel_index, row.channel_index)] / *revolutions as f64;
-            variance.sqrt().max(MIN_HARMONIC_STD_U_MM)
+            variance.sqrt().max(HARMONIC_STD_U_FLOOR_MM)
         };
         let half: Vec<f64> = self.row_keys.iter().zip(&self.revolution_counts).map(sigma).collect();
         half.repeat(2)
@@ -233,7 +234,10 @@ impl RevolutionsError {
     }
 }
 
-fn check_revolutions(measured: &[ChannelRevolutions], max_order: usize) -> Result<(), RevolutionsError> {
+fn check_revolution_and_sample_counts(
+    measured: &[ChannelRevolutions],
+    max_order: usize,
+) -> Result<(), RevolutionsError> {
     let counts = || measured.iter().map(|row| row.revolutions.len());
     if counts().all(|count| count < 2) || counts().any(|count| count == 0) {
         return Err(RevolutionsError::SingleRevolution);

@@ -1,6 +1,6 @@
 //! Harmonics of several channels over revolutions of an axis, with their scatter. The steps: samples to equal
 //! angles by [`Resampler`] or from stops, selection of the revolutions that all channels share, harmonics.
-//! Detection of channel faults from the samples: saturation, a separate clock, gain and angle.
+//! Detects from the samples that a channel is saturated, has a separate clock, or a wrong gain or angle.
 
 mod calibration;
 mod clock_rate;
@@ -22,7 +22,7 @@ pub use resample::{AngleRange, AngleSample, ResampledChannel, Resampler};
 pub use resample_filter::{KERNEL_HALF_WIDTH_STEPS, ResampleFilter};
 pub use saturation::invalidate_saturated_samples;
 pub use shared_revolutions::{
-    ChannelAtMounting, ChannelRevolutions, RejectedRevolutions, append_revolutions, common_revolutions,
+    ChannelAtMounting, ChannelRevolutions, RejectedRevolutions, append_revolutions, common_and_rejected_revolutions,
     remove_channels_with_missing_revolutions,
 };
 pub use stop_scan::StopScan;

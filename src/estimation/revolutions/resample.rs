@@ -24,9 +24,6 @@ impl AngleRange {
     }
 
     pub fn format_ranges(ranges: &[Self]) -> String {
-        if ranges.is_empty() {
-            return "at an end of the turn".to_owned();
-        }
         let one = |range: &Self| format!("{:.1}° to {:.1}°", range.from_deg, range.to_deg);
         ranges.iter().map(one).collect::<Vec<String>>().join(", ")
     }

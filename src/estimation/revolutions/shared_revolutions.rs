@@ -32,7 +32,7 @@ impl ChannelRevolutions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
     "{rejected} of {revolutions} revolutions have missing samples ({}); measure again, or move the sensor back into its range",
-    AngleRange::format_ranges(.gaps)
+    describe_gaps(.gaps)
 )]
 pub struct RejectedRevolutions {
     pub channel_index: usize,
@@ -40,12 +40,20 @@ pub struct RejectedRevolutions {
     pub rejected: usize,
     /// Number of all revolutions of the scan.
     pub revolutions: usize,
+    /// Angles without samples within the range of the samples.
     pub gaps: Vec<AngleRange>,
 }
 
-/// The revolutions that all usable channels of one scan share, and the rejected ones. A channel without a usable
-/// revolution is left out. `index`: mounting of the scan.
-pub fn common_revolutions(
+fn describe_gaps(gaps: &[AngleRange]) -> String {
+    match gaps {
+        [] => "the samples begin too late or end too early".to_owned(),
+        gaps => format!("at {}", AngleRange::format_ranges(gaps)),
+    }
+}
+
+/// First: the revolutions that all usable channels of one scan share; a channel without a usable revolution is left
+/// out. Second: the channels with rejected revolutions. `index`: mounting of the scan.
+pub fn common_and_rejected_revolutions(
     index: usize,
     channels: &[ResampledChannel],
 ) -> (Vec<ChannelRevolutions>, Vec<RejectedRevolutions>) {

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use super::{
     AngleRange, AngleSample, ChannelAtMounting, ChannelRevolutions, DeclaredSensor, HarmonicBasis, HarmonicData,
-    KERNEL_HALF_WIDTH_STEPS, ResampleFilter, ResampledChannel, Resampler, calibrate_sensors, common_revolutions,
-    saturation::saturated_ranges,
+    KERNEL_HALF_WIDTH_STEPS, ResampleFilter, ResampledChannel, Resampler, calibrate_sensors,
+    common_and_rejected_revolutions, saturation::saturated_ranges,
 };
 use crate::monte_carlo::{DrawDistribution, DrawStream};
 
@@ -54,7 +54,7 @@ fn regress_unevenly_sampled_sines_are_resampled_correctly() {
             let of = |angle: f64| (order * angle + 0.3).sin();
             let channel = resample_function(&filter, &angles, of, |_| true);
             assert!(channel.gaps.is_empty());
-            let (rows, rejected) = common_revolutions(0, &[channel]);
+            let (rows, rejected) = common_and_rejected_revolutions(0, &[channel]);
             assert!(rejected.is_empty() && rows[0].revolutions.len() == 3);
             let mut worst: f64 = 0.0;
             for (i, value) in rows[0].revolutions.iter().flat_map(|r| r.iter().enumerate()) {
@@ -74,7 +74,7 @@ fn regress_suppressed_harmonics_do_not_alias() {
     let angles: Vec<f64> = (0..3200).map(|i| f64::from(i) * TAU / 1000.0).collect();
     for high in [345.0, 375.0, 460.0] {
         let channel = resample_function(&filter, &angles, |angle| (high * angle).cos(), |_| true);
-        let (rows, _) = common_revolutions(0, &[channel]);
+        let (rows, _) = common_and_rejected_revolutions(0, &[channel]);
         let basis = HarmonicBasis::new(STEPS_PER_REVOLUTION, 100);
         let folded = (high - 360.0_f64).abs() as usize;
         let alias = basis.harmonics(&rows[0].revolutions[0])[folded - 1].norm();
@@ -94,7 +94,7 @@ fn regress_revolutions_with_gaps_are_rejected() {
     let is_valid = |angle: f64| !(490.0..500.0).contains(&angle.to_degrees());
     let gap = resample_function(&filter, &angles, f64::sin, is_valid);
     let whole = resample_function(&filter, &angles, f64::cos, |_| true);
-    let (rows, rejected) = common_revolutions(4, &[whole.clone(), gap]);
+    let (rows, rejected) = common_and_rejected_revolutions(4, &[whole.clone(), gap]);
     assert_eq!(rows.iter().map(|row| row.revolutions.len()).collect::<Vec<_>>(), [3, 3]);
     let text = rejected[0].to_string();
     println!("{text}");
@@ -104,7 +104,7 @@ fn regress_revolutions_with_gaps_are_rejected() {
     // A channel that is saturated in every revolution does not affect the other channel.
     let always = |angle: f64| !(120.0..130.0).contains(&angle.to_degrees().rem_euclid(360.0));
     let lost = resample_function(&filter, &angles, f64::sin, always);
-    let (rows, rejected) = common_revolutions(4, &[whole, lost]);
+    let (rows, rejected) = common_and_rejected_revolutions(4, &[whole, lost]);
     assert!(rows.len() == 1 && rows[0].revolutions.len() == 4 && rejected[0].rejected == 4);
 }
 
@@ -119,7 +119,7 @@ fn regress_table_stop_and_encoder_jitter_do_not_change_harmonics() {
         angles.extend((0..repeats).map(|j| angle + 1e-4 * f64::from(j % 3)));
     }
     let channel = resample_function(&filter, &angles, |angle| (4.0 * angle).cos(), |_| true);
-    let (rows, _) = common_revolutions(0, &[channel]);
+    let (rows, _) = common_and_rejected_revolutions(0, &[channel]);
     let basis = HarmonicBasis::new(STEPS_PER_REVOLUTION, 20);
     for revolution in &rows[0].revolutions {
         for (k, harmonic) in basis.harmonics(revolution).iter().enumerate() {
@@ -202,7 +202,7 @@ fn regress_sensor_calibration_finds_gain_and_angle_differences() {
             let data = HarmonicData::from_revolutions(&rows, 3).unwrap();
             let sensors = [0, 1, 2].map(|channel| {
                 let angle_rad = nominal_deg[channel].to_radians();
-                DeclaredSensor { section: Some(0), angle_rad, u_gain, u_angle_rad }
+                DeclaredSensor { cross_section_index: Some(0), angle_rad, u_gain, u_angle_rad }
             });
             let found = calibrate_sensors(&data, &sensors, turn).unwrap();
             let error = |i: usize| found.gain_and_angle_deviations[i] - 5e-3 * truth[i];

@@ -11,8 +11,8 @@ pub struct CanId(pub(super) Id);
 impl CanId {
     /// # Errors
     /// The identifier is too large; as a message.
-    pub fn new(raw: u32, extended: bool) -> Result<Self, String> {
-        if extended {
+    pub fn new(raw: u32, is_extended: bool) -> Result<Self, String> {
+        if is_extended {
             let max_id = ExtendedId::MAX.as_raw();
             let id = ExtendedId::new(raw).map(|id| Self(id.into()));
             return id.ok_or_else(|| format!("{raw:#x} is too large for 29 bits; the maximum is {max_id:#x}"));
@@ -46,7 +46,7 @@ pub struct CanFrame {
     pub received_s: f64,
     pub id: CanId,
     bytes: [u8; MAX_DATA_BYTES],
-    length: usize,
+    data_byte_count: usize,
 }
 
 impl CanFrame {
@@ -55,10 +55,10 @@ impl CanFrame {
         let length = data.len().min(MAX_DATA_BYTES);
         let mut bytes = [0; MAX_DATA_BYTES];
         bytes.iter_mut().zip(data).for_each(|(byte, source)| *byte = *source);
-        Self { received_s: t_s, id, bytes, length }
+        Self { received_s: t_s, id, bytes, data_byte_count: length }
     }
 
     pub fn data(&self) -> &[u8] {
-        self.bytes.get(..self.length).unwrap_or_default()
+        self.bytes.get(..self.data_byte_count).unwrap_or_default()
     }
 }

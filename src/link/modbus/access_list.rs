@@ -21,7 +21,7 @@ pub struct AccessList {
 
 impl RegisterRange {
     fn contains(&self, access: &RegisterAccess) -> bool {
-        let end = usize::from(access.address) + usize::from(access.count);
+        let end = usize::from(access.address) + usize::from(access.register_or_bit_count);
         self.space == access.space && self.first <= access.address && end <= usize::from(self.last) + 1
     }
 }
@@ -36,8 +36,8 @@ impl AccessList {
             (false, false) => MAX_READ_REGISTERS,
         };
         let refused = |why: String| Err(ModbusError::NotAllowed { request: access.to_string(), why });
-        if access.count == 0 || access.count > max_count {
-            let count = access.count;
+        if access.register_or_bit_count == 0 || access.register_or_bit_count > max_count {
+            let count = access.register_or_bit_count;
             return refused(format!("the request has {count} registers or bits; permitted: 1 to {max_count}"));
         }
         let covers = |range: &RegisterRange| range.contains(access);
@@ -47,8 +47,9 @@ impl AccessList {
         refused("the registers are not within one permitted range".to_owned())
     }
 
-    /// Read requests for the readable registers, each of a few registers.
-    pub(super) fn small_read_requests(&self) -> impl Iterator<Item = RegisterAccess> + '_ {
+    /// Harmless reads from the start of each permitted range, each with another reply length within the range. They do
+    /// not read all registers.
+    pub(super) fn reads_of_distinct_reply_length(&self) -> impl Iterator<Item = RegisterAccess> + '_ {
         let readable = self.readable.iter().chain(&self.writable);
         readable.flat_map(|range| {
             let RegisterRange { space, first, last } = *range;

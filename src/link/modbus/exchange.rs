@@ -12,7 +12,7 @@ use super::urgent_queue::UrgentQueue;
 use super::{DeviceSettings, Framing, ModbusError, ModbusLineConfig};
 use crate::link_mode::LinkBackend;
 
-/// Maximum time for which a hold waits for a pending TCP reply.
+/// Maximum time for which a hold waits for an owed TCP reply.
 const MAX_HOLD_WAIT_FOR_TCP_REPLY: Duration = Duration::from_millis(20);
 /// Maximum number of test reads that check whether the line is clear, before one request.
 const MAX_TEST_READS: usize = 3;
@@ -26,29 +26,21 @@ pub(super) struct ModbusExchange {
     stream: Option<DrainableStream>,
     /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers.
     context: Option<Context>,
-    /// Requests whose replies may still arrive (RTU).
-    pending_replies: Vec<ReplyShape>,
+    /// Replies that may still arrive (RTU).
+    owed_replies: Vec<ReplyShape>,
     last_expected_reply_shape: Option<ReplyShape>,
 }
 
 /// Result of one call.
 enum CallOutcome {
     Replied(tokio_modbus::Result<Response>),
-    TimedOut(Duration),
+    NoReplyWithin(Duration),
 }
 
 impl ModbusExchange {
     pub(super) fn new(line: ModbusLineConfig, backend: LinkBackend, urgent_queue: UrgentQueue) -> Self {
-        let (stream, context, pending_replies, last_reply_shape) = (None, None, Vec::new(), None);
-        Self {
-            line,
-            backend,
-            urgent_queue,
-            stream,
-            context,
-            pending_replies,
-            last_expected_reply_shape: last_reply_shape,
-        }
+        let (stream, context, owed_replies, last_reply_shape) = (None, None, Vec::new(), None);
+        Self { line, backend, urgent_queue, stream, context, owed_replies, last_expected_reply_shape: last_reply_shape }
     }
 
     /// # Errors
@@ -88,7 +80,7 @@ impl ModbusExchange {
                 (Ok(0), _) => return Ok(()),
                 (Ok(_), Framing::Rtu) => {
                     // Bytes arrived without a request: perhaps the last reply was sent twice.
-                    self.pending_replies.extend(self.last_expected_reply_shape);
+                    self.owed_replies.extend(self.last_expected_reply_shape);
                     return Ok(());
                 }
                 // The idle connection was closed, or bytes arrived without a request.
@@ -110,16 +102,16 @@ impl ModbusExchange {
 
     /// A read whose reply cannot be confused with any reply that is owed.
     fn choose_test_read(&self, settings: &DeviceSettings) -> Option<RegisterAccess> {
-        let mut test_reads = settings.access_list.small_read_requests();
-        test_reads.find(|test_read| !self.pending_replies.contains(&test_read.reply_shape(settings.unit)))
+        let mut test_reads = settings.access_list.reads_of_distinct_reply_length();
+        test_reads.find(|test_read| !self.owed_replies.contains(&test_read.reply_shape(settings.unit)))
     }
 
     fn has_pending_reply(&self, unit: u8) -> bool {
-        self.pending_replies.iter().any(|reply| reply.unit == unit)
+        self.owed_replies.iter().any(|reply| reply.unit == unit)
     }
 
     fn forget_pending_replies(&mut self, unit: u8) {
-        self.pending_replies.retain(|reply| reply.unit != unit);
+        self.owed_replies.retain(|reply| reply.unit != unit);
     }
 
     /// RTU: sends a read of a shape that is not owed. Its reply proves that no owed reply of this unit can follow.
@@ -166,9 +158,9 @@ impl ModbusExchange {
     /// Sends one test read of `clear_line`; returns its error, if any.
     async fn send_test_read(&mut self, test_read: &RegisterAccess, settings: &DeviceSettings) -> Option<ModbusError> {
         let shape = test_read.reply_shape(settings.unit);
-        let ambiguous = self.pending_replies.iter().any(|reply| reply.has_same_unit_and_function(shape));
+        let ambiguous = self.owed_replies.iter().any(|reply| reply.has_same_unit_and_function(shape));
         match self.send_request(test_read, settings).await {
-            Err(ModbusError::ExceptionReply { .. }) if ambiguous => self.pending_replies.push(shape),
+            Err(ModbusError::ExceptionReply { .. }) if ambiguous => self.owed_replies.push(shape),
             Ok(_) | Err(ModbusError::ExceptionReply { .. }) => self.forget_pending_replies(settings.unit),
             Err(error) => {
                 if matches!(error, ModbusError::UnexpectedReply { .. }) {
@@ -224,11 +216,11 @@ impl ModbusExchange {
                 self.stream = None;
                 ModbusError::ConnectionLost { request, why }
             }
-            CallOutcome::TimedOut(timeout) => ModbusError::Timeout { request, timeout },
+            CallOutcome::NoReplyWithin(timeout) => ModbusError::Timeout { request, timeout },
         };
         self.context = None;
         match self.line.framing {
-            Framing::Rtu => self.pending_replies.push(shape),
+            Framing::Rtu => self.owed_replies.push(shape),
             Framing::Tcp => self.stream = None,
         }
         Err(error)
@@ -254,9 +246,9 @@ impl ModbusExchange {
         tokio::select! {
             biased;
             replied = timeout(settings.timeout, context.call(access.to_pdu())) => {
-                replied.map_or(CallOutcome::TimedOut(settings.timeout), CallOutcome::Replied)
+                replied.map_or(CallOutcome::NoReplyWithin(settings.timeout), CallOutcome::Replied)
             }
-            () = hold_deadline, if framing == Framing::Tcp => CallOutcome::TimedOut(MAX_HOLD_WAIT_FOR_TCP_REPLY),
+            () = hold_deadline, if framing == Framing::Tcp => CallOutcome::NoReplyWithin(MAX_HOLD_WAIT_FOR_TCP_REPLY),
         }
     }
 

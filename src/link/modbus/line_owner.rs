@@ -79,7 +79,7 @@ impl LineOwner {
         self.exchange.perform(access, settings).await?;
         let request = access.to_string();
         let written = access.written_words.clone().unwrap_or_default();
-        let back = RegisterAccess::new_read(RegisterSpace::Holding, access.address, access.count);
+        let back = RegisterAccess::new_read(RegisterSpace::Holding, access.address, access.register_or_bit_count);
         match self.exchange.perform(&back, settings).await {
             Ok(read) if read == written => Ok(read),
             Ok(read) => Err(ModbusError::ReadBackDiffers { request, written, read }),

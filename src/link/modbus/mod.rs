@@ -161,7 +161,7 @@ impl ModbusClient {
     /// Reads `count` registers from `address` on (counted from 0).
     ///
     /// # Errors
-    /// See [`ModbusError`].
+    /// Any [`ModbusError`].
     pub async fn read(&self, space: RegisterSpace, address: u16, count: u16) -> Result<Vec<u16>, ModbusError> {
         self.perform(RegisterAccess::new_read(space, address, count), false).await
     }
@@ -169,7 +169,7 @@ impl ModbusClient {
     /// Writes holding registers from `address` on, then reads them back.
     ///
     /// # Errors
-    /// See [`ModbusError`]; [`ModbusError::ReadBackDiffers`] if the device holds another value afterwards.
+    /// Any [`ModbusError`]; [`ModbusError::ReadBackDiffers`] if the device holds another value afterwards.
     pub async fn write(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
         self.perform(RegisterAccess::new_write(address, words), true).await.map(drop)
     }
@@ -177,7 +177,7 @@ impl ModbusClient {
     /// Like `write`, for registers that the device clears itself: they are not read back.
     ///
     /// # Errors
-    /// See [`ModbusError`].
+    /// Any [`ModbusError`].
     pub async fn write_without_read_back(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
         self.perform(RegisterAccess::new_write(address, words), false).await.map(drop)
     }
@@ -193,14 +193,14 @@ impl ModbusClient {
         Ok(UrgentWriteSender { access, settings, urgent_queue: queue })
     }
 
-    async fn perform(&self, access: RegisterAccess, read_back: bool) -> Result<Vec<u16>, ModbusError> {
+    async fn perform(&self, access: RegisterAccess, needs_read_back: bool) -> Result<Vec<u16>, ModbusError> {
         self.settings.access_list.check_access(&access)?;
         let ended = || ModbusError::LinkThreadEnded { link: self.line.name.clone() };
         let (reply, result) = oneshot::channel();
         let settings = self.settings.clone();
         self.line
             .access_queue
-            .send(QueuedAccess { access, settings, needs_read_back: read_back, reply_sender: reply })
+            .send(QueuedAccess { access, settings, needs_read_back, reply_sender: reply })
             .map_err(|_| ended())?;
         result.await.map_err(|_| ended())?
     }

@@ -27,7 +27,7 @@ pub enum ByteOrder {
     Cdab,
     /// Least significant byte of each word first.
     Badc,
-    /// Both: least significant byte first.
+    /// Least significant word first, and least significant byte of each word first.
     Dcba,
 }
 
@@ -37,7 +37,7 @@ pub enum ByteOrder {
 #[serde(deny_unknown_fields)]
 pub struct NumberFormat {
     #[serde(rename = "type")]
-    pub kind: NumberType,
+    pub number_type: NumberType,
     #[serde(default)]
     pub order: ByteOrder,
     #[serde(default = "default_scale")]
@@ -83,7 +83,7 @@ impl NumberType {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// Other types with the same number of registers, the more common first.
+    /// Types other than this one with the same number of registers, the more common first.
     pub fn same_size_types(self) -> Vec<Self> {
         let all = [Self::I16, Self::U16, Self::I32, Self::U32, Self::F32, Self::I64, Self::U64, Self::F64];
         let is_same_size = |kind: &Self| *kind != self && kind.register_count() == self.register_count();
@@ -98,7 +98,7 @@ impl NumberType {
 impl NumberFormat {
     /// Number of registers that the number occupies.
     pub fn register_count(&self) -> u16 {
-        self.kind.register_count()
+        self.number_type.register_count()
     }
 
     /// Decodes the number in `words`, in the order of the registers.
@@ -111,7 +111,7 @@ impl NumberFormat {
             return Err(RegisterValueError::WrongRegisterCount { received: words.len(), expected });
         }
         let bits = self.reorder_bytes(words).iter().fold(0_u64, |bits, word| bits << 16 | u64::from(*word));
-        let raw = match self.kind {
+        let raw = match self.number_type {
             // The value is in the low 32 bits.
             NumberType::F32 => f64::from(f32::from_bits(bits as u32)),
             NumberType::F64 => f64::from_bits(bits),
@@ -129,12 +129,12 @@ impl NumberFormat {
     /// # Errors
     /// The value does not fit.
     pub fn encode(&self, value: f64) -> Result<Vec<u16>, RegisterValueError> {
-        let refused = RegisterValueError::OutOfRange { value, kind: self.kind, scale: self.scale };
+        let refused = RegisterValueError::OutOfRange { value, kind: self.number_type, scale: self.scale };
         let raw = value / self.scale;
         if !raw.is_finite() {
             return Err(refused);
         }
-        let bits = match self.kind {
+        let bits = match self.number_type {
             NumberType::F32 if (raw as f32).is_finite() => u64::from((raw as f32).to_bits()),
             NumberType::F32 => return Err(refused),
             NumberType::F64 => raw.to_bits(),
@@ -148,7 +148,7 @@ impl NumberFormat {
     /// Decodes the integer in the low bits.
     fn decode_integer(&self, bits: u64) -> Result<f64, RegisterValueError> {
         let unused = 64 - 16 * u32::from(self.register_count());
-        let whole = if self.kind.is_signed() {
+        let whole = if self.number_type.is_signed() {
             // Shifting up and back extends the sign.
             i128::from((bits << unused) as i64 >> unused)
         } else {
@@ -160,12 +160,12 @@ impl NumberFormat {
 
     fn encode_integer(&self, whole: f64) -> Option<u64> {
         let bits = 16 * u32::from(self.register_count());
-        let (least, most) = if self.kind.is_signed() {
+        let (least, most) = if self.number_type.is_signed() {
             (-(1_i128 << (bits - 1)), (1_i128 << (bits - 1)) - 1)
         } else {
             (0, (1_i128 << bits) - 1)
         };
-        // Exact below 2^53; the check comes before the conversion.
+        // Exact below 2^53; the check decides whether the conversion counts.
         let number = (whole.abs() <= MAX_EXACT_INTEGER).then_some(whole as i128)?;
         (least <= number && number <= most).then_some(number as u64)
     }
@@ -187,8 +187,8 @@ impl NumberFormat {
 mod tests {
     use super::*;
 
-    fn test_format(kind: NumberType, order: ByteOrder, scale: f64) -> NumberFormat {
-        NumberFormat { kind, order, scale }
+    fn test_format(number_type: NumberType, order: ByteOrder, scale: f64) -> NumberFormat {
+        NumberFormat { number_type, order, scale }
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub(super) const MAX_READ_BITS: u16 = 2000;
 pub(super) struct RegisterAccess {
     pub(super) space: RegisterSpace,
     pub(super) address: u16,
-    pub(super) count: u16,
+    pub(super) register_or_bit_count: u16,
     /// `None` for a read.
     pub(super) written_words: Option<Vec<u16>>,
 }
@@ -41,12 +41,17 @@ impl ReplyShape {
 
 impl RegisterAccess {
     pub(super) fn new_read(space: RegisterSpace, address: u16, count: u16) -> Self {
-        Self { space, address, count, written_words: None }
+        Self { space, address, register_or_bit_count: count, written_words: None }
     }
 
     pub(super) fn new_write(address: u16, words: &[u16]) -> Self {
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
-        Self { space: RegisterSpace::Holding, address, count, written_words: Some(words.to_vec()) }
+        Self {
+            space: RegisterSpace::Holding,
+            address,
+            register_or_bit_count: count,
+            written_words: Some(words.to_vec()),
+        }
     }
 
     pub(super) fn is_write(&self) -> bool {
@@ -54,7 +59,7 @@ impl RegisterAccess {
     }
 
     pub(super) fn to_pdu(&self) -> Request<'_> {
-        let Self { space, address, count, .. } = *self;
+        let Self { space, address, register_or_bit_count: count, .. } = *self;
         match (&self.written_words, space) {
             (Some(words), _) => Request::WriteMultipleRegisters(address, Cow::Borrowed(words)),
             (None, RegisterSpace::Holding) => Request::ReadHoldingRegisters(address, count),
@@ -68,8 +73,8 @@ impl RegisterAccess {
         let function = self.to_pdu().function_code().value();
         let byte_count = match (self.is_write(), self.space.has_bits()) {
             (true, _) => 0,
-            (false, true) => self.count.div_ceil(8),
-            (false, false) => 2 * self.count,
+            (false, true) => self.register_or_bit_count.div_ceil(8),
+            (false, false) => 2 * self.register_or_bit_count,
         };
         ReplyShape { unit, function_code: function, read_byte_count: byte_count }
     }
@@ -85,7 +90,7 @@ impl RegisterAccess {
             true => Ok(()),
             false => Err(unexpected(format!("the reply has {received} registers or bits, the request {requested}"))),
         };
-        let count = usize::from(self.count);
+        let count = usize::from(self.register_or_bit_count);
         match (self.is_write(), reply) {
             (false, Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words)) => {
                 check_count(words.len(), count)?;
@@ -97,7 +102,7 @@ impl RegisterAccess {
                 Ok(bits.into_iter().take(count).map(u16::from).collect())
             }
             (true, Response::WriteMultipleRegisters(address, count)) => {
-                if (address, count) == (self.address, self.count) {
+                if (address, count) == (self.address, self.register_or_bit_count) {
                     return Ok(Vec::new());
                 }
                 Err(unexpected(format!("the reply confirms {count} registers from address {address}")))
@@ -117,7 +122,7 @@ impl fmt::Display for RegisterAccess {
             (false, RegisterSpace::Discrete) => "reading discrete input",
         };
         let first = usize::from(self.address);
-        match usize::from(self.count) {
+        match usize::from(self.register_or_bit_count) {
             1 => write!(f, "{action} {first}"),
             count => write!(f, "{action}s {first} to {}", first + count.max(1) - 1),
         }

@@ -6,10 +6,10 @@ use tokio::time::Instant;
 use super::*;
 use crate::{CaptureWriter, LineEvent, LineLink, LinkMode};
 
-fn parse_replay(text: &str) -> Result<CaptureReplay, String> {
+fn parse_replay(capture_text: &str) -> Result<CaptureReplay, String> {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
-    std::fs::write(&file, text).unwrap();
+    std::fs::write(&file, capture_text).unwrap();
     CaptureReplay::read(&file).map_err(|error| {
         let message = error.to_string();
         message.rsplit_once('/').map_or(message.clone(), |(_, message)| message.to_owned())

@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 use super::KinematicsError;
 use super::error_parameter::{ErrorShape, ErrorTerm};
 use crate::frame::{Pose, unit_vector};
-use crate::record::machine::{AxisSpec, Machine};
+use crate::record::machine::{Machine, StatedAxis};
 use crate::{Axis, Position};
 
 /// Order in which the error components of one joint act.
@@ -27,7 +27,7 @@ impl Joint {
     /// `branch_sign`: −1 in the workpiece branch, +1 in the tool branch.
     pub(super) fn new(axis: Axis, branch_sign: f64, machine: &Machine) -> Result<Self, KinematicsError> {
         match machine.axes.get(&axis) {
-            Some(spec) => Self::from_spec(axis, branch_sign, spec),
+            Some(spec) => Self::from_stated_axis(axis, branch_sign, spec),
             None if axis == Axis::S => Ok(Self {
                 axis,
                 command_sign: branch_sign,
@@ -38,7 +38,7 @@ impl Joint {
         }
     }
 
-    fn from_spec(axis: Axis, branch_sign: f64, spec: &AxisSpec) -> Result<Self, KinematicsError> {
+    fn from_stated_axis(axis: Axis, branch_sign: f64, spec: &StatedAxis) -> Result<Self, KinematicsError> {
         let axis_direction = Vector3::from(spec.direction);
         let direction = if axis_direction == Vector3::zeros() {
             axis.nominal_direction()
@@ -57,7 +57,7 @@ impl Joint {
         axis_motion(self.axis, self.direction, self.point, self.command_sign * command)
     }
 
-    /// Distance of `point` from the axis of rotation; 0 for a linear joint.
+    /// Distance of `point` (frame of the joint before its motion) from the axis of rotation; 0 for a linear joint.
     pub(super) fn distance_from_axis(&self, point: Vector3<f64>) -> f64 {
         if self.axis.is_linear() {
             return 0.0;

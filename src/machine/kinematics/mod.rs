@@ -14,14 +14,14 @@ mod jacobian;
 mod joint;
 mod kinematic_chain;
 mod topology;
-mod upright_table_axis;
+mod z_parallel_table_axis;
 
 pub use axis_line::AxisLine;
 pub use carrier::{AxisCommands, CarrierChain, CarrierMotion, MachineSide};
 pub use error_parameter::{ErrorParameter, ErrorShape, ErrorTerm, InvalidErrorParameter};
 pub use kinematic_chain::KinematicChain;
 pub use topology::{Topology, TopologyError};
-pub use upright_table_axis::UprightTableAxis;
+pub use z_parallel_table_axis::ZParallelTableAxis;
 
 use crate::Axis;
 

@@ -7,11 +7,11 @@ use nalgebra::Vector3;
 use super::*;
 use crate::Position;
 use crate::frame::{Point, Pose, SpindleFrame};
-use crate::record::machine::{AxisSense, AxisSpec, Carrier, Machine};
+use crate::record::machine::{AxisSense, Carrier, Machine, StatedAxis};
 
 fn machine_with_topology(topology: &str) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
-    let spec: AxisSpec = serde_json::from_str(r#"{"min":-500,"max":500}"#).unwrap();
+    let spec: StatedAxis = serde_json::from_str(r#"{"min":-500,"max":500}"#).unwrap();
     Machine {
         name: "test".into(),
         topology: topology.into(),

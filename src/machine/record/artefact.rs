@@ -18,17 +18,18 @@ pub enum Artefact {
     None,
 }
 
-/// A cylinder that displacement sensors measure: radially at its sections, axially at its face. The probe does not
-/// touch it.
+/// A cylinder that displacement sensors measure: radially at its cross sections, axially at its face. The probe does
+/// not touch it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DatumCylinder {
     /// Foot of the cylinder's axis, table frame.
     pub centre_mm: [f64; 3],
+    /// Direction of the axis from the foot, table frame.
     pub axis: [f64; 3],
-    pub sections: Vec<CylinderSection>,
+    pub sections: Vec<DatumCrossSection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub face: Option<CylinderSection>,
+    pub face: Option<DatumCrossSection>,
     /// Maximum distance, not standard uncertainty, of the true centre from the stated centre.
     #[serde(default = "default_value::<2>")]
     pub uncertainty_mm: f64,
@@ -37,10 +38,10 @@ pub struct DatumCylinder {
 /// A cross section of a datum cylinder, or its face.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CylinderSection {
+pub struct DatumCrossSection {
     /// Distance from the foot along the axis.
     pub z_mm: f64,
-    /// Radius of the cylinder at this section; for the face, its outer radius.
+    /// Radius of the cylinder at this cross section; for the face, its outer radius.
     pub radius_mm: f64,
 }
 
@@ -48,7 +49,9 @@ pub struct CylinderSection {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cylinder {
+    /// Foot of the cylinder's axis, table frame.
     pub centre_mm: [f64; 3],
+    /// Direction of the axis from the foot, table frame.
     pub axis: [f64; 3],
     pub radius_mm: f64,
     #[serde(default = "default_value::<100>")]
@@ -101,12 +104,14 @@ impl Balls {
 pub struct Ball {
     /// Short name, unique within the artefact; without `/`, because the labels of steps contain it.
     pub id: String,
+    /// Centre, table frame. While a machine file is read: in the artefact's own coordinates, until `origin_mm` and
+    /// `turned_deg` are applied.
     pub centre_mm: [f64; 3],
     pub radius_mm: f64,
-    /// Direction from the ball's centre along the stem to its foot.
+    /// Direction from the ball's centre along the stem to its foot; same frame as the centre.
     #[serde(default = "default_stem")]
     pub stem: [f64; 3],
-    /// Radius of the stem; 0 if the stem is not declared, and therefore not checked.
+    /// Radius of the stem; 0 if the stem is not declared, and therefore not in the collision proof.
     #[serde(default)]
     pub stem_radius_mm: f64,
     /// Length of the stem from the ball's centre.

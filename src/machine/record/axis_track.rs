@@ -9,10 +9,10 @@ pub struct AxisTrack {
     axes: Vec<Axis>,
     /// Times on the devices' clock, s; increasing.
     times_s: Vec<f64>,
-    /// The positions in sequence, each with one value per axis; mm or rad.
-    axis_values: Vec<f64>,
+    /// The positions in sequence, flat: one value per axis for each time; mm or rad.
+    flat_positions_mm_or_rad: Vec<f64>,
     /// Indices of the positions before which some are missing; increasing.
-    gap_indices: Vec<usize>,
+    indices_after_gap: Vec<usize>,
 }
 
 impl AxisTrack {
@@ -27,12 +27,12 @@ impl AxisTrack {
         if self.times_s.last().is_some_and(|last| *last >= t_s) {
             return self.record_gap();
         }
-        let before = self.axis_values.len();
-        self.axis_values.extend(values.into_iter().take(self.axes.len()));
-        if self.axis_values.len() == before + self.axes.len() {
+        let before = self.flat_positions_mm_or_rad.len();
+        self.flat_positions_mm_or_rad.extend(values.into_iter().take(self.axes.len()));
+        if self.flat_positions_mm_or_rad.len() == before + self.axes.len() {
             self.times_s.push(t_s);
         } else {
-            self.axis_values.truncate(before);
+            self.flat_positions_mm_or_rad.truncate(before);
             self.record_gap();
         }
     }
@@ -40,8 +40,8 @@ impl AxisTrack {
     /// Records that positions are missing before the next one.
     pub fn record_gap(&mut self) {
         let next = self.times_s.len();
-        if next > 0 && self.gap_indices.last() != Some(&next) {
-            self.gap_indices.push(next);
+        if next > 0 && self.indices_after_gap.last() != Some(&next) {
+            self.indices_after_gap.push(next);
         }
     }
 
@@ -52,21 +52,21 @@ impl AxisTrack {
 
     /// Number of gaps between the first and the last position.
     pub fn gap_count(&self) -> usize {
-        self.gap_indices.iter().filter(|gap| **gap < self.position_count()).count()
+        self.indices_after_gap.iter().filter(|gap| **gap < self.position_count()).count()
     }
 
     /// Position of the axes at time `t_s`; `None` before the first position, after the last, and in a gap.
     pub fn position_at(&self, t_s: f64) -> Option<Position> {
         let after = self.times_s.partition_point(|time| *time < t_s);
-        let (late_s, late) = (*self.times_s.get(after)?, self.values_at_index(after)?);
+        let (late_s, late) = (*self.times_s.get(after)?, self.axis_values_of_position(after)?);
         if late_s == t_s {
             return Some(self.position_from_values(late.iter().copied()));
         }
         let before = after.checked_sub(1)?;
-        if self.gap_indices.binary_search(&after).is_ok() {
+        if self.indices_after_gap.binary_search(&after).is_ok() {
             return None;
         }
-        let (early_s, early) = (*self.times_s.get(before)?, self.values_at_index(before)?);
+        let (early_s, early) = (*self.times_s.get(before)?, self.axis_values_of_position(before)?);
         let part = (t_s - early_s) / (late_s - early_s);
         Some(self.position_from_values(early.iter().zip(late).map(|(from, to)| from + part * (to - from))))
     }
@@ -74,9 +74,10 @@ impl AxisTrack {
     /// Times at which the axes started and arrived: of the last position within `tolerance` (mm or rad) of the first
     /// one, and of the first position that is as near to the last one. `None` if the axes did not move.
     pub fn motion_interval_s(&self, tolerance: f64) -> Option<(f64, f64)> {
-        let (first, last) = (self.values_at_index(0)?, self.values_at_index(self.position_count().checked_sub(1)?)?);
+        let (first, last) =
+            (self.axis_values_of_position(0)?, self.axis_values_of_position(self.position_count().checked_sub(1)?)?);
         let is_near = |number: usize, reference: &[f64]| {
-            let at = self.values_at_index(number).unwrap_or_default();
+            let at = self.axis_values_of_position(number).unwrap_or_default();
             at.iter().zip(reference).all(|(at, reference)| (at - reference).abs() <= tolerance)
         };
         let last_rest = (0..self.position_count()).find(|number| !is_near(*number, first))?.saturating_sub(1);
@@ -87,7 +88,7 @@ impl AxisTrack {
     /// Number of `points` that the track reaches in sequence, each within `tolerance` (mm or rad).
     pub fn reached_point_count(&self, points: &[Position], tolerance: f64) -> usize {
         let mut reached = 0;
-        for values in self.axis_values.chunks_exact(self.axes.len().max(1)) {
+        for values in self.flat_positions_mm_or_rad.chunks_exact(self.axes.len().max(1)) {
             let is_near = |point: &Position| {
                 let coordinates = self.axes.iter().zip(values);
                 let off = |(axis, at): (&Axis, &f64)| Some((point.get(*axis)? - at).abs());
@@ -98,8 +99,8 @@ impl AxisTrack {
         reached
     }
 
-    fn values_at_index(&self, index: usize) -> Option<&[f64]> {
-        self.axis_values.chunks_exact(self.axes.len().max(1)).nth(index)
+    fn axis_values_of_position(&self, position_index: usize) -> Option<&[f64]> {
+        self.flat_positions_mm_or_rad.chunks_exact(self.axes.len().max(1)).nth(position_index)
     }
 
     fn position_from_values(&self, values: impl Iterator<Item = f64>) -> Position {

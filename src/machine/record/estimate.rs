@@ -24,8 +24,8 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Converts an internal value (mm, rad, mm/mm, s) into the unit.
-    pub fn to_display_value(self, value: f64) -> f64 {
+    /// Converts an internal value (mm, rad, mm/mm, s) into this unit, in which it is reported.
+    pub fn to_reported_value(self, value: f64) -> f64 {
         match self {
             Unit::Um | Unit::Ms => value * 1e3,
             Unit::Urad | Unit::UmPerM => value * 1e6,
@@ -234,15 +234,17 @@ pub enum VectorFigureKind {
     Paths,
 }
 
+/// The arrows of one indexation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ArrowGroup {
     /// e.g. `B -30°, C 90°, S 0°`.
     pub name: String,
-    pub arrows: Vec<Arrow>,
+    pub arrows: Vec<FigureArrow>,
 }
 
+/// One vector of an [`ArrowFigure`]: its start, its measured and its modelled value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Arrow {
+pub struct FigureArrow {
     pub label: String,
     /// Start point; its frame depends on the method.
     pub at_mm: [f64; 3],
@@ -255,16 +257,17 @@ pub struct Arrow {
     pub flagged: bool,
 }
 
+/// Covariance of the parameters of an estimate.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Covariance {
+pub struct ParameterCovariance {
     pub symbols: Vec<String>,
     /// Square matrix, in the products of the parameters' units.
     pub rows: Vec<Vec<f64>>,
 }
 
-/// Limit on a parameter: |value| of `symbol` is at most `limit`, in `unit`.
+/// Tolerance of a parameter: |value| of `symbol` is at most `limit`, in `unit`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ParameterLimit {
+pub struct ParameterTolerance {
     pub symbol: String,
     pub unit: Unit,
     pub limit: f64,
@@ -365,7 +368,7 @@ pub struct Estimate {
     pub circles: Vec<CircleFigure>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub arrows: Vec<ArrowFigure>,
-    pub covariance: Covariance,
+    pub covariance: ParameterCovariance,
     pub rank: usize,
     pub unknowns: usize,
     pub condition: f64,

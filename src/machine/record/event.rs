@@ -1,15 +1,17 @@
-//! Events of a run: for the journal, the terminal and, later, the page.
+//! Events of a run, for the journal, the terminal, the log and state of the service, and, from the journal, the web
+//! page of the run.
 
 use serde::{Deserialize, Serialize};
 
 use super::plan::Stage;
-use super::proof::Proof;
 use super::reading::Reading;
+use super::stage_proof::StageProof;
 use super::watched_sensors::LiveValues;
 
+/// Event of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "event")]
-pub enum Event {
+pub enum RunEvent {
     /// Free text for the operator.
     Announced {
         text: String,
@@ -17,7 +19,7 @@ pub enum Event {
     /// The text of a stage was read back and proven; the stage has not moved yet.
     StageProven {
         stage: u32,
-        proof: Proof,
+        proof: StageProof,
     },
     StageStarted {
         stage: Stage,

@@ -52,7 +52,7 @@ pub struct Machine {
     /// e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]` (ISO 10791).
     pub topology: String,
     #[serde(default)]
-    pub axes: BTreeMap<Axis, AxisSpec>,
+    pub axes: BTreeMap<Axis, StatedAxis>,
     /// Position of the stylus-ball centre relative to the spindle datum.
     #[serde(default)]
     pub tool_mm: [f64; 3],
@@ -79,15 +79,16 @@ impl Machine {
     }
 }
 
+/// What `[axes.X]` of the machine file states of an axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct AxisSpec {
+pub struct StatedAxis {
     #[serde(default)]
     pub positive: AxisSense,
-    /// A point on a rotary axis, all axes at zero.
+    /// A point on a rotary axis, all axes at zero, machine frame.
     #[serde(default)]
     pub point_mm: [f64; 3],
-    /// Direction; `[0,0,0]` means the nominal direction of the axis after ISO 841.
+    /// Direction, machine frame; `[0,0,0]` means the nominal direction of the axis after ISO 841.
     #[serde(default)]
     pub direction: [f64; 3],
     /// Lower travel limit, mm or degrees; `max` is the upper one.
@@ -129,15 +130,15 @@ pub struct AxisSpec {
     pub clamp: Option<Clamp>,
 }
 
-impl AxisSpec {
+impl StatedAxis {
     /// Zero, or the limit nearest to it, mm or degrees.
     pub fn position_nearest_zero(&self) -> f64 {
         0.0_f64.max(self.min).min(self.max)
     }
 
-    /// First and last multiple of `step` within the limits.
-    pub fn first_and_last_multiple_within_limits(&self, step: f64) -> [i64; 2] {
-        [(self.min / step - 1e-9).ceil() as i64, (self.max / step + 1e-9).floor() as i64]
+    /// First and last multiple of `increment` within the limits.
+    pub fn first_and_last_multiple_within_limits(&self, increment: f64) -> [i64; 2] {
+        [(self.min / increment - 1e-9).ceil() as i64, (self.max / increment + 1e-9).floor() as i64]
     }
 }
 
@@ -305,6 +306,7 @@ pub enum Carrier {
 #[serde(deny_unknown_fields)]
 pub struct Keepout {
     pub name: String,
+    /// Corner with the smallest coordinates, machine frame; `max_mm`: the opposite corner.
     pub min_mm: [f64; 3],
     pub max_mm: [f64; 3],
 }

@@ -7,11 +7,11 @@ pub mod event;
 pub mod machine;
 pub mod motion;
 pub mod plan;
-pub mod proof;
 pub mod question;
 pub mod reading;
 pub mod sensor;
 mod sensor_names;
+pub mod stage_proof;
 pub mod watched_sensors;
 
 /// Default of a key in the machine file.

@@ -35,7 +35,8 @@ pub enum Motion {
         feed_mm_min: f64,
     },
     /// Turns the spindle to an orientation (rad) and holds it.
-    Orient {
+    #[serde(rename = "orient")]
+    OrientSpindle {
         s: f64,
     },
     Dwell {
@@ -45,7 +46,7 @@ pub enum Motion {
 
 /// The motions of one step, executed as one unit: at most one `Probe`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Block {
+pub struct MotionBlock {
     pub step: u32,
     pub repeat: u32,
     pub motions: Vec<Motion>,
@@ -53,7 +54,7 @@ pub struct Block {
 
 /// Result of an executed block.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct BlockOutcome {
+pub struct MotionBlockOutcome {
     /// All axis positions at the trigger, machine coordinates; `None` if the block has no `Probe`.
     pub trigger_position: Option<Position>,
     /// Time of the trigger, s, if the control stamps it; otherwise the host's clock is used.

@@ -56,6 +56,7 @@ pub struct Plan {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum StepKind {
+    /// A rotary axis moves; nothing is measured.
     Index,
     #[default]
     Touch,

@@ -41,8 +41,9 @@ pub enum StylusState {
     Deflected,
 }
 
+/// A question to the operator. At its end: the possible answers.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Question {
+pub enum OperatorQuestion {
     /// The control reports this position, machine coordinates. Does its own display show the same? Yes or no.
     DisplayedPosition(Position),
     /// May the machine make this move, and then move back? `visible_motion`: the visible motion, as text. Yes or no.
@@ -69,8 +70,9 @@ pub enum Question {
     AllowAction { action: String },
 }
 
+/// Answer of the operator.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Answer {
+pub enum OperatorAnswer {
     Yes,
     No,
     Motion(ObservedMotion),

@@ -65,7 +65,7 @@ pub struct Reading {
     /// Displacement of a scan sample; `None` for a touch.
     pub value_mm: Option<f64>,
     pub sensor: String,
-    /// Time of the run, s.
+    /// Time of the reading on the clock of the run, s.
     pub t_s: f64,
     #[serde(default)]
     pub flag: ReadingFlag,

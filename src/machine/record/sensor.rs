@@ -3,9 +3,10 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Quantity that a sensor measures.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum SensorKind {
+pub enum MeasuredQuantity {
     /// One distance along a straight line.
     #[default]
     Displacement,
@@ -34,8 +35,8 @@ impl SensorMount {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sensor {
     pub name: String,
-    #[serde(default)]
-    pub kind: SensorKind,
+    #[serde(default, rename = "kind")]
+    pub measured_quantity: MeasuredQuantity,
     #[serde(default, skip_serializing_if = "SensorMount::is_spindle")]
     pub mount: SensorMount,
     /// Zero point in the frame of the mount; nominal, because a measurement determines it.

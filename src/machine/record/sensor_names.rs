@@ -29,7 +29,7 @@ pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok
 }
 
 /// # Errors
-/// Both keys are missing.
+/// The keys `sensor` and `sensors` are both missing.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
     match SensorNamesKeys::deserialize(deserializer)? {
         SensorNamesKeys { sensors: Some(names), .. } => Ok(names),

@@ -4,22 +4,22 @@ use serde::{Deserialize, Serialize};
 
 use super::sensor::Sensor;
 
-/// A sensor of a prompt: it is read while the operator works. None of these values is a reading of the run.
+/// A sensor of a prompt: it is read while the operator works. None of its values is a reading of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WatchedSensor {
     pub sensor: String,
-    /// Value after the operator has done what the prompt requires.
+    /// Value after the operator has done what the prompt requires; `None`: no value is required.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_mm: Option<f64>,
-    /// For a radial sensor with a target: the section whose position its deviation shows.
+    /// For a radial sensor with a target: the cross section whose position its deviation shows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub section: Option<SectionPoint>,
+    pub section: Option<CrossSectionPoint>,
 }
 
 /// Point of a round artefact at which a radial sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct SectionPoint {
-    /// Number of the section, from 1.
+pub struct CrossSectionPoint {
+    /// Number of the cross section, from 1.
     pub number: usize,
     pub z_mm: f64,
     /// Direction from the axis to the sensor, counter-clockwise from +X, machine frame.
@@ -43,9 +43,9 @@ impl WatchedSensor {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveValues {
     pub sensors: Vec<LiveSensorValue>,
-    /// Sections by their numbers, from 1.
-    pub sections: Vec<LiveSectionValue>,
-    /// Slope of the line through the centres of two sections, along X and Y.
+    /// Cross sections by their numbers, from 1.
+    pub sections: Vec<LiveCrossSectionValue>,
+    /// Slope of the line through the centres of two cross sections, along X and Y.
     pub tilt_urad: Option<[f64; 2]>,
 }
 
@@ -53,16 +53,18 @@ pub struct LiveValues {
 pub struct LiveSensorValue {
     pub sensor: String,
     pub range_mm: [f64; 2],
+    /// As in [`WatchedSensor`].
     pub target_mm: Option<f64>,
     /// Measured value; null if the sensor failed, with the reason in `failure`.
     pub value_mm: Option<f64>,
     pub failure: Option<String>,
 }
 
+/// Measured position of one cross section of a round artefact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct LiveSectionValue {
+pub struct LiveCrossSectionValue {
     pub number: usize,
-    /// Distance from the axis to the centre of the section along X and Y. Null: its sensors do not determine it.
+    /// Distance from the axis to the centre of the cross section along X and Y. Null: its sensors do not determine it.
     pub eccentricity_um: Option<[f64; 2]>,
 }
 

@@ -41,14 +41,14 @@ pub fn design_visits(
     let chain = KinematicChain::new(&setup.plan.machine)?;
     let places = list_indexations(super::METHOD_NAME, &setup.plan.machine, &chain, &settings.rotary_positions())?;
     let access = setup.touch_access(&setup.plan.artefact)?;
-    let approach = setup.search_approach(setup.balls.uncertainty_mm);
+    let mode = setup.search_touch_mode(setup.balls.uncertainty_mm);
     let mut seen = vec![false; setup.balls.balls.len()];
     let mut why_not: BTreeMap<usize, String> = BTreeMap::new();
     let mut visits = Vec::new();
     for at in places {
         let mut balls = Vec::new();
         for (index, ball) in setup.balls.balls.iter().enumerate() {
-            match access.accessible_touches(&setup.ball_task(ball, &at, approach)) {
+            match access.accessible_touches(&setup.ball_measurement_request(ball, &at, mode)) {
                 Ok(_) => {
                     balls.push(index);
                     seen[index] = true;

@@ -19,8 +19,8 @@ const GAUSS_NEWTON_STEPS: usize = 3;
 /// Number of unknowns besides the errors: stylus, translation and rotation of the artefact.
 pub const STYLUS_AND_POSE_UNKNOWN_COUNT: usize = 9;
 
-/// The fitted stylus minus the offset of the spindle in the prior. Its gain is for the change of each point minus
-/// the change of its certified position. `None`: the readings do not separate errors and stylus.
+/// The fitted stylus minus the offset of the spindle in the prior. The gain of the stylus applies to the change
+/// of each point minus the change of its certified position. `None`: the readings do not separate errors and stylus.
 pub fn fit_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Option<StylusEstimate> {
     let own = known.errors.iter().filter(|error| !is_spindle_error(error));
     let mut errors: Vec<ErrorTerm> = own.map(|error| ErrorTerm { value: 0.0, ..*error }).collect();

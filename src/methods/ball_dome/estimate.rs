@@ -51,7 +51,7 @@ pub fn build_estimate(
     let (variants, lost) = compute_variants(&points, known.as_ref(), tool_ball);
     let variant_index = |name: &str| variants.iter().position(|variant| variant.kind.name == name);
     let mut sources = sources::reading_sources(plan, points.chain(), &observed);
-    let judged = variant_index("S3");
+    let compared_index = variant_index("S3");
     let weights = point_weights(&points, &sources);
     let groups = outputs::MeasurementGroups::from_observed(&observed);
     let model = DomeModel {
@@ -59,7 +59,7 @@ pub fn build_estimate(
         variants: &variants,
         point_derivatives_by_prior_errors: &point_derivatives_by_prior_errors(&points, known.as_ref()),
         ball_count: setup.balls.balls.len(),
-        judged_variant_index: judged,
+        compared_variant_index: compared_index,
         group_point_indices: &groups.point_indices,
         weights: &weights,
     };
@@ -68,14 +68,14 @@ pub fn build_estimate(
     sources.push(sources::temperature_source(&model, setup.balls));
     sources.retain(|source| !source.is_zero());
     sources.extend(known.as_ref().and_then(|known| sources::prior_source(&model, known)));
-    let best = &variants[judged.or_else(|| variant_index("N3")).unwrap_or(0)];
+    let best = &variants[compared_index.or_else(|| variant_index("N3")).unwrap_or(0)];
     let measurement = |i: usize| (best.fit.deviations[i], 3 * i, mean_coordinate_u_mm(&weights[i]));
     let solution = SolvedModel {
         model: &model,
-        weighted_residuals: &judged.map_or(Vec::new(), |_| model.weighted_residuals(&best.fit.deviations)),
+        weighted_residuals: &compared_index.map_or(Vec::new(), |_| model.weighted_residuals(&best.fit.deviations)),
         has_declared_source_sizes: plan.probe.repeatability_um.is_some(),
-        fit_quality: fit_quality(&points, best, judged.is_some())?,
-        measurements: &judged.map_or(Vec::new(), |_| measurements_for_outlier_check(&observed, measurement)),
+        fit_quality: quality_of_fit(&points, best, compared_index.is_some())?,
+        measurements: &compared_index.map_or(Vec::new(), |_| measurements_for_outlier_check(&observed, measurement)),
     };
     let trials = TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let identified = identify(&solution, &sources, outputs::build_outputs(&model, &groups), Some(trials))?;
@@ -122,8 +122,8 @@ fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<
 }
 
 /// Rank and condition of the equations for stylus, translation and rotation, and the residuals of the variant.
-/// `is_judged`: whether its residuals are compared with the declared sources.
-fn fit_quality(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> Result<FitQuality, IdentifyError> {
+/// `is_compared`: whether its residuals are compared with the declared sources; if not, the degrees of freedom are 0.
+fn quality_of_fit(points: &MeasuredPoints, best: &DomeVariant, is_compared: bool) -> Result<FitQuality, IdentifyError> {
     let stylus_derivatives = points.point_derivatives_by_stylus(&[]);
     let entry = |row: usize, column: usize| {
         let (i, k, j) = (row / 3, row % 3, column % 3);
@@ -141,7 +141,7 @@ fn fit_quality(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> 
         rank: survey.rank,
         unknown_count: STYLUS_AND_POSE_UNKNOWN_COUNT,
         condition_number: survey.condition,
-        dof: if is_judged { (3 * points.point_count()).saturating_sub(STYLUS_AND_POSE_UNKNOWN_COUNT) } else { 0 },
+        dof: if is_compared { (3 * points.point_count()).saturating_sub(STYLUS_AND_POSE_UNKNOWN_COUNT) } else { 0 },
         residual_rms_mm: rms(&coordinates),
     })
 }

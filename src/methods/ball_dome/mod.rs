@@ -40,8 +40,8 @@ impl RegisteredMethod for BallDome {
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "a ball artefact with calibrated positions, such as a ball dome",
-        results: "deviation of the balls from their certificate, with the nominal machine and, given a SAMBA \
-            estimate, with the calibrated machine",
+        results: "deviation of the measured ball positions from their certificate: without correction and, given a \
+            SAMBA estimate, with correction of the machine errors",
         machine_file: "ball-dome.toml",
     };
 

@@ -15,7 +15,7 @@ pub struct DomeModel<'a> {
     pub point_derivatives_by_prior_errors: &'a [Vec<Vector3<f64>>],
     pub ball_count: usize,
     /// Index of the variant whose deviations are compared with the declared sources. `None`: no variant is compared.
-    pub judged_variant_index: Option<usize>,
+    pub compared_variant_index: Option<usize>,
     /// Indices of the points of each group. The mean deviation of a group is a result of each variant.
     pub group_point_indices: &'a [Vec<usize>],
     /// Weight of each point: from its deviation in the table frame to weighted residuals.
@@ -132,11 +132,11 @@ impl ObservationModel for DomeModel<'_> {
         }
         unknowns.extend(means);
         let residuals =
-            self.judged_variant_index.map_or(Vec::new(), |judged| self.weighted_residuals(&changes[judged].0));
+            self.compared_variant_index.map_or(Vec::new(), |index| self.weighted_residuals(&changes[index].0));
         LinearResponse { unknown_changes: unknowns, residual_changes: residuals }
     }
 
-    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknown_count(), |change| self.result_values(change))
     }
 }

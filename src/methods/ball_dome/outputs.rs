@@ -11,12 +11,12 @@ use crate::ball_measurement::{
     BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_rotary_axes_in_degrees,
 };
 use crate::identification::{
-    Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, OutputCurve, OutputParameter, Outputs,
-    function_of_numbered_values, slope_of_unknown,
+    Identification, IdentificationOutputs, MisfitAdvice, NonlinearOutputs, ObservationModel as _, OutputCurve,
+    OutputParameter, function_of_numbered_values, slope_of_unknown,
 };
 use machine::Position;
 use machine::record::estimate::{
-    Arrow, ArrowFigure, ArrowGroup, EstimatedFunction, FunctionFigureKind, Unit, VectorFigureKind,
+    ArrowFigure, ArrowGroup, EstimatedFunction, FigureArrow, FunctionFigureKind, Unit, VectorFigureKind,
 };
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
@@ -27,7 +27,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 
 /// The styluses that are results, then largest and mean deviations. The deviations are nonlinear functions,
 /// and their uncertainty comes from the trials.
-pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outputs {
+pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> IdentificationOutputs {
     let values = model.result_values(&vec![0.0; model.observation_count()]);
     let names = model.variants.iter().flat_map(|v| ["max", "mean"].map(|of| format!("{}_{of}", v.kind.name)));
     let deviation =
@@ -41,7 +41,7 @@ pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outpu
         outputs: deviations,
         trial_values: Box::new(move |trials| Mat::from_fn(trials.nrows(), count, |i, j| trials[(i, j)])),
     };
-    Outputs {
+    IdentificationOutputs {
         linear_parameters: styluses.enumerate().map(stylus).collect(),
         curves: group_mean_curves(model, groups, &values),
         nonlinear: Some(nonlinear),
@@ -93,7 +93,7 @@ fn group_mean_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: 
     (0..model.variants.len()).flat_map(both).map(curve).collect()
 }
 
-/// Deviation of each measurement in order of time, as a histogram.
+/// Deviations of all measurements, as a histogram.
 pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
     let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
@@ -103,7 +103,7 @@ pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
     }
 }
 
-/// Deviations in the artefact frame, as arrows.
+/// Deviations in the artefact frame, as arrows: one figure for each variant in `shown`, in their order.
 pub fn deviation_arrows(
     setup: &MeasurementSetup<'_>,
     observed: &ObservedBalls,
@@ -111,7 +111,7 @@ pub fn deviation_arrows(
     shown: [&DomeVariant; 2],
 ) -> Vec<ArrowFigure> {
     let figure = |variant: &DomeVariant| {
-        let arrow = |i: usize| Arrow {
+        let arrow = |i: usize| FigureArrow {
             label: setup.balls.balls[points.ball_indices[i]].id.clone(),
             at_mm: points.certified_positions_mm[i].into(),
             vector: (variant.fit.rotation.inverse() * variant.fit.deviations[i] * 1e3).into(),

@@ -66,8 +66,8 @@ impl BallDomeSettings {
             watch_duration_s: 60.0 * self.watch_min,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
-            form_limit_mm: self.form_limit_um * 1e-3,
-            diameter_deviation_limit_mm: self.diameter_limit_um * 1e-3,
+            form_hold_limit_mm: self.form_limit_um * 1e-3,
+            diameter_deviation_hold_limit_mm: self.diameter_limit_um * 1e-3,
         }
     }
 

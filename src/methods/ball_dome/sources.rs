@@ -5,7 +5,7 @@ use crate::ball_measurement::{
     ObservedBalls, certified_source, effect_of_nonzero_spans, kinematic_sources, touch_sources,
 };
 use crate::identification::{
-    KnownErrors, ObservationEffect, ObservationModel as _, ObservationSpan, UncertaintySource, slope_of_unknown,
+    KnownErrors, ObservationEffect, ObservationModel as _, ObservationSpanChange, UncertaintySource, slope_of_unknown,
 };
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::Balls;
@@ -22,11 +22,11 @@ pub fn reading_sources(plan: &Plan, chain: &KinematicChain, observed: &ObservedB
 /// Source of the certificate: each coordinate of each ball is independent, with the stated uncertainty.
 pub fn certificate_source(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource {
     let coordinates = 3 * model.ball_count;
-    let run = |k: usize| ObservationSpan {
+    let span = |k: usize| ObservationSpanChange {
         first_index: model.first_certified_observation_index(0) + k,
         changes_mm: vec![u_mm],
     };
-    certified_source("certificate of the balls", effect_of_nonzero_spans((0..coordinates).map(run)))
+    certified_source("certificate of the balls", effect_of_nonzero_spans((0..coordinates).map(span)))
 }
 
 /// Temperature of the artefact: if it is higher than stated, all distances between the balls are larger.

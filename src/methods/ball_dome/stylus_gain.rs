@@ -16,7 +16,7 @@ pub type StylusGain = Vec<Matrix3<f64>>;
 pub fn stylus_gain(
     point_derivatives: &[Matrix3<f64>],
     ball_indices: &[usize],
-    is_included: impl Fn(usize) -> bool,
+    includes_ball: impl Fn(usize) -> bool,
 ) -> Option<StylusGain> {
     let balls = ball_indices.iter().max().map_or(0, |last| last + 1);
     let (mut sums, mut numbers) = (vec![Matrix3::zeros(); balls], vec![0.0; balls]);
@@ -25,7 +25,7 @@ pub fn stylus_gain(
         numbers[*ball] += 1.0;
     }
     // The mean position of each ball is an unknown too.
-    let centred = |(ball, column): (&usize, &Matrix3<f64>)| match is_included(*ball) {
+    let centred = |(ball, column): (&usize, &Matrix3<f64>)| match includes_ball(*ball) {
         true => column - sums[*ball] / numbers[*ball],
         false => Matrix3::zeros(),
     };

@@ -54,8 +54,8 @@ fn find_stylus(
     known: Option<&KnownErrors<'_>>,
     tool_ball: usize,
 ) -> Option<StylusEstimate> {
-    let of_balls = |is_included: &dyn Fn(usize) -> bool| {
-        let gain = stylus_gain(&points.point_derivatives_by_stylus(errors), &points.ball_indices, is_included)?;
+    let of_balls = |includes_ball: &dyn Fn(usize) -> bool| {
+        let gain = stylus_gain(&points.point_derivatives_by_stylus(errors), &points.ball_indices, includes_ball)?;
         let change = stylus_change(&gain, &points.table_positions_mm(errors, points.stated_stylus));
         Some(StylusEstimate {
             vector_mm: points.stated_stylus + change,

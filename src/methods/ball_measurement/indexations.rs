@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use crate::MethodRefusal;
 use machine::frame::{Pose, unit_vector};
 use machine::kinematics::KinematicChain;
-use machine::record::machine::{AxisSpec, Machine};
+use machine::record::machine::{Machine, StatedAxis};
 use machine::{Axis, Position};
 
 /// Minimum cosine for an axis to count as parallel to the spindle.
@@ -124,7 +124,7 @@ fn combine_positions(places: &[Position], grid: &AxisGrid) -> Vec<Position> {
     places.iter().flat_map(with).collect()
 }
 
-fn axis_grid(axis: Axis, spec: &AxisSpec, named: &ConfiguredPositions<'_>) -> Result<AxisGrid, MethodRefusal> {
+fn axis_grid(axis: Axis, spec: &StatedAxis, named: &ConfiguredPositions<'_>) -> Result<AxisGrid, MethodRefusal> {
     let ConfiguredPositions { key, angles_deg: degrees, is_default } = *named;
     let mut at: Vec<f64> = Vec::new();
     for degree in degrees {
@@ -144,7 +144,7 @@ fn axis_grid(axis: Axis, spec: &AxisSpec, named: &ConfiguredPositions<'_>) -> Re
 }
 
 /// The only position, 0, of an axis that tilts the spindle.
-fn upright_spindle_grid(axis: Axis, spec: &AxisSpec) -> Result<AxisGrid, MethodRefusal> {
+fn upright_spindle_grid(axis: Axis, spec: &StatedAxis) -> Result<AxisGrid, MethodRefusal> {
     let at = command_rad_within_limits(axis, spec, 0.0).ok_or_else(|| MethodRefusal {
         reason: format!(
             "the spindle must be upright, because balls are touched from above only, but {axis} = 0° is \
@@ -156,7 +156,7 @@ fn upright_spindle_grid(axis: Axis, spec: &AxisSpec) -> Result<AxisGrid, MethodR
     Ok(AxisGrid { axis, positions_rad: vec![at] })
 }
 
-fn outside_limits_refusal(axis: Axis, spec: &AxisSpec, degree: f64, key: &str) -> MethodRefusal {
+fn outside_limits_refusal(axis: Axis, spec: &StatedAxis, degree: f64, key: &str) -> MethodRefusal {
     MethodRefusal {
         reason: format!(
             "an indexation with {axis} at {degree}° is outside the limits [{}, {}] of the axis",
@@ -167,7 +167,7 @@ fn outside_limits_refusal(axis: Axis, spec: &AxisSpec, degree: f64, key: &str) -
 }
 
 /// The command for an angle within the limits: the angle itself, or one whole turn less or more.
-fn command_rad_within_limits(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64> {
+fn command_rad_within_limits(axis: Axis, spec: &StatedAxis, degree: f64) -> Option<f64> {
     let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
     let commanded_rad = axis.to_mm_or_rad(degree);
     [0.0, -TAU, TAU]

@@ -8,7 +8,7 @@ use crate::decision::reference_shifts::{
     ReferencePair, ReferenceShift, ShiftLimits, TouchScatter, compared_reference_point_count,
 };
 use crate::identification::ObservationEffect;
-use crate::identification::declared_sources::{display_step_mm, drift_rate_sd_mm_per_s, repeatability_mm};
+use crate::identification::declared_sources::{control_resolution_mm, drift_rate_sd_mm_per_s, repeatability_mm};
 use machine::Axis;
 use machine::record::plan::Plan;
 
@@ -39,8 +39,8 @@ fn reference_shift_limit_mm(plan: &Plan, axis: Axis, t_s: [f64; 2]) -> f64 {
     let pair = ReferencePair {
         label: String::new(),
         position_before_after_mm: [0.0; 2],
-        run_time_before_after_s: t_s,
-        resolution_mm: display_step_mm(plan, axis.nominal_direction()),
+        times_in_run_before_after_s: t_s,
+        resolution_mm: control_resolution_mm(plan, axis.nominal_direction()),
     };
     let scatter = TouchScatter::Declared { u_mm: repeatability_mm(plan) };
     ReferenceShift::from_pair(

@@ -33,19 +33,19 @@ pub struct BallCentre {
     /// Index of the commanded rotary position in [`ObservedBalls::commanded_rotary_positions`].
     pub commanded_rotary_position_index: usize,
     /// Centre, as axis positions, mm.
-    pub axis_positions_mm: Vector3<f64>,
+    pub centre_axis_positions_mm: Vector3<f64>,
     /// Sum of the radii of ball and stylus ball, minus pre-travel, mm.
-    pub radius_mm: f64,
+    pub contact_radius_mm: f64,
     /// Form: largest minus smallest deviation of the touches from the fitted sphere, mm.
     pub form_mm: f64,
-    pub touches: Vec<TouchEffect>,
+    pub touches: Vec<FittedTouch>,
     /// Mean time of the touches, s.
     pub mean_time_s: f64,
 }
 
-/// Effect of one touch on the measured ball centre.
+/// One touch of a fitted sphere: its position, and how it shifts the measured ball centre.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct TouchEffect {
+pub struct FittedTouch {
     /// Axis positions of the touch, mm.
     pub axis_positions_mm: Vector3<f64>,
     /// Outward normal of the ball, machine frame.
@@ -172,25 +172,26 @@ fn fit_ball_centre(
     let place = mean_rotary_position(touches).ok_or("the rotary axes moved between the touches of the ball")?;
     let touch = |(_, reading, _): &(&Step, &Reading, TouchLabel)| {
         let [x, y, z] = Axis::LINEAR.map(|axis| reading.position.get(axis));
-        Some(TouchEffect { axis_positions_mm: Vector3::new(x?, y?, z?), ..TouchEffect::default() })
+        Some(FittedTouch { axis_positions_mm: Vector3::new(x?, y?, z?), ..FittedTouch::default() })
     };
-    let points: Option<Vec<TouchEffect>> = touches.iter().map(touch).collect();
+    let points: Option<Vec<FittedTouch>> = touches.iter().map(touch).collect();
     let mut centre = BallCentre {
         label: label.clone(),
         ball_index: ball,
         measured_rotary_position_index: 0,
         commanded_rotary_position_index: 0,
-        axis_positions_mm: Vector3::zeros(),
-        radius_mm: 0.0,
+        centre_axis_positions_mm: Vector3::zeros(),
+        contact_radius_mm: 0.0,
         form_mm: 0.0,
         touches: points.ok_or("X, Y or Z of a reading is missing")?,
         mean_time_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
     };
     centre.fit_sphere_to_touches(Matrix3::identity()).map_err(|reason| reason.to_string())?;
-    centre.measured_rotary_position_index = position_index_or_insert(place, &mut observed.measured_rotary_positions);
+    centre.measured_rotary_position_index =
+        rotary_position_index_or_insert(place, &mut observed.measured_rotary_positions);
     let commanded = step.from.filter_axes(|axis| !axis.is_linear());
     centre.commanded_rotary_position_index =
-        position_index_or_insert(commanded, &mut observed.commanded_rotary_positions);
+        rotary_position_index_or_insert(commanded, &mut observed.commanded_rotary_positions);
     Ok(centre)
 }
 
@@ -221,7 +222,7 @@ impl ObservedBalls {
     /// Positions of all axes at the measured centre.
     pub fn axis_position_at_centre(&self, centre: &BallCentre) -> Position {
         self.measured_rotary_positions[centre.measured_rotary_position_index]
-            .updated_by(&Position::from_xyz(centre.axis_positions_mm))
+            .updated_by(&Position::from_xyz(centre.centre_axis_positions_mm))
     }
 
     /// Fits the spheres again with known errors of the linear axes. `motion_matrices`: for each rotary position, the
@@ -251,14 +252,14 @@ impl BallCentre {
             let gain = |k: usize| (0..4).map(|j| sphere.unit_variance_covariance[k][j] * row[j]).sum();
             touch.centre_gain = back * Vector3::new(gain(0), gain(1), gain(2));
         }
-        self.axis_positions_mm = back * centre;
-        self.radius_mm = sphere.radius;
+        self.centre_axis_positions_mm = back * centre;
+        self.contact_radius_mm = sphere.radius;
         self.form_mm = sphere.form_deviation();
         Ok(())
     }
 }
 
-fn position_index_or_insert(place: Position, places: &mut Vec<Position>) -> usize {
+fn rotary_position_index_or_insert(place: Position, places: &mut Vec<Position>) -> usize {
     places.iter().position(|known| *known == place).unwrap_or_else(|| {
         places.push(place);
         places.len() - 1

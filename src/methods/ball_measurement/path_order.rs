@@ -5,9 +5,9 @@ use super::touch_order::{BallPathTimes, TouchOrder, fastest_touch_orders};
 use crate::MethodRefusal;
 use machine::Position;
 use machine::record::artefact::{Artefact, Balls};
-use machine::record::motion::Block;
+use machine::record::motion::MotionBlock;
 use machine::record::plan::{Plan, Step, StepKind};
-use planning::{BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes};
+use planning::{BlockStart, SafeHeights, TouchAccess, TouchedDirections, TravelTimes};
 use planning::{machine_time_s, position_after_motions, step_blocks};
 use rayon::prelude::*;
 
@@ -39,17 +39,17 @@ pub fn order_balls_by_path(
         let order = planner.fast_ball_order(&balls, machine_position.as_ref())?;
         visit.ball_indices = order.iter().filter_map(|place| visit.ball_indices.get(*place).copied()).collect();
         let balls: Vec<&Vec<Step>> = order.iter().filter_map(|place| balls.get(*place)).collect();
-        let around = match setup.touch_settings.touch_count {
+        let touch_orders = match setup.touch_settings.touch_count {
             TOUCH_COUNT_WITHOUT_FORM_CHECK => {
                 fastest_touch_orders(&planner.ball_path_times(&balls, machine_position.as_ref())?)
             }
             _ => vec![TouchOrder::default(); balls.len()],
         };
-        if let (Some(steps), Some(around)) = (balls.last(), around.last()) {
-            let steps = around.apply(steps.iter().collect());
+        if let (Some(steps), Some(touch_order)) = (balls.last(), touch_orders.last()) {
+            let steps = touch_order.apply(steps.iter().collect());
             machine_position = steps.last().map(|last| planner.end_position(last)).transpose()?;
         }
-        visit.touch_orders = visit.ball_indices.iter().copied().zip(around).collect();
+        visit.slow_touch_orders_by_ball_index = visit.ball_indices.iter().copied().zip(touch_orders).collect();
     }
     Ok(visits)
 }
@@ -61,7 +61,11 @@ fn slow_steps_of_balls(
     visit: &BallVisit,
 ) -> Result<Vec<Vec<Step>>, MethodRefusal> {
     let steps = |index: &usize| {
-        let task = setup.ball_task(setup.balls.balls.get(*index)?, &visit.rotary_position, setup.slow_approach());
+        let task = setup.ball_measurement_request(
+            setup.balls.balls.get(*index)?,
+            &visit.rotary_position,
+            setup.slow_touch_mode(),
+        );
         let steps = setup.ball_steps(access, &task, StepKind::Touch, str::to_owned);
         Some(steps.map_err(|refusal| MethodRefusal::new(refusal.reason, UNREACHABLE_BALL_REMEDY)))
     };
@@ -74,8 +78,8 @@ struct PathPlanner<'a> {
 }
 
 impl PathPlanner<'_> {
-    fn plan_step_blocks(&self, from: &Position, step: &Step) -> Result<Vec<Block>, MethodRefusal> {
-        let start = BlockStart { position: Some(from), confirmed: ConfirmedDirections::all() };
+    fn plan_step_blocks(&self, from: &Position, step: &Step) -> Result<Vec<MotionBlock>, MethodRefusal> {
+        let start = BlockStart { position: Some(from), touched_directions: TouchedDirections::all() };
         Ok(step_blocks(self.plan, step, 0, start, self.safe_heights)?)
     }
 

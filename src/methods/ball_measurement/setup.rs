@@ -9,7 +9,7 @@ use crate::MethodRefusal;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
-use planning::{BallAccessError, BallApproach, BallTask, TouchAccess};
+use planning::{BallAccessError, BallMeasurementRequest, BallTouchMode, TouchAccess};
 
 /// When fast touches search for a ball before it is measured slowly.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,12 +28,12 @@ pub struct BallVisit {
     pub rotary_position: Position,
     pub ball_indices: Vec<usize>,
     /// Order of the touches in a slow measurement, by index of the ball; the default order if absent.
-    pub touch_orders: BTreeMap<usize, TouchOrder>,
+    pub slow_touch_orders_by_ball_index: BTreeMap<usize, TouchOrder>,
 }
 
 impl BallVisit {
     pub fn new(at: Position, balls: Vec<usize>) -> Self {
-        Self { rotary_position: at, ball_indices: balls, touch_orders: BTreeMap::new() }
+        Self { rotary_position: at, ball_indices: balls, slow_touch_orders_by_ball_index: BTreeMap::new() }
     }
 }
 
@@ -53,9 +53,9 @@ pub struct TouchSettings {
     pub search_mm: f64,
     /// Maximum form of one measurement (largest minus smallest residual of its sphere), mm; beyond it the run
     /// is held.
-    pub form_limit_mm: f64,
+    pub form_hold_limit_mm: f64,
     /// Maximum difference from the stated diameter, including pre-travel, mm; beyond it the run is held.
-    pub diameter_deviation_limit_mm: f64,
+    pub diameter_deviation_hold_limit_mm: f64,
 }
 
 const MAX_WATCH_S: f64 = 7200.0;
@@ -81,7 +81,7 @@ impl TouchSettings {
             "choose watch_min = 10, or 0 to start without a rest check",
         )?;
         MethodRefusal::require(
-            self.form_limit_mm > 0.0 && self.diameter_deviation_limit_mm > 0.0,
+            self.form_hold_limit_mm > 0.0 && self.diameter_deviation_hold_limit_mm > 0.0,
             "form_limit_um and diameter_limit_um must be greater than 0",
             "remove both settings, or choose about 15 and 30",
         )
@@ -112,9 +112,14 @@ impl MeasurementSetup<'_> {
         Ok(TouchAccess::new(self.plan, artefact)?)
     }
 
-    /// Task of one measurement of a ball.
-    pub fn ball_task<'t>(&self, ball: &'t Ball, rotary: &'t Position, approach: BallApproach) -> BallTask<'t> {
-        BallTask { ball, rotary, approach, touch_count: self.touch_settings.touch_count }
+    /// Request for one measurement of a ball.
+    pub fn ball_measurement_request<'t>(
+        &self,
+        ball: &'t Ball,
+        rotary: &'t Position,
+        mode: BallTouchMode,
+    ) -> BallMeasurementRequest<'t> {
+        BallMeasurementRequest { ball, rotary, touch_mode: mode, touch_count: self.touch_settings.touch_count }
     }
 
     /// Steps of one measurement of a ball.
@@ -124,11 +129,11 @@ impl MeasurementSetup<'_> {
     pub fn ball_steps(
         &self,
         access: &TouchAccess,
-        task: &BallTask<'_>,
+        request: &BallMeasurementRequest<'_>,
         kind: StepKind,
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, MethodRefusal> {
-        access.touch_steps(task, &self.plan.probe, kind, (0, 0), label).map_err(|reason| {
+        access.touch_steps(request, &self.plan.probe, kind, (0, 0), label).map_err(|reason| {
             let remedy = match reason {
                 BallAccessError::SearchTooLong { .. } => format!(
                     "lower uncertainty_mm of [artefact] ({} mm): place the artefact closer to centre_mm, or \
@@ -137,20 +142,20 @@ impl MeasurementSetup<'_> {
                 ),
                 _ => UNREACHABLE_BALL_REMEDY.to_owned(),
             };
-            let position = describe_rotary_axes_in_degrees(task.rotary);
-            MethodRefusal::new(format!("ball {} at {position}: {reason}", task.ball.id), remedy)
+            let position = describe_rotary_axes_in_degrees(request.rotary);
+            MethodRefusal::new(format!("ball {} at {position}: {reason}", request.ball.id), remedy)
         })
     }
 
-    /// Approach of a slow measurement.
-    pub fn slow_approach(&self) -> BallApproach {
+    /// Slow touches of a ball at its found position.
+    pub fn slow_touch_mode(&self) -> BallTouchMode {
         let TouchSettings { standoff_mm, search_mm, .. } = self.touch_settings;
-        BallApproach::Measure { standoff_mm, search_mm }
+        BallTouchMode::Measure { standoff_mm, search_mm }
     }
 
-    /// Fast approach to a ball whose position has this uncertainty.
-    pub fn search_approach(&self, uncertainty_mm: f64) -> BallApproach {
-        BallApproach::Search { uncertainty_mm, standoff_mm: self.touch_settings.standoff_mm }
+    /// Fast touches of a ball whose position has this uncertainty.
+    pub fn search_touch_mode(&self, uncertainty_mm: f64) -> BallTouchMode {
+        BallTouchMode::Search { uncertainty_mm, standoff_mm: self.touch_settings.standoff_mm }
     }
 }
 

@@ -6,25 +6,25 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::interruptions::interruption_effect;
 use super::observation_effects::{effect_of_nonzero_columns, effect_of_nonzero_spans, shift_column};
-use super::observe::{BallCentre, ObservedBalls, TouchEffect};
+use super::observe::{BallCentre, FittedTouch, ObservedBalls};
 use crate::identification::declared_sources::{
     drift_rate_sd_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm,
     resolution_u_mm,
 };
 use crate::identification::{
-    DrawDistribution, EvaluationType, ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource,
+    DrawDistribution, EvaluationType, ObservationEffect, ObservationSpanChange, ResidualTreatment, UncertaintySource,
     block_covariances,
 };
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// Minimum standard uncertainty of a coordinate in the weights, mm.
-const MIN_COORDINATE_STD_U_MM: f64 = 1e-6;
+/// Standard uncertainty that is added to that of each coordinate in the weights, mm.
+const COORDINATE_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// Whitening matrix of each measured centre, from the sources that enter the weights. The correlation between
 /// measurements that a source changes together is ignored.
 pub fn whitening_matrices(sources: &[UncertaintySource], centre_count: usize) -> impl Iterator<Item = Matrix3<f64>> {
-    let min = Matrix3::from_diagonal_element(MIN_COORDINATE_STD_U_MM.powi(2));
+    let min = Matrix3::from_diagonal_element(COORDINATE_STD_U_FLOOR_MM.powi(2));
     block_covariances::<3>(sources, centre_count).into_iter().map(move |covariance| whitening_matrix(min + covariance))
 }
 
@@ -38,7 +38,8 @@ pub fn certified_source(name: &str, effect: ObservationEffect) -> UncertaintySou
 }
 
 /// Sources that act on the touches of every ball measurement, in this order: repeatability, resolution,
-/// lobing, backlash, error motions of X, Y and Z, drift, interruptions. A source may have no draw.
+/// lobing, backlash, error motions of X, Y and Z, drift, interruptions. The list always contains all of them; a source
+/// that the plan declares as zero has an empty effect.
 pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySource> {
     let centres = &observed.centres;
     let named = UncertaintySource::new;
@@ -67,10 +68,10 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
 
 /// One draw per touch, of standard uncertainty `u` along its normal.
 fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> ObservationEffect {
-    let of_centre = |(i, centre): (usize, &BallCentre)| -> Vec<ObservationSpan> {
-        let values = |touch: &TouchEffect| (touch.centre_gain * u(touch.normal)).as_slice().to_vec();
+    let of_centre = |(i, centre): (usize, &BallCentre)| -> Vec<ObservationSpanChange> {
+        let values = |touch: &FittedTouch| (touch.centre_gain * u(touch.normal)).as_slice().to_vec();
         let touches = centre.touches.iter();
-        touches.map(|touch| ObservationSpan { first_index: 3 * i, changes_mm: values(touch) }).collect()
+        touches.map(|touch| ObservationSpanChange { first_index: 3 * i, changes_mm: values(touch) }).collect()
     };
     effect_of_nonzero_spans(centres.iter().enumerate().flat_map(of_centre))
 }
@@ -95,7 +96,7 @@ fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> ObservationEffect {
 fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let half = half_backlash_mm(plan);
     let column = |k: usize| {
-        let of_touch = |touch: &TouchEffect| touch.centre_gain * half[k] * touch.normal[k].abs();
+        let of_touch = |touch: &FittedTouch| touch.centre_gain * half[k] * touch.normal[k].abs();
         shift_column(centres.iter().map(|centre| centre.touches.iter().map(of_touch).sum()))
     };
     effect_of_nonzero_columns((0..3).map(column))

@@ -54,8 +54,8 @@ fn find_measurement_fault(setup: &MeasurementSetup<'_>, measurement: &BallReadin
     };
     let stated_mm = 2.0 * setup.balls.balls.get(measurement.ball_index)?.radius_mm;
     let limits = BallLimits {
-        max_form_mm: setup.touch_settings.form_limit_mm,
-        max_diameter_deviation_mm: setup.touch_settings.diameter_deviation_limit_mm,
+        max_form_mm: setup.touch_settings.form_hold_limit_mm,
+        max_diameter_deviation_mm: setup.touch_settings.diameter_deviation_hold_limit_mm,
     };
     let slow = measurement.label.pass != MeasurementPass::Find;
     slow.then(|| measured.check_form_and_diameter(&measurement.label.ball, stated_mm, &limits).err()).flatten()

@@ -1,4 +1,5 @@
-//! Choice of the next stage: the tasks of a list of visits, one stage each.
+//! Choice of the next stage. The visits are divided into requests (find, reference, watch, slow); each request is one
+//! stage.
 
 use super::found_balls::{FoundBalls, group_readings_by_measurement};
 use super::rest_check::needs_watch_round;
@@ -9,11 +10,11 @@ use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
-use planning::plan_blocks_by_stage;
+use planning::plan_blocks_and_time_s_by_stage;
 
-/// One stage: a pass over balls at one indexation.
+/// A stage to be planned: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
-struct StageTask {
+struct StageRequest {
     pass: MeasurementPass,
     /// Index in the labels, from 0: of the visit; for a reference and the watch, of the round.
     label_index: usize,
@@ -23,7 +24,7 @@ struct StageTask {
 }
 
 /// The next stage of a run that measures the `visits`: a repeat of measurements that were outside the limits,
-/// or the next task.
+/// or the next request.
 ///
 /// # Errors
 /// A ball cannot be touched, or was outside the limits twice.
@@ -44,10 +45,10 @@ pub fn next_stage(
             (FoundBalls::from_measurements(setup, &measurements), needs_watch_round(setup, readings)?)
         }
     };
-    let tasks = list_stage_tasks(setup, visits, watch_round_count(setup) + usize::from(one_more));
+    let requests = list_stage_requests(setup, visits, watch_round_count(setup) + usize::from(one_more));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
-    let Some(task) = tasks.get(passed) else { return Ok(NextStage::NoFurtherStage) };
-    let (stage, new_steps) = build_stage(setup, visits, task, &known, id)?;
+    let Some(request) = requests.get(passed) else { return Ok(NextStage::NoFurtherStage) };
+    let (stage, new_steps) = build_stage(setup, visits, request, &known, id)?;
     Ok(NextStage::Stage { stage, new_steps })
 }
 
@@ -70,45 +71,45 @@ fn watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
     watch.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
 }
 
-/// All tasks in measuring order. First every ball is searched for: at the indexation where most balls are
+/// Requests for all stages in measuring order. First every ball is searched for: at the indexation where most balls are
 /// accessible, then at others for the remaining balls. Then one ball is watched, and the visits follow.
-fn list_stage_tasks(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch_rounds: usize) -> Vec<StageTask> {
+fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch_rounds: usize) -> Vec<StageRequest> {
     let searches = choose_search_visits(visits);
-    let task = |pass, number: usize, balls: &[usize]| StageTask {
+    let request = |pass, number: usize, balls: &[usize]| StageRequest {
         pass,
         label_index: number,
         visit_index: number,
         ball_indices: balls.to_vec(),
     };
     let every = setup.touch_settings.search_mode == SearchMode::Every;
-    let mut tasks: Vec<StageTask> = searches
+    let mut requests: Vec<StageRequest> = searches
         .iter()
         .map(|(visit, new)| {
             let all = visits.get(*visit).map_or(new, |visit| if every { &visit.ball_indices } else { new });
-            task(MeasurementPass::Find, *visit, all)
+            request(MeasurementPass::Find, *visit, all)
         })
         .collect();
     let repeated = |pass: MeasurementPass, number: usize| {
         let (visit, balls) = searches.first()?;
-        Some(StageTask { pass, label_index: number, visit_index: *visit, ball_indices: vec![*balls.first()?] })
+        Some(StageRequest { pass, label_index: number, visit_index: *visit, ball_indices: vec![*balls.first()?] })
     };
     let reference = |round| repeated(MeasurementPass::Reference, round).filter(|_| setup.touch_settings.has_references);
-    tasks.extend(reference(0));
-    tasks.extend((0..watch_rounds).filter_map(|round| repeated(MeasurementPass::Watch, round)));
+    requests.extend(reference(0));
+    requests.extend((0..watch_rounds).filter_map(|round| repeated(MeasurementPass::Watch, round)));
     for (number, visit) in visits.iter().enumerate() {
         if number > 0 && number == visits.len() / 2 {
-            tasks.extend(reference(1));
+            requests.extend(reference(1));
         }
-        let mut slow = task(MeasurementPass::Slow, number, &visit.ball_indices);
+        let mut slow = request(MeasurementPass::Slow, number, &visit.ball_indices);
         if every && !searches.iter().any(|(searched, _)| *searched == number) {
-            tasks.push(task(MeasurementPass::Find, number, &visit.ball_indices));
+            requests.push(request(MeasurementPass::Find, number, &visit.ball_indices));
             // The slow measurement takes the path of the search backwards.
             slow.ball_indices.reverse();
         }
-        tasks.push(slow);
+        requests.push(slow);
     }
-    tasks.extend(reference(2));
-    tasks
+    requests.extend(reference(2));
+    requests
 }
 
 /// Visits that together give access to every ball, and the balls that are new at each.
@@ -138,55 +139,55 @@ fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
 pub fn visits_machine_time_s(setup: &MeasurementSetup<'_>, visits: &[BallVisit]) -> Result<f64, MethodRefusal> {
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
-    for (id, task) in (0..).zip(list_stage_tasks(setup, visits, 0)) {
+    for (id, request) in (0..).zip(list_stage_requests(setup, visits, 0)) {
         let grown = MeasurementSetup { plan: &plan, ..*setup };
-        let (planned, steps) = build_stage(&grown, visits, &task, &FoundBalls::from_stated_positions(&grown), id)?;
+        let (planned, steps) = build_stage(&grown, visits, &request, &FoundBalls::from_stated_positions(&grown), id)?;
         plan.steps.extend(steps);
         stages.push(planned);
     }
-    Ok(plan_blocks_by_stage(&plan, &stages)?.1)
+    Ok(plan_blocks_and_time_s_by_stage(&plan, &stages)?.1)
 }
 
-/// The stage of a task and its steps, numbered after those of the plan.
+/// The requested stage and its steps, numbered after those of the plan.
 ///
 /// # Errors
 /// A ball cannot be touched.
 fn build_stage(
     setup: &MeasurementSetup<'_>,
     visits: &[BallVisit],
-    task: &StageTask,
+    request: &StageRequest,
     known: &FoundBalls,
     id: u32,
 ) -> Result<(Stage, Vec<Step>), MethodRefusal> {
-    let steps = match task.pass {
-        MeasurementPass::Reference | MeasurementPass::Watch if task.label_index > 0 => {
-            repeat_first_round_steps(setup, task)
+    let steps = match request.pass {
+        MeasurementPass::Reference | MeasurementPass::Watch if request.label_index > 0 => {
+            repeat_first_round_steps(setup, request)
         }
-        _ => plan_touch_steps(setup, visits, task, known)?,
+        _ => plan_touch_steps(setup, visits, request, known)?,
     };
     let steps = setup.plan.number_steps(id, steps);
     let stage = Stage {
         id,
-        name: stage_name(setup, visits, task),
+        name: stage_name(setup, visits, request),
         repeat: 0,
         steps: steps.iter().map(|step| step.id).collect(),
-        found: artefact_at_found_positions(setup, task, known),
+        found: artefact_at_found_positions(setup, request, known),
     };
     Ok((stage, steps))
 }
 
-fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTask) -> String {
+fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], request: &StageRequest) -> String {
     let at = visits
-        .get(task.visit_index)
+        .get(request.visit_index)
         .map_or(String::new(), |visit| describe_rotary_axes_in_degrees(&visit.rotary_position));
-    match task.pass {
+    match request.pass {
         MeasurementPass::Find | MeasurementPass::Slow => {
-            let action = if task.pass == MeasurementPass::Find { "find" } else { "measure" };
-            format!("{action} at {at} ({} of {})", task.label_index + 1, visits.len())
+            let action = if request.pass == MeasurementPass::Find { "find" } else { "measure" };
+            format!("{action} at {at} ({} of {})", request.label_index + 1, visits.len())
         }
         MeasurementPass::Watch | MeasurementPass::Reference => {
-            let ball = task.ball_indices.first().and_then(|ball| setup.balls.balls.get(*ball));
-            let what = if task.pass == MeasurementPass::Watch { "rest check of the machine" } else { "reference" };
+            let ball = request.ball_indices.first().and_then(|ball| setup.balls.balls.get(*ball));
+            let what = if request.pass == MeasurementPass::Watch { "rest check of the machine" } else { "reference" };
             format!("{what}: ball {}", ball.map_or("", |ball| &ball.id))
         }
     }
@@ -195,39 +196,44 @@ fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTa
 fn plan_touch_steps(
     setup: &MeasurementSetup<'_>,
     visits: &[BallVisit],
-    task: &StageTask,
+    request: &StageRequest,
     known: &FoundBalls,
 ) -> Result<Vec<Step>, MethodRefusal> {
-    let Some(visit) = visits.get(task.visit_index) else { return Ok(Vec::new()) };
-    let assumed_artefact = artefact_at_found_positions(setup, task, known);
+    let Some(visit) = visits.get(request.visit_index) else { return Ok(Vec::new()) };
+    let assumed_artefact = artefact_at_found_positions(setup, request, known);
     let access = setup.touch_access(assumed_artefact.as_ref().unwrap_or(&setup.plan.artefact))?;
     let mut steps: Vec<Step> = Vec::new();
-    for index in &task.ball_indices {
+    for index in &request.ball_indices {
         let Some(ball) = setup.balls.balls.get(*index) else { continue };
-        let centre_mm = known.expected_centre(setup, *index, task.visit_index).into();
+        let centre_mm = known.expected_centre(setup, *index, request.visit_index).into();
         let expected = Ball { centre_mm, ..ball.clone() };
-        let approach = match task.pass {
-            MeasurementPass::Find => setup.search_approach(known.max_distance_from_expected_mm(setup)),
-            MeasurementPass::Slow | MeasurementPass::Watch | MeasurementPass::Reference => setup.slow_approach(),
+        let mode = match request.pass {
+            MeasurementPass::Find => setup.search_touch_mode(known.max_distance_from_expected_mm(setup)),
+            MeasurementPass::Slow | MeasurementPass::Watch | MeasurementPass::Reference => setup.slow_touch_mode(),
         };
-        let kind = if task.pass == MeasurementPass::Reference { StepKind::Reference } else { StepKind::Touch };
+        let kind = if request.pass == MeasurementPass::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
-            let (pass, indexation, touch) = (task.pass, task.label_index as u32, touch.to_owned());
+            let (pass, indexation, touch) = (request.pass, request.label_index as u32, touch.to_owned());
             TouchLabel { pass, indexation_index: indexation, ball: ball.id.clone(), touch }.to_string()
         };
-        let new =
-            setup.ball_steps(&access, &setup.ball_task(&expected, &visit.rotary_position, approach), kind, label)?;
-        let around = visit.touch_orders.get(index).filter(|_| task.pass == MeasurementPass::Slow);
-        steps.extend(around.copied().unwrap_or_default().apply(new));
+        let new = setup.ball_steps(
+            &access,
+            &setup.ball_measurement_request(&expected, &visit.rotary_position, mode),
+            kind,
+            label,
+        )?;
+        let touch_order =
+            visit.slow_touch_orders_by_ball_index.get(index).filter(|_| request.pass == MeasurementPass::Slow);
+        steps.extend(touch_order.copied().unwrap_or_default().apply(new));
     }
     Ok(steps)
 }
 
 /// Steps of the first round of references or of the watch again, at exactly the same positions.
-fn repeat_first_round_steps(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Step> {
-    let of_first = |(_, label): &(&Step, TouchLabel)| label.pass == task.pass && label.indexation_index == 0;
+fn repeat_first_round_steps(setup: &MeasurementSetup<'_>, request: &StageRequest) -> Vec<Step> {
+    let of_first = |(_, label): &(&Step, TouchLabel)| label.pass == request.pass && label.indexation_index == 0;
     let renumbered = |(step, label): (&Step, TouchLabel)| {
-        let label = TouchLabel { indexation_index: task.label_index as u32, ..label };
+        let label = TouchLabel { indexation_index: request.label_index as u32, ..label };
         Step { label: label.to_string(), ..step.clone() }
     };
     touch_steps_with_labels(setup.plan).filter(of_first).map(renumbered).collect()
@@ -235,16 +241,20 @@ fn repeat_first_round_steps(setup: &MeasurementSetup<'_>, task: &StageTask) -> V
 
 /// The artefact with the balls at their found positions. `None` until all balls are found, because only the
 /// stated positions are known until then.
-fn artefact_at_found_positions(setup: &MeasurementSetup<'_>, task: &StageTask, known: &FoundBalls) -> Option<Artefact> {
+fn artefact_at_found_positions(
+    setup: &MeasurementSetup<'_>,
+    request: &StageRequest,
+    known: &FoundBalls,
+) -> Option<Artefact> {
     if !known.has_all_balls() {
         return None;
     }
-    let uncertainty_mm = match task.pass {
+    let uncertainty_mm = match request.pass {
         MeasurementPass::Find => known.max_distance_from_expected_mm(setup),
         _ => setup.touch_settings.found_position_tolerance_mm(),
     };
     let balls = setup.balls.balls.iter().enumerate().map(|(index, ball)| {
-        let centre_mm = known.expected_centre(setup, index, task.visit_index).into();
+        let centre_mm = known.expected_centre(setup, index, request.visit_index).into();
         Ball { centre_mm, ..ball.clone() }
     });
     Some(Artefact::Balls(Balls { balls: balls.collect(), uncertainty_mm, ..setup.balls.clone() }))

@@ -64,7 +64,7 @@ pub fn describe_cross_check(result: &Result<LargestCoefficientDifference, &'stat
 impl fmt::Display for LargestCoefficientDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { symbol, unit, difference: by, expanded } = self;
-        let [by, expanded] = [by, expanded].map(|value| unit.to_display_value(*value));
+        let [by, expanded] = [by, expanded].map(|value| unit.to_reported_value(*value));
         let unit = unit.symbol();
         write!(f, "largest difference {by:.3} {unit}, in {symbol} (U = {expanded:.3} {unit})")
     }

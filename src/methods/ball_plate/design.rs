@@ -11,7 +11,7 @@ use super::settings::BallPlateSettings;
 use super::unknowns_layout::{MOTION_COMPONENTS, TableStop, UnknownsLayout};
 use crate::MethodRefusal;
 use crate::ball_measurement::BallVisit;
-use crate::revolution_steps::RevolutionSteps;
+use crate::revolution_grid::RevolutionGrid;
 use machine::record::plan::Plan;
 
 pub struct PlateDesign {
@@ -101,7 +101,7 @@ impl PlateDesign {
                     relative_time: 2.0 * i as f64 / (count - 1.0) - 1.0,
                     preceding_interruption_count: 0,
                     axis_position_deviation_mm: Vector3::zeros(),
-                    derivatives_by_error_motion: rigid_motion_columns(at),
+                    derivatives_by_error_motion: rigid_motion_derivatives(at),
                     derivative_by_ball_position: turned,
                 });
             }
@@ -112,7 +112,7 @@ impl PlateDesign {
 
 /// Displacement of a point by each error motion, mm per mm or rad. `from_axis`: vector to the point from the
 /// point about which the table tilts, mm.
-pub fn rigid_motion_columns(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
+pub fn rigid_motion_derivatives(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
     MOTION_COMPONENTS.map(|component| match component.is_linear() {
         true => component.nominal_direction(),
         false => component.nominal_direction().cross(&from_axis),
@@ -126,8 +126,8 @@ fn list_stop_angle_steps(
     plate: &Plate<'_>,
 ) -> Result<Vec<i64>, MethodRefusal> {
     let BallPlateSettings { positions, revolutions, .. } = *settings;
-    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions, lead_steps_per_end: 0 }
-        .step_range_within_limits(plan, plate.rotary_axis)?;
+    let steps = RevolutionGrid { positions_per_revolution: positions, revolutions, lead_positions_per_end: 0 }
+        .position_index_range_within_limits(plan, plate.rotary_axis)?;
     let (first, last) = (*steps.start(), *steps.end());
     let rising = first..last;
     // The return begins one step beyond the last stop and ends one step after the first.

@@ -15,7 +15,7 @@ use machine::Axis;
 pub struct BallObservation {
     pub stop_index: usize,
     pub ball_index: usize,
-    /// Index of the measuring position.
+    /// Index of the measuring position: the step of the circle (360°/M) in the machine at which the ball was measured.
     pub measuring_position_index: usize,
     /// Time from the middle of the run, divided by half its duration: −1 to 1.
     pub relative_time: f64,

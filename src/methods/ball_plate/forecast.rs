@@ -13,8 +13,8 @@ use crate::identification::{
 };
 use machine::record::plan::Plan;
 
-/// Expected U of the error motions, and what is not identifiable, one line each. All steps of `plan` have
-/// nominal positions; the plan takes `machine_time_s` seconds of machine time.
+/// Lines for the user: expected U of the error motions, then one line for each unknown that is not identifiable.
+/// `plan`: all stages, planned from nominal positions. `machine_time_s`: its machine time, s.
 ///
 /// # Errors
 /// The visits of the plan do not separate the unknowns.
@@ -42,7 +42,7 @@ pub fn describe_forecast(
 fn describe_largest_expanded_uncertainty(identified: &Identification, curve: &OutputCurve) -> String {
     let expanded = |slope: &Vec<f64>| identified.propagation.output_uncertainty(slope).expanded();
     let largest = curve.slopes.iter().map(expanded).fold(0.0, f64::max);
-    let largest = curve.unit.to_display_value(largest);
+    let largest = curve.unit.to_reported_value(largest);
     let decimals = if largest < 1.0 { 2 } else { 1 };
     format!("{} {largest:.decimals$} {}", curve.symbol, curve.unit.symbol())
 }

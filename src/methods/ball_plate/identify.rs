@@ -8,7 +8,7 @@ use super::unknowns_layout::MOTION_COMPONENTS;
 use super::{outputs, single_revolutions, warnings};
 use crate::IdentifyError;
 use crate::identification::{
-    self, FitQuality, Identification, LinearFit, SolvedModel, TrialSettings, function_of_numbered_values, rms,
+    self, FitQuality, Identification, SolvedLinearFit, SolvedModel, TrialSettings, function_of_numbered_values, rms,
 };
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -37,7 +37,7 @@ pub fn identify(plan: &Plan, settings: &BallPlateSettings, readings: &[Reading])
 /// Fewer than two trials.
 pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialSettings>) -> Result<Identification, IdentifyError> {
     let SolvedRun { design, sources, coordinate_sigmas_mm: sigma, design_matrix: a, solution, .. } = solved;
-    let model = LinearFit { x: &solution.x, design_matrix: a, sigma, gain: &solution.gain };
+    let model = SolvedLinearFit { x: &solution.x, design_matrix: a, sigma, gain: &solution.gain };
     let weighted: Vec<f64> = solution.residuals.iter().zip(sigma).map(|(r, s)| r / s).collect();
     let gauge = design.layout.gauge_rows(&design.stops).nrows();
     let unknowns = design.layout.unknown_count() - gauge;

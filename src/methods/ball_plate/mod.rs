@@ -45,7 +45,7 @@ impl RegisteredMethod for BallPlate {
         name: METHOD_NAME,
         required_setup: "three or more uncalibrated balls on a circle about the rotary table",
         results: "six error motions of the rotary table over its angle, reversal, deviations of \
-                the linear axes along the circle, and of the plate",
+                the linear axes along the circle, and deviations of the plate (shape of the ball pattern)",
         machine_file: "ball-plate.toml",
     };
 

@@ -8,7 +8,8 @@ use super::angle_basis::equal_angles;
 use super::solved::SolvedRun;
 use super::unknowns_layout::{DirectionAtBall, MOTION_COMPONENTS};
 use crate::identification::{
-    Harmonic, HarmonicFunction, OutputCurve, OutputParameter, Outputs, RangeOutput, range_outputs, slope_of_unknown,
+    Harmonic, HarmonicFunction, IdentificationOutputs, OutputCurve, OutputParameter, RangeOutput, range_outputs,
+    slope_of_unknown,
 };
 use machine::Axis;
 use machine::record::estimate::{FunctionFigureKind, Unit};
@@ -16,7 +17,7 @@ use machine::record::estimate::{FunctionFigureKind, Unit};
 /// Number of points of a curve per revolution.
 const CURVE_POINTS_PER_REVOLUTION: usize = 72;
 
-pub fn build_outputs(solved: &SolvedRun<'_>) -> Outputs {
+pub fn build_outputs(solved: &SolvedRun<'_>) -> IdentificationOutputs {
     let motions = MOTION_COMPONENTS.iter().enumerate().map(|(k, component)| error_motion_curve(solved, k, *component));
     let motions: Vec<OutputCurve> = motions.collect();
     let range = |motion: &OutputCurve| RangeOutput {
@@ -26,7 +27,7 @@ pub fn build_outputs(solved: &SolvedRun<'_>) -> Outputs {
     };
     let ranges = motions.iter().map(range).collect();
     let curves = motions.into_iter().chain(ball_deviation_curves(solved)).chain(linear_axis_deviation_curves(solved));
-    Outputs {
+    IdentificationOutputs {
         linear_parameters: build_parameters(solved),
         curves: curves.collect(),
         nonlinear: Some(range_outputs(ranges, &solved.solution.x)),

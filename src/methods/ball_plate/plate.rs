@@ -7,14 +7,14 @@ use nalgebra::Vector3;
 use super::settings::BallPlateSettings;
 use crate::MethodRefusal;
 use crate::ball_measurement::require_balls;
-use machine::kinematics::{KinematicChain, UprightTableAxis};
+use machine::kinematics::{KinematicChain, ZParallelTableAxis};
 use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
 /// Maximum distance of a ball from its measuring position, mm. Within it the deviations of the linear axes
 /// are the same (paper 5, section 2.2).
-pub const MAX_BALL_OFFSET_FROM_POSITION_MM: f64 = 1.0;
+pub const MAX_BALL_OFFSET_FROM_MEASURING_POSITION_MM: f64 = 1.0;
 /// Minimum radius of the circle, mm: a smaller one does not show tilt sufficiently.
 const MIN_CIRCLE_RADIUS_MM: f64 = 10.0;
 
@@ -42,8 +42,8 @@ impl<'a> Plate<'a> {
         let set = require_balls(super::METHOD_NAME, &plan.artefact)?;
         let chain = KinematicChain::new(&plan.machine)?;
         let table =
-            UprightTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
-        let UprightTableAxis { axis, position_with_rotary_axes_at_zero: still, turn_sign: turn } = table;
+            ZParallelTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let ZParallelTableAxis { axis, position_with_rotary_axes_at_zero: still, turn_sign: turn } = table;
         let line = chain.axis_line(axis, &still).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let to_table = chain.machine_from_table(&still, &[]).inverse();
         let point = to_table.transform_point(&line.point.into()).coords;
@@ -75,7 +75,7 @@ impl<'a> Plate<'a> {
         }
         let first = self.radial_directions.first().copied().unwrap_or_default();
         let height = self.balls.balls.first().map_or(0.0, |ball| ball.centre_mm[2]);
-        let limit = MAX_BALL_OFFSET_FROM_POSITION_MM + self.balls.uncertainty_mm;
+        let limit = MAX_BALL_OFFSET_FROM_MEASURING_POSITION_MM + self.balls.uncertainty_mm;
         for (ball, step) in self.balls.balls.iter().zip(&self.ball_steps) {
             let angle = TAU * *step as f64 / settings.positions as f64;
             let turned = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * first;

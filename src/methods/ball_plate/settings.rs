@@ -76,7 +76,7 @@ impl BallPlateSettings {
         MethodRefusal::require(
             self.positions <= MAX_POSITIONS,
             format!("positions = {} exceeds the maximum", self.positions),
-            format!("choose positions = 72, at most {MAX_POSITIONS}"),
+            format!("choose positions = 72 (default); the maximum is {MAX_POSITIONS}"),
         )?;
         MethodRefusal::require(
             self.harmonics > 0 && 2 * self.harmonics < self.positions,
@@ -100,7 +100,7 @@ impl BallPlateSettings {
                 "drift_order = {} is too high: the polynomial would follow the scatter of the touches",
                 self.drift_order
             ),
-            format!("choose drift_order = 3, at most {MAX_DRIFT_ORDER}"),
+            format!("choose drift_order = 3 (default); the maximum is {MAX_DRIFT_ORDER}"),
         )?;
         self.touch_settings().check()?;
         MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
@@ -114,8 +114,8 @@ impl BallPlateSettings {
             watch_duration_s: 0.0,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
-            form_limit_mm: self.form_limit_um * 1e-3,
-            diameter_deviation_limit_mm: self.diameter_limit_um * 1e-3,
+            form_hold_limit_mm: self.form_limit_um * 1e-3,
+            diameter_deviation_hold_limit_mm: self.diameter_limit_um * 1e-3,
         }
     }
 }

@@ -29,7 +29,7 @@ fn angle_curve(
     unit: Unit,
     points: impl Iterator<Item = (f64, f64)>,
 ) -> EstimatedFunction {
-    let points = points.map(|(angle, value)| (angle.to_degrees(), unit.to_display_value(value)));
+    let points = points.map(|(angle, value)| (angle.to_degrees(), unit.to_reported_value(value)));
     EstimatedFunction {
         argument: argument.to_owned(),
         argument_unit: "deg".to_owned(),

@@ -7,8 +7,8 @@ use crate::identification::{UncertaintySource, block_covariances};
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// Minimum standard uncertainty of a coordinate in the weights, mm.
-const MIN_COORDINATE_STD_U_MM: f64 = 1e-6;
+/// A smaller standard uncertainty of a coordinate is replaced by this one in the weights, mm.
+const COORDINATE_STD_U_FLOOR_MM: f64 = 1e-6;
 /// Assumed time constant of a machine that approaches thermal equilibrium, s: it sets how much the declared
 /// drift rate changes within a run.
 const THERMAL_TIME_CONSTANT_S: f64 = 7200.0;
@@ -38,7 +38,8 @@ pub fn uncertainty_sources(plan: &Plan, measured: &PlateMeasurements) -> Vec<Unc
 /// Standard uncertainty of each coordinate of each observation, mm.
 pub fn coordinate_sigmas(sources: &[UncertaintySource], observations: usize) -> Vec<f64> {
     let blocks = block_covariances::<3>(sources, observations);
-    let of_block =
-        |block: &nalgebra::Matrix3<f64>| [0, 1, 2].map(|axis| block[(axis, axis)].sqrt().max(MIN_COORDINATE_STD_U_MM));
+    let of_block = |block: &nalgebra::Matrix3<f64>| {
+        [0, 1, 2].map(|axis| block[(axis, axis)].sqrt().max(COORDINATE_STD_U_FLOOR_MM))
+    };
     blocks.iter().flat_map(of_block).collect()
 }

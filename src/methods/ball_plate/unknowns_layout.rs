@@ -54,41 +54,41 @@ impl UnknownsLayout {
     }
 
     /// Index of the unknown for a drift coefficient; `order` starts at 1.
-    pub fn drift_unknown_index(&self, order: usize, axis: usize) -> usize {
-        self.first_drift_unknown_index() + 3 * (order - 1) + axis
+    pub fn drift_unknown_index(&self, order: usize, linear_axis: usize) -> usize {
+        self.first_drift_unknown_index() + 3 * (order - 1) + linear_axis
     }
 
     /// Index of the unknown for the table's step at an interruption; interruptions are counted from 0.
-    pub fn interruption_step_unknown_index(&self, interruption: usize, axis: usize) -> usize {
-        self.first_drift_unknown_index() + 3 * (self.drift_order + interruption) + axis
+    pub fn interruption_step_unknown_index(&self, interruption: usize, linear_axis: usize) -> usize {
+        self.first_drift_unknown_index() + 3 * (self.drift_order + interruption) + linear_axis
     }
 
-    pub fn measuring_position_unknown_index(&self, measuring_position: usize, axis: usize) -> usize {
-        self.interruption_step_unknown_index(self.interruption_count + measuring_position, axis)
+    pub fn measuring_position_unknown_index(&self, measuring_position: usize, linear_axis: usize) -> usize {
+        self.interruption_step_unknown_index(self.interruption_count + measuring_position, linear_axis)
     }
 
-    pub fn ball_unknown_index(&self, ball: usize, axis: usize) -> usize {
-        self.measuring_position_unknown_index(self.measuring_position_count, 0) + 3 * ball + axis
+    pub fn ball_unknown_index(&self, ball: usize, linear_axis: usize) -> usize {
+        self.measuring_position_unknown_index(self.measuring_position_count, 0) + 3 * ball + linear_axis
     }
 
     pub fn unknown_count(&self) -> usize {
         self.ball_unknown_index(self.radial_directions.len(), 0)
     }
 
-    /// Names of all unknowns, for the rotary axis `axis`.
-    pub fn unknown_names(&self, axis: Axis) -> Vec<String> {
+    /// Names of all unknowns. `rotary_axis`: the measured axis.
+    pub fn unknown_names(&self, rotary_axis: Axis) -> Vec<String> {
         let function_suffixes = self.angle_basis.function_suffixes();
-        let motions = MOTION_COMPONENTS
-            .iter()
-            .flat_map(|component| function_suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}")));
+        let motions = MOTION_COMPONENTS.iter().flat_map(|component| {
+            function_suffixes.iter().map(move |suffix| format!("E{component}{rotary_axis}_{suffix}"))
+        });
         let mut names: Vec<String> = motions.collect();
         if self.has_reversal {
-            names.extend(MOTION_COMPONENTS.map(|component| format!("E{component}{axis}_reversal")));
+            names.extend(MOTION_COMPONENTS.map(|component| format!("E{component}{rotary_axis}_reversal")));
         }
         let along = |name: String| Axis::LINEAR.map(|axis| format!("{name} {axis}"));
         names.extend((1..=self.drift_order).flat_map(|order| along(format!("drift {order}"))));
         names.extend((1..=self.interruption_count).flat_map(|gap| along(format!("step {gap}"))));
-        names.extend((1..=self.measuring_position_count).flat_map(|place| along(format!("place {place}"))));
+        names.extend((1..=self.measuring_position_count).flat_map(|number| along(format!("position {number}"))));
         names.extend((1..=self.radial_directions.len()).flat_map(|ball| along(format!("ball {ball}"))));
         names
     }

@@ -200,7 +200,7 @@ mod tests {
         let one = function(&[30.0, 60.0, 90.0], &[1.0, 2.0, 4.0], 0.1);
         let other = function(&[45.0, 60.0, 90.0], &[0.0, 0.0, 0.0], 0.1);
         let found = function_difference(&one, &other, 2.0).unwrap();
-        // Both functions have two common arguments; of the function with fewer points these are 60° and 90°.
+        // The common arguments, taken from the function with fewer points, are 60° and 90°.
         assert_eq!((found.gauge_at, &found.x[..]), (Some(60.0), &[90.0][..]));
         assert_near(&found.by, &[-2.0]);
         assert_eq!(function_difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0), None);

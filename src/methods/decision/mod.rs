@@ -7,20 +7,20 @@ pub mod reference_shifts;
 pub mod trend;
 
 use estimation::coverage::student_t_cdf;
-use machine::record::estimate::{Estimate, LimitVerdict, Parameter, ParameterLimit, Verdict};
+use machine::record::estimate::{Estimate, LimitVerdict, Parameter, ParameterTolerance, Verdict};
 
 const DECISION_RULE: &str = "guard bands of U on both sides (ISO 14253-1): pass if the whole coverage interval is inside the limit, \
     fail if the whole interval is outside; the verdict is that of the worst parameter";
 
-/// Judges every parameter that has a limit. The expanded uncertainty is the guard band on both sides (ISO
+/// Judges every parameter that has a tolerance. The expanded uncertainty is the guard band on both sides (ISO
 /// 14253-1): a parameter passes only if the whole interval lies inside the limits, fails only if it lies
 /// outside, and is undecided otherwise. The worst parameter decides. A limit for a parameter that was not
 /// estimated, or that has another unit, leaves the verdict undecided. Without any limit there is no verdict.
 /// A misfit that the identification has found takes precedence over the limits.
-pub fn judge_estimate(estimate: &mut Estimate, limits: &[ParameterLimit]) {
+pub fn judge_estimate(estimate: &mut Estimate, tolerances: &[ParameterTolerance]) {
     let contradicted = estimate.verdict == Verdict::UndecidedModel;
     let mut verdicts = Vec::new();
-    for ParameterLimit { symbol, unit, limit } in limits {
+    for ParameterTolerance { symbol, unit, limit } in tolerances {
         let mut parameters = estimate.parameters.iter_mut();
         let verdict = match parameters.find(|p| p.symbol == *symbol && p.unit == *unit) {
             Some(parameter) => {
@@ -47,12 +47,13 @@ pub fn judge_estimate(estimate: &mut Estimate, limits: &[ParameterLimit]) {
     };
 }
 
-/// Limits that match no parameter of the estimate, in words.
-pub fn describe_unmatched_limits(estimate: &Estimate, limits: &[ParameterLimit]) -> Vec<String> {
-    let known =
-        |limit: &&ParameterLimit| estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit);
+/// Tolerances that match no parameter of the estimate, in words.
+pub fn describe_unmatched_tolerances(estimate: &Estimate, tolerances: &[ParameterTolerance]) -> Vec<String> {
+    let known = |limit: &&ParameterTolerance| {
+        estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit)
+    };
     let symbols: Vec<&str> = estimate.parameters.iter().map(|p| p.symbol.as_str()).collect();
-    limits
+    tolerances
         .iter()
         .filter(|limit| !known(limit))
         .map(|limit| {

@@ -30,7 +30,8 @@ struct ReferenceMeasurement<'a> {
     repeat_number: u32,
     /// Position of the surface against the direction of the touch, or along the normal of the scan, mm.
     outward_position_mm: f64,
-    run_time_s: f64,
+    /// Time of the first good reading on the clock of the run, s.
+    time_in_run_s: f64,
 }
 
 /// Measurements of the references, in the order of measurement. Flagged readings are ignored, except good ones
@@ -51,7 +52,7 @@ fn reference_measurements<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Refer
             point_index: point,
             repeat_number: first.repeat,
             outward_position_mm,
-            run_time_s: first.t_s,
+            time_in_run_s: first.t_s,
         })
     };
     let readings = readings_since_last_mount(plan, readings);
@@ -148,7 +149,7 @@ impl<'a> ReferencePoints<'a> {
 
     /// Compares the first reading of each reference point after the stop (from `readings`) with the last reading before
     /// the stop. Returns the shifts, and the scatter that the limits follow from.
-    pub fn compare_after_stop(&self, readings: &[Reading]) -> (Vec<ReferenceShift>, TouchScatter) {
+    pub fn shifts_and_scatter_after_stop(&self, readings: &[Reading]) -> (Vec<ReferenceShift>, TouchScatter) {
         let repeated = reference_measurements(self.plan, readings);
         let after = |reference: &ReferencePoint<'_>| -> Vec<f64> {
             let is_same_point = repeated.iter().filter(|measurement| reference.is_measured_by(measurement));
@@ -170,7 +171,7 @@ impl<'a> ReferencePoints<'a> {
                 Some(ReferencePair {
                     label: reference.label(),
                     position_before_after_mm: [before, after].map(|measurement| measurement.outward_position_mm),
-                    run_time_before_after_s: [before.run_time_s, after.run_time_s],
+                    times_in_run_before_after_s: [before.time_in_run_s, after.time_in_run_s],
                     resolution_mm: self.resolution_along_touch_mm(reference.newest_step),
                 })
             })
@@ -230,7 +231,8 @@ pub fn largest_shift_limit_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> 
     let last = readings.iter().rposition(|reading| reading.t_s <= gap_s)?;
     let (before, after) = readings.split_at(last + 1);
     let repeated = after.iter().take_while(|reading| reading.repeat >= FIRST_REPEAT_NUMBER_AFTER_STOP).count();
-    let (shifts, _) = ReferencePoints::from_readings(plan, before).compare_after_stop(after.get(..repeated)?);
+    let (shifts, _) =
+        ReferencePoints::from_readings(plan, before).shifts_and_scatter_after_stop(after.get(..repeated)?);
     shifts.iter().map(|shift| shift.limit_mm).reduce(f64::max)
 }
 
@@ -313,7 +315,7 @@ mod tests {
         let references = ReferencePoints::from_readings(&plan, &before);
         assert!(references.covers_all_directions());
         let repeated = |flags| readings(FIRST_REPEAT_NUMBER_AFTER_STOP, flags);
-        let compared = |after: &[Reading]| references.compare_after_stop(after).0.len();
+        let compared = |after: &[Reading]| references.shifts_and_scatter_after_stop(after).0.len();
         let all = repeated([ReadingFlag::None, ReadingFlag::Gap, ReadingFlag::None]);
         assert_eq!((compared(&all), references.labels_without_reading(&all).len()), (3, 0));
         let some = repeated([ReadingFlag::None, ReadingFlag::Stale, ReadingFlag::Range]);

@@ -9,9 +9,9 @@ use machine::record::plan::{Plan, Step, StepKind};
 /// references (0°, 90°, 180°, Z) then has limits of ±3 standard deviations, each of the 26 points of a scan
 /// ±3.5.
 const AGREEMENT_PROBABILITY: f64 = 0.989_244_470_5;
-/// Maximum allowance for drift, as a multiple of the standard deviation of the touch difference. A reference
-/// that may move more gives no information; after so long a stop a new run is needed.
-const MAX_DRIFT_ALLOWANCE_RATIO: f64 = 3.0;
+/// A larger allowance for drift is replaced by this one, a multiple of the standard deviation of the touch
+/// difference. A reference that may move more gives no information; after so long a stop a new run is needed.
+const DRIFT_ALLOWANCE_CAP_RATIO: f64 = 3.0;
 
 /// Measurements of one reference before and after the stop.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,7 +20,7 @@ pub struct ReferencePair {
     /// Position of the ball centre along the outward normal, before and after, mm.
     pub position_before_after_mm: [f64; 2],
     /// Times of the two touches, s.
-    pub run_time_before_after_s: [f64; 2],
+    pub times_in_run_before_after_s: [f64; 2],
     /// One step of the displayed position along the normal, mm.
     pub resolution_mm: f64,
 }
@@ -101,9 +101,9 @@ impl ShiftLimits {
     /// k·√(2·u_touch² + u_drift²) plus one step of resolution, mm; u_drift is bounded.
     fn limit_mm(&self, pair: &ReferencePair) -> f64 {
         let rounding = pair.resolution_mm / 12f64.sqrt();
-        let [before, after] = pair.run_time_before_after_s;
+        let [before, after] = pair.times_in_run_before_after_s;
         let touches = (2.0 * (self.touch_std_u_mm.powi(2) + rounding.powi(2))).sqrt();
-        let drift = (self.drift_rate_sd_mm_per_s * (after - before).max(0.0)).min(MAX_DRIFT_ALLOWANCE_RATIO * touches);
+        let drift = (self.drift_rate_sd_mm_per_s * (after - before).max(0.0)).min(DRIFT_ALLOWANCE_CAP_RATIO * touches);
         self.coverage_factor * touches.hypot(drift) + pair.resolution_mm
     }
 }
@@ -172,7 +172,7 @@ mod tests {
         ReferencePair {
             label: "R1/P090".to_owned(),
             position_before_after_mm: [48.0, 48.0 + shift_mm],
-            run_time_before_after_s: [100.0, 100.0 + seconds],
+            times_in_run_before_after_s: [100.0, 100.0 + seconds],
             resolution_mm: 0.0,
         }
     }

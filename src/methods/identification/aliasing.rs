@@ -22,9 +22,8 @@ fn aliased_orders(angles: &[f64]) -> Vec<u32> {
 /// What the error motions of an axis are inseparable from, if the method gives nothing more exact.
 pub const LOCATION_ERRORS_TEXT: &str = "its location errors";
 
-/// A sentence for `not_identifiable`. `inseparable_from` names what
-/// these orders cannot be separated from. `None`: the angles
-/// separate all orders that are checked.
+/// A sentence for `not_identifiable`. `inseparable_from` names what the aliased orders cannot be separated from.
+/// `None`: the angles separate all orders that are checked.
 pub fn describe_aliased_orders(axis: Axis, angles: &[f64], inseparable_from: &str) -> Option<String> {
     let orders = aliased_orders(angles);
     let first = orders.first()?;

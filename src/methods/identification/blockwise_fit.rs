@@ -11,14 +11,14 @@ use faer::{Mat, MatRef};
 use super::harmonics::function_over_harmonic_orders;
 use super::observation_model::{FitQuality, LinearResponse, ObservationModel, SolvedModel, multiply_vector, rms};
 use super::outputs::slope_of_unknown;
-use super::uncertainty_source::{ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource};
+use super::uncertainty_source::{ObservationEffect, ObservationSpanChange, ResidualTreatment, UncertaintySource};
 use crate::IdentifyError;
 use machine::record::estimate::{EstimatedFunction, Unit};
 
 /// Maximum relative component of an identifiable output along an undetermined direction.
 const MAX_UNDETERMINED_SHARE: f64 = 1e-7;
 
-/// The equations of one block.
+/// Equations of one independent block of unknowns, e.g. of one harmonic.
 pub struct BlockEquations {
     /// Design matrix, observations × unknowns, with the names of the unknowns.
     pub design_matrix: Mat<f64>,
@@ -207,7 +207,7 @@ impl BlockwiseFit {
             let reduced = &fit.reduction_matrix * covariance(block) * fit.reduction_matrix.transpose();
             let root = cholesky_lower(&reduced);
             let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
-            spans.extend(columns.map(|values| ObservationSpan { first_index: first, changes_mm: values }));
+            spans.extend(columns.map(|values| ObservationSpanChange { first_index: first, changes_mm: values }));
             first += root.nrows();
         }
         ObservationEffect::Spans(spans)
@@ -249,7 +249,7 @@ impl ObservationModel for BlockwiseFit {
         LinearResponse { unknown_changes: unknowns, residual_changes: residuals }
     }
 
-    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let mut x = Mat::from_fn(changes.nrows(), self.x.len(), |_, j| self.x[j]);
         let mut first = 0;
         for (i, fit) in self.blocks.iter().enumerate() {

@@ -4,7 +4,7 @@
 use machine::Axis;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::estimate::{BudgetLine, Estimate};
-use machine::record::machine::AxisSpec;
+use machine::record::machine::StatedAxis;
 use machine::record::plan::Plan;
 
 use super::probe_map::ProbeMap;
@@ -66,12 +66,12 @@ const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
 /// Prefix of the budget line for the error motions of one rotary axis.
 const ROTARY_MOTION_LINE_PREFIX: &str = "error motions of ";
 
-fn largest_axis_value(plan: &Plan, is_included: fn(&Axis) -> bool, value: fn(&AxisSpec) -> f64) -> f64 {
-    let axes = plan.machine.axes.iter().filter(|(axis, _)| is_included(axis));
+fn largest_axis_value(plan: &Plan, includes_axis: fn(&Axis) -> bool, value: fn(&StatedAxis) -> f64) -> f64 {
+    let axes = plan.machine.axes.iter().filter(|(axis, _)| includes_axis(axis));
     axes.map(|(_, spec)| value(spec)).fold(0.0, f64::max)
 }
 
-fn largest_linear_axis_value(plan: &Plan, value: fn(&AxisSpec) -> f64) -> f64 {
+fn largest_linear_axis_value(plan: &Plan, value: fn(&StatedAxis) -> f64) -> f64 {
     largest_axis_value(plan, |axis| axis.is_linear(), value)
 }
 

@@ -1,4 +1,5 @@
-//! A measurement that is compared with all others: a touch, a ball centre or a mean.
+//! A measurement that is compared with all others: a touch, a ball centre or a mean. Each method
+//! chooses which.
 
 use std::ops::Range;
 

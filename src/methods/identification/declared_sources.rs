@@ -7,7 +7,7 @@ use estimation::revolutions::{ChannelRevolutions, HarmonicData};
 use estimation::smooth_functions::{smooth_change_from_zero_columns, stationary_function_columns};
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape};
-use machine::record::machine::AxisSpec;
+use machine::record::machine::StatedAxis;
 use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
 use nalgebra::Vector3;
@@ -34,8 +34,8 @@ pub fn repeatability_mm(plan: &Plan) -> f64 {
     plan.probe.repeatability_um.map_or(ASSUMED_REPEATABILITY_MM, |um| um * 1e-3)
 }
 
-/// Width of one step of the displayed position along the unit vector `normal` (machine frame), mm.
-pub fn display_step_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
+/// Resolution of the position displayed by the control along the unit vector `normal` (machine frame), mm.
+pub fn control_resolution_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
     let width = |axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
     Vector3::from(Axis::LINEAR.map(width)).component_mul(&normal).norm()
 }
@@ -43,7 +43,7 @@ pub fn display_step_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
 /// Standard uncertainty from rounding of the displayed position along the unit vector `normal` (machine
 /// frame), mm: rectangular over one step (JCGM 100, F.2.2.1).
 pub fn resolution_u_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
-    display_step_mm(plan, normal) / 12f64.sqrt()
+    control_resolution_mm(plan, normal) / 12f64.sqrt()
 }
 
 /// Standard uncertainty of a mean of touches from the steps of the display, mm. The rounding error is a
@@ -100,11 +100,11 @@ pub fn backlash_lags_mm(plan: &Plan, positions: &[Vector3<f64>]) -> Vec<Vector3<
 /// Direction-dependent pre-travel ([`azimuth_patterns`]). For a qualified probe: the part that its map does
 /// not contain.
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    let (total_mm, orders) = (plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders);
+    let (lobing_sd_mm, orders) = (plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders);
     // A map that cannot be used is refused earlier.
     match ProbeMap::from_plan(plan) {
-        Ok(Some(map)) => map.uncertainty_patterns(total_mm, orders, normals),
-        _ => azimuth_patterns(total_mm, orders, normals, |_| true),
+        Ok(Some(map)) => map.uncertainty_patterns(lobing_sd_mm, orders, normals),
+        _ => azimuth_patterns(lobing_sd_mm, orders, normals, |_| true),
     }
 }
 
@@ -136,7 +136,7 @@ pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
 
 /// Effects of the linearity errors on the harmonics of revolutions, mm, one entry per observation of `data`.
 /// The error of each sensor is a smooth random function of its reading. It is the same in all rows and is
-/// evaluated over their mean revolutions. `sensors` are in the order of the channels.
+/// evaluated over their mean revolutions. `sensors` must be in the order of the channels.
 pub fn linearity_effects_on_harmonics(
     sensors: &[Sensor],
     rows: &[ChannelRevolutions],
@@ -172,7 +172,7 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
 fn linear_axis_functions(
     plan: &Plan,
     points: &[Vector3<f64>],
-    size: fn(&AxisSpec) -> f64,
+    size: fn(&StatedAxis) -> f64,
 ) -> Vec<(Axis, Vec<Vec<f64>>)> {
     let functions = |(k, axis): (usize, Axis)| {
         let spec = plan.machine.axes.get(&axis).filter(|spec| size(spec) > 0.0)?;
@@ -196,18 +196,19 @@ pub fn angular_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<(Err
     patterns
 }
 
-/// Translational error motions of the rotary axes (ISO 230-7). `possible`: orders for an axis that declares
+/// Translational error motions of the rotary axes (ISO 230-7). `possible_orders`: orders for an axis that declares
 /// none. Order of the list: axis; harmonic, cosine before sine; X, Y, Z.
-pub fn rotary_error_motions(plan: &Plan, possible: &[u32]) -> Vec<RotaryErrorMotion> {
+pub fn rotary_error_motions(plan: &Plan, possible_orders: &[u32]) -> Vec<RotaryErrorMotion> {
     let rotary = plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
     let mut motions = Vec::new();
     for (axis, spec) in rotary.filter(|(_, spec)| spec.error_motion_um > 0.0) {
-        let total_mm = spec.error_motion_um * 1e-3;
-        for (n, size_mm) in harmonic_sd_by_order(total_mm, &spec.error_motion_orders, possible) {
+        let error_motion_sd_mm = spec.error_motion_um * 1e-3;
+        let terms = harmonic_sd_by_order(error_motion_sd_mm, &spec.error_motion_orders, possible_orders);
+        for (n, amplitude_sd_mm) in terms {
             for shape in [ErrorShape::Cos(n), ErrorShape::Sin(n)] {
                 let errors = Axis::LINEAR.map(|along| ErrorParameter::new(along, *axis, shape));
                 let errors = errors.into_iter().flatten();
-                motions.extend(errors.map(|error| RotaryErrorMotion { error, amplitude_sd_mm: size_mm }));
+                motions.extend(errors.map(|error| RotaryErrorMotion { error, amplitude_sd_mm }));
             }
         }
     }

@@ -23,7 +23,7 @@ pub fn synchronous_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<Rang
     ranges.into_iter().flatten().collect()
 }
 
-/// Total and asynchronous value of a motion in one measurement. Both include the noise of the sensors.
+/// Total and asynchronous value of a motion in one measurement. Both values include the noise of the sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorMotionValues {
     /// Range over all angles and revolutions.

@@ -5,21 +5,21 @@ use std::collections::BTreeMap;
 use estimation::coverage::{COVERAGE_PROBABILITY, coverage_factor};
 use estimation::monte_carlo::TrialStatistics;
 use machine::record::estimate::{
-    BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, EstimatedFunction, Parameter, Unit, Verdict,
+    BudgetLine, ESTIMATE_VERSION, Estimate, EstimatedFunction, Parameter, ParameterCovariance, Unit, Verdict,
 };
 
 use super::misfit_causes::{LikelyMisfitCause, find_likely_misfit_causes};
 use super::monte_carlo_trials::{TrialSettings, propagate_by_trials};
 use super::observation_model::{FitQuality, SolvedModel};
 use super::outliers::OutlierCheck;
-use super::outputs::{OutputCurve, OutputParameter, Outputs};
+use super::outputs::{IdentificationOutputs, OutputCurve, OutputParameter};
 use super::propagation::{Propagation, Uncertainty};
 use super::uncertainty_source::UncertaintySource;
 use crate::IdentifyError;
 
 /// Identified quantities with their uncertainty.
 pub struct Identification {
-    pub outputs: Outputs,
+    pub outputs: IdentificationOutputs,
     pub propagation: Propagation,
     /// Trials of the parameters in the order of the estimate, internal units.
     pub trial_statistics: Option<TrialStatistics>,
@@ -36,7 +36,7 @@ pub struct Identification {
 pub fn identify(
     solution: &SolvedModel<'_>,
     sources: &[UncertaintySource],
-    outputs: Outputs,
+    outputs: IdentificationOutputs,
     trial_settings: Option<TrialSettings>,
 ) -> Result<Identification, IdentifyError> {
     let (observations, unknowns) = (solution.model.observation_count(), solution.model.unknown_count());
@@ -108,8 +108,8 @@ impl Identification {
         let OutputParameter { symbol, unit, value, .. } = output;
         let interval = self.trial_statistics.as_ref().and_then(|trials| trials.shortest_interval.get(index));
         Parameter {
-            u_monte_carlo: self.u_by_trials(index).map(|u| unit.to_display_value(u)),
-            interval_monte_carlo: interval.map(|mm| mm.map(|x| unit.to_display_value(x))),
+            u_monte_carlo: self.u_by_trials(index).map(|u| unit.to_reported_value(u)),
+            interval_monte_carlo: interval.map(|mm| mm.map(|x| unit.to_reported_value(x))),
             ..parameter_with_budget(symbol, *unit, *value, self.output_uncertainty(index, output))
         }
     }
@@ -134,27 +134,27 @@ impl Identification {
     }
 
     /// Covariance of the linear parameters, in the products of their reported units.
-    fn build_covariance(&self) -> Covariance {
+    fn build_covariance(&self) -> ParameterCovariance {
         let outputs = &self.outputs.linear_parameters;
         let slopes = self.outputs.linear_parameter_slopes(self.propagation.unknown_count());
         let full = self.propagation.output_covariance(&slopes);
-        let edge: Vec<f64> = outputs.iter().map(|o| o.unit.to_display_value(1.0)).collect();
+        let edge: Vec<f64> = outputs.iter().map(|o| o.unit.to_reported_value(1.0)).collect();
         let row = |i: usize| (0..edge.len()).map(|j| full[(i, j)] * edge[i] * edge[j]).collect();
-        Covariance {
+        ParameterCovariance {
             symbols: outputs.iter().map(|output| output.symbol.clone()).collect(),
             rows: (0..edge.len()).map(row).collect(),
         }
     }
 
     fn build_function(&self, curve: &OutputCurve) -> EstimatedFunction {
-        let u = |slope: &Vec<f64>| curve.unit.to_display_value(self.propagation.output_uncertainty(slope).u);
+        let u = |slope: &Vec<f64>| curve.unit.to_reported_value(self.propagation.output_uncertainty(slope).u);
         EstimatedFunction {
             symbol: curve.symbol.clone(),
             argument: curve.argument.to_owned(),
             argument_unit: curve.argument_unit.to_owned(),
             x: curve.x.clone(),
             unit: curve.unit,
-            y: curve.y.iter().map(|y| curve.unit.to_display_value(*y)).collect(),
+            y: curve.y.iter().map(|y| curve.unit.to_reported_value(*y)).collect(),
             u: curve.slopes.iter().map(u).collect(),
             figure: curve.figure,
             at_mm: None,
@@ -176,7 +176,7 @@ impl Identification {
 pub fn parameter_with_budget(symbol: &str, unit: Unit, value: f64, own: Uncertainty) -> Parameter {
     let lines = own.budget.into_iter();
     Parameter {
-        budget: lines.map(|line| BudgetLine { u: unit.to_display_value(line.u), ..line }).collect(),
+        budget: lines.map(|line| BudgetLine { u: unit.to_reported_value(line.u), ..line }).collect(),
         ..parameter_without_budget(symbol, unit, value, own.u, own.dof)
     }
 }
@@ -187,10 +187,10 @@ pub fn parameter_without_budget(symbol: &str, unit: Unit, value: f64, u: f64, do
     let k = coverage_factor(dof.unwrap_or(f64::INFINITY));
     Parameter {
         symbol: symbol.to_owned(),
-        value: unit.to_display_value(value),
+        value: unit.to_reported_value(value),
         unit,
-        u: unit.to_display_value(u),
-        expanded: unit.to_display_value(k * u),
+        u: unit.to_reported_value(u),
+        expanded: unit.to_reported_value(k * u),
         k,
         dof,
         identifiable: true,

@@ -112,7 +112,8 @@ pub fn function_over_harmonic_orders(
     }
 }
 
-/// Values in mm, numbered from 1, without a stated uncertainty. In order of time they show movements.
+/// Function in um of values in mm, numbered from 1 in the order given, without a stated uncertainty. If they are in
+/// order of time, a step in them shows that something has shifted.
 pub fn function_of_numbered_values(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = (1..).map(f64::from).zip(mm.map(|mm| mm * 1e3)).unzip();
     EstimatedFunction {
@@ -130,7 +131,7 @@ impl Identification {
         let mut points: Vec<[f64; 3]> =
             function.harmonics.iter().map(|harmonic| self.order_amplitude_and_u(harmonic, x)).collect();
         points.sort_by(|one, other| one[0].total_cmp(&other[0]));
-        let reported = |value: f64| function.unit.to_display_value(value);
+        let reported = |value: f64| function.unit.to_reported_value(value);
         let amplitudes = points.iter().map(|[order, amplitude, _]| (*order, reported(*amplitude)));
         EstimatedFunction {
             u: points.iter().map(|[.., u]| reported(*u)).collect(),

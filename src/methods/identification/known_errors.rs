@@ -26,7 +26,7 @@ impl<'a> KnownErrors<'a> {
     pub fn from_estimate(estimate: &'a Estimate, chain: &KinematicChain) -> Result<Self, MethodRefusal> {
         let of_axes = estimate.parameters.iter().filter_map(|parameter| {
             let error: ErrorParameter = parameter.symbol.parse().ok()?;
-            let value = parameter.value / parameter.unit.to_display_value(1.0);
+            let value = parameter.value / parameter.unit.to_reported_value(1.0);
             Some((ErrorTerm { parameter: error, value }, parameter.symbol.as_str()))
         });
         let (errors, symbols): (Vec<ErrorTerm>, Vec<&str>) = of_axes.unzip();

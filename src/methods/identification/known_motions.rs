@@ -182,7 +182,7 @@ fn harmonic_term(function: &str, error: ErrorParameter, parameter: &Parameter) -
         _ => return None,
     };
     let parameter_of_order = ErrorParameter::new(error.component(), error.axis(), shape).ok()?;
-    let value = parameter.value / parameter.unit.to_display_value(1.0);
+    let value = parameter.value / parameter.unit.to_reported_value(1.0);
     Some(ErrorTerm { parameter: parameter_of_order, value })
 }
 

@@ -2,8 +2,8 @@
 //! uncertainty to the estimate.
 //!
 //! A method solves its equations and gives an [`ObservationModel`] at the solution, a list of
-//! [`UncertaintySource`]s and its [`Outputs`]. [`identify`] propagates the sources to first order (JCGM 100)
-//! and by Monte Carlo trials (JCGM 101). [`Identification::estimate`] makes the estimate. Observations are
+//! [`UncertaintySource`]s and its [`IdentificationOutputs`]. [`identify`] propagates the sources to first order
+//! (JCGM 100) and by Monte Carlo trials (JCGM 101). [`Identification::estimate`] makes the estimate. Observations are
 //! numbers of one unit, mm, in an order that the method fixes; sources refer to them by index. The core
 //! imports no method.
 
@@ -43,18 +43,18 @@ pub use known_errors::KnownErrors;
 pub use known_motions::KnownErrorMotions;
 pub use monte_carlo_trials::{TrialSettings, propagate_by_trials};
 pub use observation_model::{
-    FitQuality, LinearFit, LinearResponse, NonlinearFit, ObservationEquation, ObservationModel, SolvedModel,
+    FitQuality, LinearResponse, NonlinearFit, ObservationEquation, ObservationModel, SolvedLinearFit, SolvedModel,
     multiply_vector, rms, solve_each_trial,
 };
 pub use outliers::OutlierCheck;
 pub use output_range::{RangeOutput, range_outputs};
 pub use outputs::{
-    NonlinearOutputs, OutputCurve, OutputParameter, Outputs, central_differences, dot_product, reported_unit,
-    slope_of_unknown,
+    IdentificationOutputs, NonlinearOutputs, OutputCurve, OutputParameter, central_differences, dot_product,
+    reported_unit, slope_of_unknown,
 };
 pub use propagation::{Propagation, Uncertainty};
 pub use uncertainty_source::{
-    DrawDistribution, EvaluationType, ObservationEffect, ObservationSpan, ResidualTreatment, UncertaintySource,
+    DrawDistribution, EvaluationType, ObservationEffect, ObservationSpanChange, ResidualTreatment, UncertaintySource,
     block_covariances, linear_combination, prior_covariance,
 };
 pub use warnings::MisfitAdvice;

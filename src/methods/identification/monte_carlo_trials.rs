@@ -6,7 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::observation_model::ObservationModel;
-use super::outputs::Outputs;
+use super::outputs::IdentificationOutputs;
 use super::uncertainty_source::{ObservationEffect, UncertaintySource};
 use crate::IdentifyError;
 
@@ -28,7 +28,7 @@ impl TrialSettings {
 /// A source prepared for drawing.
 struct SampledSource<'a> {
     source: &'a UncertaintySource,
-    /// Factor from the misfit.
+    /// Factor from the misfit on all draws of the source; 1 if the residuals do not scale the source.
     misfit_factor: f64,
     /// Index of the source's first draw among the draws of all sources.
     first_draw_index: usize,
@@ -111,7 +111,7 @@ pub fn propagate_by_trials(
     model: &dyn ObservationModel,
     sources: &[UncertaintySource],
     misfit: &Misfit,
-    outputs: &Outputs,
+    outputs: &IdentificationOutputs,
     settings: TrialSettings,
 ) -> Result<TrialStatistics, IdentifyError> {
     let shapes: Vec<DrawDistribution> =

@@ -93,12 +93,11 @@ pub trait ObservationModel: Sync {
 
     /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
     /// observations, mm). The solution is nonlinear if the model is.
-    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
+    fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
 
-    /// Linear functions of the unknowns of [`solve_each_perturbation`](Self::solve_each_perturbation): trials ×
-    /// functions. `slopes`: functions × unknowns.
+    /// Linear functions of the unknowns of [`Self::unknowns_for_each_perturbation`]: trials × functions. `slopes`: functions × unknowns.
     fn evaluate_each_perturbation(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
-        self.solve_each_perturbation(changes) * slopes.transpose()
+        self.unknowns_for_each_perturbation(changes) * slopes.transpose()
     }
 }
 
@@ -113,7 +112,7 @@ pub trait ObservationEquation: Sync {
 
     /// First-order change of the weighted residuals by `change` at fixed unknowns, with the sign of measured
     /// minus model.
-    fn weighted_change(&self, change: &[f64]) -> Vec<f64>;
+    fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64>;
 }
 
 /// Number of Gauss–Newton steps to a nearby solution with one Jacobian. After the second step the error is of
@@ -128,8 +127,8 @@ pub struct NonlinearFit<'a, E> {
 }
 
 impl<E: ObservationEquation> NonlinearFit<'_, E> {
-    /// The unknowns for observations changed by `change`, mm.
-    pub fn solve_for_change(&self, change: &[f64]) -> Vec<f64> {
+    /// All unknowns, not their changes, of the fit to observations that are each changed by `change` (mm).
+    pub fn unknowns_for_changed_observations(&self, change: &[f64]) -> Vec<f64> {
         let mut x = self.minimum.x.clone();
         for _ in 0..GAUSS_NEWTON_STEPS {
             let step = self.minimum.factorisation.solve(&self.equation.weighted_residuals(&x, change));
@@ -149,7 +148,7 @@ impl<E: ObservationEquation> ObservationModel for NonlinearFit<'_, E> {
     }
 
     fn linear_response(&self, change: &[f64]) -> LinearResponse {
-        let rows = self.equation.weighted_change(change);
+        let rows = self.equation.weighted_residual_change(change);
         let (unknowns, residuals) = self.minimum.factorisation.solution_and_remainder(rows);
         LinearResponse { unknown_changes: unknowns, residual_changes: residuals }
     }
@@ -158,8 +157,8 @@ impl<E: ObservationEquation> ObservationModel for NonlinearFit<'_, E> {
         self.minimum.factorisation.leverage()
     }
 
-    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        solve_each_trial(changes, self.unknown_count(), |change| self.solve_for_change(change))
+    fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        solve_each_trial(changes, self.unknown_count(), |change| self.unknowns_for_changed_observations(change))
     }
 }
 
@@ -174,8 +173,8 @@ pub fn solve_each_trial(changes: MatRef<'_, f64>, unknowns: usize, solve: impl F
     all
 }
 
-/// A linear fit x = gain·y of y = a·x, with or without constraints.
-pub struct LinearFit<'a> {
+/// The solution x = gain·y of a linear fit y = a·x, with or without constraints.
+pub struct SolvedLinearFit<'a> {
     pub x: &'a [f64],
     /// Design matrix, observations × unknowns.
     pub design_matrix: &'a Mat<f64>,
@@ -185,7 +184,7 @@ pub struct LinearFit<'a> {
     pub gain: &'a Mat<f64>,
 }
 
-impl LinearFit<'_> {
+impl SolvedLinearFit<'_> {
     /// Change of the weighted residuals if the unknowns follow the gain.
     pub fn residual_change(&self, change: &[f64]) -> Vec<f64> {
         let explained = multiply_vector(self.design_matrix, &multiply_vector(self.gain, change));
@@ -194,7 +193,7 @@ impl LinearFit<'_> {
     }
 }
 
-impl ObservationModel for LinearFit<'_> {
+impl ObservationModel for SolvedLinearFit<'_> {
     fn observation_count(&self) -> usize {
         self.design_matrix.nrows()
     }
@@ -213,7 +212,7 @@ impl ObservationModel for LinearFit<'_> {
         (0..self.observation_count()).map(own).collect()
     }
 
-    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let mut x = changes * self.gain.transpose();
         for (j, solved) in self.x.iter().enumerate() {
             x.col_as_slice_mut(j).iter_mut().for_each(|x| *x += solved);

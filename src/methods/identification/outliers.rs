@@ -35,9 +35,9 @@ impl OutlierCheck {
     /// `variances`: variance of each weighted residual from the declared sources.
     pub fn new(solution: &SolvedModel<'_>, misfit: &Misfit, variances: &[f64]) -> Self {
         let leverage = solution.model.leverage();
-        let residuals = RowResiduals {
+        let residuals = ResidualStatistics {
             weighted_residuals: solution.weighted_residuals,
-            variances,
+            residual_variances: variances,
             effective_dof: misfit.effective_dof,
             scaled_chi2: misfit.chi2 * misfit.effective_dof / misfit.expected_chi2,
             has_declared_source_sizes: solution.has_declared_source_sizes,
@@ -74,7 +74,7 @@ impl OutlierCheck {
 
 struct OutlierSearch<'a> {
     solution: &'a SolvedModel<'a>,
-    residuals: RowResiduals<'a>,
+    residuals: ResidualStatistics<'a>,
     leverage: &'a [f64],
 }
 
@@ -105,8 +105,7 @@ impl OutlierSearch<'_> {
         self.residuals.studentised_limit(measurement.residual_rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
 
-    /// Measurements of one row each whose deviations leave the same pattern in the residuals, including this
-    /// one.
+    /// Single-row measurements whose deviations leave the same pattern in the residuals, including this one.
     fn indistinguishable_measurements<'m>(
         &'m self,
         measurement: &'m CheckedMeasurement,
@@ -141,7 +140,7 @@ impl OutlierSearch<'_> {
     /// deviation least.
     fn detectable_deviation(&self, measurement: &CheckedMeasurement) -> DetectableDeviation {
         let rows = measurement.residual_rows.clone();
-        let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();
+        let least = rows.map(|row| self.residuals.residual_variances[row]).fold(0.0, f64::max).sqrt();
         let um = |limit: f64| {
             let residual = (limit + self.residuals.detection_margin()) * least;
             1e3 * residual * measurement.u_mm / self.residual_share_of_deviation(measurement)
@@ -151,23 +150,23 @@ impl OutlierSearch<'_> {
     }
 }
 
-/// Weighted residuals, row by row.
-pub struct RowResiduals<'a> {
+/// The weighted residuals of all rows, and statistics of all of them together.
+pub struct ResidualStatistics<'a> {
     /// Residuals divided by the standard uncertainties, measured minus model.
     pub weighted_residuals: &'a [f64],
-    /// Variance of each residual from the declared sources.
-    pub variances: &'a [f64],
-    /// Sum of squares, scaled so that its expectation equals its effective degrees of freedom.
+    /// Variance of each weighted residual from the declared sources.
+    pub residual_variances: &'a [f64],
+    /// Sum of squares of all weighted residuals, scaled so that its expectation equals `effective_dof`.
     pub scaled_chi2: f64,
     pub effective_dof: f64,
     /// Whether the standard uncertainties are declared; otherwise the scatter comes from the residuals alone.
     pub has_declared_source_sizes: bool,
 }
 
-impl RowResiduals<'_> {
+impl ResidualStatistics<'_> {
     /// Rows that other rows check.
     fn checkable_rows(&self, rows: Range<usize>) -> impl Iterator<Item = usize> {
-        rows.filter(|row| self.variances[*row] >= MIN_CHECKABLE_RESIDUAL_VARIANCE)
+        rows.filter(|row| self.residual_variances[*row] >= MIN_CHECKABLE_RESIDUAL_VARIANCE)
     }
 
     /// The value that [`Self::studentised_residual`] of rows without an outlier exceeds with this `probability`.
@@ -185,7 +184,7 @@ impl RowResiduals<'_> {
     /// Length of the residual relative to the scatter of all others; 0 for rows that no other row checks.
     pub fn studentised_residual(&self, rows: Range<usize>) -> f64 {
         let count = self.checkable_rows(rows.clone()).count() as f64;
-        let square = |row: usize| self.weighted_residuals[row].powi(2) / self.variances[row];
+        let square = |row: usize| self.weighted_residuals[row].powi(2) / self.residual_variances[row];
         let own: f64 = self.checkable_rows(rows).map(square).sum();
         // Residuals smaller than declared must not make a measurement an outlier.
         let least = if self.has_declared_source_sizes { 1.0 } else { f64::MIN_POSITIVE };

@@ -68,15 +68,16 @@ pub struct NonlinearOutputs {
     pub trial_values: TrialFunction,
 }
 
+/// What an identification reports.
 #[derive(Default)]
-pub struct Outputs {
+pub struct IdentificationOutputs {
     /// Linear parameters with budget and covariance. Each has a slope.
     pub linear_parameters: Vec<OutputParameter>,
     pub curves: Vec<OutputCurve>,
     pub nonlinear: Option<NonlinearOutputs>,
 }
 
-impl Outputs {
+impl IdentificationOutputs {
     /// Derivatives of the `parameters`: outputs × unknowns. NaN if a slope is missing.
     pub fn linear_parameter_slopes(&self, unknowns: usize) -> Mat<f64> {
         let slope = |i: usize| self.linear_parameters[i].slope.as_deref().unwrap_or_default();
@@ -111,17 +112,17 @@ impl Outputs {
     }
 }
 
-/// Derivatives of `function` at the point `at` by central differences of half width `step`: values ×
-/// arguments. `None`: `function` has no value there.
+/// Derivatives of `function` at `arguments` by central differences of half width `step`: values
+/// × arguments. `None`: `function` has no value there.
 pub fn central_differences(
-    at: &[f64],
+    arguments: &[f64],
     step: f64,
     function: impl Fn(&[f64]) -> Option<Vec<f64>>,
 ) -> Option<Vec<Vec<f64>>> {
-    let mut slopes = vec![vec![0.0; at.len()]; function(at)?.len()];
-    for j in 0..at.len() {
+    let mut slopes = vec![vec![0.0; arguments.len()]; function(arguments)?.len()];
+    for j in 0..arguments.len() {
         let moved = |by: f64| {
-            let mut moved = at.to_vec();
+            let mut moved = arguments.to_vec();
             moved[j] += by;
             function(&moved)
         };

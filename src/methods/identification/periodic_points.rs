@@ -36,7 +36,7 @@ impl PeriodicPoints {
         if last - first > REVOLUTION_DEG + ANGLE_TOLERANCE_DEG {
             return Err(format!("covers more than one revolution ({first}° to {last}°)"));
         }
-        let internal = 1.0 / unit.to_display_value(1.0);
+        let internal = 1.0 / unit.to_reported_value(1.0);
         let point = |i: usize| {
             let deg = x[i].rem_euclid(REVOLUTION_DEG);
             let deg = if REVOLUTION_DEG - deg < ANGLE_TOLERANCE_DEG { 0.0 } else { deg };

@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use nalgebra::Vector3;
 
 use super::azimuth_dependence::{DEFAULT_LOBING_ORDERS, azimuth_factor, azimuth_patterns, harmonic_sd_by_order};
-use super::uncertainty_source::{prior_covariance, prior_draw_changes};
+use super::uncertainty_source::{prior_covariance, value_changes_by_prior_draws};
 use crate::{IdentifyError, MethodRefusal};
 use machine::Axis;
 use machine::kinematics::KinematicChain;
@@ -15,7 +15,7 @@ use machine::record::machine::Probe;
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::record::reading::Reading;
 
-/// Name of the method that finds the map.
+/// Name of the method that finds the pre-travel map of the probe.
 pub const PROBE_QUALIFICATION_METHOD_NAME: &str = "probe-qualification";
 /// Highest order that is searched for in an estimate.
 const MAX_MAP_ORDER: u32 = 180;
@@ -103,19 +103,24 @@ impl<'a> ProbeMap<'a> {
 
     /// Remaining uncertainty of the pre-travel at contacts along `normals` (spindle frame), mm per draw: the
     /// covariance of the parts that are subtracted; the parts that are known but not subtracted; and of
-    /// `declared_mm` those `orders` that the map does not contain.
-    pub fn uncertainty_patterns(&self, declared_mm: f64, orders: &[u32], normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
+    /// `lobing_sd_mm` those `declared_orders` that the map does not contain.
+    pub fn uncertainty_patterns(
+        &self,
+        lobing_sd_mm: f64,
+        declared_orders: &[u32],
+        normals: &[Vector3<f64>],
+    ) -> Vec<Vec<f64>> {
         let column = |part: &ProbeMapCoefficient, size: f64| -> Vec<f64> {
             normals.iter().map(|normal| size * part.direction_factor(normal)).collect()
         };
         let known: Vec<&ProbeMapCoefficient> = self.subtracted_coefficients().collect();
         let symbols: Vec<&str> = known.iter().map(|part| part.symbol.as_str()).collect();
         let known: Vec<Vec<f64>> = known.iter().map(|part| column(part, 1.0)).collect();
-        let mut patterns = prior_draw_changes(self.prior, &symbols, &known).unwrap_or_default();
+        let mut patterns = value_changes_by_prior_draws(self.prior, &symbols, &known).unwrap_or_default();
         let carried = self.coefficients.iter().filter(|part| !part.is_subtracted);
         patterns.extend(carried.map(|part| column(part, part.value_mm.hypot(part.u_mm))));
         let has = |order: u32| self.coefficients.iter().any(|part| part.order == order);
-        patterns.extend(azimuth_patterns(declared_mm, orders, normals, |order| !has(order)));
+        patterns.extend(azimuth_patterns(lobing_sd_mm, declared_orders, normals, |order| !has(order)));
         patterns
     }
 
@@ -150,7 +155,7 @@ fn read_map_coefficients(prior: &Estimate) -> Vec<ProbeMapCoefficient> {
         for (symbol, quarter_turns) in probe_map_symbols(order).into_iter().zip([0.0, 0.25]) {
             let own = prior.parameters.iter().find(|parameter| parameter.symbol == symbol);
             let Some(parameter) = own else { continue };
-            let unit = parameter.unit.to_display_value(1.0);
+            let unit = parameter.unit.to_reported_value(1.0);
             parts.push(ProbeMapCoefficient {
                 symbol,
                 order,

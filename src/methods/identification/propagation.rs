@@ -63,13 +63,13 @@ impl EffectOnUnknowns {
                 left.push(residual_changes);
             }
         }
-        let is_judged = source.residual_treatment == ResidualTreatment::ScaledByMisfit;
+        let is_scaled_by_misfit = source.residual_treatment == ResidualTreatment::ScaledByMisfit;
         let distribution = match source.draw_distribution {
             DrawDistribution::Normal => Distribution::Normal,
             DrawDistribution::Rectangular => Distribution::Rectangular,
         };
         let (name, evaluation, dof) = (source.name.clone(), source.evaluation, source.dof);
-        Self { name, evaluation, distribution, is_scaled_by_misfit: is_judged, dof, changes_by_draw: draws }
+        Self { name, evaluation, distribution, is_scaled_by_misfit, dof, changes_by_draw: draws }
     }
 
     /// Variance of the output with this derivative by the unknowns. Only nonzero entries are visited, because
@@ -110,16 +110,16 @@ impl Propagation {
     pub fn output_uncertainty(&self, slope: &[f64]) -> Uncertainty {
         let variances: Vec<f64> = self.effects.iter().map(|e| e.output_variance(slope)).collect();
         let is_scaled = self.misfit.uncertainty_factor != 1.0;
-        let mut judged = 0.0;
+        let mut scaled_variance = 0.0;
         let mut components = Vec::new();
         for (effect, variance) in self.effects.iter().zip(&variances) {
             match is_scaled && effect.is_scaled_by_misfit {
-                true => judged += variance,
+                true => scaled_variance += variance,
                 false => components.push((*variance, effect.dof)),
             }
         }
         // The degrees of freedom of the misfit may be NaN if it scales nothing.
-        components.extend(is_scaled.then_some((judged, self.misfit.effective_dof)));
+        components.extend(is_scaled.then_some((scaled_variance, self.misfit.effective_dof)));
         let lines = self.effects.iter().zip(&variances);
         let line = |(effect, variance): (&EffectOnUnknowns, &f64)| {
             let dof = if is_scaled && effect.is_scaled_by_misfit { self.misfit.effective_dof } else { effect.dof };

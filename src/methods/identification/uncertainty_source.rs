@@ -22,9 +22,9 @@ pub enum ResidualTreatment {
     ScaledByMisfit,
 }
 
-/// Neighbouring observations that one draw changes together.
+/// Change of neighbouring observations by one draw.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ObservationSpan {
+pub struct ObservationSpanChange {
     /// Index of the first changed observation.
     pub first_index: usize,
     /// Changes of the observations, mm, one entry per observation.
@@ -34,12 +34,12 @@ pub struct ObservationSpan {
 /// Changes of the observations by independent draws of unit variance, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ObservationEffect {
-    /// One draw per observation: the standard uncertainty of each.
+    /// One independent random quantity per observation: the standard uncertainty of each.
     Independent(Vec<f64>),
-    /// One draw per span.
-    Spans(Vec<ObservationSpan>),
-    /// One draw per column. A column has one entry per observation, starting with the first; missing entries
-    /// are zero.
+    /// One independent random quantity per span of neighbouring observations.
+    Spans(Vec<ObservationSpanChange>),
+    /// One independent random quantity per column. A column has one entry per observation, starting with the first;
+    /// missing entries are zero.
     Joint(Vec<Vec<f64>>),
 }
 
@@ -94,7 +94,7 @@ impl UncertaintySource {
     pub fn from_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
         let parameters: Vec<&Parameter> =
             symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
-        let columns = prior_draw_changes(prior, symbols, columns)?;
+        let columns = value_changes_by_prior_draws(prior, symbols, columns)?;
         Some(Self {
             dof: parameters.iter().filter_map(|p| p.dof).fold(f64::INFINITY, f64::min),
             ..Self::new_unweighted(format!("estimate of {}", prior.method), columns, ResidualTreatment::InExpectedChi2)
@@ -164,7 +164,7 @@ pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> 
         symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
     let index = |p: &&Parameter| prior.covariance.symbols.iter().position(|s| *s == p.symbol);
     let indices: Vec<usize> = parameters.iter().map(index).collect::<Option<_>>()?;
-    let edge: Vec<f64> = parameters.iter().map(|p| p.unit.to_display_value(1.0)).collect();
+    let edge: Vec<f64> = parameters.iter().map(|p| p.unit.to_reported_value(1.0)).collect();
     let mut covariance = Mat::zeros(edge.len(), edge.len());
     for (i, row) in indices.iter().enumerate() {
         for (j, column) in indices.iter().enumerate() {
@@ -175,9 +175,9 @@ pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> 
     Some(covariance)
 }
 
-/// Changes by independent draws of the parameters `symbols` of an earlier estimate. `columns[j]`: derivatives by the
-/// parameter `symbols[j]`. `None`: the estimate lacks a parameter or the covariance.
-pub fn prior_draw_changes(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
+/// Changes of the values by independent draws of the parameters `symbols` of an earlier estimate. `columns[j]`:
+/// derivatives of the values by the parameter `symbols[j]`. `None`: the estimate lacks a parameter or the covariance.
+pub fn value_changes_by_prior_draws(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
     let root = cholesky_lower(&prior_covariance(prior, symbols)?);
     Some((0..symbols.len()).map(|draw| linear_combination(columns, root.col_as_slice(draw))).collect())
 }

@@ -22,7 +22,7 @@ pub const BEAM_GAIN_INDEX: usize = 2;
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]
 pub struct DwellPoint {
-    /// Index of the centre.
+    /// Index of the group of scans, which has one centre.
     pub group_index: usize,
     /// Displacement of the spindle relative to the table, machine frame, mm.
     pub spindle_displacement_mm: Vector3<f64>,
@@ -91,7 +91,7 @@ impl CentreEquations {
         if self.is_radius_free { x[self.first_unknown_index(group) + 3] } else { self.radius_mm }
     }
 
-    /// Vector of the beam in the spindle frame. Its norm is the gain.
+    /// Vector of the beam in the spindle frame. The norm of the vector is the gain of the sensor.
     pub fn beam_vector(&self, x: &[f64]) -> Vector3<f64> {
         let beam = if self.is_beam_free { &x[..BEAM_UNKNOWN_COUNT] } else { &self.fixed_beam_values };
         self.beam_frame * Vector3::new(beam[0], beam[1], 1.0 + beam[2])
@@ -141,7 +141,7 @@ impl CentreEquations {
         minimise_squares(
             self.initial_values(),
             |x| self.row_blocks(x),
-            |x| self.weighted_change(&self.surface_deviations_mm(x)),
+            |x| self.weighted_residual_change(&self.surface_deviations_mm(x)),
         )
     }
 
@@ -174,10 +174,10 @@ impl ObservationEquation for CentreEquations {
     fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
         let deviations: Vec<f64> =
             self.surface_deviations_mm(x).iter().zip(change).map(|(deviation, change)| deviation + change).collect();
-        self.weighted_change(&deviations)
+        self.weighted_residual_change(&deviations)
     }
 
-    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+    fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64> {
         change.iter().zip(&self.dwell_points).map(|(change, row)| -change / row.u_mm).collect()
     }
 }

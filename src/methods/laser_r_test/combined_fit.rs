@@ -12,8 +12,8 @@ use crate::identification::{
     multiply_vector, solve_each_trial,
 };
 
-/// Smallest standard uncertainty of a centre, mm.
-const MIN_CENTRE_STD_U_MM: f64 = 1e-6;
+/// Standard uncertainty that is added to that of each centre, which limits its weight, mm.
+const CENTRE_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and sphere; the
 /// beam; the latency, which only the sources change.
@@ -23,7 +23,7 @@ pub struct CombinedFit<'a> {
     pub centre_gain_matrix: &'a Mat<f64>,
     pub machine_fit: NonlinearFit<'a, MachineEquations>,
     pub groups: &'a [PoseGroup],
-    /// Number of unknowns of the latency.
+    /// Number of unknowns of the latency model: the latency, and the lost motion of each moved axis.
     pub latency_unknown_count: usize,
 }
 
@@ -50,6 +50,7 @@ impl ObservationModel for CombinedFit<'_> {
         self.centre_fit.observation_count()
     }
 
+    /// Unknowns of machine, beam and latency model, without the centres of the groups.
     fn unknown_count(&self) -> usize {
         self.machine_fit.unknown_count() + self.centre_fit.equation.beam_unknown_count() + self.latency_unknown_count
     }
@@ -65,12 +66,15 @@ impl ObservationModel for CombinedFit<'_> {
         self.machine_fit.leverage()
     }
 
-    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknown_count(), |change| {
-            let x = self.centre_fit.solve_for_change(change);
+            let x = self.centre_fit.unknowns_for_changed_observations(change);
             let solved = self.centre_fit.minimum.x.iter();
             let moved: Vec<f64> = x.iter().zip(solved).map(|(x, solved)| x - solved).collect();
-            self.join_unknowns(self.machine_fit.solve_for_change(&self.centre_changes_in_table(&moved)), &x)
+            self.join_unknowns(
+                self.machine_fit.unknowns_for_changed_observations(&self.centre_changes_in_table(&moved)),
+                &x,
+            )
         })
     }
 }
@@ -103,7 +107,7 @@ pub fn centre_covariances(
         .flat_map(|source| (0..source.draw_count()).map(|draw| source.observation_change(draw, gain.ncols())));
     let source = UncertaintySource::new("centres", ObservationEffect::Joint(changes.map(centre_changes).collect()));
     let mut covariances = block_covariances(&[source], centres.group_count);
-    let least = Matrix3::from_diagonal_element(MIN_CENTRE_STD_U_MM.powi(2));
+    let least = Matrix3::from_diagonal_element(CENTRE_STD_U_FLOOR_MM.powi(2));
     covariances.iter_mut().for_each(|covariance| *covariance += least);
     covariances
 }

@@ -51,8 +51,8 @@ fn gain_warning(result: &IdentificationResult<'_>) -> Option<String> {
         format!(
             "the scale of the sensor deviates by {:+.0} um/m from that of X, Y and Z (u {:.0}): \
              check the scale, range_mm and the radius of the sphere",
-            Unit::UmPerM.to_display_value(gain),
-            Unit::UmPerM.to_display_value(u)
+            Unit::UmPerM.to_reported_value(gain),
+            Unit::UmPerM.to_reported_value(u)
         )
     })
 }
@@ -115,16 +115,16 @@ pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
 
 /// Corrections of the continuous scans: latency and lost motion.
 fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
-    let ObservedScans { latency, unused_continuous_sample_count: reversal_sample_count, .. } = &result.observed;
+    let ObservedScans { latency, unused_continuous_sample_count: unused_count, .. } = &result.observed;
     let latency = latency.as_ref()?;
     let first = result.unknown_names.len() + result.grouped.centre_equations.beam_unknown_count();
     let expanded = |k: usize| result.identification.parameter_uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());
-    let lags = latency.moved_axes.iter().zip(latency.unknown_values().into_iter().skip(1)).enumerate();
+    let lags = latency.moved_axes.iter().zip(latency.values_of_unknowns().into_iter().skip(1)).enumerate();
     let lags = lags.map(|(k, (axis, lag))| format!("{axis} by {:.2} um (U {:.2})", lag * 1e3, expanded(k + 1) * 1e3));
     Some(format!(
         "continuous scans: a sensor reading belongs to the axis positions {:.3} ms (U {:.3}) \
          earlier; lost motion of the axes at reversals: {}. All scans are corrected for both. \
-         Estimated from {} samples at two feeds; {reversal_sample_count} samples at reversals or \
+         Estimated from {} samples at two feeds; {unused_count} samples at reversals or \
          gaps are not used",
         latency.latency_s * 1e3,
         expanded(0) * 1e3,
@@ -137,11 +137,11 @@ fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
 fn paper_comparison(result: &IdentificationResult<'_>) -> Option<String> {
     let [a, b, c, x, a_cb] =
         paper_estimator::identify_by_paper_method(result.setup, &result.grouped, &result.centre_fit.x)?;
-    let [a, b, c, a_cb] = [a, b, c, a_cb].map(|rad| Unit::Urad.to_display_value(rad));
+    let [a, b, c, a_cb] = [a, b, c, a_cb].map(|rad| Unit::Urad.to_reported_value(rad));
     Some(format!(
         "for comparison, by the estimator of paper 2 (the single measurement at B = C = 0 counts as true): \
          EA0B {a:.2}, EB0B {b:.2}, EC0B {c:.2} urad, EX0C {:.2} um, EA0C {a_cb:.2} urad",
-        Unit::Um.to_display_value(x)
+        Unit::Um.to_reported_value(x)
     ))
 }
 

@@ -54,7 +54,7 @@ pub fn identify_scans<'a>(
     let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters.clone() };
     let problem = MachineEquations { model, centre_observations, zero_point_prior: None };
     let (survey, minimum) = solve_machine_errors(setup, &problem, &names)?;
-    let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::unknown_values);
+    let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::values_of_unknowns);
     let x = [&minimum.x, &centre_fit.x[..grouped.centre_equations.beam_unknown_count()], &latency].concat();
     let machine = NonlinearFit { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
@@ -144,20 +144,21 @@ fn remove_oblique_samples(
 ) -> bool {
     let centres = &grouped.centre_equations;
     let beam = unit_vector(centres.beam_vector(&centre_fit.x)).unwrap_or_default();
-    let mut oblique: Vec<(usize, usize)> = Vec::new();
+    let mut oblique_scan_and_point_indices: Vec<(usize, usize)> = Vec::new();
     for (row, origin) in centres.dwell_points.iter().zip(&grouped.row_scan_and_point_indices) {
         let towards = -(row.machine_from_spindle * beam);
         if centres.centre_to_spot(&centre_fit.x, row).angle(&towards) > setup.incidence_limit_rad() {
-            oblique.push(*origin);
+            oblique_scan_and_point_indices.push(*origin);
         }
     }
     // Remove from the end, so that the remaining indices stay valid.
-    oblique.sort_unstable_by(|a, b| b.cmp(a));
-    for (scan, point) in &oblique {
+    oblique_scan_and_point_indices.sort_unstable_by(|a, b| b.cmp(a));
+    for (scan, point) in &oblique_scan_and_point_indices {
         let spot = observed.scans[*scan].sample_means.remove(*point);
-        *observed.excluded_sample_counts.entry("beyond the incidence limit").or_default() += spot.sample_count;
+        *observed.excluded_sample_counts_by_reason.entry("beyond the incidence limit").or_default() +=
+            spot.sample_count;
     }
-    !oblique.is_empty()
+    !oblique_scan_and_point_indices.is_empty()
 }
 
 /// Observations at the centres of the fit `x`, with their `covariances` in the machine frame.

@@ -20,8 +20,8 @@ use machine::Axis;
 
 /// Assumed standard uncertainty of one sample, mm. The result is scaled to the observed scatter.
 const ASSUMED_SAMPLE_STD_U_MM: f64 = 1e-3;
-/// Smallest standard uncertainty of a sample, mm.
-const MIN_SAMPLE_STD_U_MM: f64 = 1e-6;
+/// A smaller standard uncertainty of a sample is replaced by this one, which limits its weight, mm.
+const SAMPLE_STD_U_FLOOR_MM: f64 = 1e-6;
 /// Maximum number of iterations, each of which interpolates the positions again. After it the fit is refused.
 const MAX_LATENCY_ITERATIONS: usize = 30;
 /// The iteration ends when the latency changes by less than this, s, or by less than the fraction
@@ -74,7 +74,7 @@ impl LatencyEstimate {
     }
 
     /// Values in the order of the names, s and mm.
-    pub fn unknown_values(&self) -> Vec<f64> {
+    pub fn values_of_unknowns(&self) -> Vec<f64> {
         let lags = self.moved_axes.iter().map(|axis| self.lost_motion_mm.dot(&axis.nominal_direction()));
         std::iter::once(self.latency_s).chain(lags).collect()
     }
@@ -189,13 +189,15 @@ impl LatencyIteration {
         Ok(Self { moved_axes: axes, rows_by_cell: cells })
     }
 
-    fn unknown_count(&self) -> usize {
+    /// Number of unknowns that all cells share. Each cell has one more, which is not counted.
+    fn common_unknown_count(&self) -> usize {
         1 + self.moved_axes.len()
     }
 
+    /// The rows of each cell with the cell's own unknown.
     fn row_blocks(&self) -> Vec<BlockRows> {
         let block = |rows: &Vec<LatencyRow>| {
-            let mut block = BlockRows::zeros(rows.len(), 1, self.unknown_count());
+            let mut block = BlockRows::zeros(rows.len(), 1, self.common_unknown_count());
             for (i, row) in rows.iter().enumerate() {
                 block.set_own_coefficient(i, 0, 1.0 / ASSUMED_SAMPLE_STD_U_MM);
                 block.set_right_side(i, row.deviation_mm / ASSUMED_SAMPLE_STD_U_MM);
@@ -211,6 +213,8 @@ impl LatencyIteration {
         self.rows_by_cell.iter().flatten().map(|row| row.deviation_mm / ASSUMED_SAMPLE_STD_U_MM).collect()
     }
 
+    /// Returns the factorisation and the unknowns.
+    ///
     /// # Errors
     /// Unknowns are not separable, or are separated only by the acceleration ramps.
     fn solve(&self) -> Result<(BlockFactorisation, Vec<f64>), IdentifyError> {
@@ -226,7 +230,7 @@ impl LatencyIteration {
         let (covariance, alone) = (factored.covariance(), factored.column_norms());
         let inflated = |k: &usize| covariance[(*k, *k)].sqrt() * alone[*k] > MAX_UNCERTAINTY_INFLATION;
         let weak: Vec<String> =
-            (0..self.unknown_count()).filter(inflated).filter_map(|k| names.get(k).cloned()).collect();
+            (0..self.common_unknown_count()).filter(inflated).filter_map(|k| names.get(k).cloned()).collect();
         if !weak.is_empty() {
             return Err(not_separable_error(&format!("{rank}, but nearly singular"), weak));
         }
@@ -238,8 +242,8 @@ impl LatencyIteration {
         let samples: usize = self.rows_by_cell.iter().map(Vec::len).sum();
         let chi2: f64 = factored.residuals(&self.weighted_deviations()).iter().map(|rest| rest * rest).sum();
         let dof = samples.saturating_sub(factored.unknown_count()).max(1) as f64;
-        let scale = (chi2 / dof).max((MIN_SAMPLE_STD_U_MM / ASSUMED_SAMPLE_STD_U_MM).powi(2));
-        let (covariance, count) = (factored.covariance(), self.unknown_count());
+        let scale = (chi2 / dof).max((SAMPLE_STD_U_FLOOR_MM / ASSUMED_SAMPLE_STD_U_MM).powi(2));
+        let (covariance, count) = (factored.covariance(), self.common_unknown_count());
         let own = Mat::from_fn(count, count, |i, j| scale * covariance[(i, j)]);
         let lags = self.moved_axes.iter().zip(x.iter().skip(1));
         LatencyEstimate {

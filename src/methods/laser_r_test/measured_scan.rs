@@ -9,13 +9,15 @@ use machine::Position;
 #[derive(Debug, Clone, Copy)]
 pub struct SampleMean {
     /// Axis positions X, Y, Z, mm.
-    pub xyz: Vector3<f64>,
+    pub linear_axis_positions_mm: Vector3<f64>,
     /// Displacement of the spindle relative to the table, machine frame.
     pub spindle_displacement_mm: Vector3<f64>,
     /// Reading, mm.
     pub reading_mm: f64,
+    /// Number of the samples that the mean contains.
     pub sample_count: usize,
-    pub run_time_s: f64,
+    /// Mean time of the samples on the clock of the run, s.
+    pub time_in_run_s: f64,
     /// Mean velocity of X, Y, Z in mm/s, and mean sign of the last motion of each axis (0 where unknown).
     pub velocity: Vector3<f64>,
     pub last_motion_sign: Vector3<f64>,

@@ -65,14 +65,14 @@ impl Method for LaserRTest {
 
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let setup = LaserSetup::new(plan, &self.settings)?;
-        let stage_plans = stages::plan_stages(&setup)?;
+        let stage_requests = stages::list_stage_requests(&setup)?;
         let stage_count = done.iter().filter(|stage| stage.repeat == 0).count();
-        let Some(stage_plan) = stage_plans.get(stage_count) else { return Ok(NextStage::NoFurtherStage) };
+        let Some(stage_request) = stage_requests.get(stage_count) else { return Ok(NextStage::NoFurtherStage) };
         let geometry = match source {
             PositionSource::Nominal => sphere_geometry::nominal_geometry(&setup),
             PositionSource::Measured(readings) => sphere_geometry::measured_geometry(&setup, readings)?,
         };
-        stages::build_stage(&setup, stage_plan, &geometry, done)
+        stages::build_stage(&setup, stage_request, &geometry, done)
     }
 
     fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {

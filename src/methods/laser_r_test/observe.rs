@@ -26,7 +26,8 @@ pub struct ObservedScans {
     /// Descriptions of the steps that contain no usable data.
     pub skipped_scans: Vec<String>,
     /// Number of unused samples by reason.
-    pub excluded_sample_counts: BTreeMap<&'static str, usize>,
+    pub excluded_sample_counts_by_reason: BTreeMap<&'static str, usize>,
+    /// Number of all samples, used or not.
     pub sample_count: usize,
     /// Scatter of the samples at each dwell point and in each cell: Σ(sample less mean)² in mm², and its degrees of
     /// freedom.
@@ -45,7 +46,8 @@ pub struct ObservedScans {
 /// Interruption of the measurement.
 #[derive(Debug, Clone, Copy)]
 pub struct Interruption {
-    pub run_time_s: f64,
+    /// Time of the last reading before the interruption, on the clock of the run, s.
+    pub time_in_run_s: f64,
     /// Largest shift that the check of the references after the interruption accepts, mm.
     pub shift_limit_mm: f64,
 }
@@ -66,9 +68,9 @@ impl ObservedScans {
     }
 
     pub fn describe_excluded_samples(&self) -> Option<String> {
-        let count: usize = self.excluded_sample_counts.values().sum();
+        let count: usize = self.excluded_sample_counts_by_reason.values().sum();
         let counts: Vec<String> =
-            self.excluded_sample_counts.iter().map(|(why, count)| format!("{why} {count}")).collect();
+            self.excluded_sample_counts_by_reason.iter().map(|(why, count)| format!("{why} {count}")).collect();
         (count > 0).then(|| format!("{count} of {} samples were not used: {}", self.sample_count, counts.join(", ")))
     }
 }
@@ -115,7 +117,7 @@ fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interrupt
     let ordinary: Vec<&Reading> = readings.iter().filter(|r| r.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP).collect();
     let has_later_readings = |gap_s: &f64| ordinary.iter().any(|reading| reading.t_s > *gap_s);
     let with_limit = |gap_s: f64| match largest_shift_limit_mm(plan, readings, gap_s) {
-        Some(shift_limit_mm) => Ok(Interruption { run_time_s: gap_s, shift_limit_mm }),
+        Some(shift_limit_mm) => Ok(Interruption { time_in_run_s: gap_s, shift_limit_mm }),
         None => Err(MethodRefusal::new(
             format!(
                 "the run was interrupted {gap_s:.0} s after its start, and the readings contain no references after \
@@ -197,16 +199,16 @@ fn read_uncorrected_scan(
         let reading_mm = if step.scan.is_some() { reading.value_mm } else { Some(0.0) };
         let Some(reading_mm) = reading_mm.filter(|_| reading.flag == ReadingFlag::None) else {
             let why = if reading.flag == ReadingFlag::None { "no value" } else { reading.flag.as_str() };
-            *observed.excluded_sample_counts.entry(why).or_default() += 1;
+            *observed.excluded_sample_counts_by_reason.entry(why).or_default() += 1;
             continue;
         };
         let xyz = reading.position.xyz_or_zero();
         samples.push(SampleMean {
-            xyz,
+            linear_axis_positions_mm: xyz,
             spindle_displacement_mm: machine_from_xyz * xyz,
             reading_mm,
             sample_count: 1,
-            run_time_s: reading.t_s,
+            time_in_run_s: reading.t_s,
             velocity: Vector3::zeros(),
             last_motion_sign: Vector3::zeros(),
         });
@@ -234,7 +236,10 @@ fn group_into_points(step: &Step, samples: Vec<SampleMean>) -> Vec<Vec<SampleMea
     for spot in samples {
         let is_same_point = |point: &&mut Vec<SampleMean>| {
             let first = point.first();
-            first.is_some_and(|first| first.xyz.metric_distance(&spot.xyz) < MAX_STANDSTILL_MOTION_MM)
+            first.is_some_and(|first| {
+                first.linear_axis_positions_mm.metric_distance(&spot.linear_axis_positions_mm)
+                    < MAX_STANDSTILL_MOTION_MM
+            })
         };
         match points.last_mut().filter(is_same_point) {
             Some(point) if step.scan.is_some() => point.push(spot),
@@ -244,19 +249,20 @@ fn group_into_points(step: &Step, samples: Vec<SampleMean>) -> Vec<Vec<SampleMea
     points
 }
 
-fn average_samples(all: &[SampleMean], scatter_sums: &mut (f64, usize)) -> SampleMean {
+/// Mean of samples at one place; adds Σ(sample less mean)² in mm² and its degrees of freedom to the second argument.
+fn average_samples(all: &[SampleMean], square_sum_and_dof: &mut (f64, usize)) -> SampleMean {
     let count = all.len().max(1) as f64;
     let average = |pick: fn(&SampleMean) -> f64| all.iter().map(pick).sum::<f64>() / count;
     let sum = |pick: fn(&SampleMean) -> Vector3<f64>| all.iter().map(pick).sum::<Vector3<f64>>() / count;
     let reading_mm = average(|spot| spot.reading_mm);
-    scatter_sums.0 += all.iter().map(|spot| (spot.reading_mm - reading_mm).powi(2)).sum::<f64>();
-    scatter_sums.1 += all.len().saturating_sub(1);
+    square_sum_and_dof.0 += all.iter().map(|spot| (spot.reading_mm - reading_mm).powi(2)).sum::<f64>();
+    square_sum_and_dof.1 += all.len().saturating_sub(1);
     SampleMean {
-        xyz: sum(|spot| spot.xyz),
+        linear_axis_positions_mm: sum(|spot| spot.linear_axis_positions_mm),
         spindle_displacement_mm: sum(|spot| spot.spindle_displacement_mm),
         reading_mm,
         sample_count: all.len(),
-        run_time_s: average(|spot| spot.run_time_s),
+        time_in_run_s: average(|spot| spot.time_in_run_s),
         velocity: Vector3::zeros(),
         last_motion_sign: Vector3::zeros(),
     }

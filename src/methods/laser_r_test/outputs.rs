@@ -11,9 +11,9 @@ use super::pose_groups::PoseGroup;
 use super::result::IdentificationResult;
 use super::scan_purpose::describe_rotary_position;
 use super::sphere_model::{MachineEquations, with_linear_axes};
-use crate::identification::{OutputParameter, Outputs, function_of_numbered_values, reported_unit};
+use crate::identification::{IdentificationOutputs, OutputParameter, function_of_numbered_values, reported_unit};
 use machine::record::estimate::{
-    Arrow, ArrowFigure, ArrowGroup, Estimate, EstimatedFunction, FunctionFigureKind, Unit, VectorFigureKind,
+    ArrowFigure, ArrowGroup, Estimate, EstimatedFunction, FigureArrow, FunctionFigureKind, Unit, VectorFigureKind,
 };
 use machine::{Axis, Position};
 
@@ -40,7 +40,7 @@ pub fn build_outputs(
     names: &[String],
     latency: Option<&LatencyEstimate>,
     x: &[f64],
-) -> Outputs {
+) -> IdentificationOutputs {
     let latency = latency.map_or_else(Vec::new, LatencyEstimate::unknown_names);
     let beam = x.len() - names.len() - latency.len();
     let errors = problem.model.parameters.iter().map(reported_unit);
@@ -55,7 +55,7 @@ pub fn build_outputs(
         gain.value = gain_deviation(gain.value);
         gain.slope.iter_mut().flatten().for_each(|slope| *slope = -*slope);
     }
-    Outputs { linear_parameters: parameters, ..Outputs::default() }
+    IdentificationOutputs { linear_parameters: parameters, ..IdentificationOutputs::default() }
 }
 
 /// Position of the sphere by the machine with the errors in `x`, less its estimated position: machine frame, mm.
@@ -92,7 +92,7 @@ fn arrow_figure(
         let (group, vector) = (&result.grouped.groups[i], vectors[i]);
         let tilted = group.rotary.filter_axes(tilting);
         let table = chain.machine_from_table(&with_linear_axes(&group.rotary, Vector3::zeros()), &[]);
-        let arrow = Arrow {
+        let arrow = FigureArrow {
             label: describe_rotary_position(&group.rotary.filter_axes(|axis| !tilting(axis))),
             at_mm: table.transform_point(&ball.into()).coords.into(),
             vector: (vector * 1e3).into(),
@@ -125,7 +125,8 @@ fn pose_order(result: &IdentificationResult<'_>, tilting: impl Fn(Axis) -> bool)
     order
 }
 
-/// Form error of each scan in the order of the poses, and deviations of the points of all scans from their spheres.
+/// Form error of each group of scans with one centre, in the order of the scans, and deviations of the points of all
+/// scans from their spheres.
 fn deviation_functions(result: &IdentificationResult<'_>) -> Vec<EstimatedFunction> {
     let points = result.grouped.centre_equations.surface_deviations_mm(&result.centre_fit.x);
     let deviations = function_of_numbered_values("deviation", "point", points.into_iter());

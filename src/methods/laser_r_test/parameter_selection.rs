@@ -57,7 +57,7 @@ pub fn select_parameters(
     let mut motions = harmonic_candidates(chain, orders)?;
     motions.retain(|motion| !candidates.contains(motion));
     candidates.extend(motions);
-    let (columns, position_columns) = position_derivatives(chain, &candidates);
+    let (columns, position_columns) = derivatives_by_error_and_by_position(chain, &candidates);
     let independent = independent_candidate_indices(&position_columns, &columns, |_| MIN_INDEPENDENT_SHARE);
     // A requested error is kept: the measurement decides whether it is identifiable.
     let is_kept = |index: &usize| *index < requested_count || independent.contains(index);
@@ -127,7 +127,10 @@ pub fn unknown_names(parameters: &[ErrorParameter], ball: &str) -> Vec<String> {
 
 /// Derivatives of the sphere's coordinates at many different poses, mm: by each error, and by zero point and
 /// sphere.
-fn position_derivatives(chain: &KinematicChain, parameters: &[ErrorParameter]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+fn derivatives_by_error_and_by_position(
+    chain: &KinematicChain,
+    parameters: &[ErrorParameter],
+) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let model = SphereModel { chain: chain.clone(), parameters: parameters.to_vec() };
     let (ball, zero) = (Vector3::new(80.0, 25.0, 60.0), Vector3::new(3.0, -5.0, -150.0));
     let x = [&vec![0.0; parameters.len()], zero.as_slice(), ball.as_slice()].concat();

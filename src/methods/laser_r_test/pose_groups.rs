@@ -15,8 +15,8 @@ use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample if none is declared or observed, mm.
 const DEFAULT_SAMPLE_STD_DEV_MM: f64 = 1e-3;
-/// Smallest standard uncertainty of a dwell point, which limits its weight, mm.
-const MIN_DWELL_POINT_STD_U_MM: f64 = 1e-6;
+/// A smaller standard uncertainty of a dwell point is replaced by this one, which limits its weight, mm.
+const DWELL_POINT_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// Pose of a group of scans that determine one centre of the sphere.
 #[derive(Debug, Clone)]
@@ -132,7 +132,8 @@ fn assemble_dwell_points(
         most = most.max(count_different_heights(&poles));
         for (number, scan) in scans {
             for (point, spot) in scan.sample_means.iter().enumerate() {
-                let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_DWELL_POINT_STD_U_MM);
+                let u_mm =
+                    (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(DWELL_POINT_STD_U_FLOOR_MM);
                 let SampleMean { spindle_displacement_mm: displacement_mm, reading_mm, .. } = *spot;
                 let (group, machine_from_spindle) = (groups.len(), scan.machine_from_spindle);
                 rows.push(DwellPoint {

@@ -20,8 +20,10 @@ use machine::frame::unit_vector;
 const SPARSE_MOTION_SAMPLE_LIMIT: usize = 10;
 /// Minimum cosine of the angle between a line and the velocity of a sample that counts as moving along it.
 const MIN_MOTION_COSINE: f64 = 0.95;
-/// Minimum width of a cell, mm.
-const MIN_CELL_WIDTH_MM: f64 = 0.01;
+/// A smaller width of a cell is replaced by this one, mm.
+const CELL_WIDTH_FLOOR_MM: f64 = 0.01;
+/// Standard uncertainty of a sample in the fit of the sphere to one scan, mm.
+const SAMPLE_STD_U_IN_SPHERE_FIT_MM: f64 = 0.01;
 
 /// One mean for each cell of this scan in the order of time, and the scatter within cells: Σ(sample less mean)² in
 /// mm² with its degrees of freedom. The means in `scan` are not used.
@@ -30,8 +32,8 @@ pub fn average_samples_by_cell(
     scan: &MeasuredScan,
     samples: &[TimedSample],
 ) -> (Vec<SampleMean>, (f64, usize)) {
-    let mut scatter = (0.0, 0);
-    let Some(sphere) = FittedScanSphere::fit(setup, scan, samples) else { return (Vec::new(), scatter) };
+    let mut square_sum_and_dof = (0.0, 0);
+    let Some(sphere) = FittedScanSphere::fit(setup, scan, samples) else { return (Vec::new(), square_sum_and_dof) };
     let spot = |all: Vec<&TimedSample>| {
         let deviations: Vec<f64> = all.iter().map(|sample| sphere.deviation_mm(sample)).collect::<Option<_>>()?;
         let count = deviations.len() as f64;
@@ -39,25 +41,25 @@ pub fn average_samples_by_cell(
         let mean = |pick: fn(&TimedSample) -> Vector3<f64>| all.iter().map(|s| pick(s)).sum::<Vector3<f64>>() / count;
         let xyz = mean(|sample| sample.xyz);
         let reading_mm = sphere.predicted_reading_mm(xyz)? + mean_deviation;
-        scatter.0 += deviations.iter().map(|deviation| (deviation - mean_deviation).powi(2)).sum::<f64>();
-        scatter.1 += deviations.len() - 1;
+        square_sum_and_dof.0 += deviations.iter().map(|deviation| (deviation - mean_deviation).powi(2)).sum::<f64>();
+        square_sum_and_dof.1 += deviations.len() - 1;
         Some(SampleMean {
-            xyz,
+            linear_axis_positions_mm: xyz,
             spindle_displacement_mm: sphere.machine_from_xyz * xyz,
             reading_mm,
             sample_count: deviations.len(),
-            run_time_s: all.iter().map(|sample| sample.sensor_stamp_s).sum::<f64>() / count,
+            time_in_run_s: all.iter().map(|sample| sample.sensor_stamp_s).sum::<f64>() / count,
             velocity: mean(|sample| sample.velocity),
             last_motion_sign: mean(|sample| sample.last_motion_sign),
         })
     };
     let sample_means = group_by_cell(setup, samples).into_iter().filter_map(spot).collect();
-    (sample_means, scatter)
+    (sample_means, square_sum_and_dof)
 }
 
 /// Groups the samples of one scan by cells. The cells are in the order of time.
 pub fn group_by_cell<'a>(setup: &LaserSetup<'_>, samples: &'a [TimedSample]) -> Vec<Vec<&'a TimedSample>> {
-    let width = (longest_scan_side_mm(samples) / setup.settings.points.max(1) as f64).max(MIN_CELL_WIDTH_MM);
+    let width = (longest_scan_side_mm(samples) / setup.settings.points.max(1) as f64).max(CELL_WIDTH_FLOOR_MM);
     let (mut cells, mut numbers) = (Vec::<Vec<&TimedSample>>::new(), BTreeMap::new());
     for sample in samples {
         let cell_index: [i64; 3] = sample.xyz.map(|mm| (mm / width).floor() as i64).into();
@@ -98,7 +100,7 @@ impl FittedScanSphere {
             spindle_displacement_mm: machine_from_xyz * sample.xyz,
             machine_from_spindle,
             reading_mm: sample.reading_mm,
-            u_mm: MIN_CELL_WIDTH_MM,
+            u_mm: SAMPLE_STD_U_IN_SPHERE_FIT_MM,
         };
         let centres = CentreEquations::with_nominal_beam(setup, samples.iter().map(row).collect());
         let centre = centres.group_centre(&centres.solve().ok()?.x, 0);

@@ -24,7 +24,7 @@ pub struct ExpectedGeometry {
     pub max_position_error_mm: f64,
 }
 
-/// Motion of a scan.
+/// Whether a scan stops at its points, or its feed if it does not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScanMotion {
     /// Dwell points with a stop at each.

@@ -116,35 +116,35 @@ impl LaserRTestSettings {
         MethodRefusal::require(
             (3..=1000).contains(&self.points),
             format!("points = {} is outside 3 to 1000", self.points),
-            "choose points = 13",
+            "choose points = 13 (3 to 1000)",
         )?;
         MethodRefusal::require(
             is_positive_and_finite(self.margin_mm) && is_positive_and_finite(self.feed_mm_min) && self.samples > 0,
             "margin_mm, feed_mm_min and samples must be greater than 0",
             "omit them, or choose about 0.8, 600 and 20",
         )?;
-        self.check_continuous()?;
+        self.check_continuous_sampling_settings()?;
         MethodRefusal::require(
             self.samples <= MAX_SAMPLES_PER_POINT,
             format!("samples = {} is more than {MAX_SAMPLES_PER_POINT} per dwell point", self.samples),
-            "choose about 20: during a longer dwell the machine drifts",
+            "choose samples = 20: during a longer dwell the machine drifts",
         )?;
         MethodRefusal::require(
             (0.0..=MAX_DWELL_S).contains(&self.dwell_s) && self.radius_u_um >= 0.0 && self.form_u_um >= 0.0,
             format!("dwell_s must be 0 to {MAX_DWELL_S}; radius_u_um and form_u_um must be 0 or more"),
             "omit them, or choose about 0.1 and 0.5",
         )?;
-        self.check_harmonics()?;
+        self.check_harmonic_range_and_repeats()?;
         MethodRefusal::require(
             is_positive_and_finite(self.form_limit_um),
             "form_limit_um must be greater than 0",
             "omit it, or choose about 10",
         )?;
-        self.check_heights()?;
+        self.check_none_or_three_heights()?;
         MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 
-    fn check_heights(&self) -> Result<(), MethodRefusal> {
+    fn check_none_or_three_heights(&self) -> Result<(), MethodRefusal> {
         let count = count_different_heights(&self.heights_mm);
         MethodRefusal::require(
             self.heights_mm.is_empty() || count >= 3,
@@ -153,7 +153,7 @@ impl LaserRTestSettings {
         )
     }
 
-    fn check_continuous(&self) -> Result<(), MethodRefusal> {
+    fn check_continuous_sampling_settings(&self) -> Result<(), MethodRefusal> {
         if self.sampling == SamplingMode::Dwell {
             return Ok(());
         }
@@ -178,7 +178,7 @@ impl LaserRTestSettings {
         )
     }
 
-    fn check_harmonics(&self) -> Result<(), MethodRefusal> {
+    fn check_harmonic_range_and_repeats(&self) -> Result<(), MethodRefusal> {
         for order in &self.harmonics {
             MethodRefusal::require(
                 (1..=MAX_HARMONIC_ORDER).contains(order),

@@ -9,7 +9,7 @@ use machine::frame::unit_vector;
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::Plan;
-use machine::record::sensor::{Sensor, SensorKind, SensorMount};
+use machine::record::sensor::{MeasuredQuantity, Sensor, SensorMount};
 use machine::{Axis, Position};
 
 const DEFAULT_TILT_DEG: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
@@ -166,7 +166,7 @@ fn find_ball<'a>(plan: &'a Plan, settings: &LaserRTestSettings) -> Result<(&'a B
 fn stylus_as_sensor(plan: &Plan) -> Sensor {
     Sensor {
         name: "probe".to_owned(),
-        kind: SensorKind::Displacement,
+        measured_quantity: MeasuredQuantity::Displacement,
         mount: SensorMount::Spindle,
         zero_mm: plan.machine.tool_mm,
         direction: [0.0, 0.0, -1.0],

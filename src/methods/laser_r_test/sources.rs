@@ -123,7 +123,7 @@ impl DwellPointGeometry<'_> {
         let path: Vec<Vector3<f64>> = observed.positions_by_time.iter().map(|(_, xyz)| *xyz).collect();
         let along_path = declared_sources::backlash_lags_mm(self.setup.plan, &path);
         let lag = |(spot, normal): (&SampleMean, &Vector3<f64>)| {
-            let next = observed.positions_by_time.partition_point(|(t_s, _)| *t_s <= spot.run_time_s);
+            let next = observed.positions_by_time.partition_point(|(t_s, _)| *t_s <= spot.time_in_run_s);
             match self.setup.uses_touch_probe() {
                 // The motion of a touch is opposite to the normal.
                 true => normal.zip_map(&half, |n, half| half * n.signum()),
@@ -139,7 +139,7 @@ impl DwellPointGeometry<'_> {
     }
 
     fn linear_axis_source(&self) -> UncertaintySource {
-        let positions: Vec<_> = self.grouped.sample_means.iter().map(|spot| spot.xyz).collect();
+        let positions: Vec<_> = self.grouped.sample_means.iter().map(|spot| spot.linear_axis_positions_mm).collect();
         let patterns = declared_sources::linear_motion_patterns(self.setup.plan, &positions);
         let along =
             |k: usize, pattern: &[f64]| self.normals.iter().zip(pattern).map(|(n, p)| n[k] * p).collect::<Vec<f64>>();
@@ -151,7 +151,8 @@ impl DwellPointGeometry<'_> {
     /// reading, so the lever arm of each dwell point ends at the centre.
     fn angular_motion_source(&self, x: &[f64]) -> UncertaintySource {
         let (centres, setup) = (&self.grouped.centre_equations, self.setup);
-        let positions: Vec<Vector3<f64>> = self.grouped.sample_means.iter().map(|spot| spot.xyz).collect();
+        let positions: Vec<Vector3<f64>> =
+            self.grouped.sample_means.iter().map(|spot| spot.linear_axis_positions_mm).collect();
         let patterns = declared_sources::angular_motion_patterns(setup.plan, &positions);
         let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
         let shifts = centres.dwell_points.iter().zip(&positions).zip(&self.normals).map(|((row, xyz), n)| {
@@ -195,10 +196,10 @@ impl DwellPointGeometry<'_> {
     fn drift_source(&self) -> UncertaintySource {
         let rate = declared_sources::drift_rate_sd_mm_per_s(self.setup.plan);
         let sample_means = &self.grouped.sample_means;
-        let mean = sample_means.iter().map(|spot| spot.run_time_s).sum::<f64>() / sample_means.len().max(1) as f64;
+        let mean = sample_means.iter().map(|spot| spot.time_in_run_s).sum::<f64>() / sample_means.len().max(1) as f64;
         let along = |k: usize| {
             let sample_means = sample_means.iter().zip(&self.normals);
-            sample_means.map(|(spot, n)| n[k] * rate * (spot.run_time_s - mean)).collect()
+            sample_means.map(|(spot, n)| n[k] * rate * (spot.time_in_run_s - mean)).collect()
         };
         UncertaintySource::new("thermal drift", ObservationEffect::Joint((0..3).map(along).collect()))
     }
@@ -211,7 +212,7 @@ impl DwellPointGeometry<'_> {
                 let size = interruption.shift_limit_mm * self.displacement_per_reference_change(k);
                 let sample_means = self.grouped.sample_means.iter().zip(&self.normals);
                 sample_means
-                    .map(|(s, n)| if s.run_time_s > interruption.run_time_s { n[k] * size } else { 0.0 })
+                    .map(|(s, n)| if s.time_in_run_s > interruption.time_in_run_s { n[k] * size } else { 0.0 })
                     .collect()
             })
         });
@@ -265,11 +266,11 @@ impl DwellPointGeometry<'_> {
         const SQUARENESS_AXIS_PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
         let sigma = self.setup.plan.machine.squareness_urad * 1e-6;
         let sample_means = &self.grouped.sample_means;
-        let sum: Vector3<f64> = sample_means.iter().map(|spot| spot.xyz).sum();
+        let sum: Vector3<f64> = sample_means.iter().map(|spot| spot.linear_axis_positions_mm).sum();
         let mean = sum / sample_means.len().max(1) as f64;
         let column = |(along, by): (usize, usize)| {
             let sample_means = sample_means.iter().zip(&self.normals);
-            sample_means.map(|(spot, n)| n[along] * sigma * (spot.xyz[by] - mean[by])).collect()
+            sample_means.map(|(spot, n)| n[along] * sigma * (spot.linear_axis_positions_mm[by] - mean[by])).collect()
         };
         UncertaintySource::new(
             "squareness of X, Y and Z",

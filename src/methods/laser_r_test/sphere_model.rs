@@ -129,7 +129,7 @@ impl ObservationEquation for MachineEquations {
             .iter()
             .flat_map(|observation| -> [f64; 3] { self.model.misclosure(&observation.axis_positions, x).into() });
         let misclosures: Vec<f64> = misclosures.zip(change).map(|(m, change)| m + change).collect();
-        let mut rows = self.weighted_change(&misclosures);
+        let mut rows = self.weighted_residual_change(&misclosures);
         if let Some((zero, sigma)) = self.zero_point_prior {
             let held = (zero - self.model.zero_point(x)) / sigma;
             rows[self.observation_count()..].copy_from_slice(held.as_slice());
@@ -137,7 +137,7 @@ impl ObservationEquation for MachineEquations {
         rows
     }
 
-    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+    fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64> {
         let changes = change.chunks_exact(3).map(Vector3::from_column_slice);
         let rows = self
             .centre_observations

@@ -17,9 +17,9 @@ use nalgebra::Matrix3;
 /// Default heights relative to the middle of the sensor's range, in units of half the range.
 const HEIGHT_HALF_RANGE_FRACTIONS: [f64; 3] = [-0.7, 0.0, 0.7];
 
-/// Name, purpose and scans of one stage.
+/// A stage to be planned: its name, purpose and scans.
 #[derive(Debug, Clone, PartialEq)]
-pub struct StagePlan {
+pub struct StageRequest {
     pub name: &'static str,
     pub purpose: ScanPurpose,
     pub scans: Vec<ScanRequest>,
@@ -30,7 +30,7 @@ pub struct StagePlan {
 ///
 /// # Errors
 /// A position is outside the axis limits, or the poses do not separate the errors.
-pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefusal> {
+pub fn list_stage_requests(setup: &LaserSetup<'_>) -> Result<Vec<StageRequest>, MethodRefusal> {
     let middle = sensor_mid_range_mm(setup);
     let continuous = setup.settings.sampling == SamplingMode::Continuous;
     let default_motion = if continuous { ScanMotion::SlowContinuous } else { ScanMotion::Dwell };
@@ -59,14 +59,14 @@ pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefus
     let feeds = feeds.into_iter().filter(|_| continuous);
     let feeds = feeds.map(|(detail, motion)| request(ScanPurpose::Latency, detail, &zero, motion)).collect();
     let mut stage_plans = vec![
-        StagePlan { name: "find the sphere", purpose: ScanPurpose::Search, scans: find },
-        StagePlan { name: "latency", purpose: ScanPurpose::Latency, scans: feeds },
-        StagePlan { name: "beam direction", purpose: ScanPurpose::BeamDirection, scans: heights.collect() },
-        StagePlan { name: "reference", purpose: ScanPurpose::CentreAtPose, scans: reference("first") },
-        StagePlan { name: "zero position: tilted", purpose: ScanPurpose::CentreAtPose, scans: poses(&tilted) },
-        StagePlan { name: "zero position: turned", purpose: ScanPurpose::CentreAtPose, scans: poses(&turned) },
-        StagePlan { name: "poses", purpose: ScanPurpose::CentreAtPose, scans: poses(&others) },
-        StagePlan { name: "reference, again", purpose: ScanPurpose::CentreAtPose, scans: reference("last") },
+        StageRequest { name: "find the sphere", purpose: ScanPurpose::Search, scans: find },
+        StageRequest { name: "latency", purpose: ScanPurpose::Latency, scans: feeds },
+        StageRequest { name: "beam direction", purpose: ScanPurpose::BeamDirection, scans: heights.collect() },
+        StageRequest { name: "reference", purpose: ScanPurpose::CentreAtPose, scans: reference("first") },
+        StageRequest { name: "zero position: tilted", purpose: ScanPurpose::CentreAtPose, scans: poses(&tilted) },
+        StageRequest { name: "zero position: turned", purpose: ScanPurpose::CentreAtPose, scans: poses(&turned) },
+        StageRequest { name: "poses", purpose: ScanPurpose::CentreAtPose, scans: poses(&others) },
+        StageRequest { name: "reference, again", purpose: ScanPurpose::CentreAtPose, scans: reference("last") },
     ];
     stage_plans.retain(|stage| !stage.scans.is_empty());
     Ok(stage_plans)
@@ -138,34 +138,34 @@ fn refuse_inseparable_errors(why: String) -> MethodRefusal {
     )
 }
 
-/// Creates the stage of a plan after the `done` ones.
+/// Plans the requested stage, which follows the `done` ones.
 ///
 /// # Errors
 /// The errors of [`plan_scan_step`].
 pub fn build_stage(
     setup: &LaserSetup<'_>,
-    stage_plan: &StagePlan,
+    stage_request: &StageRequest,
     geometry: &ExpectedGeometry,
     done: &[Stage],
 ) -> Result<NextStage, MethodRefusal> {
-    let position_uncertainty_mm = match stage_plan.purpose {
+    let position_uncertainty_mm = match stage_request.purpose {
         ScanPurpose::Search => setup.balls.uncertainty_mm,
         _ => setup.settings.margin_mm,
     };
     let geometry = ExpectedGeometry { max_position_error_mm: position_uncertainty_mm, ..*geometry };
     let mut steps: Vec<Step> = Vec::new();
-    for request in &stage_plan.scans {
+    for request in &stage_request.scans {
         match relabelled_first_reference(setup, request) {
             repeated if !repeated.is_empty() => steps.extend(repeated),
             _ if setup.uses_touch_probe() => {
-                steps.extend(touches::ball_touch_steps(setup, &geometry, stage_plan.purpose, request)?)
+                steps.extend(touches::ball_touch_steps(setup, &geometry, stage_request.purpose, request)?)
             }
             _ => steps.push(plan_scan_step(setup, &geometry, request)?),
         }
     }
-    let mut next = NextStage::from_new_steps(setup.plan, done, stage_plan.name, steps);
+    let mut next = NextStage::from_new_steps(setup.plan, done, stage_request.name, steps);
     if let NextStage::Stage { stage, .. } = &mut next
-        && stage_plan.purpose != ScanPurpose::Search
+        && stage_request.purpose != ScanPurpose::Search
     {
         stage.found = Some(located_artefact(setup, &geometry));
     }

@@ -9,7 +9,7 @@ use crate::MethodRefusal;
 use machine::frame::Point;
 use machine::record::artefact::Ball;
 use machine::record::plan::{Step, StepKind};
-use planning::{BallApproach, BallTask, TouchAccess};
+use planning::{BallMeasurementRequest, BallTouchMode, TouchAccess};
 
 /// Number of touches that measure one centre of the sphere.
 const TOUCHES_PER_MEASUREMENT: usize = 5;
@@ -40,18 +40,23 @@ pub fn ball_touch_steps(
     let at = with_linear_axes(&request.rotary, xyz);
     let centre = setup.chain.tip_in_table(&at, Point::from_vec(setup.zero_point()), &[]).mm;
     let ball = Ball { centre_mm: centre.into(), ..setup.ball.clone() };
-    let approach = match purpose {
+    let mode = match purpose {
         ScanPurpose::Search => {
             let uncertainty_mm = setup.balls.uncertainty_mm;
-            BallApproach::Search { uncertainty_mm, standoff_mm: CLEARANCE_MM }
+            BallTouchMode::Search { uncertainty_mm, standoff_mm: CLEARANCE_MM }
         }
         _ => {
             let margin_mm = setup.settings.margin_mm + CLEARANCE_MM;
-            BallApproach::Measure { standoff_mm: margin_mm, search_mm: margin_mm }
+            BallTouchMode::Measure { standoff_mm: margin_mm, search_mm: margin_mm }
         }
     };
     let kind = if request.is_reference { StepKind::Reference } else { StepKind::Touch };
-    let task = BallTask { ball: &ball, rotary: &request.rotary, approach, touch_count: TOUCHES_PER_MEASUREMENT };
+    let ball_request = BallMeasurementRequest {
+        ball: &ball,
+        rotary: &request.rotary,
+        touch_mode: mode,
+        touch_count: TOUCHES_PER_MEASUREMENT,
+    };
     let label = |touch: &str| format!("{}/{touch}", request.label);
-    access.touch_steps(&task, &setup.plan.probe, kind, (0, 0), label).map_err(|why| refused(why.to_string()))
+    access.touch_steps(&ball_request, &setup.plan.probe, kind, (0, 0), label).map_err(|why| refused(why.to_string()))
 }

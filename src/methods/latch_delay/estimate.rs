@@ -51,12 +51,12 @@ fn plc_scan_parameter(scan: &PlcScanTest) -> Parameter {
     Parameter { identifiable: false, ..parameter_without_budget(PLC_SCAN_TIME_SYMBOL, Unit::Ms, 0.0, u_s, None) }
 }
 
-/// Overtravel of each touch at one feed, in the order of the touches.
+/// Overtravel of each touch at one feed, in the order of the steps.
 fn overtravel_of_touches_at_feed(run: &EvaluatedRun, feed_index: usize) -> EstimatedFunction {
     let EvaluatedRun { observed, fitted, .. } = run;
     let touches = observed.touches.iter().zip(&fitted.overtravel_of_touches_mm);
     let at_feed = touches.filter(|(touch, _)| touch.feed_index == feed_index).map(|(_, mm)| *mm);
     let function = function_of_numbered_values(&format!("E_F{}", observed.feeds_mm_min[feed_index]), "touch", at_feed);
-    let u_um = Unit::Um.to_display_value(fitted.scatter_by_feed[feed_index].std_dev_mm);
+    let u_um = Unit::Um.to_reported_value(fitted.scatter_by_feed[feed_index].std_dev_mm);
     EstimatedFunction { u: vec![u_um; function.y.len()], figure: FunctionFigureKind::Curve, ..function }
 }

@@ -11,7 +11,7 @@ pub struct EvaluatedRun {
     pub observed: ObservedTouches,
     pub fitted: FittedDelay,
     pub plc_scan_test: PlcScanTest,
-    /// Declared scatter of a touch including the display resolution, mm.
+    /// Declared scatter of a touch including the display resolution, mm; `None`: no scatter is declared.
     pub declared_scatter_mm: Option<f64>,
 }
 

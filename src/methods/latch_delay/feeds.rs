@@ -97,7 +97,7 @@ pub fn acceleration_distance_mm(machine: &Machine, feed_mm_min: f64) -> f64 {
 }
 
 /// Minimum over the linear axes.
-fn min_over_linear_axes(machine: &Machine, value: impl Fn(&machine::record::machine::AxisSpec) -> f64) -> f64 {
+fn min_over_linear_axes(machine: &Machine, value: impl Fn(&machine::record::machine::StatedAxis) -> f64) -> f64 {
     let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     axes.map(|(_, spec)| value(spec)).fold(f64::INFINITY, f64::min)
 }

@@ -6,7 +6,7 @@ use super::observe::{ObservedTouch, ObservedTouches};
 use super::outputs;
 use crate::identification::declared_sources::rounding_u_of_mean_mm;
 use crate::identification::{
-    EvaluationType, FitQuality, Identification, LinearFit, ObservationEffect, ResidualTreatment, SolvedModel,
+    EvaluationType, FitQuality, Identification, ObservationEffect, ResidualTreatment, SolvedLinearFit, SolvedModel,
     Uncertainty, UncertaintySource, identify, slope_of_unknown,
 };
 use crate::{IdentifyError, MethodRefusal};
@@ -54,14 +54,14 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
     let a = Mat::from_fn(touches.len(), delay + 2, |i, j| match j {
         _ if j < delay => f64::from(u8::from(touches[i].earlier_interruption_count == j)),
         _ if j == delay => speeds[touches[i].feed_index],
-        _ => (touches[i].run_time_or_order - middle_s) / half_span_s,
+        _ => (touches[i].time_in_run_s_or_order - middle_s) / half_span_s,
     });
     let (solution, scatter) = iterate_weights(observed, &a)?;
     let LinearSolution { x, gain, residuals, .. } = &solution;
     let sigma = touch_std_devs_mm(touches, scatter);
     let weighted: Vec<f64> = residuals.iter().zip(&sigma).map(|(r, sigma)| r / sigma).collect();
     let solved = SolvedModel {
-        model: &LinearFit { x, design_matrix: &a, sigma: &sigma, gain },
+        model: &SolvedLinearFit { x, design_matrix: &a, sigma: &sigma, gain },
         weighted_residuals: &weighted,
         has_declared_source_sizes: true,
         fit_quality: FitQuality::from_linear(&solution),
@@ -117,7 +117,7 @@ fn touch_std_devs_mm(touches: &[ObservedTouch], scatter: [FeedScatter; 2]) -> Ve
 }
 
 /// Sources: the scatter at each feed, and the part of the display resolution that does not average out, as an effect on
-/// the delay itself. `delay_slope`: derivative of the delay by the unknowns. χ² tests none of them, as the sizes
+/// the delay itself. `delay_slope`: derivative of the delay by the unknowns. χ² tests none of the sources, as the sizes
 /// already follow from the residuals.
 fn uncertainty_sources(
     observed: &ObservedTouches,
@@ -145,7 +145,7 @@ fn uncertainty_sources(
 
 /// Middle and half of the time span of the touches, s.
 fn time_middle_and_half_span_s(touches: &[ObservedTouch]) -> [f64; 2] {
-    let times = || touches.iter().map(|touch| touch.run_time_or_order);
+    let times = || touches.iter().map(|touch| touch.time_in_run_s_or_order);
     let first = times().fold(f64::INFINITY, f64::min);
     let last = times().fold(f64::NEG_INFINITY, f64::max);
     [(first + last) / 2.0, if last > first { (last - first) / 2.0 } else { 1.0 }]

@@ -19,7 +19,7 @@ pub use settings::LatchDelaySettings;
 
 use self::evaluation::EvaluatedRun;
 use self::feeds::TouchFeeds;
-use self::touch_path::TouchPath;
+use self::touch_path::TouchEndsAndNormal;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::artefact::max_misplacement_mm;
 use machine::record::estimate::Estimate;
@@ -45,8 +45,8 @@ impl RegisteredMethod for LatchDelay {
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "a round part or balls",
-        results: "latch delay of a contact, program scan of a PLC between contact and latch, scatter \
-                of touches: one position, touched at two feeds",
+        results: "delay from contact to latch; whether a PLC program scan latches the contact, and its \
+                duration; scatter of touches at two feeds",
         machine_file: "simulated.toml",
     };
 
@@ -63,7 +63,7 @@ impl Method for LatchDelay {
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let feeds = self.choose_feeds(plan)?;
-        let touch_path = TouchPath::from_plan(plan, &self.settings, &feeds)?;
+        let touch_path = TouchEndsAndNormal::from_plan(plan, &self.settings, &feeds)?;
         let (name, steps) = match done.len() {
             0 => ("search".to_owned(), vec![touch_path.search_step(plan.probe.search_feed_mm_min)]),
             1 => {

@@ -1,8 +1,8 @@
 //! From readings to positions along the touch.
 
 use super::feeds::{TouchFeeds, acceleration_distance_mm};
-use super::touch_path::SEARCH_LABEL;
-use crate::identification::declared_sources::display_step_mm;
+use super::touch_path::SEARCH_STEP_LABEL;
+use crate::identification::declared_sources::control_resolution_mm;
 use crate::{IdentifyError, MethodRefusal};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
@@ -20,8 +20,9 @@ pub struct ObservedTouch {
     pub contact_distance_mm: f64,
     /// Index of the feed: 0 is the slow one.
     pub feed_index: usize,
-    /// Time of the run, s. If the readings have no times, the number of the touch in their order.
-    pub run_time_or_order: f64,
+    /// Time of the touch on the clock of the run, s. If the readings have no times, the number of the touch in their
+    /// order.
+    pub time_in_run_s_or_order: f64,
     /// Number of interruptions before the touch.
     pub earlier_interruption_count: usize,
 }
@@ -66,7 +67,7 @@ fn distance_along_touch(step: &Step, position: &Position) -> Option<f64> {
 /// # Errors
 /// The part is so near to the start, or so far from it, that a fast touch would not have its feed.
 pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]) -> Result<(), MethodRefusal> {
-    let search = plan.steps.iter().find(|step| step.label == SEARCH_LABEL);
+    let search = plan.steps.iter().find(|step| step.label == SEARCH_STEP_LABEL);
     let contact = search.and_then(|step| {
         let reading = readings.iter().find(|reading| reading.step == step.id)?;
         Some((distance_along_touch(step, &reading.position)?, touch_direction_and_length(step).1))
@@ -94,7 +95,7 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
 /// Readings do not belong to the plan or are missing; the plan has not exactly two feeds or too few touches at one
 /// of them; touches are of different positions or contact the part before they reach their feed.
 pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
-    let steps: Vec<&Step> = plan.steps.iter().filter(|step| step.label != SEARCH_LABEL).collect();
+    let steps: Vec<&Step> = plan.steps.iter().filter(|step| step.label != SEARCH_STEP_LABEL).collect();
     IdentifyError::check_readings(plan, readings)?;
     if let Some(step) = steps.iter().find(|step| readings.iter().all(|reading| reading.step != step.id)) {
         return Err(IdentifyError::missing_reading(step));
@@ -122,7 +123,7 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
                 ObservedTouch {
                     contact_distance_mm,
                     feed_index,
-                    run_time_or_order: reading.t_s,
+                    time_in_run_s_or_order: reading.t_s,
                     earlier_interruption_count: interruption_count,
                 },
             ));
@@ -130,17 +131,17 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
     }
     let has_times = touches
         .iter()
-        .any(|(_, touch)| Some(touch.run_time_or_order) != touches.first().map(|t| t.1.run_time_or_order));
+        .any(|(_, touch)| Some(touch.time_in_run_s_or_order) != touches.first().map(|t| t.1.time_in_run_s_or_order));
     let touches: Vec<ObservedTouch> = touches
         .into_iter()
         .map(
             |(sequence, touch)| {
-                if has_times { touch } else { ObservedTouch { run_time_or_order: sequence as f64, ..touch } }
+                if has_times { touch } else { ObservedTouch { time_in_run_s_or_order: sequence as f64, ..touch } }
             },
         )
         .collect();
     check_touch_count(&touches, feeds_mm_min)?;
-    let resolution_mm = display_step_mm(plan, touch_direction_and_length(first).0.into());
+    let resolution_mm = control_resolution_mm(plan, touch_direction_and_length(first).0.into());
     let mean_contact_distance_mm =
         touches.iter().map(|touch| touch.contact_distance_mm).sum::<f64>() / touches.len() as f64;
     Ok(ObservedTouches { touches, feeds_mm_min, resolution_mm, mean_contact_distance_mm, has_times })

@@ -1,7 +1,7 @@
 //! Outputs: the delay and the overtravel that it causes.
 
 use super::observe::ObservedTouches;
-use crate::identification::{OutputCurve, OutputParameter, Outputs};
+use crate::identification::{IdentificationOutputs, OutputCurve, OutputParameter};
 use machine::record::estimate::{FunctionFigureKind, Unit};
 
 /// Symbol of the latch delay of a contact.
@@ -10,7 +10,7 @@ const DELAY_SYMBOL: &str = "t_latch";
 const LATCH_OVERTRAVEL_SYMBOL: &str = "E_latch";
 
 /// Outputs of the solution `x`. `delay_slope`: derivative of the delay by the unknowns.
-pub fn build_outputs(observed: &ObservedTouches, x: &[f64], delay_slope: &[f64]) -> Outputs {
+pub fn build_outputs(observed: &ObservedTouches, x: &[f64], delay_slope: &[f64]) -> IdentificationOutputs {
     let [slow, fast] = observed.speeds_mm_s();
     let overtravel = |speed: f64| {
         let slope = delay_slope.iter().map(|slope| slope * speed).collect();
@@ -29,5 +29,5 @@ pub fn build_outputs(observed: &ObservedTouches, x: &[f64], delay_slope: &[f64])
     };
     let parameters =
         vec![OutputParameter::from_coefficients(DELAY_SYMBOL, Unit::Ms, delay_slope.to_vec(), x), overtravel(slow)];
-    Outputs { linear_parameters: parameters, curves: vec![over_feed], nonlinear: None }
+    IdentificationOutputs { linear_parameters: parameters, curves: vec![over_feed], nonlinear: None }
 }

@@ -15,22 +15,22 @@ use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Balls, Cylinder};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
-use planning::{BallApproach, BallTask, TouchAccess};
+use planning::{BallMeasurementRequest, BallTouchMode, TouchAccess};
 
 /// Label of the first touch, which is not used for identification.
-pub const SEARCH_LABEL: &str = "search";
+pub const SEARCH_STEP_LABEL: &str = "search";
 /// Clearance before the first possible contact, mm.
 const STANDOFF_MM: f64 = 0.5;
 /// Distance beyond the last possible contact, mm.
 const OVERRUN_MM: f64 = 0.3;
-/// Cosine of the largest accepted tilt of the part's axis, one degree. A larger tilt is refused.
-const MIN_UPRIGHT_COSINE: f64 = 0.99985;
+/// Minimum cosine of the angle between the part's axis and +Z of the table frame: one degree.
+const MIN_COSINE_TO_TABLE_Z: f64 = 0.99985;
 /// Number of touches of one ball among which the touch nearest to the preferred direction is selected.
 const CANDIDATE_TOUCHES_PER_BALL: usize = 5;
 
-/// The touch of a plan, without number and feed.
+/// Start, end and normal of a touch.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TouchPath {
+pub struct TouchEndsAndNormal {
     pub from: Position,
     pub to: Position,
     pub normal: [f64; 3],
@@ -42,7 +42,7 @@ pub fn touch_length_mm(uncertainty_mm: f64, margin_mm: f64) -> f64 {
     2.0 * (uncertainty_mm + margin_mm) + STANDOFF_MM + OVERRUN_MM
 }
 
-impl TouchPath {
+impl TouchEndsAndNormal {
     /// # Errors
     /// The axes reach no position, or none is free of collision.
     pub fn from_plan(plan: &Plan, settings: &LatchDelaySettings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
@@ -76,7 +76,7 @@ impl TouchPath {
 
     /// The search touch.
     pub fn search_step(&self, feed_mm_min: f64) -> Step {
-        self.touch_step(StepKind::Touch, SEARCH_LABEL.to_owned(), feed_mm_min)
+        self.touch_step(StepKind::Touch, SEARCH_STEP_LABEL.to_owned(), feed_mm_min)
     }
 
     /// Touches in the order slow, fast, fast, slow and so on, so that a uniform drift affects both feeds alike. The
@@ -103,10 +103,10 @@ fn flank_touch(
     settings: &LatchDelaySettings,
     part: &Cylinder,
     half_travel_mm: f64,
-) -> Result<TouchPath, MethodRefusal> {
+) -> Result<TouchEndsAndNormal, MethodRefusal> {
     let axis = Vector3::from(part.axis);
     MethodRefusal::require(
-        axis.z > MIN_UPRIGHT_COSINE * axis.norm(),
+        axis.z > MIN_COSINE_TO_TABLE_Z * axis.norm(),
         "the part is not upright: axis in [artefact] is not [0, 0, 1]",
         "mount the part upright: this method touches the flank of an upright round part",
     )?;
@@ -137,7 +137,7 @@ fn flank_touch_from(
     part: &Cylinder,
     towards: Vector3<f64>,
     half_travel_mm: f64,
-) -> Result<TouchPath, MethodRefusal> {
+) -> Result<TouchEndsAndNormal, MethodRefusal> {
     let chain = KinematicChain::new(&plan.machine)?;
     let rotary = plan.machine.rotary_zero_position();
     let table = chain.machine_from_table(&rotary, &[]).rotation;
@@ -152,14 +152,14 @@ fn flank_touch_from(
         let linear = chain.solve_linear_axes(Point::from_vec(middle + reach * outward), tip, &rotary, &[]);
         linear.map(|linear| rotary.updated_by(&linear.filter_axes(Axis::is_linear)).rounded_to_file_resolution())
     };
-    Ok(TouchPath {
+    Ok(TouchEndsAndNormal {
         from: position(half_travel_mm + STANDOFF_MM)?,
         to: position(-half_travel_mm - OVERRUN_MM)?,
         normal: (table * outward).into(),
     })
 }
 
-fn axis_out_of_travel(plan: &Plan, path: &TouchPath) -> Option<Axis> {
+fn axis_out_of_travel(plan: &Plan, path: &TouchEndsAndNormal) -> Option<Axis> {
     let ends = path.from.iter().chain(path.to.iter());
     let is_outside = |(axis, value): &(Axis, f64)| {
         let spec = plan.machine.axes.get(axis);
@@ -174,20 +174,21 @@ fn ball_touch(
     settings: &LatchDelaySettings,
     balls: &Balls,
     half_travel_mm: f64,
-) -> Result<TouchPath, MethodRefusal> {
+) -> Result<TouchEndsAndNormal, MethodRefusal> {
     let access = TouchAccess::new(plan, &plan.artefact)?;
     let preferred = settings.direction_deg.map_or(Vector3::z(), horizontal_direction);
     let (rotary, mut first_reason) = (plan.machine.rotary_zero_position(), None);
     for ball in &balls.balls {
-        let approach = BallApproach::Search { uncertainty_mm: half_travel_mm, standoff_mm: STANDOFF_MM };
-        let task = BallTask { ball, rotary: &rotary, approach, touch_count: CANDIDATE_TOUCHES_PER_BALL };
-        let steps = access.touch_steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
+        let mode = BallTouchMode::Search { uncertainty_mm: half_travel_mm, standoff_mm: STANDOFF_MM };
+        let request =
+            BallMeasurementRequest { ball, rotary: &rotary, touch_mode: mode, touch_count: CANDIDATE_TOUCHES_PER_BALL };
+        let steps = access.touch_steps(&request, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
         match steps {
             Ok(steps) => {
                 let along = |step: &Step| Vector3::from(step.normal).dot(&preferred);
                 let best = steps.into_iter().max_by(|a, b| along(a).total_cmp(&along(b)));
                 if let Some(Step { from, to, normal, .. }) = best {
-                    return Ok(TouchPath { from, to, normal });
+                    return Ok(TouchEndsAndNormal { from, to, normal });
                 }
             }
             Err(why) => first_reason = first_reason.or(Some(format!("ball {}: {why}", ball.id))),

@@ -22,7 +22,7 @@ pub fn calibrate_layout_sensors(
     data: &HarmonicData,
 ) -> Result<SensorCalibration, IdentifyError> {
     let sensors = layout.channels.iter().map(|channel| DeclaredSensor {
-        section: match channel.surface {
+        cross_section_index: match channel.surface {
             MeasuredSurface::Section(section) => Some(section),
             MeasuredSurface::Face { .. } => None,
         },

@@ -7,7 +7,7 @@ use super::setup::MultiprobeSetup;
 use super::step_label::StepLabel;
 use faer::c64;
 use machine::record::reading::Reading;
-use machine::record::watched_sensors::{SectionPoint, WatchedSensor};
+use machine::record::watched_sensors::{CrossSectionPoint, WatchedSensor};
 
 /// Number of stops in the revolution.
 pub const CENTRING_STOP_COUNT: usize = 12;
@@ -51,7 +51,7 @@ impl CentringResult {
             let ([x, y], (sin, cos)) = (self.section_offsets_mm[section], channel.angle_rad.sin_cos());
             let (z_mm, angle) = (setup.layout.section_z_mm[section], channel.angle_rad);
             let (number, angle_deg) = (section + 1, angle.to_degrees());
-            let section = Some(SectionPoint { number, z_mm, angle_deg });
+            let section = Some(CrossSectionPoint { number, z_mm, angle_deg });
             let target_mm = last_mm.map(|last| last + x * cos + y * sin);
             WatchedSensor { target_mm, section, ..watched }
         });

@@ -49,7 +49,8 @@ pub fn build_estimate(
     {
         return Err(refuse_fault(&fault));
     }
-    // Turns in both directions cancel a constant drift rate. Other drift is part of their scatter.
+    // Turns in both directions cancel a constant drift rate. A drift rate that changes is part of the scatter of the
+    // turns.
     let drift_duration_s = if settings.both_directions { 0.0 } else { observed.forward_revolution_duration_s };
     let drift_mm_per_revolution = drift_rate_sd_mm_per_s(plan) * drift_duration_s;
     let linearity_effects = Vec::new();
@@ -165,7 +166,7 @@ fn estimate_warnings(
 ) -> Vec<String> {
     let identification = &separated.identification;
     let mut lines = observed.omission_descriptions.clone();
-    let missing = observed.missing_channel_stop_count;
+    let missing = observed.channel_stops_without_distance_count;
     lines.extend((missing > 0).then(|| {
         format!(
             "{missing} stops of a sensor have no distance: single stops are interpolated from the \

@@ -8,8 +8,8 @@ use super::model::ProbeLayout;
 use crate::IdentifyError;
 use crate::identification::{BlockEquations, BlockFit, BlockwiseFit, multiply_vector};
 
-/// Fit of all harmonics from 1 on, one block each. The observations of a channel form a group: the parts over the
-/// indexes that a motion or a form can absorb.
+/// Fit of all harmonics from 1 on; each harmonic is one block. The observations of a channel form a group: the parts
+/// over the indexes that a motion or a form can absorb.
 pub struct SeparationFit(BlockwiseFit);
 
 impl Deref for SeparationFit {

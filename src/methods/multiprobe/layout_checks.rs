@@ -46,8 +46,8 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
 /// Refuses coinciding and opposed sensors of one section.
 ///
 /// # Errors
-/// Names the two sensors, and the best angle for the second one outside the `exclusions`.
-pub fn check_sensor_angles(layout: &ProbeLayout, exclusions: &[AngleRange]) -> Result<(), MethodRefusal> {
+/// Names the two sensors, and the best angle for the second one outside the `obstructed_ranges`.
+pub fn check_sensor_angles(layout: &ProbeLayout, obstructed_ranges: &[AngleRange]) -> Result<(), MethodRefusal> {
     let channels = layout.channels.iter().enumerate();
     let mut pairs = channels.flat_map(|(i, first)| layout.channels[i + 1..].iter().map(move |second| [first, second]));
     let is_coinciding = |[first, second]: &[&SensorChannel; 2]| {
@@ -56,19 +56,19 @@ pub fn check_sensor_angles(layout: &ProbeLayout, exclusions: &[AngleRange]) -> R
         is_same_section && acute_angle_between_sensors_deg(a, b) < MIN_ANGLE_BETWEEN_SENSORS_DEG
     };
     let coinciding = pairs.find(is_coinciding);
-    coinciding.map_or(Ok(()), |pair| Err(refuse_coinciding_sensors(layout, pair, exclusions)))
+    coinciding.map_or(Ok(()), |pair| Err(refuse_coinciding_sensors(layout, pair, obstructed_ranges)))
 }
 
 fn refuse_coinciding_sensors(
     layout: &ProbeLayout,
     [first, second]: [&SensorChannel; 2],
-    exclusions: &[AngleRange],
+    obstructed_ranges: &[AngleRange],
 ) -> MethodRefusal {
     let [a, b] = [first, second].map(channel_angle_deg);
     let others = layout.channels.iter().filter(|c| c.surface == first.surface && c.name != second.name);
     let others: Vec<f64> = others.map(channel_angle_deg).collect();
     let better = match others.as_slice() {
-        [first, second, ..] => best_third_angle_and_gain([*first, *second], exclusions).map(|(deg, _)| deg),
+        [first, second, ..] => best_third_angle_and_gain([*first, *second], obstructed_ranges).map(|(deg, _)| deg),
         _ => Some((a + 90.0).rem_euclid(360.0)),
     };
     let suggestion = better.map_or_else(String::new, |deg| format!(": {deg:.0}° has the lowest noise gain"));
@@ -86,10 +86,10 @@ fn channel_angle_deg(channel: &SensorChannel) -> f64 {
 
 /// Angle of a third sensor with the smallest noise gain, degrees, and this gain. The angle leaves space for the
 /// housings.
-fn best_third_angle_and_gain(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
+fn best_third_angle_and_gain(pair_deg: [f64; 2], obstructed_ranges: &[AngleRange]) -> Option<(f64, f64)> {
     let housings = pair_deg.map(|deg| AngleRange::centred_range(deg, MIN_HOUSING_ANGLE_DEG));
-    let exclusions = [exclusions, &housings].concat();
-    third_sensor_angles_and_gains(pair_deg, &exclusions).into_iter().next()
+    let obstructed_ranges = [obstructed_ranges, &housings].concat();
+    third_sensor_angles_and_gains(pair_deg, &obstructed_ranges).into_iter().next()
 }
 
 /// Refuses a layout that does not determine one of the `orders` of an error motion. The co-rotating first harmonic
@@ -129,7 +129,7 @@ pub fn check_harmonic_orders(
 pub fn describe_weak_points(
     layout: &ProbeLayout,
     harmonics: usize,
-    exclusions: &[AngleRange],
+    obstructed_ranges: &[AngleRange],
 ) -> Result<String, MethodRefusal> {
     let axial: Vec<MotionOrForm> = layout.components().into_iter().filter(|c| *c == MotionOrForm::Z).collect();
     let lost = undetermined_orders(layout, &axial, &(1..=harmonics))?;
@@ -140,16 +140,19 @@ pub fn describe_weak_points(
     let weakest = gains.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, gain)| {
         format!(" Largest uncertainty in {ex}: harmonic {order}, {gain:.1} times the uncertainty of one sensor.")
     });
-    let third = describe_third_sensor(&layout.reduced_to_first_section(), exclusions)?;
+    let third = describe_third_sensor(&layout.reduced_to_first_section(), obstructed_ranges)?;
     Ok([lost, weakest, third].into_iter().flatten().collect())
 }
 
 /// Noise gain of three sensors of one section in one mounting, and the best angle of the third.
-fn describe_third_sensor(section: &ProbeLayout, exclusions: &[AngleRange]) -> Result<Option<String>, MethodRefusal> {
+fn describe_third_sensor(
+    section: &ProbeLayout,
+    obstructed_ranges: &[AngleRange],
+) -> Result<Option<String>, MethodRefusal> {
     let [first, second, third] = section.channels.as_slice() else { return Ok(None) };
     let own = rms_noise_gain(section, SeparationMethod::Multiprobe)?;
-    let best =
-        best_third_angle_and_gain([first, second].map(channel_angle_deg), exclusions).filter(|(_, gain)| *gain < own);
+    let best = best_third_angle_and_gain([first, second].map(channel_angle_deg), obstructed_ranges)
+        .filter(|(_, gain)| *gain < own);
     let better = best.map(|(deg, gain)| format!("; {gain:.2} with {} at {deg:.0}°", third.name));
     Ok(Some(format!(
         " Noise gain of {}, {} and {} over harmonics 2 to 20 in one mounting: {own:.2}{}.",

@@ -73,12 +73,12 @@ pub fn unit_noise_fit(
     SeparationFit::new(layout, &data).map_err(|error| refused(error.to_string()))
 }
 
-/// Angles of the third sensor in steps of [`THIRD_ANGLE_SEARCH_STEP_DEG`] outside the `exclusions`, with the noise gain
-/// of the multiprobe separation, in ascending order of it. Angles that do not determine all
+/// Angles of the third sensor in steps of [`THIRD_ANGLE_SEARCH_STEP_DEG`] outside the `obstructed_ranges`, with the
+/// noise gain of the multiprobe separation, in ascending order of it. Angles that do not determine all
 /// [`LAYOUT_RANKING_HARMONICS`] are omitted.
-pub fn third_sensor_angles_and_gains(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Vec<(f64, f64)> {
+pub fn third_sensor_angles_and_gains(pair_deg: [f64; 2], obstructed_ranges: &[AngleRange]) -> Vec<(f64, f64)> {
     let is_free = |deg: &f64| {
-        !exclusions.iter().any(|range| range.contains(*deg))
+        !obstructed_ranges.iter().any(|range| range.contains(*deg))
             && pair_deg
                 .iter()
                 .all(|other| acute_angle_between_sensors_deg(*deg, *other) >= MIN_ANGLE_BETWEEN_SENSORS_DEG)

@@ -33,7 +33,7 @@ use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
 use self::setup::MultiprobeSetup;
 use self::sources::{SourceSizes, uncertainty_sources};
-use crate::identification::{Identification, Outputs, TrialSettings};
+use crate::identification::{Identification, IdentificationOutputs, TrialSettings};
 use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::revolutions::HarmonicData;
 use machine::record::estimate::Estimate;
@@ -105,7 +105,7 @@ fn identify_motions(
     let motions = ReportedMotions::new(layout, &fit);
     // The uncertainties of the values by ISO 230-7 and of the roundness come from the trials.
     let nonlinear = motions.motion_ranges(sizes.settings.sampling);
-    let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
+    let outputs = IdentificationOutputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
     let sources = uncertainty_sources(layout, data, &fit, sizes);
     let identification = crate::identification::identify(&fit.solved_model(), &sources, outputs, trials)?;
     Ok(SeparatedMotions { identification, fit })

@@ -57,10 +57,10 @@ impl MotionOrForm {
         matches!(self, Self::Roundness(_) | MotionOrForm::FaceForm)
     }
 
-    /// Symbol in the results of a table axis with the letter `axis`.
-    pub fn symbol(self, axis: Axis) -> String {
+    /// Symbol in the results. `rotary_axis`: the measured axis.
+    pub fn symbol(self, rotary_axis: Axis) -> String {
         match self {
-            Self::X | Self::Y | Self::Z | Self::A | Self::B => format!("E{self:?}{axis}"),
+            Self::X | Self::Y | Self::Z | Self::A | Self::B => format!("E{self:?}{rotary_axis}"),
             Self::Roundness(section) => format!("R{}", section + 1),
             MotionOrForm::FaceForm => "F".to_owned(),
         }

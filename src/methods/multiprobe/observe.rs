@@ -2,7 +2,7 @@
 
 use estimation::revolutions::{
     AngleSample, ChannelRevolutions, RejectedRevolutions, ResampleFilter, Resampler, StopScan, append_revolutions,
-    common_revolutions, invalidate_saturated_samples, remove_channels_with_missing_revolutions,
+    common_and_rejected_revolutions, invalidate_saturated_samples, remove_channels_with_missing_revolutions,
 };
 use std::collections::BTreeSet;
 
@@ -18,12 +18,12 @@ use machine::record::reading::{Reading, ReadingFlag};
 pub struct ObservedRevolutions {
     /// Revolutions of each channel at each index, in the order of time.
     pub all_rows: Vec<ChannelRevolutions>,
-    /// Revolutions of the forward turns alone. These are consecutive.
+    /// Revolutions of the forward turns alone. The revolutions of a forward turn follow one another without a gap.
     pub forward_rows: Vec<ChannelRevolutions>,
     /// Descriptions of omitted data.
     pub omission_descriptions: Vec<String>,
     /// Number of pairs of stop and channel without any distance.
-    pub missing_channel_stop_count: usize,
+    pub channel_stops_without_distance_count: usize,
     /// Duration of one forward revolution, s.
     pub forward_revolution_duration_s: f64,
 }
@@ -54,14 +54,14 @@ pub fn observe_revolutions(
                 of_scan.iter_mut().for_each(|row| row.revolutions.reverse());
             }
             observed.record_rejected_revolutions(setup, step, rejected);
-            observed.missing_channel_stop_count += count_missing_channel_stops(setup, step, &own);
+            observed.channel_stops_without_distance_count += count_missing_channel_stops(setup, step, &own);
             if is_forward {
                 observed.forward_rows.extend(of_scan.iter().cloned());
                 observed.forward_revolution_duration_s = time_span_s(&own) / setup.settings.revolutions as f64;
             }
             append_revolutions(&mut rows, of_scan);
         }
-        observed.add_rows(setup, index, rows);
+        observed.add_complete_rows(setup, index, rows);
     }
     Ok(observed)
 }
@@ -114,7 +114,7 @@ fn scan_revolutions(
         }
     };
     let names = setup.layout.channels.iter().map(|channel| &channel.name);
-    common_revolutions(index, &names.map(channel).collect::<Vec<_>>())
+    common_and_rejected_revolutions(index, &names.map(channel).collect::<Vec<_>>())
 }
 
 /// Deviations m = −value (see `model.rs`): a surface that moves towards a sensor decreases its value.
@@ -146,7 +146,7 @@ impl ObservedRevolutions {
     }
 
     /// Adds the rows of an index. Channels with missing revolutions are omitted.
-    fn add_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<ChannelRevolutions>) {
+    fn add_complete_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<ChannelRevolutions>) {
         for row in remove_channels_with_missing_revolutions(&mut rows) {
             let name = &setup.layout.channels[row.channel_index].name;
             self.omission_descriptions.push(format!(

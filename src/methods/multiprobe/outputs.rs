@@ -6,7 +6,8 @@ use super::fit::SeparationFit;
 use super::model::{MotionOrForm, ProbeLayout, co_rotating_directions};
 use super::settings::TurnSampling;
 use crate::identification::{
-    Harmonic, HarmonicFunction, NonlinearOutputs, OutputParameter, Outputs, range_outputs, synchronous_ranges,
+    Harmonic, HarmonicFunction, IdentificationOutputs, NonlinearOutputs, OutputParameter, range_outputs,
+    synchronous_ranges,
 };
 
 /// Number of points of a curve over one revolution.
@@ -117,7 +118,7 @@ impl<'a> ReportedMotions<'a> {
     }
 
     /// Outputs that are linear in the unknowns: coefficients, eccentricities and curves.
-    pub fn linear_outputs(&self) -> Outputs {
+    pub fn linear_outputs(&self) -> IdentificationOutputs {
         let x = self.solution();
         let motions: Vec<HarmonicFunction> = self.error_motions().map(|(_, motion)| motion).collect();
         let sections = 0..self.layout.section_z_mm.len();
@@ -126,7 +127,7 @@ impl<'a> ReportedMotions<'a> {
         let curves = self.harmonic_derivatives.iter().filter(|(component, _)| *component != MotionOrForm::FaceForm);
         let curves = curves.map(|parts| self.harmonic_function(parts));
         let curves = curves.filter(|function| !function.harmonics.is_empty());
-        Outputs {
+        IdentificationOutputs {
             linear_parameters: parameters,
             curves: curves.map(|function| function.curve("C", CURVE_POINT_COUNT, x)).collect(),
             nonlinear: None,

@@ -24,7 +24,8 @@ pub struct MultiprobeSettings {
     /// Names of the sensors. Empty: all sensors of the machine file.
     pub sensors: Vec<String>,
     /// Positions of the linear axes during the measurement, machine coordinates, mm. All of them are required.
-    pub at: Position,
+    #[serde(rename = "at")]
+    pub linear_axis_positions: Position,
     /// Number of mountings of the artefact in equal steps of 360°/N. 1: the artefact is not indexed.
     pub indexes: usize,
     /// Revolutions in each direction at one mounting.
@@ -46,8 +47,10 @@ pub struct MultiprobeSettings {
     pub feed_deg_min: f64,
     /// Largest distance of the sections from the axis at which centring ends.
     pub eccentricity_limit_um: f64,
-    /// Ranges of angles, counter-clockwise seen from +Z, that are excluded from suggested sensor positions.
-    pub excluded_deg: Vec<[f64; 2]>,
+    /// Ranges of angles, counter-clockwise seen from +Z, in which no sensor can be mounted: they are not suggested as
+    /// sensor positions. All readings are evaluated.
+    #[serde(rename = "excluded_deg")]
+    pub obstructed_ranges_deg: Vec<[f64; 2]>,
     /// Standard uncertainties of the values declared in the machine file. That of a sensor's gain is relative.
     pub u_gain: f64,
     pub u_sensor_angle_deg: f64,
@@ -63,7 +66,7 @@ impl Default for MultiprobeSettings {
     fn default() -> Self {
         Self {
             sensors: Vec::new(),
-            at: Position::new(),
+            linear_axis_positions: Position::new(),
             indexes: 10,
             revolutions: 2,
             both_directions: true,
@@ -75,7 +78,7 @@ impl Default for MultiprobeSettings {
             rate_hz: 1000.0,
             feed_deg_min: 1080.0,
             eccentricity_limit_um: 20.0,
-            excluded_deg: Vec::new(),
+            obstructed_ranges_deg: Vec::new(),
             u_gain: 1e-3,
             u_sensor_angle_deg: 0.1,
             u_section_distance_mm: 0.05,
@@ -137,9 +140,9 @@ impl MultiprobeSettings {
         self.check_sample_spacing()
     }
 
-    pub fn excluded_sensor_angles(&self) -> Vec<AngleRange> {
+    pub fn obstructed_ranges(&self) -> Vec<AngleRange> {
         let range = |[from_deg, to_deg]: &[f64; 2]| AngleRange { from_deg: *from_deg, to_deg: *to_deg };
-        self.excluded_deg.iter().map(range).collect()
+        self.obstructed_ranges_deg.iter().map(range).collect()
     }
 
     /// Highest harmonic that the positions of one revolution determine.

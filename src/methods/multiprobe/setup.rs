@@ -6,7 +6,7 @@ use super::model::{MeasuredSurface, MotionOrForm, ProbeLayout, SensorChannel, eq
 use super::settings::MultiprobeSettings;
 use crate::MethodRefusal;
 use machine::artefact::{ObservedCylinder, ObservedSurface};
-use machine::kinematics::{KinematicChain, UprightTableAxis};
+use machine::kinematics::{KinematicChain, ZParallelTableAxis};
 use machine::record::artefact::{Artefact, DatumCylinder};
 use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
@@ -30,7 +30,7 @@ impl<'a> MultiprobeSetup<'a> {
     pub fn new(plan: &'a Plan, settings: &'a MultiprobeSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let table =
-            UprightTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
+            ZParallelTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let cylinder = find_datum_cylinder(plan)?;
         let at = position_with_measured_axis_at_zero(plan, settings, &table)?;
         let line = chain.axis_line(table.axis, &at).ok_or_else(MethodRefusal::missing_rotary_table)?;
@@ -77,7 +77,7 @@ impl<'a> MultiprobeSetup<'a> {
     pub fn check_separability(&self) -> Result<(), MethodRefusal> {
         let layout = &self.layout;
         layout_checks::check_surfaces(layout)?;
-        layout_checks::check_sensor_angles(layout, &self.settings.excluded_sensor_angles())?;
+        layout_checks::check_sensor_angles(layout, &self.settings.obstructed_ranges())?;
         let is_radial =
             |c: &MotionOrForm| matches!(c, MotionOrForm::X | MotionOrForm::Y | MotionOrForm::A | MotionOrForm::B);
         let motions: Vec<MotionOrForm> = layout.components().into_iter().filter(is_radial).collect();
@@ -119,15 +119,15 @@ fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
 fn position_with_measured_axis_at_zero(
     plan: &Plan,
     settings: &MultiprobeSettings,
-    table: &UprightTableAxis,
+    table: &ZParallelTableAxis,
 ) -> Result<Position, MethodRefusal> {
     let axis = table.axis;
     MethodRefusal::require(
-        settings.at.get(axis).is_none(),
+        settings.linear_axis_positions.get(axis).is_none(),
         format!("`at` contains {axis}, the measured axis"),
         format!("remove {axis} from `at`"),
     )?;
-    let is_missing = |axis: &&Axis| axis.is_linear() && settings.at.get(**axis).is_none();
+    let is_missing = |axis: &&Axis| axis.is_linear() && settings.linear_axis_positions.get(**axis).is_none();
     if let Some(axis) = plan.machine.axes.keys().find(is_missing) {
         let instead = format!(
             "move the machine until the sensors point at the sections, and state the displayed \
@@ -136,5 +136,8 @@ fn position_with_measured_axis_at_zero(
         );
         return Err(MethodRefusal::new(format!("`at` does not contain {axis}"), instead));
     }
-    Ok(table.position_with_rotary_axes_at_zero.filter_axes(|axis| axis != Axis::S).updated_by(&settings.at))
+    Ok(table
+        .position_with_rotary_axes_at_zero
+        .filter_axes(|axis| axis != Axis::S)
+        .updated_by(&settings.linear_axis_positions))
 }

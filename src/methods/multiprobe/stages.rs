@@ -6,7 +6,7 @@ use super::layout_checks::describe_weak_points;
 use super::settings::{MultiprobeSettings, TurnSampling};
 use super::setup::MultiprobeSetup;
 use super::step_label::StepLabel;
-use crate::revolution_steps::RevolutionSteps;
+use crate::revolution_grid::RevolutionGrid;
 use crate::{MethodRefusal, NextStage, PositionSource};
 use estimation::revolutions::KERNEL_HALF_WIDTH_STEPS;
 use machine::Position;
@@ -68,7 +68,7 @@ fn first_mount_prompt(setup: &MultiprobeSetup<'_>) -> Result<Step, MethodRefusal
          sensors ({}) to the middle of their ranges. All axes will move to the positions of `at` \
          (rotary axes without a position to 0°), then the table will turn once.{}",
         names.join(", "),
-        describe_weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.excluded_sensor_angles())?
+        describe_weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.obstructed_ranges())?
     );
     let watch = setup.plan.sensors.iter().map(WatchedSensor::with_mid_range_target).collect();
     Ok(Step { watch, ..Step::prompt("centre/1".to_owned(), text) })
@@ -166,8 +166,8 @@ fn forward_turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, Meth
         TurnSampling::Dwell => 0,
         TurnSampling::Continuous => KERNEL_HALF_WIDTH_STEPS + 1,
     };
-    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions, lead_steps_per_end: lead }
-        .step_range_within_limits(setup.plan, setup.measured_axis)?;
+    let steps = RevolutionGrid { positions_per_revolution: positions, revolutions, lead_positions_per_end: lead }
+        .position_index_range_within_limits(setup.plan, setup.measured_axis)?;
     let numbers: Vec<i64> = match sampling {
         TurnSampling::Dwell => steps.collect(),
         TurnSampling::Continuous => vec![*steps.start(), *steps.end()],

@@ -8,7 +8,7 @@ mod workpiece_points;
 
 pub use error_slices::ErrorSlice;
 pub use volume_errors::VolumeError;
-pub use workpiece_points::{WorkpiecePoint, WorkpieceTransform};
+pub use workpiece_points::{PointInWorkpieceFrame, WorkpieceTransform};
 
 use std::collections::BTreeMap;
 
@@ -102,7 +102,7 @@ impl<'a> ErrorPredictor<'a> {
     }
 
     /// The machine after a correction of the errors `symbols` by their estimated values. The uncertainty of
-    /// these values remains.
+    /// the estimated values remains.
     ///
     /// # Errors
     /// A symbol is not an error of the estimate.

@@ -38,26 +38,26 @@ fn predicted_errors_equal_those_of_matrix_products() {
     let tool = Vector3::from(machine.tool_mm);
     let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
     let nominal = ReferenceMachine { errors: Default::default(), tool };
-    let off = |xyz: [f64; 3], triple| {
-        truth.tip_in_table(Vector3::from(xyz), triple) - nominal.tip_in_table(Vector3::from(xyz), triple)
+    let off = |xyz: [f64; 3], bcs_rad| {
+        truth.tip_in_table(Vector3::from(xyz), bcs_rad) - nominal.tip_in_table(Vector3::from(xyz), bcs_rad)
     };
     let along = Vector3::z() * 100.0;
-    let direction = |xyz: [f64; 3], triple| {
+    let direction = |xyz: [f64; 3], bcs_rad| {
         let of = |of: &ReferenceMachine| {
             let above = ReferenceMachine { errors: of.errors.clone(), tool: tool + along };
             let xyz = Vector3::from(xyz);
-            (above.tip_in_table(xyz, triple) - of.tip_in_table(xyz, triple)) / along.norm()
+            (above.tip_in_table(xyz, bcs_rad) - of.tip_in_table(xyz, bcs_rad)) / along.norm()
         };
         of(&truth) - of(&nominal)
     };
     // The tip is on the origin of the table.
     let zero = ([0.0, 0.0, -machine.tool_mm[2]], [0.0; 3]);
     let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
-    for (xyz, triple) in POSES {
-        let predicted = predictor.pose_error(&position(xyz, triple));
-        let expected = off(xyz, triple) - off(zero.0, zero.1);
+    for (xyz, bcs_rad) in POSES {
+        let predicted = predictor.pose_error(&position(xyz, bcs_rad));
+        let expected = off(xyz, bcs_rad) - off(zero.0, zero.1);
         assert!((predicted.tip_error_mm - expected).norm() < 1e-9, "{predicted:?} {expected}");
-        assert!((predicted.direction_error_rad - direction(xyz, triple)).norm() < 1e-9);
+        assert!((predicted.direction_error_rad - direction(xyz, bcs_rad)).norm() < 1e-9);
     }
     let elsewhere = position(POSES[1].0, POSES[1].1);
     let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::Pose(elsewhere.clone())).unwrap();
@@ -73,16 +73,16 @@ fn work_zero_is_reset_without_tool_centre_control() {
     let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
     let nominal = ReferenceMachine { errors: Default::default(), tool };
     let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::EachRotaryPosition).unwrap();
-    for (xyz, triple) in POSES {
-        let off = |xyz: Vector3<f64>| truth.tip_in_table(xyz, triple) - nominal.tip_in_table(xyz, triple);
+    for (xyz, bcs_rad) in POSES {
+        let off = |xyz: Vector3<f64>| truth.tip_in_table(xyz, bcs_rad) - nominal.tip_in_table(xyz, bcs_rad);
         // The nominal tip position is linear in X, Y and Z: a linear system gives the X, Y and Z with the tip
         // at the origin.
-        let at_zero = nominal.tip_in_table(Vector3::zeros(), triple);
-        let axis = |k: usize| nominal.tip_in_table(Vector3::ith(k, 1.0), triple) - at_zero;
+        let at_zero = nominal.tip_in_table(Vector3::zeros(), bcs_rad);
+        let axis = |k: usize| nominal.tip_in_table(Vector3::ith(k, 1.0), bcs_rad) - at_zero;
         let columns = Matrix3::from_columns(&[axis(0), axis(1), axis(2)]);
         let zero = -columns.try_inverse().unwrap() * at_zero;
         let expected = off(Vector3::from(xyz)) - off(zero);
-        let predicted = predictor.pose_error(&position(xyz, triple)).tip_error_mm;
+        let predicted = predictor.pose_error(&position(xyz, bcs_rad)).tip_error_mm;
         assert!((predicted - expected).norm() < 1e-9, "{predicted} {expected}");
     }
 }
@@ -113,7 +113,7 @@ fn correction_removes_the_error_and_leaves_its_uncertainty() {
         ReferenceMachine { errors: without.into_iter().collect(), tool },
         ReferenceMachine { errors: Default::default(), tool },
     );
-    let off = |xyz: Vector3<f64>, triple| truth.tip_in_table(xyz, triple) - nominal.tip_in_table(xyz, triple);
+    let off = |xyz: Vector3<f64>, bcs_rad| truth.tip_in_table(xyz, bcs_rad) - nominal.tip_in_table(xyz, bcs_rad);
     let expected = off(Vector3::new(30.0, 20.0, 400.0), [0.0, std::f64::consts::PI, 0.0])
         - off(Vector3::new(0.0, 0.0, -tool.z), [0.0; 3]);
     assert!((rest - expected).norm() < 1e-9, "{rest} {expected}");
@@ -196,11 +196,11 @@ fn prediction_outside_the_measured_ranges_is_refused() {
 }
 
 /// Reading of this machine with its stylus at `place` of the table.
-fn touch_reading(truth: &ReferenceMachine, place: Vector3<f64>, triple: BcsAnglesRad) -> Reading {
+fn touch_reading(truth: &ReferenceMachine, place: Vector3<f64>, bcs_rad: BcsAnglesRad) -> Reading {
     Reading {
         step: 1,
         repeat: 0,
-        position: position(truth.axis_positions_at_ball(place, triple).into(), triple),
+        position: position(truth.axis_positions_at_ball(place, bcs_rad).into(), bcs_rad),
         value_mm: None,
         sensor: "probe".to_owned(),
         t_s: 0.0,
@@ -211,7 +211,7 @@ fn touch_reading(truth: &ReferenceMachine, place: Vector3<f64>, triple: BcsAngle
 
 /// A touch read by the machine of the paper with its stylus at a known place of the table.
 #[test]
-fn touch_gives_its_true_workpiece_point_and_uncertainty() {
+fn touch_gives_its_true_ball_centre_and_uncertainty() {
     let (mut plan, mut estimate) = (built_in::built_in_plan(), estimate_with_measured_ranges());
     plan.probe.lobing_um = 0.0;
     plan.probe.stylus_offset_um = 0.0;
@@ -221,10 +221,10 @@ fn touch_gives_its_true_workpiece_point_and_uncertainty() {
     let tool = Vector3::from(plan.machine.tool_mm);
     let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
     let place = Vector3::new(110.0, -70.0, 90.0);
-    let (_, triple) = POSES[1];
-    let reading = touch_reading(&truth, place, triple);
+    let (_, bcs_rad) = POSES[1];
+    let reading = touch_reading(&truth, place, bcs_rad);
     let point = |plan: &Plan, estimate: Option<&Estimate>| {
-        WorkpieceTransform::new(plan, estimate).unwrap().workpiece_point(&reading).unwrap()
+        WorkpieceTransform::new(plan, estimate).unwrap().point_in_workpiece_frame(&reading).unwrap()
     };
     let calibrated = point(&plan, Some(&estimate));
     assert!((calibrated.position_mm - place).norm() < 1e-9, "{calibrated:?}");
@@ -237,7 +237,7 @@ fn touch_gives_its_true_workpiece_point_and_uncertainty() {
     estimate.covariance.rows[offset][offset] = 4.0;
     // Uncertainty of 2 µm along X of the table at C = 114.6°.
     let u = point(&plan, Some(&estimate)).u_mm * 1e3;
-    let expected = Vector3::new(2.0 * triple[1].cos(), 2.0 * triple[1].sin(), 0.0);
+    let expected = Vector3::new(2.0 * bcs_rad[1].cos(), 2.0 * bcs_rad[1].sin(), 0.0);
     assert!((u - expected.map(|part: f64| part.hypot(0.5))).norm() < 0.01, "{u} {expected}");
     // Contributions: 3 µm, 4 µm and 12 µm of the probe and the axes, rounding by 1 µm, and drift of 5 µm/h
     // for an hour.
@@ -248,7 +248,8 @@ fn touch_gives_its_true_workpiece_point_and_uncertainty() {
     plan.machine.axes.get_mut(&Axis::X).unwrap().resolution_um = 1.0;
     plan.machine.drift_um_per_h = 5.0;
     let later = Reading { t_s: 3600.0, ..reading.clone() };
-    let u = WorkpieceTransform::new(&plan, Some(&estimate)).unwrap().workpiece_point(&later).unwrap().u_mm * 1e3;
+    let u =
+        WorkpieceTransform::new(&plan, Some(&estimate)).unwrap().point_in_workpiece_frame(&later).unwrap().u_mm * 1e3;
     assert!((u - Vector3::repeat((169.0_f64 + 1.0 / 12.0 + 25.0).sqrt())).norm() < 1e-6, "{u}");
 }
 
@@ -265,8 +266,8 @@ fn points_use_the_identified_stylus() {
     let stated = Vector3::from(plan.machine.tool_mm);
     let tool = stated + Vector3::new(0.02, -0.01, -0.017);
     let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
-    let (place, triple) = (Vector3::new(110.0, -70.0, 90.0), POSES[2].1);
-    let reading = touch_reading(&truth, place, triple);
+    let (place, bcs_rad) = (Vector3::new(110.0, -70.0, 90.0), POSES[2].1);
+    let reading = touch_reading(&truth, place, bcs_rad);
     for (k, symbol) in ["tool_x", "tool_y", "tool_z"].into_iter().enumerate() {
         let found = serde_json::json!({"symbol": symbol, "value": tool[k], "unit": "mm", "u": 0.001, "U": 0.002,
             "k": 2.0, "dof": null, "identifiable": true});
@@ -279,12 +280,12 @@ fn points_use_the_identified_stylus() {
     }
     let frame = WorkpieceTransform::new(&plan, Some(&estimate)).unwrap();
     assert_eq!(frame.describe_stylus(), "stylus of the estimate");
-    let point = frame.workpiece_point(&reading).unwrap();
+    let point = frame.point_in_workpiece_frame(&reading).unwrap();
     assert!((point.position_mm - place).norm() < 1e-9, "{point:?}");
     assert!((point.u_mm - Vector3::repeat(1e-3)).norm() < 1e-6, "{point:?}");
     // 10 µm in each coordinate, as stylus_offset_um declares.
     plan.probe.stylus_offset_um = 10.0;
-    let stated = WorkpieceTransform::new(&plan, None).unwrap().workpiece_point(&reading).unwrap();
+    let stated = WorkpieceTransform::new(&plan, None).unwrap().point_in_workpiece_frame(&reading).unwrap();
     assert!((stated.u_mm - Vector3::repeat(0.01)).norm() < 1e-6, "{stated:?}");
 }
 
@@ -298,7 +299,7 @@ fn volume_errors_of_an_axis_offset_have_the_expected_size() {
     estimate.covariance.rows = vec![vec![4.0]];
     estimate.measured = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
     let predictor = ErrorPredictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
-    let poses = predictor.grid_poses().unwrap();
+    let poses = predictor.volume_grid_poses().unwrap();
     assert_eq!(poses.len(), 12);
     let [zeroed, fitted] = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
     assert_eq!(poses[zeroed.worst_pose_index].get_or_zero(Axis::C).to_degrees().round(), 180.0);

@@ -14,7 +14,7 @@ use machine::{Axis, Position};
 /// Number of positions of a linear axis over its range.
 const POSITIONS_PER_LINEAR_AXIS: usize = 5;
 /// Largest step of a rotary axis, degrees.
-const MAX_ROTARY_STEP_DEG: f64 = 30.0;
+const MAX_GRID_STEP_OF_ROTARY_AXIS_DEG: f64 = 30.0;
 /// Minimum and maximum number of draws of the errors. The number is chosen so that the computation takes
 /// about a second; u is then accurate to 2 to 7 %.
 const TRIAL_COUNT_LIMITS: [usize; 2] = [100, 1000];
@@ -38,18 +38,18 @@ pub struct VolumeError {
 }
 
 impl ErrorPredictor<'_> {
-    /// A grid over the ranges of the axes over which the estimate was measured; the spindle is at 0.
+    /// Poses on a grid over the ranges of the axes over which the estimate was measured; the spindle is at 0.
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
-    pub fn grid_poses(&self) -> Result<Vec<Position>, MethodRefusal> {
+    pub fn volume_grid_poses(&self) -> Result<Vec<Position>, MethodRefusal> {
         self.check_has_measured_ranges()?;
         let mut poses = vec![Position::new()];
         for (axis, [least, most]) in self.measured_ranges.iter().filter(|(axis, _)| **axis != Axis::S) {
             let count = match axis.is_linear() {
                 _ if least == most => 1,
                 true => POSITIONS_PER_LINEAR_AXIS,
-                false => ((most - least) / MAX_ROTARY_STEP_DEG).ceil() as usize + 1,
+                false => ((most - least) / MAX_GRID_STEP_OF_ROTARY_AXIS_DEG).ceil() as usize + 1,
             };
             let step = (most - least) / (count - 1).max(1) as f64;
             let at = |k: usize| axis.to_mm_or_rad(least + k as f64 * step);

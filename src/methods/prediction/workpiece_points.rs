@@ -17,7 +17,7 @@ use machine::record::sensor::SensorMount;
 
 /// A point in the table frame (the machine frame with all axes at zero), mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WorkpiecePoint {
+pub struct PointInWorkpieceFrame {
     /// Centre of the stylus ball of a touch, or the measured point of a sensor sample.
     pub position_mm: Vector3<f64>,
     /// Standard uncertainty from the estimate with its stylus, and from what the plan declares of probe and
@@ -78,8 +78,9 @@ impl<'a> WorkpieceTransform<'a> {
         }
     }
 
-    /// The reading as a point. `None`: the sample has no distance, or its sensor is not in the spindle.
-    pub fn workpiece_point(&self, reading: &Reading) -> Option<WorkpiecePoint> {
+    /// The reading in the workpiece frame: the centre of the stylus ball of a touch. `None`: the sample has no
+    /// distance, or its sensor is not in the spindle.
+    pub fn point_in_workpiece_frame(&self, reading: &Reading) -> Option<PointInWorkpieceFrame> {
         let tip = self.point_in_spindle(reading)?;
         let (errors, parameters) = match &self.known_errors {
             Some(known) => (&known.errors[..], known.parameters()),
@@ -98,7 +99,7 @@ impl<'a> WorkpieceTransform<'a> {
         let own =
             stated.into_iter().fold(Vector3::repeat(own), |sum, k| sum + (by_stylus(k) * offset_mm).map(|mm| mm * mm));
         let variance = standard_uncertainty(&columns, &self.covariance).map(|u| u * u) + own;
-        Some(WorkpiecePoint { position_mm: position(tip), u_mm: variance.map(f64::sqrt) })
+        Some(PointInWorkpieceFrame { position_mm: position(tip), u_mm: variance.map(f64::sqrt) })
     }
 
     fn point_in_spindle(&self, reading: &Reading) -> Option<Point<SpindleFrame>> {
@@ -122,7 +123,7 @@ impl StylusOffset {
             let parameter = estimate.parameters.iter().find(|p| p.symbol == symbol);
             let known = parameter.filter(|p| p.identifiable && prior_covariance(estimate, &[symbol]).is_some());
             if let Some(parameter) = known {
-                stylus.offset_mm[k] = parameter.value / parameter.unit.to_display_value(1.0);
+                stylus.offset_mm[k] = parameter.value / parameter.unit.to_reported_value(1.0);
                 stylus.estimated_coordinate_indices.push(k);
             }
         }

@@ -27,7 +27,7 @@ pub fn build_estimate(
     let carried: Vec<String> = layout
         .map_orders
         .iter()
-        .filter(|order| **order == 2 && !layout.separates_order(2))
+        .filter(|order| **order == 2 && !layout.is_order_separable(2))
         .flat_map(|order| probe_map_symbols(*order))
         .collect();
     for parameter in &mut estimate.parameters {
@@ -107,21 +107,21 @@ fn repeatability_by_direction(
 fn describe_not_identifiable(setup: &QualificationSetup<'_>, fitted: &QualificationFit) -> Vec<String> {
     let layout = &fitted.layout;
     let mut lines = Vec::new();
-    if !layout.separates_order(1) {
+    if !layout.is_order_separable(1) {
         lines.push(
             "order 1 of the map and stylus offset: inseparable from the centre of the ball, because the \
             spindle was not turned"
                 .to_owned(),
         );
     }
-    if !layout.separates_order(2) {
+    if !layout.is_order_separable(2) {
         lines.push(
             "order 2 of the map: inseparable from squareness, scale difference and backlash of X and Y. \
             Later runs do not subtract order 2; they include it in U"
                 .to_owned(),
         );
     }
-    let higher = layout.map_orders.iter().filter(|order| **order > 2 && !layout.separates_order(**order));
+    let higher = layout.map_orders.iter().filter(|order| **order > 2 && !layout.is_order_separable(**order));
     let higher: Vec<String> = higher.map(u32::to_string).collect();
     if !higher.is_empty() {
         let orders = higher.join(", ");
@@ -147,7 +147,7 @@ const SCATTER_BOUNDS_PROBABILITY: f64 = 0.998;
 
 fn estimate_warnings(setup: &QualificationSetup<'_>, fitted: &QualificationFit) -> Vec<String> {
     let mut lines = Vec::new();
-    let PooledScatter { std_dev_mm: s_mm, dof, display_step_mm } = fitted.scatter;
+    let PooledScatter { std_dev_mm: s_mm, dof, control_resolution_mm: display_step_mm } = fitted.scatter;
     if let Some(declared) = setup.plan.probe.repeatability_um {
         let expected = (declared * 1e-3).powi(2) + display_step_mm.powi(2) / 12.0;
         let chi2 = dof as f64 * s_mm.powi(2) / expected;

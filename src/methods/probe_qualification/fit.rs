@@ -7,7 +7,7 @@ use super::outputs;
 use super::setup::QualificationSetup;
 use super::sources::{PooledScatter, uncertainty_sources};
 use super::unknowns_layout::UnknownsLayout;
-use crate::identification::{CheckedMeasurement, FitQuality, Identification, LinearFit, SolvedModel, identify};
+use crate::identification::{CheckedMeasurement, FitQuality, Identification, SolvedLinearFit, SolvedModel, identify};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
 
@@ -37,7 +37,7 @@ pub fn fit_touches(
     let weighted: Vec<f64> = solution.residuals.iter().map(|mm| mm / u_mm).collect();
     let measurements = touch_measurements(observed, &solution.residuals, u_mm);
     let solved = SolvedModel {
-        model: &LinearFit { x: &solution.x, design_matrix: &a, sigma: &sigma, gain: &solution.gain },
+        model: &SolvedLinearFit { x: &solution.x, design_matrix: &a, sigma: &sigma, gain: &solution.gain },
         weighted_residuals: &weighted,
         has_declared_source_sizes: true,
         fit_quality: FitQuality::from_linear(&solution),
@@ -94,7 +94,7 @@ fn pooled_scatter(
     let axes = setup.plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     let step_um = axes.map(|(_, spec)| spec.resolution_um).fold(0.0, f64::max);
     let s_mm = (squares / dof.max(1) as f64).sqrt();
-    let scatter = PooledScatter { std_dev_mm: s_mm, dof, display_step_mm: step_um * 1e-3 };
+    let scatter = PooledScatter { std_dev_mm: s_mm, dof, control_resolution_mm: step_um * 1e-3 };
     MethodRefusal::require(
         dof > 0 && scatter.touch_std_u_mm() > 0.0,
         "the repeated touches of a direction do not scatter, or no touch was repeated",

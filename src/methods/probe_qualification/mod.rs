@@ -30,8 +30,9 @@ impl RegisteredMethod for ProbeQualification {
     type Settings = ProbeQualificationSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: probe_map::PROBE_QUALIFICATION_METHOD_NAME,
-        required_setup: "a precision sphere on the table; its form certificate, if later runs are to subtract the map",
-        results: "repeatability of the touch probe, its pre-travel over the direction, the effect of the feed; \
+        required_setup: "a precision sphere on the table; its form certificate, if later runs are to subtract \
+            the pre-travel map of the probe",
+        results: "repeatability of the touch probe, its pre-travel as a function of direction and of feed; \
             the stylus offset if the spindle can be oriented",
         machine_file: "probe-qualification.toml",
     };

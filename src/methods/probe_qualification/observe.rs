@@ -22,12 +22,12 @@ pub struct MeasuredTouch {
     /// Distance of the stylus centre from the centre of the fitted sphere, less both stated radii, mm.
     pub radial_deviation_mm: f64,
     /// Axis positions X, Y and Z, mm.
-    pub xyz_mm: Vector3<f64>,
+    pub axis_positions_mm: Vector3<f64>,
     pub is_fast: bool,
     /// Index of the spindle orientation.
-    pub orientation_index: usize,
-    /// Time of the run, s.
-    pub run_time_s: f64,
+    pub spindle_orientation_index: usize,
+    /// Time of the touch on the clock of the run, s.
+    pub time_in_run_s: f64,
     /// Number of interruptions before the touch.
     pub segment_index: usize,
     /// Index of the group: touches of one direction, orientation, feed and segment.
@@ -37,7 +37,7 @@ pub struct MeasuredTouch {
 pub struct ObservedTouches {
     pub touches: Vec<MeasuredTouch>,
     /// Orientations of the spindle, degrees. Only 0 if the spindle is not turned.
-    pub orientations_deg: Vec<f64>,
+    pub spindle_orientations_deg: Vec<f64>,
     /// Speed of slow and of fast touches, mm/s.
     pub speeds_mm_s: [f64; 2],
     /// Sum of the stated radii of ball and stylus ball, mm.
@@ -50,7 +50,7 @@ impl ObservedTouches {
     /// Time of a touch, scaled from −1 to 1 over the run.
     pub fn relative_time(&self, touch: &MeasuredTouch) -> f64 {
         let [first, last] = self.first_and_last_time_s;
-        if last > first { (2.0 * touch.run_time_s - first - last) / (last - first) } else { 0.0 }
+        if last > first { (2.0 * touch.time_in_run_s - first - last) / (last - first) } else { 0.0 }
     }
 
     pub fn group_count(&self) -> usize {
@@ -101,18 +101,18 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
             normal_in_spindle: setup.chain.machine_from_spindle(&step_reading.position, &[]).rotation.inverse()
                 * normal,
             radial_deviation_mm: from_centre.norm() - radius_mm,
-            xyz_mm: step_reading.position.xyz_or_zero(),
+            axis_positions_mm: step_reading.position.xyz_or_zero(),
             is_fast: step_reading.is_fast(setup),
-            orientation_index: setup.orientation_index(&step_reading.position),
-            run_time_s: step_reading.reading.t_s,
+            spindle_orientation_index: setup.nearest_spindle_orientation_index(&step_reading.position),
+            time_in_run_s: step_reading.reading.t_s,
             segment_index,
             group_index: *groups.entry((direction_label(&step_reading.step.label), segment_index)).or_insert(number),
         }
     };
     let touches: Vec<MeasuredTouch> = step_readings.iter().map(touch).collect();
-    let times = || touches.iter().map(|touch| touch.run_time_s);
+    let times = || touches.iter().map(|touch| touch.time_in_run_s);
     Ok(ObservedTouches {
-        orientations_deg: setup.orientations_deg(),
+        spindle_orientations_deg: setup.spindle_orientations_deg(),
         speeds_mm_s: [setup.plan.probe.feed_mm_min, setup.fast_feed_mm_min()].map(|feed| feed / 60.0),
         stated_radius_sum_mm: radius_mm,
         first_and_last_time_s: [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)],

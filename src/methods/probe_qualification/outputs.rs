@@ -6,12 +6,12 @@ use nalgebra::Vector3;
 use super::setup::QualificationSetup;
 use super::unknowns_layout::{UnknownsLayout, harmonic_factors};
 use crate::identification::probe_map::probe_map_symbols;
-use crate::identification::{OutputCurve, OutputParameter, Outputs, slope_of_unknown};
+use crate::identification::{IdentificationOutputs, OutputCurve, OutputParameter, slope_of_unknown};
 
 /// Step of the curves, degrees.
 const CURVE_STEP_DEG: usize = 5;
 
-pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x: &[f64]) -> Outputs {
+pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x: &[f64]) -> IdentificationOutputs {
     let mut parameters = Vec::new();
     if let Some(first) = layout.map_orders.iter().position(|order| *order == 1) {
         // A stylus that is offset towards the surface contacts it earlier.
@@ -24,7 +24,7 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
     }
     for (index, order) in layout.map_orders.iter().enumerate() {
         // Without a certificate the form of the ball has no bound.
-        if *order > 1 && !layout.separates_order(*order) && setup.settings.form_um.is_none() {
+        if *order > 1 && !layout.is_order_separable(*order) && setup.settings.form_um.is_none() {
             continue;
         }
         let unknowns = [layout.map_cosine_index(index), layout.map_cosine_index(index) + 1];
@@ -37,7 +37,7 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
         parameters.push(OutputParameter::from_unknown("t_latch", Unit::Ms, layout.latch_delay_index(), x));
         curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_map_cosine_index(0), &layout.fast_orders));
     }
-    Outputs { linear_parameters: parameters, curves, nonlinear: None }
+    IdentificationOutputs { linear_parameters: parameters, curves, nonlinear: None }
 }
 
 /// Curve over the azimuth, perpendicular to the spindle. `first_unknown`: index of the first unknown of the `orders`.

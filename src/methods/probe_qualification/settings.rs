@@ -68,7 +68,7 @@ impl ProbeQualificationSettings {
         MethodRefusal::require(
             (2..=MAX_REPEATS).contains(&self.repeats),
             format!("repeats = {}: the repeatability requires 2 to 100 touches in each direction", self.repeats),
-            "choose repeats = 3",
+            "choose repeats = 3 (2 to 100)",
         )?;
         MethodRefusal::require(
             (3..=MAX_HARMONIC_ORDER).contains(&self.orders) && self.azimuths <= MAX_AZIMUTHS,

@@ -70,7 +70,7 @@ impl<'a> QualificationSetup<'a> {
     }
 
     /// Orientations of the spindle, degrees. Only 0 if the spindle is not an axis.
-    pub fn orientations_deg(&self) -> Vec<f64> {
+    pub fn spindle_orientations_deg(&self) -> Vec<f64> {
         let Some(spec) = self.plan.machine.axes.get(&Axis::S) else { return vec![0.0] };
         let named = self.settings.spindle_deg.clone().filter(|degrees| !degrees.is_empty());
         let within = |degrees: &f64| (spec.min..=spec.max).contains(degrees);
@@ -79,16 +79,16 @@ impl<'a> QualificationSetup<'a> {
     }
 
     /// Index of the spindle orientation that is nearest to these positions.
-    pub fn orientation_index(&self, at: &Position) -> usize {
+    pub fn nearest_spindle_orientation_index(&self, at: &Position) -> usize {
         let degrees = Axis::S.to_mm_or_deg(at.get_or_zero(Axis::S));
         let off = |orientation: &f64| (orientation - degrees).abs();
-        let all = self.orientations_deg().into_iter().enumerate();
+        let all = self.spindle_orientations_deg().into_iter().enumerate();
         all.min_by(|(_, a), (_, b)| off(a).total_cmp(&off(b))).map_or(0, |(number, _)| number)
     }
 
     /// Positions of all rotary axes, with the spindle in the orientation number `orientation_index`, from 0.
     pub fn rotary_positions(&self, orientation_index: usize) -> Position {
-        let degrees = self.orientations_deg().get(orientation_index).copied().unwrap_or(0.0);
+        let degrees = self.spindle_orientations_deg().get(orientation_index).copied().unwrap_or(0.0);
         match self.plan.machine.axes.contains_key(&Axis::S) {
             true => self.rotary_nearest_zero.clone().with(Axis::S, Axis::S.to_mm_or_rad(degrees)),
             false => self.rotary_nearest_zero.clone(),

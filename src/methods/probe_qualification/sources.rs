@@ -7,7 +7,7 @@ use super::observe::{MeasuredTouch, ObservedTouches};
 use super::setup::QualificationSetup;
 use super::unknowns_layout::{UnknownsLayout, harmonic_factors};
 use crate::identification::declared_sources::{
-    display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_u_of_mean_mm,
+    control_resolution_mm, half_backlash_mm, linear_motion_patterns, rounding_u_of_mean_mm,
 };
 use crate::identification::{
     DrawDistribution, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource,
@@ -19,25 +19,25 @@ pub struct PooledScatter {
     /// Standard deviation of one touch as displayed, mm.
     pub std_dev_mm: f64,
     pub dof: usize,
-    /// Largest display resolution of the axes, mm.
-    pub display_step_mm: f64,
+    /// Largest resolution of the axes as displayed by the control, mm.
+    pub control_resolution_mm: f64,
 }
 
 impl PooledScatter {
     /// Standard uncertainty of one touch, mm, including the rounding error of touches without scatter.
     pub fn touch_std_u_mm(self) -> f64 {
-        self.std_dev_mm.hypot(rounding_u_of_mean_mm(self.display_step_mm, self.std_dev_mm))
+        self.std_dev_mm.hypot(rounding_u_of_mean_mm(self.control_resolution_mm, self.std_dev_mm))
     }
 
     /// Standard deviation of one touch without the rounding of the display, and the standard uncertainty of this
     /// deviation, mm.
     /// Rounding errors of touches that scatter by more than half a display step are independent and rectangular.
-    /// Other rounding errors increase the uncertainty.
+    /// Rounding errors of touches that scatter less increase the uncertainty.
     pub fn std_dev_and_u_without_rounding_mm(self) -> [f64; 2] {
-        let variance = self.std_dev_mm.powi(2) - self.display_step_mm.powi(2) / 12.0;
+        let variance = self.std_dev_mm.powi(2) - self.control_resolution_mm.powi(2) / 12.0;
         let s_mm = variance.max(0.0).sqrt();
         let of_count = self.std_dev_mm.powi(2) * (2.0 / self.dof.max(1) as f64).sqrt();
-        let u_variance = of_count.hypot(rounding_u_of_mean_mm(self.display_step_mm, self.std_dev_mm).powi(2));
+        let u_variance = of_count.hypot(rounding_u_of_mean_mm(self.control_resolution_mm, self.std_dev_mm).powi(2));
         // u(s²) = 2·s·u(s). At s = 0 the square root of u(s²) is the upper bound of u(s).
         [s_mm, (u_variance / (2.0 * s_mm.max(f64::MIN_POSITIVE))).min(u_variance.sqrt())]
     }
@@ -88,7 +88,7 @@ fn resolution_columns(
 ) -> Vec<Vec<f64>> {
     let mut columns = vec![vec![0.0; observed.touches.len()]; observed.group_count()];
     for (i, touch) in observed.touches.iter().enumerate() {
-        let step_mm = display_step_mm(setup.plan, touch.normal_in_machine);
+        let step_mm = control_resolution_mm(setup.plan, touch.normal_in_machine);
         columns[touch.group_index][i] = rounding_u_of_mean_mm(step_mm, scatter.std_dev_mm);
     }
     columns
@@ -121,11 +121,11 @@ fn spindle_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -
     let size_mm = setup.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
     let column = |orientation: usize, k: usize| {
         let at = |touch: &MeasuredTouch| {
-            if touch.orientation_index == orientation { touch.normal_in_machine[k] } else { 0.0 }
+            if touch.spindle_orientation_index == orientation { touch.normal_in_machine[k] } else { 0.0 }
         };
         observed.touches.iter().map(|touch| size_mm * at(touch)).collect()
     };
-    let orientations = 0..observed.orientations_deg.len();
+    let orientations = 0..observed.spindle_orientations_deg.len();
     orientations.flat_map(|orientation| [0, 1, 2].map(|k| column(orientation, k))).collect()
 }
 
@@ -137,7 +137,7 @@ fn backlash_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -
 }
 
 fn linear_axis_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
-    let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.xyz_mm).collect();
+    let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.axis_positions_mm).collect();
     let along = |k: usize, pattern: &[f64]| {
         touches.iter().zip(pattern).map(|(touch, by)| touch.normal_in_machine[k] * by).collect::<Vec<f64>>()
     };

@@ -7,13 +7,14 @@ use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::Position;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Stage, Step, StepKind};
-use planning::{BallAccessError, BallApproach, BallTask, TouchAccess};
+use planning::{BallAccessError, BallMeasurementRequest, BallTouchMode, TouchAccess};
 
 /// Number of search touches per ball.
 const SEARCH_TOUCHES_PER_BALL: usize = 5;
 /// Elevations of the circle, degrees. The lowest one at which all directions are accessible is used.
 const CANDIDATE_CIRCLE_ELEVATIONS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
-/// Elevation of the second circle above the first one. Its touches check that the map decreases towards the pole.
+/// Elevation of the second circle above the first one. The touches on the second circle check that the pre-travel map
+/// of the probe decreases towards the pole.
 const SECOND_CIRCLE_ELEVATION_OFFSET_DEG: f64 = 45.0;
 
 pub fn next_stage(
@@ -22,7 +23,7 @@ pub fn next_stage(
     source: PositionSource<'_>,
 ) -> Result<NextStage, MethodRefusal> {
     let ordinary = done.iter().filter(|stage| stage.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP).count();
-    let orientations = setup.orientations_deg();
+    let orientations = setup.spindle_orientations_deg();
     match ordinary {
         0 => Ok(NextStage::from_new_steps(setup.plan, done, SEARCH_LABEL_PREFIX, search_steps(setup)?)),
         _ if ordinary > orientations.len() => Ok(NextStage::NoFurtherStage),
@@ -46,12 +47,13 @@ fn search_steps(setup: &QualificationSetup<'_>) -> Result<Vec<Step>, MethodRefus
     let access = TouchAccess::new(setup.plan, &setup.plan.artefact)?;
     let rotary = setup.rotary_positions(0);
     let (uncertainty_mm, standoff_mm) = (setup.balls.uncertainty_mm, setup.settings.standoff_mm);
-    let approach = BallApproach::Search { uncertainty_mm, standoff_mm };
+    let mode = BallTouchMode::Search { uncertainty_mm, standoff_mm };
     let mut steps = Vec::new();
     for ball in &setup.balls.balls {
-        let task = BallTask { ball, rotary: &rotary, approach, touch_count: SEARCH_TOUCHES_PER_BALL };
+        let request =
+            BallMeasurementRequest { ball, rotary: &rotary, touch_mode: mode, touch_count: SEARCH_TOUCHES_PER_BALL };
         let label = |touch: &str| format!("{SEARCH_LABEL_PREFIX}/{}/{touch}", ball.id);
-        let new = access.touch_steps(&task, &setup.plan.probe, StepKind::Touch, (0, 0), label);
+        let new = access.touch_steps(&request, &setup.plan.probe, StepKind::Touch, (0, 0), label);
         steps.extend(new.map_err(|reason| unreachable_refusal(ball, &reason))?);
     }
     Ok(steps)
@@ -90,14 +92,14 @@ impl<'a> OrientationPlan<'a> {
         })
     }
 
-    /// Rounds of slow touches. At the first orientation they alternate with rounds of fast ones.
+    /// Repeats of the slow touches. At the first orientation they alternate with repeats of the fast ones.
     fn measuring_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
         let (ball, level) = self.accessible_ball_and_elevation()?;
         let mut steps = Vec::new();
-        for round in 1..=self.setup.settings.repeats {
-            steps.extend(self.slow_round_steps(ball, level, round)?);
+        for repeat in 1..=self.setup.settings.repeats {
+            steps.extend(self.slow_repeat_steps(ball, level, repeat)?);
             if self.orientation_index == 0 {
-                let label = |touch: &str| format!("fast/{}/S0/{touch}/{round}", ball.id);
+                let label = |touch: &str| format!("fast/{}/S0/{touch}/{repeat}", ball.id);
                 let fast = self
                     .touch_steps_in_directions(ball, &self.circle_azimuths_and_elevations(level), label)?
                     .into_iter();
@@ -115,7 +117,7 @@ impl<'a> OrientationPlan<'a> {
         let mut first_refusal = None;
         for ball in self.found_balls.balls.iter().filter(is_selected) {
             for level in CANDIDATE_CIRCLE_ELEVATIONS_DEG {
-                match self.slow_round_steps(ball, level, 1) {
+                match self.slow_repeat_steps(ball, level, 1) {
                     Ok(_) => return Ok((ball, level)),
                     Err(reason) => first_refusal = first_refusal.or(Some(reason)),
                 }
@@ -133,9 +135,9 @@ impl<'a> OrientationPlan<'a> {
         (0..count).map(|k| [f64::from(k) * pitch, elevation_deg]).collect()
     }
 
-    /// Steps of one round at the measuring feed: a circle, half as many touches above it at the first orientation, and
+    /// Steps of one repeat at the measuring feed: a circle, half as many touches above it at the first orientation, and
     /// the pole.
-    fn slow_round_steps(&self, ball: &Ball, elevation_deg: f64, round_number: u32) -> Result<Vec<Step>, MethodRefusal> {
+    fn slow_repeat_steps(&self, ball: &Ball, elevation_deg: f64, repeat: u32) -> Result<Vec<Step>, MethodRefusal> {
         let mut directions = self.circle_azimuths_and_elevations(elevation_deg);
         let count = directions.len();
         if self.orientation_index == 0 {
@@ -147,8 +149,8 @@ impl<'a> OrientationPlan<'a> {
             directions.extend(above.collect::<Vec<_>>());
         }
         directions.push([0.0, 90.0]);
-        let degrees = self.setup.orientations_deg()[self.orientation_index];
-        let label = |touch: &str| format!("slow/{}/S{degrees}/{touch}/{round_number}", ball.id);
+        let degrees = self.setup.spindle_orientations_deg()[self.orientation_index];
+        let label = |touch: &str| format!("slow/{}/S{degrees}/{touch}/{repeat}", ball.id);
         let mut steps = self.touch_steps_in_directions(ball, &directions, label)?;
         let last = steps.len() - 1;
         for reference in [0, count / 4, count / 2, count * 3 / 4, last] {
@@ -164,10 +166,10 @@ impl<'a> OrientationPlan<'a> {
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, MethodRefusal> {
         let ProbeQualificationSettings { standoff_mm, search_mm, .. } = *self.setup.settings;
-        let approach = BallApproach::Measure { standoff_mm, search_mm };
-        let task = BallTask { ball, rotary: &self.rotary_positions, approach, touch_count: 0 };
+        let mode = BallTouchMode::Measure { standoff_mm, search_mm };
+        let request = BallMeasurementRequest { ball, rotary: &self.rotary_positions, touch_mode: mode, touch_count: 0 };
         let probe = &self.setup.plan.probe;
-        let steps = self.access.touch_steps_along(&task, directions, probe, label);
+        let steps = self.access.touch_steps_along(&request, directions, probe, label);
         steps.map_err(|reason| unreachable_refusal(ball, &reason))
     }
 }

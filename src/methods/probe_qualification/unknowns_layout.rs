@@ -19,8 +19,8 @@ pub struct UnknownsLayout {
     segment_count: usize,
     /// Orders of the probe map.
     pub map_orders: Vec<u32>,
-    /// Orders of the part that does not turn with the spindle.
-    pub stationary_orders: Vec<u32>,
+    /// Orders of the form of the ball: they do not turn with the spindle.
+    pub ball_form_orders: Vec<u32>,
     /// Orders of the difference of the map at the fast feed. Empty without fast touches.
     pub fast_orders: Vec<u32>,
 }
@@ -33,21 +33,22 @@ pub fn harmonic_factors(order: u32, n: &Vector3<f64>) -> [f64; 2] {
 impl UnknownsLayout {
     /// Selects the unknowns. `highest_order`: highest order of the map.
     pub fn new(observed: &ObservedTouches, highest_order: u32) -> Self {
-        let turned: Vec<u32> = (1..=highest_order).filter(|k| has_sufficient_phase_difference(observed, *k)).collect();
-        let first = if turned.contains(&1) { 1 } else { 2 };
+        let separable_orders: Vec<u32> =
+            (1..=highest_order).filter(|k| is_separable_by_orientations(observed, *k)).collect();
+        let first = if separable_orders.contains(&1) { 1 } else { 2 };
         let has_fast = observed.touches.iter().any(|touch| touch.is_fast);
         Self {
             segment_count: observed.touches.iter().map(|touch| touch.segment_index + 1).max().unwrap_or(1),
             map_orders: (first..=highest_order).collect(),
             // The first order that does not turn with the spindle is the centre of the ball.
-            stationary_orders: turned.into_iter().filter(|k| *k > 1).collect(),
+            ball_form_orders: separable_orders.into_iter().filter(|k| *k > 1).collect(),
             fast_orders: (1..=highest_order).filter(|_| has_fast).collect(),
         }
     }
 
     /// Whether the spindle orientations separate an order of the map from the part that does not turn.
-    pub fn separates_order(&self, order: u32) -> bool {
-        self.stationary_orders.contains(&order) || order == 1 && self.map_orders.contains(&1)
+    pub fn is_order_separable(&self, order: u32) -> bool {
+        self.ball_form_orders.contains(&order) || order == 1 && self.map_orders.contains(&1)
     }
 
     fn first_drift_index(&self) -> usize {
@@ -64,13 +65,13 @@ impl UnknownsLayout {
         self.radius_index() + 1 + 2 * index
     }
 
-    fn first_stationary_index(&self) -> usize {
+    fn first_ball_form_index(&self) -> usize {
         self.map_cosine_index(self.map_orders.len())
     }
 
     /// Index of the latch delay. Without fast touches there is none.
     pub fn latch_delay_index(&self) -> usize {
-        self.first_stationary_index() + 2 * self.stationary_orders.len()
+        self.first_ball_form_index() + 2 * self.ball_form_orders.len()
     }
 
     /// Index of the unknown for the cosine part of `fast_orders[index]`. The sine part is the next unknown.
@@ -98,8 +99,8 @@ impl UnknownsLayout {
         for (index, order) in self.map_orders.iter().enumerate() {
             put(self.map_cosine_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
         }
-        for (index, order) in self.stationary_orders.iter().enumerate() {
-            put(self.first_stationary_index() + 2 * index, &harmonic_factors(*order, &touch.normal_in_machine));
+        for (index, order) in self.ball_form_orders.iter().enumerate() {
+            put(self.first_ball_form_index() + 2 * index, &harmonic_factors(*order, &touch.normal_in_machine));
         }
         if touch.is_fast {
             put(self.latch_delay_index(), &[-(observed.speeds_mm_s[1] - observed.speeds_mm_s[0])]);
@@ -117,11 +118,11 @@ impl UnknownsLayout {
             _ if unknown < self.first_drift_index() => "the centre of the ball".to_owned(),
             _ if unknown < self.radius_index() => "the drift".to_owned(),
             _ if unknown == self.radius_index() => "the radius".to_owned(),
-            _ if unknown < self.first_stationary_index() => {
+            _ if unknown < self.first_ball_form_index() => {
                 format!("order {} of the map", order(&self.map_orders, self.map_cosine_index(0)))
             }
             _ if unknown < self.latch_delay_index() => {
-                format!("order {} of the ball's form", order(&self.stationary_orders, self.first_stationary_index()))
+                format!("order {} of the ball's form", order(&self.ball_form_orders, self.first_ball_form_index()))
             }
             _ if unknown == self.latch_delay_index() => "the latch delay".to_owned(),
             _ => format!("order {} at the fast feed", order(&self.fast_orders, self.fast_map_cosine_index(0))),
@@ -132,12 +133,13 @@ impl UnknownsLayout {
 /// Minimum phase difference of an order between two orientations, degrees, for the order to be separable.
 const MIN_PHASE_DIFFERENCE_DEG: f64 = 20.0;
 
-/// Whether any two orientations rotate this order by a sufficient phase.
-fn has_sufficient_phase_difference(observed: &ObservedTouches, order: u32) -> bool {
-    let degrees = &observed.orientations_deg;
-    let turned = |a: f64, b: f64| {
+/// Whether the phases of the harmonic `order` differ by at least [`MIN_PHASE_DIFFERENCE_DEG`] between any two
+/// orientations of the spindle.
+fn is_separable_by_orientations(observed: &ObservedTouches, order: u32) -> bool {
+    let degrees = &observed.spindle_orientations_deg;
+    let differs_in_phase = |a: f64, b: f64| {
         let turn = (f64::from(order) * (a - b)).rem_euclid(360.0);
         turn.min(360.0 - turn) >= MIN_PHASE_DIFFERENCE_DEG
     };
-    degrees.iter().any(|a| degrees.iter().any(|b| turned(*a, *b)))
+    degrees.iter().any(|a| degrees.iter().any(|b| differs_in_phase(*a, *b)))
 }

@@ -33,7 +33,7 @@ pub struct UnknownIndices {
 
 impl UnknownIndices {
     pub fn unknown_count(&self) -> usize {
-        self.interruption_step_index(self.interruption_count) + 3 * self.stop_count.saturating_sub(1)
+        self.interruption_displacement_index(self.interruption_count) + 3 * self.stop_count.saturating_sub(1)
     }
 
     pub fn sensor_offset_index(&self, sensor: usize) -> usize {
@@ -53,13 +53,14 @@ impl UnknownIndices {
         self.curvature_index() + 1
     }
 
-    pub fn interruption_step_index(&self, interruption: usize) -> usize {
+    /// Index of X of the displacement at an interruption. Y and Z are the next unknowns.
+    pub fn interruption_displacement_index(&self, interruption: usize) -> usize {
         self.sphere_position_index() + 2 + 3 * interruption
     }
 
     /// Index of the displacement at a stop. `None` for the first stop, where the displacement is zero.
     pub fn stop_displacement_index(&self, stop: usize) -> Option<usize> {
-        Some(self.interruption_step_index(self.interruption_count) + 3 * stop.checked_sub(1)?)
+        Some(self.interruption_displacement_index(self.interruption_count) + 3 * stop.checked_sub(1)?)
     }
 
     pub fn vector_at(x: &[f64], first: usize) -> Vector3<f64> {
@@ -126,9 +127,9 @@ impl<'a> SensorEquations<'a> {
                 first.map_or(Vector3::zeros(), |first| UnknownIndices::vector_at(x, first))
             }
         };
-        let steps = (0..mean.earlier_interruption_count)
-            .map(|i| UnknownIndices::vector_at(x, self.unknowns.interruption_step_index(i)));
-        own + mean.machine_from_table.inverse() * steps.sum::<Vector3<f64>>()
+        let displacements = (0..mean.earlier_interruption_count)
+            .map(|i| UnknownIndices::vector_at(x, self.unknowns.interruption_displacement_index(i)));
+        own + mean.machine_from_table.inverse() * displacements.sum::<Vector3<f64>>()
     }
 
     /// Reading of a sensor: z + g·w + κ(|w|² − (n·w)²)/2 with n along g. The last term is the effect of the
@@ -164,7 +165,7 @@ impl<'a> SensorEquations<'a> {
             add(first, by_displacement);
         }
         (0..mean.earlier_interruption_count)
-            .for_each(|i| add(unknowns.interruption_step_index(i), mean.machine_from_table * by_displacement));
+            .for_each(|i| add(unknowns.interruption_displacement_index(i), mean.machine_from_table * by_displacement));
         slopes
     }
 
@@ -247,10 +248,10 @@ impl ObservationEquation for SensorEquations<'_> {
         let of_means = self.means.iter().map(|mean| mean.reading_mm - self.predicted_reading(mean, x));
         let rows: Vec<f64> =
             of_means.chain(self.sphere_residuals(x)).zip(change).map(|(r, change)| r + change).collect();
-        self.weighted_change(&rows)
+        self.weighted_residual_change(&rows)
     }
 
-    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+    fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64> {
         change.iter().zip(&self.observation_std_u_mm).map(|(change, sigma)| change / sigma).collect()
     }
 }

@@ -11,9 +11,9 @@ use machine::record::plan::Step;
 use machine::record::reading::{Reading, ReadingFlag};
 
 /// Labels of the scans that the identification uses.
-pub const CALIBRATION_LABEL: &str = "calibration";
-pub const FORWARD_LABEL: &str = "turn/forward";
-pub const BACKWARD_LABEL: &str = "turn/backward";
+pub const CALIBRATION_STEP_LABEL: &str = "calibration";
+pub const FORWARD_STEP_LABEL: &str = "turn/forward";
+pub const BACKWARD_STEP_LABEL: &str = "turn/backward";
 
 /// Displacement of the sphere relative to the nest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,9 +35,10 @@ pub struct SensorMean {
     /// Rotation from the table frame to the machine frame.
     pub machine_from_table: Rotation3<f64>,
     pub reading_mm: f64,
+    /// Number of the samples that the mean contains.
     pub sample_count: usize,
-    /// Mean time of its samples, time of the run, s.
-    pub mean_run_time_s: f64,
+    /// Mean time of its samples on the clock of the run, s.
+    pub mean_time_in_run_s: f64,
     /// Number of interruptions before the mean.
     pub earlier_interruption_count: usize,
 }
@@ -55,7 +56,7 @@ pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<Obse
     IdentifyError::check_known_steps(nest.plan, readings)?;
     let mut observed = ObservedMeans::default();
     for step in &nest.plan.steps {
-        let is_used = [CALIBRATION_LABEL, FORWARD_LABEL, BACKWARD_LABEL].contains(&step.label.as_str());
+        let is_used = [CALIBRATION_STEP_LABEL, FORWARD_STEP_LABEL, BACKWARD_STEP_LABEL].contains(&step.label.as_str());
         if let (true, Some(scan)) = (is_used, &step.scan) {
             let own = readings_of_last_repeat(step, readings)?;
             for point in 0..scan.path.len() {
@@ -99,7 +100,7 @@ impl ObservedMeans {
     ) {
         let angle = at.get_or_zero(nest.measured_axis);
         let displacement = match step.label.as_str() {
-            CALIBRATION_LABEL => SphereDisplacement::Known(nest.sphere_displacement_at(at)),
+            CALIBRATION_STEP_LABEL => SphereDisplacement::Known(nest.sphere_displacement_at(at)),
             _ => SphereDisplacement::UnknownAtStop(nest.stop_index(angle)),
         };
         for (sensor_index, declared) in nest.sensors.iter().enumerate() {
@@ -119,7 +120,7 @@ impl ObservedMeans {
                 machine_from_table: nest.machine_from_table(angle),
                 reading_mm: samples.iter().map(|(value, _)| value).sum::<f64>() / count,
                 sample_count: samples.len(),
-                mean_run_time_s: t_s,
+                mean_time_in_run_s: t_s,
                 earlier_interruption_count: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),
             });
         }

@@ -9,12 +9,12 @@ use machine::record::estimate::{FunctionFigureKind, Unit};
 use nalgebra::Matrix3;
 
 use super::model::SensorEquations;
-use crate::identification::{OutputCurve, OutputParameter, Outputs, RangeOutput, range_outputs};
+use crate::identification::{IdentificationOutputs, OutputCurve, OutputParameter, RangeOutput, range_outputs};
 
 /// Derivatives by each unknown, for X, Y and Z.
 type XyzDerivatives = [Vec<f64>; 3];
 
-pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
+pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> IdentificationOutputs {
     let stops = equation.unknowns.stop_count;
     let totals: Vec<XyzDerivatives> = (0..stops).map(|stop| total_displacement_derivatives(equation, stop)).collect();
     let mean = mean_derivatives(&totals);
@@ -49,7 +49,7 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
         unit: Unit::Um,
         slopes: motions.iter().map(|slopes| slopes[k].clone()).collect(),
     });
-    Outputs {
+    IdentificationOutputs {
         linear_parameters: vec![location(0, "X"), location(1, "Y")],
         curves,
         nonlinear: Some(range_outputs(ranges.collect(), x)),

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use super::settings::RTestSettings;
 use crate::MethodRefusal;
 use machine::frame::{Point, SpindleFrame, TableFrame};
-use machine::kinematics::{KinematicChain, UprightTableAxis};
+use machine::kinematics::{KinematicChain, ZParallelTableAxis};
 use machine::record::plan::Plan;
 use machine::record::sensor::{Sensor, SensorMount};
 use machine::{Axis, Position};
@@ -38,7 +38,7 @@ impl<'a> SensorNest<'a> {
     pub fn new(plan: &'a Plan, settings: &'a RTestSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let table =
-            UprightTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
+            ZParallelTableAxis::of_machine(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sensors: Vec<&Sensor> = plan.sensors.iter().collect();
         let centre = nest_centre(&sensors, plan.probe.ball_radius_mm)?;
         let tip = Point::<SpindleFrame>::from_vec(Vector3::from(plan.machine.tool_mm));

@@ -75,7 +75,7 @@ impl RTestSettings {
                 "positions = {} is outside {MIN_STOPS_PER_REVOLUTION} to {MAX_STOPS_PER_REVOLUTION}",
                 self.positions
             ),
-            "choose positions = 24, at least 4 and at most 720",
+            "choose positions = 24 (4 to 720)",
         )
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::model::SensorEquations;
-use super::observe::{CALIBRATION_LABEL, SensorMean, SphereDisplacement};
+use super::observe::{CALIBRATION_STEP_LABEL, SensorMean, SphereDisplacement};
 use crate::identification::azimuth_dependence::{DEFAULT_LOBING_ORDERS, azimuth_patterns};
 use crate::identification::declared_sources::{
     backlash_lags_mm, drift_rate_sd_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_u_mm,
@@ -16,8 +16,8 @@ use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample if none is declared, mm. The residuals rescale it.
 const DEFAULT_SAMPLE_NOISE_STD_MM: f64 = 1e-4;
-/// Smallest standard uncertainty of an observation, which limits its weight, mm.
-const MIN_OBSERVATION_STD_U_MM: f64 = 1e-6;
+/// A smaller standard uncertainty of an observation is replaced by this one, which limits its weight, mm.
+const OBSERVATION_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// All sources at the solution `x`.
 pub fn uncertainty_sources(equation: &SensorEquations<'_>, x: &[f64]) -> Vec<UncertaintySource> {
@@ -47,7 +47,7 @@ pub fn observation_standard_uncertainties(equation: &SensorEquations<'_>) -> Vec
     ];
     let independent = independent.map(|source| UncertaintySource { is_in_weights: true, ..source });
     let variances = block_covariances::<1>(&independent, equation.observation_count());
-    variances.iter().map(|variance| variance[(0, 0)].sqrt().max(MIN_OBSERVATION_STD_U_MM)).collect()
+    variances.iter().map(|variance| variance[(0, 0)].sqrt().max(OBSERVATION_STD_U_FLOOR_MM)).collect()
 }
 
 struct SourceBuilder<'a> {
@@ -135,13 +135,13 @@ impl SourceBuilder<'_> {
 
     /// Form of the sphere. The sensors turn around the sphere, so its first harmonic is its position.
     fn sphere_form_source(&self) -> UncertaintySource {
-        let size_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
+        let form_sd_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
         let normals = self.equation.means.iter().map(|mean| {
             let towards = mean.machine_from_table * self.sensor_gradient(mean);
             // The form is declared for the circle around the spindle's axis that the sensors measure.
             -Vector3::new(towards.x, towards.y, 0.0).normalize()
         });
-        let patterns = azimuth_patterns(size_mm, &DEFAULT_LOBING_ORDERS, &normals.collect::<Vec<_>>(), |_| true);
+        let patterns = azimuth_patterns(form_sd_mm, &DEFAULT_LOBING_ORDERS, &normals.collect::<Vec<_>>(), |_| true);
         let columns = patterns.into_iter().map(|pattern| pattern.into_iter().map(|by| -by).chain([0.0; 2]).collect());
         self.unweighted_joint_source("form of the sphere", columns.collect())
     }
@@ -156,7 +156,7 @@ impl SourceBuilder<'_> {
     /// calibration.
     fn backlash_columns(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;
-        let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION_LABEL);
+        let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION_STEP_LABEL);
         let path = calibration.and_then(|step| step.scan.as_ref()).map_or(&[][..], |scan| &scan.path);
         let xyz: Vec<Vector3<f64>> = path.iter().map(Position::xyz_or_zero).collect();
         let lags = backlash_lags_mm(nest.plan, &xyz);
@@ -197,11 +197,11 @@ impl SourceBuilder<'_> {
     fn drift_columns(&self) -> Vec<Vec<f64>> {
         let rate = drift_rate_sd_mm_per_s(self.equation.nest.plan);
         let means = self.equation.means;
-        let mean_s = means.iter().map(|mean| mean.mean_run_time_s).sum::<f64>() / means.len().max(1) as f64;
+        let mean_s = means.iter().map(|mean| mean.mean_time_in_run_s).sum::<f64>() / means.len().max(1) as f64;
         let column = |axis: Axis| {
             let of_mean = |mean: &SensorMean| {
                 let along = mean.machine_from_table.inverse() * axis.nominal_direction();
-                self.sensor_gradient(mean).dot(&along) * rate * (mean.mean_run_time_s - mean_s)
+                self.sensor_gradient(mean).dot(&along) * rate * (mean.mean_time_in_run_s - mean_s)
             };
             self.observation_column(of_mean, [0.0; 2])
         };

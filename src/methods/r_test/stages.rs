@@ -1,10 +1,10 @@
 //! Sequence of stages: the prompt and the calibration of the sensors, then the turns.
 
 use super::identify::{solve_equation, weighted_equation};
-use super::observe::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, observe_means};
+use super::observe::{BACKWARD_STEP_LABEL, CALIBRATION_STEP_LABEL, FORWARD_STEP_LABEL, observe_means};
 use super::sensor_nest::SensorNest;
 use super::settings::RTestSettings;
-use crate::revolution_steps::RevolutionSteps;
+use crate::revolution_grid::RevolutionGrid;
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
@@ -12,7 +12,7 @@ use machine::record::watched_sensors::WatchedSensor;
 use machine::{Axis, Position};
 
 const MOUNT_PROMPT_LABEL: &str = "mount nest";
-const REFERENCE_TURN_LABEL: &str = "reference";
+const REFERENCE_TURN_STEP_LABEL: &str = "reference";
 
 /// The stage that follows the `done` ones.
 ///
@@ -72,7 +72,7 @@ fn calibration_scan(nest: &SensorNest<'_>) -> Step {
         }
         path.push(nest.origin.clone());
     }
-    dwell_scan(nest, CALIBRATION_LABEL, StepKind::Scan, path, nest.settings.feed_mm_min)
+    dwell_scan(nest, CALIBRATION_STEP_LABEL, StepKind::Scan, path, nest.settings.feed_mm_min)
 }
 
 fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
@@ -85,9 +85,9 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
         dwell_scan(nest, label, kind, angles.iter().map(position).collect(), nest.settings.feed_deg_min)
     };
     Ok(vec![
-        turn(REFERENCE_TURN_LABEL, StepKind::Reference, reference),
-        turn(FORWARD_LABEL, StepKind::Scan, forward),
-        turn(BACKWARD_LABEL, StepKind::Scan, backward),
+        turn(REFERENCE_TURN_STEP_LABEL, StepKind::Reference, reference),
+        turn(FORWARD_STEP_LABEL, StepKind::Scan, forward),
+        turn(BACKWARD_STEP_LABEL, StepKind::Scan, backward),
     ])
 }
 
@@ -97,8 +97,8 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
 /// The axis limits do not allow a revolution.
 fn revolution_angles_deg(nest: &SensorNest<'_>) -> Result<Vec<f64>, MethodRefusal> {
     let positions = nest.settings.positions;
-    let steps = RevolutionSteps { positions_per_revolution: positions, revolutions: 1, lead_steps_per_end: 0 }
-        .step_range_within_limits(nest.plan, nest.measured_axis)?;
+    let steps = RevolutionGrid { positions_per_revolution: positions, revolutions: 1, lead_positions_per_end: 0 }
+        .position_index_range_within_limits(nest.plan, nest.measured_axis)?;
     Ok(steps.map(|number| number as f64 * 360.0 / positions as f64).collect())
 }
 

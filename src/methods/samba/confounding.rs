@@ -162,7 +162,8 @@ impl MeasuringConditions<'_> {
         UnknownColumns { stylus, balls, machine }
     }
 
-    /// Positions of the balls, in pairs for the certified lengths first; and the directions of the lengths.
+    /// Positions of the test balls, in pairs for the certified lengths first; and the directions (unit vectors) of the
+    /// lengths.
     fn ball_positions_and_length_directions(&self) -> (Vec<Vector3<f64>>, &[Vector3<f64>]) {
         const ALONG_X: &[Vector3<f64>] = &[Vector3::new(1.0, 0.0, 0.0)];
         let lengths = if self.length_directions.is_empty() { ALONG_X } else { self.length_directions };

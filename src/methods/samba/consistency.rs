@@ -41,8 +41,8 @@ impl GeometrySolution<'_> {
         })
     }
 
-    /// Sentence about a ball, if any, whose step on the table between two visits explains the misfit: the
-    /// step that reduces χ² most.
+    /// Sentence about a ball, if any, whose displacement on the table between two visits explains the misfit:
+    /// the displacement that reduces χ² most.
     pub fn moved_ball_warning(&self) -> Option<String> {
         let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
             .flat_map(|ball| {
@@ -51,8 +51,9 @@ impl GeometrySolution<'_> {
                 (1..visits.len()).map(move |split| (visits.clone(), split))
             })
             .collect();
-        let steps = candidates.iter().map(|(visits, split)| self.fit_ball_move(visits, *split));
-        let (best, (reduction, step)) = steps.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
+        let moves = candidates.iter().map(|(visits, split)| self.fit_ball_move(visits, *split));
+        let (best, (reduction, displacement_mm)) =
+            moves.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
         let (visits, split) = &candidates[best];
         let variance = (self.chi2() - reduction) / self.dof().checked_sub(3)?.max(1) as f64;
         let probability = 1.0 - 2.0 * FALSE_ALARM_PROBABILITY / candidates.len() as f64;
@@ -60,10 +61,10 @@ impl GeometrySolution<'_> {
         if reduction <= limit * variance || reduction <= MIN_EXPLAINED_CHI2_SHARE * self.chi2() {
             return None;
         }
-        Some(self.describe_moved_ball(visits, *split, step.norm() * 1e3))
+        Some(self.describe_moved_ball(visits, *split, displacement_mm.norm() * 1e3))
     }
 
-    /// With two or more measurements on both sides only a step of the ball explains the misfit. A single
+    /// With two or more measurements on both sides only a displacement of the ball explains the misfit. A single
     /// measurement at the end may be off because the ball moved, or because the measurement is wrong.
     fn describe_moved_ball(&self, visits: &[usize], first_moved: usize, um: f64) -> String {
         let centre = |visit: usize| &self.observed.centres[visits[visit]];
@@ -83,8 +84,8 @@ impl GeometrySolution<'_> {
         )
     }
 
-    /// Reduction of χ² by a step of the ball before its visit `first_moved`, and the step (table frame, mm): three
-    /// more unknowns, with all others free.
+    /// Reduction of χ² by a displacement of the ball before its visit `first_moved`, and the displacement (table
+    /// frame, mm): three more unknowns, with all others free.
     fn fit_ball_move(&self, visits: &[usize], first_moved: usize) -> (f64, Vector3<f64>) {
         let column = |axis: Axis| {
             let mut column = vec![0.0; self.minimum.residuals.len()];
@@ -103,8 +104,8 @@ impl GeometrySolution<'_> {
             return (0.0, Vector3::zeros());
         };
         // The column is the derivative of the model by the ball: minus the weight.
-        let step = inverse * right;
-        (step.dot(&right), step)
+        let displacement_mm = inverse * right;
+        (displacement_mm.dot(&right), displacement_mm)
     }
 
     /// Lengths that disagree with their balls by more than 100 µm/m. The reference is the balls as measured

@@ -18,7 +18,7 @@ pub use geometry_equations::GeometryEquations;
 #[derive(Debug, Clone, Copy)]
 pub struct BallMeasurement {
     /// Index of the rotary position.
-    pub position_index: usize,
+    pub rotary_position_index: usize,
     pub ball_index: usize,
     /// Whitening matrix W with W·Σ·Wᵀ = I, where Σ is the covariance of the measured centre, machine frame,
     /// mm².
@@ -97,7 +97,7 @@ impl GeometryProblem {
             .iter()
             .map(|position| model.tip_function(position, &zero, Vector3::zeros()).inverse_linear_part())
             .collect();
-        let weights = measurements.iter().map(|s| s.whitening * machine_from_table[s.position_index]).collect();
+        let weights = measurements.iter().map(|s| s.whitening * machine_from_table[s.rotary_position_index]).collect();
         Self {
             model,
             stylus,
@@ -195,7 +195,8 @@ impl GeometryProblem {
     /// has the errors in `x`; table frame, mm.
     pub fn centres_from_measured_axes(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
         let tip_functions = self.tip_functions(x);
-        let value = |(of, xyz): (&BallMeasurement, &Vector3<f64>)| tip_functions[of.position_index].value_at(*xyz);
+        let value =
+            |(of, xyz): (&BallMeasurement, &Vector3<f64>)| tip_functions[of.rotary_position_index].value_at(*xyz);
         self.measurements.iter().zip(&measured.centre_axes_mm).map(value).collect()
     }
 
@@ -246,7 +247,7 @@ impl GeometryProblem {
             let mut rows = BlockRows::zeros(count, 3 * group.ball_indices.len(), self.model.shared_unknown_count());
             let first = self.ball_unknowns[group.ball_indices[0]];
             for (n, i) in group.measurement_indices.iter().enumerate() {
-                let indexed = &models[self.measurements[*i].position_index];
+                let indexed = &models[self.measurements[*i].rotary_position_index];
                 self.fill_ball_rows(&mut rows, 3 * n, first, *i, indexed, x, measured.centre_axes_mm[*i]);
             }
             for (n, i) in group.length_indices.iter().enumerate() {
@@ -273,7 +274,7 @@ impl GeometryProblem {
     ) {
         let (weight, ball_unknown) =
             (self.weight_matrices[measurement], self.ball_unknowns[self.measurements[measurement].ball_index]);
-        let value = weight * (vector_at(x, ball_unknown) - indexed.tip_at(xyz));
+        let value = weight * (vector_at(x, ball_unknown) - indexed.tip_in_table(xyz));
         (0..3).for_each(|k| rows.set_right_side(row + k, value[k]));
         let mut set = |j: usize, column: Vector3<f64>| {
             let weighted = weight * column;
@@ -313,7 +314,7 @@ impl GeometryProblem {
     pub fn noise_free_observations(&self, x: &[f64]) -> ObservedValues {
         let tip_functions = self.tip_functions(x);
         let xyz = self.measurements.iter().map(|measurement| {
-            let tip = &tip_functions[measurement.position_index];
+            let tip = &tip_functions[measurement.rotary_position_index];
             let ball = vector_at(x, self.ball_unknowns[measurement.ball_index]);
             tip.inverse_linear_part() * (ball - tip.value_at(Vector3::zeros()))
         });

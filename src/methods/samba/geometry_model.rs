@@ -113,6 +113,7 @@ impl GeometryModel {
     }
 
     /// The tip on the table as a function of X, Y, Z, with the rotary axes and the spindle as in `position`.
+    /// `tool`: tip in the spindle frame.
     pub fn tip_function(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> AffineFunctionOfXyz {
         let (errors, tip) = (self.error_terms(errors), Point::from_vec(tool));
         let zero = position.filter_axes(|axis| !axis.is_linear());
@@ -123,18 +124,18 @@ impl GeometryModel {
     }
 
     /// The tip and its derivatives for all X, Y, Z, with the rotary axes and the spindle as in `position`.
+    /// `tool`: tip in the spindle frame.
     pub fn linearise_at_indexation(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> IndexationModel {
         let (terms, tip) = (self.error_terms(errors), Point::from_vec(tool));
         let derivatives = |xyz: Vector3<f64>| {
             let position = position.updated_by(&Position::from_xyz(xyz));
             self.chain.error_jacobian(&position, tip, &terms, &self.parameters)
         };
-        let columns = derivatives(Vector3::zeros());
-        let steps = Axis::LINEAR.map(|axis| derivatives(axis.nominal_direction() * AFFINE_STEP_MM));
-        let machine = columns
-            .iter()
-            .enumerate()
-            .map(|(k, column)| AffineFunctionOfXyz::from_values(*column, [0, 1, 2].map(|axis: usize| steps[axis][k])));
+        let columns_at_origin = derivatives(Vector3::zeros());
+        let columns_at_steps = Axis::LINEAR.map(|axis| derivatives(axis.nominal_direction() * AFFINE_STEP_MM));
+        let machine = columns_at_origin.iter().enumerate().map(|(k, column)| {
+            AffineFunctionOfXyz::from_samples(*column, [0, 1, 2].map(|axis: usize| columns_at_steps[axis][k]))
+        });
         IndexationModel {
             tip: self.tip_function(position, errors, tool),
             error_derivative_functions: machine.collect(),
@@ -155,7 +156,7 @@ pub struct IndexationModel {
 
 impl IndexationModel {
     /// Position of the tip in the table frame with the linear axes at `xyz`, mm.
-    pub fn tip_at(&self, xyz: Vector3<f64>) -> Vector3<f64> {
+    pub fn tip_in_table(&self, xyz: Vector3<f64>) -> Vector3<f64> {
         self.tip.value_at(xyz)
     }
 
@@ -174,9 +175,9 @@ pub struct AffineFunctionOfXyz {
 
 impl AffineFunctionOfXyz {
     /// The function from its values at the origin and at [`AFFINE_STEP_MM`] along X, Y, Z.
-    fn from_values(origin: Vector3<f64>, steps: [Vector3<f64>; 3]) -> Self {
-        let [x, y, z] = steps.map(|step| (step - origin) / AFFINE_STEP_MM);
-        Self { origin, linear_part: Matrix3::from_columns(&[x, y, z]) }
+    fn from_samples(at_origin: Vector3<f64>, at_steps: [Vector3<f64>; 3]) -> Self {
+        let [x, y, z] = at_steps.map(|at_step| (at_step - at_origin) / AFFINE_STEP_MM);
+        Self { origin: at_origin, linear_part: Matrix3::from_columns(&[x, y, z]) }
     }
 
     /// Derivative of the point by X, Y, Z: ∂/∂(X, Y, Z).

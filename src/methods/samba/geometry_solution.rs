@@ -91,7 +91,7 @@ impl GeometrySolution<'_> {
 
 pub fn observed_values(observed: &ObservedBalls, lengths: &[CertifiedLength]) -> ObservedValues {
     ObservedValues {
-        centre_axes_mm: observed.centres.iter().map(|centre| centre.axis_positions_mm).collect(),
+        centre_axes_mm: observed.centres.iter().map(|centre| centre.centre_axis_positions_mm).collect(),
         lengths_mm: lengths.iter().map(length_at_its_temperature_mm).collect(),
     }
 }
@@ -168,7 +168,7 @@ fn build_problem(
     });
     let whitening = whitening_matrices(sources, observed.centres.len());
     let measurements = observed.centres.iter().zip(whitening).map(|(centre, whitening)| BallMeasurement {
-        position_index: centre.measured_rotary_position_index,
+        rotary_position_index: centre.measured_rotary_position_index,
         ball_index: centre.ball_index,
         whitening,
     });

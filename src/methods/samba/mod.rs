@@ -55,8 +55,8 @@ impl RegisteredMethod for Samba {
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "uncalibrated master balls, and one scale bar",
-        results: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus \
-                and balls, with their covariance",
+        results: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus tip \
+                and ball positions, with their covariance",
         machine_file: "samba.toml",
     };
 

@@ -9,9 +9,11 @@ use super::fit::vector_at;
 use super::geometry_solution::GeometrySolution;
 use super::omitted_errors::{OmittedError, describe_omitted_errors, omitted_errors};
 use super::warnings::{self, describe_rotary_position};
-use crate::identification::{Identification, OutputParameter, Outputs, describe_aliased_orders, reported_unit};
+use crate::identification::{
+    Identification, IdentificationOutputs, OutputParameter, describe_aliased_orders, reported_unit,
+};
 use machine::kinematics::{ErrorParameter, ErrorShape};
-use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Estimate, Unit, VectorFigureKind};
+use machine::record::estimate::{ArrowFigure, ArrowGroup, Estimate, FigureArrow, Unit, VectorFigureKind};
 use machine::{Axis, Position};
 
 /// Maximum number of named components of the least certain direction.
@@ -20,12 +22,12 @@ const MAX_NAMED_COMPONENTS: usize = 4;
 const MIN_NAMED_COMPONENT_RATIO: f64 = 0.3;
 
 /// All unknowns as outputs.
-pub fn build_outputs(solved: &GeometrySolution<'_>) -> Outputs {
+pub fn build_outputs(solved: &GeometrySolution<'_>) -> IdentificationOutputs {
     let errors = solved.problem.model().parameters();
     let unit = |i: usize| errors.get(i).map_or(Unit::Mm, reported_unit);
     let names = solved.unknown_names.iter().enumerate();
     let all = names.map(|(i, name)| OutputParameter::from_unknown(name, unit(i), i, &solved.minimum.x));
-    Outputs { linear_parameters: all.collect(), ..Outputs::default() }
+    IdentificationOutputs { linear_parameters: all.collect(), ..IdentificationOutputs::default() }
 }
 
 pub fn build_estimate(solved: &GeometrySolution<'_>, identified: &Identification) -> Estimate {
@@ -71,7 +73,7 @@ fn residual_arrows(solved: &GeometrySolution<'_>, identified: &Identification) -
     let flagged: BTreeSet<&str> = outliers.map(|candidate| candidate.label.as_str()).collect();
     let arrow = |i: usize| {
         let ball = observed.centres[i].ball_index;
-        Arrow {
+        FigureArrow {
             label: balls.balls[ball].id.clone(),
             at_mm: vector_at(&minimum.x, problem.ball_unknown_index(ball)).into(),
             vector: (residuals[i] * 1e3).into(),

@@ -1,4 +1,4 @@
-//! The unknown machine errors: the set that a topology implies, or the errors that the user names.
+//! Which machine errors are unknown: those that the topology implies, unless the user names others.
 
 use super::confounding::MeasuringConditions;
 use super::settings::{SambaSettings, SpindleOrientMode};

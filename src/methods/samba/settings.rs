@@ -12,7 +12,7 @@ pub enum Design {
     /// Greedy choice among the candidates, within the budget.
     #[default]
     Optimal,
-    /// The design of paper 4, section 3: 32 triples, 109 balls.
+    /// The design of paper 4, section 3: 32 positions of B, C and S, 109 balls.
     Paper,
 }
 
@@ -117,8 +117,8 @@ impl SambaSettings {
             watch_duration_s: 0.0,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
-            form_limit_mm: self.form_limit_um * 1e-3,
-            diameter_deviation_limit_mm: self.diameter_limit_um * 1e-3,
+            form_hold_limit_mm: self.form_limit_um * 1e-3,
+            diameter_deviation_hold_limit_mm: self.diameter_limit_um * 1e-3,
         }
     }
 

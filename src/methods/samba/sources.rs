@@ -5,7 +5,7 @@ use super::geometry_model::certificate_and_temperature_u_mm;
 use crate::ball_measurement::{
     ObservedBalls, certified_source, effect_of_nonzero_spans, kinematic_sources, touch_sources,
 };
-use crate::identification::{ObservationSpan, UncertaintySource};
+use crate::identification::{ObservationSpanChange, UncertaintySource};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::CertifiedLength;
 use machine::record::plan::Plan;
@@ -30,10 +30,10 @@ pub fn uncertainty_sources(
 
 fn certificate_sources(centre_count: usize, lengths: &[CertifiedLength]) -> [UncertaintySource; 2] {
     [("certified length", 0), ("temperature of the certified length", 1)].map(|(name, part)| {
-        let runs = lengths.iter().enumerate().map(|(i, length)| ObservationSpan {
+        let spans = lengths.iter().enumerate().map(|(i, length)| ObservationSpanChange {
             first_index: 3 * centre_count + i,
             changes_mm: vec![certificate_and_temperature_u_mm(length)[part]],
         });
-        certified_source(name, effect_of_nonzero_spans(runs))
+        certified_source(name, effect_of_nonzero_spans(spans))
     })
 }

@@ -57,7 +57,8 @@ fn ball_form_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
     let centres = &solved.observed.centres;
     let stylus = solved.plan.probe.ball_radius_mm;
     let radius = |ball: usize| solved.balls.balls[ball].radius_mm + stylus;
-    let radius_errors: Vec<f64> = centres.iter().map(|centre| centre.radius_mm - radius(centre.ball_index)).collect();
+    let radius_errors: Vec<f64> =
+        centres.iter().map(|centre| centre.contact_radius_mm - radius(centre.ball_index)).collect();
     let mut sorted = radius_errors.clone();
     sorted.sort_by(f64::total_cmp);
     let common = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);

@@ -1,7 +1,7 @@
 //! The axis position by ISO 230-7: the least-squares circle through the positions of E_total, in addition to the
 //! mean, which is the default.
 
-use super::identify::SolvedCycle;
+use super::identify::SolvedRun;
 use super::model::UnknownsLayout;
 use crate::identification::{central_differences, parameter_with_budget};
 use estimation::circle::fit_circle;
@@ -12,7 +12,7 @@ const DERIVATIVE_STEP_MM: f64 = 1e-6;
 
 /// Adds the centre and the figure of the circle. Adds nothing if no circle can be fitted: an axis without offset
 /// leaves only scatter.
-pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
+pub fn add_axis_circle(parts: &SolvedRun<'_>, estimate: &mut Estimate) {
     let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.setup.axis.axis);
     let Ok(circle) = fit_circle(&total_displacements_mm(layout, x)) else { return };
     let centre = |x: &[f64]| fit_circle(&total_displacements_mm(layout, x)).ok().map(|circle| circle.centre.to_vec());
@@ -37,5 +37,5 @@ pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
 
 /// E_total at each angle of the axis at the first height, mm.
 fn total_displacements_mm(layout: &UnknownsLayout, x: &[f64]) -> Vec<[f64; 2]> {
-    (0..layout.design.position_count).map(|i| [x[layout.ex_index(0, i)], x[layout.ey_index(0, i)]]).collect()
+    (0..layout.design.angle_count).map(|i| [x[layout.ex_index(0, i)], x[layout.ey_index(0, i)]]).collect()
 }

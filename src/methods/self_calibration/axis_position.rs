@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::identify::SolvedCycle;
+use super::identify::SolvedRun;
 use crate::identification::parameter_without_budget;
 use machine::record::estimate::{BudgetLine, Estimate, Parameter, Unit};
 
@@ -10,7 +10,7 @@ const MM_PER_UM: f64 = 1e-3;
 
 /// Adds X and Y of the axis, at the heights of its location errors. They do not change when `point_mm` is
 /// corrected.
-pub fn add_axis_position(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
+pub fn add_axis_position(parts: &SolvedRun<'_>, estimate: &mut Estimate) {
     let mean = parts.setup.heights.iter().sum::<f64>() / parts.setup.heights.len() as f64;
     let stated = parts.setup.axis.axis_point_at_height(mean);
     let positions = location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
@@ -30,7 +30,7 @@ pub fn add_axis_position(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
 }
 
 /// The stated axis, and the measured axis as an entry of the machine file.
-pub fn describe_axis_position(parts: &SolvedCycle<'_>, estimate: &Estimate) -> String {
+pub fn describe_axis_position(parts: &SolvedRun<'_>, estimate: &Estimate) -> String {
     let axis = parts.setup.axis.axis;
     let off = location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
     let [old, new] = [vec![0.0; 2], off].map(|off: Vec<f64>| {

@@ -9,9 +9,9 @@ use std::f64::consts::TAU;
 use super::settings::SelfCalibrationSettings;
 use crate::MethodRefusal;
 
-/// One touch on the grid.
+/// One touch: its test, and its table and probe angle as indices of the N equal angles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GridTouch {
+pub struct AngleGridTouch {
     pub test: CalibrationTest,
     /// Index of the table angle C.
     pub c_index: usize,
@@ -27,13 +27,13 @@ pub enum CalibrationTest {
     Test2,
     /// Test 3: the probe follows one point of the turning part.
     Test3,
-    /// Drift references before (0) and after each test.
-    Reference(usize),
+    /// Drift references after this number of tests: 0 is before the first.
+    ReferenceAfterTests(usize),
 }
 
 impl CalibrationTest {
     pub fn is_reference(self) -> bool {
-        matches!(self, CalibrationTest::Reference(_))
+        matches!(self, CalibrationTest::ReferenceAfterTests(_))
     }
 
     pub fn name(self) -> String {
@@ -41,20 +41,20 @@ impl CalibrationTest {
             CalibrationTest::Test1(probe) => format!("1{}", char::from(b'a' + (probe % 26) as u8)),
             CalibrationTest::Test2 => "2".to_owned(),
             CalibrationTest::Test3 => "3".to_owned(),
-            CalibrationTest::Reference(number) => format!("R{number}"),
+            CalibrationTest::ReferenceAfterTests(number) => format!("R{number}"),
         }
     }
 }
 
-/// A well-posed design.
+/// The angles that each test touches; they separate the unknowns.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct GridDesign {
-    pub position_count: usize,
+pub struct AngleGridDesign {
+    pub angle_count: usize,
     /// Probe angles of Test 1, as indices; the first is 0.
     pub probe_angle_indices: Vec<usize>,
 }
 
-impl GridDesign {
+impl AngleGridDesign {
     /// The design of the settings.
     ///
     /// # Errors
@@ -71,16 +71,16 @@ impl GridDesign {
             "choose positions = 8 (5 to 120)",
         )?;
         let probes = match &settings.probe_angles_deg {
-            Some(angles) => angles.iter().map(|deg| grid_index_from_deg(*deg, n)).collect::<Result<_, _>>()?,
+            Some(angles) => angles.iter().map(|deg| angle_index_from_deg(*deg, n)).collect::<Result<_, _>>()?,
             None => default_probe_angle_indices(n),
         };
-        let design = Self { position_count: n, probe_angle_indices: probes };
+        let design = Self { angle_count: n, probe_angle_indices: probes };
         design.check_separability()?;
         Ok(design)
     }
 
     fn check_separability(&self) -> Result<(), MethodRefusal> {
-        let step = 360.0 / self.position_count as f64;
+        let step = 360.0 / self.angle_count as f64;
         let remedy = format!("choose probe_angles_deg = [0, {step}], or remove probe_angles_deg");
         MethodRefusal::require(
             self.probe_angle_indices.first() == Some(&0) && self.probe_angle_indices.len() >= 2,
@@ -93,13 +93,13 @@ impl GridDesign {
             "probe_angles_deg contains an angle twice",
             &remedy,
         )?;
-        let common = self.probe_angle_indices.iter().fold(self.position_count, |acc, k| gcd(acc, *k));
+        let common = self.probe_angle_indices.iter().fold(self.angle_count, |acc, k| gcd(acc, *k));
         MethodRefusal::require(
             common == 1,
             format!(
                 "with {} positions and these probe angles {} unknown(s) are inseparable (rank \
                     deficiency gcd − 1, gcd = {common})",
-                self.position_count,
+                self.angle_count,
                 common - 1
             ),
             remedy,
@@ -108,43 +108,47 @@ impl GridDesign {
 
     /// Angle of a grid index, rad.
     pub fn grid_angle_rad(&self, index: usize) -> f64 {
-        TAU * index as f64 / self.position_count as f64
+        TAU * index as f64 / self.angle_count as f64
     }
 
     /// Grid index of the workpiece angle of a touch.
     pub fn theta_index(&self, c: usize, phi: usize) -> usize {
-        (c + phi) % self.position_count
+        (c + phi) % self.angle_count
     }
 
     /// The touches in measuring order: 1a, 1b, …, 2, 3, with references between the tests if requested.
-    pub fn cycle_touches(&self, with_references: bool) -> Vec<GridTouch> {
+    pub fn cycle_touches(&self, with_references: bool) -> Vec<AngleGridTouch> {
         let first = (0..self.probe_angle_indices.len()).map(CalibrationTest::Test1);
         let tests = first.chain([CalibrationTest::Test2, CalibrationTest::Test3]);
         let reference_touches = |round| with_references.then(|| self.reference_touches(round)).into_iter().flatten();
-        let mut touches: Vec<GridTouch> = reference_touches(0).collect();
+        let mut touches: Vec<AngleGridTouch> = reference_touches(0).collect();
         for (round, test) in (1..).zip(tests) {
-            touches.extend((0..self.position_count).map(|i| self.grid_touch(test, i)));
+            touches.extend((0..self.angle_count).map(|i| self.touch_at_position(test, i)));
             touches.extend(reference_touches(round));
         }
         touches
     }
 
-    fn grid_touch(&self, test: CalibrationTest, i: usize) -> GridTouch {
+    fn touch_at_position(&self, test: CalibrationTest, i: usize) -> AngleGridTouch {
         match test {
-            CalibrationTest::Test1(probe) => GridTouch { test, c_index: i, phi_index: self.probe_angle_indices[probe] },
-            CalibrationTest::Test3 => {
-                GridTouch { test, c_index: i, phi_index: (self.position_count - i) % self.position_count }
+            CalibrationTest::Test1(probe) => {
+                AngleGridTouch { test, c_index: i, phi_index: self.probe_angle_indices[probe] }
             }
-            CalibrationTest::Test2 | CalibrationTest::Reference(_) => GridTouch { test, c_index: 0, phi_index: i },
+            CalibrationTest::Test3 => {
+                AngleGridTouch { test, c_index: i, phi_index: (self.angle_count - i) % self.angle_count }
+            }
+            CalibrationTest::Test2 | CalibrationTest::ReferenceAfterTests(_) => {
+                AngleGridTouch { test, c_index: 0, phi_index: i }
+            }
         }
     }
 
     /// Reference touches at 0°, 90° and 180°, or at the nearest grid angles. One touch alone detects neither a
     /// shift in Y nor growth.
-    fn reference_touches(&self, round: usize) -> impl Iterator<Item = GridTouch> + '_ {
-        let near = |quarter: usize| (quarter * self.position_count + 2) / 4 % self.position_count;
-        [0, near(1), near(2)].into_iter().map(move |phi| GridTouch {
-            test: CalibrationTest::Reference(round),
+    fn reference_touches(&self, round: usize) -> impl Iterator<Item = AngleGridTouch> + '_ {
+        let near = |quarter: usize| (quarter * self.angle_count + 2) / 4 % self.angle_count;
+        [0, near(1), near(2)].into_iter().map(move |phi| AngleGridTouch {
+            test: CalibrationTest::ReferenceAfterTests(round),
             c_index: 0,
             phi_index: phi,
         })
@@ -155,7 +159,7 @@ fn default_probe_angle_indices(n: usize) -> Vec<usize> {
     if n.is_multiple_of(4) && n > 4 { vec![0, 1, n / 4] } else { vec![0, 1] }
 }
 
-fn grid_index_from_deg(deg: f64, n: usize) -> Result<usize, MethodRefusal> {
+fn angle_index_from_deg(deg: f64, n: usize) -> Result<usize, MethodRefusal> {
     let index = deg / 360.0 * n as f64;
     let rounded = index.round();
     MethodRefusal::require(

@@ -2,7 +2,7 @@
 
 use super::axis_circle::add_axis_circle;
 use super::axis_position::{add_axis_position, describe_axis_position};
-use super::identify::SolvedCycle;
+use super::identify::SolvedRun;
 use super::model::DRIFTING_QUANTITIES;
 use super::outputs::axis_position_coefficients;
 use super::paper_system::PaperSystem;
@@ -19,7 +19,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declaring_settings: "repeatability_um",
 };
 
-pub fn build_estimate(parts: &SolvedCycle<'_>) -> Estimate {
+pub fn build_estimate(parts: &SolvedRun<'_>) -> Estimate {
     let mut estimate = parts.identification.estimate(super::METHOD_NAME);
     add_axis_circle(parts, &mut estimate);
     add_axis_position(parts, &mut estimate);
@@ -38,7 +38,7 @@ pub fn build_estimate(parts: &SolvedCycle<'_>) -> Estimate {
     estimate
 }
 
-fn describe_gauge(parts: &SolvedCycle<'_>, estimate: &Estimate) -> Vec<String> {
+fn describe_gauge(parts: &SolvedRun<'_>, estimate: &Estimate) -> Vec<String> {
     let axis = parts.setup.axis.axis;
     let mut lines = parts.fit.layout.describe_gauge(axis);
     lines.push(describe_axis_position(parts, estimate));
@@ -64,7 +64,7 @@ fn describe_gauge(parts: &SolvedCycle<'_>, estimate: &Estimate) -> Vec<String> {
 }
 
 /// Texts on the known error motions, and on the parameters that are conventional as a result.
-fn describe_known_motions(parts: &SolvedCycle<'_>) -> Vec<String> {
+fn describe_known_motions(parts: &SolvedRun<'_>) -> Vec<String> {
     let (axis, known_motions) = (parts.setup.axis.axis, &parts.setup.known_motions);
     if known_motions.is_empty() {
         return Vec::new();
@@ -83,14 +83,14 @@ fn describe_known_motions(parts: &SolvedCycle<'_>) -> Vec<String> {
     lines
 }
 
-fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
+fn describe_not_identifiable(parts: &SolvedRun<'_>) -> Vec<String> {
     let axis = parts.setup.axis.axis;
     let mut lines = vec![
         "common scale of X and Y: inseparable from the radius R".to_owned(),
         "machine origin: fixed by the gauge".to_owned(),
         "co-rotating first harmonic of the error motion: inseparable from the part's set-up".to_owned(),
     ];
-    let n = parts.fit.layout.design.position_count;
+    let n = parts.fit.layout.design.angle_count;
     lines.push(format!(
         "error motions of {axis} at orders {n}, {}, …{}: inseparable from EX0{axis} and EY0{axis} (multiples of \
          positions = {n})",
@@ -120,7 +120,7 @@ fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
     lines
 }
 
-fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialErrorCheck) -> Vec<String> {
+fn collect_warnings(parts: &SolvedRun<'_>, radial: &RadialErrorCheck) -> Vec<String> {
     let axis = parts.setup.axis.axis;
     let mut lines = Vec::new();
     match parts.sense {
@@ -148,7 +148,7 @@ fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialErrorCheck) -> Vec<S
 }
 
 /// Texts on the steps of the machine in the interruptions, with U.
-fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
+fn describe_interruption_steps(parts: &SolvedRun<'_>) -> Vec<String> {
     let layout = &parts.fit.layout;
     let um = |gap: usize, quantity: usize| {
         let at = layout.interruption_step_index(quantity, gap);
@@ -162,10 +162,10 @@ fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
             format!("interruption: a step was fitted and removed, {} µm", steps.join(", "))
         })
         .collect();
-    if parts.skipped_reading_count > 0 {
+    if parts.short_segment_reading_count > 0 {
         lines.push(format!(
             "{} readings between interruptions without references were not used",
-            parts.skipped_reading_count
+            parts.short_segment_reading_count
         ));
     }
     lines
@@ -173,7 +173,7 @@ fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
 
 /// Result of the paper's own identification for the first pass, if it differs from the estimate by more than four
 /// times u.
-fn describe_paper_solution_difference(parts: &SolvedCycle<'_>) -> Option<String> {
+fn describe_paper_solution_difference(parts: &SolvedRun<'_>) -> Option<String> {
     let mut design = parts.fit.layout.design.clone();
     design.probe_angle_indices.truncate(2);
     let paper = PaperSystem::new(&design).axis_position(&parts.fit.observations)?;

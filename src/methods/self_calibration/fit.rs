@@ -4,7 +4,7 @@ use faer::{Mat, MatRef, Scale};
 
 use super::model::{Observation, UnknownsLayout};
 use super::second_order_correction::SecondOrderCorrection;
-use crate::identification::{FitQuality, LinearFit, LinearResponse, ObservationModel, multiply_vector, rms};
+use crate::identification::{FitQuality, LinearResponse, ObservationModel, SolvedLinearFit, multiply_vector, rms};
 use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
@@ -38,10 +38,10 @@ impl Fit {
         layout: UnknownsLayout,
         observations: Vec<Observation>,
         sigma: Vec<f64>,
-        second_order: bool,
+        with_second_order: bool,
     ) -> Result<Self, LinearError> {
         let a = layout.design_matrix(&observations);
-        let radii: Vec<f64> = observations.iter().map(|observation| observation.radius_mm).collect();
+        let radii: Vec<f64> = observations.iter().map(|observation| observation.along_ray_mm).collect();
         let gauge = layout.gauge_matrix();
         let solution = linear_least_squares::solve_least_squares(&LinearProblem {
             a: a.as_ref(),
@@ -50,17 +50,17 @@ impl Fit {
             constraints: Some(gauge.as_ref()),
             rank_threshold: SELF_CALIBRATION_RANK_THRESHOLD,
         })?;
-        let bend = second_order.then(|| SecondOrderCorrection::new(&layout, &observations));
+        let bend = with_second_order.then(|| SecondOrderCorrection::new(&layout, &observations));
         let mut fit =
             Self { layout, observations, sigma, design_matrix: a, solution, second_order: bend, x: Vec::new() };
-        let x = fit.solve_each_perturbation(Mat::zeros(1, radii.len()).as_ref());
+        let x = fit.unknowns_for_each_perturbation(Mat::zeros(1, radii.len()).as_ref());
         fit.x = x.row(0).iter().copied().collect();
         Ok(fit)
     }
 
     /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm). The gain multiplies only
     /// the changes. With whole radii the numerical derivative would amplify their rounding.
-    pub fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    pub fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let LinearSolution { x: linear, gain, .. } = &self.solution;
         let mut x = add_to_columns(changes * gain.transpose(), linear);
         let Some(bend) = &self.second_order else { return x };
@@ -85,7 +85,7 @@ impl Fit {
     /// Residuals of the corrected radii, mm.
     pub fn residuals(&self) -> Vec<f64> {
         let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
-        let mut radii = Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].radius_mm);
+        let mut radii = Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].along_ray_mm);
         if let Some(bend) = &self.second_order {
             bend.add_second_order_terms(&x, &mut radii);
         }
@@ -93,7 +93,7 @@ impl Fit {
         radii.row(0).iter().zip(model).map(|(radius, model)| radius - model).collect()
     }
 
-    pub fn fit_quality(&self, residuals: &[f64]) -> FitQuality {
+    pub fn quality_of_fit(&self, residuals: &[f64]) -> FitQuality {
         let unknowns = self.layout.unknown_count() - self.layout.gauge_matrix().nrows();
         FitQuality {
             unknown_count: unknowns,
@@ -109,32 +109,33 @@ impl Fit {
             return self.solution.gain.clone();
         }
         let rows = self.observations.len();
-        let moved = |by: f64| self.solve_each_perturbation((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref());
+        let moved =
+            |by: f64| self.unknowns_for_each_perturbation((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref());
         let (up, down) = (moved(DERIVATIVE_STEP_MM), moved(-DERIVATIVE_STEP_MM));
         (up - down).transpose() * Scale(0.5 / DERIVATIVE_STEP_MM)
     }
 }
 
 /// A fit with the derivative of its solution.
-pub struct LinearisedFit<'a> {
+pub struct FitWithSensitivity<'a> {
     fit: &'a Fit,
     /// Derivative of the unknowns by the radii, unknowns × observations.
     pub sensitivity: Mat<f64>,
 }
 
-impl<'a> LinearisedFit<'a> {
+impl<'a> FitWithSensitivity<'a> {
     pub fn new(fit: &'a Fit) -> Self {
         Self { fit, sensitivity: fit.sensitivity() }
     }
 
     /// The fit without second-order correction.
-    fn linear_fit(&self) -> LinearFit<'_> {
+    fn solved_linear_fit(&self) -> SolvedLinearFit<'_> {
         let Fit { x, design_matrix, sigma, solution, .. } = self.fit;
-        LinearFit { x, design_matrix, sigma, gain: &solution.gain }
+        SolvedLinearFit { x, design_matrix, sigma, gain: &solution.gain }
     }
 }
 
-impl ObservationModel for LinearisedFit<'_> {
+impl ObservationModel for FitWithSensitivity<'_> {
     fn observation_count(&self) -> usize {
         self.fit.design_matrix.nrows()
     }
@@ -144,15 +145,15 @@ impl ObservationModel for LinearisedFit<'_> {
     }
 
     fn linear_response(&self, change: &[f64]) -> LinearResponse {
-        let residuals = self.linear_fit().residual_change(change);
+        let residuals = self.solved_linear_fit().residual_change(change);
         LinearResponse { unknown_changes: multiply_vector(&self.sensitivity, change), residual_changes: residuals }
     }
 
     fn leverage(&self) -> Vec<f64> {
-        self.linear_fit().leverage()
+        self.solved_linear_fit().leverage()
     }
 
-    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let unknowns = self.unknown_count();
         self.evaluate_each_perturbation(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
     }

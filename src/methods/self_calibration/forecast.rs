@@ -1,8 +1,8 @@
 //! Forecast of the results of a run, from its plan alone.
 
-use super::cycle_setup::CycleSetup;
 use super::estimate;
-use super::identify::{nominal_reading, solve_cycle};
+use super::identify::{nominal_reading, solve_readings};
+use super::setup::SelfCalibrationSetup;
 use crate::IdentifyError;
 use crate::identification::{
     describe_assumed_repeatability, describe_expected_uncertainty, plan_with_assumed_repeatability,
@@ -19,9 +19,9 @@ const MAX_SUGGESTED_POSITIONS: usize = 72;
 /// are detectable. `machine_s`: machine time, s.
 ///
 /// # Errors
-/// The cycle cannot be identified.
-pub fn forecast_results(setup: &CycleSetup<'_>, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
-    let CycleSetup { plan, settings, .. } = *setup;
+/// The nominal readings do not separate the unknowns.
+pub fn forecast_results(setup: &SelfCalibrationSetup<'_>, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
+    let SelfCalibrationSetup { plan, settings, .. } = *setup;
     let mut readings = nominal_readings(setup);
     let unchecked = unchecked_step_ids(setup)?;
     let again = readings.iter().filter(|one| one.repeat == 0 && unchecked.contains(&one.step));
@@ -34,15 +34,15 @@ pub fn forecast_results(setup: &CycleSetup<'_>, machine_s: f64) -> Result<Vec<St
         reading.t_s = interval_s * number as f64;
     }
     let declared = forecast_plan(plan);
-    let declared = CycleSetup::new(&declared, settings)?.with_known_motions()?;
-    let parts = solve_cycle(&declared, &readings, false)?;
+    let declared = SelfCalibrationSetup::new(&declared, settings)?.with_known_motions()?;
+    let parts = solve_readings(&declared, &readings, false)?;
     let estimate = estimate::build_estimate(&parts);
     let symbols = &estimate.covariance.symbols;
     let expected =
         describe_expected_uncertainty(&estimate, |parameter| symbols.contains(&parameter.symbol)).into_iter();
     let aliased = estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASING_LINE_PREFIX));
     let limits = parts.identification.outlier_check.describe_detection_limits();
-    let better = suggest_position_count(plan, setup.axis.axis, parts.fit.layout.design.position_count);
+    let better = suggest_position_count(plan, setup.axis.axis, parts.fit.layout.design.angle_count);
     Ok(expected
         .chain(describe_assumed_repeatability(plan))
         .chain(aliased)
@@ -68,10 +68,10 @@ fn suggest_position_count(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
 ///
 /// # Errors
 /// The errors of [`forecast_results`].
-pub fn unchecked_step_ids(setup: &CycleSetup<'_>) -> Result<Vec<u32>, IdentifyError> {
+pub fn unchecked_step_ids(setup: &SelfCalibrationSetup<'_>) -> Result<Vec<u32>, IdentifyError> {
     let declared = forecast_plan(setup.plan);
-    let declared = CycleSetup::new(&declared, setup.settings)?.with_known_motions()?;
-    let parts = solve_cycle(&declared, &nominal_readings(setup), false)?;
+    let declared = SelfCalibrationSetup::new(&declared, setup.settings)?.with_known_motions()?;
+    let parts = solve_readings(&declared, &nominal_readings(setup), false)?;
     let found = &parts.identification.outlier_check.smallest_detectable_deviations;
     let is_unchecked = |step: &&Step| found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label);
     Ok(setup.plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
@@ -86,7 +86,7 @@ fn forecast_plan(plan: &Plan) -> Plan {
     declared
 }
 
-fn nominal_readings(setup: &CycleSetup<'_>) -> Vec<Reading> {
+fn nominal_readings(setup: &SelfCalibrationSetup<'_>) -> Vec<Reading> {
     let touches = setup.plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
     let touches: Vec<Reading> = touches.map(nominal_reading).collect();
     let pass = |repeat| touches.iter().map(move |one| Reading { repeat, ..one.clone() });

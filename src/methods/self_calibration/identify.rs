@@ -1,14 +1,15 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::cycle_setup::CycleSetup;
-use super::fit::{Fit, LinearisedFit};
+use super::fit::{Fit, FitWithSensitivity};
 use super::model::{Observation, UnknownsLayout};
-use super::observe::{ObservedCycle, extract_observations};
+use super::observe::{ObservedReadings, extract_observations};
 use super::outputs;
 use super::rotation_sense::{self, RotationSenseCheck};
+use super::setup::SelfCalibrationSetup;
 use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
-    self, CheckedMeasurement, Identification, Outputs, SolvedModel, TrialSettings, UncertaintySource, block_covariances,
+    self, CheckedMeasurement, Identification, IdentificationOutputs, SolvedModel, TrialSettings, UncertaintySource,
+    block_covariances,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::RankAnalysis;
@@ -33,14 +34,14 @@ fn trial_plan(monte_carlo_trials: usize, fit: &Fit) -> TrialSettings {
     TrialSettings::new(MONTE_CARLO_SEED, monte_carlo_trials, STABLE_DIGITS, max)
 }
 
-/// Refuses, before the first move, a cycle whose readings do not separate the unknowns: checks the rank of the
+/// Refuses, before the first move, a plan whose readings do not separate the unknowns: checks the rank of the
 /// nominal design, including drift and heights.
-pub fn check_well_posed(setup: &CycleSetup<'_>) -> Result<(), MethodRefusal> {
-    let steps = setup.plan.number_steps(0, setup.cycle_steps(setup.nominal_part())?);
+pub fn check_well_posed(setup: &SelfCalibrationSetup<'_>) -> Result<(), MethodRefusal> {
+    let steps = setup.plan.number_steps(0, setup.steps_after_locating(setup.nominal_part())?);
     let plan = Plan { steps, ..setup.plan.clone() };
     let readings: Vec<Reading> = plan.steps.iter().map(nominal_reading).collect();
-    let nominal = CycleSetup::new(&plan, setup.settings)?;
-    let fitted = observe_cycle(&nominal, &readings).and_then(|(layout, observed)| {
+    let nominal = SelfCalibrationSetup::new(&plan, setup.settings)?;
+    let fitted = observe_readings(&nominal, &readings).and_then(|(layout, observed)| {
         let sigma = vec![1.0; observed.observations.len()];
         fit_observations(&nominal, layout, observed.observations, sigma)
     });
@@ -66,10 +67,10 @@ pub fn nominal_reading(step: &Step) -> Reading {
     }
 }
 
-fn observe_cycle(
-    setup: &CycleSetup<'_>,
+fn observe_readings(
+    setup: &SelfCalibrationSetup<'_>,
     readings: &[Reading],
-) -> Result<(UnknownsLayout, ObservedCycle), IdentifyError> {
+) -> Result<(UnknownsLayout, ObservedReadings), IdentifyError> {
     let observed = extract_observations(setup, readings)?;
     let layout = UnknownsLayout {
         design: setup.design.clone(),
@@ -80,20 +81,22 @@ fn observe_cycle(
     Ok((layout, observed))
 }
 
-/// The solved fit of one plan's readings, with the sources of its uncertainty.
-pub struct FittedCycle {
+/// The solved fit of all readings of a run, with the sources of its uncertainty.
+pub struct FittedRun {
     pub fit: Fit,
     pub sources: Vec<UncertaintySource>,
-    pub outputs: Outputs,
+    pub outputs: IdentificationOutputs,
     has_times: bool,
-    skipped_reading_count: usize,
+    short_segment_reading_count: usize,
 }
 
 /// # Errors
 /// Readings are missing or do not belong to the plan; they do not separate the unknowns.
-pub fn fit_cycle(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<FittedCycle, IdentifyError> {
-    let (layout, observed) = observe_cycle(setup, readings)?;
-    let ObservedCycle { observations, half_duration_s, has_times, skipped_reading_count, .. } = observed;
+pub fn fit_readings(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result<FittedRun, IdentifyError> {
+    let (layout, observed) = observe_readings(setup, readings)?;
+    let ObservedReadings {
+        observations, half_duration_s, has_times, short_segment_reading_count: unused_count, ..
+    } = observed;
     let mut sources = uncertainty_sources(setup, &layout, &observations, half_duration_s);
     sources.extend(rotary_axis_sources(setup, &layout, &observations));
     let variances = block_covariances::<1>(&sources, observations.len());
@@ -103,43 +106,44 @@ pub fn fit_cycle(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<FittedC
         sources.push(interruption_source(&fit.layout, &fit.observations, &fit.x));
     }
     let outputs = outputs::build_outputs(&fit.layout, setup.axis.axis, &setup.heights, &fit.x);
-    Ok(FittedCycle { fit, sources, outputs, has_times, skipped_reading_count })
+    Ok(FittedRun { fit, sources, outputs, has_times, short_segment_reading_count: unused_count })
 }
 
-/// The solved cycle with its uncertainty, from which the estimate is written.
-pub struct SolvedCycle<'a> {
-    pub setup: &'a CycleSetup<'a>,
+/// The solved readings of a run with their uncertainty, from which the estimate is written.
+pub struct SolvedRun<'a> {
+    pub setup: &'a SelfCalibrationSetup<'a>,
     pub fit: Fit,
     pub identification: Identification,
     pub sense: RotationSenseCheck,
     pub has_times: bool,
     /// Number of readings that are not used: too few directions were touched between their interruptions.
-    pub skipped_reading_count: usize,
+    pub short_segment_reading_count: usize,
 }
 
-/// Solves the cycle. `with_trials`: whether Monte Carlo trials are computed.
+/// Solves for the unknowns from all readings of the run. `with_trials`: whether Monte Carlo trials are computed.
 ///
 /// # Errors
-/// The errors of [`fit_cycle`].
-pub fn solve_cycle<'a>(
-    setup: &'a CycleSetup<'a>,
+/// The errors of [`fit_readings`].
+pub fn solve_readings<'a>(
+    setup: &'a SelfCalibrationSetup<'a>,
     readings: &[Reading],
     with_trials: bool,
-) -> Result<SolvedCycle<'a>, IdentifyError> {
-    let FittedCycle { fit, sources, outputs, has_times, skipped_reading_count } = fit_cycle(setup, readings)?;
+) -> Result<SolvedRun<'a>, IdentifyError> {
+    let FittedRun { fit, sources, outputs, has_times, short_segment_reading_count: unused_count } =
+        fit_readings(setup, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
     let solution = SolvedModel {
-        model: &LinearisedFit::new(&fit),
+        model: &FitWithSensitivity::new(&fit),
         weighted_residuals: &weighted,
         has_declared_source_sizes: setup.plan.probe.repeatability_um.is_some(),
-        fit_quality: fit.fit_quality(&residuals),
+        fit_quality: fit.quality_of_fit(&residuals),
         measurements: &touch_measurements(setup.plan, &fit, &residuals),
     };
     let trials = with_trials.then(|| trial_plan(setup.settings.monte_carlo_trials, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
     let sense = rotation_sense::check_rotation_sense(&fit);
-    Ok(SolvedCycle { setup, fit, identification, sense, has_times, skipped_reading_count })
+    Ok(SolvedRun { setup, fit, identification, sense, has_times, short_segment_reading_count: unused_count })
 }
 
 /// One measurement per touch. Deviations are along the ray, positive outward.
@@ -164,7 +168,7 @@ fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<CheckedM
 }
 
 fn fit_observations(
-    setup: &CycleSetup<'_>,
+    setup: &SelfCalibrationSetup<'_>,
     layout: UnknownsLayout,
     observations: Vec<Observation>,
     sigma: Vec<f64>,

@@ -1,4 +1,4 @@
-//! Interruptions of the cycle. They are removed from the time, and the drift model may have a step there.
+//! Interruptions of the run. They are removed from the time, and the drift model may have a step there.
 //!
 //! The drift model does not interpolate through hours without measurements. After an interruption the drift
 //! continues at the same rate, from the machine position that the references determine.
@@ -37,13 +37,13 @@ pub fn remove_interruptions(
     segments.retain(|observation| direction_count(observation) >= MIN_SEGMENT_DIRECTIONS);
     let gaps = join_segments(&mut segments);
     *observations = segments.concat();
-    let skipped_reading_count = count - observations.len();
+    let short_segment_reading_count = count - observations.len();
     if observations.is_empty() {
         return Err(IdentifyError::IdentificationFailed(
             "too few directions were touched between the interruptions".to_owned(),
         ));
     }
-    Ok((gaps, skipped_reading_count))
+    Ok((gaps, short_segment_reading_count))
 }
 
 fn direction_count(observations: &[Observation]) -> usize {

@@ -3,24 +3,24 @@
 
 use nalgebra::Vector3;
 
-use super::settings::{MIN_UPRIGHT_COSINE, SelfCalibrationSettings};
+use super::settings::{MIN_COSINE_TO_MACHINE_Z, SelfCalibrationSettings};
 use crate::MethodRefusal;
 use crate::identification::KnownErrorMotions;
 use machine::frame::{Point, Pose, SpindleFrame, TableFrame};
 use machine::kinematics::{AxisLine, KinematicChain, KinematicsError};
 use machine::record::artefact::Cylinder;
-use machine::record::machine::AxisSpec;
+use machine::record::machine::StatedAxis;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
 
 pub struct MeasuredTableAxis {
     pub axis: Axis,
-    pub spec: AxisSpec,
+    pub stated_axis: StatedAxis,
     /// 1 if a positive command turns the table clockwise seen from +Z, otherwise −1.
     pub clockwise_sign: f64,
-    /// Positions of all rotary axes except S during the cycle, with the measured axis at zero.
-    pub cycle_rotary_position: Position,
+    /// Positions of all rotary axes except S in the measurement, with the measured axis at zero.
+    pub rotary_position_with_axis_at_zero: Position,
     line: AxisLine,
     chain: KinematicChain,
     stylus_tip: Point<SpindleFrame>,
@@ -33,39 +33,41 @@ impl MeasuredTableAxis {
     /// No axis of the table is along Z at the configured positions, or a position is not possible on this machine.
     pub fn new(plan: &Plan, settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let still = configured_rotary_position(plan, &settings.at)?;
+        let still = configured_rotary_position(plan, &settings.other_rotary_positions)?;
         // The search starts with the axis next to the workpiece.
         let mut carriers = chain.topology().workpiece_branch().iter().rev().copied();
         let found = carriers.find_map(|axis| {
-            let line = chain.axis_line(axis, &still).filter(is_upright)?;
+            let line = chain.axis_line(axis, &still).filter(is_parallel_to_machine_z)?;
             let spec = plan.machine.axes.get(&axis)?;
-            settings.at.get(axis).is_none().then_some((axis, line, spec))
+            settings.other_rotary_positions.get(axis).is_none().then_some((axis, line, spec))
         });
         let Some((axis, line, spec)) = found else {
-            return Err(no_upright_axis_refusal(plan, &chain, &still));
+            return Err(no_axis_along_z_refusal(plan, &chain, &still));
         };
         let spindle = chain.machine_from_spindle(&still, &[]).rotation * Vector3::z();
         MethodRefusal::require(
-            spindle.z >= MIN_UPRIGHT_COSINE,
+            spindle.z >= MIN_COSINE_TO_MACHINE_Z,
             format!("the spindle is not along Z with {}", describe_positions(&still, axis)),
             "correct `at` in [method.self-calibration]",
         )?;
         Ok(Self {
             axis,
-            spec: spec.clone(),
+            stated_axis: spec.clone(),
             clockwise_sign: spec.positive.direction_sign() * line.direction.z.signum(),
             table_pose: chain.machine_from_table(&still, &[]),
             stylus_tip: Point::from_vec(Vector3::from(plan.machine.tool_mm)),
-            cycle_rotary_position: still,
+            rotary_position_with_axis_at_zero: still,
             line,
             chain,
         })
     }
 
-    /// The other rotary axes that are not at 0, such as `A at 90°`. Empty if all are at 0.
+    /// The rotary axes besides the measured one that are not at 0, such as `A at 90°`. Empty if all are at 0.
     pub fn describe_other_nonzero_axes(&self) -> String {
         describe_positions(
-            &self.cycle_rotary_position.filter_axes(|axis| self.cycle_rotary_position.get_or_zero(axis) != 0.0),
+            &self
+                .rotary_position_with_axis_at_zero
+                .filter_axes(|axis| self.rotary_position_with_axis_at_zero.get_or_zero(axis) != 0.0),
             self.axis,
         )
     }
@@ -79,14 +81,19 @@ impl MeasuredTableAxis {
 
     /// `point_mm` of an axis that is displaced from the stated one by `off`.
     pub fn displaced_point_mm(&self, off: Vector3<f64>) -> Vector3<f64> {
-        Vector3::from(self.spec.point_mm) + self.line.carrier_pose.rotation.inverse() * off
+        Vector3::from(self.stated_axis.point_mm) + self.line.carrier_pose.rotation.inverse() * off
     }
 
-    /// Positions X, Y, Z at which the ball's centre is at `centre`. `orientation` contains S if the spindle turns.
-    pub fn solve_linear_axes(&self, centre: Vector3<f64>, orientation: &Position) -> Result<Position, KinematicsError> {
+    /// Positions X, Y, Z at which the ball's centre is at `centre` (machine frame). `spindle_position` must contain S
+    /// if the spindle turns.
+    pub fn solve_linear_axes(
+        &self,
+        centre: Vector3<f64>,
+        spindle_position: &Position,
+    ) -> Result<Position, KinematicsError> {
         let target = self.table_pose.inverse_transform_point(&centre.into()).coords;
         let target = Point::<TableFrame>::from_vec(target);
-        let others = self.cycle_rotary_position.updated_by(orientation);
+        let others = self.rotary_position_with_axis_at_zero.updated_by(spindle_position);
         let linear = self.chain.solve_linear_axes(target, self.stylus_tip, &others, &[])?;
         Ok(linear.filter_axes(Axis::is_linear))
     }
@@ -112,13 +119,13 @@ impl MeasuredTableAxis {
         let position = step.from.updated_by(&reading.position);
         let angle = position.get_or_zero(self.axis);
         let on_table = self.chain.tip_in_table(&position, self.stylus_tip, &known_motions.error_terms_at(angle)).mm;
-        let turned = self.cycle_rotary_position.clone().with(self.axis, angle);
+        let turned = self.rotary_position_with_axis_at_zero.clone().with(self.axis, angle);
         self.chain.machine_from_table(&turned, &[]).transform_point(&on_table.into()).coords
     }
 
     /// Derivative of the radius of a touch by the error motion of this axis along or about `component`, if this
-    /// motion is subtracted: mm per mm or rad. `centre`: centre of the ball. `normal`: outward unit vector, machine
-    /// frame.
+    /// motion is subtracted: mm per mm or rad. `centre`: centre of the ball, and `normal`: outward unit vector,
+    /// both in the machine frame.
     pub fn radius_derivative_by_motion(&self, component: Axis, centre: Vector3<f64>, normal: Vector3<f64>) -> f64 {
         let along = self.line.carrier_pose.rotation * component.nominal_direction();
         match component.is_linear() {
@@ -165,11 +172,11 @@ fn configured_rotary_position(plan: &Plan, at: &Position) -> Result<Position, Me
     Ok(axes.map(|axis| (axis, at.get_or_zero(axis))).collect())
 }
 
-fn is_upright(line: &AxisLine) -> bool {
-    line.direction.z.abs() >= MIN_UPRIGHT_COSINE
+fn is_parallel_to_machine_z(line: &AxisLine) -> bool {
+    line.direction.z.abs() >= MIN_COSINE_TO_MACHINE_Z
 }
 
-fn no_upright_axis_refusal(plan: &Plan, chain: &KinematicChain, still: &Position) -> MethodRefusal {
+fn no_axis_along_z_refusal(plan: &Plan, chain: &KinematicChain, still: &Position) -> MethodRefusal {
     let carriers = chain.topology().workpiece_branch();
     if carriers.iter().all(|axis| axis.is_linear()) {
         return MethodRefusal::new(
@@ -177,15 +184,15 @@ fn no_upright_axis_refusal(plan: &Plan, chain: &KinematicChain, still: &Position
             "add the axis on the workpiece side of the topology (w-C-…) and as [axes.C] in the machine file",
         );
     }
-    let upright = |other: Axis, degrees: f64| {
+    let is_axis_along_z = |other: Axis, degrees: f64| {
         let at = still.clone().with(other, other.to_mm_or_rad(degrees));
         let mut turned = carriers.iter().filter(|axis| **axis != other);
         let reached = plan.machine.axes.get(&other);
         reached.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees))
-            && turned.any(|axis| chain.axis_line(*axis, &at).as_ref().is_some_and(is_upright))
+            && turned.any(|axis| chain.axis_line(*axis, &at).as_ref().is_some_and(is_parallel_to_machine_z))
     };
     let places = still.iter().flat_map(|(other, _)| [90.0, -90.0].map(|degrees| (other, degrees)));
-    let place = places.into_iter().find(|(other, degrees)| upright(*other, *degrees));
+    let place = places.into_iter().find(|(other, degrees)| is_axis_along_z(*other, *degrees));
     let example =
         place.map_or(String::new(), |(other, degrees)| format!(", for example at = {{ {other} = {degrees:.1} }}"));
     MethodRefusal::new(

@@ -4,7 +4,6 @@
 
 mod axis_circle;
 mod axis_position;
-mod cycle_setup;
 mod design;
 mod estimate;
 mod fit;
@@ -21,20 +20,21 @@ mod radial_error_check;
 mod rotation_sense;
 mod second_order_correction;
 mod settings;
+mod setup;
 mod sources;
 
 #[cfg(test)]
 mod tests;
 
-pub use fit::{Fit, LinearisedFit};
-pub use identify::FittedCycle;
+pub use fit::{Fit, FitWithSensitivity};
+pub use identify::FittedRun;
 pub use second_order_correction::SecondOrderCorrection;
 pub use settings::SelfCalibrationSettings;
 
 use std::cmp::Ordering;
 
-use self::cycle_setup::{CycleSetup, PartGeometry};
 use self::measured_table_axis::MeasuredTableAxis;
+use self::setup::{PartGeometry, SelfCalibrationSetup};
 use super::identification::KnownErrorMotions;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::circle;
@@ -51,18 +51,18 @@ pub struct SelfCalibration {
 }
 
 impl SelfCalibration {
-    /// The fit without the estimate, for the benchmark of the trials.
+    /// The fit of all readings of the run, without the estimate, for the benchmark of the trials.
     ///
     /// # Errors
     /// The errors of `identify`.
-    pub fn fit_cycle(&self, plan: &Plan, readings: &[Reading]) -> Result<FittedCycle, IdentifyError> {
-        identify::fit_cycle(&CycleSetup::new(plan, &self.settings)?, readings)
+    pub fn fit_without_estimate(&self, plan: &Plan, readings: &[Reading]) -> Result<FittedRun, IdentifyError> {
+        identify::fit_readings(&SelfCalibrationSetup::new(plan, &self.settings)?, readings)
     }
 
     /// The artefact at its measured position. When the table turns, the artefact may be displaced by twice the
     /// offset of the rotary axis, which is the quantity to be measured. The touches allow for a displacement of
     /// their standoff, and half of that is the position uncertainty.
-    fn measured_artefact(&self, setup: &CycleSetup<'_>, part: PartGeometry) -> Artefact {
+    fn measured_artefact(&self, setup: &SelfCalibrationSetup<'_>, part: PartGeometry) -> Artefact {
         let stated = &setup.stated_part;
         let ball = setup.plan.probe.ball_radius_mm;
         Artefact::Cylinder(setup.axis.part_in_table_frame(&Cylinder {
@@ -96,7 +96,7 @@ impl Method for SelfCalibration {
     }
 
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
-        let setup = CycleSetup::new(plan, &self.settings)?;
+        let setup = SelfCalibrationSetup::new(plan, &self.settings)?;
         if done.is_empty() {
             // All refusals come before the first move.
             identify::check_well_posed(&setup)?;
@@ -110,7 +110,7 @@ impl Method for SelfCalibration {
                 PositionSource::Measured(readings) if self.settings.locate => locate_part(&setup, readings)?,
                 _ => setup.nominal_part(),
             };
-            let mut next = NextStage::from_new_steps(plan, done, "Tests 1a to 3", setup.cycle_steps(part)?);
+            let mut next = NextStage::from_new_steps(plan, done, "Tests 1a to 3", setup.steps_after_locating(part)?);
             if let NextStage::Stage { stage, .. } = &mut next {
                 stage.found = self.settings.locate.then(|| self.measured_artefact(&setup, part));
             }
@@ -134,7 +134,7 @@ impl Method for SelfCalibration {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        let setup = CycleSetup::new(plan, &self.settings)?.with_known_motions()?;
+        let setup = SelfCalibrationSetup::new(plan, &self.settings)?.with_known_motions()?;
         forecast::forecast_results(&setup, machine_s).map_err(refusal_from_error)
     }
 
@@ -148,8 +148,8 @@ impl Method for SelfCalibration {
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let setup = CycleSetup::new(plan, &self.settings)?.with_known_motions()?;
-        Ok(estimate::build_estimate(&identify::solve_cycle(&setup, readings, true)?))
+        let setup = SelfCalibrationSetup::new(plan, &self.settings)?.with_known_motions()?;
+        Ok(estimate::build_estimate(&identify::solve_readings(&setup, readings, true)?))
     }
 }
 
@@ -158,7 +158,7 @@ fn refusal_from_error(error: IdentifyError) -> MethodRefusal {
 }
 
 /// Centre of the part and radius of the ball centres, from the locating touches.
-fn locate_part(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<PartGeometry, MethodRefusal> {
+fn locate_part(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result<PartGeometry, MethodRefusal> {
     let nominal = setup.nominal_part();
     let remedy = "check that the part of [artefact] is on the table, then start a new run";
     let steps = setup.plan.steps.iter().filter(|step| step.label.starts_with(plan::LOCATE_LABEL_PREFIX));

@@ -12,10 +12,10 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::design::GridDesign;
+use super::design::AngleGridDesign;
 use machine::Axis;
 
-/// One reading, reduced to the grid.
+/// One reading, reduced to the nearest grid angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
     /// Id of the step of the reading.
@@ -24,17 +24,17 @@ pub struct Observation {
     pub c_index: usize,
     pub phi_index: usize,
     /// Position of the ball centre along the ray, mm.
-    pub radius_mm: f64,
+    pub along_ray_mm: f64,
     /// Position of the ball centre across the ray, counter-clockwise positive, mm.
-    pub lateral_mm: f64,
-    /// Time, scaled so that the cycle spans −1 … 1 without the interruptions.
+    pub across_ray_mm: f64,
+    /// Time, scaled so that the measurement spans −1 … 1 without the interruptions.
     pub relative_time: f64,
 }
 
 /// Indices of the unknowns. Each height has its own R, E, E_r and W. The drift is common to all heights.
 #[derive(Debug, Clone)]
 pub struct UnknownsLayout {
-    pub design: GridDesign,
+    pub design: AngleGridDesign,
     pub height_count: usize,
     pub drift_order: usize,
     /// Times of the interruptions, as `Observation::relative_time`. A step is fitted at each, as the motion of the
@@ -47,7 +47,7 @@ pub const DRIFTING_QUANTITIES: [&str; 3] = ["X", "Y", "radius"];
 
 impl UnknownsLayout {
     fn unknowns_per_height(&self) -> usize {
-        4 * self.design.position_count + 1
+        4 * self.design.angle_count + 1
     }
 
     pub fn unknown_count(&self) -> usize {
@@ -64,15 +64,15 @@ impl UnknownsLayout {
     }
 
     pub fn ey_index(&self, height: usize, c: usize) -> usize {
-        self.ex_index(height, c) + self.design.position_count
+        self.ex_index(height, c) + self.design.angle_count
     }
 
     pub fn radial_error_index(&self, height: usize, phi: usize) -> usize {
-        self.ey_index(height, phi) + self.design.position_count
+        self.ey_index(height, phi) + self.design.angle_count
     }
 
     pub fn flank_form_index(&self, height: usize, theta: usize) -> usize {
-        self.radial_error_index(height, theta) + self.design.position_count
+        self.radial_error_index(height, theta) + self.design.angle_count
     }
 
     fn drift_index(&self, quantity: usize, power: usize) -> usize {
@@ -86,22 +86,22 @@ impl UnknownsLayout {
     }
 
     /// Function with a unit step at an interruption and the value zero at time zero: the results are valid for the
-    /// middle of the cycle, as with drift.
+    /// middle of the measurement, as with drift.
     pub fn interruption_step_value(&self, observation: &Observation, gap: usize) -> f64 {
         let after = |time: f64| if time > self.interruption_times[gap] { 1.0 } else { 0.0 };
         after(observation.relative_time) - after(0.0)
     }
 
-    /// Names of the unknowns. `axis`: the measured rotary axis.
-    pub fn unknown_names(&self, axis: Axis) -> Vec<String> {
+    /// Names of all unknowns. `rotary_axis`: the measured axis.
+    pub fn unknown_names(&self, rotary_axis: Axis) -> Vec<String> {
         let mut names = vec![String::new(); self.unknown_count()];
         for height in 0..self.height_count {
             let at = if self.height_count > 1 { format!(" at height {height}") } else { String::new() };
             names[self.radius_index(height)] = format!("R{at}");
-            for i in 0..self.design.position_count {
+            for i in 0..self.design.angle_count {
                 let deg = (self.design.grid_angle_rad(i).to_degrees() * 1e6).round() / 1e6;
-                names[self.ex_index(height, i)] = format!("EX{axis}_total({deg}°){at}");
-                names[self.ey_index(height, i)] = format!("EY{axis}_total({deg}°){at}");
+                names[self.ex_index(height, i)] = format!("EX{rotary_axis}_total({deg}°){at}");
+                names[self.ey_index(height, i)] = format!("EY{rotary_axis}_total({deg}°){at}");
                 names[self.radial_error_index(height, i)] = format!("E_radial({deg}°){at}");
                 names[self.flank_form_index(height, i)] = format!("W_radial({deg}°){at}");
             }
@@ -148,11 +148,11 @@ impl UnknownsLayout {
         a
     }
 
-    /// The six gauge conditions per height that the cycle does not determine (paper 1, boundary conditions 1–3), as
+    /// The six gauge conditions per height that the touches do not determine (paper 1, boundary conditions 1–3), as
     /// rows of C·x = 0.
     pub fn gauge_matrix(&self) -> Mat<f64> {
         let per_height = 6;
-        let n = self.design.position_count;
+        let n = self.design.angle_count;
         let mut rows = Mat::zeros(per_height * self.height_count, self.unknown_count());
         for height in 0..self.height_count {
             let row = per_height * height;
@@ -178,18 +178,21 @@ impl UnknownsLayout {
 
     /// Whether the grid has 90°, 180° and 270°, where the paper fixes the machine's origin.
     fn has_quarter_angles(&self) -> bool {
-        self.design.position_count.is_multiple_of(4)
+        self.design.angle_count.is_multiple_of(4)
     }
 
-    /// Texts on the gauge.
-    pub fn describe_gauge(&self, axis: Axis) -> Vec<String> {
+    /// Texts on the gauge. `rotary_axis`: the measured axis.
+    pub fn describe_gauge(&self, rotary_axis: Axis) -> Vec<String> {
         let origin = if self.has_quarter_angles() {
             "machine origin: E_radial(0°) = E_radial(180°) and E_radial(90°) = E_radial(-90°)"
         } else {
             "machine origin: E_radial has no first harmonic"
         };
         vec![
-            format!("EX{axis}_total(0°) = EY{axis}_total(0°) = 0: displacements are relative to {axis} = 0"),
+            format!(
+                "EX{rotary_axis}_total(0°) = EY{rotary_axis}_total(0°) = 0: \
+                displacements are relative to {rotary_axis} = 0"
+            ),
             "W_radial(0°) = 0 and E_radial(0°) = 0: radius and common X/Y scale are part of R".to_owned(),
             origin.to_owned(),
         ]

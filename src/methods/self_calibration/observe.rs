@@ -1,41 +1,46 @@
-//! From readings to observations on the grid: positions of the ball centre along and across each ray.
+//! From readings to observations at the grid angles: positions of the ball centre along and across each ray.
 
 use std::f64::consts::{PI, TAU};
 
-use super::cycle_setup::CycleSetup;
-use super::design::GridDesign;
+use super::design::AngleGridDesign;
 use super::interruptions;
 use super::model::Observation;
 use super::plan::{LOCATE_LABEL_PREFIX, is_top_touch};
+use super::setup::SelfCalibrationSetup;
 use crate::IdentifyError;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 use planning::SafeHeights;
 
-/// The observations of one cycle with their common data.
-pub struct ObservedCycle {
+/// The observations of all readings of a run, with their common data.
+pub struct ObservedReadings {
     pub observations: Vec<Observation>,
-    /// Half the duration of the cycle, s: the unit of `Observation::relative_time`.
+    /// Half the duration of the measurement, without interruptions, s: the unit of `Observation::relative_time`.
     pub half_duration_s: f64,
     /// Whether the readings have times. If not, their order and the planned machine time are used.
     pub has_times: bool,
     /// Times of the interruptions, as `Observation::relative_time`.
     pub interruption_times: Vec<f64>,
     /// Number of readings that are not used: too few directions were touched between their interruptions.
-    pub skipped_reading_count: usize,
+    pub short_segment_reading_count: usize,
 }
 
 /// Largest deviation of the table from its planned angle, rad (0.1°). A larger one is a skipped index.
 const GRID_ANGLE_TOLERANCE_RAD: f64 = 1.8e-3;
+/// Largest deviation of an angle of the plan from the grid, in steps of the grid.
+const GRID_TOLERANCE_STEPS: f64 = 1.8e-3;
 
 /// # Errors
 /// Missing or unknown steps, duplicates, or a table at another angle than planned.
-pub fn extract_observations(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<ObservedCycle, IdentifyError> {
+pub fn extract_observations(
+    setup: &SelfCalibrationSetup<'_>,
+    readings: &[Reading],
+) -> Result<ObservedReadings, IdentifyError> {
     let plan = setup.plan;
     IdentifyError::check_readings(plan, readings)?;
     let (mut observations, mut order) = (Vec::new(), Vec::new());
-    let cycle = plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL_PREFIX));
-    for (i, step) in cycle.enumerate() {
+    let steps_after_locating = plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL_PREFIX));
+    for (i, step) in steps_after_locating.enumerate() {
         let of_step: Vec<&Reading> = readings.iter().filter(|reading| reading.step == step.id).collect();
         if of_step.is_empty() {
             return Err(IdentifyError::missing_reading(step));
@@ -51,8 +56,7 @@ pub fn extract_observations(setup: &CycleSetup<'_>, readings: &[Reading]) -> Res
     if observations.is_empty() {
         return Err(IdentifyError::IdentificationFailed("all readings are flagged".to_owned()));
     }
-    let (mut interruption_times, skipped_reading_count) =
-        interruptions::remove_interruptions(&mut observations, &plan.gaps_s)?;
+    let (mut interruption_times, unused_count) = interruptions::remove_interruptions(&mut observations, &plan.gaps_s)?;
     let mut half_duration_s = scale_times(&mut observations, &mut interruption_times);
     let has_times = half_duration_s > 0.0;
     if !has_times {
@@ -62,22 +66,32 @@ pub fn extract_observations(setup: &CycleSetup<'_>, readings: &[Reading]) -> Res
         scale_times(&mut observations, &mut []);
         half_duration_s = planned_duration_s(plan) / 2.0;
     }
-    Ok(ObservedCycle { observations, half_duration_s, has_times, interruption_times, skipped_reading_count })
+    Ok(ObservedReadings {
+        observations,
+        half_duration_s,
+        has_times,
+        interruption_times,
+        short_segment_reading_count: unused_count,
+    })
 }
 
 /// Machine time of the plan, s, or 5 s per touch if it cannot be planned.
 fn planned_duration_s(plan: &Plan) -> f64 {
     SafeHeights::above_plan_artefact(plan)
-        .and_then(|clearance| planning::plan_blocks(plan, &clearance))
+        .and_then(|safe_heights| planning::plan_blocks_and_time_s(plan, &safe_heights))
         .map_or(5.0 * plan.steps.len() as f64, |(_, seconds)| seconds)
 }
 
-fn reduce_reading(setup: &CycleSetup<'_>, step: &Step, reading: &Reading) -> Result<Observation, IdentifyError> {
-    let CycleSetup { design, axis, heights, known_motions, .. } = setup;
+fn reduce_reading(
+    setup: &SelfCalibrationSetup<'_>,
+    step: &Step,
+    reading: &Reading,
+) -> Result<Observation, IdentifyError> {
+    let SelfCalibrationSetup { design, axis, heights, known_motions, .. } = setup;
     let name = axis.axis;
     let planned = step.from.get_or_zero(name);
     let actual = reading.position.get(name).unwrap_or(planned);
-    // A control may count full turns differently.
+    // Full turns are ignored: a control may count them differently.
     let off = (actual - planned + PI).rem_euclid(TAU) - PI;
     if off.abs() > GRID_ANGLE_TOLERANCE_RAD {
         return Err(IdentifyError::IdentificationFailed(format!(
@@ -93,7 +107,7 @@ fn reduce_reading(setup: &CycleSetup<'_>, step: &Step, reading: &Reading) -> Res
     if (nx.hypot(ny) - 1.0).abs() > 1e-3 || !is_on_grid(design, phi) || !is_on_grid(design, planned) {
         return Err(IdentifyError::IdentificationFailed(format!(
             "step {} ({}): `normal` or {name} is not on the grid of {} positions",
-            step.id, step.label, design.position_count
+            step.id, step.label, design.angle_count
         )));
     }
     let centre = axis.corrected_ball_centre(step, reading, known_motions);
@@ -104,20 +118,20 @@ fn reduce_reading(setup: &CycleSetup<'_>, step: &Step, reading: &Reading) -> Res
         height_index: height,
         c_index: grid_index_from_rad(design, planned * axis.clockwise_sign),
         phi_index: grid_index_from_rad(design, phi),
-        radius_mm: off.x * nx + off.y * ny,
-        lateral_mm: -off.x * ny + off.y * nx,
+        along_ray_mm: off.x * nx + off.y * ny,
+        across_ray_mm: -off.x * ny + off.y * nx,
         relative_time: reading.t_s,
     })
 }
 
-fn is_on_grid(design: &GridDesign, angle: f64) -> bool {
-    let index = angle / TAU * design.position_count as f64;
-    (index - index.round()).abs() < GRID_ANGLE_TOLERANCE_RAD
+fn is_on_grid(design: &AngleGridDesign, angle: f64) -> bool {
+    let index = angle / TAU * design.angle_count as f64;
+    (index - index.round()).abs() < GRID_TOLERANCE_STEPS
 }
 
-fn grid_index_from_rad(design: &GridDesign, angle: f64) -> usize {
-    let index = (angle / TAU * design.position_count as f64).round() as i64;
-    index.rem_euclid(design.position_count as i64) as usize
+fn grid_index_from_rad(design: &AngleGridDesign, angle: f64) -> usize {
+    let index = (angle / TAU * design.angle_count as f64).round() as i64;
+    index.rem_euclid(design.angle_count as i64) as usize
 }
 
 fn nearest_height_index(heights: &[f64], z: f64) -> usize {
@@ -125,7 +139,7 @@ fn nearest_height_index(heights: &[f64], z: f64) -> usize {
     (0..heights.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
 }
 
-/// Scales the times to −1 … 1 around the middle of the cycle. Returns half the duration of the cycle, s.
+/// Scales the times to −1 … 1 around the middle of the measurement. Returns half its duration, s.
 fn scale_times(observations: &mut [Observation], interruption_times: &mut [f64]) -> f64 {
     let times = || observations.iter().map(|observation| observation.relative_time);
     let first = times().fold(f64::INFINITY, f64::min);

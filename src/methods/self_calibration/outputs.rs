@@ -2,19 +2,21 @@
 //! functions of angle.
 
 use super::model::UnknownsLayout;
-use crate::identification::{OutputCurve, OutputParameter, Outputs, dot_product, linear_combination, slope_of_unknown};
+use crate::identification::{
+    IdentificationOutputs, OutputCurve, OutputParameter, dot_product, linear_combination, slope_of_unknown,
+};
 use machine::Axis;
 use machine::record::estimate::{FunctionFigureKind, Unit};
 
-/// All outputs. `axis`: the measured rotary axis.
-pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[f64]) -> Outputs {
+/// All outputs. `rotary_axis`: the measured axis.
+pub fn build_outputs(layout: &UnknownsLayout, rotary_axis: Axis, heights: &[f64], x: &[f64]) -> IdentificationOutputs {
     let suffix = |height: usize| match heights.len() {
         1 => String::new(),
         _ => format!("@Z{:.1}", heights[height]),
     };
-    let curves = |height| build_curves(layout, axis, height, &suffix(height), x);
-    Outputs {
-        linear_parameters: build_parameters(layout, axis, heights, x),
+    let curves = |height| build_curves(layout, rotary_axis, height, &suffix(height), x);
+    IdentificationOutputs {
+        linear_parameters: build_parameters(layout, rotary_axis, heights, x),
         curves: (0..layout.height_count).flat_map(curves).collect(),
         nonlinear: None,
     }
@@ -22,13 +24,13 @@ pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[
 
 /// Axis position, tilts, scale difference and squareness. `z` are the heights in the machine
 /// frame, mm.
-fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<OutputParameter> {
+fn build_parameters(layout: &UnknownsLayout, rotary_axis: Axis, z: &[f64], x: &[f64]) -> Vec<OutputParameter> {
     let heights = layout.height_count as f64;
     let radius = (0..layout.height_count).map(|h| x[layout.radius_index(h)]).sum::<f64>() / heights;
     let output = |symbol: &str, unit, columns: &[Vec<f64>], weights: &[f64]| {
         OutputParameter::from_coefficients(symbol, unit, linear_combination(columns, weights), x)
     };
-    let location = |component| format!("E{component}0{axis}");
+    let location = |component| format!("E{component}0{rotary_axis}");
     let equal_weights = vec![1.0 / heights; layout.height_count];
     let position = |height| axis_position_coefficients(layout, height);
     let (position_x, position_y): (Vec<_>, Vec<_>) = (0..layout.height_count).map(position).unzip();
@@ -53,8 +55,14 @@ fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -
 }
 
 /// The functions of one height.
-fn build_curves(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<OutputCurve> {
-    let n = layout.design.position_count;
+fn build_curves(
+    layout: &UnknownsLayout,
+    rotary_axis: Axis,
+    height: usize,
+    suffix: &str,
+    x: &[f64],
+) -> Vec<OutputCurve> {
+    let n = layout.design.angle_count;
     let unit_vector = |index: usize| slope_of_unknown(index, layout.unknown_count());
     let motion = |i, along_y| error_motion_coefficients(layout, height, i, along_y);
     let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
@@ -70,8 +78,8 @@ fn build_curves(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str
             slopes,
         }
     };
-    let of_axis = |component, what| format!("E{component}{axis}{what}");
-    let name = axis.name();
+    let of_axis = |component, what| format!("E{component}{rotary_axis}{what}");
+    let name = rotary_axis.name();
     use FunctionFigureKind::{Curve as Line, Polar};
     vec![
         function(&of_axis("X", "_total"), name, Line, &|i| unit_vector(layout.ex_index(height, i))),
@@ -111,16 +119,16 @@ fn rad_to_rounded_deg(angle: f64) -> f64 {
 pub fn axis_position_coefficients(layout: &UnknownsLayout, height: usize) -> (Vec<f64>, Vec<f64>) {
     let mut x = vec![0.0; layout.unknown_count()];
     let mut y = vec![0.0; layout.unknown_count()];
-    for i in 0..layout.design.position_count {
-        x[layout.ex_index(height, i)] = 1.0 / layout.design.position_count as f64;
-        y[layout.ey_index(height, i)] = 1.0 / layout.design.position_count as f64;
+    for i in 0..layout.design.angle_count {
+        x[layout.ex_index(height, i)] = 1.0 / layout.design.angle_count as f64;
+        y[layout.ey_index(height, i)] = 1.0 / layout.design.angle_count as f64;
     }
     (x, y)
 }
 
 /// W without its mean and first harmonic: the form of the part without its set-up error.
 fn part_form_coefficients(layout: &UnknownsLayout, height: usize, i: usize) -> Vec<f64> {
-    let n = layout.design.position_count;
+    let n = layout.design.angle_count;
     let mut coefficients = vec![0.0; layout.unknown_count()];
     for j in 0..n {
         let angle = layout.design.grid_angle_rad(i) - layout.design.grid_angle_rad(j);
@@ -133,7 +141,7 @@ fn part_form_coefficients(layout: &UnknownsLayout, height: usize, i: usize) -> V
 /// Coefficients over the unknowns of E_YY1 − E_XX1 and of E_C0Y, from the second harmonic of E_r:
 /// with E_lin = (−E_C0Y·y, (E_YY1 − E_XX1)·y), E_r = L(d·sin²φ − E_C0Y·sinφ·cosφ).
 pub fn scale_and_squareness_coefficients(layout: &UnknownsLayout, height: usize, radius: f64) -> (Vec<f64>, Vec<f64>) {
-    let n = layout.design.position_count;
+    let n = layout.design.angle_count;
     let mut scale = vec![0.0; layout.unknown_count()];
     let mut square = vec![0.0; layout.unknown_count()];
     for i in 0..n {

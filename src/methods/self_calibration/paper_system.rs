@@ -5,7 +5,7 @@
 
 use faer::Mat;
 
-use super::design::{CalibrationTest, GridDesign, GridTouch};
+use super::design::{AngleGridDesign, AngleGridTouch, CalibrationTest};
 use super::fit::SELF_CALIBRATION_RANK_THRESHOLD;
 use super::model::{Observation, UnknownsLayout};
 use super::outputs::axis_position_coefficients;
@@ -15,21 +15,21 @@ use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearS
 /// Linear system of the paper for a design. The paper's own design has one probe angle φ_b in addition to 0.
 pub struct PaperSystem {
     pub layout: UnknownsLayout,
-    pub touches: Vec<GridTouch>,
+    pub touches: Vec<AngleGridTouch>,
     /// Design matrix, 4N × 4N: unknowns as in [`UnknownsLayout`] without R.
     pub design_matrix: Mat<f64>,
     pub gauge: Mat<f64>,
 }
 
 impl PaperSystem {
-    pub fn new(design: &GridDesign) -> Self {
-        let touches: Vec<GridTouch> = design.cycle_touches(false);
+    pub fn new(design: &AngleGridDesign) -> Self {
+        let touches: Vec<AngleGridTouch> = design.cycle_touches(false);
         let layout =
             UnknownsLayout { design: design.clone(), height_count: 1, drift_order: 0, interruption_times: Vec::new() };
         let observations: Vec<Observation> = touches.iter().map(|t| unmeasured_observation(*t)).collect();
         let full = layout.design_matrix(&observations);
         let without_r = layout.unknown_count() - 1;
-        // The first touch of the cycle, Test 1a at C = 0, is the reference of every difference.
+        // The first touch of the grid, Test 1a at C = 0, is the reference of every difference.
         let a = Mat::from_fn(full.nrows(), without_r, |i, j| full[(i, j + 1)] - full[(0, j + 1)]);
         let gauge = layout.gauge_matrix();
         let gauge = Mat::from_fn(gauge.nrows(), without_r, |i, j| gauge[(i, j + 1)]);
@@ -50,11 +50,11 @@ impl PaperSystem {
     /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions. `None` if one is
     /// missing.
     pub fn axis_position(&self, observations: &[Observation]) -> Option<[f64; 2]> {
-        let radius = |t: &GridTouch| {
+        let radius = |t: &AngleGridTouch| {
             observations
                 .iter()
                 .find(|s| s.height_index == 0 && s.c_index == t.c_index && s.phi_index == t.phi_index)
-                .map(|s| s.radius_mm)
+                .map(|s| s.along_ray_mm)
         };
         let reference = radius(self.touches.first()?)?;
         let differences: Vec<f64> =
@@ -65,15 +65,15 @@ impl PaperSystem {
     }
 }
 
-fn unmeasured_observation(touch: GridTouch) -> Observation {
-    debug_assert!(!matches!(touch.test, CalibrationTest::Reference(_)));
+fn unmeasured_observation(touch: AngleGridTouch) -> Observation {
+    debug_assert!(!matches!(touch.test, CalibrationTest::ReferenceAfterTests(_)));
     Observation {
         step_id: 0,
         height_index: 0,
         c_index: touch.c_index,
         phi_index: touch.phi_index,
-        radius_mm: 0.0,
-        lateral_mm: 0.0,
+        along_ray_mm: 0.0,
+        across_ray_mm: 0.0,
         relative_time: 0.0,
     }
 }

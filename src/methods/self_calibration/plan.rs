@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::cycle_setup::{CycleSetup, PartGeometry};
-use super::design::{CalibrationTest, GridTouch};
+use super::design::{AngleGridTouch, CalibrationTest};
 use super::measured_table_axis::MeasuredTableAxis;
 use super::settings::SpindleMode;
+use super::setup::{PartGeometry, SelfCalibrationSetup};
 use crate::MethodRefusal;
 use machine::record::plan::{Step, StepKind};
 use machine::{Axis, Position};
@@ -18,14 +18,14 @@ pub fn is_top_touch(step: &Step) -> bool {
     step.normal[2] > 0.5
 }
 
-impl CycleSetup<'_> {
+impl SelfCalibrationSetup<'_> {
     /// A search touch on the top of the part and four around it, with a length for the stated position uncertainty.
     /// The first three confirm the position of the machine. The steps have no numbers.
     pub fn locating_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
         let uncertainty_mm = self.stated_part.uncertainty_mm;
         let part = self.nominal_part();
         let margin = uncertainty_mm + self.settings.standoff_mm;
-        let spec = |place: String| TouchSpec {
+        let parameters = |place: String| TouchParameters {
             kind: StepKind::Touch,
             label: format!("{LOCATE_LABEL_PREFIX}{place}"),
             standoff_mm: margin,
@@ -34,14 +34,14 @@ impl CycleSetup<'_> {
             feed_mm_min: self.plan.probe.search_feed_mm_min,
         };
         let z = self.heights[0];
-        let top = || self.touch_step(spec("Z".to_owned()), self.top_contact_position(part), Vector3::z());
+        let top = || self.touch_step(parameters("Z".to_owned()), self.top_contact_position(part), Vector3::z());
         let top = self.settings.touches_top().then(top);
         let round = (0..4u32).map(|quarter| {
             let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
             let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
             let centre = Vector3::new(part.centre[0], part.centre[1], z);
             let place = format!("P{:03}", 90 * quarter);
-            self.touch_step(spec(place), centre + part.contact_radius_mm * normal, normal)
+            self.touch_step(parameters(place), centre + part.contact_radius_mm * normal, normal)
         });
         top.into_iter().chain(round).collect()
     }
@@ -52,26 +52,27 @@ impl CycleSetup<'_> {
         Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top_contact_z_mm)
     }
 
-    /// The complete cycle at every height, around the part at its measured position, without step numbers.
-    pub fn cycle_steps(&self, part: PartGeometry) -> Result<Vec<Step>, MethodRefusal> {
+    /// All touches after locating, at every height, around the part at its measured position. The steps have no
+    /// numbers.
+    pub fn steps_after_locating(&self, part: PartGeometry) -> Result<Vec<Step>, MethodRefusal> {
         let touches = self.design.cycle_touches(self.settings.references);
         let mut steps = Vec::new();
         for z in &self.heights {
             let suffix = if self.heights.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
             for (i, touch) in touches.iter().enumerate() {
                 let label = format!("{}{suffix}", self.touch_label(*touch));
-                steps.push(self.flank_touch_step(self.cycle_touch_spec(label, *touch), *z, *touch, part)?);
+                steps.push(self.flank_touch_step(self.grid_touch_parameters(label, *touch), *z, *touch, part)?);
                 let next = touches.get(i + 1).map(|next| next.test);
                 if touch.test.is_reference() && next != Some(touch.test) && self.settings.z_reference {
-                    let spec = self.cycle_touch_spec(format!("{}/Z{suffix}", touch.test.name()), *touch);
-                    steps.push(self.touch_step(spec, self.top_contact_position(part), Vector3::z())?);
+                    let parameters = self.grid_touch_parameters(format!("{}/Z{suffix}", touch.test.name()), *touch);
+                    steps.push(self.touch_step(parameters, self.top_contact_position(part), Vector3::z())?);
                 }
             }
         }
         Ok(steps)
     }
 
-    fn touch_label(&self, touch: GridTouch) -> String {
+    fn touch_label(&self, touch: AngleGridTouch) -> String {
         let degrees = |index| self.design.grid_angle_rad(index).to_degrees().round();
         let place = if touch.c_index == 0 && !matches!(touch.test, CalibrationTest::Test1(_)) {
             format!("P{:03}", degrees(touch.phi_index))
@@ -81,9 +82,9 @@ impl CycleSetup<'_> {
         format!("{}/{place}", touch.test.name())
     }
 
-    fn cycle_touch_spec(&self, label: String, touch: GridTouch) -> TouchSpec {
+    fn grid_touch_parameters(&self, label: String, touch: AngleGridTouch) -> TouchParameters {
         let kind = if touch.test.is_reference() { StepKind::Reference } else { StepKind::Touch };
-        TouchSpec {
+        TouchParameters {
             kind,
             label,
             standoff_mm: self.settings.standoff_mm,
@@ -96,9 +97,9 @@ impl CycleSetup<'_> {
     /// A touch of the flank along its ray through the stated axis.
     fn flank_touch_step(
         &self,
-        spec: TouchSpec,
+        parameters: TouchParameters,
         z: f64,
-        touch: GridTouch,
+        touch: AngleGridTouch,
         part: PartGeometry,
     ) -> Result<Step, MethodRefusal> {
         let angle = self.design.grid_angle_rad(touch.phi_index);
@@ -106,9 +107,9 @@ impl CycleSetup<'_> {
         let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
         let off_axis = PartGeometry { centre: from_axis, ..part };
         let turned = self.design.grid_angle_rad(touch.c_index);
-        let radius = expected_contact_distance_mm(off_axis, turned, angle).ok_or_else(|| {
+        let distance = expected_contact_distance_mm(off_axis, turned, angle).ok_or_else(|| {
             MethodRefusal::new(
-                format!("at {} the ray from the axis misses the part", spec.label),
+                format!("at {} a touch along the ray from the axis would miss the part", parameters.label),
                 format!(
                     "move the part closer to the axis, or correct [artefact] centre_mm or [axes.{}] point_mm, \
                 both in machine coordinates",
@@ -117,45 +118,50 @@ impl CycleSetup<'_> {
             )
         })?;
         let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
-        self.touch_step(spec, axis + radius * normal, normal)
+        self.touch_step(parameters, axis + distance * normal, normal)
     }
 
     /// A touch against `normal`, with the ball centre at `contact` at the expected contact: machine frame, with the
     /// axis at zero.
-    fn touch_step(&self, spec: TouchSpec, contact: Vector3<f64>, normal: Vector3<f64>) -> Result<Step, MethodRefusal> {
+    fn touch_step(
+        &self,
+        parameters: TouchParameters,
+        contact: Vector3<f64>,
+        normal: Vector3<f64>,
+    ) -> Result<Step, MethodRefusal> {
         let mut orientation = Position::new();
         // A fixed spindle is not commanded and keeps its orientation.
         if self.settings.spindle == SpindleMode::Follow {
             let turn = normal.y.atan2(normal.x).rem_euclid(std::f64::consts::TAU);
             orientation.set(Axis::S, turn);
         }
-        let rotary = self.axis.cycle_rotary_position.updated_by(&orientation);
-        let rotary = rotary.with(self.axis.axis, self.axis_command_rad(spec.c_index)?);
+        let rotary = self.axis.rotary_position_with_axis_at_zero.updated_by(&orientation);
+        let rotary = rotary.with(self.axis.axis, self.axis_command_rad(parameters.c_index)?);
         // The table turns with the axis, but the ray does not.
         let place = |out: f64| self.axis.solve_linear_axes(contact + out * normal, &orientation);
         let refused = |error: machine::kinematics::KinematicsError| {
-            MethodRefusal::new(format!("{}: {error}", spec.label), "correct [machine] topology")
+            MethodRefusal::new(format!("{}: {error}", parameters.label), "correct [machine] topology")
         };
-        let from = place(spec.standoff_mm).map_err(refused)?;
-        let to = place(spec.standoff_mm - spec.travel_mm).map_err(refused)?;
+        let from = place(parameters.standoff_mm).map_err(refused)?;
+        let to = place(parameters.standoff_mm - parameters.travel_mm).map_err(refused)?;
         Ok(Step {
-            kind: spec.kind,
+            kind: parameters.kind,
             from: from.updated_by(&rotary).rounded_to_file_resolution(),
             to: to.updated_by(&rotary).rounded_to_file_resolution(),
-            feed_mm_min: spec.feed_mm_min,
+            feed_mm_min: parameters.feed_mm_min,
             sensors: vec!["probe".to_owned()],
             normal: normal.into(),
             text: None,
-            ..Step::prompt(spec.label, String::new())
+            ..Step::prompt(parameters.label, String::new())
         })
     }
 
     /// Command of the axis for a grid index, rad: with the sense of the axis, and shifted by a full turn if the
     /// limits require it.
     fn axis_command_rad(&self, index: usize) -> Result<f64, MethodRefusal> {
-        let MeasuredTableAxis { axis, spec, clockwise_sign: sense, .. } = &self.axis;
+        let MeasuredTableAxis { axis, stated_axis, clockwise_sign: sense, .. } = &self.axis;
         let commanded_rad = self.design.grid_angle_rad(index) * sense;
-        let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
+        let (min, max) = (axis.to_mm_or_rad(stated_axis.min), axis.to_mm_or_rad(stated_axis.max));
         let turn = std::f64::consts::TAU;
         // Prefer the turn nearest to zero.
         [0.0, -turn, turn]
@@ -168,8 +174,8 @@ impl CycleSetup<'_> {
                     format!(
                         "{axis} cannot reach {:.3}° within [{}, {}]",
                         commanded_rad.to_degrees(),
-                        spec.min,
-                        spec.max
+                        stated_axis.min,
+                        stated_axis.max
                     ),
                     format!("this method requires a full revolution of {axis}; correct the limits in [axes]"),
                 )
@@ -177,7 +183,8 @@ impl CycleSetup<'_> {
     }
 }
 
-struct TouchSpec {
+/// Kind, label, distances, table angle and feed of a touch, without its contact point and normal.
+struct TouchParameters {
     kind: StepKind,
     label: String,
     /// Distance of the start of the touch from the expected contact, outwards.
@@ -190,7 +197,7 @@ struct TouchSpec {
 }
 
 /// Distance from the stated axis along the ray at `phi` to the ball centre in contact, with the table turned by
-/// `c`. `None` if the ray misses the part. The part's centre is relative to the axis.
+/// `c`. `None` if the ball on this ray does not touch the part. The part's centre is relative to the axis.
 fn expected_contact_distance_mm(part: PartGeometry, c: f64, phi: f64) -> Option<f64> {
     let [x, y] = part.centre;
     // In the machine frame the part turns by −c: its centre is at R(−c)·centre.

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use faer::{Mat, Side};
 
-use super::identify::SolvedCycle;
+use super::identify::SolvedRun;
 use super::model::UnknownsLayout;
 use crate::identification::dot_product;
 use estimation::coverage::chi_square_bounds;
@@ -22,7 +22,8 @@ const SCALE_AND_SQUARENESS_ORDER: usize = 2;
 pub struct RadialHarmonics {
     /// Square root of the sum of squares of the cosine and sine parts, mm.
     pub amplitude_mm: f64,
-    pub chi2: f64,
+    /// χ² of the cosine and sine parts against zero, with their covariance.
+    pub amplitude_chi2: f64,
     /// Expectation of χ² if all sources are as declared.
     pub expected_chi2: f64,
     /// Whether χ² exceeds what the declared sources explain.
@@ -30,7 +31,7 @@ pub struct RadialHarmonics {
 }
 
 /// The second harmonic, which is reported as parameters, and the higher ones, which are in no parameter. `None`:
-/// the grid does not have them.
+/// the grid of angles does not have them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadialErrorCheck {
     pub second_harmonic: Option<RadialHarmonics>,
@@ -38,8 +39,8 @@ pub struct RadialErrorCheck {
 }
 
 impl RadialErrorCheck {
-    pub fn new(parts: &SolvedCycle<'_>) -> Self {
-        let highest = parts.fit.layout.design.position_count / 2;
+    pub fn new(parts: &SolvedRun<'_>) -> Self {
+        let highest = parts.fit.layout.design.angle_count / 2;
         let of_orders = |orders: std::ops::RangeInclusive<usize>| {
             let slopes: Vec<Vec<f64>> = orders.flat_map(|order| harmonic_slopes(&parts.fit.layout, order)).collect();
             combine_harmonics(parts, &slopes)
@@ -53,7 +54,7 @@ impl RadialErrorCheck {
     pub fn warnings(&self, axis: machine::Axis) -> Vec<String> {
         let mut lines = Vec::new();
         let line = |what: &str, of: &RadialHarmonics, meaning: String| {
-            let (um, chi2, expected) = (of.amplitude_mm * 1e3, of.chi2, of.expected_chi2);
+            let (um, chi2, expected) = (of.amplitude_mm * 1e3, of.amplitude_chi2, of.expected_chi2);
             format!(
                 "{what} {um:.2} µm, more than the declared sources explain (χ² {chi2:.1} where \
                      {expected:.0} is expected): {meaning}"
@@ -86,7 +87,7 @@ impl RadialErrorCheck {
 /// Coefficients over the unknowns of the cosine and the sine part of a harmonic of E_radial, averaged over the
 /// heights.
 fn harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Vec<f64>> {
-    let n = layout.design.position_count;
+    let n = layout.design.angle_count;
     let part = |quarter_turns: f64| {
         let mut slope = vec![0.0; layout.unknown_count()];
         for height in 0..layout.height_count {
@@ -103,7 +104,7 @@ fn harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Vec<f64>> {
     parts.iter().map(|turns| part(*turns)).collect()
 }
 
-fn combine_harmonics(parts: &SolvedCycle<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> {
+fn combine_harmonics(parts: &SolvedRun<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> {
     if slopes.is_empty() {
         return None;
     }
@@ -114,7 +115,7 @@ fn combine_harmonics(parts: &SolvedCycle<'_>, slopes: &[Vec<f64>]) -> Option<Rad
     let (chi2, rank) = chi2_and_rank(&values, &covariance)?;
     let (_, upper) = chi_square_bounds(rank as f64, CHI_SQUARE_PROBABILITY)?;
     let amplitude_mm = values.iter().map(|value| value * value).sum::<f64>().sqrt();
-    Some(RadialHarmonics { amplitude_mm, chi2, expected_chi2: rank as f64, is_excessive: chi2 > upper })
+    Some(RadialHarmonics { amplitude_mm, amplitude_chi2: chi2, expected_chi2: rank as f64, is_excessive: chi2 > upper })
 }
 
 /// Weighted square vᵀ·C⁺·v of the values v, and the rank of their covariance C.

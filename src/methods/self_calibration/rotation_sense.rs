@@ -18,7 +18,7 @@ pub enum RotationSenseCheck {
 /// Solves with the opposite sense as well. With the wrong sense an eccentric part appears as an error motion of
 /// twice its eccentricity. With the correct one the error motion is small.
 pub fn check_rotation_sense(fit: &Fit) -> RotationSenseCheck {
-    let n = fit.layout.design.position_count;
+    let n = fit.layout.design.angle_count;
     let turned: Vec<Observation> = fit
         .observations
         .iter()
@@ -41,5 +41,5 @@ pub fn check_rotation_sense(fit: &Fit) -> RotationSenseCheck {
 
 fn error_motion_norm(layout: &UnknownsLayout, x: &[f64]) -> f64 {
     let at = |i| [false, true].map(|along_y| dot_product(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2));
-    (0..layout.design.position_count).flat_map(at).sum::<f64>().sqrt()
+    (0..layout.design.angle_count).flat_map(at).sum::<f64>().sqrt()
 }

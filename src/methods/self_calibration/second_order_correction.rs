@@ -24,7 +24,7 @@ pub struct ObservationContact {
     pub ey_index: usize,
     /// Grid angle on the part.
     pub theta_index: usize,
-    pub lateral_mm: f64,
+    pub across_ray_mm: f64,
 }
 
 /// Linear forms over the unknowns at one height.
@@ -57,8 +57,8 @@ impl SecondOrderCorrection {
 struct TrialValuesAtHeight {
     /// Values of the forms, trials × forms.
     forms: Mat<f64>,
-    /// Curvature 1/R, 1/mm.
-    curvature: Vec<f64>,
+    /// 1/R, 1/mm.
+    inverse_radius_per_mm: Vec<f64>,
     simd: Arch,
 }
 
@@ -70,23 +70,23 @@ impl ObservationContact {
             ex_index: layout.ex_index(observation.height_index, observation.c_index),
             ey_index: layout.ey_index(observation.height_index, observation.c_index),
             theta_index: layout.design.theta_index(observation.c_index, observation.phi_index),
-            lateral_mm: observation.lateral_mm,
+            across_ray_mm: observation.across_ray_mm,
         }
     }
 
     fn add_second_order_terms(&self, x: &Mat<f64>, shared: &TrialValuesAtHeight, radii: &mut [f64]) {
         let form = |j: usize| shared.forms.col_as_slice(j);
-        let scale = shared.forms.ncols() - 2;
+        let scale_index = shared.forms.ncols() - 2;
         shared.simd.dispatch(SecondOrderTerms {
-            cos: self.normal.x,
-            sin: self.normal.y,
-            lateral_mm: self.lateral_mm,
-            ex: x.col_as_slice(self.ex_index),
-            ey: x.col_as_slice(self.ey_index),
-            slope: form(self.theta_index),
-            scale: form(scale),
-            squareness: form(scale + 1),
-            curvature: &shared.curvature,
+            normal_x: self.normal.x,
+            normal_y: self.normal.y,
+            across_ray_mm: self.across_ray_mm,
+            axis_motion_x_mm: x.col_as_slice(self.ex_index),
+            axis_motion_y_mm: x.col_as_slice(self.ey_index),
+            form_slope: form(self.theta_index),
+            scale_difference: form(scale_index),
+            squareness: form(scale_index + 1),
+            inverse_radius_per_mm: &shared.inverse_radius_per_mm,
             radii,
         });
     }
@@ -95,15 +95,17 @@ impl ObservationContact {
 /// The terms of one contact in all trials. A struct instead of a closure: only this form is inlined with the wide
 /// registers enabled.
 struct SecondOrderTerms<'a> {
-    cos: f64,
-    sin: f64,
-    lateral_mm: f64,
-    ex: &'a [f64],
-    ey: &'a [f64],
-    slope: &'a [f64],
-    scale: &'a [f64],
+    normal_x: f64,
+    normal_y: f64,
+    across_ray_mm: f64,
+    axis_motion_x_mm: &'a [f64],
+    axis_motion_y_mm: &'a [f64],
+    /// W′, mm/rad.
+    form_slope: &'a [f64],
+    /// Scale difference and squareness for R = 1 mm.
+    scale_difference: &'a [f64],
     squareness: &'a [f64],
-    curvature: &'a [f64],
+    inverse_radius_per_mm: &'a [f64],
     radii: &'a mut [f64],
 }
 
@@ -112,24 +114,25 @@ impl WithSimd for SecondOrderTerms<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { cos, sin, lateral_mm, ex, ey, slope, scale, squareness, curvature, radii } = self;
+        let Self { normal_x: cos, normal_y: sin, across_ray_mm: lateral_mm, radii, .. } = self;
         let (squared, mixed) = (sin * sin, sin * cos);
         let trials = radii.len();
-        let (ex, ey, slope) = (&ex[..trials], &ey[..trials], &slope[..trials]);
-        let (scale, squareness) = (&scale[..trials], &squareness[..trials]);
-        let curvature = &curvature[..trials];
+        let (ex, ey) = (&self.axis_motion_x_mm[..trials], &self.axis_motion_y_mm[..trials]);
+        let form_slope = &self.form_slope[..trials];
+        let (scale_difference, squareness) = (&self.scale_difference[..trials], &self.squareness[..trials]);
+        let inverse_radius_per_mm = &self.inverse_radius_per_mm[..trials];
         for trial in 0..trials {
             // E_lin·t. The factor 1/L of the forms and the factor L of the deviations cancel.
-            let linear_axes = squareness[trial] * squared + scale[trial] * mixed;
+            let linear_axes = squareness[trial] * squared + scale_difference[trial] * mixed;
             let tau = ey[trial] * cos - ex[trial] * sin - linear_axes - lateral_mm;
-            radii[trial] += tau * (slope[trial] + tau / 2.0) * curvature[trial];
+            radii[trial] += tau * (form_slope[trial] + tau / 2.0) * inverse_radius_per_mm[trial];
         }
     }
 }
 
 impl LinearFormsAtHeight {
     fn new(layout: &UnknownsLayout, height: usize) -> Self {
-        let n = layout.design.position_count;
+        let n = layout.design.angle_count;
         let mut forms = Mat::zeros(layout.unknown_count(), n + 2);
         for j in 0..n {
             let mut unit = vec![0.0; n];
@@ -147,7 +150,7 @@ impl LinearFormsAtHeight {
     }
 
     fn evaluate_trials(&self, x: &Mat<f64>) -> TrialValuesAtHeight {
-        let curvature = x.col_as_slice(self.radius_index).iter().map(|radius| 1.0 / radius).collect();
-        TrialValuesAtHeight { forms: x * &self.forms, curvature, simd: Arch::new() }
+        let inverse_radius_per_mm = x.col_as_slice(self.radius_index).iter().map(|radius| 1.0 / radius).collect();
+        TrialValuesAtHeight { forms: x * &self.forms, inverse_radius_per_mm, simd: Arch::new() }
     }
 }

@@ -32,8 +32,8 @@ pub struct SelfCalibrationSettings {
     pub spindle: SpindleMode,
     /// Positions of the other rotary axes during the cycle, degrees, 0 for axes that are not named. The measured
     /// axis is the one of the table that is along Z there.
-    #[serde(skip_serializing_if = "Position::is_empty")]
-    pub at: Position,
+    #[serde(rename = "at", skip_serializing_if = "Position::is_empty")]
+    pub other_rotary_positions: Position,
     /// Whether to locate the part first, by four slow touches.
     pub locate: bool,
     /// Whether to touch the part at 0°, 90° and 180° between the tests, to measure drift.
@@ -64,7 +64,7 @@ impl Default for SelfCalibrationSettings {
             probe_angles_deg: None,
             heights_mm: Vec::new(),
             spindle: SpindleMode::Fixed,
-            at: Position::new(),
+            other_rotary_positions: Position::new(),
             locate: true,
             references: true,
             z_reference: true,
@@ -80,8 +80,8 @@ impl Default for SelfCalibrationSettings {
 }
 
 const MIN_HEIGHT_DIFFERENCE_MM: f64 = 1.0;
-/// Minimum cosine of the tilt of an upright axis: one degree.
-pub const MIN_UPRIGHT_COSINE: f64 = 0.99985;
+/// Minimum cosine of the angle between an axis and Z of the machine frame: one degree.
+pub const MIN_COSINE_TO_MACHINE_Z: f64 = 0.99985;
 
 impl SelfCalibrationSettings {
     /// Whether the top face of the part is touched.
@@ -92,11 +92,11 @@ impl SelfCalibrationSettings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), MethodRefusal> {
         self.check_reach(part)?;
-        self.check_heights(part, ball_radius_mm)?;
+        self.check_heights_are_on_flank_and_apart(part, ball_radius_mm)?;
         MethodRefusal::require(
             (1..=100).contains(&self.repeats) && self.drift_order <= 3,
             "repeats must be 1 to 100, and drift_order 0 to 3",
-            "remove both settings",
+            "remove repeats and drift_order",
         )?;
         MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
@@ -127,7 +127,7 @@ impl SelfCalibrationSettings {
         let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
         let [x, y, z] = axis.map(|part| (part / length * 1e3).round() / 1e3 + 0.0);
         MethodRefusal::require(
-            axis[2] > MIN_UPRIGHT_COSINE * length,
+            axis[2] > MIN_COSINE_TO_MACHINE_Z * length,
             format!(
                 "the part is not upright in the measuring position: the axis of the part is along [{x}, {y}, {z}] of \
                 the machine, not [0, 0, 1]"
@@ -137,7 +137,8 @@ impl SelfCalibrationSettings {
         )
     }
 
-    fn check_heights(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), MethodRefusal> {
+    /// The heights must be on the flank of the part and 1 mm apart.
+    fn check_heights_are_on_flank_and_apart(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), MethodRefusal> {
         let on_flank = |height: &f64| *height > ball_radius_mm && *height <= part.height_mm;
         let outside = self.heights_mm.iter().find(|height| !on_flank(height));
         MethodRefusal::require(

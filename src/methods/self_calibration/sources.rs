@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::cycle_setup::CycleSetup;
 use super::model::{Observation, UnknownsLayout};
 use super::settings::SpindleMode;
+use super::setup::SelfCalibrationSetup;
 use crate::identification::declared_sources::{
     RotaryErrorMotion, angular_motion_patterns, drift_rate_sd_mm_per_s, half_backlash_mm, linear_motion_patterns,
     lobing_patterns, repeatability_mm, resolution_u_mm, rotary_error_motions, stylus_offset_u_mm,
@@ -16,13 +16,13 @@ use machine::record::plan::Plan;
 
 /// All sources, with the scatter of the touches first. `seconds_per_unit`: unit of the times of the observations, s.
 pub fn uncertainty_sources(
-    setup: &CycleSetup<'_>,
+    setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
     observations: &[Observation],
     seconds_per_unit: f64,
 ) -> Vec<UncertaintySource> {
-    let touches = CycleTouches::new(setup, layout, observations);
-    let CycleTouches { plan, normals, .. } = &touches;
+    let touches = MeasuredTouches::new(setup, layout, observations);
+    let MeasuredTouches { plan, normals, .. } = &touches;
     let repeatability = ObservationEffect::Independent(vec![repeatability_mm(plan); observations.len()]);
     let repeatability = UncertaintySource::new("repeatability of a touch", repeatability);
     let resolution = ObservationEffect::Independent(normals.iter().map(|n| resolution_u_mm(plan, *n)).collect());
@@ -49,24 +49,24 @@ fn source_absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> Uncertainty
 }
 
 /// Error motions of the measured axis: the uncertainty of the known ones, and the declared ones at orders that are
-/// multiples of N. No grid of N angles separates these orders from the location of the axis (METHODS section 1). If
-/// the declared motion has no orders, all of it counts. All other error motions are measured.
+/// multiples of N. Orders that are multiples of N look like the location of the axis at N equally spaced angles
+/// (METHODS section 1). If the declared motion has no orders, all of it counts. All other error motions are measured.
 pub fn rotary_axis_sources(
-    setup: &CycleSetup<'_>,
+    setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
     observations: &[Observation],
 ) -> Vec<UncertaintySource> {
-    let CycleSetup { plan, axis, known_motions, .. } = setup;
+    let SelfCalibrationSetup { plan, axis, known_motions, .. } = setup;
     // Commanded angles of the observations within a revolution, rad.
     let commanded_angle =
         |observation: &Observation| layout.design.grid_angle_rad(observation.c_index) * axis.clockwise_sign;
     let angles: Vec<f64> = observations.iter().map(commanded_angle).collect();
     let by_component = |component| radius_derivatives_by_motion(setup, layout, observations, component);
     let is_lost = |error: &ErrorParameter| match error.shape() {
-        ErrorShape::Cos(n) | ErrorShape::Sin(n) => (n as usize).is_multiple_of(layout.design.position_count),
+        ErrorShape::Cos(n) | ErrorShape::Sin(n) => (n as usize).is_multiple_of(layout.design.angle_count),
         _ => false,
     };
-    let motions = rotary_error_motions(plan, &[layout.design.position_count as u32]);
+    let motions = rotary_error_motions(plan, &[layout.design.angle_count as u32]);
     let declared = motions.into_iter().filter(|motion| {
         let RotaryErrorMotion { error, .. } = motion;
         error.axis() == axis.axis && is_lost(error) && !known_motions.has_component(error.component())
@@ -84,7 +84,7 @@ pub fn rotary_axis_sources(
 
 /// Derivative of each radius by an error motion of the axis along or about `component`.
 fn radius_derivatives_by_motion(
-    setup: &CycleSetup<'_>,
+    setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
     observations: &[Observation],
     component: Axis,
@@ -93,15 +93,15 @@ fn radius_derivatives_by_motion(
         let normal = layout.ray_direction(observation.phi_index);
         let across = Vector3::z().cross(&normal);
         let centre = setup.axis.axis_point_at_height(setup.heights[observation.height_index])
-            + observation.radius_mm * normal
-            + observation.lateral_mm * across;
+            + observation.along_ray_mm * normal
+            + observation.across_ray_mm * across;
         setup.axis.radius_derivative_by_motion(component, centre, normal)
     };
     observations.iter().map(of_radius).collect()
 }
 
 /// The touches whose radii the sources change.
-struct CycleTouches<'a> {
+struct MeasuredTouches<'a> {
     plan: &'a Plan,
     observations: &'a [Observation],
     /// Directions of the rays.
@@ -110,13 +110,14 @@ struct CycleTouches<'a> {
     points: Vec<Vector3<f64>>,
 }
 
-impl<'a> CycleTouches<'a> {
-    fn new(setup: &CycleSetup<'a>, layout: &UnknownsLayout, observations: &'a [Observation]) -> Self {
-        let CycleSetup { plan, heights, .. } = setup;
+impl<'a> MeasuredTouches<'a> {
+    fn new(setup: &SelfCalibrationSetup<'a>, layout: &UnknownsLayout, observations: &'a [Observation]) -> Self {
+        let SelfCalibrationSetup { plan, heights, .. } = setup;
         let normals: Vec<Vector3<f64>> = observations.iter().map(|s| layout.ray_direction(s.phi_index)).collect();
         let mean = heights.iter().sum::<f64>() / heights.len() as f64;
-        let point =
-            |(s, n): (&Observation, &Vector3<f64>)| n * s.radius_mm + Vector3::z() * (heights[s.height_index] - mean);
+        let point = |(s, n): (&Observation, &Vector3<f64>)| {
+            n * s.along_ray_mm + Vector3::z() * (heights[s.height_index] - mean)
+        };
         let points = observations.iter().zip(&normals).map(point).collect();
         Self { plan, observations, normals, points }
     }

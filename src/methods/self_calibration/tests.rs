@@ -5,15 +5,15 @@ use std::f64::consts::TAU;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::design::GridDesign;
+use super::design::AngleGridDesign;
 use super::fit::{Fit, SELF_CALIBRATION_RANK_THRESHOLD};
 use super::model::{Observation, UnknownsLayout};
 use super::outputs::axis_position_coefficients;
 use super::paper_system::PaperSystem;
 use super::settings::SelfCalibrationSettings;
 use crate::identification::{
-    FitQuality, LinearFit, ObservationEffect, OutputParameter, Outputs, SolvedModel, TrialSettings, UncertaintySource,
-    dot_product, identify, multiply_vector,
+    FitQuality, IdentificationOutputs, ObservationEffect, OutputParameter, SolvedLinearFit, SolvedModel, TrialSettings,
+    UncertaintySource, dot_product, identify, multiply_vector,
 };
 use estimation::linear_least_squares::{LinearSolution, analyse_rank};
 use estimation::monte_carlo::TrialCount;
@@ -29,7 +29,7 @@ fn gcd(a: usize, b: usize) -> usize {
 }
 
 fn two_angle_paper_system(n: usize, k_b: usize) -> PaperSystem {
-    PaperSystem::new(&GridDesign { position_count: n, probe_angle_indices: vec![0, k_b] })
+    PaperSystem::new(&AngleGridDesign { angle_count: n, probe_angle_indices: vec![0, k_b] })
 }
 
 /// Largest standard uncertainty of any unknown for unit differences.
@@ -70,7 +70,7 @@ fn regress_45_degrees_works_for_8_positions_only() {
             probe_angles_deg: Some(vec![0.0, 45.0]),
             ..SelfCalibrationSettings::default()
         };
-        match GridDesign::new(&settings) {
+        match AngleGridDesign::new(&settings) {
             Ok(_) => assert_eq!(n, 8),
             Err(refused) => {
                 assert_ne!(n, 8);
@@ -86,10 +86,10 @@ fn monte_carlo_standard_deviations(form: &PaperSystem, trials: usize) -> Vec<f64
     let LinearSolution { x, gain, rank, condition, dof, .. } = form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
     let sigma = vec![1.0; form.touches.len()];
     let unknowns = (0..x.len()).map(|j| OutputParameter::from_unknown("x", Unit::Mm, j, &x));
-    let outputs = Outputs { linear_parameters: unknowns.collect(), ..Outputs::default() };
+    let outputs = IdentificationOutputs { linear_parameters: unknowns.collect(), ..IdentificationOutputs::default() };
     let figures = FitQuality { rank, unknown_count: rank, condition_number: condition, dof, residual_rms_mm: 0.0 };
     let solution = SolvedModel {
-        model: &LinearFit { x: &x, design_matrix: &form.design_matrix, sigma: &sigma, gain: &gain },
+        model: &SolvedLinearFit { x: &x, design_matrix: &form.design_matrix, sigma: &sigma, gain: &gain },
         weighted_residuals: &vec![0.0; sigma.len()],
         has_declared_source_sizes: true,
         fit_quality: figures,
@@ -132,7 +132,8 @@ fn paper_table_5_uncertainties() {
     assert!(rms <= 0.04, "rms log-ratio {rms}");
 }
 
-/// METHODS section 1: u = 0.97/1.06 um for the mean of E_total.
+/// At a touch noise of 1 µm, u of the axis position (mean of E_total) is 0.97 µm in X and 1.06 µm in Y (METHODS
+/// section 1).
 #[test]
 fn regress_uncertainty_of_the_mean_axis_position() {
     let form = two_angle_paper_system(8, 1);
@@ -149,7 +150,7 @@ fn regress_uncertainty_of_the_mean_axis_position() {
 #[test]
 fn regress_a_third_probe_angle_reduces_the_largest_uncertainty() {
     for (n, paper, third) in [(8, 3.34, 1.40), (24, f64::NAN, 1.88), (36, 13.8, 2.06)] {
-        let with = PaperSystem::new(&GridDesign { position_count: n, probe_angle_indices: vec![0, 1, n / 4] });
+        let with = PaperSystem::new(&AngleGridDesign { angle_count: n, probe_angle_indices: vec![0, 1, n / 4] });
         let worst = largest_standard_uncertainty(&with);
         assert!((worst - third).abs() < 0.006, "N = {n}: {worst}");
         if paper.is_finite() {
@@ -203,8 +204,8 @@ impl RoundPart {
     }
 }
 
-fn identified_axis_position(part: &RoundPart, n: usize, second_order: bool) -> [f64; 2] {
-    let design = GridDesign { position_count: n, probe_angle_indices: vec![0, 1, n / 4] };
+fn identified_axis_position(part: &RoundPart, n: usize, with_second_order: bool) -> [f64; 2] {
+    let design = AngleGridDesign { angle_count: n, probe_angle_indices: vec![0, 1, n / 4] };
     let observations: Vec<Observation> = design
         .cycle_touches(false)
         .into_iter()
@@ -213,14 +214,14 @@ fn identified_axis_position(part: &RoundPart, n: usize, second_order: bool) -> [
             height_index: 0,
             c_index: t.c_index,
             phi_index: t.phi_index,
-            radius_mm: part.measured_radius_mm(design.grid_angle_rad(t.c_index), design.grid_angle_rad(t.phi_index)),
-            lateral_mm: 0.0,
+            along_ray_mm: part.measured_radius_mm(design.grid_angle_rad(t.c_index), design.grid_angle_rad(t.phi_index)),
+            across_ray_mm: 0.0,
             relative_time: 0.0,
         })
         .collect();
     let layout = UnknownsLayout { design, height_count: 1, drift_order: 0, interruption_times: Vec::new() };
     let sigma = vec![1e-3; observations.len()];
-    let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, second_order).unwrap();
+    let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, with_second_order).unwrap();
     let (cx, cy) = axis_position_coefficients(&layout, 0);
     [dot_product(&cx, &x), dot_product(&cy, &x)]
 }
@@ -302,7 +303,7 @@ fn paper_table_6_circle_centre() {
 #[test]
 fn regress_linear_drift_is_removed() {
     // Random drift in X, Y and radius is removed exactly if it is linear in time.
-    let design = GridDesign { position_count: 8, probe_angle_indices: vec![0, 1, 2] };
+    let design = AngleGridDesign { angle_count: 8, probe_angle_indices: vec![0, 1, 2] };
     let part = RoundPart { contact_radius_mm: 48.0, centre: [0.3, 0.2], axis: [0.02, -0.01] };
     let touches = design.cycle_touches(true);
     let mut rng = seeded_stream(3, &[9]);
@@ -322,8 +323,8 @@ fn regress_linear_drift_is_removed() {
                 height_index: 0,
                 c_index: t.c_index,
                 phi_index: t.phi_index,
-                radius_mm: radius,
-                lateral_mm: 0.0,
+                along_ray_mm: radius,
+                across_ray_mm: 0.0,
                 relative_time: time,
             }
         })
@@ -340,7 +341,8 @@ fn regress_linear_drift_is_removed() {
 fn regress_the_default_design_is_well_posed_for_any_n() {
     for n in 5..=36 {
         let design =
-            GridDesign::new(&SelfCalibrationSettings { positions: n, ..SelfCalibrationSettings::default() }).unwrap();
+            AngleGridDesign::new(&SelfCalibrationSettings { positions: n, ..SelfCalibrationSettings::default() })
+                .unwrap();
         let layout = UnknownsLayout { design, height_count: 1, drift_order: 1, interruption_times: Vec::new() };
         let touches = layout.design.cycle_touches(true);
         let last = touches.len() as f64;
@@ -352,8 +354,8 @@ fn regress_the_default_design_is_well_posed_for_any_n() {
                 height_index: 0,
                 c_index: t.c_index,
                 phi_index: t.phi_index,
-                radius_mm: 0.0,
-                lateral_mm: 0.0,
+                along_ray_mm: 0.0,
+                across_ray_mm: 0.0,
                 relative_time: 2.0 * i as f64 / last - 1.0,
             })
             .collect();

@@ -3,8 +3,8 @@
 use include_dir::{Dir, include_dir};
 use minijinja::Environment;
 
+use super::dialect_file::DialectFile;
 use super::dialect_options::{DialectOptions, ProbeFault};
-use super::dialect_spec::DialectSpec;
 use super::error::DialectError;
 use super::template_environment::template_environment;
 use machine::record::machine::{Machine, Probe};
@@ -12,7 +12,7 @@ use machine::record::motion::Motion;
 
 static DIALECT_FOLDERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../gcode-templates");
 
-/// Languages that have a reader.
+/// Languages that have a G-code reader.
 const LANGUAGES_WITH_READER: [&str; 1] = ["rs274"];
 
 /// Time after which a probe that was switched on is ready, s; the heads of dialects whose control receives the text
@@ -23,7 +23,7 @@ const PROBE_SWITCH_ON_TIME_S: f64 = 1.0;
 /// template, the control cannot execute it.
 #[derive(Debug, Clone)]
 pub struct Dialect {
-    pub(super) spec: DialectSpec,
+    pub(super) dialect_file: DialectFile,
     pub(super) templates: Environment<'static>,
     pub(super) options: DialectOptions,
 }
@@ -51,7 +51,7 @@ impl Dialect {
     fn from_folder(folder: &'static Dir<'static>) -> Result<Self, Box<dyn std::error::Error>> {
         let text =
             |path: &std::path::Path| folder.get_file(path).and_then(|file| file.contents_utf8()).unwrap_or_default();
-        let spec: DialectSpec = toml::from_str(text(&folder.path().join("dialect.toml")))?;
+        let spec: DialectFile = toml::from_str(text(&folder.path().join("dialect.toml")))?;
         if !LANGUAGES_WITH_READER.contains(&spec.language.as_str()) {
             return Err(format!("unknown language `{}`", spec.language).into());
         }
@@ -62,16 +62,16 @@ impl Dialect {
                 templates.add_template_owned(name.into_owned(), text(file.path()))?;
             }
         }
-        Ok(Self { spec, templates, options: DialectOptions::default() })
+        Ok(Self { dialect_file: spec, templates, options: DialectOptions::default() })
     }
 
     pub fn name(&self) -> &str {
-        &self.spec.name
+        &self.dialect_file.name
     }
 
     /// File extension of programs, without the dot.
     pub fn program_file_extension(&self) -> &str {
-        &self.spec.extension
+        &self.dialect_file.extension
     }
 
     /// Returns this dialect with the options that `machine` and `probe` declare.
@@ -81,8 +81,8 @@ impl Dialect {
     /// that this control does not use.
     pub fn with_machine_options(mut self, machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
         let options = DialectOptions::new(machine, probe)?;
-        self.spec.inputs.check_input_name("[probe] error_input", options.probe_error_input.as_deref())?;
-        self.spec.inputs.check_input_name("[probe] battery_input", options.probe_battery_input.as_deref())?;
+        self.dialect_file.inputs.check_input_name("[probe] error_input", options.probe_error_input.as_deref())?;
+        self.dialect_file.inputs.check_input_name("[probe] battery_input", options.probe_battery_input.as_deref())?;
         self.options = options;
         Ok(self)
     }

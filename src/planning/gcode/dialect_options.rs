@@ -1,6 +1,6 @@
 //! Options that a machine adds to its dialect: commands that switch probe and clamps, inputs that report the state
-//! of the probe. They come from the machine file; the reader refuses an undeclared command like any other that it
-//! does not understand.
+//! of the probe. They come from the machine file; the G-code reader refuses an undeclared command like any other that
+//! it does not understand.
 
 use std::collections::BTreeMap;
 

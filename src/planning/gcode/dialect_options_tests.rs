@@ -5,7 +5,7 @@ use serde_json::json;
 use super::tests::check_program_equals_blocks;
 use super::*;
 use machine::record::machine::{Machine, Probe};
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
@@ -39,7 +39,7 @@ fn dialect_with_options(name: &str) -> Dialect {
         .unwrap()
 }
 
-fn blocks_with_clamped_axes() -> Vec<Block> {
+fn blocks_with_clamped_axes() -> Vec<MotionBlock> {
     use Axis::*;
     let at = |words: &[(Axis, f64)]| -> Position {
         words.iter().map(|(axis, edge)| (*axis, axis.to_mm_or_rad(*edge))).collect()
@@ -54,7 +54,7 @@ fn blocks_with_clamped_axes() -> Vec<Block> {
         Motion::Rapid { to: at(&[(C, 0.0)]) },
         Motion::Feed { to: at(&[(C, 10.0)]), feed_mm_min: 600.0 },
     ];
-    vec![Block { step: 7, repeat: 0, motions }]
+    vec![MotionBlock { step: 7, repeat: 0, motions }]
 }
 
 fn render_program_with_options(dialect: &Dialect) -> String {

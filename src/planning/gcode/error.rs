@@ -20,8 +20,8 @@ impl DialectError {
             Self::UnknownDialect { .. } => "choose an available dialect in [controller] dialect",
             Self::InvalidFolder { .. } => "correct the files in this folder",
             Self::InvalidOption { .. } => {
-                "set the key to one M word of the control with its parameters, e.g. \"M64 P1\", or to the name \
-                 of an input of the control; or remove the key"
+                "set the key of a command to one M word of the control with its parameters, e.g. \"M64 P1\", and the \
+                 key of an input to the name of an input of the control; or remove the key"
             }
         }
     }

@@ -53,7 +53,7 @@ fn reader_gives_finite_motions_or_an_error_for_any_text() {
 fn has_only_finite_values(motion: &ReadMotion) -> bool {
     let of_kind = match motion.kind {
         rs274::MotionKind::Dwell { seconds } => seconds,
-        rs274::MotionKind::Orient { s } => s,
+        rs274::MotionKind::OrientSpindle { s } => s,
         rs274::MotionKind::Rapid
         | rs274::MotionKind::Feed
         | rs274::MotionKind::Probe { .. }

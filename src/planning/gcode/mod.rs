@@ -5,10 +5,10 @@
 //! ([`Dialect::check_read_motions`]).
 
 mod dialect;
+mod dialect_file;
 mod dialect_options;
 #[cfg(test)]
 mod dialect_options_tests;
-mod dialect_spec;
 mod error;
 #[cfg(test)]
 mod fuzz;

@@ -17,7 +17,7 @@ impl Dialect {
     /// # Errors
     /// The first line that is not understood.
     pub fn read_back(&self, text: &str) -> Result<Vec<ReadMotion>, ReadError> {
-        rs274::read_program(text, Some(&self.spec.work_offset), &self.options.declared_commands)
+        rs274::read_program(text, Some(&self.dialect_file.work_offset), &self.options.declared_commands)
     }
 
     /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and
@@ -25,8 +25,8 @@ impl Dialect {
     pub fn position_rounding_tolerance(&self, axis: Axis) -> f64 {
         let decimals = match axis {
             Axis::S => return axis.to_mm_or_rad(THIRD_DECIMAL_TOLERANCE),
-            axis if axis.is_linear() => self.spec.decimals_mm,
-            _ => self.spec.decimals_deg,
+            axis if axis.is_linear() => self.dialect_file.decimals_mm,
+            _ => self.dialect_file.decimals_deg,
         };
         axis.to_mm_or_rad(0.501 * 0.1_f64.powi(decimals as i32))
     }
@@ -66,7 +66,7 @@ impl Dialect {
             (Motion::Dwell { seconds }, MotionKind::Dwell { seconds: read }) => {
                 return check_value_within_tolerance("dwell", *seconds, read, THIRD_DECIMAL_TOLERANCE);
             }
-            (Motion::Orient { s }, MotionKind::Orient { s: read }) => {
+            (Motion::OrientSpindle { s }, MotionKind::OrientSpindle { s: read }) => {
                 let turn = (s - read + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
                 return check_value_within_tolerance(
                     "orientation",

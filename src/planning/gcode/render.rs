@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use super::dialect::Dialect;
 use super::error::RenderError;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use minijinja::Error;
 use minijinja::value::Value;
@@ -16,7 +16,7 @@ const MAX_STEP_NUMBER: u32 = 99_999;
 /// Values for the head and the foot of a program.
 #[derive(Debug, Clone, Copy)]
 pub struct HeadAndFootValues<'a> {
-    /// A comment for the reader of the program.
+    /// A comment for a person who reads the program.
     pub title: &'a str,
     /// The machine's axes.
     pub axes: &'a [Axis],
@@ -39,7 +39,7 @@ impl Dialect {
     ///
     /// # Errors
     /// A value is not finite, an axis has no word, or the control cannot execute the motion.
-    pub fn render_block(&self, block: &Block) -> Result<Vec<String>, RenderError> {
+    pub fn render_block(&self, block: &MotionBlock) -> Result<Vec<String>, RenderError> {
         if block.step > MAX_STEP_NUMBER {
             return Err(RenderError::StepNumberTooLarge(block.step));
         }
@@ -67,7 +67,7 @@ impl Dialect {
     }
 
     /// A whole program: head, blocks, foot; each line ends with a newline.
-    pub fn render_program(&self, program: &HeadAndFootValues, blocks: &[Block]) -> Result<String, RenderError> {
+    pub fn render_program(&self, program: &HeadAndFootValues, blocks: &[MotionBlock]) -> Result<String, RenderError> {
         let mut lines = self.render_head(program)?;
         for block in blocks {
             lines.extend(self.render_block(block)?);
@@ -86,7 +86,7 @@ fn render_head_or_foot(
     program: &HeadAndFootValues,
 ) -> Result<Vec<String>, RenderError> {
     let title = safe_comment_text(program.title);
-    let axes = program.axes.iter().filter(|axis| dialect.spec.axes.contains(axis));
+    let axes = program.axes.iter().filter(|axis| dialect.dialect_file.axes.contains(axis));
     let letters: Value = axes.map(|axis| Value::from(axis.letter())).collect();
     let mut names = vec![("title", Value::from(title)), ("axes", letters)];
     names.extend(program.result_log_path.map(|log| ("log", Value::from(log))));
@@ -116,7 +116,7 @@ fn motion_template(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, 
         }
         Motion::Guarded { to, feed_mm_min } => moving("guarded", to, Some(*feed_mm_min)),
         Motion::Probe { to, feed_mm_min } => moving("probe", to, Some(*feed_mm_min)),
-        Motion::Orient { s } => {
+        Motion::OrientSpindle { s } => {
             let s_deg = Axis::S.to_mm_or_deg(s.rem_euclid(TAU));
             Ok(("orient", vec![("s_deg", Value::from(s_deg))]))
         }
@@ -129,7 +129,7 @@ fn axis_word_values(dialect: &Dialect, to: &Position) -> Result<Value, RenderErr
     if to.is_empty() {
         return Err(RenderError::MotionWithoutTargetAxis);
     }
-    let spec = &dialect.spec;
+    let spec = &dialect.dialect_file;
     to.iter()
         .map(|(axis, value)| {
             if !spec.axes.contains(&axis) {
@@ -151,7 +151,7 @@ fn render_template_lines(
     names: TemplateValues,
 ) -> Result<Vec<String>, RenderError> {
     let unsupported =
-        |_| RenderError::MissingTemplate { dialect: dialect.spec.name.clone(), missing_template: template };
+        |_| RenderError::MissingTemplate { dialect: dialect.dialect_file.name.clone(), missing_template: template };
     let found = dialect.templates.get_template(template).map_err(unsupported)?;
     let text = found.render(Value::from_pairs(names)).map_err(|error| render_error_from_template(template, &error))?;
     Ok(text.lines().map(str::to_owned).collect())

@@ -2,7 +2,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::rs274::{self, DeclaredCommands, MotionFrame, MotionKind, ReadError, ReadMotion};
 use super::*;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
@@ -12,7 +12,7 @@ fn position_from_mm_or_deg(words: &[(Axis, f64)]) -> Position {
 }
 
 /// Motions of a measurement, with values that are hard to format.
-fn hard_to_format_blocks(orient: bool) -> Vec<Block> {
+fn hard_to_format_blocks(has_orientation: bool) -> Vec<MotionBlock> {
     use Axis::*;
     let mut first = vec![
         Motion::Rapid { to: position_from_mm_or_deg(&[(Z, 200.0)]) },
@@ -22,15 +22,15 @@ fn hard_to_format_blocks(orient: bool) -> Vec<Block> {
         Motion::Probe { to: position_from_mm_or_deg(&[(X, 46.0), (Y, -7.0 / 3.0)]), feed_mm_min: 29.7 },
         Motion::BackOff { to: position_from_mm_or_deg(&[(X, 50.0), (Y, -0.0)]), feed_mm_min: 600.0 },
     ];
-    if orient {
-        first.insert(1, Motion::Orient { s: -PI / 2.0 });
+    if has_orientation {
+        first.insert(1, Motion::OrientSpindle { s: -PI / 2.0 });
     }
     let second = vec![
         Motion::Dwell { seconds: 0.25 },
         Motion::Feed { to: position_from_mm_or_deg(&[(Y, 12.3456), (Z, 1.0 / 3.0)]), feed_mm_min: 120.0 },
         Motion::Rapid { to: position_from_mm_or_deg(&[(X, -150.5), (Y, 99.999_99), (C, -359.999)]) },
     ];
-    vec![Block { step: 0, repeat: 0, motions: first }, Block { step: 99_999, repeat: 2, motions: second }]
+    vec![MotionBlock { step: 0, repeat: 0, motions: first }, MotionBlock { step: 99_999, repeat: 2, motions: second }]
 }
 
 fn read_program_without_declared_commands(text: &str, zero_slot: Option<&str>) -> Result<Vec<ReadMotion>, ReadError> {
@@ -41,7 +41,7 @@ fn read_program_without_declared_commands(text: &str, zero_slot: Option<&str>) -
 pub(super) fn check_program_equals_blocks(
     dialect: &Dialect,
     text: &str,
-    blocks: &[Block],
+    blocks: &[MotionBlock],
 ) -> Result<(), Box<dyn std::error::Error>> {
     let mut read = dialect.read_back(text)?;
     for block in blocks {
@@ -116,19 +116,19 @@ fn the_error_of_an_unknown_dialect_lists_the_known_ones() {
 #[test]
 fn unrenderable_motions_are_refused_with_a_typed_error() {
     let dialect = Dialect::from_name("grbl").unwrap();
-    let render = |motion| dialect.render_block(&Block { step: 1, repeat: 0, motions: vec![motion] });
+    let render = |motion| dialect.render_block(&MotionBlock { step: 1, repeat: 0, motions: vec![motion] });
     let nan = Motion::Rapid { to: position_from_mm_or_deg(&[(Axis::X, f64::NAN)]) };
     assert!(matches!(render(nan), Err(RenderError::ValueNotFinite(v)) if v.is_nan()));
     let feed = Motion::Probe { to: position_from_mm_or_deg(&[(Axis::X, 1.0)]), feed_mm_min: f64::INFINITY };
     assert_eq!(render(feed), Err(RenderError::ValueNotFinite(f64::INFINITY)));
     assert!(matches!(
-        render(Motion::Orient { s: 0.0 }),
+        render(Motion::OrientSpindle { s: 0.0 }),
         Err(RenderError::MissingTemplate { missing_template: "orient", .. })
     ));
     let spindle = Motion::Rapid { to: position_from_mm_or_deg(&[(Axis::S, 0.0)]) };
     assert!(matches!(render(spindle), Err(RenderError::NoWordForAxis { axis: Axis::S, .. })));
     assert_eq!(render(Motion::Rapid { to: Position::new() }), Err(RenderError::MotionWithoutTargetAxis));
-    let late = Block { step: 100_000, repeat: 0, motions: vec![] };
+    let late = MotionBlock { step: 100_000, repeat: 0, motions: vec![] };
     assert_eq!(dialect.render_block(&late), Err(RenderError::StepNumberTooLarge(100_000)));
 }
 
@@ -156,7 +156,7 @@ fn the_reader_follows_modal_state() {
     assert_eq!(kinds, [MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Rapid]);
     assert_eq!(read[1].target, position_from_mm_or_deg(&[(Axis::Y, 2.0)]));
     assert_eq!(read[2].target, position_from_mm_or_deg(&[(Axis::X, 3.0)]));
-    assert!((read[3].target.get_or_zero(Axis::X) - 28.4).abs() < 1e-12, "an inch further");
+    assert!((read[3].target.get_or_zero(Axis::X) - 28.4).abs() < 1e-12, "X1 in inches is 25.4 mm further");
     assert_eq!(read[3].feed_mm_min, Some(25.4));
     assert!((read[4].target.get_or_zero(Axis::C) - TAU / 4.0).abs() < 1e-12);
     assert_eq!(read[4].line, 8);
@@ -230,7 +230,7 @@ fn the_reader_refuses_unsupported_words_with_their_line() {
     );
     assert!(
         read_program_without_declared_commands(&format!("{MODE_LINES}o<a> if [1]\nM72\no<a> endif"), None).is_err(),
-        "does not stop"
+        "a branch that ends without M2 is refused"
     );
     assert!(
         read_program_without_declared_commands(&format!("{MODE_LINES}o<a> if [1]\nM2\no<a> endif\n"), None)

@@ -4,7 +4,7 @@ use super::dialect::Dialect;
 use super::error::RenderError;
 use super::render::HeadAndFootValues;
 use machine::Axis;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 
 /// Form in which a control receives blocks. The driver declares it; the proof reads exactly the text that is sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,7 +33,7 @@ pub struct TransmissionUnit {
 pub(crate) struct TransmissionText {
     /// The units of each block.
     pub units_by_block: Vec<Vec<TransmissionUnit>>,
-    /// The programs that a reader must read, each from an unknown state: the whole text, in the order of
+    /// The programs that the G-code reader must read back, each from an unknown state: the whole text, in the order of
     /// transmission.
     pub programs: Vec<String>,
     /// Number of lines of the programs before the first unit.
@@ -49,7 +49,7 @@ impl Dialect {
         &self,
         transmission: &TransmissionForm,
         axes: &[Axis],
-        blocks: &[Block],
+        blocks: &[MotionBlock],
     ) -> Result<TransmissionText, RenderError> {
         match transmission {
             TransmissionForm::Lines { .. } | TransmissionForm::TableRows => self.render_unit_per_motion(axes, blocks),
@@ -58,7 +58,7 @@ impl Dialect {
     }
 
     /// Renders one program, with a unit for each motion.
-    fn render_unit_per_motion(&self, axes: &[Axis], blocks: &[Block]) -> Result<TransmissionText, RenderError> {
+    fn render_unit_per_motion(&self, axes: &[Axis], blocks: &[MotionBlock]) -> Result<TransmissionText, RenderError> {
         let program = HeadAndFootValues { title: "stage", axes, result_log_path: None };
         let mut text = join_lines(self.render_head(&program)?);
         let head_lines = text.lines().count();
@@ -73,9 +73,9 @@ impl Dialect {
         Ok(TransmissionText { units_by_block: all, programs: vec![text], head_line_count: head_lines })
     }
 
-    fn render_motion_unit(&self, block: &Block, motion: &Motion) -> Result<TransmissionUnit, RenderError> {
+    fn render_motion_unit(&self, block: &MotionBlock, motion: &Motion) -> Result<TransmissionUnit, RenderError> {
         let motions = vec![motion.clone()];
-        let lines = self.render_block(&Block { motions: motions.clone(), ..*block })?;
+        let lines = self.render_block(&MotionBlock { motions: motions.clone(), ..*block })?;
         Ok(TransmissionUnit { motions, text: join_lines(lines), clamp_wait_s: self.clamp_wait_s(motion) })
     }
 
@@ -84,7 +84,7 @@ impl Dialect {
         &self,
         axes: &[Axis],
         log: &str,
-        blocks: &[Block],
+        blocks: &[MotionBlock],
     ) -> Result<TransmissionText, RenderError> {
         let dialect = self.without_probe_off_command();
         let mut all = Vec::new();
@@ -103,13 +103,13 @@ impl Dialect {
         &self,
         axes: &[Axis],
         log: &str,
-        block: &Block,
+        block: &MotionBlock,
         motions: &[Motion],
     ) -> Result<TransmissionUnit, RenderError> {
         let title = format!("step {} repeat {}", block.step, block.repeat);
         let program = HeadAndFootValues { title: &title, axes, result_log_path: Some(log) };
         let motions = motions.to_vec();
-        let part = Block { motions: motions.clone(), ..*block };
+        let part = MotionBlock { motions: motions.clone(), ..*block };
         let text = self.render_program(&program, std::slice::from_ref(&part))?;
         let clamp_wait_s = motions.iter().map(|motion| self.clamp_wait_s(motion)).sum();
         Ok(TransmissionUnit { motions, text, clamp_wait_s })

@@ -54,7 +54,7 @@ fn touch_plan_and_program(from: f64, to: f64) -> (Plan, String) {
     (plan, lines)
 }
 
-fn prove_plan(plan: &Plan) -> Result<Proof, ProofRefusal> {
+fn prove_plan(plan: &Plan) -> Result<StageProof, ProofRefusal> {
     prove_lines_from(plan, &touch_plan_and_program(15.0, 11.0).1, Some(&position_beside_part()))
 }
 

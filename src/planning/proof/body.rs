@@ -29,6 +29,7 @@ pub struct CollisionShape {
 }
 
 impl CollisionShape {
+    /// Points of this and the following shapes are in the frame of the carrier.
     pub fn ball(centre: Vector3<f64>, radius: f64) -> Self {
         let carrier_from_core = Pose::from(Translation3::from(centre));
         Self { core: ShapeCore::Point, rounding_radius: radius, carrier_from_core }

@@ -51,7 +51,7 @@ impl BodyPair {
         let joint_path = JointPath { from: zero, to: zero };
         let (min_clearance_mm, ignored_above_mm) = (MIN_UNGUARDED_CLEARANCE_MM, f64::INFINITY);
         let demand = ClearanceDemand {
-            min_clearance_mm,
+            required_clearance_mm: min_clearance_mm,
             max_misplacement_mm: self.max_misplacement_mm,
             lateral_misplacement: None,
             ignored_above_mm,

@@ -115,14 +115,15 @@ impl CollisionScene {
         let mut nearest = max_clearance_mm;
         let centres = (!joint_path.moves_rotary_axis()).then(|| self.body_centres_at_path_ends(joint_path));
         for pair in &self.pairs {
-            let Some((min_clearance_mm, lateral)) = required_clearance(rule, pair, joint_path) else {
+            let Some((min_clearance_mm, lateral)) = required_clearance_and_lateral_misplacement(rule, pair, joint_path)
+            else {
                 continue;
             };
             let counts = !pair.is_on_same_machine_side()
                 && (!matches!(pair.role, PairRole::StylusBallAndTouchable(_)) || min_clearance_mm > 0.0);
             let position_uncertainty_mm = if lateral.is_none() { pair.max_misplacement_mm } else { 0.0 };
             let demand = ClearanceDemand {
-                min_clearance_mm,
+                required_clearance_mm: min_clearance_mm,
                 max_misplacement_mm: position_uncertainty_mm,
                 lateral_misplacement: lateral,
                 ignored_above_mm: if counts { nearest } else { min_clearance_mm },
@@ -180,12 +181,12 @@ fn are_far_apart(pair: &BodyPair, centres: &[[Vector3<f64>; 2]], demand: &Cleara
     let uncertainty_mm =
         demand.max_misplacement_mm + demand.lateral_misplacement.map_or(0.0, |lateral| lateral.max_misplacement_mm);
     apart - reach - uncertainty_mm
-        > demand.min_clearance_mm.max(demand.ignored_above_mm - REPORTED_CLEARANCE_ACCURACY_MM)
+        > demand.required_clearance_mm.max(demand.ignored_above_mm - REPORTED_CLEARANCE_ACCURACY_MM)
 }
 
 /// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the
 /// pair is not checked.
-fn required_clearance(
+fn required_clearance_and_lateral_misplacement(
     rule: &ClearanceRule,
     pair: &BodyPair,
     joint_path: &JointPath,
@@ -194,10 +195,13 @@ fn required_clearance(
         (ClearanceRule::UnguardedMove, _) => (MIN_UNGUARDED_CLEARANCE_MM, None),
         (ClearanceRule::UnguardedInNest, _) => (pair.min_measured_gap_mm.unwrap_or(MIN_UNGUARDED_CLEARANCE_MM), None),
         (ClearanceRule::GuardedMove, _) => (pair.required_guarded_clearance_mm(), None),
-        (ClearanceRule::GuardedFirstMove, _) => {
-            (start_clearance_mm(pair, joint_path).unwrap_or(0.0).min(pair.required_guarded_clearance_mm()), None)
-        }
-        (ClearanceRule::Retract, _) => match start_clearance_mm(pair, joint_path) {
+        (ClearanceRule::GuardedFirstMove, _) => (
+            required_clearance_of_leaving_pair_mm(pair, joint_path)
+                .unwrap_or(0.0)
+                .min(pair.required_guarded_clearance_mm()),
+            None,
+        ),
+        (ClearanceRule::Retract, _) => match required_clearance_of_leaving_pair_mm(pair, joint_path) {
             Some(apart) => (apart.min(MIN_UNGUARDED_CLEARANCE_MM), None),
             None => return None,
         },
@@ -213,12 +217,12 @@ fn required_clearance(
     })
 }
 
-/// Required clearance of a pair that is leaving, mm: its clearance at the start of the path. `None` if the two
-/// intersect at the assumed positions.
-fn start_clearance_mm(pair: &BodyPair, joint_path: &JointPath) -> Option<f64> {
+/// Required clearance of a pair that is leaving, mm: its clearance at the start of the path, less the possible
+/// misplacement and a tolerance. `None` if the two intersect at the assumed positions.
+fn required_clearance_of_leaving_pair_mm(pair: &BodyPair, joint_path: &JointPath) -> Option<f64> {
     let start = JointPath { from: joint_path.from, to: joint_path.from };
     let demand = ClearanceDemand {
-        min_clearance_mm: 0.0,
+        required_clearance_mm: 0.0,
         max_misplacement_mm: 0.0,
         lateral_misplacement: None,
         ignored_above_mm: f64::INFINITY,

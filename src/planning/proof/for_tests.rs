@@ -2,7 +2,7 @@
 
 use super::proven_blocks::{ProvenBlock, StageProofError, read_back_block};
 use crate::gcode::{Dialect, DialectError, TransmissionForm};
-use machine::record::motion::Block;
+use machine::record::motion::MotionBlock;
 use machine::{Axis, Position};
 
 /// The dialect of this name.
@@ -19,7 +19,7 @@ pub fn load_dialect(name: &str) -> Result<Dialect, DialectError> {
 /// # Errors
 /// The block cannot be rendered, or the text does not agree with its motions.
 pub fn prove_block_text(
-    block: &Block,
+    block: &MotionBlock,
     axes: &[Axis],
     dialect: &Dialect,
     transmission: &TransmissionForm,
@@ -30,10 +30,10 @@ pub fn prove_block_text(
 /// Like [`prove_block_text`], from the position `begins`, at which the machine must be.
 ///
 /// # Errors
-/// As [`prove_block_text`].
+/// The errors of [`prove_block_text`].
 pub fn prove_block_text_from(
     begins: Position,
-    block: &Block,
+    block: &MotionBlock,
     axes: &[Axis],
     dialect: &Dialect,
     transmission: &TransmissionForm,

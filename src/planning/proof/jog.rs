@@ -13,9 +13,9 @@ use super::refusal::{ProofRefusal, RefusalReason};
 use super::sweep::JointPath;
 use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
 use crate::gcode::{Dialect, TransmissionForm};
-use machine::record::motion::Block;
+use machine::record::motion::MotionBlock;
 use machine::record::plan::Plan;
-use machine::record::proof::Clearance;
+use machine::record::stage_proof::Clearance;
 use machine::{Axis, Position};
 
 /// Maximum length of a jog, mm or degrees.
@@ -46,7 +46,7 @@ pub struct JogProofRequest<'a> {
 pub fn prove_jog(
     request: &JogProofRequest<'_>,
     transmission: &TransmissionForm,
-    block: &Block,
+    block: &MotionBlock,
 ) -> Result<ProvenBlock, StageProofError> {
     prove_single_move(request, transmission, block, check_jog)
 }
@@ -55,11 +55,11 @@ pub fn prove_jog(
 /// short slow feed move, and that it approaches no declared body except those in contact at the start.
 ///
 /// # Errors
-/// As [`prove_jog`].
+/// The errors of [`prove_jog`].
 pub fn prove_retract(
     request: &JogProofRequest<'_>,
     transmission: &TransmissionForm,
-    block: &Block,
+    block: &MotionBlock,
 ) -> Result<ProvenBlock, StageProofError> {
     prove_single_move(request, transmission, block, check_retract)
 }
@@ -69,7 +69,7 @@ type MinClearanceResult = Result<Option<Clearance>, ProofRefusal>;
 fn prove_single_move(
     request: &JogProofRequest<'_>,
     transmission: &TransmissionForm,
-    block: &Block,
+    block: &MotionBlock,
     check: fn(&JogProofRequest<'_>, &[String]) -> MinClearanceResult,
 ) -> Result<ProvenBlock, StageProofError> {
     let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
@@ -79,7 +79,7 @@ fn prove_single_move(
     read_back_block(block, request.start_position.clone(), request.dialect, transmission, sent)
 }
 
-/// Checks a jog. Returns the smallest clearance, if there are bodies.
+/// Checks the line of a jog against its request and the bodies. Returns the smallest clearance, if there are bodies.
 pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
     let motion = read_single_move(request, programs)?;
     let refusal = |reason: RefusalReason| reason.at_line(motion.line);
@@ -106,7 +106,7 @@ fn read_single_move(request: &JogProofRequest<'_>, programs: &[String]) -> Resul
     let motions = read_back_programs(request.dialect, programs)?;
     <[ReadMotion; 1]>::try_from(motions)
         .map(|[motion]| motion)
-        .map_err(|motions| RefusalReason::NotSingleMove(motions.len()).at_line(1))
+        .map_err(|motions| RefusalReason::MotionCountIsNotOne(motions.len()).at_line(1))
 }
 
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
@@ -118,10 +118,10 @@ fn check_single_axis_move(
 ) -> Result<(), RefusalReason> {
     let JogProofRequest { plan, axis, dialect, .. } = *request;
     if let MotionFrame::Work(slot) = &motion.frame {
-        return Err(RefusalReason::NotMachineCoordinates(slot.clone()));
+        return Err(RefusalReason::MotionInWorkFrame(slot.clone()));
     }
     if let Some((other, _)) = motion.target.iter().find(|(other, _)| *other != axis) {
-        return Err(RefusalReason::UnrequestedAxis(other));
+        return Err(RefusalReason::MovesUnrequestedAxis(other));
     }
     let meant = Position::new().with(axis, request.target_mm_or_rad);
     if let Some(off) = motion_rules::find_axis_mismatch(&motion.target, &meant, dialect) {
@@ -141,7 +141,7 @@ fn check_guard_and_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> R
     match motion.kind {
         // Moves of linear axes are guarded: contact stops them.
         MotionKind::Probe { must_touch: false } if axis.is_linear() => {
-            motion_rules::checked_braking_distance_mm(motion, &plan.machine, &plan.probe)?;
+            motion_rules::braking_distance_within_overtravel_mm(motion, &plan.machine, &plan.probe)?;
         }
         MotionKind::Feed if !axis.is_linear() => {}
         _ => return Err(RefusalReason::UnguardedJog),

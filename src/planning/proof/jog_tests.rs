@@ -5,7 +5,7 @@ use super::tests::{cylinder_touch_plan, position_beside_part};
 use super::{JogProofRequest, ProofRefusal, RefusalReason};
 use crate::gcode::Dialect;
 use machine::record::plan::Plan;
-use machine::record::proof::Clearance;
+use machine::record::stage_proof::Clearance;
 use machine::{Axis, Position};
 
 type MinClearanceResult<E> = Result<Option<Clearance>, E>;
@@ -54,15 +54,15 @@ fn a_jog_moves_its_axis_alone_slowly_and_guarded() {
     let plan = cylinder_touch_plan(|_| {});
     let x = |lines: &str| prove_jog_lines(&plan, lines, (Axis::X, 101.0), &position_beside_part());
     assert!(x("N1 G38.3 X101 F60").is_ok());
-    assert_eq!(x("N1 G38.3 X101 Y1 F60"), Err(RefusalReason::UnrequestedAxis(Axis::Y)));
-    assert_eq!(x("N1 G38.3 Y1 F60"), Err(RefusalReason::UnrequestedAxis(Axis::Y)));
+    assert_eq!(x("N1 G38.3 X101 Y1 F60"), Err(RefusalReason::MovesUnrequestedAxis(Axis::Y)));
+    assert_eq!(x("N1 G38.3 Y1 F60"), Err(RefusalReason::MovesUnrequestedAxis(Axis::Y)));
     assert!(matches!(x("N1 G38.3 X102 F60"), Err(RefusalReason::WrongTarget(_))));
     assert!(matches!(x("N1 G38.3 X101 F600"), Err(RefusalReason::WrongFeed { .. })));
     assert_eq!(x("N1 G53 G0 X101"), Err(RefusalReason::UnguardedJog));
     assert_eq!(x("N1 G53 G1 X101 F60"), Err(RefusalReason::UnguardedJog));
-    assert_eq!(x(""), Err(RefusalReason::NotSingleMove(0)));
-    assert_eq!(x("N1 G38.3 X101 F60\nN1 G38.3 X100 F60"), Err(RefusalReason::NotSingleMove(2)));
-    assert!(matches!(x("G54\nN1 G38.3 X101 F60"), Err(RefusalReason::NotMachineCoordinates(_))));
+    assert_eq!(x(""), Err(RefusalReason::MotionCountIsNotOne(0)));
+    assert_eq!(x("N1 G38.3 X101 F60\nN1 G38.3 X100 F60"), Err(RefusalReason::MotionCountIsNotOne(2)));
+    assert!(matches!(x("G54\nN1 G38.3 X101 F60"), Err(RefusalReason::MotionInWorkFrame(_))));
 
     let far = prove_jog_lines(&plan, "N1 G38.3 X140 F60", (Axis::X, 140.0), &position_beside_part());
     assert_eq!(far, Err(RefusalReason::MoveTooLong { by: 40.0, most: 10.0 }));
@@ -103,20 +103,23 @@ fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
     let z = |lines: &str, to: f64| prove_retract_lines(&plan, lines, (Axis::Z, to), &position_beside_part());
     assert!(z("N1 G53 G1 Z301 F60", 301.0).is_ok());
     assert!(z("N1 G53 G1 Z299 F60", 299.0).is_ok());
-    assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(RefusalReason::UnrequestedAxis(Axis::X)));
-    assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(RefusalReason::UnrequestedAxis(Axis::X)));
-    assert!(matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(RefusalReason::WrongTarget(_))), "the other sense");
+    assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(RefusalReason::MovesUnrequestedAxis(Axis::X)));
+    assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(RefusalReason::MovesUnrequestedAxis(Axis::X)));
+    assert!(
+        matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(RefusalReason::WrongTarget(_))),
+        "a retract opposite to the requested direction is refused"
+    );
     assert!(z("N1 G53 G1 Z302 F60", 302.0).is_ok());
     let long = z("N1 G53 G1 Z302.5 F60", 302.5);
     assert_eq!(long, Err(RefusalReason::MoveTooLong { by: 2.5, most: 2.0 }));
     assert!(matches!(z("N1 G53 G1 Z301 F61", 301.0), Err(RefusalReason::WrongFeed { .. })));
     assert_eq!(z("N1 G53 G0 Z301", 301.0), Err(RefusalReason::InvalidRetract));
     assert_eq!(z("N1 G38.3 Z301 F60", 301.0), Err(RefusalReason::InvalidRetract));
-    assert_eq!(z("", 301.0), Err(RefusalReason::NotSingleMove(0)));
+    assert_eq!(z("", 301.0), Err(RefusalReason::MotionCountIsNotOne(0)));
     let twice = z("N1 G53 G1 Z301 F60\nN1 G53 G1 Z301 F60", 301.0);
-    assert_eq!(twice, Err(RefusalReason::NotSingleMove(2)));
+    assert_eq!(twice, Err(RefusalReason::MotionCountIsNotOne(2)));
     assert!(z("N1 G1 Z301 F60\nG54", 301.0).is_ok(), "G59 holds zeros");
-    assert!(matches!(z("G54\nN1 G1 Z301 F60", 301.0), Err(RefusalReason::NotMachineCoordinates(_))));
+    assert!(matches!(z("G54\nN1 G1 Z301 F60", 301.0), Err(RefusalReason::MotionInWorkFrame(_))));
 
     let turn = prove_retract_lines(&plan, "N1 G53 G1 C1 F60", (Axis::C, 1.0), &position_beside_part());
     assert_eq!(turn, Err(RefusalReason::InvalidRetract));

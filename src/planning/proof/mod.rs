@@ -16,8 +16,8 @@
 //! - A prompt is one stop (M0) and nothing else; after it, the position of the machine is unknown.
 //! - There is no other feed move. Guarded moves (probing moves other than the touch) stay clear of everything, and
 //!   stop within the overtravel if they meet an obstacle nevertheless.
-//! - Until a scan, or touches along three independent normals, have confirmed the position of the machine, there is
-//!   no rapid, and the whole approach to a step is careful ([`unconfirmed_position_rules`]).
+//! - Until a scan, or touches along three independent normals, have verified the position of the machine, there is
+//!   no rapid, and the whole approach to a step is careful ([`unverified_position_rules`]).
 //! - Pairs of bodies whose contact the probe cannot detect stay half a millimetre apart on guarded moves and
 //!   touches. The probe detects contact of the stylus ball and stylus stem with the artefact, including its stems.
 //! - Rapids and turns of a rotary axis or the spindle keep [`MIN_UNGUARDED_CLEARANCE_MM`] from everything, and every
@@ -53,7 +53,7 @@ mod refusal;
 mod scan;
 mod sweep;
 mod touch;
-mod unconfirmed_position_rules;
+mod unverified_position_rules;
 
 #[cfg(test)]
 mod ball_tests;
@@ -64,20 +64,20 @@ mod scan_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
-mod unconfirmed_position_rules_tests;
+mod unverified_position_rules_tests;
 
 pub use jog::{JogProofRequest, prove_jog, prove_retract};
 pub use proven_blocks::{AlteredBlockError, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};
 pub use proven_mode_text::{ProvenModeText, render_and_prove_mode_text};
 pub use refusal::{ProofRefusal, RefusalReason};
 
-use crate::ConfirmedDirections;
+use crate::TouchedDirections;
 use crate::gcode::Dialect;
 use crate::gcode::rs274::ReadMotion;
 use machine::Position;
 use machine::record::artefact::Artefact;
 use machine::record::plan::Plan;
-use machine::record::proof::Proof;
+use machine::record::stage_proof::StageProof;
 use proven_blocks::read_back_programs;
 
 /// Minimum clearance of rapids and turning axes from everything, mm.
@@ -92,8 +92,8 @@ pub struct ProofRequest<'a> {
     /// Position of the machine at the start, as far as it is known. Moves before X, Y and Z are known are not
     /// checked, and the proof reports them.
     pub start_position: Option<&'a Position>,
-    /// Directions that were confirmed since the machine was prepared.
-    pub confirmed: ConfirmedDirections,
+    /// Directions in which touches have met the part since the machine was prepared.
+    pub touched_directions: TouchedDirections,
     pub dialect: &'a Dialect,
     /// Programs that are executed one after the other; each sets the modes that it needs.
     pub programs: &'a [String],
@@ -108,15 +108,15 @@ pub struct StageSteps<'a> {
     pub found_artefact: Option<&'a Artefact>,
 }
 
-/// Proves that the text contains exactly the steps, and that no bodies collide.
+/// Proves that the programs contain exactly the steps of their stages, and that no bodies collide.
 ///
 /// # Errors
 /// The first line that is wrong or cannot be proven.
-pub fn prove_programs(request: &ProofRequest<'_>) -> Result<Proof, ProofRefusal> {
+pub fn prove_programs(request: &ProofRequest<'_>) -> Result<StageProof, ProofRefusal> {
     prove_read_motions(request, read_back_programs(request.dialect, request.programs)?)
 }
 
 /// Like [`prove_programs`], for programs that were read back already.
-fn prove_read_motions(request: &ProofRequest<'_>, motions: Vec<ReadMotion>) -> Result<Proof, ProofRefusal> {
+fn prove_read_motions(request: &ProofRequest<'_>, motions: Vec<ReadMotion>) -> Result<StageProof, ProofRefusal> {
     program_check::ProgramCheck::begin(request, motions)?.check_all_motions()
 }

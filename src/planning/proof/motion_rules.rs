@@ -20,7 +20,7 @@ type CheckResult = Result<(), RefusalReason>;
 /// turn: its position is accepted if it is within the limits after adding or subtracting a full turn.
 pub fn check_axis_limits(motion: &ReadMotion, machine: &Machine, dialect: &Dialect) -> CheckResult {
     let spindle = match motion.kind {
-        MotionKind::Orient { s } => Position::new().with(Axis::S, s),
+        MotionKind::OrientSpindle { s } => Position::new().with(Axis::S, s),
         _ => Position::new(),
     };
     for (axis, value) in motion.target.updated_by(&spindle).iter() {
@@ -54,7 +54,7 @@ pub fn check_max_feed(motion_name: &'static str, motion: &ReadMotion, max_feed: 
 }
 
 /// Braking distance from the feed, mm, for every linear axis; it must be within the probe's overtravel.
-pub fn checked_braking_distance_mm(
+pub fn braking_distance_within_overtravel_mm(
     motion: &ReadMotion,
     machine: &Machine,
     probe: &Probe,

@@ -6,11 +6,11 @@ use super::collision_scene::{ClearanceRule, CollisionScene};
 use super::refusal::{ProofRefusal, RefusalReason};
 use super::sweep::JointPath;
 use super::{ProofRequest, motion_rules, touch};
-use crate::ConfirmedDirections;
+use crate::TouchedDirections;
 use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
 use machine::kinematics::{AxisCommands, KinematicChain};
 use machine::record::plan::{Step, StepKind};
-use machine::record::proof::{Clearance, Proof};
+use machine::record::stage_proof::{Clearance, StageProof};
 use machine::{Axis, Position};
 
 /// Progress of a step.
@@ -32,10 +32,11 @@ fn is_prompt(step: &Step) -> bool {
     step.kind == StepKind::Prompt
 }
 
-/// State of the check of a program, from motion to motion.
+/// Check of a program, motion by motion. The fields up to `scenes_by_stage` are its inputs.
 pub struct ProgramCheck<'a> {
     pub(super) request: &'a ProofRequest<'a>,
-    motions: Vec<ReadMotion>,
+    /// All motions of the programs, as read back; empty once the check of the motions has begun.
+    read_motions: Vec<ReadMotion>,
     /// Steps of all stages in order, each with the index of its stage.
     steps_with_stage_index: Vec<(&'a Step, usize)>,
     /// Scene of each stage.
@@ -46,12 +47,12 @@ pub struct ProgramCheck<'a> {
     pub(super) position: Position,
     /// Current line, from 1.
     current_line: usize,
-    proof: Proof,
+    proof: StageProof,
     /// Smallest clearance of the current step.
     min_clearance_of_step: Option<Clearance>,
     /// Lines whose path is not known.
     unchecked_lines: Vec<usize>,
-    pub(super) confirmed: ConfirmedDirections,
+    pub(super) touched_directions: TouchedDirections,
     pub(super) chain: KinematicChain,
 }
 
@@ -75,27 +76,27 @@ impl<'a> ProgramCheck<'a> {
             KinematicChain::new(&request.plan.machine).map_err(|error| RefusalReason::from(error).at_line(1))?;
         Ok(Self {
             request,
-            motions,
+            read_motions: motions,
             steps_with_stage_index: turns,
             scenes_by_stage: scenes,
             current_step_index: None,
             step_phase: StepPhase::BackedOff,
             position,
             current_line: 1,
-            proof: Proof::default(),
+            proof: StageProof::default(),
             min_clearance_of_step: None,
             unchecked_lines: Vec::new(),
-            confirmed: request.confirmed,
+            touched_directions: request.touched_directions,
             chain,
         })
     }
 
-    /// Checks all motions.
-    pub fn check_all_motions(mut self) -> Result<Proof, ProofRefusal> {
-        for motion in std::mem::take(&mut self.motions) {
+    /// Checks each motion against its step and for collisions. `Err`: the first refusal.
+    pub fn check_all_motions(mut self) -> Result<StageProof, ProofRefusal> {
+        for motion in std::mem::take(&mut self.read_motions) {
             self.current_line = motion.line;
             self.check_motion(&motion).map_err(|reason| self.refusal_at_current_line(reason))?;
-            self.proof.motions += usize::from(motion.kind != MotionKind::ProgramStop);
+            self.proof.motion_count += usize::from(motion.kind != MotionKind::ProgramStop);
         }
         self.check_all_steps_complete().map_err(|reason| self.refusal_at_current_line(reason))?;
         Ok(self.into_proof())
@@ -110,9 +111,9 @@ impl<'a> ProgramCheck<'a> {
         self.steps_with_stage_index.get(self.current_step_index?).map(|(step, _)| *step)
     }
 
-    /// Whether touches have confirmed the position of the machine.
-    pub(super) fn is_position_confirmed(&self) -> bool {
-        self.confirmed.has_three_independent_directions()
+    /// Whether touches or a scan have verified the position of the machine.
+    pub(super) fn is_machine_position_verified(&self) -> bool {
+        self.touched_directions.has_three_independent_directions()
     }
 
     /// Scene of the current stage; before any step, of the first stage.
@@ -127,7 +128,7 @@ impl<'a> ProgramCheck<'a> {
     fn check_motion(&mut self, motion: &ReadMotion) -> CheckResult {
         self.advance_to_step(motion.step_number.ok_or(RefusalReason::MotionWithoutStep)?)?;
         if let MotionFrame::Work(slot) = &motion.frame {
-            return Err(RefusalReason::NotMachineCoordinates(slot.clone()));
+            return Err(RefusalReason::MotionInWorkFrame(slot.clone()));
         }
         let machine = &self.request.plan.machine;
         motion_rules::check_axis_limits(motion, machine, self.request.dialect)?;
@@ -139,13 +140,15 @@ impl<'a> ProgramCheck<'a> {
         }
         match motion.kind {
             MotionKind::Dwell { .. } => Ok(()),
-            MotionKind::Feed if self.step_phase == StepPhase::Approach && !self.is_position_confirmed() => {
-                self.check_unconfirmed_feed_move(motion)
+            MotionKind::Feed if self.step_phase == StepPhase::Approach && !self.is_machine_position_verified() => {
+                self.check_feed_move_at_unverified_position(motion)
             }
             MotionKind::Feed => self.check_back_off(motion),
             _ if self.step_phase == StepPhase::Touched => Err(RefusalReason::MissingBackOff),
-            MotionKind::Orient { s } => self.check_orientation(s),
-            MotionKind::Rapid if !self.is_position_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
+            MotionKind::OrientSpindle { s } => self.check_spindle_orientation(s),
+            MotionKind::Rapid if !self.is_machine_position_verified() => {
+                Err(RefusalReason::RapidBeforePositionVerified)
+            }
             MotionKind::Rapid => self.check_straight_move(&motion.target, &ClearanceRule::UnguardedMove),
             MotionKind::Probe { must_touch } => self.check_probing_move(motion, must_touch),
             MotionKind::ProgramStop => Err(RefusalReason::UnexpectedProgramStop),
@@ -157,7 +160,7 @@ impl<'a> ProgramCheck<'a> {
         match (kind, self.step_phase) {
             (MotionKind::ProgramStop, StepPhase::Approach) => {
                 (self.position, self.step_phase) = (Position::new(), StepPhase::PromptShown);
-                self.confirmed = ConfirmedDirections::default();
+                self.touched_directions = TouchedDirections::default();
                 Ok(())
             }
             (MotionKind::ProgramStop, _) => Err(RefusalReason::UnexpectedProgramStop),
@@ -186,16 +189,16 @@ impl<'a> ProgramCheck<'a> {
             (_, StepPhase::PromptShown) => return Ok(()),
             (Some(scan), _) => self.check_scan_complete(scan)?,
             (None, StepPhase::Touched) => {
-                return Err(RefusalReason::IncompleteStep("the back-off from contact"));
+                return Err(RefusalReason::StepEndsWithout("the back-off from contact"));
             }
             (None, StepPhase::BackedOff) => {
                 self.check_straight_move(&Position::new(), &ClearanceRule::UnguardedMove)?
             }
-            (None, _) => return Err(RefusalReason::IncompleteStep("the touch")),
+            (None, _) => return Err(RefusalReason::StepEndsWithout("the touch")),
         }
         self.proof.steps.extend(self.min_clearance_of_step.take());
         if let Some(step) = self.current_step() {
-            self.confirmed = self.confirmed.after_step(step);
+            self.touched_directions = self.touched_directions.after_step(step);
         }
         Ok(())
     }
@@ -205,7 +208,7 @@ impl<'a> ProgramCheck<'a> {
             self.complete_step()?;
         }
         let next = self.current_step_index.map_or(0, |turn| turn + 1);
-        self.steps_with_stage_index.get(next).map_or(Ok(()), |(step, _)| Err(RefusalReason::MissingStep(step.id)))
+        self.steps_with_stage_index.get(next).map_or(Ok(()), |(step, _)| Err(RefusalReason::EndsBeforeStep(step.id)))
     }
 
     /// Checks a probing move: the touch of the current step if it begins at `from` or ends at `to`, otherwise a
@@ -236,11 +239,11 @@ impl<'a> ProgramCheck<'a> {
         }
         let probe = &self.request.plan.probe;
         motion_rules::check_max_feed("the guarded move", motion, probe.guarded_feed_mm_min)?;
-        motion_rules::checked_braking_distance_mm(motion, &self.request.plan.machine, probe)?;
-        let rule = match (turns, self.is_position_confirmed()) {
-            (true, false) => return Err(RefusalReason::TurnBeforeConfirmation),
+        motion_rules::braking_distance_within_overtravel_mm(motion, &self.request.plan.machine, probe)?;
+        let rule = match (turns, self.is_machine_position_verified()) {
+            (true, false) => return Err(RefusalReason::TurnBeforePositionVerified),
             (true, true) => ClearanceRule::UnguardedMove,
-            (false, false) => self.unconfirmed_guarded_clearance_rule(motion)?,
+            (false, false) => self.guarded_clearance_rule_at_unverified_position(motion)?,
             (false, true) => self.guarded_move_clearance_rule(),
         };
         self.check_straight_move(&motion.target, &rule)
@@ -248,13 +251,13 @@ impl<'a> ProgramCheck<'a> {
 
     /// Clearance rule of a guarded move. A machine that was stopped at a low position may first move up from it.
     pub(super) fn guarded_move_clearance_rule(&self) -> ClearanceRule {
-        if self.proof.motions == 0 { ClearanceRule::GuardedFirstMove } else { ClearanceRule::GuardedMove }
+        if self.proof.motion_count == 0 { ClearanceRule::GuardedFirstMove } else { ClearanceRule::GuardedMove }
     }
 
     fn check_touch(&mut self, motion: &ReadMotion, step: &Step) -> CheckResult {
         let plan = self.request.plan;
         motion_rules::check_exact_feed("the touch", motion, step.feed_mm_min)?;
-        let braking = motion_rules::checked_braking_distance_mm(motion, &plan.machine, &plan.probe)?;
+        let braking = motion_rules::braking_distance_within_overtravel_mm(motion, &plan.machine, &plan.probe)?;
         let to = self.position.updated_by(&motion.target);
         motion_rules::check_touch_length(&self.position, &to, plan.probe.overtravel_mm)?;
         let from = self.axis_commands(&self.position)?;
@@ -292,8 +295,8 @@ impl<'a> ProgramCheck<'a> {
     }
 
     /// Checks an orientation of the spindle to `s`; the sense of rotation is unknown.
-    pub(super) fn check_orientation(&mut self, s: f64) -> CheckResult {
-        if !self.is_position_confirmed() {
+    pub(super) fn check_spindle_orientation(&mut self, s: f64) -> CheckResult {
+        if !self.is_machine_position_verified() {
             self.check_z_alone_or_at_top(&Position::new().with(Axis::S, s))?;
         }
         let turned = |by: f64| self.position.clone().with(Axis::S, s + by);
@@ -334,7 +337,7 @@ impl<'a> ProgramCheck<'a> {
         Ok(())
     }
 
-    fn into_proof(self) -> Proof {
+    fn into_proof(self) -> StageProof {
         let mut proof = self.proof;
         let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
         proof.nearest = proof.steps.iter().min_by(least).cloned();

@@ -6,10 +6,10 @@ use super::refusal::{ProofRefusal, RefusalReason};
 use super::{ProofRequest, StageSteps, prove_read_motions};
 use crate::gcode::rs274::ReadMotion;
 use crate::gcode::{Dialect, ReadBackMismatch, RenderError, TransmissionForm, TransmissionText, TransmissionUnit};
-use crate::{ConfirmedDirections, motion_target};
-use machine::record::motion::{Block, Motion};
+use crate::{TouchedDirections, motion_target};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::Plan;
-use machine::record::proof::Proof;
+use machine::record::stage_proof::StageProof;
 use machine::{Axis, Position};
 
 /// Blocks to be proven, the steps that they must contain, and the form in which they are sent.
@@ -19,11 +19,11 @@ pub struct StageProofRequest<'a> {
     pub stages: &'a [StageSteps<'a>],
     /// As in [`ProofRequest`].
     pub start_position: Option<&'a Position>,
-    pub confirmed: ConfirmedDirections,
+    pub touched_directions: TouchedDirections,
     pub dialect: &'a Dialect,
     pub transmission: &'a TransmissionForm,
     /// The motions that the text must contain, in order.
-    pub blocks: &'a [Block],
+    pub blocks: &'a [MotionBlock],
 }
 
 /// Error: a stage has no proven blocks. Nothing has moved.
@@ -57,7 +57,7 @@ pub struct ProvenBlock {
     proof_digest: [u8; 32],
 }
 
-/// A unit, and the motions that the reader found in its text.
+/// A unit, and the motions that the G-code reader found in its text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProvenUnit {
     pub unit: TransmissionUnit,
@@ -73,7 +73,12 @@ pub struct AlteredBlockError {
 }
 
 impl ProvenBlock {
-    fn new(block: &Block, start_position: Position, transmission: TransmissionForm, units: Vec<ProvenUnit>) -> Self {
+    fn new(
+        block: &MotionBlock,
+        start_position: Position,
+        transmission: TransmissionForm,
+        units: Vec<ProvenUnit>,
+    ) -> Self {
         let mut block = Self { step: block.step, start_position, transmission, units, proof_digest: [0; 32] };
         block.proof_digest = block.compute_digest();
         block
@@ -107,25 +112,33 @@ impl ProvenBlock {
     /// Units to be sent.
     ///
     /// # Errors
-    /// They differ from the proven units.
+    /// The units differ from those that were proven.
     pub fn units(&self) -> Result<&[ProvenUnit], AlteredBlockError> {
         let is_proven = self.compute_digest() == self.proof_digest;
         if is_proven { Ok(&self.units) } else { Err(AlteredBlockError { step: self.step }) }
     }
 }
 
-/// Renders the blocks of a stage for their transmission, proves that text, and keeps it.
+/// Renders the blocks of a stage as they are sent, proves that this text moves nothing into a body, and returns it.
 ///
 /// # Errors
 /// A block cannot be rendered; the first line that is wrong or cannot be proven.
-pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(Proof, Vec<ProvenBlock>), StageProofError> {
-    let StageProofRequest { plan, stages, start_position: position, confirmed, dialect, transmission, blocks } =
-        *request;
+pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(StageProof, Vec<ProvenBlock>), StageProofError> {
+    let StageProofRequest {
+        plan,
+        stages,
+        start_position: position,
+        touched_directions: confirmed,
+        dialect,
+        transmission,
+        blocks,
+    } = *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let sent = dialect.render_for_transmission(transmission, &axes, blocks)?;
     let read = read_back_programs(dialect, &sent.programs)?;
     let programs = &sent.programs;
-    let request = ProofRequest { plan, stages, start_position: position, confirmed, dialect, programs };
+    let request =
+        ProofRequest { plan, stages, start_position: position, touched_directions: confirmed, dialect, programs };
     let proof = prove_read_motions(&request, read.clone())?;
     let start_position = position.cloned().unwrap_or_default();
     Ok((proof, assign_motions_to_units(dialect, blocks, transmission, sent, read, start_position)?))
@@ -134,9 +147,9 @@ pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(Proof, Vec<Prove
 /// Reads one rendered block back.
 ///
 /// # Errors
-/// The first fault that the reader finds.
+/// The first fault that the G-code reader finds.
 pub(super) fn read_back_block(
-    block: &Block,
+    block: &MotionBlock,
     start_position: Position,
     dialect: &Dialect,
     transmission: &TransmissionForm,
@@ -145,13 +158,13 @@ pub(super) fn read_back_block(
     let blocks = std::slice::from_ref(block);
     let read = read_back_programs(dialect, &sent.programs)?;
     let mut proven = assign_motions_to_units(dialect, blocks, transmission, sent, read, start_position)?;
-    proven.pop().ok_or(RefusalReason::MissingStep(block.step).at_line(1).into())
+    proven.pop().ok_or(RefusalReason::EndsBeforeStep(block.step).at_line(1).into())
 }
 
 /// Assigns to each unit its motions of `read`, and compares them with the rendered motions.
 fn assign_motions_to_units(
     dialect: &Dialect,
-    blocks: &[Block],
+    blocks: &[MotionBlock],
     transmission: &TransmissionForm,
     sent: TransmissionText,
     read_motions: Vec<ReadMotion>,
@@ -227,7 +240,7 @@ mod tests {
     fn proven_x_move() -> Vec<ProvenBlock> {
         let to = Position::new().with(Axis::X, 90.0);
         let motions = vec![Motion::Guarded { to, feed_mm_min: 100.0 }];
-        let block = Block { step: 0, repeat: 0, motions };
+        let block = MotionBlock { step: 0, repeat: 0, motions };
         let axes: Vec<Axis> = cylinder_touch_plan(|_| {}).machine.axes.keys().copied().collect();
         let dialect = Dialect::from_name("grbl").unwrap();
         let transmission = TransmissionForm::Lines { max_line_bytes: 80 };
@@ -254,7 +267,7 @@ mod tests {
         let dialect = Dialect::from_name("grbl").unwrap();
         let to = |x: f64| Position::new().with(Axis::X, x);
         let motions = [90.0, 95.0].map(|x| Motion::Guarded { to: to(x), feed_mm_min: 100.0 });
-        let blocks = [Block { step: 0, repeat: 0, motions: motions.to_vec() }];
+        let blocks = [MotionBlock { step: 0, repeat: 0, motions: motions.to_vec() }];
         let lines = TransmissionForm::Lines { max_line_bytes: 80 };
         let sent = dialect.render_for_transmission(&lines, &[Axis::X], &blocks).unwrap();
         let proven = |sent: TransmissionText| {
@@ -273,7 +286,7 @@ mod tests {
         // The block can be rendered, but a control reads no feed in it.
         let to = Position::new().with(Axis::Z, -20.0);
         let motions = vec![Motion::Guarded { to, feed_mm_min: -300.0 }];
-        let block = Block { step: 3, repeat: 0, motions };
+        let block = MotionBlock { step: 3, repeat: 0, motions };
         let (dialect, lines) = (Dialect::from_name("grbl").unwrap(), TransmissionForm::Lines { max_line_bytes: 80 });
         let refused = prove_block_text(&block, &[Axis::Z], &dialect, &lines);
         assert!(matches!(refused, Err(StageProofError::Refused(_))), "{refused:?}");

@@ -6,7 +6,7 @@ use crate::gcode::{Dialect, HeadAndFootValues, ProbeFault};
 use machine::Axis;
 
 /// Text that a driver sends before the first and after the last block, including the options of the machine file.
-/// It was read back and moves nothing.
+/// The text was read back and moves nothing.
 #[derive(Debug, Clone)]
 pub struct ProvenModeText {
     head_lines: Vec<String>,
@@ -54,8 +54,8 @@ impl ProvenModeText {
     }
 }
 
-/// Renders and proves the text. `axes`: the axes of the machine. `log`: the results file, on a control that writes
-/// one itself.
+/// Renders the head and foot of a program, which set the control's modes, and proves that they move nothing. `axes`:
+/// the axes of the machine. `log`: the results file, on a control that writes one itself.
 ///
 /// # Errors
 /// The text cannot be rendered, contains a motion, or cannot be read back.

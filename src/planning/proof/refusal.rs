@@ -49,11 +49,11 @@ pub enum RefusalReason {
     #[error("a motion of step {found} is out of order{}", next_step_note(.expected))]
     WrongStepOrder { found: u32, expected: Option<u32> },
     #[error("the step ends without {0}")]
-    IncompleteStep(&'static str),
+    StepEndsWithout(&'static str),
     #[error("the program ends before step {0}")]
-    MissingStep(u32),
+    EndsBeforeStep(u32),
     #[error("the motion is in {0}, not in machine coordinates")]
-    NotMachineCoordinates(String),
+    MotionInWorkFrame(String),
     #[error("the motion moves {0}, but the machine has no axis {0}")]
     UnknownAxis(Axis),
     #[error("the target {axis} {value} is outside the limits [{min}, {max}]")]
@@ -89,9 +89,9 @@ pub enum RefusalReason {
     #[error("the feed move (G1) is not the back-off from a touch")]
     UnexpectedFeedMove,
     #[error("a rapid before touches have confirmed the machine position")]
-    RapidBeforeConfirmation,
+    RapidBeforePositionVerified,
     #[error("a probing move turns an axis before touches have confirmed the machine position")]
-    TurnBeforeConfirmation,
+    TurnBeforePositionVerified,
     #[error(
         "a sideways move or a turn with {0}: until touches have confirmed the machine position, only Z \
          may move while Z is below its upper limit"
@@ -110,9 +110,9 @@ pub enum RefusalReason {
     #[error("a prompt contains a motion other than a stop (M0)")]
     MotionInPrompt,
     #[error("the program has {0} motions instead of one")]
-    NotSingleMove(usize),
+    MotionCountIsNotOne(usize),
     #[error("the motion moves {0}, which is not the requested axis")]
-    UnrequestedAxis(Axis),
+    MovesUnrequestedAxis(Axis),
     #[error("the move is {by} mm or degrees long, more than the limit of {most}")]
     MoveTooLong { by: f64, most: f64 },
     #[error("the jog is neither a guarded move of a linear axis nor a feed move of a rotary axis")]

@@ -9,7 +9,7 @@ use super::program_check::{CheckResult, ProgramCheck, StepPhase};
 use super::refusal::RefusalReason;
 use crate::gcode::rs274::{MotionKind, ReadMotion};
 use crate::turn_feeds;
-use crate::unconfirmed_approach::{are_step_sensors_on_table, max_nest_feed_mm_min, near_part_feed_mm_min};
+use crate::unverified_position_approach::{are_step_sensors_on_table, max_nest_feed_mm_min, near_part_feed_mm_min};
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::{Axis, Position};
 
@@ -32,7 +32,11 @@ impl ProgramCheck<'_> {
                 self.check_dwell_complete(scan)?;
                 motion_rules::check_exact_feed("the scan", motion, step.feed_mm_min)?;
                 if self.are_step_sensors_on_table() && !has_rotary_motion(motion) {
-                    motion_rules::check_max_feed("the move between sensors", motion, self.max_nest_feed_mm_min())?;
+                    motion_rules::check_max_feed(
+                        "the move between sensors",
+                        motion,
+                        self.max_nest_feed_of_plan_mm_min(),
+                    )?;
                 }
                 self.check_move_to_scan_point(motion, scan, reached_count)
             }
@@ -49,34 +53,37 @@ impl ProgramCheck<'_> {
             }
             (MotionKind::ProgramStop, _) => Err(RefusalReason::UnexpectedProgramStop),
             (_, StepPhase::Scanning { .. }) => Err(RefusalReason::OffScanPath),
-            (MotionKind::Rapid, _) if !self.is_position_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
+            (MotionKind::Rapid, _) if !self.is_machine_position_verified() => {
+                Err(RefusalReason::RapidBeforePositionVerified)
+            }
             (MotionKind::Rapid, _) => self.check_straight_move(&motion.target, &ClearanceRule::UnguardedMove),
-            (MotionKind::Orient { s }, _) => self.check_orientation(s),
+            (MotionKind::OrientSpindle { s }, _) => self.check_spindle_orientation(s),
             (MotionKind::Probe { .. }, _) => Err(RefusalReason::ProbingMoveInScan),
         }
     }
 
-    /// Maximum feed of the last move to the first point. Until the position is confirmed, a turn has the reduced
+    /// Maximum feed of the last move to the first point. Until the position is verified, a turn has the reduced
     /// feed of such turns; an axis that the scan itself does not turn may turn only with Z at its upper end.
     fn max_scan_approach_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, RefusalReason> {
         let plan = self.request.plan;
         let in_nest = self.are_step_sensors_on_table();
-        let near = if in_nest { max_nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, self.confirmed) };
-        if self.is_position_confirmed() {
-            let turn = self.max_turn_feed_deg_min(motion).filter(|_| in_nest);
+        let near =
+            if in_nest { max_nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, self.touched_directions) };
+        if self.is_machine_position_verified() {
+            let turn = self.max_feed_of_single_axis_turn_deg_min(motion).filter(|_| in_nest);
             return Ok(turn.unwrap_or(near));
         }
-        let is_turned =
+        let does_scan_turn =
             |axis: Axis| scan.path.windows(2).any(|way| way[0].get_or_zero(axis) != way[1].get_or_zero(axis));
         let mut rotary = motion.target.iter().filter(|(axis, _)| !axis.is_linear());
-        if rotary.any(|(axis, _)| !is_turned(axis)) {
+        if rotary.any(|(axis, _)| !does_scan_turn(axis)) {
             self.check_z_alone_or_at_top(&motion.target)?;
         }
-        Ok(self.max_turn_feed_deg_min(motion).unwrap_or(near))
+        Ok(self.max_feed_of_single_axis_turn_deg_min(motion).unwrap_or(near))
     }
 
     /// Maximum feed of a motion that turns one axis, degrees/min; `None` for any other motion.
-    pub(super) fn max_turn_feed_deg_min(&self, motion: &ReadMotion) -> Option<f64> {
+    pub(super) fn max_feed_of_single_axis_turn_deg_min(&self, motion: &ReadMotion) -> Option<f64> {
         let mut moved = motion.target.iter().map(|(axis, _)| axis);
         let turned = moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())?;
         let plan = self.request.plan;
@@ -88,14 +95,14 @@ impl ProgramCheck<'_> {
         self.current_step().is_some_and(|step| are_step_sensors_on_table(self.request.plan, step))
     }
 
-    fn max_nest_feed_mm_min(&self) -> f64 {
+    fn max_nest_feed_of_plan_mm_min(&self) -> f64 {
         max_nest_feed_mm_min(self.request.plan)
     }
 
     /// Required clearance of a feed move of a scan. A move that is too fast for a hold to stop it in time keeps the
     /// margin from the sensors too.
     fn scan_move_clearance_rule(&self, motion: &ReadMotion) -> ClearanceRule {
-        let is_slow = || motion_rules::check_max_feed("", motion, self.max_nest_feed_mm_min()).is_ok();
+        let is_slow = || motion_rules::check_max_feed("", motion, self.max_nest_feed_of_plan_mm_min()).is_ok();
         match self.are_step_sensors_on_table() && (has_rotary_motion(motion) || is_slow()) {
             true => ClearanceRule::UnguardedInNest,
             false => ClearanceRule::UnguardedMove,
@@ -118,13 +125,13 @@ impl ProgramCheck<'_> {
 
     /// Checks a feed move before the first point.
     fn check_scan_approach(&mut self, motion: &ReadMotion) -> CheckResult {
-        if !self.is_position_confirmed() && has_rotary_motion(motion) {
-            return self.check_unconfirmed_feed_move(motion);
+        if !self.is_machine_position_verified() && has_rotary_motion(motion) {
+            return self.check_feed_move_at_unverified_position(motion);
         }
-        if !self.is_position_confirmed() {
+        if !self.is_machine_position_verified() {
             self.check_z_alone_or_at_top(&motion.target)?;
         }
-        let turn = self.max_turn_feed_deg_min(motion).filter(|_| self.are_step_sensors_on_table());
+        let turn = self.max_feed_of_single_axis_turn_deg_min(motion).filter(|_| self.are_step_sensors_on_table());
         let most = turn.unwrap_or(self.request.plan.probe.guarded_feed_mm_min);
         motion_rules::check_max_feed("the approach to the scan", motion, most)?;
         self.check_straight_move(&motion.target, &self.scan_move_clearance_rule(motion))
@@ -148,7 +155,7 @@ impl ProgramCheck<'_> {
             (Sampling::Dwell { dwell_s, .. }, StepPhase::Scanning { dwelled_s, .. })
                 if dwelled_s < dwell_s - DWELL_TOLERANCE_S =>
             {
-                Err(RefusalReason::IncompleteStep("the dwell at a point of the scan"))
+                Err(RefusalReason::StepEndsWithout("the dwell at a point of the scan"))
             }
             _ => Ok(()),
         }
@@ -159,7 +166,7 @@ impl ProgramCheck<'_> {
         self.check_dwell_complete(scan)?;
         match self.step_phase {
             StepPhase::Scanning { reached_count, .. } if reached_count == scan.path.len() => Ok(()),
-            _ => Err(RefusalReason::IncompleteStep("reaching all points of the scan")),
+            _ => Err(RefusalReason::StepEndsWithout("reaching all points of the scan")),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::tests::{cylinder_touch_plan, position_beside_part, prove_lines_from, prove_lines_with_confirmation};
+use super::tests::{cylinder_touch_plan, position_beside_part, prove_lines_from, prove_lines_with_touched_directions};
 use super::*;
 use machine::Axis;
 
@@ -37,7 +37,7 @@ fn dwell_scan_refusal(plan: &Plan, from: &str, to: &str) -> RefusalReason {
 #[test]
 fn whole_scan_is_proven_with_hand_computed_nearest_pair() {
     let proof = prove_lines_from(&laser_scan_plan(|_| {}), DWELL_SCAN_PROGRAM, Some(&position_beside_part())).unwrap();
-    assert_eq!((proof.motions, proof.steps.len()), (8, 1));
+    assert_eq!((proof.motion_count, proof.steps.len()), (8, 1));
     // The front is at 161 − 150 + 50, the top of the ball at 10, and the ball may be 1 mm higher.
     let nearest = proof.nearest.unwrap();
     assert_eq!(nearest.between, ["laser", "ball 1"]);
@@ -55,7 +55,7 @@ fn scan_with_a_wrong_point_feed_or_dwell_is_refused() {
     let feed = |reason| matches!(reason, RefusalReason::WrongFeed { .. });
     assert!(feed(dwell_scan_refusal(&plan, "X0 F60", "X0 F61")));
     assert!(feed(dwell_scan_refusal(&plan, "F1500", "F1501")));
-    let unfinished = |reason| matches!(reason, RefusalReason::IncompleteStep(_));
+    let unfinished = |reason| matches!(reason, RefusalReason::StepEndsWithout(_));
     assert!(unfinished(dwell_scan_refusal(&plan, "N0 G4 P0.5\nN0 G53 G1 X5", "N0 G4 P0.4\nN0 G53 G1 X5")));
     assert!(unfinished(dwell_scan_refusal(&plan, "N0 G53 G1 X5 F60\nN0 G4 P0.5\n", "")));
     assert!(unfinished(dwell_scan_refusal(&plan, "X5 F60\nN0 G4 P0.5\n", "X5 F60\n")));
@@ -109,7 +109,7 @@ const CONTINUOUS_SCAN_PROGRAM: &str = "N0 G53 G0 X-5\nN0 G53 G0 Z171\nN0 G53 G1 
 fn continuous_scan_with_a_dwell_or_another_path_is_refused() {
     let plan = continuous_scan_plan();
     let proof = prove_lines_from(&plan, CONTINUOUS_SCAN_PROGRAM, Some(&position_beside_part())).unwrap();
-    assert_eq!((proof.motions, proof.steps.len()), (6, 1));
+    assert_eq!((proof.motion_count, proof.steps.len()), (6, 1));
     let refusal = |from: &str, to: &str| {
         assert!(CONTINUOUS_SCAN_PROGRAM.contains(from), "{from}");
         let text = CONTINUOUS_SCAN_PROGRAM.replacen(from, to, 1);
@@ -127,7 +127,7 @@ fn continuous_scan_with_a_dwell_or_another_path_is_refused() {
     let feed = |reason| matches!(reason, RefusalReason::WrongFeed { .. });
     assert!(feed(refusal("X5 F60", "X5 F59")));
     assert!(feed(refusal("X5 F60", "X5 F180")));
-    assert!(matches!(refusal(last, "X5 F60\n"), RefusalReason::IncompleteStep(_)));
+    assert!(matches!(refusal(last, "X5 F60\n"), RefusalReason::StepEndsWithout(_)));
     let off = |reason| matches!(reason, RefusalReason::OffScanPath);
     assert!(off(refusal("N0 G53 G1 X5", "N0 G53 G0 X1\nN0 G53 G1 X5")));
     assert!(off(refusal(last, "X5 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 X5 F60\n")));
@@ -181,17 +181,18 @@ const NEST_SCAN_PROGRAM: &str = "N0 G53 G1 Z450 F60\nN0 G53 G1 X0 F60\nN0 G53 G1
 fn nest_scan_refusal(plan: &Plan, from: &str, to: &str) -> ProofRefusal {
     assert!(NEST_SCAN_PROGRAM.contains(from), "{from}");
     let text = NEST_SCAN_PROGRAM.replacen(from, to, 1);
-    prove_lines_with_confirmation(plan, &text, Some(&position_beside_part()), ConfirmedDirections::default())
+    prove_lines_with_touched_directions(plan, &text, Some(&position_beside_part()), TouchedDirections::default())
         .unwrap_err()
 }
 
 #[test]
 fn moves_and_table_turns_of_a_ball_in_a_nest_are_proven() {
     let plan = nest_scan_plan(0.0, |_| {});
-    for confirmed in [ConfirmedDirections::default(), ConfirmedDirections::all()] {
+    for confirmed in [TouchedDirections::default(), TouchedDirections::all()] {
         let proof =
-            prove_lines_with_confirmation(&plan, NEST_SCAN_PROGRAM, Some(&position_beside_part()), confirmed).unwrap();
-        assert_eq!((proof.motions, proof.steps.len()), (17, 1));
+            prove_lines_with_touched_directions(&plan, NEST_SCAN_PROGRAM, Some(&position_beside_part()), confirmed)
+                .unwrap();
+        assert_eq!((proof.motion_count, proof.steps.len()), (17, 1));
         // The gap of 1.5 mm, minus the approach: the ball moves 0.1 mm along X towards the sensor, of which the cos
         // 35.26° part counts, or down, of which the sin 35.26° part counts.
         let nearest = proof.nearest.unwrap();
@@ -216,11 +217,11 @@ fn fast_move_of_the_ball_between_the_sensors_is_refused() {
     let in_nest = position_beside_part().with(Axis::X, 0.0).with(Axis::Z, 180.0);
     let from_nest = |feed: &str| {
         let text = NEST_SCAN_PROGRAM.replacen("Z450 F60", &format!("Z450 F{feed}"), 1);
-        prove_lines_with_confirmation(
+        prove_lines_with_touched_directions(
             &plan,
             &text.replacen("N0 G53 G1 X0 F60\n", "", 1),
             Some(&in_nest),
-            ConfirmedDirections::all(),
+            TouchedDirections::all(),
         )
     };
     from_nest("60").unwrap();
@@ -246,7 +247,7 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
         step["to"] = step["from"].clone();
     });
     let (way_down, _) = NEST_SCAN_PROGRAM.split_once("N0 G53 G1 X0.1").unwrap();
-    prove_lines_with_confirmation(&off, way_down, Some(&position_beside_part()), ConfirmedDirections::default())
+    prove_lines_with_touched_directions(&off, way_down, Some(&position_beside_part()), TouchedDirections::default())
         .unwrap();
     let post = |x: f64| {
         nest_scan_plan(0.0, |plan| {
@@ -255,11 +256,11 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
         })
     };
     let prove_programs = |x: f64| {
-        prove_lines_with_confirmation(
+        prove_lines_with_touched_directions(
             &post(x),
             NEST_SCAN_PROGRAM,
             Some(&position_beside_part()),
-            ConfirmedDirections::default(),
+            TouchedDirections::default(),
         )
     };
     // The probe's body, 30 mm in radius, is 60 mm above the centre of the ball: it is beside the post from 120 mm

@@ -49,7 +49,7 @@ impl JointPath {
 #[derive(Debug, Clone, Copy)]
 pub struct ClearanceDemand {
     /// Minimum distance of the bodies, mm.
-    pub min_clearance_mm: f64,
+    pub required_clearance_mm: f64,
     /// Maximum misplacement of one body, in any direction, mm.
     pub max_misplacement_mm: f64,
     /// Possible misplacement perpendicular to one direction only.
@@ -61,7 +61,7 @@ pub struct ClearanceDemand {
 /// Returns the smallest clearance, mm, if it is below `demand.ignored_above_mm`.
 ///
 /// # Errors
-/// The clearance, mm, if the bodies come within `demand.min_clearance_mm` or cannot be proven not to.
+/// The clearance, mm, if the bodies come within `demand.required_clearance_mm` or cannot be proven not to.
 pub fn check_min_clearance_on_path(
     joint_path: &JointPath,
     one: &CollisionBody,
@@ -94,7 +94,7 @@ pub fn check_min_clearance_on_path(
         let (one_at, one_stray) = sweep(one, &one_goes);
         let (other_at, other_stray) = sweep(other, &other_goes);
         let stray = one_stray + other_stray;
-        let required_mm = demand.min_clearance_mm.max(nearest - REPORTED_CLEARANCE_ACCURACY_MM);
+        let required_mm = demand.required_clearance_mm.max(nearest - REPORTED_CLEARANCE_ACCURACY_MM);
         let [here, there] = [bounds.0, bounds.1].map(|(centre, _)| Point3::from(centre));
         let centres = nalgebra::distance(&(one_at * here), &(other_at * there));
         if centres - reaches - uncertainty_mm > required_mm + stray {
@@ -109,15 +109,15 @@ pub fn check_min_clearance_on_path(
         let nearest_gap =
             compute_body_gap(&one_at, &other_at, direction_hint, demand.lateral_misplacement, enough, wide + stray);
         direction_hint = Some(nearest_gap.direction);
-        let clearance = nearest_gap.distance_lower_bound_mm - demand.max_misplacement_mm;
+        let guaranteed_clearance_mm = nearest_gap.distance_lower_bound_mm - demand.max_misplacement_mm;
         let change = change(nearest_gap.direction);
-        if clearance <= demand.min_clearance_mm
-            || (stray < COLLISION_RESOLUTION_MM && clearance - change <= demand.min_clearance_mm)
+        if guaranteed_clearance_mm <= demand.required_clearance_mm
+            || (stray < COLLISION_RESOLUTION_MM && guaranteed_clearance_mm - change <= demand.required_clearance_mm)
         {
-            return Err(clearance);
+            return Err(guaranteed_clearance_mm);
         }
-        nearest = nearest.min(clearance);
-        if clearance - change <= required_mm && stray >= COLLISION_RESOLUTION_MM {
+        nearest = nearest.min(guaranteed_clearance_mm);
+        if guaranteed_clearance_mm - change <= required_mm && stray >= COLLISION_RESOLUTION_MM {
             parts.extend([(at + share / 2.0, share / 2.0), (at - share / 2.0, share / 2.0)]);
         }
     }

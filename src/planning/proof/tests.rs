@@ -33,16 +33,20 @@ pub(super) fn position_beside_part() -> Position {
     axes.into_iter().collect()
 }
 
-pub(super) fn prove_lines_from(plan: &Plan, lines: &str, position: Option<&Position>) -> Result<Proof, ProofRefusal> {
-    prove_lines_with_confirmation(plan, lines, position, ConfirmedDirections::all())
-}
-
-pub(super) fn prove_lines_with_confirmation(
+pub(super) fn prove_lines_from(
     plan: &Plan,
     lines: &str,
     position: Option<&Position>,
-    confirmed: ConfirmedDirections,
-) -> Result<Proof, ProofRefusal> {
+) -> Result<StageProof, ProofRefusal> {
+    prove_lines_with_touched_directions(plan, lines, position, TouchedDirections::all())
+}
+
+pub(super) fn prove_lines_with_touched_directions(
+    plan: &Plan,
+    lines: &str,
+    position: Option<&Position>,
+    confirmed: TouchedDirections,
+) -> Result<StageProof, ProofRefusal> {
     let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
     let stages = [StageSteps { step_ids: &[0], found_artefact: None }];
@@ -51,7 +55,7 @@ pub(super) fn prove_lines_with_confirmation(
         plan,
         stages: &stages,
         start_position: position,
-        confirmed,
+        touched_directions: confirmed,
         dialect: &dialect,
         programs,
     })
@@ -63,7 +67,7 @@ fn refusal_reason(plan: &Plan, lines: &str) -> Option<RefusalReason> {
     let refusal = prove_lines_from(plan, lines, Some(&position_beside_part())).unwrap_err();
     assert!(!refusal.remedy().is_empty());
     match refusal.reason {
-        RefusalReason::IncompleteStep(_) => None,
+        RefusalReason::StepEndsWithout(_) => None,
         reason => Some(reason),
     }
 }
@@ -92,7 +96,7 @@ fn whole_touch_is_proven_with_hand_computed_nearest_pair() {
         plan["probe"]["body_length_mm"] = 20.0.into();
     });
     let proof = prove_lines_from(&with_stem, TOUCH_PROGRAM, Some(&position_beside_part())).unwrap();
-    assert_eq!((proof.motions, proof.steps.len()), (5, 1));
+    assert_eq!((proof.motion_count, proof.steps.len()), (5, 1));
     // At contact, the distance of the stem is the ball's radius minus its own radius. The ball moves on by 0.1 mm
     // of pre-travel, and by the amount that a part 1 mm aside allows: 48 − √(48² − 1) = 0.01 mm.
     let nearest = proof.nearest.unwrap();
@@ -331,12 +335,12 @@ fn prompt_is_one_m0_and_makes_the_position_unknown() {
         let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
         let (stages, position) = ([StageSteps { step_ids: &[1, 0], found_artefact: None }], position_beside_part());
         let (stages, position) = (stages.as_slice(), Some(&position));
-        let (dialect, programs, confirmed) = (&dialect, [text], ConfirmedDirections::all());
+        let (dialect, programs, confirmed) = (&dialect, [text], TouchedDirections::all());
         prove_programs(&ProofRequest {
             plan: &plan,
             stages,
             start_position: position,
-            confirmed,
+            touched_directions: confirmed,
             dialect,
             programs: &programs,
         })
@@ -348,7 +352,7 @@ fn prompt_is_one_m0_and_makes_the_position_unknown() {
     assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");
     let reason = |lines: &str| proven(lines).unwrap_err().reason;
     assert!(matches!(reason(&format!("{up}{slow}")), RefusalReason::WrongStepOrder { expected: Some(1), .. }));
-    assert_eq!(reason(&format!("N1 M0\n{TOUCH_PROGRAM}")), RefusalReason::RapidBeforeConfirmation);
+    assert_eq!(reason(&format!("N1 M0\n{TOUCH_PROGRAM}")), RefusalReason::RapidBeforePositionVerified);
     assert_eq!(reason(&format!("N1 M0\nN1 M0\n{up}{slow}")), RefusalReason::UnexpectedProgramStop);
     assert_eq!(reason(&format!("N1 M0\nN0 M0\n{up}{slow}")), RefusalReason::UnexpectedProgramStop);
     assert_eq!(reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")), RefusalReason::MotionInPrompt);

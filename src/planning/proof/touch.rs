@@ -31,7 +31,7 @@ const TEXT_ROUNDING_TOLERANCE_MM: f64 = 2e-3;
 
 /// Part of a touch that contact allows.
 pub struct TouchReach {
-    /// Number of the touched body.
+    /// Number of the touched body, as in `BodyRole::Touchable`.
     pub touched_body_number: usize,
     pub joint_path: JointPath,
     pub lateral_misplacement: LateralMisplacement,

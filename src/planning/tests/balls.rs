@@ -10,7 +10,7 @@ use machine::record::artefact::{Artefact, Ball};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
 
-const SLOW_MEASURE_APPROACH: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
+const MEASURE_MODE: BallTouchMode = BallTouchMode::Measure { standoff_mm: 0.5, search_mm: 1.0 };
 
 fn ball_json(id: &str, centre: [f64; 3], stem: [f64; 3]) -> Value {
     json!({"id": id, "centre_mm": centre, "radius_mm": 10.0, "stem": stem,
@@ -59,27 +59,28 @@ fn accessible_touches_of_first_ball(
     count: usize,
 ) -> Result<Vec<TouchDirection>, BallAccessError> {
     let access = TouchAccess::new(plan, &plan.artefact).unwrap();
-    let task = BallTask { ball: &first_ball(plan), rotary, approach: SLOW_MEASURE_APPROACH, touch_count: count };
-    access.accessible_touches(&task)
+    let request =
+        BallMeasurementRequest { ball: &first_ball(plan), rotary, touch_mode: MEASURE_MODE, touch_count: count };
+    access.accessible_touches(&request)
 }
 
 fn touch_steps_of_first_ball(
     plan: &Plan,
     rotary: &Position,
-    approach: BallApproach,
+    mode: BallTouchMode,
 ) -> Result<Vec<Step>, BallAccessError> {
     let access = TouchAccess::new(plan, &plan.artefact).unwrap();
-    let task = BallTask { ball: &first_ball(plan), rotary, approach, touch_count: 5 };
-    access.touch_steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
+    let request = BallMeasurementRequest { ball: &first_ball(plan), rotary, touch_mode: mode, touch_count: 5 };
+    access.touch_steps(&request, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
 }
 
 /// Paper 4, section 3: +45, −135, −45, +135 degrees, then the pole; here in the order of neighbours.
 #[test]
-fn paper_five_touches_round_the_ball_and_at_its_pole() {
+fn paper_five_touches_around_the_ball_and_at_its_pole() {
     let plan = balls_plan(ROTARY_TABLE_TOPOLOGY, &[ball_json("1", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
     for (b, c) in [(0.0, 0.0), (30.0, 90.0), (-60.0, 270.0)] {
         let rotary = rotary_position_from_deg(b, c);
-        let steps = touch_steps_of_first_ball(&plan, &rotary, SLOW_MEASURE_APPROACH).unwrap();
+        let steps = touch_steps_of_first_ball(&plan, &rotary, MEASURE_MODE).unwrap();
         let names: Vec<&str> = steps.iter().map(|step| step.label.as_str()).collect();
         assert_eq!(names, ["slow/+45", "slow/+135", "slow/-135", "slow/-45", "slow/pole"]);
         assert_eq!(steps.iter().map(|step| step.id).collect::<Vec<_>>(), [7, 8, 9, 10, 11]);
@@ -161,11 +162,11 @@ fn unreachable_balls_are_refused_with_their_reason() {
     assert!(matches!(error, BallAccessError::OutOfTravel { axis: Axis::B, .. }), "{error}");
     let error = accessible_touches_of_first_ball(&near, &position_from_mm_or_deg(&[(Axis::B, 0.0)]), 5).unwrap_err();
     assert_eq!(error, BallAccessError::MissingAxisPosition { axis: Axis::C });
-    let wide = BallApproach::Search { uncertainty_mm: 2.0, standoff_mm: 0.5 };
+    let wide = BallTouchMode::Search { uncertainty_mm: 2.0, standoff_mm: 0.5 };
     let error = touch_steps_of_first_ball(&near, &rotary_position_from_deg(0.0, 0.0), wide).unwrap_err();
     assert!(matches!(error, BallAccessError::SearchTooLong { overtravel: 4.0, .. }), "{error}");
     // The artefact may be 0.5 mm off its position.
-    let short = BallApproach::Measure { standoff_mm: 0.5, search_mm: 0.4 };
+    let short = BallTouchMode::Measure { standoff_mm: 0.5, search_mm: 0.4 };
     let error = touch_steps_of_first_ball(&near, &rotary_position_from_deg(0.0, 0.0), short).unwrap_err();
     assert_eq!(error, BallAccessError::SearchTooShort { beyond_mm: 0.4, uncertainty_mm: 0.5 });
 }
@@ -180,7 +181,7 @@ fn a_tilted_spindle_is_refused() {
         accessible_touches_of_first_ball(&head, &indexed(0.0, 30.0), 5).unwrap_err(),
         BallAccessError::SpindleTilted
     );
-    let mut tilted = touch_steps_of_first_ball(&head, &indexed(0.0, 0.0), SLOW_MEASURE_APPROACH).unwrap().remove(0);
+    let mut tilted = touch_steps_of_first_ball(&head, &indexed(0.0, 0.0), MEASURE_MODE).unwrap().remove(0);
     for place in [&mut tilted.from, &mut tilted.to] {
         place.set(Axis::B, 0.5);
     }
@@ -299,7 +300,7 @@ fn motions_relative_to_first_ball(plan: &Plan, rotary: &Position) -> Vec<(bool, 
     if let Artefact::Balls(balls) = &mut plan.artefact {
         balls.uncertainty_mm = 0.25;
     }
-    plan.steps = touch_steps_of_first_ball(&plan, rotary, SLOW_MEASURE_APPROACH).unwrap();
+    plan.steps = touch_steps_of_first_ball(&plan, rotary, MEASURE_MODE).unwrap();
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let chain = KinematicChain::new(&plan.machine).unwrap();
     let centre = Vector3::from(first_ball(&plan).centre_mm);
@@ -307,11 +308,11 @@ fn motions_relative_to_first_ball(plan: &Plan, rotary: &Position) -> Vec<(bool, 
         let tip = chain.tip_in_table(at, Point::new(1.0, -2.0, -220.0), &[]).mm;
         chain.machine_from_table(at, &[]).rotation * (tip - centre)
     };
-    let mut blocks: Vec<Block> = Vec::new();
+    let mut blocks: Vec<MotionBlock> = Vec::new();
     for step in &plan.steps {
         let motions = blocks.iter().flat_map(|block| &block.motions);
         let position = Some(position_after_motions(motions, &Position::new())).filter(|_| !blocks.is_empty());
-        let start = BlockStart { position: position.as_ref(), confirmed: ConfirmedDirections::all() };
+        let start = BlockStart { position: position.as_ref(), touched_directions: TouchedDirections::all() };
         blocks.push(touch_block(&plan, step, 0, start, &clearance).unwrap());
     }
     let mut position = position_after_motions(&blocks[0].motions, &Position::new());
@@ -327,7 +328,7 @@ fn motions_relative_to_first_ball(plan: &Plan, rotary: &Position) -> Vec<(bool, 
 }
 
 #[test]
-fn the_path_between_touches_leads_round_the_ball_or_over_a_blocking_stem() {
+fn path_between_touches_leads_around_the_ball_or_over_a_blocking_stem() {
     let centre = [80.0, -50.0, 90.0];
     let free = balls_plan(ROTARY_TABLE_TOPOLOGY, &[ball_json("1", centre, [0.0, 0.0, -1.0])]);
     // The distance between the centres is 13 mm in contact, plus 0.5 mm standoff; the ball may be 0.25 mm off.

@@ -42,15 +42,15 @@ fn nest_scan_step(id: u32, path: Vec<Position>) -> Step {
     }
 }
 
-/// Checks that all steps of `plan` can be proven from an unconfirmed position.
+/// Checks that all steps of `plan` can be proven from an unverified position.
 #[track_caller]
-fn assert_blocks_are_proven(plan: &Plan, blocks: &[Block], position: &Position) {
+fn assert_blocks_are_proven(plan: &Plan, blocks: &[MotionBlock], position: &Position) {
     let steps: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
     let request = StageProofRequest {
         plan,
         stages: &[StageSteps { step_ids: &steps, found_artefact: None }],
         start_position: Some(position),
-        confirmed: ConfirmedDirections::default(),
+        touched_directions: TouchedDirections::default(),
         dialect: &Dialect::from_name("grbl-m19").unwrap(),
         transmission: &TransmissionForm::TableRows,
         blocks,
@@ -73,10 +73,10 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     let plan = nest_plan(steps);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let mut position = nest_position(50.0, 120.0, 0.5);
-    let mut confirmed = ConfirmedDirections::default();
+    let mut confirmed = TouchedDirections::default();
     let mut planned = Vec::new();
     for step in &plan.steps {
-        let start = BlockStart { position: Some(&position), confirmed };
+        let start = BlockStart { position: Some(&position), touched_directions: confirmed };
         let blocks = step_blocks(&plan, step, 0, start, &clearance).unwrap();
         for block in &blocks {
             position = position_after_motions(&block.motions, &position);
@@ -116,23 +116,23 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     assert_eq!(ways(3), [turn(0.0)]);
 }
 
-/// A resumed run: the ball is in the nest, and the position of the machine is not confirmed.
+/// A resumed run: the ball is in the nest, and the position of the machine is not verified.
 #[test]
-fn a_turn_begins_in_an_unconfirmed_nest_but_other_moves_begin_above_it() {
+fn a_turn_begins_in_an_unverified_nest_but_other_moves_begin_above_it() {
     let plan = nest_plan(vec![
         nest_scan_step(0, vec![nest_position(0.0, 0.0, 0.0), nest_position(0.0, 0.0, 1.0)]),
         nest_scan_step(1, vec![nest_position(0.1, 0.0, 1.0), nest_position(0.0, 0.0, 1.0)]),
     ]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let position = nest_position(0.0, 0.0, 0.0);
-    let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
+    let start = BlockStart { position: Some(&position), touched_directions: TouchedDirections::default() };
     let turn = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
     let only = |number: usize| Plan { steps: vec![plan.steps[number].clone()], ..plan.clone() };
     assert_blocks_are_proven(&only(0), &turn, &position);
     let way = step_blocks(&plan, &plan.steps[1], 0, start, &clearance).unwrap();
     assert_blocks_are_proven(&only(1), &way, &position);
     let count = |number: usize| {
-        let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
+        let start = BlockStart { position: Some(&position), touched_directions: TouchedDirections::default() };
         let blocks = step_blocks(&plan, &plan.steps[number], 0, start, &clearance).unwrap();
         out_of_range_block_count(plan.steps[number].scan.as_ref().unwrap(), blocks.len())
     };

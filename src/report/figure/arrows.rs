@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::ticked_axis::{round_up_to_1_2_or_5, tick_label, value_bounds};
 use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
 use crate::report::number;
-use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Unit};
+use machine::record::estimate::{ArrowFigure, ArrowGroup, FigureArrow, Unit};
 
 /// Side of the square panels, in picture units.
 pub(super) const PANEL_SIZE: i32 = 500;
@@ -88,7 +88,7 @@ impl ArrowScales {
         area: &Area<'_>,
         from: (i32, i32),
         along: [f64; 2],
-        arrow: &Arrow,
+        arrow: &FigureArrow,
     ) -> DrawResult {
         let colour = if arrow.flagged { FIT_COLOUR } else { LINE_COLOUR };
         area.draw(&Circle::new(from, 4, INK_COLOUR.mix(0.5).filled()))?;
@@ -167,7 +167,7 @@ fn draw_arrow(area: &Area<'_>, from: (i32, i32), [x, y]: [f64; 2], colour: RGBCo
     Ok(())
 }
 
-pub(super) fn finite_arrows(group: &ArrowGroup) -> impl Iterator<Item = &Arrow> {
+pub(super) fn finite_arrows(group: &ArrowGroup) -> impl Iterator<Item = &FigureArrow> {
     group.arrows.iter().filter(|a| a.at_mm.iter().chain(&a.vector).all(|part| part.is_finite()))
 }
 

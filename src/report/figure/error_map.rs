@@ -23,7 +23,7 @@ pub struct ErrorMap {
     /// Name of the axis with its unit, and its positions, from left to right and upwards.
     pub horizontal_axis: (String, Vec<f64>),
     pub vertical_axis: (String, Vec<f64>),
-    /// Name and values of each panel, row by row upwards.
+    /// Name and values of each panel, row by row upwards: the error, then the error that remains after a correction.
     pub panels: [(String, Vec<Vec<f64>>); 2],
 }
 

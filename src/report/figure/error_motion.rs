@@ -141,7 +141,8 @@ mod tests {
         assert_eq!(motion_circles_of_polar_figure(&EstimatedFunction { symbol: "EXC".to_owned(), ..one_angle }), None);
     }
 
-    /// For cos θ + 0.6·cos 3θ the rings are from −2 to 2 µm, 60 units apart; the centre is 1 µm to the right.
+    /// The scale rings of the chart are at −2, −1, 0, 1 and 2 µm, 60 picture units per µm. The least-squares centre of
+    /// cos θ + 0.6·cos 3θ is at +1 µm, to the right.
     #[test]
     fn error_motion_circles_touch_the_curve() {
         let motion = function_of_angle("EYC", 1, |turn| turn.cos() + 0.6 * (3.0 * turn).cos());

@@ -26,7 +26,7 @@ pub struct IndividualsChart {
     pub times_values_and_expanded_u: Vec<[f64; 3]>,
     /// Lower limit, centre and upper limit, and the index of the first value for which they are valid.
     pub control_limits_and_first_index: Option<([f64; 3], usize)>,
-    /// Maximum magnitude of the value.
+    /// Maximum magnitude of the value; `None`: no limit is stated.
     pub tolerance: Option<f64>,
     /// Times of the steps.
     pub step_times_s: Vec<f64>,
@@ -325,7 +325,7 @@ mod tests {
         assert!((curves[1][0][1] - fifth).abs() <= 3.0, "{curves:?}");
         assert!((curves[2][0][1] - curves[0][0][1]).abs() <= 1.0, "{curves:?}");
         let marks = svg.matches("<polygon").count();
-        assert_eq!(marks, 8 + 1, "a triangle each, and one in the legend");
+        assert_eq!(marks, 8 + 1, "one triangle for each change, and one in the legend");
     }
 
     #[test]

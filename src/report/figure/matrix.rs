@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, LINE_COLOUR, draw_picture, text_style};
 use crate::report::number;
-use machine::record::estimate::Covariance;
+use machine::record::estimate::ParameterCovariance;
 
 /// Numbers of results with a picture: fewer need none, more cannot be read.
 const RESULT_COUNTS_WITH_MATRIX: std::ops::RangeInclusive<usize> = 3..=60;
@@ -18,14 +18,14 @@ const MIN_DRAWN_CORRELATION: f64 = 0.02;
 const COLOUR_SCALE_HEIGHT: i32 = 110;
 
 /// Correlation coefficient of `i` and `j`, −1 to 1; `None` if one of them has no variance.
-pub(in crate::report) fn correlation_coefficient(covariance: &Covariance, i: usize, j: usize) -> Option<f64> {
+pub(in crate::report) fn correlation_coefficient(covariance: &ParameterCovariance, i: usize, j: usize) -> Option<f64> {
     let at = |i: usize, j: usize| covariance.rows.get(i)?.get(j).copied();
     let coefficient = at(i, j)? / (at(i, i)? * at(j, j)?).sqrt();
     coefficient.is_finite().then(|| coefficient.clamp(-1.0, 1.0))
 }
 
 /// Draws the matrix; `None` unless there are 3 to 60 names.
-pub(in crate::report) fn draw_matrix(covariance: &Covariance) -> Option<String> {
+pub(in crate::report) fn draw_matrix(covariance: &ParameterCovariance) -> Option<String> {
     let names: Vec<String> = covariance.symbols.iter().map(|s| number::one_line_symbol(s)).collect();
     RESULT_COUNTS_WITH_MATRIX.contains(&names.len()).then_some(())?;
     let layout = MatrixLayout::for_names(&names);

@@ -1,4 +1,4 @@
-//! Figures as SVG text, one kind per file. Sizes are in SVG units; the page scales them.
+//! Figures as SVG text, one kind per file. Sizes are in SVG units; the report page scales them.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -32,7 +32,7 @@ pub use individuals::IndividualsChart;
 pub(super) use matrix::{correlation_coefficient, draw_matrix};
 pub use temperature_strip::TemperatureCurves;
 
-/// Colours by their role; the page's style sheet replaces these exact values in dark mode.
+/// Colours by their role; the report page's style sheet replaces these exact values in dark mode.
 const INK_COLOUR: RGBColor = RGBColor(0x22, 0x26, 0x2B);
 const GRID_COLOUR: RGBColor = RGBColor(0xD5, 0xD9, 0xDE);
 const LINE_COLOUR: RGBColor = RGBColor(0x1F, 0x6F, 0xB2);
@@ -95,7 +95,7 @@ fn finite_or_zero(value: f64) -> f64 {
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type DrawResult = Result<(), Box<dyn std::error::Error>>;
 
-/// Draws a picture by `draw`. The result has no size of its own, so that the page can scale it. `None` only if
+/// Draws a picture by `draw`. The result has no size of its own, so that the report page can scale it. `None` only if
 /// the drawing library fails, which is not expected when it writes to memory.
 fn draw_picture((width, height): (u32, u32), draw: impl for<'a> FnOnce(&Area<'a>) -> DrawResult) -> Option<String> {
     let mut svg = String::new();

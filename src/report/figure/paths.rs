@@ -8,7 +8,7 @@ use super::arrows::{
     finite_arrows,
 };
 use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
-use machine::record::estimate::{Arrow, ArrowGroup};
+use machine::record::estimate::{ArrowGroup, FigureArrow};
 
 /// Names in the legend, with their positions at the foot of the picture.
 const LEGEND_TEXTS_AND_MARK_X: [(&str, i32); 3] = [("commanded", 320), ("measured", 580), ("model", 810)];
@@ -55,12 +55,13 @@ impl ArrowScales {
         })
     }
 
-    /// Position of the tip of `vector` in the picture; `None` if the vector is not finite.
+    /// Position of the tip of `vector` in the picture; `None` if the vector is not finite. `view_axes`: axis that
+    /// points to the right, and axis that points up.
     fn picture_position(
         &self,
         panel: i32,
         view_axes: [usize; 2],
-        arrow: &Arrow,
+        arrow: &FigureArrow,
         vector: Option<[f64; 3]>,
     ) -> Option<(i32, i32)> {
         let vector = vector.filter(|vector| vector.iter().all(|part| part.is_finite()))?;
@@ -75,7 +76,7 @@ impl ArrowScales {
         &self,
         area: &Area<'_>,
         group: &ArrowGroup,
-        position_of: impl Fn(&Arrow) -> Option<(i32, i32)>,
+        position_of: impl Fn(&FigureArrow) -> Option<(i32, i32)>,
         colour: RGBColor,
     ) -> DrawResult {
         let mut round: Vec<_> = finite_arrows(group).filter_map(position_of).collect();
@@ -112,7 +113,7 @@ mod tests {
     /// Two positions 200 mm apart in X; the longest deviation, 40 µm, is drawn 80 units long.
     #[test]
     fn measured_points_are_drawn_at_the_magnified_deviation() {
-        let arrow = |x: f64, vector, modelled| Arrow {
+        let arrow = |x: f64, vector, modelled| FigureArrow {
             label: String::new(),
             at_mm: [x, 5.0, 7.0],
             vector,
@@ -125,7 +126,7 @@ mod tests {
         let (symbol, figure) = ("deviation".to_owned(), VectorFigureKind::Paths);
         let mut figure = ArrowFigure { symbol, unit: Unit::Um, groups, figure };
         let common = ArrowScales::new(&figure).unwrap();
-        // 80 units per 0.040 mm against 140 units per 100 mm.
+        // Scale of the deviations (80 units per 0.040 mm) over that of the machine (140 units per 100 mm).
         assert!((common.magnification(Unit::Um).unwrap() - 80.0 / 0.040 / 1.4).abs() < 1e-6);
         assert_eq!(common.magnification(Unit::Urad), None);
         let svg = common.draw_path(&figure.groups[0]).unwrap();
@@ -139,7 +140,7 @@ mod tests {
         let measured = [["190", "250"], ["390", "230"], ["690", "250"], ["890", "190"]];
         assert_eq!(rings("9")[..4], measured);
         assert_eq!(rings("9")[4..6], [["1250", "250"], ["1270", "190"]]);
-        // The model at one position in each panel, and in the legend.
+        // The modelled position: once in each of 3 panels and once in the legend; and the scale.
         assert_eq!(svg.matches("<polygon").count(), 3 + 1 + 1, "{svg}");
         assert!(is_inside_picture(&svg) && svg.contains("commanded"));
         figure.groups[0].arrows[0].vector[1] = f64::NAN;

@@ -30,7 +30,7 @@ struct RadiusScale {
 }
 
 impl RadiusScale {
-    /// Rings at round values that enclose `low..high`.
+    /// Scale rings at round values that enclose `low..high`.
     fn with_rings_enclosing(low: f64, high: f64) -> Self {
         let (low, high) = if high > low { (low, high) } else { add_margin((low, high)) };
         let step = round_up_to_1_2_or_5((high - low) / 4.0);
@@ -136,7 +136,7 @@ fn draw_rings(area: &Area<'_>, scale: &RadiusScale) -> DrawResult {
     Ok(())
 }
 
-/// Draws the labels of the rings, above all curves.
+/// Draws the labels of the scale rings, above all curves.
 fn draw_ring_labels(area: &Area<'_>, scale: &RadiusScale, unit: &str) -> DrawResult {
     let style = text_style(0.9 * FONT_SIZE).pos(Pos::new(HPos::Left, VPos::Center));
     for value in scale.ring_values() {

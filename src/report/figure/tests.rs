@@ -1,6 +1,8 @@
 use super::ticked_axis::value_bounds;
 use super::*;
-use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, CircleFigure, Covariance, Unit, VectorFigureKind};
+use machine::record::estimate::{
+    ArrowFigure, ArrowGroup, CircleFigure, FigureArrow, ParameterCovariance, Unit, VectorFigureKind,
+};
 
 pub(super) fn sine_function(figure: FunctionFigureKind, count: u32) -> EstimatedFunction {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
@@ -117,7 +119,7 @@ fn points_are_drawn_with_error_bars() {
     }
 }
 
-/// By construction 0 µm is on one ring and 1 µm on another.
+/// The inner ring of the scale is 0 µm, the outer ring 1 µm.
 #[test]
 fn polar_figure_is_counter_clockwise_from_the_right() {
     let mut function = sine_function(FunctionFigureKind::Polar, 4);
@@ -127,7 +129,7 @@ fn polar_figure_is_counter_clockwise_from_the_right() {
     let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
     let x: Vec<_> = marks.iter().map(|mark| attribute_values(mark, "cx")[0].to_owned()).collect();
     let y: Vec<_> = marks.iter().map(|mark| attribute_values(mark, "cy")[0].to_owned()).collect();
-    // Zero is on the inner ring (radius 120), one on the outer ring (360); y grows downwards.
+    // The value 0 is on the inner ring (radius 120), the value 1 on the outer ring (360); y grows downwards.
     assert_eq!(x, ["570", "450", "330", "450"]);
     assert_eq!(y, ["450", "90", "450", "570"]);
 }
@@ -163,8 +165,8 @@ fn non_finite_numbers_are_not_drawn() {
     assert_eq!(draw_circle(&circle_figure(f64::NAN)), None);
 }
 
-fn covariance_with_entries(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
-    Covariance {
+fn covariance_with_entries(count: usize, entry: impl Fn(usize, usize) -> f64) -> ParameterCovariance {
+    ParameterCovariance {
         symbols: (0..count).map(|n| format!("ball_{n}_x")).collect(),
         rows: (0..count).map(|i| (0..count).map(|j| entry(i, j)).collect()).collect(),
     }
@@ -183,7 +185,7 @@ fn matrix_colour_shows_sign_and_magnitude() {
     // Two cells each, one on either side of the diagonal.
     assert_eq!((tiles("\"0.5\"", "#1F6FB2"), tiles("\"0.75\"", "#C2571A")), (2, 2));
     assert_eq!((tiles("\"0.5\"", "#C2571A"), tiles("\"0.75\"", "#1F6FB2")), (0, 0));
-    // A name at its row and one above its column.
+    // The name is written twice: at its row and above its column.
     assert_eq!(svg.matches("ball_2,x").count(), 2);
     assert!(is_inside_picture(&svg));
 }
@@ -201,7 +203,7 @@ fn matrix_is_drawn_for_3_to_60_names() {
 }
 
 fn arrow_figure(positions_vectors_flags: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
-    let arrow = |(n, (at_mm, vector, flagged)): (usize, &([f64; 3], [f64; 3], bool))| Arrow {
+    let arrow = |(n, (at_mm, vector, flagged)): (usize, &([f64; 3], [f64; 3], bool))| FigureArrow {
         label: format!("ball {n}"),
         at_mm: *at_mm,
         vector: *vector,
@@ -235,7 +237,7 @@ fn arrows_have_the_direction_of_the_vectors() {
         (250.0 + 140.0, 250.0 - 20.0),
         (750.0 - 140.0 + 80.0, 250.0),
         (750.0 + 140.0, 250.0 - 60.0),
-        // Seen along X both are in the middle.
+        // Panel YZ: both arrows begin in its middle; the first points along X and has no head there.
         (1250.0 + 20.0, 250.0 - 60.0),
         // The scale: 2 µm.
         (24.0 + 40.0, 535.0),

@@ -11,7 +11,7 @@ use crate::store::{NewRun, StoredRun};
 use devices::controllers::{
     Controller, ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl,
 };
-use machine::record::motion::BlockOutcome;
+use machine::record::motion::MotionBlockOutcome;
 use planning::proof::ProvenBlock;
 
 type CallLog = Arc<Mutex<Vec<&'static str>>>;
@@ -34,7 +34,7 @@ impl ControllerDriver for CallLoggingController {
         self.log_call("prepare").prepare().await
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         self.log_call("execute").execute(block).await
     }
 
@@ -70,16 +70,16 @@ impl RunWorkspace {
     }
 
     fn method_and_plan(&self) -> (Box<dyn Method>, Plan) {
-        setup::configure_method_and_plan(&self.machine_file, "self-calibration", None).unwrap()
+        setup::configure_method_and_plan_without_steps(&self.machine_file, "self-calibration", None).unwrap()
     }
 
     async fn open_call_logging_devices(&self, past: EarlierSessions<'_>) -> (Devices, HaltHandle) {
         let mut devices = setup::open_devices(&self.machine_file, SimulationPace::Immediate, past).await.unwrap();
-        let halt = devices.controller.halt_handle();
+        let halt = devices.open_controller.halt_handle();
         let (halt_too, calls) = (halt.clone(), self.calls.clone());
         let counted = |inner| Controller::spawn(CallLoggingController { inner, calls }, halt_too);
-        let inner = std::mem::replace(&mut devices.controller, unreachable_controller());
-        devices.controller = counted(inner);
+        let inner = std::mem::replace(&mut devices.open_controller, unreachable_controller());
+        devices.open_controller = counted(inner);
         (devices, halt)
     }
 
@@ -88,13 +88,13 @@ impl RunWorkspace {
         &self,
         method: &dyn Method,
         answers: impl FnOnce(HaltHandle) -> PromptAnswerSource,
-        on_event: impl Fn(&Event, &HaltHandle),
+        on_event: impl Fn(&RunEvent, &HaltHandle),
     ) -> (Result<(), RunError>, StoredRun) {
         let (_, plan) = self.method_and_plan();
         let new = NewRun { machine_file_text: self.machine_file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
         let (devices, halt) = self.open_call_logging_devices(EarlierSessions::default()).await;
-        let mut with_halt = |event: &Event| on_event(event, &halt);
+        let mut with_halt = |event: &RunEvent| on_event(event, &halt);
         let run = Run::new(id, method, &devices, &self.journal, plan, &mut with_halt);
         let ended = run.with_prompt_answer_source(answers(halt.clone())).execute().await;
         (ended, self.journal.load_run(id).unwrap())
@@ -105,7 +105,7 @@ impl RunWorkspace {
         &self,
         method: &dyn Method,
         stored: StoredRun,
-        on_event: impl Fn(&Event, &HaltHandle),
+        on_event: impl Fn(&RunEvent, &HaltHandle),
     ) -> (Result<(), RunError>, StoredRun) {
         let id = stored.summary.id;
         let past = EarlierSessions {
@@ -114,7 +114,7 @@ impl RunWorkspace {
             ..EarlierSessions::default()
         };
         let (devices, halt) = self.open_call_logging_devices(past).await;
-        let mut with_halt = |event: &Event| on_event(event, &halt);
+        let mut with_halt = |event: &RunEvent| on_event(event, &halt);
         let answered_prompts = super::prompts::answered_prompt_steps_and_repeats(&stored.events);
         let (stages, readings) = (stored.stages.clone(), stored.readings.clone());
         let run = Run::new(id, method, &devices, &self.journal, stored.plan.clone(), &mut with_halt);
@@ -140,7 +140,7 @@ fn unreachable_controller() -> Controller {
         async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
             Err(ControllerError::DriverTaskEnded)
         }
-        async fn execute(&mut self, _: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+        async fn execute(&mut self, _: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
             Err(ControllerError::DriverTaskEnded)
         }
         async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {

@@ -52,9 +52,9 @@ impl Method for PromptingMethod {
 
 /// Prompts (step, repeat) and answers in their order.
 fn prompt_events_with_steps_and_repeats(stored: &StoredRun) -> Vec<(&'static str, u32, u32)> {
-    let told = |event: &Event| match event {
-        Event::Asked { step, repeat, .. } => Some(("asked", *step, *repeat)),
-        Event::Answered { step, repeat, .. } => Some(("answered", *step, *repeat)),
+    let told = |event: &RunEvent| match event {
+        RunEvent::Asked { step, repeat, .. } => Some(("asked", *step, *repeat)),
+        RunEvent::Answered { step, repeat, .. } => Some(("answered", *step, *repeat)),
         _ => None,
     };
     stored.events.iter().filter_map(|(_, event)| told(event)).collect()
@@ -82,8 +82,8 @@ async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
             (*looks % 3 == 0).then(|| "Ada".to_owned())
         })
     };
-    let told = |event: &Event, _: &HaltHandle| match event {
-        Event::Asked { .. } | Event::Answered { .. } => note(),
+    let told = |event: &RunEvent, _: &HaltHandle| match event {
+        RunEvent::Asked { .. } | RunEvent::Answered { .. } => note(),
         _ => {}
     };
     let (ended, stored) = shop.run_method(method.as_ref(), answers, told).await;
@@ -97,7 +97,7 @@ async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
     let ids: Vec<u32> = stored.plan.steps.iter().map(|step| step.id).collect();
     assert_eq!(ids, (0..ids.len() as u32).collect::<Vec<_>>());
     assert_eq!(stored.plan.steps[1].text.as_deref(), Some("so is the stylus"));
-    let proven = |(_, event): &(_, Event)| matches!(event, Event::StageProven { .. });
+    let proven = |(_, event): &(_, RunEvent)| matches!(event, RunEvent::StageProven { .. });
     let before = stored.events.iter().take_while(|event| !proven(event)).count();
     assert!(
         prompt_events_with_steps_and_repeats(&StoredRun { events: stored.events[before..].to_vec(), ..stored })
@@ -155,8 +155,8 @@ async fn answered_prompts_are_not_repeated_after_a_stop() {
     let first = [("asked", prompt, 0), ("answered", prompt, 0), ("asked", prompt, 1)];
     assert_eq!((prompt_events_with_steps_and_repeats(&stored), stored.summary.state), (first.to_vec(), RunState::Held));
 
-    let after_one = |event: &Event, halt: &HaltHandle| match event {
-        Event::ReadingStored { reading } if reading.repeat == 1 => halt.trigger(),
+    let after_one = |event: &RunEvent, halt: &HaltHandle| match event {
+        RunEvent::ReadingStored { reading } if reading.repeat == 1 => halt.trigger(),
         _ => {}
     };
     let (held, stored) = shop.resume(&method, stored, after_one).await;

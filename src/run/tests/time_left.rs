@@ -34,8 +34,8 @@ impl Method for RepeatingMethod {
 /// Label, repeat and remaining time (s) of each step that was begun.
 type TimesLeft = Mutex<Vec<(String, u32, f64)>>;
 
-fn record_time_left(left: &TimesLeft, event: &Event) {
-    if let Event::StepStarted { label, repeat, remaining_s, .. } = event {
+fn record_time_left(left: &TimesLeft, event: &RunEvent) {
+    if let RunEvent::StepStarted { label, repeat, remaining_s, .. } = event {
         left.lock().unwrap().push((label.clone(), *repeat, *remaining_s));
     }
 }
@@ -44,14 +44,14 @@ fn record_time_left(left: &TimesLeft, event: &Event) {
 async fn time_left_decreases_and_agrees_after_stops_and_repeats() {
     let shop = RunWorkspace::new("");
     let whole = TimesLeft::default();
-    let told = |event: &Event, _: &HaltHandle| record_time_left(&whole, event);
+    let told = |event: &RunEvent, _: &HaltHandle| record_time_left(&whole, event);
     shop.run_method(shop.method_and_plan().0.as_ref(), |_| answers_by_operator(), told).await.0.unwrap();
     let whole = whole.into_inner().unwrap();
     assert!(whole.windows(2).all(|pair| pair[1].2 < pair[0].2), "{whole:?}");
 
     let method = RepeatingMethod { inner: shop.method_and_plan().0 };
     let left = TimesLeft::default();
-    let stopped_in_the_middle = |event: &Event, halt: &HaltHandle| {
+    let stopped_in_the_middle = |event: &RunEvent, halt: &HaltHandle| {
         record_time_left(&left, event);
         if left.lock().unwrap().len() == whole.len() / 2 {
             halt.trigger();
@@ -59,7 +59,7 @@ async fn time_left_decreases_and_agrees_after_stops_and_repeats() {
     };
     let (held, stored) = shop.run_method(&method, |_| answers_by_operator(), stopped_in_the_middle).await;
     assert!(held.unwrap_err().is_requested_stop());
-    let told = |event: &Event, _: &HaltHandle| record_time_left(&left, event);
+    let told = |event: &RunEvent, _: &HaltHandle| record_time_left(&left, event);
     shop.resume(&method, stored, told).await.0.unwrap();
     let left = left.into_inner().unwrap();
     let mut compared = 0;

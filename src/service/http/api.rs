@@ -11,7 +11,7 @@ use super::machine_status::MachineStatus;
 use super::openapi::schemas::{AuditSchema, ComparisonSchema, DocumentedObject, RunSchema, SeriesView};
 use super::problem::Problem;
 use super::{AppState, ServedMachine};
-use crate::archive::compare::{Comparison, compare_runs};
+use crate::archive::compare::{RunComparison, compare_runs};
 use crate::archive::history::{ParameterSeries, machine_history};
 use crate::archive::run_story::describe_events_with_times;
 use crate::store::{RunFilter, RunId, RunSummary, StoredAuditEntry};
@@ -56,11 +56,12 @@ async fn get_trends(
     Path(name): Path<String>,
 ) -> Result<Json<Vec<ParameterSeries>>, Problem> {
     // A machine that is no longer served has no tolerances, but may still have runs in the journal.
-    let limits = app.find_machine(&name).map(|machine| machine.parameter_limits.clone()).ok();
-    let series = app.read_journal(move |journal| match limits.is_some() || journal.machine_names()?.contains(&name) {
-        true => Ok(machine_history(journal, &name, &limits.unwrap_or_default())?),
-        false => Err(Problem::not_found(&name)),
-    });
+    let tolerances = app.find_machine(&name).map(|machine| machine.tolerances.clone()).ok();
+    let series =
+        app.read_journal(move |journal| match tolerances.is_some() || journal.machine_names()?.contains(&name) {
+            true => Ok(machine_history(journal, &name, &tolerances.unwrap_or_default())?),
+            false => Err(Problem::not_found(&name)),
+        });
     Ok(Json(series.await??))
 }
 
@@ -198,11 +199,14 @@ pub(super) struct RunPair {
 
 /// Difference of run `b` from run `a`: each value's and each function's, with its expanded uncertainty and E_n.
 #[utoipa::path(get, path = "/api/v1/compare", operation_id = "compared", params(RunPair), responses((status = OK, body = ComparisonSchema)))]
-async fn get_comparison(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Json<Comparison>, Problem> {
+async fn get_comparison(
+    State(app): State<AppState>,
+    Query(pair): Query<RunPair>,
+) -> Result<Json<RunComparison>, Problem> {
     Ok(Json(compare_pair(&app, pair).await?))
 }
 
-/// Comparison of two runs; the page uses it too.
-pub(super) async fn compare_pair(app: &AppState, RunPair { a, b }: RunPair) -> Result<Comparison, Problem> {
+/// Comparison of two runs; the web page uses it too.
+pub(super) async fn compare_pair(app: &AppState, RunPair { a, b }: RunPair) -> Result<RunComparison, Problem> {
     Ok(app.read_journal(move |journal| compare_runs(journal, RunId(a), RunId(b))).await??)
 }

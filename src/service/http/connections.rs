@@ -68,7 +68,7 @@ struct Connection {
     state_since: Instant,
     /// Address of the client, or its identity once that is known.
     client: String,
-    task: Option<AbortHandle>,
+    abort_handle: Option<AbortHandle>,
 }
 
 impl Connection {
@@ -120,14 +120,14 @@ impl Connections {
             close_one_candidate(&mut all, |connection| !is_fresh(connection));
         }
         let (state, client) = (ConnectionState::New, from.to_string());
-        all.insert(number, Connection { state, state_since: now, client, task: None });
+        all.insert(number, Connection { state, state_since: now, client, abort_handle: None });
         drop(all);
         ConnectionGuard { connections: self.clone(), connection_number: number }
     }
 
     fn set_task(&self, number: u64, task: AbortHandle) {
         if let Some(connection) = self.lock_open_connections().get_mut(&number) {
-            connection.task = Some(task);
+            connection.abort_handle = Some(task);
         }
     }
 
@@ -173,7 +173,7 @@ fn close_one_candidate(all: &mut BTreeMap<u64, Connection>, is_candidate: impl F
     let largest = shares.into_values().max_by_key(|(count, oldest)| (*count, Reverse(*oldest)));
     let closed = largest.and_then(|(_, (_, number))| all.remove(&number));
     let was_closed = closed.is_some();
-    if let Some(task) = closed.and_then(|connection| connection.task) {
+    if let Some(task) = closed.and_then(|connection| connection.abort_handle) {
         task.abort();
     }
     was_closed

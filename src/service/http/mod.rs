@@ -1,4 +1,4 @@
-//! The page and the HTTP API. They listen on this computer only; access from other computers needs a proxy.
+//! The web page and the HTTP API. They listen on this computer only; access from other computers needs a proxy.
 //!
 //! The server has its own thread and reads the gate and the journal, so that no client, however slow, delays a run.
 //! A hold goes from here directly to the control.
@@ -41,9 +41,9 @@ use super::metrics::Metrics;
 use super::{Log, ServeError, spawn_thread};
 use crate::run::{HTTP_NICE, lower_priority};
 use crate::store::Journal;
-use machine::record::estimate::ParameterLimit;
+use machine::record::estimate::ParameterTolerance;
 
-/// A machine that the page shows.
+/// A machine that the web page shows.
 #[derive(Clone)]
 pub struct ServedMachine {
     pub name: String,
@@ -53,7 +53,7 @@ pub struct ServedMachine {
     pub cycles: Vec<CycleConfig>,
     /// Conditions that a person must confirm to start a cycle.
     pub required_interlocks: Vec<StartInterlock>,
-    pub parameter_limits: Vec<ParameterLimit>,
+    pub tolerances: Vec<ParameterTolerance>,
     /// Time for which a verdict stays valid.
     pub verdict_validity: Duration,
     /// Live part of its page.
@@ -82,7 +82,7 @@ impl AppState {
         read: impl FnOnce(&Journal) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let journal = Arc::clone(&self.journal);
-        // If the client disconnects while it waits for a reader, nothing is read.
+        // If the client disconnects while it waits for a permit to read the journal, nothing is read.
         let permit = Arc::clone(&self.journal_reader_permits).acquire_owned().await;
         let read = move || {
             let read = read(&journal);
@@ -124,7 +124,8 @@ pub fn start_http_server(
     let names = request_checks::OwnHostNames::new(at, &config.proxy_names);
     let access = AccessControl::new(config, journal.state_dir(), log)?;
     let files = machines.iter().map(|machine| (machine.name.clone(), machine.machine_file_sha256.clone()));
-    let address_file = PageAddressFile { pid: std::process::id(), page: at, machine_files: files.collect() };
+    let address_file =
+        PageAddressFile { pid: std::process::id(), page: at, machine_file_sha256_by_machine: files.collect() };
     if let Err(error) = address_file.write(journal.state_dir()) {
         log.error(&format!(
             "the address file of the page cannot be written, so commands will not find the page: {error}"
@@ -146,7 +147,7 @@ pub fn start_http_server(
     };
     let (router, server_log) = (build_router(app.clone(), names), log.clone());
     spawn_thread("http", move || {
-        // The reader threads that this thread starts inherit its lower priority.
+        // The threads that read the journal for this server inherit its lower priority.
         lower_priority(HTTP_NICE);
         if let Err(error) = run_http_server(listener, app, router) {
             server_log.error(&format!("the page server stopped: {error}"));

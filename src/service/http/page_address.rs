@@ -13,7 +13,8 @@ pub struct PageAddressFile {
     pub pid: u32,
     pub page: SocketAddr,
     /// By machine: SHA-256 of its machine file.
-    pub machine_files: BTreeMap<String, String>,
+    #[serde(rename = "machine_files")]
+    pub machine_file_sha256_by_machine: BTreeMap<String, String>,
 }
 
 impl PageAddressFile {
@@ -43,7 +44,11 @@ mod tests {
     fn address_file_of_another_daemon_is_ignored() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(PageAddressFile::read(7, folder.path()), None);
-        let here = PageAddressFile { pid: 7, page: ([127, 0, 0, 1], 8137).into(), machine_files: BTreeMap::new() };
+        let here = PageAddressFile {
+            pid: 7,
+            page: ([127, 0, 0, 1], 8137).into(),
+            machine_file_sha256_by_machine: BTreeMap::new(),
+        };
         here.write(folder.path()).unwrap();
         assert_eq!(PageAddressFile::read(7, folder.path()), Some(here));
         assert_eq!(PageAddressFile::read(8, folder.path()), None);

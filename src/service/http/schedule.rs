@@ -98,13 +98,14 @@ struct DueCycleRequest {
 #[utoipa::path(post, path = "/api/v1/machines/{name}/due", operation_id = "due", params(("name" = String, Path)), request_body = DueCycleRequest, responses((status = ACCEPTED, body = AgendaSchema)))]
 async fn report_due(action: ActionRequest<DueCycleRequest>) -> Result<Response, Problem> {
     let who = action.caller.audit_name(&action.body.who)?;
-    let action = run_to_completion(async move { request_due_start(&action, who).await.map(|()| action) }).await?;
+    let action =
+        run_to_completion(async move { start_due_cycle_and_audit(&action, who).await.map(|()| action) }).await?;
     respond_with_agenda(&action).await
 }
 
-async fn request_due_start(action: &ActionRequest<DueCycleRequest>, who: String) -> Result<(), Problem> {
+async fn start_due_cycle_and_audit(action: &ActionRequest<DueCycleRequest>, who: String) -> Result<(), Problem> {
     let (machine, DueCycleRequest { cycle, why, .. }) = (&action.machine, &action.body);
-    let result = match machine.gate.request_due_cycle(*cycle, who.clone()) {
+    let result = match machine.gate.start_due_cycle(*cycle, who.clone()) {
         Some(receiver) => receiver.await.unwrap_or_else(|_| Err(Refusal::NotReady.into())),
         None => Err(Refusal::NotReady.into()),
     };

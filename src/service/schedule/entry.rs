@@ -34,6 +34,7 @@ pub enum OverlapPolicy {
 struct ScheduleKeys {
     name: String,
     cycle: u16,
+    /// Time pattern.
     at: String,
     zone: String,
     latest_min: Option<u32>,
@@ -63,18 +64,19 @@ pub struct ScheduleEntry {
     pub overlap_policy: OverlapPolicy,
 }
 
-/// Schedule name of starts that a person or a timer requests.
-pub const DUE_REQUEST_SCHEDULE_NAME: &str = "due";
+/// First word of the schedule name of starts that a person or a timer requests; the number of the cycle follows. No
+/// schedule of the file may have it as its name.
+pub const DUE_REQUEST_SCHEDULE_NAME_PREFIX: &str = "due";
 
 impl TryFrom<ScheduleKeys> for ScheduleEntry {
     type Error = String;
 
     fn try_from(keys: ScheduleKeys) -> Result<Self, String> {
         let ScheduleKeys { name, cycle, at, zone, latest_min, idle_min, ready, overlap } = keys;
-        let is_valid_name = !name.is_empty() && name.chars().count() <= 60 && name != DUE_REQUEST_SCHEDULE_NAME;
+        let is_valid_name = !name.is_empty() && name.chars().count() <= 60 && name != DUE_REQUEST_SCHEDULE_NAME_PREFIX;
         if !is_valid_name || name.chars().any(char::is_control) {
             return Err(format!(
-                "name = \"{name}\" of a schedule is not valid: use 1 to 60 printable characters, and not \"{DUE_REQUEST_SCHEDULE_NAME}\""
+                "name = \"{name}\" of a schedule is not valid: use 1 to 60 printable characters, and not \"{DUE_REQUEST_SCHEDULE_NAME_PREFIX}\""
             ));
         }
         let latest_min = latest_min.unwrap_or(30);

@@ -25,7 +25,7 @@ pub use self::scheduler::planned_schedules;
 use self::slot_recorder::SlotRecorder;
 use super::command_gate::CommandGate;
 use super::config::ServeConfig;
-use super::schedule_state::DueRequest;
+use super::schedule_state::StartDueCycleRequest;
 use super::{Log, ServeError, spawn_thread};
 use crate::store::Journal;
 use link::Clock;
@@ -46,15 +46,15 @@ pub fn start_scheduler(
     journal: &Arc<Journal>,
     log: &Log,
 ) -> Result<(), ServeError> {
-    let (due_requests, due_receiver) = channel();
-    gate.set_due_request_sender(due_requests);
+    let (start_request_sender, start_request_receiver) = channel();
+    gate.set_start_due_cycle_sender(start_request_sender);
     let records = SlotRecorder { machine: machine.to_owned(), journal: Arc::clone(journal), log: log.clone() };
     let (config, gate) = (config.clone(), gate.clone());
     let (result_sender, result_receiver) = channel();
     let run = move || match Scheduler::create_and_record_earlier_slots(records, config, gate) {
         Ok(scheduler) => {
             let _ = result_sender.send(Ok(()));
-            run_scheduler(scheduler, &due_receiver);
+            run_scheduler(scheduler, &start_request_receiver);
         }
         Err(error) => drop(result_sender.send(Err(error))),
     };
@@ -64,10 +64,11 @@ pub fn start_scheduler(
     Ok(result_receiver.recv().map_err(|_| died())??)
 }
 
-fn run_scheduler(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) {
+/// Checks the schedules every second, and starts the cycles that clients report as due, until the service ends.
+fn run_scheduler(mut scheduler: Scheduler, start_requests: &Receiver<StartDueCycleRequest>) {
     let clock = HostClock::start();
     loop {
-        let request = match due_requests.recv_timeout(CLOCK_CHECK_PERIOD) {
+        let request = match start_requests.recv_timeout(CLOCK_CHECK_PERIOD) {
             Ok(request) => Some(request),
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => return,
@@ -78,7 +79,7 @@ fn run_scheduler(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) 
         let (now, now_s) = (Timestamp::now(), clock.now_s());
         scheduler.check_schedules(now, now_s);
         if let Some(request) = request {
-            scheduler.handle_due_request(request, now);
+            scheduler.start_cycle_reported_as_due(request, now);
         }
     }
 }

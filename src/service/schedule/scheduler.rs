@@ -6,19 +6,19 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 
 use super::due_and_missed_slots::{DueAndMissedSlots, find_due_and_missed_slots};
-use super::entry::{DUE_REQUEST_SCHEDULE_NAME, OverlapPolicy, ReadinessCondition, ScheduleEntry};
+use super::entry::{DUE_REQUEST_SCHEDULE_NAME_PREFIX, OverlapPolicy, ReadinessCondition, ScheduleEntry};
 use super::slot_recorder::SlotRecorder;
 use super::start_decision::{CurrentConditions, StartDecision, StartRequirements, decide_start};
 use crate::service::command_gate::CommandGate;
 use crate::service::config::{ServeConfig, StartInterlock};
 use crate::service::machine_state::{PlannedSchedule, ServiceState};
 use crate::service::not_started::NotStartedReason;
-use crate::service::schedule_state::{DueRequest, Readiness};
+use crate::service::schedule_state::{Readiness, StartDueCycleRequest};
 use crate::store::{ScheduleSlot, SlotOutcome, StoreError};
 
-/// Time within which a second request for a cycle counts as a repetition of the first; the same holds if the clock
-/// was set back.
-const DUE_REQUEST_REPETITION_TIME: SignedDuration = SignedDuration::from_mins(5);
+/// Time within which a second report that a cycle is due counts as a repetition of the first; the same holds if the
+/// clock was set back.
+const DUE_REPORT_REPETITION_TIME: SignedDuration = SignedDuration::from_mins(5);
 /// Number of next times in the displayed plan.
 const SHOWN_NEXT_TIME_COUNT: usize = 3;
 
@@ -26,8 +26,8 @@ struct TrackedSchedule {
     entry: ScheduleEntry,
     /// Time of the last slot that the journal has recorded.
     last_recorded_slot_time: Timestamp,
-    /// The due slot that waits: its time, and the reason why it has not started.
-    waiting_slot_and_reason: Option<(Timestamp, String)>,
+    /// The due slot that waits: time of the slot, and the reason why it has not started.
+    waiting_slot_time_and_reason: Option<(Timestamp, String)>,
 }
 
 pub struct Scheduler {
@@ -67,7 +67,7 @@ impl Scheduler {
         let tracks = tracks.map(|(entry, last_recorded)| TrackedSchedule {
             entry,
             last_recorded_slot_time: last_recorded,
-            waiting_slot_and_reason: None,
+            waiting_slot_time_and_reason: None,
         });
         Ok(Self {
             tracked_schedules: tracks.collect(),
@@ -113,21 +113,21 @@ impl Scheduler {
     fn check_schedule(&mut self, track: &mut TrackedSchedule, now: Timestamp) -> bool {
         let found =
             find_due_and_missed_slots(&track.entry.calendar, self.last_clock_check, track.last_recorded_slot_time, now);
-        let before = track.waiting_slot_and_reason.clone();
+        let before = track.waiting_slot_time_and_reason.clone();
         self.record_missed_slots(track, &found);
         // A waiting slot with a future time is dropped: the clock was set back, and the slot will be due again.
-        track.waiting_slot_and_reason = track.waiting_slot_and_reason.take().filter(|(at, _)| *at <= now);
+        track.waiting_slot_time_and_reason = track.waiting_slot_time_and_reason.take().filter(|(at, _)| *at <= now);
         if let Some(at) = found.due {
-            if let Some((last, why)) = track.waiting_slot_and_reason.take() {
+            if let Some((last, why)) = track.waiting_slot_time_and_reason.take() {
                 self.record_skipped_slot(track, last, format!("{why}; the next slot is due"));
             }
             let open = at > track.last_recorded_slot_time || self.slot_recorder.may_slot_start(&track.entry.name, at);
-            track.waiting_slot_and_reason = open.then(|| (at, String::new()));
+            track.waiting_slot_time_and_reason = open.then(|| (at, String::new()));
         }
-        if let Some((at, why)) = track.waiting_slot_and_reason.take() {
+        if let Some((at, why)) = track.waiting_slot_time_and_reason.take() {
             self.start_skip_or_keep_waiting_slot(track, at, why, now);
         }
-        found.due.is_some() || !found.missed.is_empty() || before != track.waiting_slot_and_reason
+        found.due.is_some() || !found.missed.is_empty() || before != track.waiting_slot_time_and_reason
     }
 
     fn record_missed_slots(&self, track: &mut TrackedSchedule, found: &DueAndMissedSlots) {
@@ -137,7 +137,7 @@ impl Scheduler {
         }
         let why = match self.last_clock_check {
             None => "the service was not running at that time",
-            Some(_) => "the clock was set forward past the slot, or the service was suspended",
+            Some(_) => "the clock was set forward past this time, or the service was suspended meanwhile",
         };
         for at in &found.missed {
             self.slot_recorder.record_not_started(&entry.name, entry.cycle, *at, SlotOutcome::Missed, why.to_owned());
@@ -185,7 +185,7 @@ impl Scheduler {
         if reason != last_reason {
             self.slot_recorder.log.info(&format!("schedule {}: slot {at} waits: {reason}", entry.name));
         }
-        track.waiting_slot_and_reason = Some((at, reason));
+        track.waiting_slot_time_and_reason = Some((at, reason));
     }
 
     fn start_decision(
@@ -230,16 +230,16 @@ impl Scheduler {
         }
     }
 
-    /// Handles the request of a system timer or a person that a cycle is due.
-    pub fn handle_due_request(&mut self, request: DueRequest, now: Timestamp) {
-        let DueRequest { cycle, who, result_sender } = request;
+    /// Starts the cycle that a system timer or a person reports as due, if the conditions of its schedules hold.
+    pub fn start_cycle_reported_as_due(&mut self, request: StartDueCycleRequest, now: Timestamp) {
+        let StartDueCycleRequest { cycle, who, result_sender } = request;
         self.slot_recorder.log.info(&format!("schedule: {who} reports that cycle {cycle} is due"));
         // The receiver may have been dropped.
         let _ = result_sender.send(self.start_due_cycle(cycle, now));
     }
 
     fn start_due_cycle(&mut self, cycle: u16, now: Timestamp) -> Result<(), NotStartedReason> {
-        let name = format!("{DUE_REQUEST_SCHEDULE_NAME} {cycle}");
+        let name = format!("{DUE_REQUEST_SCHEDULE_NAME_PREFIX} {cycle}");
         // The conditions of all schedules of this cycle apply.
         let of_cycle = self.tracked_schedules.iter().map(|t| &t.entry).filter(|entry| entry.cycle == cycle);
         let ready: Vec<ReadinessCondition> =
@@ -254,7 +254,7 @@ impl Scheduler {
         let decision = self.start_decision(cycle, &requirements, now)?;
         let began = |slot: &&ScheduleSlot| {
             let ran = !matches!(slot.outcome, SlotOutcome::Skipped | SlotOutcome::Missed);
-            slot.schedule == name && ran && now.duration_since(slot.at) < DUE_REQUEST_REPETITION_TIME
+            slot.schedule == name && ran && now.duration_since(slot.at) < DUE_REPORT_REPETITION_TIME
         };
         let recent = self.slot_recorder.recent_slots()?;
         let why = match (recent.iter().find(began), decision) {
@@ -304,7 +304,7 @@ impl Scheduler {
 
     fn publish_schedules(&self, now: Timestamp) {
         let all = self.tracked_schedules.iter().map(
-            |TrackedSchedule { entry, waiting_slot_and_reason: waiting_slot, .. }| {
+            |TrackedSchedule { entry, waiting_slot_time_and_reason: waiting_slot, .. }| {
                 let waiting = waiting_slot.as_ref().map(|(at, why)| format!("the slot {at} waits: {why}"));
                 PlannedSchedule { waiting, ..planned_schedule(entry, now) }
             },

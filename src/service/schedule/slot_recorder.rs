@@ -10,7 +10,7 @@ use crate::store::{Arming, Journal, RunId, ScheduleSlot, SlotOutcome, StoreError
 /// Number of recent slots that a query reads; older slots are not found.
 const MAX_RECENT_SLOTS: usize = 1000;
 /// Name under which the journal records that the program itself ended an arming.
-const AUTOMATIC_DISARM_NAME: &str = "trued";
+const AUTOMATIC_DISARM_ACTOR: &str = "trued";
 
 pub struct SlotRecorder {
     pub machine: String,
@@ -91,7 +91,7 @@ impl SlotRecorder {
 
     /// Disarms `cycle`, or all cycles if it is `None`.
     pub fn disarm_cycles(&self, cycle: Option<u16>, why: &str) {
-        match self.journal.disarm_cycles(&self.machine, cycle, AUTOMATIC_DISARM_NAME, why).wait() {
+        match self.journal.disarm_cycles(&self.machine, cycle, AUTOMATIC_DISARM_ACTOR, why).wait() {
             Ok(0) => {}
             Ok(_) => self.log.info(&format!("schedule: disarmed: {why}")),
             Err(error) => self.log.error(&format!("schedule: {error}; {}", error.remedy())),

@@ -101,13 +101,13 @@ fn unmet_condition(
         return Some(NotStartedReason::GateWouldRefuse(why));
     }
     let unmet_input = requirements.required_conditions.iter().find_map(|input| match input {
-        ReadinessCondition::Probe => (!readiness.is_probe_ready).then_some("the probe is ready (`probe`)"),
-        ReadinessCondition::Artefact => {
-            (!readiness.is_artefact_in_place).then_some("the artefact is in place (`artefact`)")
+        ReadinessCondition::Probe => {
+            (!readiness.is_probe_ready).then_some("the control does not report that the probe is ready (`probe`)")
         }
-        ReadinessCondition::Temperature => {
-            (!readiness.is_temperature_in_range).then_some("the temperature is as agreed (`temperature`)")
-        }
+        ReadinessCondition::Artefact => (!readiness.is_artefact_in_place)
+            .then_some("the control does not report that the artefact is in place (`artefact`)"),
+        ReadinessCondition::Temperature => (!readiness.is_temperature_in_range)
+            .then_some("the control does not report that the temperature is in the permitted range (`temperature`)"),
     });
     if let Some(condition) = unmet_input {
         return Some(NotStartedReason::UnmetCondition { condition });

@@ -277,42 +277,43 @@ fn slot_hit_by_a_power_cut_is_missed_or_failed_and_not_run_later() {
 }
 
 #[test]
-fn due_request_needs_the_slot_conditions_and_starts_once() {
+fn cycle_reported_as_due_needs_the_slot_conditions_and_starts_once() {
     let mut bench = armed_scheduler();
-    let request_due = |bench: &mut SchedulerFixture, now: &str| {
+    let report_due = |bench: &mut SchedulerFixture, now: &str| {
         bench.now_s += 70.0;
         bench.scheduler.check_schedules(parse_timestamp(now), bench.now_s);
         let (result_sender, mut result_receiver) = oneshot::channel();
-        bench
-            .scheduler
-            .handle_due_request(DueRequest { cycle: 1, who: "timer".to_owned(), result_sender }, parse_timestamp(now));
+        bench.scheduler.start_cycle_reported_as_due(
+            StartDueCycleRequest { cycle: 1, who: "timer".to_owned(), result_sender },
+            parse_timestamp(now),
+        );
         result_receiver.try_recv().unwrap().map_err(|why| why.to_string())
     };
     bench.readiness.lock().unwrap().interlocks.is_auto_mode = false;
-    let refused = request_due(&mut bench, "2026-11-23T04:00:00.3Z").unwrap_err();
+    let refused = report_due(&mut bench, "2026-11-23T04:00:00.3Z").unwrap_err();
     assert!(refused.contains("automatic mode"), "{refused}");
     bench.readiness.lock().unwrap().interlocks.is_auto_mode = true;
     // The conditions of the cycle's schedules apply to a request too.
     bench.readiness.lock().unwrap().is_probe_ready = false;
-    let refused = request_due(&mut bench, "2026-11-23T04:00:10Z").unwrap_err();
+    let refused = report_due(&mut bench, "2026-11-23T04:00:10Z").unwrap_err();
     assert!(refused.contains("probe"), "{refused}");
     bench.readiness.lock().unwrap().is_probe_ready = true;
     bench.now_s -= 60.0;
-    let refused = request_due(&mut bench, "2026-11-23T04:00:20Z").unwrap_err();
+    let refused = report_due(&mut bench, "2026-11-23T04:00:20Z").unwrap_err();
     assert!(refused.contains("idle for 1 of 2"), "{refused}");
-    assert_eq!(request_due(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
+    assert_eq!(report_due(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
     assert_eq!(bench.take_start_count(), 1);
     bench.gate.record_cycle_end(CycleEnd::in_state(ServiceState::Waiting));
     bench.arm_for_a_week("2026-11-22T12:00:00Z");
     // The clock is set back, and the timer expires again.
     for now in ["2026-11-23T03:50:00Z", "2026-11-23T04:00:59Z", "2026-11-23T04:05:59Z"] {
-        let refused = request_due(&mut bench, now).unwrap_err();
+        let refused = report_due(&mut bench, now).unwrap_err();
         assert!(refused.contains("already started"), "{refused}");
     }
     let outcomes: Vec<_> = bench.recorded_slots().into_iter().map(|(_, outcome, _)| outcome).collect();
     assert_eq!(outcomes.iter().filter(|outcome| **outcome == SlotOutcome::Skipped).count(), 6);
     bench.arm_for_a_week("2026-11-22T12:00:00Z");
-    assert_eq!(request_due(&mut bench, "2026-11-23T04:07:00Z"), Ok(()));
+    assert_eq!(report_due(&mut bench, "2026-11-23T04:07:00Z"), Ok(()));
 }
 
 /// A cycle with a prompt starts neither by the schedule nor by a trigger; a person at the page may start it.

@@ -19,7 +19,7 @@ use link::{LineEvent, LineLink, LinkConfig, LinkError};
 const PORT_REOPEN_DELAY: Duration = Duration::from_secs(2);
 /// Time between two checks whether a started run has its number.
 const RUN_NUMBER_POLL_PERIOD: Duration = Duration::from_millis(20);
-const TRIGGER_NAME: &str = "the trigger line";
+const TRIGGER_LINE_ACTOR: &str = "the trigger line";
 /// Time for which a `TELL` stays valid.
 const READINESS_REPORT_VALIDITY: Duration = Duration::from_secs(10);
 
@@ -86,7 +86,7 @@ fn handle_line(
     let response = match words.as_slice() {
         [] => return Ok(false),
         ["START", cycle, words @ ..] => match (cycle.parse(), parse_interlocks(words)) {
-            (Ok(cycle), Some(interlocks)) => match gate.start_cycle(cycle, interlocks, TRIGGER_NAME) {
+            (Ok(cycle), Some(interlocks)) => match gate.start_cycle(cycle, interlocks, TRIGGER_LINE_ACTOR) {
                 Ok(()) => return Ok(true),
                 Err(why) => format!("REFUSED {why}"),
             },
@@ -105,12 +105,12 @@ fn handle_line(
             None => refuse_unreadable_line(gate),
         },
         ["STOP"] => {
-            let _ = gate.hold_machine(TRIGGER_NAME);
+            let _ = gate.hold_machine(TRIGGER_LINE_ACTOR);
             "OK".to_owned()
         }
         ["ACK"] => {
             // The reason of a refusal is in the machine state.
-            let _ = gate.acknowledge(Inspection { who: TRIGGER_NAME, ..Inspection::default() });
+            let _ = gate.acknowledge(Inspection { who: TRIGGER_LINE_ACTOR, ..Inspection::default() });
             "OK".to_owned()
         }
         ["STATE"] => {
@@ -124,7 +124,7 @@ fn handle_line(
 }
 
 fn refuse_unreadable_line(gate: &CommandGate) -> String {
-    gate.record_refusal(Refusal::Unreadable, &format!("request of {TRIGGER_NAME}"));
+    gate.record_refusal(Refusal::Unreadable, &format!("request of {TRIGGER_LINE_ACTOR}"));
     format!("REFUSED {}", Refusal::Unreadable)
 }
 

@@ -11,7 +11,7 @@ use minijinja::{Environment, context};
 use super::{SetupError, controls, prove_mode_text};
 use devices::controllers::{
     ConnectionDiagnosisRequest, ControllerConfig, ControllerError, DeviceInfo, DiagnosisMode, PossibleCause,
-    ReportedAxis,
+    ReportedAxisProperties,
 };
 use link::clock::HostClock;
 use machine::Axis;
@@ -114,7 +114,7 @@ fn replace_control_characters(text: &str) -> String {
 }
 
 /// Template values of one axis. Without limits from the control the range is kept short.
-fn axis_template_values(axis: Axis, reported: ReportedAxis) -> Value {
+fn axis_template_values(axis: Axis, reported: ReportedAxisProperties) -> Value {
     let turns = !axis.is_linear();
     let half = match axis {
         Axis::C => 360.0,

@@ -10,11 +10,11 @@ fn new_draft(controller: &str, topology: Option<&str>) -> MachineFileDraft {
 
 fn device_info_with_axes(letters: &str) -> DeviceInfo {
     let axes = letters.chars().map(|letter| {
-        let reported_axis = ReportedAxis {
+        let reported_axis = ReportedAxisProperties {
             travel_length: Some(300.0),
             rapid_per_min: Some(2500.0),
             resolution: Some(0.001),
-            ..ReportedAxis::default()
+            ..ReportedAxisProperties::default()
         };
         (letter.to_string().parse().unwrap(), reported_axis)
     });
@@ -40,7 +40,7 @@ fn drafts_parse_as_machine_files_with_the_reported_values() {
         assert_eq!((x.min, x.max, x.rapid_per_min, x.resolution_um), (-150.0, 150.0, 2500.0, 1.0));
         assert!(text.contains("# reported: rapid speed, mm/min.\nrapid_per_min = 2500.0"), "{text}");
         assert!(text.contains("# YOURS: acceleration"), "{text}");
-        assert_eq!(file.controller.control.dialect(), "grbl");
+        assert_eq!(file.controller_section.control.dialect(), "grbl");
     }
 }
 

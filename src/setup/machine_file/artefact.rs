@@ -22,10 +22,10 @@ const BALL_PLACEMENT_KEYS: [&str; 2] = ["origin_mm", "turned_deg"];
 /// Source of the artefact's data outside the text of a machine file.
 #[derive(Debug, Clone, Copy)]
 pub enum ArtefactSource<'a> {
-    /// No other data: the text is complete.
+    /// The text names no file; one that does is refused.
     TextOnly,
-    /// Other files in this folder.
-    MachineFileFolder(&'a Path),
+    /// The files that the text names, e.g. a table of balls, are in this folder.
+    FolderOfMachineFile(&'a Path),
     /// The artefact as it was read when the run began; the folder may have been deleted or changed since.
     RecordedArtefact(&'a Artefact),
 }
@@ -88,7 +88,7 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
             None
         }
         Some(name) => {
-            let ArtefactSource::MachineFileFolder(folder) = source else {
+            let ArtefactSource::FolderOfMachineFile(folder) = source else {
                 let why = "names a file, but the folder of the machine file is not known: write \
                     [[artefact.balls]] instead";
                 return Err(wrong("file", why));

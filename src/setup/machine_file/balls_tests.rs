@@ -44,7 +44,7 @@ fn built_in_samba_file_has_topology_and_balls_of_paper_4() {
     ];
     assert_eq!(balls.balls.iter().map(|ball| ball.centre_mm).collect::<Vec<_>>(), table);
     assert_eq!((balls.lengths[0].mm, balls.lengths[0].u_mm), (304.8, 1e-4));
-    assert!(file.parameter_limits.is_empty(), "the first command must end with code 0");
+    assert!(file.tolerances.is_empty(), "the first command must end with code 0");
     crate::setup::build_world(&file).unwrap();
 }
 
@@ -242,7 +242,7 @@ fn invalid_ball_table_is_refused_with_its_line_and_column() {
     let start = text.find("\n[[artefact.balls]]").unwrap();
     let end = text.find("\n[[artefact.lengths]]").unwrap();
     let text = format!("{}{}", &text[..start], &text[end..]);
-    let source = artefact::ArtefactSource::MachineFileFolder(path.parent().unwrap());
+    let source = artefact::ArtefactSource::FolderOfMachineFile(path.parent().unwrap());
     let message =
         MachineFile::from_document(TomlDocument::parse("x.toml", text).unwrap(), source).unwrap_err().to_string();
     assert!(message.contains("none.csv cannot be read"), "{message}");

@@ -15,8 +15,9 @@ use crate::setup::simulated::SimulatedControlConfig;
 
 const SIMULATED_CONTROL_KIND: &str = "simulated";
 
+/// `[controller]` of the machine file.
 #[derive(Debug, Clone)]
-pub struct ControllerSection {
+pub struct ControllerTable {
     pub control: ControlConfig,
     /// Compensations that are active in the control, in the maker's terms. They are part of the record: results
     /// are the errors that remain with them.
@@ -48,7 +49,7 @@ struct CommonControllerKeys {
     compensations_active: Vec<String>,
 }
 
-pub fn read_controller(document: &TomlDocument) -> Result<ControllerSection, MachineFileError> {
+pub fn read_controller(document: &TomlDocument) -> Result<ControllerTable, MachineFileError> {
     let CommonControllerKeys { kind, compensations_active } = document.deserialize_required_section(&["controller"])?;
     let known = [vec![SIMULATED_CONTROL_KIND], controls::control_kinds()].concat();
     if !known.contains(&kind.as_str()) {
@@ -63,5 +64,5 @@ pub fn read_controller(document: &TomlDocument) -> Result<ControllerSection, Mac
         }
     };
     let control = document.read_required_section(&["controller"], own)?;
-    Ok(ControllerSection { control, compensations_active })
+    Ok(ControllerTable { control, compensations_active })
 }

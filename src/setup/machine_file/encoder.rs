@@ -8,9 +8,10 @@ use super::sensor::SensorEntry;
 use machine::Axis;
 use machine::record::machine::Machine;
 
+/// Encoder on a rotary axis whose count is in the samples of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Encoder {
+pub struct AxisEncoder {
     /// Axis that turns the encoder.
     pub axis: Axis,
     /// Counts per turn; negative if the count decreases while the control's angle increases.
@@ -26,11 +27,11 @@ pub fn read_encoder(
     document: &TomlDocument,
     machine: &Machine,
     sensors: &[SensorEntry],
-) -> Result<Option<Encoder>, MachineFileError> {
+) -> Result<Option<AxisEncoder>, MachineFileError> {
     let counts = |entry: &SensorEntry| entry.connection.encoder_wrap_count().is_some();
     let counting = sensors.iter().position(counts);
-    let encoder: Option<Encoder> = document.read_section(&["encoder"], Deserialize::deserialize)?;
-    let Some(Encoder { axis, counts_per_turn }) = encoder else {
+    let encoder: Option<AxisEncoder> = document.read_section(&["encoder"], Deserialize::deserialize)?;
+    let Some(AxisEncoder { axis, counts_per_turn }) = encoder else {
         return match counting {
             None => Ok(None),
             Some(index) => {

@@ -34,7 +34,7 @@ impl fmt::Display for FileLocation {
     }
 }
 
-/// `section` is written as in the file, without brackets: `axes.X`.
+/// `section`: a TOML table, written as in the file, without brackets: `axes.X`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MachineFileProblem {
     #[error("the file is not valid TOML: {0}")]

@@ -193,15 +193,18 @@ pub fn deserialize_with_location<'i, T>(
     })
 }
 
-fn collect_keys_and_offsets(value: &DeValue<'_>, keys: &mut Vec<(String, usize)>) {
+/// Appends the name and the byte offset of each key below `value`.
+fn collect_keys_and_offsets(value: &DeValue<'_>, keys_and_offsets: &mut Vec<(String, usize)>) {
     match value {
         DeValue::Table(table) => {
             for (key, value) in table {
-                keys.push((key.get_ref().to_string(), key.span().start));
-                collect_keys_and_offsets(value.get_ref(), keys);
+                keys_and_offsets.push((key.get_ref().to_string(), key.span().start));
+                collect_keys_and_offsets(value.get_ref(), keys_and_offsets);
             }
         }
-        DeValue::Array(array) => array.iter().for_each(|value| collect_keys_and_offsets(value.get_ref(), keys)),
+        DeValue::Array(array) => {
+            array.iter().for_each(|value| collect_keys_and_offsets(value.get_ref(), keys_and_offsets));
+        }
         _ => {}
     }
 }

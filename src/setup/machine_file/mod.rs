@@ -13,8 +13,8 @@ use sha2::{Digest, Sha256};
 use devices::sensors::thermometer;
 use machine::Axis;
 use machine::record::artefact::Artefact;
-use machine::record::estimate::ParameterLimit;
-use machine::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
+use machine::record::estimate::ParameterTolerance;
+use machine::record::machine::{Keepout, Machine, Probe, Solid, StatedAxis};
 use machine::record::sensor::Sensor;
 
 mod artefact;
@@ -40,12 +40,12 @@ mod tolerance;
 use super::built_in::{BuiltInMachineFile, built_in_machine_file};
 use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
-pub use controller::{ControlConfig, ControllerSection};
+pub use controller::{ControlConfig, ControllerTable};
 pub use document::TomlDocument;
-pub use encoder::Encoder;
+pub use encoder::AxisEncoder;
 pub use error::{MachineFileError, MachineFileProblem};
 pub use located_value::{LocatedValue, ValueFault};
-use prompt::Prompt;
+use prompt::MachineFilePrompt;
 pub use sensor::{SensorConnection, SensorEntry};
 
 const KNOWN_SECTIONS: [&str; 15] = [
@@ -71,18 +71,19 @@ const KNOWN_SECTIONS: [&str; 15] = [
 pub struct MachineFile {
     /// The machine with its axes, which the file states in `[axes.X]`.
     pub machine: Machine,
-    pub controller: ControllerSection,
+    /// Configuration of the control, from `[controller]`.
+    pub controller_section: ControllerTable,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
     /// Encoder whose count the sensors' samples contain.
-    pub encoder: Option<Encoder>,
+    pub encoder: Option<AxisEncoder>,
     pub thermometers: Vec<thermometer::ThermometerConfig>,
     pub keepout_boxes: Vec<Keepout>,
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
-    prompts: Vec<Prompt>,
-    /// Limits for the verdict. Empty: no verdict.
-    pub parameter_limits: Vec<ParameterLimit>,
+    prompts: Vec<MachineFilePrompt>,
+    /// Tolerances for the verdict. Empty: no verdict.
+    pub tolerances: Vec<ParameterTolerance>,
     /// Keys with assumed values, as the file does not state them, e.g. `axes.X.backlash_um`.
     pub assumed_keys: Vec<String>,
     document: TomlDocument,
@@ -96,7 +97,7 @@ impl MachineFile {
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
-        let source = ArtefactSource::MachineFileFolder(path.parent().unwrap_or(Path::new("")));
+        let source = ArtefactSource::FolderOfMachineFile(path.parent().unwrap_or(Path::new("")));
         Self::from_document(TomlDocument::read(path)?, source)
     }
 
@@ -134,7 +135,7 @@ impl MachineFile {
         let tolerance = tolerance::read_tolerances(&document)?;
         Ok(Self {
             machine,
-            controller,
+            controller_section: controller,
             probe,
             sensors,
             encoder,
@@ -143,7 +144,7 @@ impl MachineFile {
             solids,
             artefact,
             prompts,
-            parameter_limits: tolerance,
+            tolerances: tolerance,
             assumed_keys: assumed,
             document,
         })
@@ -194,7 +195,7 @@ impl MachineFile {
     /// Prompts to the operator before `method` measures with `sensors`.
     pub fn prompts_for_method(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
         let asked = self.prompts.iter().filter(|prompt| prompt.applies_to(method));
-        let sensor_prompt = match self.controller.control {
+        let sensor_prompt = match self.controller_section.control {
             ControlConfig::Real(_) => prompt::sensor_prompt(sensors),
             // A simulated machine has no operator.
             ControlConfig::Simulated(_) => None,
@@ -220,7 +221,7 @@ fn read_machine(document: &TomlDocument) -> Result<Machine, MachineFileError> {
             MachineFileProblem::UnknownSection { section: "machine.axes".to_owned(), known: vec!["axes".to_owned()] };
         return Err(document.error_at_key(&["machine", "axes"], problem));
     }
-    let axes: BTreeMap<Axis, AxisSpec> = document.deserialize_required_section(&["axes"])?;
+    let axes: BTreeMap<Axis, StatedAxis> = document.deserialize_required_section(&["axes"])?;
     let machine = Machine { axes, ..document.deserialize_required_section(&["machine"])? };
     semantic_checks::check_machine(document, &machine)?;
     Ok(machine)

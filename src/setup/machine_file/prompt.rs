@@ -11,24 +11,25 @@ use super::error::MachineFileError;
 /// Maximum length of a prompt, characters: longer texts are not read at a machine.
 const MAX_PROMPT_CHARS: usize = 200;
 
+/// A prompt as `[[prompt]]` states it.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Prompt {
+pub struct MachineFilePrompt {
     pub text: String,
     /// Names of methods; `None`: all methods.
     pub methods: Option<Vec<String>>,
 }
 
-impl Prompt {
+impl MachineFilePrompt {
     pub fn applies_to(&self, method: &str) -> bool {
         self.methods.as_ref().is_none_or(|methods| methods.iter().any(|name| name == method))
     }
 }
 
 /// Prompts of the machine file, then one for the zero of each axis without a homing switch.
-pub fn read_prompts(document: &TomlDocument, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
-    let prompts: Vec<Prompt> = document.read_list("prompt")?;
-    for (index, Prompt { text, .. }) in prompts.iter().enumerate() {
+pub fn read_prompts(document: &TomlDocument, machine: &Machine) -> Result<Vec<MachineFilePrompt>, MachineFileError> {
+    let prompts: Vec<MachineFilePrompt> = document.read_list("prompt")?;
+    for (index, MachineFilePrompt { text, .. }) in prompts.iter().enumerate() {
         let why = match text.chars().count() {
             _ if text.trim().is_empty() => "must not be empty: write the instruction for the operator".to_owned(),
             _ if text.chars().any(char::is_control) => "must be a single line".to_owned(),
@@ -43,12 +44,12 @@ pub fn read_prompts(document: &TomlDocument, machine: &Machine) -> Result<Vec<Pr
     Ok(prompts.into_iter().chain(unhomed.map(|(axis, _)| zero_mark_prompt(*axis))).collect())
 }
 
-fn zero_mark_prompt(axis: Axis) -> Prompt {
+fn zero_mark_prompt(axis: Axis) -> MachineFilePrompt {
     let text = format!(
         "{axis} has no homing switch. Is {axis} at its zero mark when the control shows {axis} 0 in machine \
         coordinates? If not, first correct the zero of {axis} at the control."
     );
-    Prompt { text, methods: None }
+    MachineFilePrompt { text, methods: None }
 }
 
 /// Prompt before a method with displacement sensors, if an operator is present. Contact does not stop the
@@ -78,7 +79,7 @@ pub fn sensor_prompt(sensors: &[&Sensor]) -> Option<String> {
 /// Checks that prompts name known methods only.
 pub fn check_prompt_methods(
     document: &TomlDocument,
-    prompts: &[Prompt],
+    prompts: &[MachineFilePrompt],
     known: &[&str],
 ) -> Result<(), MachineFileError> {
     for (index, prompt) in prompts.iter().enumerate() {

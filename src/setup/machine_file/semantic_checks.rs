@@ -5,7 +5,7 @@ use super::document::TomlDocument;
 use super::error::MachineFileError;
 use machine::Axis;
 use machine::record::artefact::{Artefact, Cylinder, DatumCylinder};
-use machine::record::machine::{AxisSpec, Carrier, Homing, Keepout, Machine, Probe, Solid};
+use machine::record::machine::{Carrier, Homing, Keepout, Machine, Probe, Solid, StatedAxis};
 
 type CheckResult = Result<(), MachineFileError>;
 
@@ -158,7 +158,7 @@ impl TomlDocument {
         self.require((0.0..=10.0).contains(&seconds), key, &why)
     }
 
-    fn check_axis(&self, axis: Axis, spec: &AxisSpec) -> CheckResult {
+    fn check_axis(&self, axis: Axis, spec: &StatedAxis) -> CheckResult {
         let name = axis.to_string();
         let key = |key: &'static str| ["axes", name.as_str(), key];
         let order = format!("is {}; it must be greater than min = {}", spec.max, spec.min);

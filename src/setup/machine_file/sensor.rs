@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use devices::sensors::{SensorConfig, SharedPort, can, modbus, serial};
-use machine::record::sensor::{self, SensorKind, SensorMount};
+use machine::record::sensor::{self, MeasuredQuantity, SensorMount};
 
 use super::document::TomlDocument;
 use super::error::MachineFileError;
@@ -16,7 +16,7 @@ use crate::setup::simulated::SimulatedSensorConfig;
 #[serde(try_from = "SensorKeys")]
 pub struct SensorEntry {
     pub sensor: sensor::Sensor,
-    /// Configured sample rate, samples per second.
+    /// Configured sample rate, samples per second; `None`: `trued check` does not compare the rate.
     pub sample_rate_hz: Option<f64>,
     pub connection: SensorConnection,
 }
@@ -74,10 +74,11 @@ pub fn check_shared_port_settings(document: &TomlDocument, sensors: &[SensorEntr
 #[serde(deny_unknown_fields)]
 struct SensorKeys {
     name: String,
-    #[serde(default)]
-    kind: SensorKind,
+    #[serde(default, rename = "kind")]
+    measured_quantity: MeasuredQuantity,
     #[serde(default)]
     mount: SensorMount,
+    /// Zero point of the beam, in the frame of the mount.
     zero_mm: [f64; 3],
     direction: [f64; 3],
     range_mm: [f64; 2],
@@ -133,7 +134,7 @@ impl TryFrom<SensorKeys> for SensorEntry {
         let connection = keys.take_connection()?;
         let sensor = sensor::Sensor {
             name: keys.name,
-            kind: keys.kind,
+            measured_quantity: keys.measured_quantity,
             mount: keys.mount,
             zero_mm: keys.zero_mm,
             direction: keys.direction,
@@ -146,7 +147,7 @@ impl TryFrom<SensorKeys> for SensorEntry {
             incidence_um: keys.incidence_um,
             incidence_limit_deg: keys.incidence_limit_deg,
         };
-        check_sensor(&sensor)?;
+        check_sensor_name_direction_range_and_sizes(&sensor)?;
         if let Some(hz) = keys.rate_hz.filter(|hz| !(0.001..=1e6).contains(hz)) {
             return Err(format!("`rate_hz` is {hz}; it must be between 0.001 and 1000000 samples per second"));
         }
@@ -154,7 +155,7 @@ impl TryFrom<SensorKeys> for SensorEntry {
     }
 }
 
-fn check_sensor(sensor: &sensor::Sensor) -> Result<(), String> {
+fn check_sensor_name_direction_range_and_sizes(sensor: &sensor::Sensor) -> Result<(), String> {
     if sensor.name.is_empty() || sensor.name == "probe" {
         return Err("`name` must not be empty, and must not be `probe`, the name of the touch probe".to_owned());
     }

@@ -50,9 +50,9 @@ fn the_embedded_machine_reads_as_written() {
     assert_eq!(file.probe.repeatability_um, Some(0.5));
     let Artefact::Cylinder(Cylinder { radius_mm, .. }) = file.artefact else { panic!() };
     assert_eq!(radius_mm, 45.0);
-    assert!(matches!(file.controller.control, ControlConfig::Simulated(_)));
+    assert!(matches!(file.controller_section.control, ControlConfig::Simulated(_)));
     assert_eq!(file.text(), EMBEDDED);
-    assert!(file.parameter_limits.is_empty(), "the first command must end with code 0");
+    assert!(file.tolerances.is_empty(), "the first command must end with code 0");
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn controller_needs_a_known_kind_and_exactly_one_valid_link() {
         let text = EMBEDDED.replacen("kind = \"simulated\"", keys, 1).replacen(wire, "", 1);
         MachineFile::parse("shop.toml", text)
     };
-    let sound = strip("kind = \"grbl\"\ntcp = \"10.0.0.7:23\"").unwrap().controller.control;
+    let sound = strip("kind = \"grbl\"\ntcp = \"10.0.0.7:23\"").unwrap().controller_section.control;
     assert_eq!(sound.dialect(), "grbl");
     let said = format!("{sound:?}");
     assert!(said.contains("10.0.0.7") && said.contains("port: 23"), "{said}");
@@ -182,7 +182,7 @@ fn controller_needs_a_known_kind_and_exactly_one_valid_link() {
 #[test]
 fn tolerance_keys_need_a_unit_and_a_positive_limit() {
     let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[tolerance]\n{keys}\n"));
-    let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().parameter_limits;
+    let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().tolerances;
     let found: Vec<_> = limits.iter().map(|limit| (limit.symbol.as_str(), limit.unit, limit.limit)).collect();
     use machine::record::estimate::Unit;
     assert_eq!(found, [("EA0C", Unit::Urad, 20.0), ("EX0C", Unit::Um, 10.0), ("EXX1", Unit::UmPerM, 5.0)]);

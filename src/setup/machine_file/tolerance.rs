@@ -1,26 +1,26 @@
-//! `[tolerance]`: limits for the verdict; each key is the symbol of a parameter and the unit.
+//! `[tolerance]`: tolerances for the verdict; each key is the symbol of a parameter and the unit.
 
 use std::collections::BTreeMap;
 
 use super::document::TomlDocument;
 use super::error::MachineFileError;
-use machine::record::estimate::{ParameterLimit, Unit};
+use machine::record::estimate::{ParameterTolerance, Unit};
 
 const UNIT_SUFFIXES: [(&str, Unit); 5] =
     [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm), ("_ms", Unit::Ms)];
 
-/// Limits in the order of their keys; none without `[tolerance]`.
-pub fn read_tolerances(document: &TomlDocument) -> Result<Vec<ParameterLimit>, MachineFileError> {
+/// Tolerances in the order of their keys; none without `[tolerance]`.
+pub fn read_tolerances(document: &TomlDocument) -> Result<Vec<ParameterTolerance>, MachineFileError> {
     if document.key_names(&["tolerance"])?.is_empty() {
         return Ok(Vec::new());
     }
     let raw: BTreeMap<String, f64> = document.deserialize_required_section(&["tolerance"])?;
     raw.iter()
-        .map(|(key, &limit)| parse_limit(key, limit).map_err(|why| document.value_error(&["tolerance", key], why)))
+        .map(|(key, &limit)| parse_tolerance(key, limit).map_err(|why| document.value_error(&["tolerance", key], why)))
         .collect()
 }
 
-fn parse_limit(key: &str, limit: f64) -> Result<ParameterLimit, String> {
+fn parse_tolerance(key: &str, limit: f64) -> Result<ParameterTolerance, String> {
     let (symbol, unit) = UNIT_SUFFIXES
         .iter()
         .find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, *unit)))
@@ -29,5 +29,5 @@ fn parse_limit(key: &str, limit: f64) -> Result<ParameterLimit, String> {
     if limit <= 0.0 {
         return Err(format!("is {limit}; a limit must be greater than 0"));
     }
-    Ok(ParameterLimit { symbol: symbol.to_owned(), unit, limit })
+    Ok(ParameterTolerance { symbol: symbol.to_owned(), unit, limit })
 }

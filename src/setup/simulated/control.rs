@@ -20,7 +20,7 @@ use simulator::SimulatedWorld;
 use simulator::controls;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 use simulator::interpreter::SimulationPace;
-use simulator::sensors::listen_locally;
+use simulator::sensor_devices::listen_locally;
 
 /// `[controller]` of kind `simulated`.
 #[derive(Debug, Clone, Deserialize)]
@@ -31,13 +31,13 @@ pub struct SimulatedControlConfig {
     /// Baud rate of the control. On a pseudo-terminal, a client with another baud rate is not understood.
     baud: Option<u32>,
     /// `$` settings that differ from those of the machine.
-    grbl_setting_overrides: BTreeMap<u16, f64>,
+    grbl_setting_overrides_by_number: BTreeMap<u16, f64>,
 }
 
 impl Default for SimulatedControlConfig {
     fn default() -> Self {
         let (protocol, wire) = (ControlProtocol::Grbl, ControlWire::Memory);
-        Self { protocol, wire, baud: None, grbl_setting_overrides: BTreeMap::new() }
+        Self { protocol, wire, baud: None, grbl_setting_overrides_by_number: BTreeMap::new() }
     }
 }
 
@@ -177,7 +177,7 @@ impl TryFrom<ControlKeys> for SimulatedControlConfig {
             Err(_) => Err(format!("`settings` contains `{key}`, which is not the number of a setting")),
         };
         let settings = settings.into_iter().map(number).collect::<Result<_, _>>()?;
-        Ok(Self { protocol, wire, baud, grbl_setting_overrides: settings })
+        Ok(Self { protocol, wire, baud, grbl_setting_overrides_by_number: settings })
     }
 }
 
@@ -308,7 +308,7 @@ impl SimulatedControlConfig {
         use controls::grbl::{Firmware, SimulatedGrblOptions};
         let mut options = SimulatedGrblOptions::for_machine(setup.machine, setup.pace);
         options.faults = setup.faults.grbl;
-        options.settings.extend(&self.grbl_setting_overrides);
+        options.settings_by_number.extend(&self.grbl_setting_overrides_by_number);
         Firmware::new(setup.world, options)
     }
 

@@ -8,9 +8,9 @@ use link::can::CanReceiver;
 use machine::record::sensor;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
-use simulator::sensors::modbus::SampleTiming;
-use simulator::sensors::serial::OutputFormat;
-use simulator::sensors::{SampleSource, can as simulated_can};
+use simulator::sensor_devices::modbus::SampleTiming;
+use simulator::sensor_devices::serial::OutputFormat;
+use simulator::sensor_devices::{SampleSource, can as simulated_can};
 use simulator::{SensorOutput, SimulatedWorld};
 
 use super::sensor_wire::{self, SensorWire, parse_driver_config};
@@ -50,7 +50,7 @@ enum SensorInterface {
 impl TryFrom<SimulatedSensorKeys> for SimulatedSensorConfig {
     type Error = String;
 
-    /// Converts the keys.
+    /// Converts the keys of `[sensor.simulated]`.
     ///
     /// # Errors
     /// The sensor does not support the wire.

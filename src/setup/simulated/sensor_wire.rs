@@ -8,9 +8,9 @@ use devices::sensors::serial::{self, SerialDriver};
 use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use serde::de::DeserializeOwned;
-use simulator::sensors::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_pty, serve_on_tcp};
-use simulator::sensors::serial::{OutputFormat, REQUEST_KEY_TOML, send_on_pty, send_on_tcp, serve_on_demand};
-use simulator::sensors::{SampleSource, serial as simulated_serial};
+use simulator::sensor_devices::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_pty, serve_on_tcp};
+use simulator::sensor_devices::serial::{OutputFormat, REQUEST_KEY_TOML, send_on_pty, send_on_tcp, serve_on_demand};
+use simulator::sensor_devices::{SampleSource, serial as simulated_serial};
 
 /// Wire between the daemon and a simulated sensor outside of this process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

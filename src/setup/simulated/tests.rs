@@ -8,9 +8,9 @@ use machine::record::reading::ReadingFlag;
 use machine::record::sensor::Sensor;
 use serde_json::json;
 use simulator::SensorOutput;
-use simulator::sensors::SampleSource;
-use simulator::sensors::modbus::SampleTiming;
-use simulator::sensors::serial::OutputFormat;
+use simulator::sensor_devices::SampleSource;
+use simulator::sensor_devices::modbus::SampleTiming;
+use simulator::sensor_devices::serial::OutputFormat;
 
 use super::SimulatedSensorConfig;
 use super::sensor_wire::{self, SensorWire};
@@ -30,7 +30,7 @@ fn clock() -> Arc<HostClock> {
 fn value_um_flag_and_missing_count(sample: &Sample) -> (i64, &'static str, u32) {
     assert_eq!(sample.value_mm.is_some(), sample.flag == ReadingFlag::None);
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
-    (um, sample.flag.as_str(), sample.missing_count)
+    (um, sample.flag.as_str(), sample.lost_before_count)
 }
 
 fn value_um_and_flag_without_gap(sample: &Sample) -> (i64, &'static str) {

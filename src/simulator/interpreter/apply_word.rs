@@ -2,12 +2,17 @@
 
 use super::line::{LineWords, MotionMode, NonModalCode};
 use super::modal::ModalState;
-use super::words::{GrblErrorCode, Word};
+use super::words::{GcodeWord, GrblErrorCode};
 use machine::Axis;
 
 impl ModalState {
     /// Adds one word to `line` or to the modal state.
-    pub(super) fn apply_word(&mut self, word: Word, line: &mut LineWords, axes: &[Axis]) -> Result<(), GrblErrorCode> {
+    pub(super) fn apply_word(
+        &mut self,
+        word: GcodeWord,
+        line: &mut LineWords,
+        axes: &[Axis],
+    ) -> Result<(), GrblErrorCode> {
         match word.letter {
             'G' => return self.apply_g_word((word.value * 10.0).round() as u32, line),
             'M' => return Self::apply_m_word(word.value, line),

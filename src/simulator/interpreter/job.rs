@@ -20,7 +20,8 @@ pub enum Job {
         alarms_on_miss: bool,
         n: u32,
     },
-    Orient {
+    /// Orientation of the spindle, rad.
+    OrientSpindle {
         s: f64,
     },
     Dwell {
@@ -102,7 +103,7 @@ pub struct ActiveJob {
 }
 
 impl ActiveJob {
-    /// Starts the job. The world changes only when the job ends, so that a held move can stop half-way.
+    /// Starts `job` at `now`. The world changes only when the job ends, so that a held move can stop half-way.
     pub fn start(
         job: Job,
         world: &SimulatedWorld,
@@ -154,7 +155,7 @@ impl ActiveJob {
     }
 }
 
-/// Result of a job.
+/// How a job of the simulated control has ended.
 pub enum JobResult {
     Moved { has_crashed: bool },
     Probed { contact: Option<LatchedContact>, has_crashed: bool, alarms_on_miss: bool },
@@ -174,7 +175,7 @@ impl Job {
     pub fn target(&self) -> Option<&Position> {
         match self {
             Job::Travel { to, .. } | Job::Probe { to, .. } => Some(to),
-            Job::Orient { .. } | Job::Dwell { .. } => None,
+            Job::OrientSpindle { .. } | Job::Dwell { .. } => None,
         }
     }
 
@@ -197,8 +198,8 @@ impl Job {
                     alarms_on_miss: *alarms_on_miss,
                 }
             }
-            Job::Orient { s } => {
-                world.orient(*s);
+            Job::OrientSpindle { s } => {
+                world.orient_spindle(*s);
                 JobResult::DwellOrOrientFinished
             }
             Job::Dwell { seconds } => {
@@ -218,7 +219,7 @@ impl Job {
             Job::Travel { to, feed_mm_min: Some(mm_min) } | Job::Probe { to, feed_mm_min: mm_min, .. } => {
                 world.travel(&part(to), Speed::Feed { mm_min: *mm_min });
             }
-            Job::Orient { .. } => world.orient(at.get_or_zero(Axis::S)),
+            Job::OrientSpindle { .. } => world.orient_spindle(at.get_or_zero(Axis::S)),
             Job::Dwell { seconds } => world.dwell(seconds * fraction),
         }
     }

@@ -32,6 +32,7 @@ pub(super) struct LineWords {
     pub has_spindle_orient: bool,
     pub has_digital_output: bool,
     pub ends_program: bool,
+    /// F word of the line; `None`: it has none.
     pub feed_word: Option<f64>,
     /// Words that a command must consume.
     pub unconsumed_values: Vec<(char, f64)>,

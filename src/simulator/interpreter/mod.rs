@@ -1,5 +1,5 @@
 //! How a simulated control interprets a line of text and moves the machine: modes, offsets, and one job for
-//! each line. The transport (a serial protocol, registers) belongs to the firmware; the reader that the proof uses
+//! each line. The transport (a serial protocol, registers) belongs to the firmware; the G-code reader of the proof
 //! shares no code with this module.
 
 mod apply_word;

@@ -4,7 +4,7 @@ use machine::{Axis, Position};
 
 use super::job::Job;
 use super::line::{LineWords, MotionMode, NonModalCode};
-use super::words::{GrblErrorCode, Word};
+use super::words::{GcodeWord, GrblErrorCode};
 
 const MM_PER_INCH: f64 = 25.4;
 const COORDINATE_SYSTEM_COUNT: usize = 6;
@@ -69,7 +69,7 @@ impl ModalState {
     /// Action that `words` request of a control at `here`; a line in error does not change the modal state.
     pub(super) fn interpret_words(
         &mut self,
-        words: &[Word],
+        words: &[GcodeWord],
         here: &Position,
         axes: &[Axis],
     ) -> Result<Option<Job>, GrblErrorCode> {
@@ -126,7 +126,7 @@ impl ModalState {
         }
         if line.has_spindle_orient {
             let degrees = line.take_value('R').ok_or(28)?;
-            return Ok(Some(Job::Orient { s: Axis::S.to_mm_or_rad(degrees) }));
+            return Ok(Some(Job::OrientSpindle { s: Axis::S.to_mm_or_rad(degrees) }));
         }
         self.motion_job(line, here, n)
     }

@@ -4,14 +4,15 @@
 /// Error code of Grbl.
 pub type GrblErrorCode = u8;
 
+/// A letter and its number.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Word {
+pub(super) struct GcodeWord {
     pub letter: char,
     pub value: f64,
 }
 
 /// The words of one line; comments `(..)` and `;..` are dropped.
-pub(super) fn parse_words(line: &str) -> Result<Vec<Word>, GrblErrorCode> {
+pub(super) fn parse_words(line: &str) -> Result<Vec<GcodeWord>, GrblErrorCode> {
     let code = strip_comments_and_spaces(line);
     let mut rest = code.as_str();
     let mut words = Vec::new();
@@ -22,7 +23,7 @@ pub(super) fn parse_words(line: &str) -> Result<Vec<Word>, GrblErrorCode> {
         let number = &rest[1..];
         let end = number.find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+'))).unwrap_or(number.len());
         let value = number[..end].parse::<f64>().map_err(|_| 2)?;
-        words.push(Word { letter, value });
+        words.push(GcodeWord { letter, value });
         rest = &number[end..];
     }
     Ok(words)

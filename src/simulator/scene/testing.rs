@@ -3,11 +3,11 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::super::machine_pose::MachinePose;
-use super::Scene;
+use super::TrueScene;
 use machine::kinematics::{ErrorShape, ErrorTerm};
 use machine::{Axis, Position, frame::Point};
 
-impl Scene {
+impl TrueScene {
     /// Error motion of a rotary axis along or about the axis `component`, mm or rad.
     pub fn rotary_error_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
         let at = Position::new().with(axis, angle);

@@ -75,13 +75,13 @@ fn indexing_stage_turns_the_artefact_with_its_declared_index_error() {
     let truth = "[datum_cylinder]\nsection_form = [{ section = 2, n = 3, cos_um = 2.0 }]\n\
                  [stage]\nfaults = [{ mounting = 2, off_deg = 20.0 }]";
     let mut world = world_with_bed_sensors(truth);
-    world.mount_artefact(40.0);
+    world.remount_datum_cylinder(40.0);
     // The artefact's −40° direction faces the sensor: cos −120°.
     assert_readings_near(readings_at_c_angle(&mut world, 0.0), [0.0, 0.001, 0.0]);
-    world.mount_artefact(40.0);
+    world.remount_datum_cylinder(40.0);
     assert_readings_near(readings_at_c_angle(&mut world, 0.0), [0.0, 0.001, 0.0]);
     // The second mounting: −60°, and its index error of −20°.
-    world.mount_artefact(60.0);
+    world.remount_datum_cylinder(60.0);
     let expected = -0.002 * (3.0_f64 * -80.0).to_radians().cos();
     assert_readings_near(readings_at_c_angle(&mut world, 0.0), [0.0, expected, 0.0]);
 }
@@ -93,12 +93,12 @@ fn each_mounting_draws_an_eccentricity_that_repeats_with_the_seed() {
     let first = readings_at_c_angle(&mut one, 0.0);
     assert_readings_near(first, [0.0; 3]);
     let moved = [36.0, 72.0].map(|turn_deg| {
-        one.mount_artefact(turn_deg);
+        one.remount_datum_cylinder(turn_deg);
         readings_at_c_angle(&mut one, 0.0)
     });
     assert!(moved[0] != moved[1] && moved.iter().all(|[low, ..]| low.abs() < 0.01), "{moved:?}");
     let mut other = world_with_bed_sensors(truth);
-    [36.0, 72.0].into_iter().for_each(|turn_deg| other.mount_artefact(turn_deg));
+    [36.0, 72.0].into_iter().for_each(|turn_deg| other.remount_datum_cylinder(turn_deg));
     assert_readings_near(readings_at_c_angle(&mut other, 0.0), moved[1]);
 }
 

@@ -46,7 +46,7 @@ impl TestBench {
         Self { artefact, ..Self::ideal() }
     }
 
-    pub fn axis_spec_mut(&mut self, axis: Axis) -> &mut AxisSpec {
+    pub fn stated_axis_mut(&mut self, axis: Axis) -> &mut StatedAxis {
         self.machine.axes.get_mut(&axis).unwrap()
     }
 
@@ -62,7 +62,7 @@ pub(super) fn position_with_ball_at(x: f64, y: f64, z: f64) -> Position {
 
 /// Touches at half height from outside along the direction `phi` (rad), with the spindle at `spindle_angle` (rad).
 /// Returns the displayed radius of the ball (along phi) and the time.
-pub(super) fn touch_radius_and_time(
+pub(super) fn touch_radius_and_latch_time(
     world: &mut SimulatedWorld,
     phi: f64,
     spindle_angle: f64,
@@ -72,7 +72,7 @@ pub(super) fn touch_radius_and_time(
     let clear = Speed::Feed { mm_min: 6000.0 };
     let lifted = world.position().with(Axis::Z, 300.0);
     assert!(!world.travel(&lifted, Speed::Rapid).has_probe_closed);
-    world.orient(spindle_angle);
+    world.orient_spindle(spindle_angle);
     for to in [at(60.0, 200.0), at(60.0, 50.0)] {
         assert!(!world.travel(&to, clear).has_crashed);
     }

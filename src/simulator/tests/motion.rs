@@ -114,7 +114,7 @@ fn plc_scan_adds_a_latch_delay_uniform_over_its_period() {
 #[test]
 fn regress_a_touch_at_excessive_feed_crashes() {
     let mut bench = TestBench::ideal();
-    bench.axis_spec_mut(Axis::X).acceleration_per_s2 = 50.0;
+    bench.stated_axis_mut(Axis::X).acceleration_per_s2 = 50.0;
     bench.probe.overtravel_mm = 1.0;
     let mut world = bench.build_world();
     for to in [position_with_ball_at(80.0, 0.0, 200.0), position_with_ball_at(80.0, 0.0, 50.0)] {
@@ -154,13 +154,13 @@ fn regress_contact_on_the_way_of_an_index_move_is_reported() {
 fn regress_display_is_rounded_to_resolution_but_contact_is_not() {
     let mut bench = TestBench::ideal();
     bench.truth.errors.insert("EX0C_um".to_owned(), 12.34567);
-    let exact = touch_radius_and_time(&mut bench.build_world(), 0.0, 0.0, 1).0;
+    let exact = touch_radius_and_latch_time(&mut bench.build_world(), 0.0, 0.0, 1).0;
     assert!((exact - BALL_CENTRE_CIRCLE_RADIUS_MM - 0.01234567).abs() < 1e-9);
     for axis in Axis::LINEAR {
-        bench.axis_spec_mut(axis).resolution_um = 1.0;
+        bench.stated_axis_mut(axis).resolution_um = 1.0;
     }
     let mut world = bench.build_world();
-    assert!((touch_radius_and_time(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
+    assert!((touch_radius_and_latch_time(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
     world.travel(&position_with_ball_at(60.00049, 0.0, 50.0), Speed::Rapid);
     assert!((world.position().get_or_zero(Axis::X) - 60.0).abs() < 1e-12);
     // The rounded position would be in contact; the ball itself is not.
@@ -175,11 +175,15 @@ fn regress_backlash_displaces_the_contact_by_half_the_gap() {
     let mut world = bench.build_world();
     // While X decreases, it is half the gap above its command: the command must go that much
     // farther.
-    assert!((touch_radius_and_time(&mut world, 0.0, 0.0, 1).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.010)).abs() < 1e-9);
+    assert!(
+        (touch_radius_and_latch_time(&mut world, 0.0, 0.0, 1).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.010)).abs() < 1e-9
+    );
     // From the other side the same is true along the outward direction.
-    assert!((touch_radius_and_time(&mut world, PI, 0.0, 2).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.010)).abs() < 1e-9);
+    assert!(
+        (touch_radius_and_latch_time(&mut world, PI, 0.0, 2).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.010)).abs() < 1e-9
+    );
     // Y has no lost motion; X, lagging across, shortens the chord by 0.01²/96 mm.
-    assert!((touch_radius_and_time(&mut world, PI / 2.0, 0.0, 3).0 - BALL_CENTRE_CIRCLE_RADIUS_MM).abs() < 2e-6);
+    assert!((touch_radius_and_latch_time(&mut world, PI / 2.0, 0.0, 3).0 - BALL_CENTRE_CIRCLE_RADIUS_MM).abs() < 2e-6);
 }
 
 #[test]

@@ -92,9 +92,9 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
 fn regress_linear_error_motions_move_the_true_position() {
     let mut bench = TestBench::ideal();
     bench.truth.seed = 9;
-    bench.axis_spec_mut(Axis::X).error_motion_um = 3.0;
+    bench.stated_axis_mut(Axis::X).error_motion_um = 3.0;
     let drawn = LinearErrors::draw(9, [[3e-3, 200.0], [0.0, 1.0], [0.0, 1.0]]);
-    let found = touch_radius_and_time(&mut bench.build_world(), PI, 0.0, 1).0;
+    let found = touch_radius_and_latch_time(&mut bench.build_world(), PI, 0.0, 1).0;
     // Displayed −x where x + E_XX(x) reaches the part; the lateral shift by E_YX changes it by far less than 1 nm.
     let expected = BALL_CENTRE_CIRCLE_RADIUS_MM + drawn.deviation_at([-BALL_CENTRE_CIRCLE_RADIUS_MM, 0.0, 0.0]).x;
     assert!((found - expected).abs() < 1e-6, "{found} instead of {expected}");
@@ -117,16 +117,17 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
         (PI, 0.0, -offset.x),
     ] {
         assert!(
-            (touch_radius_and_time(&mut world, phi, s, 1).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - beyond)).abs() < 2e-5
+            (touch_radius_and_latch_time(&mut world, phi, s, 1).0 - (BALL_CENTRE_CIRCLE_RADIUS_MM - beyond)).abs()
+                < 2e-5
         );
     }
     bench.probe.stylus_offset_um = 0.0;
     bench.probe.lobing_um = 5.0;
     let mut world = bench.build_world();
-    let plain = touch_radius_and_time(&mut world, 0.3, 0.0, 2).0;
+    let plain = touch_radius_and_latch_time(&mut world, 0.3, 0.0, 2).0;
     // The same point of the ball has the same pre-travel. Positive pre-travel triggers late.
-    assert!((touch_radius_and_time(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
-    assert!((touch_radius_and_time(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
+    assert!((touch_radius_and_latch_time(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
+    assert!((touch_radius_and_latch_time(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
     let lobing = ProbeLobing::draw(3, 0.005, &[]).pre_travel_mm(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
     assert!((BALL_CENTRE_CIRCLE_RADIUS_MM - plain - lobing).abs() < 1e-9);
 }
@@ -141,7 +142,7 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
     for hours in [0.0, 1.0, 3.0] {
         world.dwell(hours * 3600.0);
         for (number, phi) in [0.0, FRAC_PI_2, PI, -FRAC_PI_2].into_iter().enumerate() {
-            let (found, t_s) = touch_radius_and_time(&mut world, phi, 0.0, number as u32);
+            let (found, t_s) = touch_radius_and_latch_time(&mut world, phi, 0.0, number as u32);
             let [x, y] = world.true_rotary_axis_position_mm(Axis::C, 50.0, t_s);
             let expected = BALL_CENTRE_CIRCLE_RADIUS_MM + x * phi.cos() + y * phi.sin() + drift.radius_growth_mm(t_s);
             // A centre 0.1 mm to the side shortens the chord by 0.1 µm.
@@ -171,7 +172,7 @@ fn regress_the_same_seed_gives_the_same_readings_in_any_order() {
     bench.probe.repeatability_um = Some(1.0);
     let order = |steps: [u32; 4]| -> BTreeMap<u32, f64> {
         let mut world = bench.build_world();
-        steps.map(|n| (n, touch_radius_and_time(&mut world, f64::from(n), 0.0, n).0)).into()
+        steps.map(|n| (n, touch_radius_and_latch_time(&mut world, f64::from(n), 0.0, n).0)).into()
     };
     let forward = order([1, 2, 3, 4]);
     assert_eq!(forward, order([1, 2, 3, 4]));
@@ -181,10 +182,10 @@ fn regress_the_same_seed_gives_the_same_readings_in_any_order() {
         assert!((radius - (BALL_CENTRE_CIRCLE_RADIUS_MM - 1e-3 * draw_touch_scatter(77, n, 0))).abs() < 1e-9);
     }
     let mut world = bench.build_world();
-    let twice = [0, 1].map(|_| touch_radius_and_time(&mut world, 1.0, 0.0, 1).0);
+    let twice = [0, 1].map(|_| touch_radius_and_latch_time(&mut world, 1.0, 0.0, 1).0);
     assert!((twice[0] - twice[1]).abs() > 1e-6);
     bench.truth.seed = 78;
-    assert!((touch_radius_and_time(&mut bench.build_world(), 1.0, 0.0, 1).0 - twice[0]).abs() > 1e-6);
+    assert!((touch_radius_and_latch_time(&mut bench.build_world(), 1.0, 0.0, 1).0 - twice[0]).abs() > 1e-6);
 }
 
 #[test]

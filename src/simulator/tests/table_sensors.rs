@@ -38,8 +38,8 @@ fn rotation_about_y(angle: f64) -> Matrix3<f64> {
     Matrix3::new(cos, 0.0, sin, 0.0, 1.0, 0.0, -sin, 0.0, cos)
 }
 
-/// C turns the table against its command, seen from above (ISO 841). Its location errors precede the rotation, and
-/// X moves the table against its command.
+/// C turns the table against its command, seen from above (ISO 841). The location errors of C precede the rotation,
+/// and X moves the table against its command.
 #[test]
 fn a_sensor_on_the_table_measures_the_sphere_in_the_spindle() {
     let all: Vec<_> = [0.0, 120.0, 240.0].map(table_sensor_with_zero_and_direction).into();

@@ -8,7 +8,7 @@ use rusqlite::Connection;
 
 use super::{estimate_with_value, new_run, reading_of_step};
 use crate::store::*;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 fn file_names(dir: &Path) -> Vec<String> {
     let files = std::fs::read_dir(dir).unwrap();
@@ -163,7 +163,7 @@ fn only_samples_of_finished_runs_with_estimate_are_removed() {
     assert_eq!(is.readings, [reading_of_step(0)]);
     assert_eq!((&is.estimates, &is.plan, &is.machine_file_text), (&was.estimates, &was.plan, &was.machine_file_text));
     let told: Vec<_> = is.events.into_iter().map(|(_, event)| event).collect();
-    assert_eq!(told, [Event::SamplesRemoved { scans: 3 }]);
+    assert_eq!(told, [RunEvent::SamplesRemoved { scans: 3 }]);
     let after: Vec<_> = kept.iter().map(|run| journal.load_run(*run).unwrap()).collect();
     assert_eq!(before, after);
     assert_eq!(journal.audit_entries(None, 9).unwrap().len(), 1);

@@ -8,7 +8,7 @@ use rusqlite::Connection;
 
 use super::{estimate_with_value, new_run, plan_stage, plan_step, reading_of_step};
 use crate::store::*;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 const JOURNAL_FILE_NAME: &str = "journal.sqlite";
 
@@ -93,10 +93,10 @@ fn journal_with_rows_in_each_table() -> (tempfile::TempDir, RunId) {
     journal.add_reading(run, &reading_of_step(0)).wait().unwrap();
     let sample = |number| Reading { step: 1, repeat: 0, ..reading_of_step(number) };
     journal.add_scan(run, &[sample(1), sample(2)]).wait().unwrap();
-    journal.add_event(run, &Event::Held { reason: "Ctrl-C".to_owned() }).wait().unwrap();
+    journal.add_event(run, &RunEvent::Held { reason: "Ctrl-C".to_owned() }).wait().unwrap();
     let estimate_sha256 = journal.add_estimate(run, &estimate_with_value(0.1)).wait().unwrap();
     let (who, remark) = ("Ada".to_owned(), "as ever".to_owned());
-    journal.add_signature(run, &Signature { who, remark, estimate_sha256 }).wait().unwrap();
+    journal.add_signature(run, &EstimateSignature { who, remark, estimate_sha256 }).wait().unwrap();
     let now = Timestamp::now();
     let (machine, schedule, why) = ("mill".to_owned(), "weekly".to_owned(), String::new());
     let arming = Arming {
@@ -123,7 +123,7 @@ fn rows_changed_by_the_program_keep_valid_checksums() {
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Held).wait().unwrap();
     journal.set_state(run, RunState::Running).wait().unwrap();
-    journal.add_event(run, &Event::Resumed { gap_s: 12.5 }).wait().unwrap();
+    journal.add_event(run, &RunEvent::Resumed { gap_s: 12.5 }).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     journal.remove_scan_samples(run).unwrap();
     assert_eq!(journal.disarm_cycles("mill", None, "Ada", "").wait().unwrap(), 1);

@@ -101,7 +101,7 @@ fn plan_stage(id: u32, steps: Vec<u32>) -> Stage {
 fn all_data_is_read_back_after_reopening() {
     let dir = tempfile::tempdir().unwrap();
     let events =
-        [Event::StageStarted { stage: plan_stage(0, vec![0, 1]) }, Event::Held { reason: "Ctrl-C".to_owned() }];
+        [RunEvent::StageStarted { stage: plan_stage(0, vec![0, 1]) }, RunEvent::Held { reason: "Ctrl-C".to_owned() }];
     let stages = [plan_stage(0, vec![0, 1]), plan_stage(1, vec![2, 0])];
     let readings: Vec<_> = (0..9).map(reading_of_step).collect();
     let journal = Journal::open(dir.path()).unwrap();
@@ -304,8 +304,8 @@ fn interruptions_are_in_the_plan_and_its_hash() {
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
     for gap_s in [12.5, 12.5, 40.0] {
-        journal.add_event(run, &Event::Resumed { gap_s }).wait().unwrap();
-        journal.add_event(run, &Event::Held { reason: "again".to_owned() }).wait().unwrap();
+        journal.add_event(run, &RunEvent::Resumed { gap_s }).wait().unwrap();
+        journal.add_event(run, &RunEvent::Held { reason: "again".to_owned() }).wait().unwrap();
     }
     let stored = journal.load_run(run).unwrap();
     assert_eq!(stored.plan.gaps_s, [12.5, 40.0]);

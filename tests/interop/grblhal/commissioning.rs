@@ -4,7 +4,7 @@
 use std::process::Output;
 
 use libtest_mimic::Failed;
-use machine::record::question::{Answer, ObservedMotion, Question, StylusState};
+use machine::record::question::{ObservedMotion, OperatorAnswer, OperatorQuestion, StylusState};
 use trued::commissioning::{
     AnswerFuture, CheckFinding, CheckStop, CheckSummary, CheckVerdict, MachineCheck, OperatorInterface,
 };
@@ -29,10 +29,10 @@ struct GrblHalRigOperator<'a> {
 }
 
 impl GrblHalRigOperator<'_> {
-    fn set_stylus_deflected(&mut self, deflected: bool) -> Result<(), Failed> {
-        if deflected != self.stylus_is_deflected {
+    fn set_stylus_deflected(&mut self, is_deflected: bool) -> Result<(), Failed> {
+        if is_deflected != self.stylus_is_deflected {
             self.rig.press_button('p')?;
-            self.stylus_is_deflected = deflected;
+            self.stylus_is_deflected = is_deflected;
         }
         Ok(())
     }
@@ -44,20 +44,20 @@ impl GrblHalRigOperator<'_> {
 }
 
 impl OperatorInterface for GrblHalRigOperator<'_> {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
         let done = match question {
-            Question::StylusState(stylus) => self.set_stylus_deflected(*stylus == StylusState::Deflected),
-            Question::HoldReleased { .. } => self.reset_and_home_control(),
+            OperatorQuestion::StylusState(stylus) => self.set_stylus_deflected(*stylus == StylusState::Deflected),
+            OperatorQuestion::HoldReleased { .. } => self.reset_and_home_control(),
             _ => Ok(()),
         };
         let answer = match (done, question) {
             (Err(fault), _) => {
                 self.rig_failure = Some(fault);
-                Answer::NoOperator
+                OperatorAnswer::NoOperator
             }
-            (Ok(()), Question::ObservedJog { .. }) => Answer::Motion(ObservedMotion::AsAnnounced),
-            (Ok(()), Question::RetractDirection { .. }) => Answer::No,
-            (Ok(()), _) => Answer::Yes,
+            (Ok(()), OperatorQuestion::ObservedJog { .. }) => OperatorAnswer::Motion(ObservedMotion::AsAnnounced),
+            (Ok(()), OperatorQuestion::RetractDirection { .. }) => OperatorAnswer::No,
+            (Ok(()), _) => OperatorAnswer::Yes,
         };
         Box::pin(std::future::ready(answer))
     }

@@ -1,4 +1,5 @@
-//! Reports of the firmware that forbid motion: `run` is refused, and no line that moves is sent.
+//! `run` is refused, and no line that moves is sent, while the firmware is not homed or has unsuitable settings or
+//! overrides.
 
 use libtest_mimic::Failed;
 

@@ -185,7 +185,7 @@ impl GrblHalRig {
     pub fn create_run_workspace(&self, changes: &[(&str, &str)]) -> Result<RunWorkspace, Failed> {
         let address = format!("127.0.0.1:{}", self.proxy.listen_port);
         let changes: Vec<_> = changes.iter().copied().chain([("127.0.0.1:7001", &*address)]).collect();
-        RunWorkspace::new(MACHINE_FILE, &changes)
+        RunWorkspace::with_changed_machine_file(MACHINE_FILE, &changes)
     }
 
     /// Waits until this many measuring touches (at 120 mm/min) have begun since the last call of `clear_record`, while

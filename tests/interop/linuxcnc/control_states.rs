@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use devices::controllers::{ControllerDriver as _, ControllerError, PreparedControl};
 use libtest_mimic::Failed;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use tokio::time::sleep;
 
@@ -22,12 +22,12 @@ fn check_prepare_refused(prepared: Result<PreparedControl, ControllerError>, wor
 }
 
 /// A slow move past the part, high above it.
-fn slow_move_block(step: u32) -> Block {
+fn slow_move_block(step: u32) -> MotionBlock {
     let motions = vec![
         Motion::Rapid { to: z_position(150.0) },
         Motion::Guarded { to: polar_xy_position(100.0, 2.0), feed_mm_min: 1000.0 },
     ];
-    Block { step, repeat: 0, motions }
+    MotionBlock { step, repeat: 0, motions }
 }
 
 pub fn position_is_reported() -> Result<(), Failed> {
@@ -139,7 +139,7 @@ pub fn contact_stops_a_table_turn() -> Result<(), Failed> {
             }
             rig.set_true_value("stuck", 1.0)
         };
-        let block = prove_without_collision_check(&driver, &Block { step: 3, repeat: 0, motions });
+        let block = prove_without_collision_check(&driver, &MotionBlock { step: 3, repeat: 0, motions });
         let (hit, pressed) = tokio::join!(driver.execute(block), presses);
         pressed?;
         expect_error(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;

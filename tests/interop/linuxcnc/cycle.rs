@@ -84,7 +84,7 @@ pub fn ctrl_c_holds_the_run_and_keeps_its_readings() -> Result<(), Failed> {
     }
     workspace.check_last_run_state("held")?;
     // Readings before the table turns: five to locate the part, four references, Test 1a at 0°.
-    let kept = workspace.probe_reading_count()?;
+    let kept = workspace.first_run_probe_reading_count()?;
     eprintln!("{kept} readings kept");
     if (10..69).contains(&kept) { Ok(()) } else { Err(format!("{kept} readings").into()) }
 }

@@ -8,7 +8,7 @@ use devices::controllers::linuxcnc::{LinuxCncDriver, LinuxCncSettings, result_lo
 use devices::controllers::{ControllerDriver as _, ControllerError, HaltHandle};
 use libtest_mimic::Failed;
 use link::LinkAddress;
-use machine::record::motion::{Block, BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlock, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::gcode::Dialect;
 use planning::proof::{ProvenBlock, for_tests, render_and_prove_mode_text};
@@ -42,7 +42,7 @@ pub async fn open_driver_at_port(port: u16, rig: &LinuxCncRig) -> Result<(LinuxC
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 /// The block as it is sent to the rig, without a collision check.
-pub fn prove_without_collision_check(driver: &LinuxCncDriver, block: &Block) -> ProvenBlock {
+pub fn prove_without_collision_check(driver: &LinuxCncDriver, block: &MotionBlock) -> ProvenBlock {
     let dialect = Dialect::from_name("linuxcnc").expect("its templates");
     for_tests::prove_block_text(block, &AXES, &dialect, &driver.transmission()).expect("a program")
 }
@@ -61,7 +61,7 @@ pub fn z_position(height: f64) -> Position {
 }
 
 /// A touch: from above down beside the flank, from `start_radius` to `end_radius`, mm, back and up. Angles in rad.
-pub fn cylinder_touch_block(step: u32, angle: f64, c: f64, start_radius: f64, end_radius: f64) -> Block {
+pub fn cylinder_touch_block(step: u32, angle: f64, c: f64, start_radius: f64, end_radius: f64) -> MotionBlock {
     let motions = vec![
         Motion::Rapid { to: z_position(150.0) },
         Motion::Rapid { to: polar_xy_position(60.0, angle).with(Axis::B, 0.0).with(Axis::C, c) },
@@ -71,11 +71,11 @@ pub fn cylinder_touch_block(step: u32, angle: f64, c: f64, start_radius: f64, en
         Motion::BackOff { to: polar_xy_position(50.0, angle), feed_mm_min: 600.0 },
         Motion::Guarded { to: polar_xy_position(60.0, angle), feed_mm_min: 6000.0 },
     ];
-    Block { step, repeat: 0, motions }
+    MotionBlock { step, repeat: 0, motions }
 }
 
 pub fn expect_error(
-    result: Result<BlockOutcome, ControllerError>,
+    result: Result<MotionBlockOutcome, ControllerError>,
     is_expected: fn(&ControllerError) -> bool,
 ) -> Result<(), Failed> {
     match result {
@@ -116,7 +116,10 @@ pub fn touches_find_the_true_cylinder_centre() -> Result<(), Failed> {
         let started = Instant::now();
         for step in 0..10 {
             driver
-                .execute(prove_without_collision_check(&driver, &Block { step, repeat: 0, motions: still.clone() }))
+                .execute(prove_without_collision_check(
+                    &driver,
+                    &MotionBlock { step, repeat: 0, motions: still.clone() },
+                ))
                 .await?;
         }
         eprintln!("a block that does nothing: {:.3} s", started.elapsed().as_secs_f64() / 10.0);
@@ -178,7 +181,9 @@ pub fn contact_stops_a_guarded_move_and_only_a_retract_is_accepted() -> Result<(
         expect_error(again, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))?;
         driver.prepare().await?;
         let out = vec![Motion::BackOff { to: polar_xy_position(50.0, TAU / 3.0), feed_mm_min: 600.0 }];
-        driver.execute(prove_without_collision_check(&driver, &Block { step: 5, repeat: 0, motions: out })).await?;
+        driver
+            .execute(prove_without_collision_check(&driver, &MotionBlock { step: 5, repeat: 0, motions: out }))
+            .await?;
         Ok(())
     })
 }
@@ -194,7 +199,8 @@ pub fn contact_in_a_rapid_move_is_reported() -> Result<(), Failed> {
             Motion::Rapid { to: z_position(50.0) },
             Motion::Rapid { to: polar_xy_position(47.0, 0.0) },
         ];
-        let hit = driver.execute(prove_without_collision_check(&driver, &Block { step: 6, repeat: 0, motions })).await;
+        let hit =
+            driver.execute(prove_without_collision_check(&driver, &MotionBlock { step: 6, repeat: 0, motions })).await;
         expect_error(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 6 }))
     })
 }
@@ -212,7 +218,7 @@ pub fn dead_and_stuck_probes_are_reported() -> Result<(), Failed> {
         let up = vec![Motion::BackOff { to: polar_xy_position(60.0, 0.0), feed_mm_min: 600.0 }];
         driver.prepare().await?;
         driver
-            .execute(prove_without_collision_check(&driver, &Block { step: 2, repeat: 0, motions: up.clone() }))
+            .execute(prove_without_collision_check(&driver, &MotionBlock { step: 2, repeat: 0, motions: up.clone() }))
             .await?;
         rig.set_true_value("dead", 0.0)?;
         rig.set_true_value("stuck", 1.0)?;
@@ -221,8 +227,9 @@ pub fn dead_and_stuck_probes_are_reported() -> Result<(), Failed> {
             .await;
         expect_error(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 3 }))?;
         driver.prepare().await?;
-        let stuck =
-            driver.execute(prove_without_collision_check(&driver, &Block { step: 4, repeat: 0, motions: up })).await;
+        let stuck = driver
+            .execute(prove_without_collision_check(&driver, &MotionBlock { step: 4, repeat: 0, motions: up }))
+            .await;
         expect_error(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))
     })
 }
@@ -236,7 +243,7 @@ pub fn emergency_stop_ends_the_block_and_is_named() -> Result<(), Failed> {
             Motion::Rapid { to: z_position(150.0) },
             Motion::Guarded { to: polar_xy_position(100.0, 2.0), feed_mm_min: 1000.0 },
         ];
-        let block = Block { step: 12, repeat: 0, motions };
+        let block = MotionBlock { step: 12, repeat: 0, motions };
         let stop = async {
             tokio::time::sleep(Duration::from_millis(700)).await;
             rig.press_emergency_stop()
@@ -260,7 +267,7 @@ pub fn frozen_control_ends_the_block_without_later_motion() -> Result<(), Failed
             Motion::Rapid { to: z_position(150.0) },
             Motion::Guarded { to: polar_xy_position(100.0, 2.0), feed_mm_min: 200.0 },
         ];
-        let block = Block { step: 13, repeat: 0, motions };
+        let block = MotionBlock { step: 13, repeat: 0, motions };
         let freeze = async {
             tokio::time::sleep(Duration::from_millis(700)).await;
             rig.signal_task("-STOP")
@@ -285,7 +292,7 @@ pub fn out_of_travel_error_contains_the_controls_message() -> Result<(), Failed>
         let motions =
             vec![Motion::Rapid { to: z_position(150.0) }, Motion::Rapid { to: polar_xy_position(400.0, 0.0) }];
         let refused =
-            driver.execute(prove_without_collision_check(&driver, &Block { step: 2, repeat: 0, motions })).await;
+            driver.execute(prove_without_collision_check(&driver, &MotionBlock { step: 2, repeat: 0, motions })).await;
         expect_error(
             refused,
             |error| matches!(error, ControllerError::OutOfTravel { step: 2, message } if message.contains("limit")),

@@ -43,14 +43,14 @@ fn check_held_and_resumable_after_repair(refusal_text: &str, fault: &RigFault) -
     }
     workspace.check_last_run_state("held")?;
     rig.restore_or_restart()?;
-    let (kept, before) = (workspace.probe_reading_count()?, rig.touch_count()?);
+    let (kept, before) = (workspace.first_run_probe_reading_count()?, rig.touch_count()?);
     let mut run = workspace.start_resume_of_first_run()?;
     // The references and two more touches; the result of the last one is unknown.
     wait_for_touches(&rig, before + 6, &mut run)?;
     wait_until(IS_ABOVE_PART, &rig, &mut run)?;
     let stopped = Command::new("kill").args(["-INT", &run.id().to_string()]).status()?;
     let output = run.wait_with_output()?;
-    if !stopped.success() || output.status.code() != Some(5) || workspace.probe_reading_count()? < kept + 5 {
+    if !stopped.success() || output.status.code() != Some(5) || workspace.first_run_probe_reading_count()? < kept + 5 {
         return Err(failure_text(&output).into());
     }
     workspace.check_last_run_state("held")
@@ -80,7 +80,7 @@ fn run_until_held(rig: &mut LinuxCncRig, fault: &RigFault) -> Result<RunWorkspac
     }
     check_at_rest(rig)?;
     workspace.check_last_run_state("held")?;
-    let (kept, touched) = (workspace.probe_reading_count()? as u64, rig.touch_count()? - before);
+    let (kept, touched) = (workspace.first_run_probe_reading_count()? as u64, rig.touch_count()? - before);
     eprintln!("{kept} of {touched} touches kept");
     // The last touch may have come after the end, or without its back-off.
     if kept < TOUCHES_BEFORE_FAULT - 1 || kept > touched || touched > kept + 1 {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use devices::controllers::linuxcnc::LinuxCncDriver;
 use devices::controllers::{ControllerDriver as _, ControllerError, HaltHandle};
 use libtest_mimic::Failed;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 
 use super::driver::{
     block_on, expect_error, open_driver, open_driver_at_port, polar_xy_position, prove_without_collision_check,
@@ -30,11 +30,11 @@ pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
             driver
                 .execute(prove_without_collision_check(
                     &driver,
-                    &Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z_position(150.0) }] },
+                    &MotionBlock { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z_position(150.0) }] },
                 ))
                 .await?;
             let motions = vec![Motion::Guarded { to: polar_xy_position(200.0, 1.0), feed_mm_min: feed }];
-            let far = Block { step: 1, repeat: 0, motions };
+            let far = MotionBlock { step: 1, repeat: 0, motions };
             let before = rig.joint_position(0)?.hypot(rig.joint_position(1)?);
             let hit = halt.clone();
             let person = std::thread::spawn(move || {
@@ -117,7 +117,8 @@ async fn halt_during_motion(driver: &mut LinuxCncDriver, halt: HaltHandle) -> Re
         halt.trigger();
         asked
     });
-    let held = driver.execute(prove_without_collision_check(driver, &Block { step: 1, repeat: 0, motions })).await;
+    let held =
+        driver.execute(prove_without_collision_check(driver, &MotionBlock { step: 1, repeat: 0, motions })).await;
     expect_error(held, |error| matches!(error, ControllerError::Halted))?;
     person.join().map_err(|_| "the halt panicked".into())
 }

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 
 use estimation::random::seeded_stream;
 use libtest_mimic::Failed;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 use planning::SafeHeights;
@@ -103,7 +103,7 @@ fn compare_interpreters(ours: &str, theirs: &str) -> Result<usize, Failed> {
             MotionKind::Feed => "STRAIGHT_FEED",
             MotionKind::Probe { .. } => "STRAIGHT_PROBE",
             MotionKind::Dwell { .. } => "DWELL",
-            MotionKind::Orient { .. } => "ORIENT_SPINDLE",
+            MotionKind::OrientSpindle { .. } => "ORIENT_SPINDLE",
             MotionKind::ProgramStop => "PROGRAM_STOP",
         };
         if name != expected {
@@ -135,7 +135,7 @@ fn check_same_motion_values(
         MotionKind::Dwell { seconds } => {
             return if near(seconds, numbers[0], PRINTED_TOLERANCE_MM) { Ok(()) } else { Err("dwell".into()) };
         }
-        MotionKind::Orient { s } => {
+        MotionKind::OrientSpindle { s } => {
             let same = near(Axis::S.to_mm_or_deg(s), numbers[1], PRINTED_TOLERANCE_MM);
             return if same { Ok(()) } else { Err("orientation".into()) };
         }
@@ -159,14 +159,14 @@ fn random_position(rng: &mut impl RngExt, axes: &[Axis]) -> Position {
 }
 
 /// A touch as in the cycle, with arbitrary numbers.
-fn random_touch_block(step: u32) -> Block {
+fn random_touch_block(step: u32) -> MotionBlock {
     use Axis::*;
     let rng = &mut seeded_stream(7, &[u64::from(step)]);
     let mut feed = |high: f64| rng.random_range(1.0..high);
     let feeds = [feed(3000.0), feed(60.0), feed(1000.0)];
     let motions = vec![
         Motion::Rapid { to: random_position(rng, &[Z]) },
-        Motion::Orient { s: rng.random_range(0.0..std::f64::consts::TAU) },
+        Motion::OrientSpindle { s: rng.random_range(0.0..std::f64::consts::TAU) },
         Motion::Rapid { to: random_position(rng, &[A, B, C]) },
         Motion::Guarded { to: random_position(rng, &[X, Y]), feed_mm_min: feeds[0] },
         Motion::Guarded { to: random_position(rng, &[Z]), feed_mm_min: feeds[0] },
@@ -174,10 +174,10 @@ fn random_touch_block(step: u32) -> Block {
         Motion::BackOff { to: random_position(rng, &[X, Y]), feed_mm_min: feeds[2] },
         Motion::Dwell { seconds: rng.random_range(0.01..2.0) },
     ];
-    Block { step, repeat: step % 3, motions }
+    MotionBlock { step, repeat: step % 3, motions }
 }
 
-fn render_program(blocks: &[Block]) -> Result<String, Failed> {
+fn render_program(blocks: &[MotionBlock]) -> Result<String, Failed> {
     let dialect = Dialect::from_name("linuxcnc")?;
     let program = HeadAndFootValues { title: "peer test", axes: &AXES, result_log_path: Some("/var/tmp/none.log") };
     let text = dialect.render_program(&program, blocks)?;
@@ -194,7 +194,7 @@ fn render_program(blocks: &[Block]) -> Result<String, Failed> {
 }
 
 pub fn random_programs_are_read_as_linuxcnc_reads_them() -> Result<(), Failed> {
-    let all: Vec<Block> = (0..40).map(random_touch_block).collect();
+    let all: Vec<MotionBlock> = (0..40).map(random_touch_block).collect();
     let whole = render_program(&all)?;
     let read = compare_interpreters(&whole, &whole)?;
     if read != 40 * 8 {
@@ -214,8 +214,8 @@ pub fn whole_plans_are_read_as_linuxcnc_reads_them() -> Result<(), Failed> {
         let whole = trued_plan_stdout(file, &["--gcode", "linuxcnc"])?;
         let plan: Plan = serde_json::from_str(&trued_plan_stdout(file, &["--json"])?)?;
         let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-        let (blocks, _) = planning::plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan)?)?;
-        let motions = |blocks: &[Block]| blocks.iter().map(|b| b.motions.len()).sum::<usize>();
+        let (blocks, _) = planning::plan_blocks_and_time_s(&plan, &SafeHeights::above_plan_artefact(&plan)?)?;
+        let motions = |blocks: &[MotionBlock]| blocks.iter().map(|b| b.motions.len()).sum::<usize>();
         let read = compare_interpreters(&whole, &whole)?;
         eprintln!("{file}: {} touches, {read} motions", blocks.len());
         if blocks.len() < 60 || read != motions(&blocks) {

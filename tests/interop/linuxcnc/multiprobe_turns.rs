@@ -100,8 +100,10 @@ pub fn emergency_stop_within_a_turn_loses_only_that_turn() -> Result<(), Failed>
     if !(180.0..300.0).contains(&stands) {
         return Err(format!("C stands at {stands}").into());
     }
-    let (turns, before) =
-        (workspace.reading_count_of_label_prefix("index/1")?, workspace.reading_count_of_label_prefix("reference/1")?);
+    let (turns, before) = (
+        workspace.first_run_reading_count_of_label_prefix("index/1")?,
+        workspace.first_run_reading_count_of_label_prefix("reference/1")?,
+    );
     if turns != 0 || before == 0 {
         return Err(format!("{turns} readings of the turn and {before} before it are kept").into());
     }

@@ -68,7 +68,7 @@ pub fn resume_is_refused_when_the_part_has_moved() -> Result<(), Failed> {
     let rig = lock_rig()?;
     let workspace = run_until_emergency_stop(&rig, 8, 13)?;
     release_stop_and_switch_machine_on(&rig)?;
-    let kept = workspace.probe_reading_count()?;
+    let kept = workspace.first_run_probe_reading_count()?;
     let before = rig.touch_count()?;
     rig.set_true_value("ecc-y", -0.060)?;
     let output = workspace.start_resume_of_first_run()?.wait_with_output()?;
@@ -83,7 +83,7 @@ pub fn resume_is_refused_when_the_part_has_moved() -> Result<(), Failed> {
         return Err(said.into());
     }
     workspace.check_last_run_state("closed")?;
-    let (touched, more) = (rig.touch_count()? - before, workspace.probe_reading_count()? - kept);
+    let (touched, more) = (rig.touch_count()? - before, workspace.first_run_probe_reading_count()? - kept);
     eprintln!("{touched} touches more, {more} kept");
     if touched == 4 && more == 4 { Ok(()) } else { Err("other than the references".into()) }
 }

@@ -2,7 +2,7 @@
 
 use libtest_mimic::Failed;
 use machine::Axis;
-use machine::record::question::{Answer, AxisDirection, Question};
+use machine::record::question::{AxisDirection, OperatorAnswer, OperatorQuestion};
 use trued::commissioning::{AnswerFuture, CheckFinding, CheckStop, CheckVerdict, MachineCheck, OperatorInterface};
 use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 use trued::store::Journal;
@@ -18,14 +18,14 @@ struct RetractUpOperator {
 }
 
 impl OperatorInterface for RetractUpOperator {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
         let answer = match question {
-            Question::DisplayedPosition(_) => Answer::Yes,
-            Question::RetractDirection { position, .. } => {
+            OperatorQuestion::DisplayedPosition(_) => OperatorAnswer::Yes,
+            OperatorQuestion::RetractDirection { position, .. } => {
                 self.requested_at_z_mm.push(position.get_or_zero(Axis::Z));
-                Answer::Retract(AxisDirection { axis: Axis::Z, is_positive: true })
+                OperatorAnswer::Retract(AxisDirection { axis: Axis::Z, is_positive: true })
             }
-            _ => Answer::No,
+            _ => OperatorAnswer::No,
         };
         Box::pin(std::future::ready(answer))
     }

@@ -166,8 +166,8 @@ impl LinuxCncRig {
     }
 
     /// Switches whether the kinematics compensate the rotary axes, as M428 and M429 do.
-    pub fn set_tool_centre_point_mode(&self, on: bool) -> Result<(), Failed> {
-        halcmd(&["setp", "motion.switchkins-type", if on { "1" } else { "0" }])?;
+    pub fn set_tool_centre_point_mode(&self, is_on: bool) -> Result<(), Failed> {
+        halcmd(&["setp", "motion.switchkins-type", if is_on { "1" } else { "0" }])?;
         sleep(Duration::from_millis(100));
         Ok(())
     }
@@ -184,7 +184,7 @@ impl LinuxCncRig {
         self.set_true_value("ecc-x", 400.0)
     }
 
-    /// Number of contacts so far.
+    /// Number of touches since the simulated machine was started.
     pub fn touch_count(&self) -> Result<u64, Failed> {
         Ok(halcmd(&["getp", "truth.touches"])?.parse()?)
     }
@@ -203,8 +203,8 @@ impl LinuxCncRig {
     }
 
     /// Simulates an open guard: the axes hold without a message.
-    pub fn set_feed_inhibit(&self, on: bool) -> Result<(), Failed> {
-        halcmd(&["setp", "motion.feed-inhibit", if on { "1" } else { "0" }]).map(drop)
+    pub fn set_feed_inhibit(&self, is_on: bool) -> Result<(), Failed> {
+        halcmd(&["setp", "motion.feed-inhibit", if is_on { "1" } else { "0" }]).map(drop)
     }
 
     /// Reduces the travel of X at the control.

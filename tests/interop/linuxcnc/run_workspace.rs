@@ -120,12 +120,12 @@ impl RunWorkspace {
             ("# ini = \"/home/cnc/linuxcnc/configs/mine/mine.ini\"", &*ini),
         ];
         let changes: Vec<_> = changes.iter().chain(&here).copied().collect();
-        Self::new(machine, &changes)
+        Self::with_changed_machine_file(machine, &changes)
     }
 
-    /// A machine file with some of its text replaced.
-    pub fn new(machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
-        let mut machine = machine.to_owned();
+    /// A folder with the machine file `machine_text`, in which each first text of `changes` is replaced by the second.
+    pub fn with_changed_machine_file(machine_text: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        let mut machine = machine_text.to_owned();
         for (from, to) in changes {
             if !machine.contains(from) {
                 return Err(format!("`{from}` does not stand in the machine file").into());
@@ -170,14 +170,14 @@ impl RunWorkspace {
         if said == state { Ok(()) } else { Err(runs.into()) }
     }
 
-    /// Number of exported readings of the first run.
-    pub fn probe_reading_count(&self) -> Result<usize, Failed> {
+    /// Number of readings of the touch probe in the first run, which is exported for each call.
+    pub fn first_run_probe_reading_count(&self) -> Result<usize, Failed> {
         let readings = self.read_exported_file("readings.csv")?;
         Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
     }
 
-    /// Number of readings of the first run in steps whose label begins with `label`.
-    pub fn reading_count_of_label_prefix(&self, label: &str) -> Result<usize, Failed> {
+    /// Number of readings of all sensors in the first run, in steps whose label begins with `label`.
+    pub fn first_run_reading_count_of_label_prefix(&self, label: &str) -> Result<usize, Failed> {
         let plan: Plan = serde_json::from_str(&self.read_exported_file("plan.json")?)?;
         let steps = plan.steps.iter().filter(|step| step.label.starts_with(label));
         let steps: Vec<String> = steps.map(|step| step.id.to_string()).collect();

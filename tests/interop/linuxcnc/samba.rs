@@ -9,7 +9,7 @@ use devices::controllers::linuxcnc::LinuxCncDriver;
 use estimation::sphere::fit_sphere;
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use nalgebra::{Rotation3, Vector3};
 
@@ -98,7 +98,7 @@ fn tool_position_at_ball(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
 }
 
 /// A touch of the ball at `centre` against `normal`, from above and back up.
-fn ball_touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> Block {
+fn ball_touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> MotionBlock {
     let place = |far: f64| Position::from_xyz(centre + (BALL_RADIUS_MM + STYLUS_BALL_RADIUS_MM + far) * normal);
     let over = place(0.4).with(Axis::Z, 200.0).with(Axis::B, b).with(Axis::C, c);
     let motions = vec![
@@ -109,7 +109,7 @@ fn ball_touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c
         Motion::BackOff { to: place(0.4), feed_mm_min: 600.0 },
         Motion::Guarded { to: z_position(200.0), feed_mm_min: 6000.0 },
     ];
-    Block { step, repeat: 0, motions }
+    MotionBlock { step, repeat: 0, motions }
 }
 
 /// Measures the centre by four touches around the ball and one at its pole.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
@@ -122,7 +122,8 @@ impl Method for PassesMethod {
     }
 }
 
-/// Runs [`PassesMethod`] on the machine of `workspace`.
+/// Runs [`PassesMethod`] on the machine of `workspace`. Returns the readings, whether the machine has moved, and the
+/// result of the run.
 async fn run_passes(workspace: &RunWorkspace) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
     let file = MachineFile::read(&workspace.machine_file_path())?;
     let devices = setup::open_devices(&file, SimulationPace::RealTime, EarlierSessions::default()).await?;
@@ -131,8 +132,8 @@ async fn run_passes(workspace: &RunWorkspace) -> Result<(Vec<Reading>, bool, Res
     plan.sensors = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await?;
-    let mut tell = |event: &Event| {
-        if let Event::Announced { text } = event {
+    let mut tell = |event: &RunEvent| {
+        if let RunEvent::Announced { text } = event {
             eprintln!("{text}");
         }
     };

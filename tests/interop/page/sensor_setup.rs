@@ -10,7 +10,7 @@ use crate::support::machine_shop::MachineShop;
 fn shop_with_sensors() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
     let cycle = "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
-    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP_SECTION}"));
+    let shop = MachineShop::with_machine_file(&format!("{file}\n{cycle}{HTTP_SECTION}"));
     shop.replace_in_machine_file("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]");
     shop
 }

@@ -38,6 +38,7 @@ fn machine_file_with_line_window(wire: &str) -> String {
 }
 
 impl SimulatorProcess {
+    /// `wire`: `tcp` or a serial line; `speed`: argument of `--speed`.
     fn start(wire: &'static str, speed: &str) -> Result<Self, Failed> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("machine.toml");

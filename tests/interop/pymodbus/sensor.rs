@@ -50,11 +50,11 @@ async fn open_sensor_driver(server: &PymodbusServer) -> ModbusSensorDriver {
 fn check_consecutive_samples(samples: &[Sample], previous_measurement: u32) -> u32 {
     let mut place = previous_measurement;
     for sample in samples {
-        place += sample.missing_count + 1;
+        place += sample.lost_before_count + 1;
         let expected = if place.is_multiple_of(10) { None } else { Some(i64::from(place) * 37) };
         let um = sample.value_mm.map(|mm| (mm * 1000.0).round() as i64);
         assert_eq!(um, expected, "measurement {place}");
-        let gap = expected.is_some() && sample.missing_count > 0;
+        let gap = expected.is_some() && sample.lost_before_count > 0;
         assert_eq!(sample.flag == ReadingFlag::Gap, gap, "measurement {place}");
     }
     place
@@ -81,7 +81,7 @@ async fn check_measurements_read_or_counted(framing: Framing) -> Result<(), Fail
     let um = samples.iter().find_map(|sample| sample.value_mm).unwrap() * 1000.0;
     let empty = samples.iter().take_while(|sample| sample.value_mm.is_none()).count();
     let before = (um / 37.0).round() as u32 - 1 - u32::try_from(empty)?;
-    let gaps: u32 = samples.iter().skip(1).map(|sample| sample.missing_count).sum();
+    let gaps: u32 = samples.iter().skip(1).map(|sample| sample.lost_before_count).sum();
     assert_eq!(check_consecutive_samples(&samples[1..], before + 1), SAMPLE_COUNT);
     println!("{} samples, {gaps} missing of {SAMPLE_COUNT} from {} on", samples.len(), before + 1);
     assert!(samples.len() > 20, "{}", samples.len());

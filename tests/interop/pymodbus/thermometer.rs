@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 use link::modbus::Framing;
 use machine::Position;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::reading::Reading;
 use trued::setup::{self, EarlierSessions, MachineFile, SimulationPace};
 use trued::store::{Journal, NewRun, RunState};
@@ -36,18 +36,18 @@ async fn run_measurement(
 ) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::configure_method_and_plan(file, "self-calibration", Some(1)).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(file, "self-calibration", Some(1)).unwrap();
     let devices = setup::open_devices(file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
-    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan: header.clone() };
     let id = journal.begin_run(&new).await.unwrap();
     let mut count = 0;
-    let mut tell = |event: &Event| {
-        if matches!(event, Event::ReadingStored { .. }) {
+    let mut tell = |event: &RunEvent| {
+        if matches!(event, RunEvent::ReadingStored { .. }) {
             count += 1;
             on_reading(count);
         }
     };
-    let mut run = trued::run::Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
+    let mut run = trued::run::Run::new(id, method.as_ref(), &devices, &journal, header, &mut tell);
     run.execute().await.unwrap();
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
     let estimate = method.identify(&plan, &readings).unwrap();
@@ -55,7 +55,7 @@ async fn run_measurement(
     let stored = journal.load_run(id).unwrap();
     assert_eq!((stored.summary.state, &stored.readings), (RunState::Finished, &readings));
     let told = stored.events.into_iter().filter_map(|(_, event)| match event {
-        Event::Announced { text } => Some(text),
+        RunEvent::Announced { text } => Some(text),
         _ => None,
     });
     let mut measured = None;

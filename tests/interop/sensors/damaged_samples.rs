@@ -44,13 +44,13 @@ async fn check_counted_losses(form: &str, keys: &str, seed: u64) -> Result<(), F
     let flagged = samples.iter().filter(|sample| sample.flag == ReadingFlag::Range).count();
     assert_eq!(flagged, said.iter().filter(|um| um.is_none()).count());
 
-    let missing: u64 = samples.iter().map(|sample| u64::from(sample.missing_count)).sum();
+    let missing: u64 = samples.iter().map(|sample| u64::from(sample.lost_before_count)).sum();
     assert!(skipped > 50 && spoilt > 50, "{skipped} {spoilt}");
     // Faults before the first complete sample are not counted.
     let round = if form == "text" { 1000 } else { 65_536 };
     let before = (whole[first].0 + round - whole[0].0) % round - first as u64;
     assert_eq!(missing + before, skipped + spoilt);
-    let gaps = |sample: &&Sample| sample.value_mm.is_some() && sample.missing_count > 0;
+    let gaps = |sample: &&Sample| sample.value_mm.is_some() && sample.lost_before_count > 0;
     let flagged = samples.iter().filter(|sample| sample.flag == ReadingFlag::Gap).count();
     assert_eq!(samples.iter().filter(gaps).count(), flagged);
     Ok(())
@@ -93,7 +93,7 @@ pub fn polled_lines_lose_no_sample() -> Result<(), Failed> {
         let mut last = distance_um(&driver.next().await?).unwrap();
         for _ in 0..500 {
             let sample = driver.next().await?;
-            assert_eq!((sample.flag, sample.missing_count), (ReadingFlag::None, 0));
+            assert_eq!((sample.flag, sample.lost_before_count), (ReadingFlag::None, 0));
             // The sequence of the script's `um`.
             let next = (last + 8000 + 37) % 16_001 - 8000;
             assert_eq!(distance_um(&sample), Some(next));

@@ -8,7 +8,7 @@ use devices::sensors::serial::{SerialConfig, SerialDriver};
 use libtest_mimic::Failed;
 use link::clock::HostClock;
 use simulator::SensorOutput;
-use simulator::sensors::serial::{OutputFormat, REQUEST_KEY_TOML, data_sheet_toml, serve_on_demand};
+use simulator::sensor_devices::serial::{OutputFormat, REQUEST_KEY_TOML, data_sheet_toml, serve_on_demand};
 use testing::population::population_size;
 
 use super::python_sensor::sensor_description;

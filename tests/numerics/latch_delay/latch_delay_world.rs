@@ -39,13 +39,13 @@ impl LatchDelayWorld {
     }
 
     pub fn method_and_plan_without_steps(&self) -> (Box<dyn Method>, Plan) {
-        setup::configure_method_and_plan(&self.machine_file(1), "latch-delay", None).unwrap()
+        setup::configure_method_and_plan_without_steps(&self.machine_file(1), "latch-delay", None).unwrap()
     }
 
     /// Plan and readings when the plan is played on the world itself.
     pub fn play_plan(&self, seed: u64) -> (Plan, Vec<Reading>) {
         let file = self.machine_file(seed);
-        let (method, header) = setup::configure_method_and_plan(&file, "latch-delay", None).unwrap();
+        let (method, header) = setup::configure_method_and_plan_without_steps(&file, "latch-delay", None).unwrap();
         let mut world = setup::build_world(&file).unwrap();
         plan_player::measure_all_stages(&mut world, method.as_ref(), header)
     }

@@ -3,6 +3,7 @@
 pub const NIST_STRD_FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/nist_strd");
 
 pub struct Dataset {
+    /// Start 1 (far from the solution) and start 2 (near it).
     pub start_values: [Vec<f64>; 2],
     pub certified_parameters: Vec<f64>,
     pub certified_standard_deviations: Vec<f64>,

@@ -3,8 +3,8 @@
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::{Axis, Position};
-use planning::{BallApproach, BallTask, TouchAccess};
-use trued::setup::{MachineFile, configure_method_and_plan};
+use planning::{BallMeasurementRequest, BallTouchMode, TouchAccess};
+use trued::setup::{MachineFile, configure_method_and_plan_without_steps};
 
 use super::program_sabotages::{LineRange, ProgramLines, Sabotage, change_word_values};
 use super::rendered_plan::{RenderedPlan, StepLines};
@@ -25,11 +25,11 @@ const FOUND_BALL_UNCERTAINTY_MM: f64 = 0.25;
 /// Two stages at each indexation: every accessible ball is searched for, then measured.
 pub fn render_dome(dialect: &str) -> RenderedPlan {
     let file = MachineFile::parse("samba.toml", SAMBA_MACHINE_TOML.to_owned()).unwrap();
-    let (_, mut plan) = configure_method_and_plan(&file, "samba", None).unwrap();
+    let (_, mut plan) = configure_method_and_plan_without_steps(&file, "samba", None).unwrap();
     let Artefact::Balls(balls) = plan.artefact.clone() else { panic!("balls") };
     let found = Artefact::Balls(Balls { uncertainty_mm: FOUND_BALL_UNCERTAINTY_MM, ..balls.clone() });
-    let search = BallApproach::Search { uncertainty_mm: balls.uncertainty_mm, standoff_mm: 0.5 };
-    let slow = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
+    let search = BallTouchMode::Search { uncertainty_mm: balls.uncertainty_mm, standoff_mm: 0.5 };
+    let slow = BallTouchMode::Measure { standoff_mm: 0.5, search_mm: 1.0 };
     let mut stages = Vec::new();
     for degrees in INDEXATION_ANGLES_BCS_DEG {
         let axes = [Axis::B, Axis::C, Axis::S].into_iter().zip(degrees);
@@ -46,15 +46,15 @@ fn add_ball_stage(
     stages: &mut Vec<Stage>,
     balls: &Balls,
     rotary: &Position,
-    (approach, found): (BallApproach, Option<Artefact>),
+    (mode, found): (BallTouchMode, Option<Artefact>),
 ) {
     let access = TouchAccess::new(plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
     let (first, stage) = (plan.steps.len(), stages.len() as u32);
     for ball in &balls.balls {
-        let task = BallTask { ball, rotary, approach, touch_count: 5 };
+        let request = BallMeasurementRequest { ball, rotary, touch_mode: mode, touch_count: 5 };
         let label = |touch: &str| format!("t/{stage:03}/{}/{touch}", ball.id);
         let numbers = (plan.steps.len() as u32, stage);
-        let steps = access.touch_steps(&task, &plan.probe, StepKind::Touch, numbers, label);
+        let steps = access.touch_steps(&request, &plan.probe, StepKind::Touch, numbers, label);
         plan.steps.extend(steps.unwrap_or_default());
     }
     let steps = (first..plan.steps.len()).map(|id| id as u32).collect();

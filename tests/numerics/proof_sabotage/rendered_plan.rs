@@ -1,12 +1,12 @@
 //! Whole programs of real plans, and the lines of each action of a step.
 
 use machine::record::plan::{Plan, Stage};
-use machine::record::proof::Proof;
+use machine::record::stage_proof::StageProof;
 use machine::{Axis, Position};
 use planning::SafeHeights;
 use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRefusal, ProofRequest, StageSteps, prove_programs};
-use trued::setup::{MachineFile, configure_method_and_plan};
+use trued::setup::{MachineFile, configure_method_and_plan_without_steps};
 
 pub const SIMULATED_MACHINE_TOML: &str = include_str!("../../../config/simulated.toml");
 pub const LINUXCNC_MACHINE_TOML: &str = include_str!("../../../config/linuxcnc-sim.toml");
@@ -20,17 +20,18 @@ pub struct RenderedPlan {
 }
 
 impl RenderedPlan {
-    /// The plan of `file` from nominal positions, in `dialect`.
-    pub fn new(file: &str, method: &str, dialect: &str) -> Self {
-        let file = MachineFile::parse("shop.toml", file.to_owned()).unwrap();
-        let (method, plan) = configure_method_and_plan(&file, method, None).unwrap();
-        let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), plan).unwrap();
+    /// The plan of the machine file `machine_text` from nominal positions, in `dialect`.
+    pub fn new(machine_text: &str, method: &str, dialect: &str) -> Self {
+        let file = MachineFile::parse("shop.toml", machine_text.to_owned()).unwrap();
+        let (method, header) = configure_method_and_plan_without_steps(&file, method, None).unwrap();
+        let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
         Self::from_plan(plan, stages, dialect)
     }
 
     /// Renders a whole plan as one program.
     pub fn from_plan(plan: Plan, stages: Vec<Stage>, dialect: &str) -> Self {
-        let (blocks, _) = planning::plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
+        let (blocks, _) =
+            planning::plan_blocks_and_time_s(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
         let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
         let dialect = Dialect::from_name(dialect).unwrap();
         let text = dialect
@@ -39,7 +40,7 @@ impl RenderedPlan {
         Self { plan, stages, dialect, program_lines: text.lines().map(str::to_owned).collect() }
     }
 
-    pub fn prove(&self, lines: &[String], start_position: Option<&Position>) -> Result<Proof, ProofRefusal> {
+    pub fn prove(&self, lines: &[String], start_position: Option<&Position>) -> Result<StageProof, ProofRefusal> {
         let staged: Vec<StageSteps> = self
             .stages
             .iter()
@@ -50,7 +51,7 @@ impl RenderedPlan {
             plan: &self.plan,
             stages: &staged,
             start_position,
-            confirmed: planning::ConfirmedDirections::default(),
+            touched_directions: planning::TouchedDirections::default(),
             dialect: &self.dialect,
             programs: &[text],
         })

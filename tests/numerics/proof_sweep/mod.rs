@@ -306,7 +306,7 @@ impl RandomMove {
         match refusal_of_single_move(&plan, (self.from, self.to), self.is_guarded, dialect) {
             RefusalReason::ClearanceTooSmall { .. } => true,
             // The move itself was accepted.
-            RefusalReason::IncompleteStep(_) => false,
+            RefusalReason::StepEndsWithout(_) => false,
             other => panic!("{other}"),
         }
     }
@@ -359,10 +359,10 @@ fn position_from_axes(axes: Axes) -> Position {
 }
 
 /// Reason for which a program of one move is refused; the program is never complete.
-fn refusal_of_single_move(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> RefusalReason {
+fn refusal_of_single_move(plan: &Plan, (from, to): (Axes, Axes), is_probing: bool, dialect: &Dialect) -> RefusalReason {
     let words: Vec<String> = AXES.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
     // The first guarded move may start at the current position: it follows a dwell.
-    let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
+    let go = if is_probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
     let head = "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59";
     let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
     let (stages, stands) = ([StageSteps { step_ids: &[0], found_artefact: None }], position_from_axes(from));
@@ -371,7 +371,7 @@ fn refusal_of_single_move(plan: &Plan, (from, to): (Axes, Axes), probing: bool, 
         plan,
         stages,
         start_position: stands,
-        confirmed: planning::ConfirmedDirections::all(),
+        touched_directions: planning::TouchedDirections::all(),
         dialect,
         programs: &[text],
     };

@@ -66,7 +66,9 @@ impl<'a> SampledBody<'a> {
 
 /// All bodies of a random machine, sampled.
 pub struct SampledBodies<'a> {
+    /// Ball, stem and body of the probe.
     pub stylus: [SampledBody<'a>; 3],
+    /// Each ball with its stem.
     pub balls: Vec<[SampledBody<'a>; 2]>,
 }
 

@@ -2,13 +2,13 @@
 //! steps. The path that `planning` plans is followed through an independent world: matrices and points on surfaces,
 //! as in the other trials here.
 
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 use methods::{NextStage, PositionSource};
 use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
-use planning::{BlockStart, ConfirmedDirections, SafeHeights, position_after_motions, touch_block};
+use planning::{BlockStart, SafeHeights, TouchedDirections, position_after_motions, touch_block};
 
 use super::{Matrix, Point, Solid, map_point, multiply, relative_pose, rotation, translation};
 
@@ -106,7 +106,7 @@ fn axes_of(position: &Position) -> Axes {
 fn first_contact_share(path: [Axes; 2], clearance_mm: impl Fn(Axes) -> f64) -> Option<f64> {
     let at = |share: f64| std::array::from_fn(|i| path[0][i] + share * (path[1][i] - path[0][i]));
     let linear: Point = std::array::from_fn(|i| path[1][i] - path[0][i]);
-    // No point of the table is farther than 300 mm from the axes.
+    // A turn by θ moves a point of the table by at most 300 mm · θ.
     let turned = (path[1][3] - path[0][3]).abs() + (path[1][4] - path[0][4]).abs();
     let length = super::length(linear) + 300.0 * turned.to_radians();
     let mut share = 0.0;
@@ -215,7 +215,8 @@ fn random_wrong_start(world: &TrueMachine, seed: u64) -> (Position, Point) {
 fn locating_plan() -> Plan {
     let text = include_str!("../../../config/simulated.toml").to_owned();
     let file = trued::setup::MachineFile::parse("simulated.toml", text).unwrap();
-    let (method, mut plan) = trued::setup::configure_method_and_plan(&file, "self-calibration", None).unwrap();
+    let (method, mut plan) =
+        trued::setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
     let NextStage::Stage { new_steps, .. } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
         panic!("no stage")
     };
@@ -224,12 +225,12 @@ fn locating_plan() -> Plan {
 }
 
 /// The stage as a run plans it from the position that the control reports; `None` if the proof refuses it.
-fn prove_locating_blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
+fn prove_locating_blocks(plan: &Plan, believed: &Position) -> Option<Vec<MotionBlock>> {
     let clearance = SafeHeights::above_plan_artefact(plan).unwrap();
-    let (mut stands, mut confirmed) = (believed.clone(), ConfirmedDirections::default());
+    let (mut stands, mut confirmed) = (believed.clone(), TouchedDirections::default());
     let mut blocks = Vec::new();
     for step in &plan.steps {
-        let start = BlockStart { position: Some(&stands), confirmed };
+        let start = BlockStart { position: Some(&stands), touched_directions: confirmed };
         let block = touch_block(plan, step, 0, start, &clearance).unwrap();
         stands = position_after_motions(&block.motions, &stands);
         confirmed = confirmed.after_step(step);
@@ -244,20 +245,21 @@ fn prove_locating_blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>>
         plan,
         stages: &[StageSteps { step_ids: &ids, found_artefact: None }],
         start_position: Some(believed),
-        confirmed: ConfirmedDirections::default(),
+        touched_directions: TouchedDirections::default(),
         dialect: &dialect,
         programs: &[text],
     };
     prove_programs(&request).is_ok().then_some(blocks)
 }
 
+/// The outcome of the start, the offset of the true position from the assumed one, and the violations.
 fn simulate_start(world: &TrueMachine, plan: &Plan, seed: u64) -> (StartOutcome, Point, Vec<String>) {
     let (believed, off) = random_wrong_start(world, seed);
     let Some(blocks) = prove_locating_blocks(plan, &believed) else {
         return (StartOutcome::RefusedByProof, off, Vec::new());
     };
     let mut walk = SimulatedRun { world, position_error_mm: off, violations: Vec::new() };
-    let (mut stands, mut confirmed) = (believed, ConfirmedDirections::default());
+    let (mut stands, mut confirmed) = (believed, TouchedDirections::default());
     let mut end = None;
     'run: for (block, step) in blocks.iter().zip(&plan.steps) {
         for motion in &block.motions {

@@ -1,5 +1,5 @@
-//! Plays the printed plan on the simulated world, without the wire and without a search, so that many seeds take
-//! little time.
+//! Plays the printed plan on the simulated world, without a control, its connection and a search, so that many
+//! seeds take little time.
 
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
@@ -30,7 +30,8 @@ impl PlayedSeries {
             .with_key("simulated.centre_offset_mm", vec![0.0, 0.0])
             .with_key("simulated.ball_offset_mm", 0.05)
             .with_key("method.samba.monte_carlo_trials", 100);
-        let (method, plan) = setup::configure_method_and_plan(&world.machine_file(0), "samba", None).unwrap();
+        let (method, plan) =
+            setup::configure_method_and_plan_without_steps(&world.machine_file(0), "samba", None).unwrap();
         let (plan, _) = methods::plan_nominal_stages(method.as_ref(), plan).unwrap();
         Self { world, method, plan }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use machine::record::artefact::Artefact;
 use machine::record::estimate::{Estimate, Parameter};
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::{Reading, ReadingFlag};
 use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
@@ -159,8 +159,8 @@ impl SambaRunner {
 
     pub fn try_measure(&self, seed: u64, world: &SambaWorld) -> Result<MeasuredRun, RunFailed> {
         let file = world.machine_file(seed);
-        let (method, header) =
-            setup::configure_method_and_plan(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
+        let (method, header) = setup::configure_method_and_plan_without_steps(&file, "samba", None)
+            .map_err(|e| RunFailed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run_method(&file, method.as_ref(), header))?;
         MeasuredRun::identify(&file, method.as_ref(), plan, readings)
@@ -169,8 +169,8 @@ impl SambaRunner {
     /// Measures the first stages only.
     pub fn run_first_stages(&self, seed: u64, world: &SambaWorld, stages: usize) -> Result<Vec<Reading>, RunFailed> {
         let file = world.machine_file(seed);
-        let (method, header) =
-            setup::configure_method_and_plan(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
+        let (method, header) = setup::configure_method_and_plan_without_steps(&file, "samba", None)
+            .map_err(|e| RunFailed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let method = FirstStages { method, stage_count: stages };
         Ok(runtime.block_on(self.run_method(&file, &method, header))?.1)
@@ -185,7 +185,7 @@ impl SambaRunner {
         let devices = setup::open_devices(file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
         let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
-        let mut tell = |_: &Event| {};
+        let mut tell = |_: &RunEvent| {};
         let mut run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
         let ended = run.execute().await;
         let Run { plan, readings, .. } = run;
@@ -227,7 +227,8 @@ pub struct RunSeries {
 
 impl RunSeries {
     pub fn new(world: SambaWorld) -> Self {
-        let (method, header) = setup::configure_method_and_plan(&world.machine_file(0), "samba", None).unwrap();
+        let (method, header) =
+            setup::configure_method_and_plan_without_steps(&world.machine_file(0), "samba", None).unwrap();
         Self { world, method, header }
     }
 
@@ -253,7 +254,7 @@ async fn play_all_touches(
     mut plan: Plan,
 ) -> Result<(Plan, Vec<Reading>), RunFailed> {
     let devices = setup::open_devices(file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
-    let mut stands = devices.controller.prepare().await.unwrap().position;
+    let mut stands = devices.open_controller.prepare().await.unwrap().position;
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
         let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings));
@@ -265,11 +266,11 @@ async fn play_all_touches(
             _ => SafeHeights::above_plan_artefact(&plan).unwrap(),
         };
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
-            let start = BlockStart { position: Some(&stands), confirmed: planning::ConfirmedDirections::all() };
+            let start = BlockStart { position: Some(&stands), touched_directions: planning::TouchedDirections::all() };
             let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
             stands = position_after_motions(&block.motions, &stands);
             let block = proven_block_without_collision_check(file, &devices, &block);
-            let outcome = devices.controller.execute(block).await;
+            let outcome = devices.open_controller.execute(block).await;
             let outcome = outcome.map_err(|error| RunFailed(error.to_string()))?;
             readings.push(Reading {
                 step: step.id,

@@ -65,6 +65,7 @@ fn simulated_error_key(symbol: &str, unit: Unit) -> String {
     format!("{symbol}_{unit}")
 }
 
+/// Symbol of each machine error, and its key in `[simulated.errors]`.
 fn error_symbols_and_keys(estimate: &Estimate) -> Vec<(String, String)> {
     let errors = estimate.parameters.iter().filter(|p| p.symbol.starts_with('E'));
     errors.map(|p| (p.symbol.clone(), simulated_error_key(&p.symbol, p.unit))).collect()
@@ -72,7 +73,8 @@ fn error_symbols_and_keys(estimate: &Estimate) -> Vec<(String, String)> {
 
 /// For each error, the number of worlds in which U did not cover the true value.
 fn uncovered_world_counts(world: &SambaWorld, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
-    let (method, header) = setup::configure_method_and_plan(&world.machine_file(0), "samba", None).unwrap();
+    let (method, header) =
+        setup::configure_method_and_plan_without_steps(&world.machine_file(0), "samba", None).unwrap();
     let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let measured = |world: &SambaWorld, seed: u64| {
         let mut simulated = setup::build_world(&world.machine_file(seed)).unwrap();

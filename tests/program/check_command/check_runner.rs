@@ -48,14 +48,14 @@ pub fn check_against_other_machine(
 ) -> CheckSummary {
     let truth = MachineFile::parse("truth.toml", actual.to_owned()).unwrap();
     runtime().block_on(async {
-        let rehearsal = SimulatedMachine::new(&truth).unwrap();
-        let served = rehearsal.serve_control(pace).unwrap();
+        let simulated = SimulatedMachine::new(&truth).unwrap();
+        let served = simulated.serve_control(pace).unwrap();
         let controller = keys(served.controller_toml());
         let text =
             declared.replacen(SIMULATED_KIND_LINE, &format!("{controller}\n"), 1).replacen(MEMORY_WIRE_LINE, "", 1);
         let file = MachineFile::parse("machine.toml", text).unwrap();
         let site = ReopenableMachine::new(&file).unwrap();
-        check_with_operator(&file, &site, &mut rehearsal.simulated_operator()).await
+        check_with_operator(&file, &site, &mut simulated.simulated_operator()).await
     })
 }
 

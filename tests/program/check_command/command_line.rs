@@ -15,9 +15,9 @@ use super::check_runner::{changed_machine_toml, machine_toml_with_simulated_line
 struct CheckWorkspace(TempDir);
 
 impl CheckWorkspace {
-    fn new(text: &str) -> Self {
+    fn with_machine_file(machine_text: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("machine.toml"), text).unwrap();
+        std::fs::write(folder.path().join("machine.toml"), machine_text).unwrap();
         Self(folder)
     }
 
@@ -41,7 +41,7 @@ fn utf8_text(bytes: &[u8]) -> String {
 }
 
 pub fn without_a_machine_file_the_simulated_machine_is_checked() {
-    let shop = CheckWorkspace::new("");
+    let shop = CheckWorkspace::with_machine_file("");
     let output = shop.command(&[]).output().unwrap();
     let said = utf8_text(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{said}{}", utf8_text(&output.stderr));
@@ -50,7 +50,9 @@ pub fn without_a_machine_file_the_simulated_machine_is_checked() {
 }
 
 pub fn a_mistake_exits_with_1_and_is_in_the_json_output() {
-    let shop = CheckWorkspace::new(&machine_toml_with_simulated_lines("[simulated.wiring]\nprobe = \"inverted\"\n"));
+    let shop = CheckWorkspace::with_machine_file(&machine_toml_with_simulated_lines(
+        "[simulated.wiring]\nprobe = \"inverted\"\n",
+    ));
     let output = shop.check(&["--json"]);
     assert_eq!(output.status.code(), Some(1), "{}", utf8_text(&output.stderr));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -68,7 +70,7 @@ pub fn real_control_without_terminal_neither_moves_nor_hangs() {
     let served =
         runtime.block_on(async { SimulatedMachine::new(&truth)?.serve_control(SimulationPace::Immediate) }).unwrap();
     let keys = format!("{}\ndialect = \"grbl-m19\"\n", served.controller_toml());
-    let shop = CheckWorkspace::new(&changed_machine_toml(&[
+    let shop = CheckWorkspace::with_machine_file(&changed_machine_toml(&[
         ("kind = \"simulated\"\n", keys.as_str()),
         ("wire = \"memory\"\n", ""),
     ]));
@@ -107,7 +109,7 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
             (listener.local_addr().unwrap(), serve_control_refusing_settings(listener, refusals))
         });
         let keys = format!("kind = \"grbl\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n");
-        let shop = CheckWorkspace::new(&changed_machine_toml(&[
+        let shop = CheckWorkspace::with_machine_file(&changed_machine_toml(&[
             ("kind = \"simulated\"\n", keys.as_str()),
             ("wire = \"memory\"\n", ""),
         ]));
@@ -165,7 +167,7 @@ async fn serve_control_refusing_settings(listener: TcpListener, mut refusals: us
 }
 
 pub fn ctrl_c_holds_the_machine_and_exits_with_5() {
-    let shop = CheckWorkspace::new(&changed_machine_toml(&[]));
+    let shop = CheckWorkspace::with_machine_file(&changed_machine_toml(&[]));
     let mut check = shop.command(&["--speed", "real"]).spawn().unwrap();
     let mut lines = BufReader::new(check.stdout.take().unwrap()).lines().map(Result::unwrap);
     // The next axis is moving, a second there and a second back.

@@ -1,7 +1,7 @@
 //! Planted mistakes between the machine and the program: ports, speeds, control types, registers, and settings of
 //! the control.
 
-use machine::record::question::{Answer, Question};
+use machine::record::question::{OperatorAnswer, OperatorQuestion};
 use trued::commissioning::{AnswerFuture, CheckSummary, OperatorInterface};
 use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 
@@ -93,8 +93,8 @@ fn check_status_in_holding_registers() -> CheckSummary {
 struct AgreeingOperator;
 
 impl OperatorInterface for AgreeingOperator {
-    fn wait_for_answer<'a>(&'a mut self, _: &'a Question) -> AnswerFuture<'a> {
-        Box::pin(std::future::ready(Answer::Yes))
+    fn wait_for_answer<'a>(&'a mut self, _: &'a OperatorQuestion) -> AnswerFuture<'a> {
+        Box::pin(std::future::ready(OperatorAnswer::Yes))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Questions of a check to the operator, and its behaviour without an operator.
 
 use machine::Axis;
-use machine::record::question::{Answer, Jog, ObservedMotion, Question, StylusState};
+use machine::record::question::{Jog, ObservedMotion, OperatorAnswer, OperatorQuestion, StylusState};
 use simulator::SimulatedOperator;
 use trued::commissioning::{
     AnswerFuture, CheckFinding, CheckPart, CheckStop, CheckSummary, CheckVerdict, MachineCheck, NoOperator,
@@ -35,14 +35,16 @@ pub fn without_operator_probe_axes_and_hold_are_unchecked() {
 /// Refuses every motion; keeps the questions.
 struct MotionRefusingOperator {
     simulated_operator: SimulatedOperator,
-    questions: Vec<Question>,
+    questions: Vec<OperatorQuestion>,
 }
 
 impl OperatorInterface for MotionRefusingOperator {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
         self.questions.push(question.clone());
         let answer = match question {
-            Question::AllowJog { .. } | Question::AllowJogWithHold(_) | Question::AllowAction { .. } => Answer::No,
+            OperatorQuestion::AllowJog { .. }
+            | OperatorQuestion::AllowJogWithHold(_)
+            | OperatorQuestion::AllowAction { .. } => OperatorAnswer::No,
             other => self.simulated_operator.answer(other),
         };
         Box::pin(std::future::ready(answer))
@@ -58,8 +60,8 @@ pub fn a_refusal_by_the_operator_prevents_motion() {
         let summary = check_with_operator(&file, &site, &mut person).await;
         (summary, person.questions)
     });
-    assert!(!asked.iter().any(|question| matches!(question, Question::ObservedJog { .. })), "{asked:?}");
-    let may = asked.iter().filter(|question| matches!(question, Question::AllowJog { .. }));
+    assert!(!asked.iter().any(|question| matches!(question, OperatorQuestion::ObservedJog { .. })), "{asked:?}");
+    let may = asked.iter().filter(|question| matches!(question, OperatorQuestion::AllowJog { .. }));
     assert_eq!(may.count(), 5, "each axis is asked for");
     assert_eq!(summary.finding_count(CheckVerdict::Failed), 0, "{summary}");
 }
@@ -67,15 +69,17 @@ pub fn a_refusal_by_the_operator_prevents_motion() {
 /// Agrees to everything, except where the exception gives another answer.
 struct OperatorWithException<'a> {
     simulated_operator: &'a mut SimulatedOperator,
-    exception_answer: fn(&Question) -> Option<Answer>,
+    exception_answer: fn(&OperatorQuestion) -> Option<OperatorAnswer>,
     motion_question_count: usize,
 }
 
 impl OperatorInterface for OperatorWithException<'_> {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
         let may = matches!(
             question,
-            Question::AllowJog { .. } | Question::AllowJogWithHold(_) | Question::AllowAction { .. }
+            OperatorQuestion::AllowJog { .. }
+                | OperatorQuestion::AllowJogWithHold(_)
+                | OperatorQuestion::AllowAction { .. }
         );
         self.motion_question_count += usize::from(may);
         let answer = (self.exception_answer)(question).unwrap_or_else(|| self.simulated_operator.answer(question));
@@ -84,7 +88,9 @@ impl OperatorInterface for OperatorWithException<'_> {
 }
 
 /// Summary, number of questions for permission to move, and the simulated operator.
-fn check_with_exception(exception: fn(&Question) -> Option<Answer>) -> (CheckSummary, usize, SimulatedOperator) {
+fn check_with_exception(
+    exception: fn(&OperatorQuestion) -> Option<OperatorAnswer>,
+) -> (CheckSummary, usize, SimulatedOperator) {
     let file = machine_file();
     runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
@@ -101,8 +107,9 @@ fn check_with_exception(exception: fn(&Question) -> Option<Answer>) -> (CheckSum
 }
 
 pub fn no_motion_is_requested_before_the_probe_was_deflected() {
-    let but =
-        |question: &Question| matches!(question, Question::StylusState(StylusState::Deflected)).then_some(Answer::No);
+    let but = |question: &OperatorQuestion| {
+        matches!(question, OperatorQuestion::StylusState(StylusState::Deflected)).then_some(OperatorAnswer::No)
+    };
     let (summary, moves, _) = check_with_exception(but);
     assert_eq!(moves, 0, "{summary}");
     assert_eq!(summary.finding_count(CheckVerdict::NotLookedAt), 4, "{summary}");
@@ -112,7 +119,7 @@ pub fn no_motion_is_requested_before_the_probe_was_deflected() {
 pub fn laser_machine_check_asks_whether_the_probe_is_mounted() {
     let file = MachineFile::parse("laser.toml", include_str!("../../../config/laser.toml").to_owned());
     let file = file.unwrap();
-    let checked = |answer: Option<Answer>| {
+    let checked = |answer: Option<OperatorAnswer>| {
         runtime().block_on(async {
             let site = ReopenableMachine::new(&file).unwrap();
             let mut asked = ProbeMountingOperator {
@@ -129,7 +136,7 @@ pub fn laser_machine_check_asks_whether_the_probe_is_mounted() {
             summary.to_string()
         })
     };
-    let told = checked(Some(Answer::No));
+    let told = checked(Some(OperatorAnswer::No));
     assert!(told.contains("whether the input closes is unknown: the touch probe is not in the spindle"), "{told}");
     let told = checked(None);
     assert!(told.contains("open at rest, closed while deflected, open again"), "{told}");
@@ -139,13 +146,13 @@ pub fn laser_machine_check_asks_whether_the_probe_is_mounted() {
 /// operator.
 struct ProbeMountingOperator {
     simulated_operator: SimulatedOperator,
-    mounted_answer: Option<Answer>,
+    mounted_answer: Option<OperatorAnswer>,
     mounted_question_count: usize,
 }
 
 impl OperatorInterface for ProbeMountingOperator {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
-        let mounted = matches!(question, Question::StylusState(StylusState::Mounted));
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
+        let mounted = matches!(question, OperatorQuestion::StylusState(StylusState::Mounted));
         self.mounted_question_count += usize::from(mounted);
         let told = self.mounted_answer.filter(|_| mounted);
         let answer = told.unwrap_or_else(|| self.simulated_operator.answer(question));
@@ -154,24 +161,26 @@ impl OperatorInterface for ProbeMountingOperator {
 }
 
 pub fn axis_is_not_moved_back_after_the_operator_leaves() {
-    let but = |question: &Question| matches!(question, Question::ObservedJog { .. }).then_some(Answer::NoOperator);
+    let but = |question: &OperatorQuestion| {
+        matches!(question, OperatorQuestion::ObservedJog { .. }).then_some(OperatorAnswer::NoOperator)
+    };
     let (summary, moves, mut simulated_operator) = check_with_exception(but);
     assert_eq!(moves, 1, "{summary}");
     assert!(summary.to_string().contains("the axis was not moved back"), "{summary}");
     let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
-    let stands = simulated_operator.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
-    assert_eq!(stands, Answer::Motion(ObservedMotion::AsAnnounced), "it is where it was left");
+    let stands = simulated_operator.answer(&OperatorQuestion::ObservedJog { jog, visible_motion: String::new() });
+    assert_eq!(stands, OperatorAnswer::Motion(ObservedMotion::AsAnnounced), "it is where it was left");
 }
 
 /// Ends the check when it requests the deflection of the stylus.
 struct StoppingOperator(CheckStop);
 
 impl OperatorInterface for StoppingOperator {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
-        if let Question::StylusState(_) = question {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
+        if let OperatorQuestion::StylusState(_) = question {
             self.0.halt_handle().trigger();
         }
-        Box::pin(std::future::ready(Answer::Yes))
+        Box::pin(std::future::ready(OperatorAnswer::Yes))
     }
 }
 
@@ -198,10 +207,10 @@ pub fn regress_a_stop_at_rest_leaves_no_hold() {
 struct HandMovingOperator(SimulatedOperator);
 
 impl OperatorInterface for HandMovingOperator {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
         let Self(simulated_operator) = self;
         let answer = simulated_operator.answer(question);
-        if let Question::AllowJog { .. } = question {
+        if let OperatorQuestion::AllowJog { .. } = question {
             simulated_operator.move_axis_by_hand(Axis::Y, 0.5);
         }
         Box::pin(std::future::ready(answer))
@@ -218,7 +227,11 @@ pub fn a_machine_that_was_moved_by_hand_is_not_jogged() {
         assert!(failure_lines(&summary).contains(told), "{summary}");
         assert_eq!(summary.finding_count(CheckVerdict::Failed), 1, "nothing after it: {summary}");
         let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
-        let moved = person.0.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
-        assert_eq!(moved, Answer::Motion(ObservedMotion::OtherAxis(Axis::Y)), "what the hand moved, and no more");
+        let moved = person.0.answer(&OperatorQuestion::ObservedJog { jog, visible_motion: String::new() });
+        assert_eq!(
+            moved,
+            OperatorAnswer::Motion(ObservedMotion::OtherAxis(Axis::Y)),
+            "what the hand moved, and no more"
+        );
     });
 }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use machine::record::question::{Answer, AxisDirection, Question};
+use machine::record::question::{AxisDirection, OperatorAnswer, OperatorQuestion};
 use machine::{Axis, Position};
 use simulator::{SimulatedOperator, SimulatedWorld, Speed};
 use trued::commissioning::{
@@ -19,7 +19,7 @@ use crate::support::recording_control::{self, RecordingControl, WireRecord};
 /// are stated in `config/simulated.toml`; no planted error moves the top.
 const CONTACT_Z_MM: f64 = 100.0 + 3.0 + 120.0;
 
-type AnswerFn = dyn FnMut(&Question, &SimulatedOperator) -> Option<Answer>;
+type AnswerFn = dyn FnMut(&OperatorQuestion, &SimulatedOperator) -> Option<OperatorAnswer>;
 
 /// Answers with `answer`; where it returns `None`, the simulated operator answers.
 struct ScriptedOperator {
@@ -28,7 +28,7 @@ struct ScriptedOperator {
 }
 
 impl OperatorInterface for ScriptedOperator {
-    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a OperatorQuestion) -> AnswerFuture<'a> {
         let answer = (self.answer)(question, &self.simulated_operator);
         let answer = answer.unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
@@ -86,7 +86,7 @@ fn run_recorded_check(
 }
 
 fn scripted_operator(
-    answer: impl FnMut(&Question, &SimulatedOperator) -> Option<Answer> + 'static,
+    answer: impl FnMut(&OperatorQuestion, &SimulatedOperator) -> Option<OperatorAnswer> + 'static,
 ) -> impl FnOnce(SimulatedOperator, CheckStop) -> Box<dyn OperatorInterface> {
     |simulated_operator, _| Box::new(ScriptedOperator { simulated_operator, answer: Box::new(answer) })
 }
@@ -157,12 +157,12 @@ pub fn stylus_in_contact_is_retracted_with_each_control_protocol() {
 pub fn nothing_moves_if_the_operator_refuses_the_retract() {
     let asked = Arc::new(Mutex::new(0));
     let count = asked.clone();
-    let answer = move |question: &Question, _: &SimulatedOperator| match question {
-        Question::RetractDirection { .. } => {
+    let answer = move |question: &OperatorQuestion, _: &SimulatedOperator| match question {
+        OperatorQuestion::RetractDirection { .. } => {
             *count.lock().unwrap() += 1;
-            Some(Answer::No)
+            Some(OperatorAnswer::No)
         }
-        Question::StylusState(_) => Some(Answer::No),
+        OperatorQuestion::StylusState(_) => Some(OperatorAnswer::No),
         _ => None,
     };
     let checked = run_recorded_check(0.0, "", scripted_operator(answer));
@@ -182,8 +182,8 @@ pub fn without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named() {
 
 pub fn stop_at_the_retract_direction_question_moves_nothing() {
     let checked = run_recorded_check(0.0, "", |simulated_operator, stop| {
-        let answer = move |question: &Question, _: &SimulatedOperator| {
-            if matches!(question, Question::RetractDirection { .. }) {
+        let answer = move |question: &OperatorQuestion, _: &SimulatedOperator| {
+            if matches!(question, OperatorQuestion::RetractDirection { .. }) {
                 stop.halt_handle().trigger();
             }
             None
@@ -198,14 +198,14 @@ pub fn stop_at_the_retract_direction_question_moves_nothing() {
 pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     let results = Arc::new(Mutex::new(Vec::new()));
     let kept = results.clone();
-    let answer = move |question: &Question, _: &SimulatedOperator| {
-        let Question::RetractDirection { last_result, .. } = question else {
-            return matches!(question, Question::StylusState(_)).then_some(Answer::No);
+    let answer = move |question: &OperatorQuestion, _: &SimulatedOperator| {
+        let OperatorQuestion::RetractDirection { last_result, .. } = question else {
+            return matches!(question, OperatorQuestion::StylusState(_)).then_some(OperatorAnswer::No);
         };
         let mut kept = kept.lock().unwrap();
         kept.push(last_result.clone());
         let towards = AxisDirection { axis: Axis::X, is_positive: true };
-        Some(if kept.len() == 1 { Answer::Retract(towards) } else { Answer::No })
+        Some(if kept.len() == 1 { OperatorAnswer::Retract(towards) } else { OperatorAnswer::No })
     };
     // The gap to the ball is 2.5 mm.
     let post = "[[keepout]]\nname = \"post\"\nmin_mm = [5.5, -5.0, 101.0]\nmax_mm = [9.0, 5.0, 110.0]\n";

@@ -9,7 +9,7 @@ use link::can::{CanError, CanEvent, CanFrame, CanId, CanReceiver};
 use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use simulator::SensorOutput;
-use simulator::sensors::modbus::{SampleTiming, serve_on_tcp};
+use simulator::sensor_devices::modbus::{SampleTiming, serve_on_tcp};
 use tokio::io::AsyncWriteExt as _;
 use tokio::sync::mpsc;
 use trued::commissioning::{CheckSummary, NoOperator};

@@ -5,7 +5,8 @@ use serde_json::json;
 
 use super::resume::{resume_command, resume_run, signal_run_and_take_sent_text, value_and_expanded_uncertainty};
 use super::{
-    MachineShop, assert_stderr_has, machine_toml_with_control, stderr, successful_json_output, toml_with_changes,
+    MachineShop, assert_stderr_has, machine_toml_with_control, stderr, successful_json_output,
+    toml_with_text_replacements,
 };
 use crate::support::grbl_control::GrblControl;
 
@@ -24,7 +25,7 @@ fn single_revolution_machine_toml() -> String {
         ("both_directions = true", "both_directions = false\nmonte_carlo_trials = 100"),
         ("drift_um_per_h = 5.0", "drift_um_per_h = 0.5"),
     ];
-    toml_with_changes(file, &short)
+    toml_with_text_replacements(file, &short)
 }
 
 /// Maximum of U, in µm or µrad: the step that is fitted at an interruption increases U only slightly.
@@ -33,7 +34,7 @@ const MAX_EXPANDED_UNCERTAINTY: f64 = 3.0;
 pub fn killed_and_stopped_ball_plate_run_finds_true_values() {
     let bench = GrblControl::start(&single_revolution_machine_toml());
     let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
-    let shop = MachineShop::new(&machine_toml_with_control(&single_revolution_machine_toml(), &control));
+    let shop = MachineShop::with_machine_file(&machine_toml_with_control(&single_revolution_machine_toml(), &control));
     let run = shop.trued_command(&["run", "ball-plate", "--json", "--machine", &shop.machine_path()]);
     // The search has 30 touches, the reference 5, each stop 30.
     signal_run_and_take_sent_text(&bench, run, "N210 G38.3", "KILL");

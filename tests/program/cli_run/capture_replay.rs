@@ -3,7 +3,8 @@
 use serde_json::Value;
 
 use super::{
-    MachineShop, estimate_without_provenance, simulated_machine_toml, stderr, successful_json_output, toml_with_changes,
+    MachineShop, estimate_without_provenance, simulated_machine_toml, stderr, successful_json_output,
+    toml_with_text_replacements,
 };
 
 /// Runs `trued run` with these arguments; its standard output is JSON.
@@ -15,7 +16,10 @@ fn run_with_arguments(shop: &MachineShop, more: &[&str]) -> std::process::Output
 
 pub fn captured_run_replays_to_the_same_result() {
     for wire in ["wire = \"memory\"", "wire = \"pty\""] {
-        let shop = MachineShop::new(&toml_with_changes(&simulated_machine_toml(), &[("wire = \"memory\"", wire)]));
+        let shop = MachineShop::with_machine_file(&toml_with_text_replacements(
+            &simulated_machine_toml(),
+            &[("wire = \"memory\"", wire)],
+        ));
         let capture = shop.path_text("a.capture");
         let measured = run_with_arguments(&shop, &["--capture", &capture]);
         assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
@@ -42,7 +46,7 @@ pub fn captured_run_replays_to_the_same_result() {
 }
 
 pub fn changed_or_damaged_capture_is_refused_with_reason() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let capture = shop.path_text("a.capture");
     let measured = run_with_arguments(&shop, &["--capture", &capture]);
     assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
@@ -84,7 +88,7 @@ pub fn stored_capture_of_linuxcnc_replays_to_its_estimate() {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/");
         std::fs::read_to_string(format!("{folder}{name}")).unwrap()
     };
-    let shop = MachineShop::new(&data("machine.toml"));
+    let shop = MachineShop::with_machine_file(&data("machine.toml"));
     let replay = |talk: &str| {
         let capture = shop.path_text("a.capture");
         std::fs::write(&capture, talk).unwrap();

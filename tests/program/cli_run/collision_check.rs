@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::{
-    MachineShop, assert_stderr_has, simulated_machine_toml, stderr, successful_json_output, toml_with_changes,
+    MachineShop, assert_stderr_has, simulated_machine_toml, stderr, successful_json_output, toml_with_text_replacements,
 };
 
 /// A clamp on the table, in the path of the first approach and lower than the part.
@@ -11,7 +11,7 @@ const CLAMP_SECTION: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
                      from_mm = [46, -10, 0]\nto_mm = [70, 10, 80]\n";
 
 pub fn regress_plan_states_the_least_clearance_and_program_is_complete() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let file = shop.path_text("machine.toml");
     let plan = ["plan", "self-calibration", "--machine", &file];
     let program = shop.run_trued(&[&plan[..], &["--gcode", "grbl"]].concat());
@@ -30,7 +30,7 @@ pub fn regress_plan_states_the_least_clearance_and_program_is_complete() {
 }
 
 pub fn regress_colliding_program_is_refused_with_step_line_and_bodies() {
-    let shop = MachineShop::new(&(simulated_machine_toml() + CLAMP_SECTION));
+    let shop = MachineShop::with_machine_file(&(simulated_machine_toml() + CLAMP_SECTION));
     let file = shop.path_text("machine.toml");
     let plan = shop.run_trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
     assert_eq!(plan.status.code(), Some(1));
@@ -49,8 +49,9 @@ pub fn regress_colliding_program_is_refused_with_step_line_and_bodies() {
 /// The machine file states neither stylus nor solids: the run is measured all the same, and the report names what
 /// was not checked.
 pub fn regress_report_draws_clearances_and_lists_unchecked_bodies() {
-    let bare = toml_with_changes(&simulated_machine_toml(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
-    let shop = MachineShop::new(&bare);
+    let bare =
+        toml_with_text_replacements(&simulated_machine_toml(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
+    let shop = MachineShop::with_machine_file(&bare);
     assert!(successful_json_output(&shop.run_self_calibration())["parameters"].is_array());
     let report = shop.path_text("report.html");
     let shown = shop.run_trued(&["show", "1", "--report", &report]);

@@ -10,7 +10,7 @@ fn json_number(of: &Value, key: &str) -> f64 {
 
 /// Another seed is another machine; the numerical tests check the agreement.
 pub fn two_runs_are_compared() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let first = successful_json_output(&shop.run_self_calibration());
     shop.replace_in_machine_file("seed = 1", "seed = 2");
     let second = successful_json_output(&shop.run_self_calibration());
@@ -35,7 +35,7 @@ pub fn two_runs_are_compared() {
 }
 
 pub fn incomparable_runs_are_refused_with_advice() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     successful_json_output(&shop.run_self_calibration());
     let refused = |other: &str| {
         let output = shop.run_trued(&["compare", "1", other]);

@@ -32,11 +32,11 @@ fn simulated_machine_toml() -> String {
 
 /// A simulated machine's file, with another control.
 fn machine_toml_with_control(file: &str, control: &str) -> String {
-    toml_with_changes(file, &[("kind = \"simulated\"", control), ("wire = \"memory\"", "")])
+    toml_with_text_replacements(file, &[("kind = \"simulated\"", control), ("wire = \"memory\"", "")])
 }
 
 /// Replaces lines; each `from` is the beginning of a line.
-fn toml_with_changes(file: &str, changes: &[(&str, &str)]) -> String {
+fn toml_with_text_replacements(file: &str, changes: &[(&str, &str)]) -> String {
     let mut text = file.to_owned();
     for (from, to) in changes {
         assert!(text.contains(&format!("\n{from}")), "{from}");
@@ -101,7 +101,7 @@ pub fn trials() -> Trials {
         compare::incomparable_runs_are_refused_with_advice,
         results::regress_exported_readings_give_the_stored_estimate,
         results::undeclared_sources_are_assumed_and_marked,
-        results::regress_two_heights_find_the_tilts_of_the_axis,
+        results::regress_self_calibration_at_two_heights_finds_axis_tilts,
         results::regress_spindle_orientation_without_template_is_refused,
         results::regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate,
         resume::stopped_run_resumes_with_references_and_gives_the_same_estimate,

@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use super::resume::{resume_command, value_and_expanded_uncertainty};
 use super::stop_signals::send_signal;
-use super::{MachineShop, stderr, successful_json_output, toml_with_changes};
+use super::{MachineShop, stderr, successful_json_output, toml_with_text_replacements};
 use crate::support::terminal_operator;
 
 /// Error motions of `config/multiprobe.toml`, µm and µrad.
@@ -24,7 +24,7 @@ fn small_multiprobe_machine_toml() -> String {
         ("samples = 4", "samples = 1"),
         ("drift_um_per_h = 2.0", "drift_um_per_h = 0.1"),
     ];
-    toml_with_changes(file, &short)
+    toml_with_text_replacements(file, &short)
 }
 
 /// Sends the signal to the run after it has printed each of `messages` in order.
@@ -48,7 +48,7 @@ fn signal_run_after_output(mut command: Command, messages: &[&str], signal: &str
 }
 
 pub fn killed_and_stopped_multiprobe_run_finds_true_values() {
-    let shop = MachineShop::new(&small_multiprobe_machine_toml());
+    let shop = MachineShop::with_machine_file(&small_multiprobe_machine_toml());
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
     drop(signal_run_after_output(shop.trued_command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
     let resumed = signal_run_after_output(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
@@ -68,11 +68,11 @@ pub fn killed_and_stopped_multiprobe_run_finds_true_values() {
 }
 
 pub fn off_centre_artefact_must_be_centred_first() {
-    let far = toml_with_changes(
+    let far = toml_with_text_replacements(
         &small_multiprobe_machine_toml(),
         &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")],
     );
-    let shop = MachineShop::new(&far);
+    let shop = MachineShop::with_machine_file(&far);
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
     let run = signal_run_after_output(shop.trued_command(&run), &["centring, once more", "Centre the artefact"], "INT");
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));

@@ -9,11 +9,11 @@ use trued::setup::MachineFile;
 use trued::setup::SimulationPace;
 
 use super::recorded_grbl::RecordedGrbl;
-use super::{MachineShop, machine_toml_with_control, simulated_machine_toml, stderr, toml_with_changes};
+use super::{MachineShop, machine_toml_with_control, simulated_machine_toml, stderr, toml_with_text_replacements};
 
 fn shop_with_control(control: &RecordedGrbl, file: &str) -> MachineShop {
     let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
-    MachineShop::new(&machine_toml_with_control(file, &address))
+    MachineShop::with_machine_file(&machine_toml_with_control(file, &address))
 }
 
 /// Starts a run and waits until it requests the deflection of the stylus.
@@ -30,7 +30,10 @@ fn start_run_until_deflection_request(shop: &MachineShop) -> (Child, BufReader<C
 }
 
 fn machine_toml_with_manual_live_check() -> String {
-    toml_with_changes(&simulated_machine_toml(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
+    toml_with_text_replacements(
+        &simulated_machine_toml(),
+        &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")],
+    )
 }
 
 pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
@@ -63,11 +66,13 @@ pub fn stop_while_waiting_for_stylus_deflection_holds_the_run() {
 }
 
 pub fn missing_first_contact_names_a_dead_probe() {
-    let far =
-        toml_with_changes(&simulated_machine_toml(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
+    let far = toml_with_text_replacements(
+        &simulated_machine_toml(),
+        &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")],
+    );
     // The first touch is on the flank.
     let far = far + "z_reference = false\n";
-    let run = MachineShop::new(&far).run_self_calibration();
+    let run = MachineShop::with_machine_file(&far).run_self_calibration();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     assert!(stderr(&run).contains("the first touch reached its end without contact"), "{}", stderr(&run));
     assert!(stderr(&run).contains("the probe may not work"), "{}", stderr(&run));
@@ -75,7 +80,7 @@ pub fn missing_first_contact_names_a_dead_probe() {
 
 pub fn probe_and_clamps_are_switched_as_declared() {
     let clamp = "clamp = { close = \"M65 P3\", open = \"M64 P3\", wait_s = 0.1 }";
-    let file = toml_with_changes(
+    let file = toml_with_text_replacements(
         &simulated_machine_toml(),
         &[
             ("ball_radius_mm", "on = \"M64 P1\"\noff = \"M65 P1\"\nsettle_s = 0.2\nball_radius_mm"),
@@ -103,8 +108,11 @@ pub fn probe_and_clamps_are_switched_as_declared() {
 }
 
 pub fn invalid_probe_switch_command_is_refused_before_a_run_exists() {
-    let file = toml_with_changes(&simulated_machine_toml(), &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")]);
-    let shop = MachineShop::new(&file);
+    let file = toml_with_text_replacements(
+        &simulated_machine_toml(),
+        &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")],
+    );
+    let shop = MachineShop::with_machine_file(&file);
     let run = shop.run_self_calibration();
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
     assert!(stderr(&run).contains("[probe] on = \"M3 S500\""), "{}", stderr(&run));

@@ -1,16 +1,16 @@
 //! A probe is qualified, and later runs with it subtract its map.
 
-use super::{MachineShop, assert_stderr_has, successful_json_output, toml_with_changes};
+use super::{MachineShop, assert_stderr_has, successful_json_output, toml_with_text_replacements};
 
 /// Settings for few touches. Two azimuths fewer would not be enough for the orders of the map.
-const SMALL_SETTINGS: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
+const FEW_TOUCHES_SETTINGS: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
 
 pub fn later_run_requires_and_subtracts_the_map_of_its_own_probe() {
-    let ball = toml_with_changes(
+    let ball = toml_with_text_replacements(
         include_str!("../../../config/probe-qualification.toml"),
-        &[("azimuths = 24\nrepeats = 3", SMALL_SETTINGS)],
+        &[("azimuths = 24\nrepeats = 3", FEW_TOUCHES_SETTINGS)],
     );
-    let part = toml_with_changes(
+    let part = toml_with_text_replacements(
         include_str!("../../../config/simulated.toml"),
         &[
             (
@@ -21,7 +21,7 @@ pub fn later_run_requires_and_subtracts_the_map_of_its_own_probe() {
         ],
     );
     let part = format!("{part}\n[method.self-calibration]\nmonte_carlo_trials = 1000\n");
-    let shop = MachineShop::new(&ball);
+    let shop = MachineShop::with_machine_file(&ball);
     let own = shop.path("part.toml");
     std::fs::write(&own, &part).unwrap();
     let run = || shop.run_trued(&["run", "self-calibration", "--json", "--machine", own.to_str().unwrap()]);

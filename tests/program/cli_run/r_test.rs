@@ -11,7 +11,7 @@ const TRUE_PARAMETERS: [(&str, f64); 2] = [("EX0C", 12.0), ("EY0C", -7.0)];
 pub fn two_r_test_runs_find_the_true_axis_and_are_compared() {
     let file = include_str!("../../../config/r-test.toml");
     let file = file.replacen("samples = 10", "samples = 10\nmonte_carlo_trials = 100", 1);
-    let shop = MachineShop::new(&file);
+    let shop = MachineShop::with_machine_file(&file);
     for _ in 0..2 {
         let mut run = shop.trued_command(&["run", "r-test", "--json", "--machine", &shop.machine_path()]);
         let estimate =

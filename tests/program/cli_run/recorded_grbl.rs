@@ -23,13 +23,13 @@ pub struct RecordedGrbl {
 }
 
 impl RecordedGrbl {
-    /// The machine of `file` for one client.
-    pub fn start(file: &str) -> Self {
-        Self::start_at_pace(file, SimulationPace::RealTime)
+    /// The machine of the machine file `machine_text`, for one client.
+    pub fn start(machine_text: &str) -> Self {
+        Self::start_at_pace(machine_text, SimulationPace::RealTime)
     }
 
-    pub fn start_at_pace(file: &str, pace: SimulationPace) -> Self {
-        let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
+    pub fn start_at_pace(machine_text: &str, pace: SimulationPace) -> Self {
+        let file = MachineFile::parse("machine.toml", machine_text.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
         let firmware = Firmware::new(world.clone(), SimulatedGrblOptions::for_machine(&file.machine, pace));
         let (tell, heard) = channel();

@@ -10,7 +10,7 @@ use super::{
 use crate::support::grbl_control::GrblControl;
 
 pub fn regress_exported_readings_give_the_stored_estimate() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let run = shop.run_self_calibration();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
     assert_eq!(shop.exported_reading_steps().len(), 69);
@@ -50,7 +50,7 @@ pub fn undeclared_sources_are_assumed_and_marked() {
     let is_taken_out = |line: &&str| !sources.iter().any(|key| line.starts_with(key));
     let silent: String =
         simulated_machine_toml().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
-    let shop = MachineShop::new(&silent);
+    let shop = MachineShop::with_machine_file(&silent);
     let estimate = successful_json_output(&shop.run_self_calibration());
     let found = &estimate["parameters"][0];
     assert_eq!(found["symbol"], "EX0C");
@@ -77,11 +77,11 @@ pub fn undeclared_sources_are_assumed_and_marked() {
     assert!(plan.contains("assumed") && plan.contains("axes.X.backlash_um"), "{plan}");
 }
 
-pub fn regress_two_heights_find_the_tilts_of_the_axis() {
+pub fn regress_self_calibration_at_two_heights_finds_axis_tilts() {
     let settings = "positions = 12\nheights_mm = [20, 80]\n";
     let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";
     let file = simulated_machine_toml().replace("[simulated.errors]", errors) + settings;
-    let estimate = successful_json_output(&MachineShop::new(&file).run_self_calibration());
+    let estimate = successful_json_output(&MachineShop::with_machine_file(&file).run_self_calibration());
     for (symbol, truth) in [("EA0C", 40.0), ("EB0C", -25.0)] {
         let found = estimate["parameters"].as_array().unwrap();
         let found = found.iter().find(|p| p["symbol"] == symbol).unwrap();
@@ -97,7 +97,7 @@ pub fn regress_spindle_orientation_without_template_is_refused() {
     let bench = GrblControl::start(&follows);
     // A plain grbl has no word to orient the spindle.
     let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
-    let shop = MachineShop::new(&machine_toml_with_control(&follows, &control));
+    let shop = MachineShop::with_machine_file(&machine_toml_with_control(&follows, &control));
     let refused = shop.run_self_calibration();
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
     assert_stderr_has(&refused, &["no template `orient`", "nothing has moved", "spindle = \"fixed\""]);
@@ -106,7 +106,7 @@ pub fn regress_spindle_orientation_without_template_is_refused() {
 }
 
 pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let first = shop.run_self_calibration();
     let tight = simulated_machine_toml() + "[tolerance]\nEX0C_um = 1.0\n";
     std::fs::write(shop.path_text("tight.toml"), tight).unwrap();

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::stop_signals::send_signal;
 use super::{
     MachineShop, assert_stderr_has, machine_toml_with_control, simulated_machine_toml, stderr, successful_json_output,
-    toml_with_changes,
+    toml_with_text_replacements,
 };
 use crate::support::grbl_control::GrblControl;
 
@@ -46,7 +46,7 @@ pub fn signal_run_and_take_sent_text(
 }
 
 fn shop_with_control(bench: &GrblControl) -> MachineShop {
-    MachineShop::new(&machine_toml_with_control(
+    MachineShop::with_machine_file(&machine_toml_with_control(
         &simulated_machine_toml(),
         &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address),
     ))
@@ -69,7 +69,8 @@ pub fn value_and_expanded_uncertainty(estimate: &Value, symbol: &str) -> (f64, f
 
 /// Compares the resumed estimate with the truth and with an uninterrupted run on the same machine.
 fn assert_near_truth(resumed: &Value) {
-    let whole = successful_json_output(&MachineShop::new(&simulated_machine_toml()).run_self_calibration());
+    let whole =
+        successful_json_output(&MachineShop::with_machine_file(&simulated_machine_toml()).run_self_calibration());
     for (symbol, truth) in TRUE_AXIS_POSITION_UM {
         let (value, expanded) = value_and_expanded_uncertainty(resumed, symbol);
         let (uninterrupted, u_whole) = value_and_expanded_uncertainty(&whole, symbol);
@@ -230,7 +231,7 @@ pub fn resume_on_held_control_is_refused_and_run_stays_resumable() {
 
 /// The built-in machine with its part moved by 20 µm along Y.
 fn machine_toml_with_pushed_part() -> String {
-    toml_with_changes(
+    toml_with_text_replacements(
         &simulated_machine_toml(),
         &[("centre_offset_mm = [0.8, -0.5]", "centre_offset_mm = [0.8, -0.48]")],
     )
@@ -306,8 +307,8 @@ pub fn resume_with_another_machine_file_is_refused() {
     assert_eq!(shop.run_states(), ["held"]);
 }
 
-/// The cycle is measured twice; the second pass is interrupted. Its steps are distinguished from those of the first
-/// pass, and from the references after the stop.
+/// The cycle is measured twice; the second pass is interrupted. The steps of the second pass are distinguished
+/// from those of the first pass, and from the references after the stop.
 pub fn run_resumes_in_a_later_pass() {
     let bench = GrblControl::start(&simulated_machine_toml());
     let shop = shop_with_control(&bench);
@@ -340,13 +341,14 @@ pub fn resume_needs_all_references() {
 /// The repeatability is not declared, and only one reference was touched twice before the stop: the references are
 /// touched twice after it, and a shift of 20 µm is still detected.
 pub fn references_estimate_their_own_repeatability() {
-    let unknown = |file: &str| toml_with_changes(file, &[("repeatability_um = 0.5", "")]);
+    let unknown = |file: &str| toml_with_text_replacements(file, &[("repeatability_um = 0.5", "")]);
     for (after, state, readings) in
         [(simulated_machine_toml(), "finished", 69 + 8), (machine_toml_with_pushed_part(), "closed", 18 + 8)]
     {
         let bench = GrblControl::start(&simulated_machine_toml());
         let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
-        let shop = MachineShop::new(&machine_toml_with_control(&unknown(&simulated_machine_toml()), &control));
+        let shop =
+            MachineShop::with_machine_file(&machine_toml_with_control(&unknown(&simulated_machine_toml()), &control));
         signal_run_and_take_output(&bench, shop.self_calibration_command(), "N18 G38.3", "INT");
         bench.replace_true_machine(&after);
         let resumed = resume_run(&shop);
@@ -363,7 +365,7 @@ fn advised_resume_command(told: &str) -> String {
 
 pub fn lost_position_requires_homing() {
     let fault = "\n[[simulated.fault]]\nkind = \"alarm\"\ncode = 1\nat_line = 150\n";
-    let shop = MachineShop::new(&(simulated_machine_toml() + fault));
+    let shop = MachineShop::with_machine_file(&(simulated_machine_toml() + fault));
     let ended = shop.run_self_calibration();
     assert_eq!(ended.status.code(), Some(5));
     let refused = resume_run(&shop);

@@ -21,7 +21,7 @@ fn small_samba_machine_toml() -> String {
 
 fn shop_with_control(bench: &GrblControl) -> MachineShop {
     let control = format!("kind = \"grbl\"\ndialect = \"grbl-m19\"\ntcp = \"{}\"", bench.address);
-    MachineShop::new(&machine_toml_with_control(&small_samba_machine_toml(), &control))
+    MachineShop::with_machine_file(&machine_toml_with_control(&small_samba_machine_toml(), &control))
 }
 
 fn samba_run_command(shop: &MachineShop) -> Command {
@@ -86,8 +86,9 @@ pub fn samba_run_survives_kills_and_stops() {
 
 /// Compares with an uninterrupted run on the same machine.
 fn assert_near_uninterrupted_run(resumed: &Value) {
-    let whole =
-        successful_json_output(&samba_run_command(&MachineShop::new(&small_samba_machine_toml())).output().unwrap());
+    let whole = successful_json_output(
+        &samba_run_command(&MachineShop::with_machine_file(&small_samba_machine_toml())).output().unwrap(),
+    );
     for parameter in whole["parameters"].as_array().unwrap() {
         let symbol = parameter["symbol"].as_str().unwrap();
         let ((value, expanded), (one_go, _)) =
@@ -127,7 +128,7 @@ pub fn samba_run_stopped_before_references_cannot_be_resumed() {
 }
 
 pub fn samba_run_with_repeat_option_is_refused() {
-    let shop = MachineShop::new(&small_samba_machine_toml());
+    let shop = MachineShop::with_machine_file(&small_samba_machine_toml());
     let refused = shop.run_trued(&["run", "samba", "--repeat", "2"]);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
     assert_stderr_has(&refused, &["does not support repetitions", "omit --repeat", "balls"]);

@@ -1,4 +1,4 @@
-//! Rehearsed faults: in the machine file, and on a bad wire.
+//! Simulated faults: of the control, as `[[simulated.fault]]` declares them, and of a bad wire.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
@@ -8,7 +8,7 @@ use simulator::faulty_wire::{FaultyWire, WireDirection, WireFault};
 use super::{MachineShop, machine_toml_with_control, simulated_machine_toml, stderr};
 
 fn shop_with_fault(fault: &str) -> MachineShop {
-    MachineShop::new(&format!("{}\n[[simulated.fault]]\n{fault}\n", simulated_machine_toml()))
+    MachineShop::with_machine_file(&format!("{}\n[[simulated.fault]]\n{fault}\n", simulated_machine_toml()))
 }
 
 pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
@@ -36,7 +36,7 @@ pub fn regress_misspelt_fault_is_refused_with_its_line() {
 /// A seed whose first fault is a cut in the middle of the run, after `from` lines.
 fn seed_with_cut_after(first_line: u64) -> u64 {
     let first = |seed: u64, direction: WireDirection| {
-        FaultyWire::for_rehearsal(seed).schedule(direction).next().expect("it never ends")
+        FaultyWire::with_few_faults(seed).schedule(direction).next().expect("it never ends")
     };
     let cuts = |seed: &u64| {
         let (to, back) = (first(*seed, WireDirection::ToDevice), first(*seed, WireDirection::FromDevice));
@@ -48,7 +48,7 @@ fn seed_with_cut_after(first_line: u64) -> u64 {
 }
 
 pub fn regress_cut_wire_leaves_a_held_run_and_is_logged() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let seed = seed_with_cut_after(60).to_string();
     let mut simulator = Command::new(env!("CARGO_BIN_EXE_trued"))
         .args(["simulate", "--machine", &shop.path_text("machine.toml"), "--faults", &seed])
@@ -59,7 +59,7 @@ pub fn regress_cut_wire_leaves_a_held_run_and_is_logged() {
     let mut path = String::new();
     BufReader::new(simulator.stdout.take().unwrap()).read_line(&mut path).unwrap();
     let control = format!("kind = \"grbl\"\nserial = \"{}\"", path.trim());
-    let client = MachineShop::new(&machine_toml_with_control(&simulated_machine_toml(), &control));
+    let client = MachineShop::with_machine_file(&machine_toml_with_control(&simulated_machine_toml(), &control));
     let run = client.run_self_calibration();
     simulator.kill().unwrap();
     let told = String::from_utf8(simulator.wait_with_output().unwrap().stderr).unwrap();

@@ -18,7 +18,7 @@ fn quick_approach_machine_toml() -> String {
 /// A run over `control`, in the middle of its second touch: the first reading is acknowledged.
 fn start_and_wait_for_touch(control: &mut RecordedGrbl) -> (MachineShop, Child) {
     let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
-    let shop = MachineShop::new(&machine_toml_with_control(&quick_approach_machine_toml(), &address));
+    let shop = MachineShop::with_machine_file(&machine_toml_with_control(&quick_approach_machine_toml(), &address));
     let mut run = shop.self_calibration_command();
     let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     control.wait_for_text("N2 G38.3 Y");
@@ -90,7 +90,7 @@ pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
 pub fn regress_sigterm_stops_the_identification_and_keeps_readings() {
     use std::io::{BufRead as _, BufReader, Read as _};
     let endless = quick_approach_machine_toml().replace("trials = 1000\n", "trials = 2000000000\n");
-    let shop = MachineShop::new(&endless);
+    let shop = MachineShop::with_machine_file(&endless);
     let mut run = shop.self_calibration_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
@@ -108,7 +108,7 @@ pub fn regress_sigterm_stops_the_identification_and_keeps_readings() {
 }
 
 pub fn regress_a_run_continues_when_its_output_is_not_read() {
-    let shop = MachineShop::new(&quick_approach_machine_toml());
+    let shop = MachineShop::with_machine_file(&quick_approach_machine_toml());
     let mut run = shop.self_calibration_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(run.stderr.take());

@@ -7,7 +7,7 @@ use link::LinkAddress;
 
 use super::{
     MachineShop, estimate_without_provenance, machine_toml_with_control, simulated_machine_toml, stderr,
-    successful_json_output, toml_with_changes,
+    successful_json_output, toml_with_text_replacements,
 };
 
 /// `trued simulate`, ended with the test.
@@ -30,7 +30,7 @@ impl SimulatorProcess {
     }
 
     fn client_shop(&self) -> MachineShop {
-        MachineShop::new(&machine_toml_with_control(
+        MachineShop::with_machine_file(&machine_toml_with_control(
             &simulated_machine_toml(),
             &format!("kind = \"grbl\"\nserial = \"{}\"", self.port_path),
         ))
@@ -45,13 +45,15 @@ impl Drop for SimulatorProcess {
 }
 
 pub fn regress_memory_pty_and_another_process_give_the_same_result() {
-    let shop = MachineShop::new(&simulated_machine_toml());
+    let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let memory = shop.run_self_calibration();
     assert!(successful_json_output(&memory)["parameters"].is_array());
 
-    let pty =
-        MachineShop::new(&toml_with_changes(&simulated_machine_toml(), &[("wire = \"memory\"", "wire = \"pty\"")]))
-            .run_self_calibration();
+    let pty = MachineShop::with_machine_file(&toml_with_text_replacements(
+        &simulated_machine_toml(),
+        &[("wire = \"memory\"", "wire = \"pty\"")],
+    ))
+    .run_self_calibration();
     assert_eq!(pty.status.code(), Some(0), "{}", stderr(&pty));
     assert!(pty.stdout == memory.stdout, "a pty in this process gives something else");
 
@@ -64,7 +66,7 @@ pub fn regress_memory_pty_and_another_process_give_the_same_result() {
 }
 
 pub fn regress_a_busy_port_is_reported_and_leaves_no_run() {
-    let simulator = SimulatorProcess::start(&MachineShop::new(&simulated_machine_toml()));
+    let simulator = SimulatorProcess::start(&MachineShop::with_machine_file(&simulated_machine_toml()));
     let client = simulator.client_shop();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let address = LinkAddress::Serial { path: simulator.port_path.clone(), baud: 115_200 };

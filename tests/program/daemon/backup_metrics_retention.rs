@@ -14,7 +14,7 @@ fn stderr_text(output: &Output) -> String {
 
 /// A backup during a run is complete up to the readings of that time, and is a usable journal.
 pub fn backup_during_a_run_is_a_usable_journal() {
-    let shop = MachineShop::new(&served_machine_toml(""));
+    let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let daemon = shop.start_daemon("real");
     assert_eq!(daemon.http().start_cycle(1), 202);
     let before = daemon.http().wait_until_machine_state(|standing| standing["measured"].as_u64() > Some(0));
@@ -44,7 +44,7 @@ pub fn backup_during_a_run_is_a_usable_journal() {
 
 /// The check of `ExecStartPre`: it opens and creates nothing, and a daemon may run meanwhile.
 pub fn serve_check_accepts_sound_and_refuses_unsound_config() {
-    let shop = MachineShop::new(&served_machine_toml(""));
+    let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let machine = shop.path("machine.toml").display().to_string();
     let check = || shop.run_trued(&["serve", "--machine", &machine, "--check"]);
     let sound = check();
@@ -67,7 +67,7 @@ fn metric_value(metrics: &str, name: &str) -> f64 {
 
 pub fn metrics_count_runs_readings_and_refusals() {
     const MACHINE_LABEL: &str = "machine=\"simulated five-axis machine\"";
-    let shop = MachineShop::new(&served_machine_toml(""));
+    let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let daemon = shop.start_daemon("fast");
     let metrics = daemon.http().get_text("/metrics");
     assert_eq!(metric_value(&metrics, &format!("trued_runs_total{{{MACHINE_LABEL},outcome=\"none\"}}")), 0.0);
@@ -99,7 +99,7 @@ pub fn metrics_count_runs_readings_and_refusals() {
 
 /// By the dates in the journal: the samples of an old run are deleted while the daemon is idle.
 pub fn retention_removes_only_scan_samples_of_old_runs() {
-    let shop = MachineShop::new(served_machine_toml("").split("[serve.http]").next().unwrap());
+    let shop = MachineShop::with_machine_file(served_machine_toml("").split("[serve.http]").next().unwrap());
     let file = shop.path("trued.toml");
     let page = "[http]\nlisten = \"127.0.0.1:0\"\n[[machine]]\nfile = \"machine.toml\"\n";
     std::fs::write(&file, page).unwrap();

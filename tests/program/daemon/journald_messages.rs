@@ -114,7 +114,7 @@ pub fn each_step_has_a_journald_entry_of_its_run() {
         println!("skipped, for this is not root");
         return;
     }
-    let shop = MachineShop::new(&served_machine_toml(""));
+    let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let (daemon, journald) = start_daemon_with_journald(&shop, "fast");
     assert_eq!(daemon.http().start_cycle(1), 202);
     daemon.http().wait_for_state("waiting");
@@ -150,7 +150,7 @@ pub fn hold_and_fault_have_run_and_priority_in_journald() {
         (run.map(str::to_owned), priority.map(str::to_owned))
     };
     let is = |run: Option<&str>, priority: Option<&str>| (run.map(str::to_owned), priority.map(str::to_owned));
-    let shop = MachineShop::new(&served_machine_toml(""));
+    let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let (daemon, journald) = start_daemon_with_journald(&shop, "real");
     assert_eq!(daemon.http().start_cycle(1), 202);
     daemon.http().wait_until_machine_state(|standing| standing["measured"].as_u64().unwrap() > 0);
@@ -161,7 +161,11 @@ pub fn hold_and_fault_have_run_and_priority_in_journald() {
     );
     assert_eq!(told(&journald.wait_for_entry("run 1: ")), is(Some("1"), PRIORITY_NOTICE));
     assert_eq!(told(&journald.wait_for_entry("ready")), is(None, PRIORITY_NOTICE));
-    let shop = MachineShop::new(&served_machine_toml("").replacen("[serve]", &format!("{RESET_FAULT}[serve]"), 1));
+    let shop = MachineShop::with_machine_file(&served_machine_toml("").replacen(
+        "[serve]",
+        &format!("{RESET_FAULT}[serve]"),
+        1,
+    ));
     let (daemon, journald) = start_daemon_with_journald(&shop, "fast");
     assert_eq!(daemon.http().start_cycle(1), 202);
     daemon.http().wait_for_state("held");

@@ -49,7 +49,7 @@ fn run_kills(count: u64, seed: u64) {
 /// All kills in one journal, so that each daemon starts with the state that the killed one left. Returns the number
 /// of runs in the journal, and of those killed during a run.
 fn kill_in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64) {
-    let shop = MachineShop::new("");
+    let shop = MachineShop::with_machine_file("");
     let (witness, daemon) = start_daemon_with_control(&shop);
     assert_eq!(daemon.http().start_cycle(1), 202);
     daemon.http().wait_for_state("waiting");

@@ -24,7 +24,7 @@ pub fn memory_grows_at_most_5_mib_from_run_50_to_500() {
 }
 
 fn check_memory_growth(runs: u64, readers: usize) {
-    let shop = MachineShop::new(&served_machine_toml(""));
+    let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let daemon = shop.start_daemon("fast");
     let listeners: Vec<EventListener> = (0..readers).map(|_| EventListener::connect(daemon.http())).collect();
     let mut resident = Vec::new();

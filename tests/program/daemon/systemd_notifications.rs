@@ -83,7 +83,7 @@ fn start_daemon_with_notify_socket(shop: &MachineShop, speed: &str) -> (DaemonPr
 }
 
 pub fn systemd_gets_status_and_no_watchdog_from_a_stopped_process() {
-    let shop = MachineShop::new(&served_machine_toml(""));
+    let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let (daemon, systemd) = start_daemon_with_notify_socket(&shop, "real");
     let first = systemd.wait_for_notification("READY=1");
     assert!(first.last().unwrap().contains("simulated five-axis machine: waiting"), "{first:?}");
@@ -111,7 +111,7 @@ pub fn systemd_gets_status_and_no_watchdog_from_a_stopped_process() {
 /// The disk of the journal does not respond, here because the database is locked: the worker waits, while all other
 /// threads run. The watchdog is not fed, and the machine is held.
 pub fn watchdog_is_not_notified_while_the_worker_hangs() {
-    let shop = MachineShop::new(&served_machine_toml("patience_s = 1.0\n"));
+    let shop = MachineShop::with_machine_file(&served_machine_toml("patience_s = 1.0\n"));
     let (daemon, systemd) = start_daemon_with_notify_socket(&shop, "fast");
     systemd.wait_for_notification("WATCHDOG=1");
     let journal = Connection::open(shop.state_folder().join("journal.sqlite")).unwrap();

@@ -38,7 +38,8 @@ struct DiskUse {
     touch_count: usize,
 }
 
-fn measure_disk_use() -> (DiskUse, Vec<u8>) {
+/// Disk use of a run without a fault, and its standard output.
+fn disk_use_and_stdout() -> (DiskUse, Vec<u8>) {
     let bench = DurabilityBench::new();
     let log = bench.path_in_folder("disk.log");
     let (output, record) = run_with_faults(&bench, &[("FAULTY_LOG", log.display().to_string())]);
@@ -67,7 +68,7 @@ fn measure_disk_use() -> (DiskUse, Vec<u8>) {
 
 /// Checks a run with the fault from operation `at` on: it ends with an error and one of `words`, every acknowledged
 /// reading is stored, and the next start finds the run held, interrupted, failed or complete.
-fn check_stops_cleanly(whole: &DiskUse, fault: &str, at: u64, words: &[&str]) {
+fn check_run_stops_cleanly_at_disk_fault(whole: &DiskUse, fault: &str, at: u64, words: &[&str]) {
     let bench = DurabilityBench::new();
     let (output, record) = run_with_faults(&bench, &[(fault, at.to_string())]);
     let (moved, told) = (!record.reported_touch_positions().is_empty(), stderr_text(&output));
@@ -84,7 +85,7 @@ fn check_stops_cleanly(whole: &DiskUse, fault: &str, at: u64, words: &[&str]) {
         return;
     }
     assert_journal_is_valid(&bench.state_folder());
-    bench.assert_next_run_fails_without_control();
+    bench.mark_interrupted_runs_by_next_command();
     match bench.run_states().as_slice() {
         [] => assert!(!moved, "moved without a run in the journal"),
         [state] => {
@@ -100,7 +101,7 @@ fn check_stops_cleanly(whole: &DiskUse, fault: &str, at: u64, words: &[&str]) {
 }
 
 pub fn full_or_failing_disk_stops_the_run_cleanly() {
-    let (whole, _) = measure_disk_use();
+    let (whole, _) = disk_use_and_stdout();
     let full = ["the disk is full", "No space left on device", "the disk reports an error"];
     let failing = ["the disk reports an error", "Input/output error"];
     let faults: [(&str, u64, &[&str]); 4] = [
@@ -113,7 +114,7 @@ pub fn full_or_failing_disk_stops_the_run_cleanly() {
     std::thread::scope(|scope| {
         for (fault, all, words) in faults {
             scope.spawn(move || {
-                (0..8).for_each(|eighth| check_stops_cleanly(whole, fault, all * eighth / 8, words));
+                (0..8).for_each(|eighth| check_run_stops_cleanly_at_disk_fault(whole, fault, all * eighth / 8, words));
             });
         }
     });
@@ -147,7 +148,7 @@ const ESTIMATE_HEAD: &[u8] = b"{\"trued_estimate\":";
 /// All readings are stored, but the estimate is not: this is reported, nothing is stopped, and the estimate can be
 /// computed again once there is space.
 pub fn disk_full_after_the_last_touch_loses_only_the_estimate() {
-    let (whole, found) = measure_disk_use();
+    let (whole, found) = disk_use_and_stdout();
     let full = written_bytes_at_middle_of_estimate();
     assert!(full < whole.written_bytes);
     let bench = DurabilityBench::new();
@@ -168,7 +169,7 @@ pub fn disk_full_after_the_last_touch_loses_only_the_estimate() {
 }
 
 pub fn partial_and_slow_writes_change_nothing() {
-    let (whole, estimate) = measure_disk_use();
+    let (whole, estimate) = disk_use_and_stdout();
     for (fault, value) in [("FAULTY_SHORT", "1"), ("FAULTY_SLOW_MS", "100")] {
         let bench = DurabilityBench::new();
         let (output, record) = run_with_faults(&bench, &[(fault, value.to_owned())]);

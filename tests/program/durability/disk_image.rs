@@ -102,7 +102,7 @@ type EntryChange = (PathBuf, Option<DirectoryEntry>);
 
 /// The part of a write in one sector, or a new length.
 #[derive(Debug, Clone)]
-enum PendingWrite {
+enum UnsyncedWrite {
     Data { at: usize, data: Vec<u8> },
     NewLength(usize),
 }
@@ -110,17 +110,17 @@ enum PendingWrite {
 #[derive(Debug, Default)]
 struct DiskFile {
     synced_content: Vec<u8>,
-    pending_writes: Vec<PendingWrite>,
+    unsynced_writes: Vec<UnsyncedWrite>,
 }
 
 /// The disk below `root`.
 pub struct DiskImage {
     logged_root: PathBuf,
-    files: BTreeMap<u32, DiskFile>,
+    files_by_id: BTreeMap<u32, DiskFile>,
     synced_entries: BTreeMap<PathBuf, DirectoryEntry>,
-    pending_entry_changes: Vec<EntryChange>,
-    /// Contents of the files that existed at the start.
-    initial_files: BTreeMap<PathBuf, Vec<u8>>,
+    unsynced_entry_changes: Vec<EntryChange>,
+    /// Contents of the files of the start that no event has opened or removed yet.
+    untouched_initial_files: BTreeMap<PathBuf, Vec<u8>>,
 }
 
 impl DiskImage {
@@ -128,24 +128,24 @@ impl DiskImage {
     pub fn read_folder(folder: &Path, root: &Path) -> Self {
         let mut disk = Self {
             logged_root: root.to_owned(),
-            files: BTreeMap::new(),
+            files_by_id: BTreeMap::new(),
             synced_entries: BTreeMap::from([(root.to_owned(), DirectoryEntry::Folder)]),
-            pending_entry_changes: Vec::new(),
-            initial_files: BTreeMap::new(),
+            unsynced_entry_changes: Vec::new(),
+            untouched_initial_files: BTreeMap::new(),
         };
         disk.scan_folder(folder, root);
         disk
     }
 
-    fn scan_folder(&mut self, folder: &Path, called: &Path) {
+    fn scan_folder(&mut self, folder: &Path, logged_path: &Path) {
         for entry in std::fs::read_dir(folder).unwrap() {
             let entry = entry.unwrap();
-            let (path, called) = (entry.path(), called.join(entry.file_name()));
+            let (path, logged_path) = (entry.path(), logged_path.join(entry.file_name()));
             if path.is_dir() {
-                self.synced_entries.insert(called.clone(), DirectoryEntry::Folder);
-                self.scan_folder(&path, &called);
+                self.synced_entries.insert(logged_path.clone(), DirectoryEntry::Folder);
+                self.scan_folder(&path, &logged_path);
             } else {
-                self.initial_files.insert(called, std::fs::read(&path).unwrap());
+                self.untouched_initial_files.insert(logged_path, std::fs::read(&path).unwrap());
             }
         }
     }
@@ -153,42 +153,43 @@ impl DiskImage {
     pub fn apply_event(&mut self, event: &DiskEvent) {
         match event {
             DiskEvent::Open { id, path, new: false } => {
-                let synced = self.initial_files.remove(path).unwrap_or_default();
-                self.files.insert(*id, DiskFile { synced_content: synced, pending_writes: Vec::new() });
+                let synced = self.untouched_initial_files.remove(path).unwrap_or_default();
+                self.files_by_id.insert(*id, DiskFile { synced_content: synced, unsynced_writes: Vec::new() });
                 self.synced_entries.insert(path.clone(), DirectoryEntry::File(*id));
             }
             DiskEvent::Open { id, path, new: true } => {
-                self.files.insert(*id, DiskFile::default());
-                self.pending_entry_changes.push((path.clone(), Some(DirectoryEntry::File(*id))));
+                self.files_by_id.insert(*id, DiskFile::default());
+                self.unsynced_entry_changes.push((path.clone(), Some(DirectoryEntry::File(*id))));
             }
             DiskEvent::CreateFolder { path } => {
-                self.pending_entry_changes.push((path.clone(), Some(DirectoryEntry::Folder)))
+                self.unsynced_entry_changes.push((path.clone(), Some(DirectoryEntry::Folder)))
             }
             DiskEvent::Unlink { path } => {
-                self.initial_files.remove(path);
-                self.pending_entry_changes.push((path.clone(), None));
+                self.untouched_initial_files.remove(path);
+                self.unsynced_entry_changes.push((path.clone(), None));
             }
             DiskEvent::Rename { from, to } => {
-                let names = self.pending_entry_changes.iter().rev().find(|(path, _)| path == from);
+                let names = self.unsynced_entry_changes.iter().rev().find(|(path, _)| path == from);
                 let node = names.map_or_else(|| self.synced_entries.get(from).copied(), |(_, node)| *node);
-                self.pending_entry_changes.push((to.clone(), node));
-                self.pending_entry_changes.push((from.clone(), None));
+                self.unsynced_entry_changes.push((to.clone(), node));
+                self.unsynced_entry_changes.push((from.clone(), None));
             }
             DiskEvent::Write { id, at, data } => {
-                let pending = &mut self.files.get_mut(id).unwrap().pending_writes;
+                let unsynced = &mut self.files_by_id.get_mut(id).unwrap().unsynced_writes;
                 let (mut at, mut rest) = (*at, data.as_slice());
                 while !rest.is_empty() {
                     let fits = (SECTOR_BYTES - at % SECTOR_BYTES).min(rest.len());
-                    pending.push(PendingWrite::Data { at, data: rest[..fits].to_vec() });
+                    unsynced.push(UnsyncedWrite::Data { at, data: rest[..fits].to_vec() });
                     (at, rest) = (at + fits, &rest[fits..]);
                 }
             }
             DiskEvent::Resize { id, length } => {
-                self.files.get_mut(id).unwrap().pending_writes.push(PendingWrite::NewLength(*length));
+                self.files_by_id.get_mut(id).unwrap().unsynced_writes.push(UnsyncedWrite::NewLength(*length));
             }
             DiskEvent::SyncFile { id } => {
-                let DiskFile { synced_content: synced, pending_writes: pending } = self.files.get_mut(id).unwrap();
-                pending.drain(..).for_each(|piece| apply_write(piece, synced));
+                let DiskFile { synced_content: synced, unsynced_writes: unsynced } =
+                    self.files_by_id.get_mut(id).unwrap();
+                unsynced.drain(..).for_each(|piece| apply_write(piece, synced));
             }
             DiskEvent::SyncFolder { path } => self.sync_folder(path),
             DiskEvent::SendToSocket { .. } | DiskEvent::PrintToStdout => {}
@@ -196,9 +197,9 @@ impl DiskImage {
     }
 
     fn sync_folder(&mut self, folder: &Path) {
-        let (synced, pending): (Vec<EntryChange>, _) =
-            self.pending_entry_changes.drain(..).partition(|(path, _)| path.parent() == Some(folder));
-        self.pending_entry_changes = pending;
+        let (synced, unsynced): (Vec<EntryChange>, _) =
+            self.unsynced_entry_changes.drain(..).partition(|(path, _)| path.parent() == Some(folder));
+        self.unsynced_entry_changes = unsynced;
         synced.into_iter().for_each(|change| apply_entry_change(change, &mut self.synced_entries));
     }
 
@@ -206,9 +207,9 @@ impl DiskImage {
     pub fn write_after_power_cut(&self, random: &mut impl RngExt, folder: &Path) {
         let mut names = self.synced_entries.clone();
         // A journalling file system keeps the order of name changes.
-        let done = random.random_range(0..=self.pending_entry_changes.len());
+        let done = random.random_range(0..=self.unsynced_entry_changes.len());
         let chance = [0.0, 0.5, 1.0][random.random_range(0..3)];
-        self.pending_entry_changes[..done].iter().cloned().for_each(|change| apply_entry_change(change, &mut names));
+        self.unsynced_entry_changes[..done].iter().cloned().for_each(|change| apply_entry_change(change, &mut names));
         let place = |path: &Path| folder.join(path.strip_prefix(&self.logged_root).unwrap());
         // Parents come before their children.
         for (path, node) in &names {
@@ -219,11 +220,11 @@ impl DiskImage {
             match node {
                 DirectoryEntry::Folder => std::fs::create_dir_all(place).unwrap(),
                 DirectoryEntry::File(id) => {
-                    std::fs::write(place, self.files[id].torn_content(chance, random)).unwrap();
+                    std::fs::write(place, self.files_by_id[id].torn_content(chance, random)).unwrap();
                 }
             }
         }
-        for (path, content) in &self.initial_files {
+        for (path, content) in &self.untouched_initial_files {
             std::fs::write(place(path), content).unwrap();
         }
     }
@@ -232,7 +233,7 @@ impl DiskImage {
 impl DiskFile {
     fn torn_content(&self, chance: f64, random: &mut impl RngExt) -> Vec<u8> {
         let mut content = self.synced_content.clone();
-        let mut pieces = self.pending_writes.clone();
+        let mut pieces = self.unsynced_writes.clone();
         if random.random_bool(0.5) {
             pieces.shuffle(random);
         }
@@ -252,10 +253,10 @@ fn apply_entry_change((path, node): EntryChange, names: &mut BTreeMap<PathBuf, D
     }
 }
 
-fn apply_write(piece: PendingWrite, content: &mut Vec<u8>) {
+fn apply_write(piece: UnsyncedWrite, content: &mut Vec<u8>) {
     match piece {
-        PendingWrite::NewLength(length) => content.resize(length, 0),
-        PendingWrite::Data { at, data } => {
+        UnsyncedWrite::NewLength(length) => content.resize(length, 0),
+        UnsyncedWrite::Data { at, data } => {
             let end = at + data.len();
             content.resize(content.len().max(end), 0);
             content[at..end].copy_from_slice(&data);

@@ -49,25 +49,26 @@ impl DurabilityBench {
         command
     }
 
-    /// A run with the control at `address`.
-    fn run_command(&self, address: &str) -> Command {
+    /// The command `trued run` with the control at `address`.
+    fn trued_run_command(&self, address: &str) -> Command {
         let machine = self.path_in_folder("machine.toml");
         std::fs::write(&machine, witness::machine_with_control(address)).unwrap();
         self.trued_command(&["run", "self-calibration", "--json", "--machine", machine.to_str().unwrap()])
     }
 
-    /// Runs to the end, successful or not.
+    /// Runs to the end, successful or not; returns the output and what the recording control received.
     fn run_to_end(&self, prepare: impl FnOnce(&mut Command)) -> (Output, WireRecord) {
         let witness = RecordingControl::start();
-        let mut command = self.run_command(&witness.address());
+        let mut command = self.trued_run_command(&witness.address());
         prepare(&mut command);
         let output = command.output().unwrap();
         (output, witness.stop_and_take_record())
     }
 
-    /// The next command that takes the machine's lock. There is no control at its address.
-    fn assert_next_run_fails_without_control(&self) {
-        let refused = self.run_command("127.0.0.1:1").output().unwrap();
+    /// Runs a command that takes the machine's lock, so that an interrupted run is marked. The command fails: there is
+    /// no control at its address.
+    fn mark_interrupted_runs_by_next_command(&self) {
+        let refused = self.trued_run_command("127.0.0.1:1").output().unwrap();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr_text(&refused));
     }
 

@@ -66,7 +66,7 @@ struct RecordedRun<'a> {
 }
 
 impl RecordedRun<'_> {
-    /// Cuts the power before the event `at`; returns the number of steps that had begun.
+    /// Cuts the power before the event `at` and checks the state; returns the number of steps that had begun.
     fn check_cut_before_event(&self, at: usize, random: &mut impl RngExt) -> usize {
         let mut disk = DiskImage::read_folder(self.initial_image_folder, &self.logged_root);
         let (mut sent, mut printed) = (Vec::new(), false);

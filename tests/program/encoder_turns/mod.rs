@@ -113,7 +113,7 @@ fn run_multiprobe(counts_per_turn: i64) -> (MachineShop, Output) {
     let amplifier = Arc::new(Amplifier::start(control.world.clone()));
     let path = amplifier.port_path.clone();
     let address = start_proxy(control.address, amplifier);
-    let shop = MachineShop::new(&encoder_machine_toml(address, &path, counts_per_turn));
+    let shop = MachineShop::with_machine_file(&encoder_machine_toml(address, &path, counts_per_turn));
     let mut command = shop.trued_command(&["run", "multiprobe", "--json", "--machine", &shop.machine_path()]);
     let output = terminal_operator::confirm_prompts_with_enter(&mut command).output().unwrap();
     println!("{}", stderr(&output));

@@ -7,7 +7,7 @@ use devices::controllers::Controller;
 use devices::controllers::grbl::{GrblDriver, GrblTimeouts};
 use estimation::random::seeded_stream;
 use link::LineLink;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use planning::gcode::Dialect;
 use rand::RngExt;
 use simulator::controls::grbl::{Fault, FaultKind, Firmware, SimulatedGrblOptions};
@@ -26,10 +26,10 @@ const APPROXIMATE_SENT_LINE_COUNT: u64 = 250;
 /// All faults of the control.
 pub const FAULT_KINDS: [FaultKind; 17] = [
     FaultKind::Silence,
-    FaultKind::Reset,
-    FaultKind::Banner,
-    FaultKind::Unanswered,
-    FaultKind::LostOk,
+    FaultKind::Restart,
+    FaultKind::BannerWithoutRestart,
+    FaultKind::LostLine,
+    FaultKind::LostAnswer,
     FaultKind::DoubleOk,
     FaultKind::Garbage,
     FaultKind::Alarm,
@@ -39,7 +39,7 @@ pub const FAULT_KINDS: [FaultKind; 17] = [
     FaultKind::ForeignBody,
     FaultKind::RapidContact,
     FaultKind::SoftLimit,
-    FaultKind::Hold,
+    FaultKind::PersonHolds,
     FaultKind::Door,
     FaultKind::EStop,
 ];
@@ -126,16 +126,17 @@ impl ScheduleBench {
         let (driver, halt) = GrblDriver::new(wired.link, &self.file.machine, modes);
         let controller = Controller::spawn(driver.with_timeouts(short_timeouts()), halt.clone());
         let devices = Devices::new(controller, dialect);
-        let (method, plan) = setup::configure_method_and_plan(&self.file, "self-calibration", None).unwrap();
-        let new = NewRun { machine_file_text: self.file.text().to_owned(), plan: plan.clone() };
+        let (method, header) =
+            setup::configure_method_and_plan_without_steps(&self.file, "self-calibration", None).unwrap();
+        let new = NewRun { machine_file_text: self.file.text().to_owned(), plan: header.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
         let halt_at = schedule.halt_at_step;
-        let mut tell = |event: &Event| {
-            if matches!(event, Event::StepStarted { step, .. } if Some(*step) == halt_at) {
+        let mut tell = |event: &RunEvent| {
+            if matches!(event, RunEvent::StepStarted { step, .. } if Some(*step) == halt_at) {
                 halt.trigger();
             }
         };
-        let mut run = Run::new(id, method.as_ref(), &devices, &self.journal, plan, &mut tell);
+        let mut run = Run::new(id, method.as_ref(), &devices, &self.journal, header, &mut tell);
         let result = run.execute().await;
         let mark = wired.driver_side_tape.entries().len();
         let Run { readings, has_moved: moved, .. } = run;

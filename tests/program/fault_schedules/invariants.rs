@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use devices::controllers::ControllerError;
 use machine::Axis;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::reading::Reading;
 use trued::run::RunError;
 use trued::store::RunState;
@@ -156,14 +156,14 @@ fn find_wrong_state(ended: &EndedRun) -> Option<String> {
     let measured = ended.stored.readings.len();
     let fits = match &ended.result {
         // The schedules end with the measurement.
-        Ok(()) => state == RunState::NotIdentified && last == Some(&Event::Finished) && measured == all,
+        Ok(()) => state == RunState::NotIdentified && last == Some(&RunEvent::Finished) && measured == all,
         Err(RunError::Controller(ControllerError::Halted)) => {
-            state == RunState::Held && matches!(last, Some(Event::Held { .. }))
+            state == RunState::Held && matches!(last, Some(RunEvent::Held { .. }))
         }
         Err(error) => {
             let expected = if ended.has_moved { RunState::Held } else { RunState::Failed };
             state == expected
-                && matches!(last, Some(Event::Faulted { what, remedy, .. })
+                && matches!(last, Some(RunEvent::Faulted { what, remedy, .. })
                     if *what == error.to_string() && !remedy.is_empty())
         }
     };

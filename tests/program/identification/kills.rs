@@ -7,7 +7,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use estimation::random;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use rand::RngExt;
 use trued::store::{Journal, RunId, RunState, StoredRun};
 
@@ -46,8 +46,10 @@ struct KillCounts {
 
 /// Kills `count` runs, every second one after its last reading, and checks what becomes of each.
 fn kill_runs_at_random_moments(count: u64, seed: u64) -> KillCounts {
-    let shop =
-        MachineShop::new(&format!("{}\n{LONG_IDENTIFICATION_SETTINGS}{SERVE_SECTIONS}", built_in_machine_text()));
+    let shop = MachineShop::with_machine_file(&format!(
+        "{}\n{LONG_IDENTIFICATION_SETTINGS}{SERVE_SECTIONS}",
+        built_in_machine_text()
+    ));
     let mut durations = measurement_and_identification_durations(&shop);
     let mut killed = KillCounts::default();
     let mut for_the_daemon = Vec::new();
@@ -174,7 +176,7 @@ fn check_identified_without_motion(shop: &MachineShop, stored: &StoredRun, ident
     let after = Journal::open(&shop.state_folder()).unwrap().load_run(run).unwrap();
     let is_whole = after.readings == stored.readings && after.estimates.len() == 1;
     assert!(is_whole, "run {run}: {} estimates", after.estimates.len());
-    let moved = |event: &Event| matches!(event, Event::Resumed { .. } | Event::Acknowledged { .. });
+    let moved = |event: &RunEvent| matches!(event, RunEvent::Resumed { .. } | RunEvent::Acknowledged { .. });
     assert!(!after.events.iter().any(|(_, event)| moved(event)), "run {run}");
 }
 

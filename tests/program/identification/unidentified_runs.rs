@@ -8,17 +8,17 @@ use crate::support::grbl_control::GrblControl;
 use crate::support::http::HTTP_SECTION;
 use crate::support::machine_shop::{MachineShop, built_in_machine_text, stderr};
 
-const SHORT_RUN_SETTINGS: &str = "[method.self-calibration]\nmonte_carlo_trials = 100\npositions = 5\n";
+const FEW_POSITIONS_SETTINGS: &str = "[method.self-calibration]\nmonte_carlo_trials = 100\npositions = 5\n";
 const MACHINE_PAGE_PATH: &str = "/machines/simulated%20five-axis%20machine";
 
 /// Neither the control, nor the machine's lock, nor an acknowledgement is needed.
 pub fn resume_identifies_without_the_machine() {
-    let machine = format!("{}\n{SHORT_RUN_SETTINGS}", built_in_machine_text());
+    let machine = format!("{}\n{FEW_POSITIONS_SETTINGS}", built_in_machine_text());
     let control = GrblControl::start(&machine);
     let (kind, wire) = ("kind = \"simulated\"", "\nwire = \"memory\"");
     assert!(machine.contains(kind) && machine.contains(wire));
     let tcp = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
-    let shop = MachineShop::new(&machine.replacen(kind, &tcp, 1).replacen(wire, "", 1));
+    let shop = MachineShop::with_machine_file(&machine.replacen(kind, &tcp, 1).replacen(wire, "", 1));
     let whole = shop.run_self_calibration();
     assert_eq!(whole.status.code(), Some(0), "{}", stderr(&whole));
     let run = copy_run_1_without_estimate(&shop, usize::MAX);

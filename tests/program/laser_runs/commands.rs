@@ -11,16 +11,17 @@ use super::laser_shop::{TRUE_ERRORS_UM_AND_URAD, assert_near_truth, parameter};
 
 const METHOD: &str = "laser-r-test";
 /// Few poses, so that a run is short.
-const SHORT_RUN_SETTINGS: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
+const FEW_POSES_SETTINGS: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
                      monte_carlo_trials = 100\n";
 
 /// A folder with a machine file of these settings, in which the program runs.
 struct RunWorkspace(tempfile::TempDir);
 
 impl RunWorkspace {
-    fn new(settings: &str) -> Self {
+    /// `added_toml`: appended to the machine file.
+    fn with_added_toml(added_toml: &str) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let text = include_str!("../../../config/laser.toml").to_owned() + settings;
+        let text = include_str!("../../../config/laser.toml").to_owned() + added_toml;
         std::fs::write(folder.path().join("laser.toml"), text).expect("written");
         Self(folder)
     }
@@ -44,7 +45,7 @@ impl RunWorkspace {
 
 /// A run through the whole program: control, sensor, proof, journal.
 pub fn run_is_reproducible_and_near_the_truth() {
-    let desk = RunWorkspace::new(SHORT_RUN_SETTINGS);
+    let desk = RunWorkspace::with_added_toml(FEW_POSES_SETTINGS);
     let (file, first) = (desk.path("laser.toml"), desk.path("first"));
     let run = |state| desk.successful_stdout(&["run", METHOD, "--json", "--machine", &file, "--state", state]);
     let said = run(&first);
@@ -65,7 +66,7 @@ pub fn run_is_reproducible_and_near_the_truth() {
 
 /// A replay without control and sensor.
 pub fn captured_run_replays_to_the_same_bytes() {
-    let desk = RunWorkspace::new(SHORT_RUN_SETTINGS);
+    let desk = RunWorkspace::with_added_toml(FEW_POSES_SETTINGS);
     let (file, state, capture) = (desk.path("laser.toml"), desk.path("state"), desk.path("capture"));
     let run = |how: &[&str]| {
         desk.successful_stdout(&[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat())
@@ -91,7 +92,7 @@ pub fn captured_run_replays_to_the_same_bytes() {
 }
 
 pub fn laser_r_test_by_touches_is_near_the_truth() {
-    let desk = RunWorkspace::new(&format!("{SHORT_RUN_SETTINGS}by = \"probe\"\n"));
+    let desk = RunWorkspace::with_added_toml(&format!("{FEW_POSES_SETTINGS}by = \"probe\"\n"));
     let file = desk.path("laser.toml");
     let state = desk.path("state");
     let said = desk.successful_stdout(&["run", METHOD, "--json", "--machine", &file, "--state", &state]);
@@ -101,7 +102,7 @@ pub fn laser_r_test_by_touches_is_near_the_truth() {
 
 /// There is no stylus that could be freed.
 pub fn closed_probe_input_refuses_a_laser_run_without_advice_on_the_stylus() {
-    let desk = RunWorkspace::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
+    let desk = RunWorkspace::with_added_toml("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
     let (file, state) = (desk.path("laser.toml"), desk.path("state"));
     let output = desk.run_trued(&["run", METHOD, "--machine", &file, "--state", &state]);
     let said = String::from_utf8_lossy(&output.stderr);
@@ -112,7 +113,7 @@ pub fn closed_probe_input_refuses_a_laser_run_without_advice_on_the_stylus() {
 }
 
 pub fn title_of_printed_program_states_samples_per_dwell() {
-    let desk = RunWorkspace::new(SHORT_RUN_SETTINGS);
+    let desk = RunWorkspace::with_added_toml(FEW_POSES_SETTINGS);
     for dialect in ["grbl-m19", "linuxcnc"] {
         let file = desk.path("laser.toml");
         let program = desk.successful_stdout(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
@@ -149,7 +150,7 @@ fn status_report_with_spindle_over_the_pole(desk: &RunWorkspace, method: &str) -
 
 /// A rehearsal of a method with a sensor has no stylus that could touch anything.
 pub fn simulate_removes_the_probe_for_a_method_with_a_spindle_sensor() {
-    let desk = RunWorkspace::new("");
+    let desk = RunWorkspace::with_added_toml("");
     let (looks, touches) = (
         status_report_with_spindle_over_the_pole(&desk, METHOD),
         status_report_with_spindle_over_the_pole(&desk, "self-calibration"),

@@ -1,19 +1,16 @@
-//! The program is killed during a run. Its readings are still stored, and the run can be resumed, unless the sphere
-//! was moved meanwhile.
+//! The program is killed during a run. The readings of the run are still stored, and the run can be resumed, unless
+//! the sphere was moved meanwhile.
 
 use super::laser_shop::{
-    FIRST_REFERENCE_STEP, LaserShop, SPHERE_SEARCH_STEP, SUFFICIENT_POINTS_DESIGN, assert_near_truth,
-    estimate_of_output,
+    FIRST_REFERENCE_STEP, LaserShop, SOUND_ESTIMATE_DESIGN, SPHERE_SEARCH_STEP, assert_near_truth, estimate_of_output,
 };
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::stderr;
 
 /// A run that was killed during a move between points of a pose.
 fn shop_with_killed_run() -> LaserShop {
-    let shop = LaserShop::with_control(
-        SUFFICIENT_POINTS_DESIGN,
-        GrblControl::start(&SUFFICIENT_POINTS_DESIGN.machine_file_text()),
-    );
+    let shop =
+        LaserShop::with_control(SOUND_ESTIMATE_DESIGN, GrblControl::start(&SOUND_ESTIMATE_DESIGN.machine_file_text()));
     let way = format!("N{} G53 G1", FIRST_REFERENCE_STEP + 2);
     shop.bench.cut_session_at(&[&way, &way, &way, &way]);
     let mut run = shop.start_run();
@@ -33,10 +30,8 @@ pub fn killed_run_resumes_to_the_estimate_of_an_undisturbed_run() {
     let resumed = shop.resume();
     let found = estimate_of_output(&resumed);
     assert!(stderr(&resumed).contains("the references agree"), "{}", stderr(&resumed));
-    let whole = LaserShop::with_control(
-        SUFFICIENT_POINTS_DESIGN,
-        GrblControl::start(&SUFFICIENT_POINTS_DESIGN.machine_file_text()),
-    );
+    let whole =
+        LaserShop::with_control(SOUND_ESTIMATE_DESIGN, GrblControl::start(&SOUND_ESTIMATE_DESIGN.machine_file_text()));
     let undisturbed = estimate_of_output(&whole.start_run().wait_with_output().unwrap());
     assert_near_truth(&found, 5.0);
     for (one, other) in found.parameters.iter().zip(&undisturbed.parameters) {
@@ -48,8 +43,7 @@ pub fn killed_run_resumes_to_the_estimate_of_an_undisturbed_run() {
         println!("{}: {:.3} and {:.3}, E_n {apart:.2}", one.symbol, one.value, other.value);
         assert!(apart < 2.0, "{}: {} {}, {apart}", one.symbol, one.value, other.value);
     }
-    let again =
-        [FIRST_REFERENCE_STEP; 2].into_iter().chain(FIRST_REFERENCE_STEP + 2..SUFFICIENT_POINTS_DESIGN.step_count);
+    let again = [FIRST_REFERENCE_STEP; 2].into_iter().chain(FIRST_REFERENCE_STEP + 2..SOUND_ESTIMATE_DESIGN.step_count);
     assert_eq!(
         shop.check_readings_and_return_steps(),
         (SPHERE_SEARCH_STEP..FIRST_REFERENCE_STEP + 2).chain(again).collect::<Vec<_>>()
@@ -63,11 +57,7 @@ pub fn resume_is_refused_after_the_sphere_was_moved() {
         [("[0.32, -0.2]", "repeatability of one touch"), ("[0.314, -0.186]", " more; repeatability of one touch")]
     {
         let shop = shop_with_killed_run();
-        shop.bench.replace_true_machine(&SUFFICIENT_POINTS_DESIGN.machine_file_text().replacen(
-            "[0.3, -0.2]",
-            moved,
-            1,
-        ));
+        shop.bench.replace_true_machine(&SOUND_ESTIMATE_DESIGN.machine_file_text().replacen("[0.3, -0.2]", moved, 1));
         let refused = shop.resume();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
         for words in ["have shifted since the stop", told, "Start a new run"] {

@@ -32,20 +32,20 @@ pub struct ScanDesign {
 
 /// The minimum number of poses and points.
 pub const MIN_POINTS_DESIGN: ScanDesign = ScanDesign {
-    settings: FEW_POINTS_SETTINGS,
+    settings: MIN_POINTS_DESIGN_SETTINGS,
     dwell_points_per_scan: 10,
     samples_per_dwell_point: 60,
     step_count: 12,
 };
 /// Enough poses and points for a sound estimate.
-pub const SUFFICIENT_POINTS_DESIGN: ScanDesign = ScanDesign {
-    settings: SUFFICIENT_POINTS_SETTINGS,
+pub const SOUND_ESTIMATE_DESIGN: ScanDesign = ScanDesign {
+    settings: SOUND_ESTIMATE_DESIGN_SETTINGS,
     dwell_points_per_scan: 26,
     samples_per_dwell_point: 20,
     step_count: 15,
 };
 
-const FEW_POINTS_SETTINGS: &str = "
+const MIN_POINTS_DESIGN_SETTINGS: &str = "
 [method.laser-r-test]
 tilt_deg = [60.0]
 turn_deg = [120.0, 240.0]
@@ -56,7 +56,7 @@ feed_mm_min = 2400.0
 monte_carlo_trials = 100
 ";
 
-const SUFFICIENT_POINTS_SETTINGS: &str = "
+const SOUND_ESTIMATE_DESIGN_SETTINGS: &str = "
 [method.laser-r-test]
 tilt_deg = [-60.0, 60.0]
 turn_deg = [120.0, 240.0]
@@ -86,7 +86,7 @@ impl LaserShop {
             &format!("tcp = \"{}\"", bench.address),
             &tcp_sensor::sensor_section(sender.address),
         );
-        Self { shop: MachineShop::new(&file), design, bench, sender }
+        Self { shop: MachineShop::with_machine_file(&file), design, bench, sender }
     }
 
     pub fn run_trued(&self, arguments: &[&str]) -> Output {

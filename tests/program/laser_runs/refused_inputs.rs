@@ -20,7 +20,7 @@ const SIMULATED_SENSOR_SECTION: &str = "[sensor.simulated]\nspeaks = \"can\"\nwi
 
 /// The built-in machine file with each old text of `changes` replaced by the new one, and `settings` added.
 #[track_caller]
-fn laser_machine_with_changes(changes: &[(&str, &str)], settings: &str) -> String {
+fn laser_machine_with_text_replacements(changes: &[(&str, &str)], settings: &str) -> String {
     let change = |text: String, (old, new): &(&str, &str)| {
         assert!(text.contains(old), "{old}");
         text.replacen(old, new, 1)
@@ -59,7 +59,7 @@ fn assert_failed_with_messages(output: &Output, told: &[&str]) {
 /// `[sensor.can]` with this layout in place of its value and counter.
 fn machine_with_frame_layout(layout: &str) -> String {
     let table = format!("[sensor.can]\ninterface = \"can0\"\nid = 0x181\norder = \"big\"\nlength = 6\n{layout}\n");
-    laser_machine_with_changes(&[(SIMULATED_SENSOR_SECTION, &table)], "")
+    laser_machine_with_text_replacements(&[(SIMULATED_SENSOR_SECTION, &table)], "")
 }
 
 pub fn invalid_frame_layout_is_refused_with_file_and_cause() {
@@ -103,7 +103,7 @@ fn machine_with_sensor_sending(bytes: Vec<u8>) -> String {
         "[sensor.serial]\ntcp = \"{at}\"\n[sensor.serial.line]\nend = \"\\r\\n\"\nseparator = \",\"\n\
          columns = 3\nvalue = {{ column = 2, scale_mm = 1.0 }}\n"
     );
-    laser_machine_with_changes(&[(SIMULATED_SENSOR_SECTION, &line)], "")
+    laser_machine_with_text_replacements(&[(SIMULATED_SENSOR_SECTION, &line)], "")
 }
 
 pub fn wrong_baud_rate_and_text_values_are_refused_with_their_cause() {
@@ -119,10 +119,10 @@ pub fn wrong_baud_rate_and_text_values_are_refused_with_their_cause() {
 pub fn unmeasurable_settings_are_refused_for_dwell_and_continuous_scans() {
     for sampling in ["dwell", "continuous"] {
         let settings = |more: &str| format!("sampling = \"{sampling}\"\n{more}");
-        let two = laser_machine_with_changes(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
+        let two = laser_machine_with_text_replacements(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
         assert_refused(&two, &["plan", METHOD], &["heights_mm has 2 different heights", "state three or more heights"]);
         // At some pose the sphere is beyond the travel of an axis.
-        let far = laser_machine_with_changes(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
+        let far = laser_machine_with_text_replacements(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
         assert_refused(
             &far,
             &["plan", METHOD],
@@ -130,7 +130,7 @@ pub fn unmeasurable_settings_are_refused_for_dwell_and_continuous_scans() {
         );
     }
     // Known only after the sphere was measured.
-    let high = laser_machine_with_changes(&[], "heights_mm = [-5.0, 0.0, 9.5]");
+    let high = laser_machine_with_text_replacements(&[], "heights_mm = [-5.0, 0.0, 9.5]");
     let told = ["may be out of the sensor's range", "choose heights_mm nearer to the middle"];
     assert_refused(&high, &["run", METHOD], &told);
 }
@@ -139,9 +139,9 @@ pub fn unmeasurable_settings_are_refused_for_dwell_and_continuous_scans() {
 fn simulate_laser_readings(sampling: &str) -> (String, Plan, Vec<Reading>) {
     let settings =
         format!("tilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\nsampling = \"{sampling}\"\nrate_hz = 100.0");
-    let text = laser_machine_with_changes(&[], &settings);
+    let text = laser_machine_with_text_replacements(&[], &settings);
     let file = MachineFile::parse("laser.toml", text.clone()).unwrap();
-    let (method, header) = setup::configure_method_and_plan(&file, METHOD, None).unwrap();
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, METHOD, None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     (text, plan, readings)

@@ -3,7 +3,7 @@
 
 use devices::controllers::HaltHandle;
 use machine::record::estimate::Estimate;
-use machine::record::event::Event as Told;
+use machine::record::event::RunEvent as Told;
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
@@ -108,9 +108,9 @@ impl ScanShop {
     async fn open_devices_with_event(&self, plot: StepSampleEvent) -> (Devices, HaltHandle) {
         let mut devices =
             setup::open_devices(&self.file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
-        devices.controller = scripted_scene::spawn_scene_controller(&self.scene, plot);
+        devices.open_controller = scripted_scene::spawn_scene_controller(&self.scene, plot);
         devices.clock = std::sync::Arc::new(SceneClock(self.scene.clone()));
-        let halt = devices.controller.halt_handle();
+        let halt = devices.open_controller.halt_handle();
         (devices, halt)
     }
 
@@ -189,7 +189,7 @@ enum ExpectedEnd {
     AfterScan,
 }
 
-async fn check_failure_and_resume(
+async fn check_scripted_event_and_resume(
     (step_and_sample, event, expected_end): ((u32, usize), ScriptedEvent, ExpectedEnd),
     words: &[&str],
 ) {
@@ -292,7 +292,7 @@ pub fn failure_in_a_pass_stops_the_run_and_keeps_complete_steps() {
     ];
     std::thread::scope(|scope| {
         for (case, words) in &cases {
-            scope.spawn(move || block_on(check_failure_and_resume(*case, words)));
+            scope.spawn(move || block_on(check_scripted_event_and_resume(*case, words)));
         }
     });
 }

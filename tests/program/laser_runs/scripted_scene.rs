@@ -1,6 +1,6 @@
-//! A control with time-stamped positions and a sensor, both without a wire, on a clock that their own actions
-//! advance: every event during a pass occurs at the same sample each time. The value of the sensor is the distance
-//! of X from the middle of the scan, so that each reading shows where it was taken.
+//! A control with time-stamped positions and a sensor, both called without a connection, on a clock that their own
+//! actions advance: every event during a pass occurs at the same sample each time. The value of the sensor is the
+//! distance of X from the middle of the scan, so that each reading shows where it was taken.
 
 use std::sync::{Arc, Mutex};
 
@@ -9,7 +9,7 @@ use devices::sensors::{self, Sample, SensorError, SensorHandle};
 use link::LinkError;
 use link::{Clock, SharedPorts};
 use machine::record::axis_track::AxisTrack;
-use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlockOutcome};
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 use machine::{Axis, Position};
@@ -119,7 +119,7 @@ impl SimulatedScene {
         }
         let value_mm = matches!(flag, ReadingFlag::None | ReadingFlag::Gap).then_some(value);
         self.reported_values_mm.extend(value_mm);
-        Some(Ok(Sample { received_s: self.clock_s, value_mm, flag, missing_count: missing, encoder_count: None }))
+        Some(Ok(Sample { received_s: self.clock_s, value_mm, flag, lost_before_count: missing, encoder_count: None }))
     }
 
     /// Advances the control and the machine by one period.
@@ -314,7 +314,7 @@ impl controllers::ControllerDriver for SceneControl {
         })
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         self.scene.lock().unwrap().started_steps.push(block.step());
         if self.halt.is_halt_requested() {
             return Err(ControllerError::Halted);
@@ -323,7 +323,7 @@ impl controllers::ControllerDriver for SceneControl {
         let mut scene = self.scene.lock().unwrap();
         scene.is_moving = false;
         let none = matches!(scene.current_event, Some(ScriptedEvent::NoTrack));
-        Ok(BlockOutcome { track: Some(gone?).filter(|_| !none), ..BlockOutcome::default() })
+        Ok(MotionBlockOutcome { track: Some(gone?).filter(|_| !none), ..MotionBlockOutcome::default() })
     }
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {

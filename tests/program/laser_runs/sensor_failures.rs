@@ -26,7 +26,7 @@ fn feed_move_count_of_failing_step(heard: &str) -> usize {
     heard.matches(&format!("N{FAILING_STEP} G53 G1")).count()
 }
 
-/// Asserts that all bytes after the hold are status requests.
+/// Asserts that all bytes after the hold are status requests or further holds.
 fn assert_no_motion_after_hold(heard: &str, label: &str) {
     let (_, after) = heard.split_once('!').unwrap_or_else(|| panic!("{label}: no hold"));
     assert!(after.chars().all(|byte| "!?".contains(byte)), "{label}: sent after the hold: {after}");
@@ -122,7 +122,7 @@ fn machine_file_with_lowered_sensor() -> String {
 /// A simulated sensor without a wire is not monitored; it is read before the machine enters the region where it may
 /// report a distance.
 pub fn unexpected_distance_at_rest_holds_the_machine() {
-    let shop = MachineShop::new(&machine_file_with_lowered_sensor());
+    let shop = MachineShop::with_machine_file(&machine_file_with_lowered_sensor());
     let ended = shop.run_trued(&["run", "laser-r-test", "--machine", &shop.machine_path()]);
     let told = stderr(&ended);
     assert_eq!(ended.status.code(), Some(5), "{told}");

@@ -1,7 +1,7 @@
 //! A run of the real program on a simulated machine.
 
 use machine::record::estimate::Estimate;
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::Method;
@@ -81,11 +81,11 @@ impl MachineUnderTest {
     pub async fn measure_with(&self, devices: &Devices) -> MeasuredRun {
         let folder = create_state_folder_in_memory();
         let journal = Journal::open(folder.path()).unwrap();
-        let (method, plan) = setup::configure_method_and_plan(&self.file, METHOD, None).unwrap();
-        let new = NewRun { machine_file_text: self.file.text().to_owned(), plan: plan.clone() };
+        let (method, header) = setup::configure_method_and_plan_without_steps(&self.file, METHOD, None).unwrap();
+        let new = NewRun { machine_file_text: self.file.text().to_owned(), plan: header.clone() };
         let id = journal.begin_run(&new).await.unwrap();
-        let mut tell = |_: &Event| {};
-        let mut run = Run::new(id, method.as_ref(), devices, &journal, plan, &mut tell);
+        let mut tell = |_: &RunEvent| {};
+        let mut run = Run::new(id, method.as_ref(), devices, &journal, header, &mut tell);
         let result = run.execute().await;
         let Run { plan, readings, .. } = run;
         MeasuredRun { result, method, plan, readings }

@@ -46,7 +46,7 @@ fn reported_controller_keys_open_the_served_control() {
             let file = MachineFile::parse("machine.toml", text).unwrap();
             let devices =
                 setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
-            let said = devices.controller.prepare().await.unwrap().identity;
+            let said = devices.open_controller.prepare().await.unwrap().identity;
             assert_eq!(said.contains("resident program 1"), name.contains("resident"), "{said}");
         });
     }

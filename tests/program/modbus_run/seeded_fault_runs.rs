@@ -64,23 +64,23 @@ const RESIDENT_PROGRAM_RTU: ControlVariant =
 /// Faults that apply to every window; `LostHold` is not included, because it affects only holds.
 const COMMON_FAULT_KINDS: [FaultKind; 20] = [
     FaultKind::Late,
-    FaultKind::Unanswered,
-    FaultKind::Lost,
+    FaultKind::LostAnswer,
+    FaultKind::LostRequest,
     FaultKind::Exception,
-    FaultKind::Torn,
-    FaultKind::Stale,
-    FaultKind::Cut,
+    FaultKind::StatusChangesDuringRead,
+    FaultKind::StaleStatus,
+    FaultKind::ConnectionCut,
     FaultKind::Silence,
-    FaultKind::Frozen,
-    FaultKind::Reset,
+    FaultKind::ProgramStopped,
+    FaultKind::PowerCycle,
     FaultKind::Alarm,
     FaultKind::EStop,
-    FaultKind::Hold,
+    FaultKind::PersonHolds,
     FaultKind::ProbeStuck,
     FaultKind::ProbeDead,
     FaultKind::ForeignBody,
     FaultKind::RapidContact,
-    FaultKind::SlowLatch,
+    FaultKind::LatchByScan,
     FaultKind::HalfWritten,
     FaultKind::LostStart,
 ];
@@ -88,9 +88,9 @@ const COMMON_FAULT_KINDS: [FaultKind; 20] = [
 impl ControlVariant {
     /// All faults that can occur. A serial line has no connection that could be cut.
     fn fault_kinds(&self) -> Vec<FaultKind> {
-        let besides = self.is_resident_program.then_some(FaultKind::PROGRAM_ONLY).into_iter().flatten();
-        let kinds = COMMON_FAULT_KINDS.into_iter().chain(besides);
-        kinds.filter(|kind| self.wire == Framing::Tcp || *kind != FaultKind::Cut).collect()
+        let program_only_kinds = self.is_resident_program.then_some(FaultKind::PROGRAM_ONLY).into_iter().flatten();
+        let kinds = COMMON_FAULT_KINDS.into_iter().chain(program_only_kinds);
+        kinds.filter(|kind| self.wire == Framing::Tcp || *kind != FaultKind::ConnectionCut).collect()
     }
 }
 
@@ -113,7 +113,7 @@ fn faults_of_schedule(variant: &ControlVariant, seed: u64) -> Vec<Fault> {
         after_touch,
         code: None,
         late_s: Some(0.45),
-        scan_s: None,
+        slow_latch_period_s: None,
     };
     let passing: Vec<_> = kinds.iter().filter(|kind| TOLERATED_FAULTS.contains(kind)).collect();
     let passing = *passing[draw.random_range(0..passing.len())];
@@ -127,11 +127,11 @@ fn faults_of_schedule(variant: &ControlVariant, seed: u64) -> Vec<Fault> {
 /// Faults that cost only time.
 const TOLERATED_FAULTS: [FaultKind; 9] = [
     FaultKind::Late,
-    FaultKind::Unanswered,
-    FaultKind::Lost,
+    FaultKind::LostAnswer,
+    FaultKind::LostRequest,
     FaultKind::Exception,
-    FaultKind::Torn,
-    FaultKind::Stale,
+    FaultKind::StatusChangesDuringRead,
+    FaultKind::StaleStatus,
     FaultKind::HalfWritten,
     FaultKind::StaleResult,
     FaultKind::RepeatedResult,
@@ -139,11 +139,11 @@ const TOLERATED_FAULTS: [FaultKind; 9] = [
 /// Faults after which the control accepts nothing.
 const FATAL_FAULTS: [FaultKind; 9] = [
     FaultKind::Silence,
-    FaultKind::Frozen,
-    FaultKind::Reset,
+    FaultKind::ProgramStopped,
+    FaultKind::PowerCycle,
     FaultKind::Alarm,
     FaultKind::EStop,
-    FaultKind::Hold,
+    FaultKind::PersonHolds,
     FaultKind::LostStart,
     FaultKind::SkippedResult,
     FaultKind::StartedTwice,
@@ -154,7 +154,7 @@ const WORLD_CHANGING_FAULTS: [FaultKind; 5] = [
     FaultKind::ProbeDead,
     FaultKind::ForeignBody,
     FaultKind::RapidContact,
-    FaultKind::SlowLatch,
+    FaultKind::LatchByScan,
 ];
 
 struct EndedRun {
@@ -361,8 +361,8 @@ pub fn resident_program_faults_repeat_no_chunk_nor_invent_readings_over_rtu() {
     run_all_schedules(&RESIDENT_PROGRAM_RTU, "UnexpectedReply");
 }
 
-/// Asserts the invariants for all schedules of `variant`. `additional_ending`: a result that is
-/// possible with this control and wire only.
+/// Asserts the invariants for all schedules of `variant`. `additional_ending`: an ending that only
+/// this control and wire have; like [`EXPECTED_ENDINGS`], it must occur in a full set of schedules.
 fn run_all_schedules(variant: &ControlVariant, additional_ending: &str) {
     let clean = run_with_faults(variant, Vec::new());
     assert!(clean.measured.result.is_ok(), "{:?}", clean.measured.result);

@@ -141,7 +141,7 @@ fn daemon_killed_at_due_time_or_in_run_does_not_repeat_the_slot() {
     assert_eq!(setup.shop.run_states(), ["interrupted"]);
 }
 
-fn due_request_needs_an_armed_cycle_and_starts_it_once() {
+fn cycle_reported_as_due_must_be_armed_and_starts_once() {
     let setup = ScheduleSetup::new("2026-11-23T12:00:00Z", "30 5 * * *", "");
     let daemon = setup.shop.start_daemon("fast");
     let due = |cycle: u16| daemon.http().post_action("due", &json!({"cycle": cycle, "who": "timer"}));
@@ -181,6 +181,6 @@ pub fn trials() -> Trials {
     .with_trials(trials![Pool::Waiting, 0;
         scheduled_run_waits_for_a_manual_run_and_is_then_skipped,
         scheduled_run_is_skipped_at_once_with_overlap_skip,
-        due_request_needs_an_armed_cycle_and_starts_it_once,
+        cycle_reported_as_due_must_be_armed_and_starts_once,
     ])
 }

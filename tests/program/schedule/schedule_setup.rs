@@ -20,12 +20,14 @@ pub struct ScheduleSetup {
 }
 
 impl ScheduleSetup {
-    /// `now`: time that the clock shows; `at`: time of the schedule in Berlin; `more`: other keys of the schedule.
-    pub fn new(now: &str, at: &str, more: &str) -> Self {
+    /// `now`: time that the clock shows; `schedule_time`: of the schedule, in Berlin; `other_keys`: further
+    /// lines of the schedule's table.
+    pub fn new(now: &str, schedule_time: &str, other_keys: &str) -> Self {
         let (wall, machine) = (FakeClock::with_time(now), InterlockServer::new());
         let port = machine.port;
         let mut shop = MachineShop::with_serve(&format!(
-            "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"{at}\"\nzone = \"Europe/Berlin\"\n{more}\n\
+            "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"{schedule_time}\"\nzone = \"Europe/Berlin\"\n\
+             {other_keys}\n\
              [serve.line]\ntcp = \"127.0.0.1:{port}\"\n[serve.http]\nlisten = \"127.0.0.1:0\"\n"
         ));
         shop.environment_variables = wall.environment_variables();

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 use devices::controllers::{
     Controller, ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl,
 };
-use machine::record::event::Event;
-use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::event::RunEvent;
+use machine::record::motion::{Motion, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
 use simulator::controls::modbus::{ControlEvent, Firmware, SimulatedModbusOptions, serve_tcp};
@@ -39,7 +39,7 @@ impl ControllerDriver for RecordingController {
         self.inner.prepare().await
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         for part in block.units()? {
             self.lines.lock().unwrap().extend(part.unit.text.lines().map(str::to_owned));
         }
@@ -79,7 +79,7 @@ fn motion_as_table_row(motion: &Motion) -> String {
         Motion::Guarded { to, feed_mm_min } => ("Guarded", to.clone(), *feed_mm_min),
         Motion::Probe { to, feed_mm_min } => ("Touch", to.clone(), *feed_mm_min),
         Motion::Dwell { seconds } => ("Dwell", Position::new(), *seconds),
-        Motion::Orient { s } => ("Orient", Position::new(), s.to_degrees()),
+        Motion::OrientSpindle { s } => ("Orient", Position::new(), s.to_degrees()),
     };
     // Rounded to a tenth of a micrometre, and without a negative zero.
     let edge = |axis: Axis, at: f64| (axis.to_mm_or_deg(at) * 1e4).round() / 1e4 + 0.0;
@@ -92,20 +92,20 @@ async fn run_and_record_proven_text(text: String, method: &str) -> ProvenText {
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let devices = setup::open_devices(&file, SimulationPace::Immediate, EarlierSessions::default()).await.unwrap();
     let (lines, rows) = (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
-    let halt = devices.controller.halt_handle();
+    let halt = devices.open_controller.halt_handle();
     let halting = HaltHandle::new(move || halt.trigger());
-    let Devices { controller: inner, sensors, thermometers, dialect, clock, .. } = devices;
+    let Devices { open_controller: inner, sensor_opener: sensors, thermometers, dialect, clock, .. } = devices;
     let recorded = RecordingController { inner, lines: lines.clone(), motion_tables: rows.clone() };
     let modes = setup::prove_mode_text(&dialect, &file.machine, None).unwrap();
     let mut devices = Devices::new(Controller::spawn(recorded, halting), dialect);
-    (devices.sensors, devices.thermometers, devices.clock) = (sensors, thermometers, clock);
+    (devices.sensor_opener, devices.thermometers, devices.clock) = (sensors, thermometers, clock);
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::configure_method_and_plan(&file, method, None).unwrap();
-    let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
+    let (method, header) = setup::configure_method_and_plan_without_steps(&file, method, None).unwrap();
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan: header.clone() };
     let id = journal.begin_run(&new).await.unwrap();
-    let mut tell = |_: &Event| {};
-    Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell).execute().await.unwrap();
+    let mut tell = |_: &RunEvent| {};
+    Run::new(id, method.as_ref(), &devices, &journal, header, &mut tell).execute().await.unwrap();
     let (lines, rows) = (lines.lock().unwrap().clone(), rows.lock().unwrap().clone());
     ProvenText { head: modes.head_lines().to_vec(), lines, foot: modes.foot_lines().to_vec(), motion_tables: rows }
 }
@@ -137,13 +137,13 @@ pub fn grbl_receives_the_proven_lines_of_a_latch_delay() {
 }
 
 /// The text that a control behind a window of registers accepted, and the proven text.
-fn accepted_and_proven_text_over_modbus(resident: bool) -> (Vec<String>, ProvenText) {
+fn accepted_and_proven_text_over_modbus(has_resident_program: bool) -> (Vec<String>, ProvenText) {
     block_on(async {
         let text = include_str!("../../../config/simulated.toml");
         let world_of = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&world_of).unwrap()));
         let options = SimulatedModbusOptions {
-            has_resident_program: resident,
+            has_resident_program,
             ..SimulatedModbusOptions::for_machine(&world_of.machine, SimulationPace::Immediate)
         };
         let firmware = Firmware::new(world, options);
@@ -151,7 +151,7 @@ fn accepted_and_proven_text_over_modbus(resident: bool) -> (Vec<String>, ProvenT
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() });
-        let program = if resident { "program = {}\n" } else { "" };
+        let program = if has_resident_program { "program = {}\n" } else { "" };
         let keys = format!("kind = \"modbus\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n{program}");
         let text = text.replace("kind = \"simulated\"\n", &keys).replace("wire = \"memory\"\n", "")
             + "\n[method.self-calibration]\npositions = 5\nmonte_carlo_trials = 100\n";

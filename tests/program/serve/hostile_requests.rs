@@ -34,6 +34,7 @@ pub fn bearer_header(token: &str) -> String {
 }
 
 impl GuardedDaemon {
+    /// `speed`: argument of `--speed`.
     pub fn new(speed: &str) -> Self {
         Self::start_with_changes(speed, |_| {})
     }

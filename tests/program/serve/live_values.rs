@@ -17,7 +17,7 @@ const OBSERVED_VALUE_COUNT: usize = 6;
 fn shop_with_sensors() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
     let cycle = "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
-    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP_SECTION}"));
+    let shop = MachineShop::with_machine_file(&format!("{file}\n{cycle}{HTTP_SECTION}"));
     shop.replace_in_machine_file("simulated machine with sensors about its table", "simulated five-axis machine");
     shop
 }

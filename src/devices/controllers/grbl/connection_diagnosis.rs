@@ -67,7 +67,7 @@ fn passive_diagnosis(address: &LinkAddress, received: &str) -> Vec<PossibleCause
 }
 
 fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> PossibleCause {
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         format!("wrong baud rate: the control communicates at {actual_baud} baud, not at {baud}"),
         format!("at {actual_baud} baud the control replies `{reply}`"),
         format!("in the machine file, set [controller] baud = {actual_baud}"),

@@ -6,7 +6,7 @@ use super::fault::not_ready_error;
 use super::homing::{HomingMethod, has_homing, homed_axes_mask, homing_method, travel_limits};
 use super::readiness;
 use super::settings::{FirmwareInfo, GrblSettings};
-use crate::controllers::{ControllerError, DeviceInfo, ReportedAxis};
+use crate::controllers::{ControllerError, DeviceInfo, ReportedAxisProperties};
 use machine::Axis;
 
 /// Resolution of the reports, mm or degrees: they print three decimals.
@@ -16,7 +16,7 @@ impl GrblDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         if !self.is_prepared {
             let status = self.connection.start_session().await?;
-            // The control refuses `$I` while it moves.
+            // `$I` is not sent while the control moves: the control refuses it.
             if matches!(status.state.as_str(), "Run" | "Jog" | "Home") {
                 return Err(not_ready_error(&status));
             }
@@ -60,7 +60,7 @@ fn reported_axis(
     axis: Axis,
     axis_index: u16,
     homed_axes_mask: u32,
-) -> ReportedAxis {
+) -> ReportedAxisProperties {
     let positive_value = |number: u16| settings.value(number + axis_index).filter(|value| *value > 0.0);
     let ends = match firmware.is_classic {
         true => None,
@@ -73,7 +73,7 @@ fn reported_axis(
         false if !axis.is_linear() && homing_method(settings, axis_index) == HomingMethod::Manual => None,
         false => has_homing(settings, axis_index, homed_axes_mask),
     };
-    ReportedAxis {
+    ReportedAxisProperties {
         travel_min: ends.map(|(min, _)| min),
         travel_max: ends.map(|(_, max)| max),
         travel_length: positive_value(130),
@@ -123,12 +123,15 @@ mod tests {
         assert_eq!(info.axes[&Axis::X].acceleration_per_s2, Some(200.0));
         // 1/800 mm, coarser than the three decimals of the reports.
         assert_eq!(info.axes[&Axis::X].resolution, Some(0.00125));
-        assert_eq!(info.axes[&Axis::B], ReportedAxis { has_homing: Some(false), ..ReportedAxis::default() });
+        assert_eq!(
+            info.axes[&Axis::B],
+            ReportedAxisProperties { has_homing: Some(false), ..ReportedAxisProperties::default() }
+        );
         assert_eq!(info.axes[&Axis::X].has_homing, Some(true));
     }
 
     #[test]
-    fn unknown_travel_ends_are_not_reported() {
+    fn travel_ends_are_none_if_the_settings_do_not_determine_them() {
         for lines in [FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=0\n"), FIVE_AXIS_SETTINGS.replace("$45=3", "$45=2")] {
             let info = device_info_from_lines("XYZBC", false, &lines);
             assert_eq!((info.axes[&Axis::X].travel_min, info.axes[&Axis::X].travel_length), (None, Some(302.0)));

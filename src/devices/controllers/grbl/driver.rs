@@ -6,14 +6,14 @@ use super::fault::is_at_rest_after;
 use super::message::{GrblMessage, GrblStatus};
 use super::timeouts::GrblTimeouts;
 use crate::controllers::arrival::{self, AxisMonitor};
-use crate::controllers::control_clock::ReportedTime;
+use crate::controllers::control_clock::ControlTimestamp;
 use crate::controllers::motion_lines::{self, MotionLines};
 use crate::controllers::{
     ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, require_prepared,
 };
 use link::LineLink;
 use machine::record::machine::{Homing, Machine};
-use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModeText};
 
@@ -75,7 +75,7 @@ impl GrblDriver {
     async fn execute_motion(
         &mut self,
         lines: &MotionLines<'_>,
-        outcome: &mut BlockOutcome,
+        outcome: &mut MotionBlockOutcome,
         last_status: Option<GrblStatus>,
     ) -> Result<Option<GrblStatus>, ControllerError> {
         let step = lines.step;
@@ -84,7 +84,7 @@ impl GrblDriver {
                 self.send_lines(lines).await?;
                 Ok(None)
             }
-            Motion::Orient { s } => {
+            Motion::OrientSpindle { s } => {
                 self.send_lines(lines).await?;
                 self.monitor.spindle_rad = Some(*s);
                 Ok(None)
@@ -138,14 +138,14 @@ impl GrblDriver {
     async fn execute_touch(
         &mut self,
         lines: &MotionLines<'_>,
-        outcome: &mut BlockOutcome,
+        outcome: &mut MotionBlockOutcome,
     ) -> Result<GrblStatus, ControllerError> {
         let step = lines.step;
         let result = self.execute_probing(lines).await?;
         if !result.has_contact {
             return Err(ControllerError::NoContact { step });
         }
-        let contact = self.position_from_axis_values(&result.axis_values)?;
+        let contact = self.position_from_axis_values(&result.position_mm_or_deg)?;
         let status = self.confirm_touch(step, &result, &contact).await?;
         outcome.trigger_position = Some(contact);
         outcome.trigger_time_s = result.contact_time_s;
@@ -154,7 +154,7 @@ impl GrblDriver {
 }
 
 impl GrblDriver {
-    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         let lines = motion_lines::motion_lines(block)?;
         self.check_block_start(block).await?;
         self.connection.is_block_running = true;
@@ -162,8 +162,8 @@ impl GrblDriver {
         self.connection.is_block_running = false;
         let (mut outcome, status) = result?;
         self.check_overrides()?;
-        let contact = ReportedTime { name: "TIME", t_s: outcome.trigger_time_s };
-        let now = ReportedTime { name: "Time", t_s: status.control_time_s };
+        let contact = ControlTimestamp { name: "TIME", t_s: outcome.trigger_time_s };
+        let now = ControlTimestamp { name: "Time", t_s: status.control_time_s };
         outcome.trigger_time_s = self.monitor.clock.check_and_select_time(contact, now)?;
         Ok(outcome)
     }
@@ -172,8 +172,8 @@ impl GrblDriver {
     async fn execute_motions(
         &mut self,
         lines: &[MotionLines<'_>],
-    ) -> Result<(BlockOutcome, GrblStatus), ControllerError> {
-        let (mut outcome, mut last_status) = (BlockOutcome::default(), None);
+    ) -> Result<(MotionBlockOutcome, GrblStatus), ControllerError> {
+        let (mut outcome, mut last_status) = (MotionBlockOutcome::default(), None);
         for lines in lines {
             last_status = self.execute_motion(lines, &mut outcome, last_status).await?;
         }
@@ -192,7 +192,7 @@ impl GrblDriver {
             self.wait_probe_open(block.step(), &status).await?;
         }
         let position = self.status_position(&status)?;
-        self.check_unmoved(&position).await?;
+        self.check_position_unchanged(&position).await?;
         self.monitor.check_arrival(block.start_position()).map_err(arrival::moved_between_blocks_error)
     }
 
@@ -216,7 +216,7 @@ impl ControllerDriver for GrblDriver {
         self.prepare_control(|_| Ok(())).await
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         require_prepared(self.is_prepared, self.connection.is_halt_requested())?;
         let outcome = self.execute_block(&block).await;
         outcome.map_err(|error| self.handle_fault(error))

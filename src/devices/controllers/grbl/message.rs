@@ -26,7 +26,7 @@ pub(super) enum GrblMessage {
         name: String,
         values: Vec<f64>,
     },
-    /// `[HOME:..:mask]`: the homed axes, one bit each in the order of the axis words.
+    /// `[HOME:..:mask]`: if bit n is set, the axis of the n-th axis word is homed, from 0.
     HomedAxesMask(u32),
     /// `[GC:..]`: the modal words in force.
     ModalWords(Vec<String>),

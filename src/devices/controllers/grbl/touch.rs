@@ -17,8 +17,8 @@ const MAX_PROBE_BOUNCE_TIME: Duration = Duration::from_millis(300);
 /// Result of a probing move as the control reports it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ProbeResult {
-    /// Axis values in the order of the control's reports, mm and degrees.
-    pub axis_values: Vec<f64>,
+    /// The position: a value for each axis in the order of the control's reports, mm and degrees.
+    pub position_mm_or_deg: Vec<f64>,
     pub has_contact: bool,
     pub contact_time_s: Option<f64>,
 }
@@ -43,7 +43,7 @@ fn single_probe_result(messages: &[GrblMessage]) -> Result<ProbeResult, Controll
     let (values, has_contact) = found.ok_or_else(|| ControllerError::UnreadableReply {
         text: format!("no [PRB:..] before ok; received: {messages:?}"),
     })?;
-    Ok(ProbeResult { axis_values: values, has_contact, contact_time_s: t_s })
+    Ok(ProbeResult { position_mm_or_deg: values, has_contact, contact_time_s: t_s })
 }
 
 impl GrblDriver {
@@ -95,7 +95,7 @@ impl GrblDriver {
 
     /// Checks that the reported `position` is still the last rest position. If it deviates, the position is read
     /// again: the report may have been altered in transmission.
-    pub(super) async fn check_unmoved(&mut self, position: &Position) -> Result<(), ControllerError> {
+    pub(super) async fn check_position_unchanged(&mut self, position: &Position) -> Result<(), ControllerError> {
         let standstill_position = self.monitor.standstill_position.clone();
         if self.monitor.check_position(&standstill_position, position).is_ok() {
             return Ok(());

@@ -47,7 +47,7 @@ impl LinuxCncConfig {
             return None;
         }
         let reply = port_scan::query_linuxcncrsh(&default_address).await?;
-        Some(PossibleCause::confirmed(
+        Some(PossibleCause::observed(
             format!("wrong port: linuxcncrsh listens at {default_address}, not at {address}"),
             format!("linuxcncrsh replied `{reply}`"),
             format!("in the machine file, set [controller] tcp = \"{default_address}\""),

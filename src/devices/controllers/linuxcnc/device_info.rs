@@ -4,7 +4,7 @@
 
 use super::driver::LinuxCncDriver;
 use super::ini::IniFile;
-use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
+use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxisProperties};
 use machine::Axis;
 use machine::record::machine::AxisSense;
 
@@ -29,7 +29,7 @@ impl LinuxCncDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         let identity = format!("LinuxCNC, {}", self.rsh.server_identity);
         let Some(path) = &self.settings.ini_path else {
-            let axes = self.settings.axes.iter().map(|axis| (*axis, ReportedAxis::default()));
+            let axes = self.settings.axes.iter().map(|axis| (*axis, ReportedAxisProperties::default()));
             let description = "linuxcncrsh does not report axes, travel and speeds";
             let remedy =
                 "in the machine file, set [controller] ini = \"...\" to the INI file that LinuxCNC was started with";
@@ -61,12 +61,12 @@ impl IniFile {
         }
     }
 
-    fn reported_axis(&self, axis: Axis, mm_per_unit: f64) -> ReportedAxis {
+    fn reported_axis(&self, axis: Axis, mm_per_unit: f64) -> ReportedAxisProperties {
         let section = format!("AXIS_{axis}");
         let unit = if axis.is_linear() { mm_per_unit } else { 1.0 };
         let value = |key: &str| self.number(&section, key).map(|value| value * unit);
         let (min, max) = (value("MIN_LIMIT"), value("MAX_LIMIT"));
-        ReportedAxis {
+        ReportedAxisProperties {
             travel_min: min,
             travel_max: max,
             travel_length: min.zip(max).map(|(min, max)| max - min),

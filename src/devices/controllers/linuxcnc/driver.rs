@@ -19,7 +19,7 @@ use crate::controllers::{
 };
 use link::LinkAddress;
 use machine::record::axis_track::AxisTrack;
-use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::gcode::{TransmissionForm, TransmissionUnit};
 use planning::proof::{ProvenBlock, ProvenModeText};
@@ -27,10 +27,13 @@ use planning::proof::{ProvenBlock, ProvenModeText};
 /// Maximum time until the link's task has written a line to the connection.
 pub(super) const MAX_LINK_WRITE_TIME: Duration = Duration::from_millis(20);
 /// Step number in errors of a program that belongs to no block.
-const NO_BLOCK_STEP: u32 = 0;
+const STEP_NUMBER_WITHOUT_BLOCK: u32 = 0;
 /// A program that moves nothing, as the runner watches it.
-const PROGRAM_WITHOUT_MOTION: WatchedProgram<'_> =
-    WatchedProgram { step: NO_BLOCK_STEP, planned_standstill_time: Duration::ZERO, feed_turn_end_position: None };
+const PROGRAM_WITHOUT_MOTION: WatchedProgram<'_> = WatchedProgram {
+    step: STEP_NUMBER_WITHOUT_BLOCK,
+    planned_standstill_time: Duration::ZERO,
+    feed_turn_end_position: None,
+};
 const HALT_COMMANDS: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Address and shared directory of the control, and properties of its machine.
@@ -76,7 +79,7 @@ impl LinuxCncDriver {
         let halt_connection = RshClient::open(&settings.address).await?;
         let urgent = halt_connection.link.urgent_sender();
         let halt = HaltHandle::new(move || urgent.send(HALT_COMMANDS));
-        rsh.halt = Some(halt.clone());
+        rsh.halt_handle = Some(halt.clone());
         let driver = Self {
             settings,
             mode_text: modes,
@@ -137,7 +140,7 @@ impl LinuxCncDriver {
         let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
         if !log.is_complete {
             self.files.require_log()?;
-            return Err(self.stop_reason(NO_BLOCK_STEP, log).await);
+            return Err(self.stop_reason(STEP_NUMBER_WITHOUT_BLOCK, log).await);
         }
         let axes = &self.settings.axes;
         let state = prepare::check_state_values(&log.state_values, axes)?;
@@ -169,7 +172,7 @@ impl LinuxCncDriver {
 
     /// Runs one program for each part of the block: after a back-off the probe must read open before
     /// anything else moves.
-    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         if *block.transmission() != self.transmission() {
             return Err(ControllerError::WrongTransmission { step: block.step() });
         }
@@ -181,7 +184,7 @@ impl LinuxCncDriver {
         for proven in units {
             touch = self.run_program_part(block.step(), &proven.unit).await?.or(touch);
         }
-        Ok(BlockOutcome { trigger_position: touch, trigger_time_s: None, track: self.read_track(block).await? })
+        Ok(MotionBlockOutcome { trigger_position: touch, trigger_time_s: None, track: self.read_track(block).await? })
     }
 
     /// Checks that the machine is where the proven block begins.
@@ -249,7 +252,7 @@ impl LinuxCncDriver {
         self.files.write_program_and_remove_log(program)?;
         self.refuse_if_halted()?;
         let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
-        if log.is_complete { Ok(()) } else { Err(self.stop_reason(NO_BLOCK_STEP, log).await) }
+        if log.is_complete { Ok(()) } else { Err(self.stop_reason(STEP_NUMBER_WITHOUT_BLOCK, log).await) }
     }
 
     /// Returns why a program stopped before its end.
@@ -306,7 +309,7 @@ impl ControllerDriver for LinuxCncDriver {
         Ok(prepared)
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         require_prepared(self.is_prepared, self.halt.is_halt_requested())?;
         match self.execute_block(&block).await {
             Ok(outcome) => Ok(outcome),

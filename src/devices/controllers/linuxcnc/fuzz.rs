@@ -50,7 +50,8 @@ async fn query_fuzzed_server(input: &[u8]) -> usize {
     let (near, mut far) = tokio::io::duplex(input.len() + 1);
     far.write_all(input).await.unwrap();
     drop(far);
-    let mut rsh = RshClient { link: LineLink::from_stream("peer", near), server_identity: String::new(), halt: None };
+    let mut rsh =
+        RshClient { link: LineLink::from_stream("peer", near), server_identity: String::new(), halt_handle: None };
     let mut heard = 0;
     for key in ["estop", "machine", "abs_act_pos", "joint_homed", "program_status"] {
         match rsh.get(key).await {

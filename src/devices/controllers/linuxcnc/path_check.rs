@@ -54,7 +54,7 @@ fn motion_target(motion: &Motion) -> Option<&Position> {
         | Motion::Guarded { to, .. }
         | Motion::Probe { to, .. }
         | Motion::BackOff { to, .. } => Some(to),
-        Motion::Orient { .. } | Motion::Dwell { .. } => None,
+        Motion::OrientSpindle { .. } | Motion::Dwell { .. } => None,
     }
 }
 

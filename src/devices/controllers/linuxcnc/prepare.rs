@@ -22,15 +22,15 @@ pub(super) fn state_query_program(log: &str) -> String {
     )
 }
 
-/// LinuxCNC's version and kinematics mode, from the log line `state`.
+/// LinuxCNC's version and kinematics mode, from the log line `state`. The other values of the line are only checked.
 #[derive(Debug, PartialEq)]
-pub(super) struct ReportedState {
+pub(super) struct VersionAndKinematics {
     pub version: f64,
     pub kinematics: KinematicsMode,
 }
 
-/// Checks the numbers of the log line `state` for a machine with `axes`.
-pub(super) fn check_state_values(state: &[f64], axes: &[Axis]) -> Result<ReportedState, ControllerError> {
+/// Checks the numbers of the log line `state` for a machine with `axes`; returns those that are used later.
+pub(super) fn check_state_values(state: &[f64], axes: &[Axis]) -> Result<VersionAndKinematics, ControllerError> {
     let [version, spindle, slot @ .., tool_offset, pins, kinematics] = state else {
         return Err(ControllerError::UnreadableReply { text: format!("state {state:?}") });
     };
@@ -61,7 +61,7 @@ pub(super) fn check_state_values(state: &[f64], axes: &[Axis]) -> Result<Reporte
         (true, number) if number < 0.0 => KinematicsMode::NotSwitchable,
         (true, number) => KinematicsMode::SwitchkinsType(number),
     };
-    Ok(ReportedState { version: *version, kinematics })
+    Ok(VersionAndKinematics { version: *version, kinematics })
 }
 
 /// Returns the line that sets G59.3 to zero. LinuxCNC refuses the whole line if it names an axis that the
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn each_unmet_requirement_is_reported() {
         let clean = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-        let reported = ReportedState { version: 2.9, kinematics: KinematicsMode::SwitchkinsType(0.0) };
+        let reported = VersionAndKinematics { version: 2.9, kinematics: KinematicsMode::SwitchkinsType(0.0) };
         assert_eq!(check_state_values(&clean, &AXES).unwrap(), reported);
         for (at, named) in [(1, "spindle"), (2, "G59.3"), (8, "G59.3"), (9, "tool")] {
             let mut state = clean;

@@ -55,7 +55,7 @@ impl LinuxCncDriver {
         result: Option<ProgramResult>,
     ) -> Result<Option<Position>, ControllerError> {
         let orientation = part.motions.iter().rev().find_map(|motion| match motion {
-            Motion::Orient { s } => Some(*s),
+            Motion::OrientSpindle { s } => Some(*s),
             _ => None,
         });
         self.spindle_rad = orientation.or(self.spindle_rad);

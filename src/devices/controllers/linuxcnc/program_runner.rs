@@ -52,7 +52,7 @@ pub(super) fn planned_program_standstill_time(part: &TransmissionUnit) -> Durati
     let seconds = part.motions.iter().map(|motion| match motion {
         Motion::Dwell { seconds } => seconds.max(0.0),
         // Maximum time that the dialect allows.
-        Motion::Orient { .. } => 20.0,
+        Motion::OrientSpindle { .. } => 20.0,
         _ => 0.0,
     });
     let seconds = seconds.sum::<f64>() + part.clamp_wait_s;

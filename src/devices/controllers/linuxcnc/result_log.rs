@@ -19,7 +19,7 @@ pub(super) struct ResultLog {
     /// Whether the log has its last line, `END`.
     pub is_complete: bool,
     pub result: Option<ProgramResult>,
-    /// Numbers of the log line `state`.
+    /// Numbers of the log line `state`: version, spindle on, G59.3 offsets, tool offset, pins, kinematics.
     pub state_values: Vec<f64>,
 }
 

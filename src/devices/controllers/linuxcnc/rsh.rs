@@ -19,7 +19,7 @@ pub(super) struct RshClient {
     /// Name and version that linuxcncrsh reports.
     pub server_identity: String,
     /// Halt of the machine. Once it is requested, a lost answer is not waited for.
-    pub halt: Option<HaltHandle>,
+    pub halt_handle: Option<HaltHandle>,
 }
 
 impl RshClient {
@@ -27,7 +27,7 @@ impl RshClient {
     /// [`RshClient::acquire_command_right`].
     pub async fn open(address: &LinkAddress) -> Result<Self, ControllerError> {
         let link = link::open_line_link(address).await.map_err(|error| connection_error(address, error))?;
-        let mut rsh = Self { link, server_identity: String::new(), halt: None };
+        let mut rsh = Self { link, server_identity: String::new(), halt_handle: None };
         let answer = rsh.send_request("hello EMC trued 1.0", &["HELLO"]).await?;
         let Some(server) = answer.strip_prefix("ACK") else {
             return Err(refusal_error("hello EMC trued 1.0", answer, "linuxcncrsh requires another password"));
@@ -80,7 +80,7 @@ impl RshClient {
         self.link.send_line(line)?;
         let mut deadline = Instant::now() + REPLY_TIMEOUT;
         loop {
-            if self.halt.as_ref().is_some_and(HaltHandle::is_halt_requested) {
+            if self.halt_handle.as_ref().is_some_and(HaltHandle::is_halt_requested) {
                 deadline = deadline.min(Instant::now() + HALT_REPLY_TIMEOUT);
             }
             let poll_at = deadline.min(Instant::now() + HALT_POLL_INTERVAL);

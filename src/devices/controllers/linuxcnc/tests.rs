@@ -13,7 +13,7 @@ use super::driver::{LinuxCncDriver, LinuxCncSettings};
 use super::files::result_log_path;
 use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
 use link::LinkAddress;
-use machine::record::motion::{Block, BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlock, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::gcode::TransmissionForm;
 use planning::proof::for_tests::{load_dialect, prove_block_text, prove_block_text_from};
@@ -167,19 +167,19 @@ fn x_position(x_mm: f64) -> Position {
 }
 
 /// Proves the block for the transmission of this control; the clearance of bodies is not checked.
-fn prove_block(driver: &LinuxCncDriver, block: &Block) -> ProvenBlock {
+fn prove_block(driver: &LinuxCncDriver, block: &MotionBlock) -> ProvenBlock {
     let dialect = load_dialect("linuxcnc").unwrap();
     prove_block_text(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()
 }
 
 /// Rapid move to X 60 and guarded move to X 30.
-fn guarded_block() -> Block {
+fn guarded_block() -> MotionBlock {
     let motions =
         vec![Motion::Rapid { to: x_position(60.0) }, Motion::Guarded { to: x_position(30.0), feed_mm_min: 300.0 }];
-    Block { step: 1, repeat: 0, motions }
+    MotionBlock { step: 1, repeat: 0, motions }
 }
 
-async fn halt_during_move(mut driver: LinuxCncDriver, halt: HaltHandle) -> Result<BlockOutcome, ControllerError> {
+async fn halt_during_move(mut driver: LinuxCncDriver, halt: HaltHandle) -> Result<MotionBlockOutcome, ControllerError> {
     let person = tokio::spawn(async move {
         tokio::time::sleep(Duration::from_millis(100)).await;
         halt.trigger();
@@ -277,7 +277,7 @@ async fn program_with_a_wrong_end_position_fails() {
     let (mut driver, ..) = prepared_driver(&directory, Some((stale, 28.0)), |_, _| None).await;
     let motions =
         vec![Motion::Rapid { to: x_position(30.0) }, Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 }];
-    let error = driver.execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
+    let error = driver.execute(prove_block(&driver, &MotionBlock { step: 1, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::WrongPosition { .. }), "{error}");
 }
 
@@ -334,7 +334,7 @@ async fn touch_at_another_feed_override_is_rejected() {
     .await;
     let motions =
         vec![Motion::Rapid { to: x_position(30.0) }, Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 }];
-    let error = driver.execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
+    let error = driver.execute(prove_block(&driver, &MotionBlock { step: 1, repeat: 0, motions })).await.unwrap_err();
     assert!(error.to_string().contains("override is 120 %"), "{error}");
 }
 
@@ -350,7 +350,7 @@ async fn a_contact_while_a_rotary_axis_turns_at_feed_aborts() {
     .await;
     let turn = Position::new().with(Axis::C, 1.0);
     let motions = vec![Motion::Feed { to: turn, feed_mm_min: 60.0 }];
-    let block = prove_block(&driver, &Block { step: 4, repeat: 0, motions });
+    let block = prove_block(&driver, &MotionBlock { step: 4, repeat: 0, motions });
     let executed = tokio::time::timeout(Duration::from_secs(2), driver.execute(block)).await;
     let error = executed.expect("it runs on").unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 4 }), "{error}");
@@ -370,7 +370,7 @@ async fn touch_after_a_turn_at_feed_is_no_unexpected_contact() {
     .await;
     let turn = Motion::Feed { to: Position::new().with(Axis::C, 0.0), feed_mm_min: 60.0 };
     let motions = vec![turn, Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 }];
-    let block = prove_block(&driver, &Block { step: 1, repeat: 0, motions });
+    let block = prove_block(&driver, &MotionBlock { step: 1, repeat: 0, motions });
     let outcome = driver.execute(block).await.unwrap();
     assert_eq!(outcome.trigger_position.unwrap().get_or_zero(Axis::X), 28.0);
 }

@@ -22,7 +22,7 @@ impl WindowConnection {
         let beat = next_heartbeat(&self.own_heartbeat);
         let items = [
             command.heartbeat.encode_value(beat),
-            command.acknowledge.encode_value(self.last_result_number.unwrap_or(self.accepted_sequence)),
+            command.result_acknowledge.encode_value(self.last_result_number.unwrap_or(self.checked_sequence)),
             command.crc.encode_value(CHUNK_CRC.checksum(chunk)),
             command.length.encode_value(length),
             Ok(command.chunk.encode_text(chunk)),
@@ -50,7 +50,7 @@ impl WindowConnection {
 
     /// Acknowledges a result that was read. A repeated acknowledgement does no harm.
     pub(super) async fn acknowledge_result(&self, number: u16) -> Result<(), ControllerError> {
-        let (at, words) = self.map.command.acknowledge.encode_value(number).map_err(encoding_error)?;
+        let (at, words) = self.map.command.result_acknowledge.encode_value(number).map_err(encoding_error)?;
         self.write_with_retry(at, &words).await
     }
 
@@ -65,7 +65,7 @@ impl WindowConnection {
             if attempts_left == 0 || !is_transient(&error) {
                 return Err(error.into());
             }
-            if self.read_status().await?.accepted_sequence != self.accepted_sequence
+            if self.read_status().await?.checked_sequence != self.checked_sequence
                 || self.are_holding_registers_equal(at, &words).await?
             {
                 // The chunk was accepted, or is about to be; the next poll reports any other state.

@@ -210,7 +210,7 @@ async fn diagnose_window_kind(modbus: &ModbusClient, map: &WindowRegisterMap) ->
 }
 
 fn wrong_unit_diagnosis(configured: u8, actual: u8) -> PossibleCause {
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         format!("wrong unit: a device replies as unit {actual}, no device as unit {configured}"),
         format!("unit {actual} replied to a read of one register"),
         format!("if that device is the control, set [controller] unit = {actual}"),
@@ -218,7 +218,7 @@ fn wrong_unit_diagnosis(configured: u8, actual: u8) -> PossibleCause {
 }
 
 fn wrong_line_settings_diagnosis(cause: &str, keys: &str) -> PossibleCause {
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         cause.to_owned(),
         format!("with {keys} the device replies"),
         format!("in the machine file, set [controller] {keys}"),
@@ -236,7 +236,7 @@ fn wrong_address_diagnosis() -> PossibleCause {
 }
 
 fn stopped_program_diagnosis(heartbeat_address: u16) -> PossibleCause {
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         "the control's program is stopped: only its Modbus server replies",
         format!("the status does not change, and the heartbeat (register {heartbeat_address}) has stopped"),
         "start the program in the control or PLC (RUN), then try again",

@@ -3,7 +3,7 @@
 use super::driver::ModbusDriver;
 use super::format_diagnosis::TRAVEL_MARGIN_MM_OR_DEG;
 use super::status::WindowStatus;
-use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
+use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxisProperties};
 use machine::Axis;
 
 impl ModbusDriver {
@@ -11,9 +11,9 @@ impl ModbusDriver {
         let status = self.window.read_status().await?;
         let registers = &self.window.map.status.position;
         let reported_axis = |(axis, register): (&Axis, &super::map::Register)| {
-            let whole = !register.number_format.kind.is_float();
+            let whole = !register.number_format.number_type.is_float();
             let resolution = whole.then_some(register.number_format.scale);
-            (*axis, ReportedAxis { resolution, ..ReportedAxis::default() })
+            (*axis, ReportedAxisProperties { resolution, ..ReportedAxisProperties::default() })
         };
         Ok(DeviceInfo {
             identity: self.identity(),

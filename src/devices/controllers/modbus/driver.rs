@@ -12,14 +12,14 @@ use super::status::WindowStatus;
 use super::timeouts::ModbusTimeouts;
 use super::window::WindowConnection;
 use crate::controllers::arrival::{self, AxisMonitor};
-use crate::controllers::control_clock::ReportedTime;
+use crate::controllers::control_clock::ControlTimestamp;
 use crate::controllers::motion_lines::{self, MotionLines};
 use crate::controllers::{
     ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, require_prepared,
 };
 use machine::Position;
 use machine::record::machine::Machine;
-use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlockOutcome};
 use planning::proof::{ProvenBlock, ProvenModeText};
 
 /// Maximum time that a probe bounces after it has come free.
@@ -98,13 +98,13 @@ impl ModbusDriver {
     async fn execute_motion(
         &mut self,
         lines: &MotionLines<'_>,
-        outcome: &mut BlockOutcome,
+        outcome: &mut MotionBlockOutcome,
         last_status: Option<WindowStatus>,
     ) -> Result<WindowStatus, ControllerError> {
         let step = lines.step;
         match lines.motion {
             Motion::Dwell { .. } => self.send_lines(lines).await,
-            Motion::Orient { s } => {
+            Motion::OrientSpindle { s } => {
                 let status = self.send_lines(lines).await?;
                 self.monitor.spindle_rad = Some(*s);
                 Ok(status)
@@ -176,7 +176,7 @@ impl ModbusDriver {
     async fn execute_touch(
         &mut self,
         lines: &MotionLines<'_>,
-        outcome: &mut BlockOutcome,
+        outcome: &mut MotionBlockOutcome,
         last_status: &WindowStatus,
     ) -> Result<WindowStatus, ControllerError> {
         let step = lines.step;
@@ -222,11 +222,11 @@ impl ModbusDriver {
         Ok(status)
     }
 
-    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         if let Some(program) = self.program.clone() {
             return self.call_program(&program, block).await;
         }
-        let mut outcome = BlockOutcome::default();
+        let mut outcome = MotionBlockOutcome::default();
         let lines = motion_lines::motion_lines(block)?;
         self.check_block_start(block).await?;
         let mut last_status = None;
@@ -245,8 +245,10 @@ impl ModbusDriver {
         latch_s: Option<f64>,
         status: &WindowStatus,
     ) -> Result<Option<f64>, ControllerError> {
-        let contact = ReportedTime { name: "latch_time_s", t_s: latch_s };
-        self.monitor.clock.check_and_select_time(contact, ReportedTime { name: "time_s", t_s: status.control_time_s })
+        let contact = ControlTimestamp { name: "latch_time_s", t_s: latch_s };
+        self.monitor
+            .clock
+            .check_and_select_time(contact, ControlTimestamp { name: "time_s", t_s: status.control_time_s })
     }
 
     /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.
@@ -283,7 +285,7 @@ impl ControllerDriver for ModbusDriver {
         self.prepare_control(|_| Ok(())).await
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         require_prepared(self.is_prepared, self.window.is_halt_requested())?;
         let outcome = self.execute_block(&block).await;
         outcome.map_err(|error| self.handle_fault(error))

@@ -50,8 +50,8 @@ pub(super) fn refusal_error(line: &str, error: u16) -> ControllerError {
 }
 
 pub(super) fn unexpected_sequence_error(status: &WindowStatus, sequence: u16) -> ControllerError {
-    let WindowStatus { accepted_sequence, executed_sequence, .. } = status;
-    let reply = format!("accepted {accepted_sequence}, executed {executed_sequence}, expected {sequence}");
+    let WindowStatus { checked_sequence, executed_sequence, .. } = status;
+    let reply = format!("accepted {checked_sequence}, executed {executed_sequence}, expected {sequence}");
     ControllerError::UnexpectedReply { reply }
 }
 

@@ -18,11 +18,11 @@ const MIN_PLAUSIBLE_NONZERO_POSITION: f64 = 1e-4;
 /// A smaller magnitude other than zero is a whole number that was read as floating point.
 const MAX_MISREAD_INTEGER_MAGNITUDE: f64 = 1e-20;
 
-/// Another setting with which the positions can be read.
+/// A setting, other than the configured one, with which the positions can be read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum FormatChange {
     Order(ByteOrder),
-    Kind(NumberType),
+    NumberType(NumberType),
     Scale(f64),
 }
 
@@ -30,18 +30,18 @@ impl FormatChange {
     fn apply(self, number: NumberFormat) -> NumberFormat {
         match self {
             Self::Order(order) => NumberFormat { order, ..number },
-            Self::Kind(kind) => NumberFormat { kind, ..number },
+            FormatChange::NumberType(number_type) => NumberFormat { number_type, ..number },
             Self::Scale(scale) => NumberFormat { scale, ..number },
         }
     }
 
     /// Returns the mistake, and the key to write.
-    fn describe(self, from: NumberFormat) -> (String, String) {
+    fn mistake_and_key_to_write(self, from: NumberFormat) -> (String, String) {
         let lowercase = |text: String| text.to_lowercase();
         match self {
             Self::Order(order) => ("wrong word order".to_owned(), lowercase(format!("order = \"{order:?}\""))),
-            Self::Kind(kind) => {
-                let is_same_class = kind.is_float() == from.kind.is_float();
+            FormatChange::NumberType(kind) => {
+                let is_same_class = kind.is_float() == from.number_type.is_float();
                 let cause = if is_same_class { "wrong signedness" } else { "wrong type" };
                 (cause.to_owned(), lowercase(format!("type = \"{kind:?}\"")))
             }
@@ -70,10 +70,10 @@ pub(super) fn diagnose_position_format(
     let Some(number) = map.status.position.values().next().map(|register| register.number_format) else {
         return Vec::new();
     };
-    let kinds = number.kind.same_size_types();
+    let kinds = number.number_type.same_size_types();
     let orders = WORD_ORDERS.into_iter().filter(|order| *order != number.order).map(FormatChange::Order);
     let scales = SCALE_CANDIDATES.into_iter().filter(|scale| *scale != number.scale).map(FormatChange::Scale);
-    let changes = orders.chain(kinds.iter().copied().map(FormatChange::Kind)).chain(scales);
+    let changes = orders.chain(kinds.iter().copied().map(FormatChange::NumberType)).chain(scales);
     let mut candidates: Vec<(FormatChange, Vec<(Axis, f64)>)> = Vec::new();
     for change in changes {
         let Some(positions) = read_positions(&map.status, block, machine, Some(change)) else {
@@ -94,7 +94,7 @@ pub(super) fn diagnose_position_format(
 }
 
 fn format_change_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Axis, f64)]) -> PossibleCause {
-    let (cause, key) = change.describe(number);
+    let (cause, key) = change.mistake_and_key_to_write(number);
     let position_list: Vec<String> = positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
     PossibleCause::suspected(
         format!("{cause} of the positions"),
@@ -137,13 +137,14 @@ fn are_within_travel(positions: &[(Axis, f64)], machine: &Machine) -> bool {
 }
 
 /// Block of registers with a status.
-pub(super) struct StatusBlockRange {
+pub(super) struct StatusRegisterRange {
     pub space: RegisterSpace,
     pub first: u16,
     pub count: u16,
 }
 
-/// Other locations of the status that are tried: shift in registers, and whether in the other space.
+/// Locations of the status, different from the declared one, that are tried: shift in registers, and
+/// whether in the other space.
 pub(super) const STATUS_SHIFT_CANDIDATES: [(i16, bool); 5] =
     [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
 
@@ -153,14 +154,14 @@ pub(super) fn shifted_status_range(
     status: &StatusRegisters,
     shift: i16,
     in_other_space: bool,
-) -> Option<StatusBlockRange> {
+) -> Option<StatusRegisterRange> {
     let (first, count) = status.block_first_and_count();
     let space = match (in_other_space, status.space) {
         (false, space) => space,
         (true, RegisterSpace::Input) => RegisterSpace::Holding,
         (true, _) => RegisterSpace::Input,
     };
-    Some(StatusBlockRange { space, first: first.checked_add_signed(shift)?, count })
+    Some(StatusRegisterRange { space, first: first.checked_add_signed(shift)?, count })
 }
 
 /// Whether `block` is a valid status according to `map`.
@@ -169,7 +170,7 @@ pub(super) fn is_valid_status(map: &WindowRegisterMap, block: &[u16]) -> bool {
 }
 
 /// Cause if the status was found at `block`, which is a [`shifted_status_range`].
-pub(super) fn shifted_status_diagnosis(block: &StatusBlockRange, shift: i16, in_other_space: bool) -> PossibleCause {
+pub(super) fn shifted_status_diagnosis(block: &StatusRegisterRange, shift: i16, in_other_space: bool) -> PossibleCause {
     let (space, first) = (block.space, block.first);
     let space = if space == RegisterSpace::Input { "input" } else { "holding" };
     let cause = match (shift, in_other_space) {
@@ -187,7 +188,7 @@ pub(super) fn shifted_status_diagnosis(block: &StatusBlockRange, shift: i16, in_
             if in_other_space { format!("space = \"{space}\", and ") } else { String::new() }
         ),
     };
-    PossibleCause::confirmed(
+    PossibleCause::observed(
         cause,
         format!("read from {space} register {first} on, head, tail, version and state agree"),
         format!("in the machine file: {keys}"),
@@ -245,7 +246,7 @@ mod tests {
             let first = candidates.first().unwrap_or_else(|| panic!("{wrong}: nothing"));
             assert!(first.cause.starts_with(named), "{wrong}: {candidates:?}");
             assert!(candidates.iter().any(|candidate| candidate.remedy.contains(right)), "{wrong}: {candidates:?}");
-            assert!(candidates.iter().all(|candidate| !candidate.is_confirmed));
+            assert!(candidates.iter().all(|candidate| !candidate.is_observed));
         }
     }
 

@@ -24,7 +24,7 @@ impl ModbusDriver {
         }
         // Sequence numbers continue from here; a chunk that was written before the control started is not
         // accepted.
-        (self.window.accepted_sequence, self.window.is_accepted_chunk_own) = (status.accepted_sequence, false);
+        (self.window.checked_sequence, self.window.is_checked_chunk_own) = (status.checked_sequence, false);
         self.refuse_implausible_positions(&status)?;
         if !self.mode_text.has_probe_on_command() {
             check_probe(&status)?;

@@ -25,7 +25,7 @@ pub(super) struct WindowStatus {
     pub state: WindowState,
     pub alarm_code: u16,
     /// Last sequence number that the control has checked; `refusal_code` is why it refused it (0: accepted).
-    pub accepted_sequence: u16,
+    pub checked_sequence: u16,
     pub refusal_code: u16,
     /// Last sequence number whose execution is complete.
     pub executed_sequence: u16,
@@ -42,13 +42,13 @@ pub(super) struct WindowStatus {
     pub latched_position: Position,
     pub position: Position,
     /// Result of a resident program; `None` for a window for lines.
-    pub result: Option<ReportedResult>,
+    pub result: Option<ProgramRowResult>,
 }
 
-/// Result that a resident program hands over: the status' `latch_count` is its number, `latched_position` the position
-/// of the axes.
+/// Result of a row that a resident program hands over: the status' `latch_count` is its number,
+/// `latched_position` the position of the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct ReportedResult {
+pub(super) struct ProgramRowResult {
     /// Row that the program executes, from 1; 0: none.
     pub active_row_number: u16,
     /// Sequence number of the call to which the result belongs.
@@ -57,7 +57,7 @@ pub(super) struct ReportedResult {
     pub row_number: u16,
     pub has_contact: bool,
     /// Whether the result is not acknowledged yet.
-    pub is_pending: bool,
+    pub is_unacknowledged: bool,
 }
 
 impl WindowStatus {
@@ -67,7 +67,7 @@ impl WindowStatus {
     /// A register has an invalid value.
     pub(super) fn parse(map: &WindowRegisterMap, block: &[u16]) -> Result<Option<Self>, ControllerError> {
         let (first, _) = map.status.block_first_and_count();
-        let block = StatusBlock { words: block, first_address: first };
+        let block = StatusRegisterBlock { words: block, first_address: first };
         let status = &map.status;
         if block.read_u16("sequence_head", &status.sequence_head)?
             != block.read_u16("sequence_tail", &status.sequence_tail)?
@@ -82,7 +82,7 @@ impl WindowStatus {
         Ok(Some(Self {
             state: parse_window_state(block.read_u16("state", &status.state)?)?,
             alarm_code: block.read_u16("alarm", &status.alarm_code)?,
-            accepted_sequence: block.read_u16("accepted", &status.accepted_sequence)?,
+            checked_sequence: block.read_u16("accepted", &status.checked_sequence)?,
             refusal_code: block.read_u16("error", &status.refusal_code)?,
             executed_sequence: block.read_u16("executed", &status.executed_sequence)?,
             is_probe_closed: block.read_u16("probe", &status.probe_closed_flag)? != 0,
@@ -111,12 +111,12 @@ fn parse_window_state(code: u16) -> Result<WindowState, ControllerError> {
 }
 
 /// Registers of the status as they were read, and the address of the first.
-struct StatusBlock<'a> {
+struct StatusRegisterBlock<'a> {
     words: &'a [u16],
     first_address: u16,
 }
 
-impl StatusBlock<'_> {
+impl StatusRegisterBlock<'_> {
     fn read_number(&self, name: &str, register: &Register) -> Result<f64, ControllerError> {
         let value_error = |error: RegisterValueError| unexpected_window_error(format!("`status.{name}`: {error}"));
         register.decode_from_block(self.words, self.first_address).map_err(value_error)
@@ -130,13 +130,13 @@ impl StatusBlock<'_> {
         Err(unexpected_window_error(format!("`status.{name}` is {value}, not a whole number from 0 to 65535")))
     }
 
-    fn read_result(&self, result: &ResultRegisters) -> Result<ReportedResult, ControllerError> {
-        Ok(ReportedResult {
+    fn read_result(&self, result: &ResultRegisters) -> Result<ProgramRowResult, ControllerError> {
+        Ok(ProgramRowResult {
             active_row_number: self.read_u16("result.under_way", &result.active_row_number)?,
             call_sequence: self.read_u16("result.sequence", &result.call_sequence)?,
             row_number: self.read_u16("result.row", &result.row_number)?,
             has_contact: self.read_u16("result.contact", &result.contact_flag)? != 0,
-            is_pending: self.read_u16("result.valid", &result.pending_flag)? != 0,
+            is_unacknowledged: self.read_u16("result.valid", &result.unacknowledged_flag)? != 0,
         })
     }
 

@@ -11,7 +11,7 @@ use super::{ModbusConfig, ModbusDriver};
 use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use planning::gcode::TransmissionForm;
 use planning::proof::for_tests::{load_dialect, prove_block_text};
@@ -63,19 +63,19 @@ pub(super) async fn driver_of_simulated_control(
 }
 
 /// Proves the block for transmission in lines.
-fn prove_block(block: &Block) -> ProvenBlock {
+fn prove_block(block: &MotionBlock) -> ProvenBlock {
     prove_block_for(&TransmissionForm::Lines { max_line_bytes: usize::MAX }, block)
 }
 
 /// Proves the block for the given transmission; the clearance of bodies is not checked.
-pub(super) fn prove_block_for(transmission: &TransmissionForm, block: &Block) -> ProvenBlock {
+pub(super) fn prove_block_for(transmission: &TransmissionForm, block: &MotionBlock) -> ProvenBlock {
     let axes: Vec<Axis> = five_axis_machine().axes.keys().copied().collect();
     prove_block_text(block, &axes, &load_dialect("grbl-m19").unwrap(), transmission).unwrap()
 }
 
-fn slow_move_to(x_mm: f64) -> Block {
+fn slow_move_to(x_mm: f64) -> MotionBlock {
     let to = Position::new().with(Axis::X, x_mm);
-    Block { step: 1, repeat: 0, motions: vec![Motion::BackOff { to, feed_mm_min: 600.0 }] }
+    MotionBlock { step: 1, repeat: 0, motions: vec![Motion::BackOff { to, feed_mm_min: 600.0 }] }
 }
 
 async fn halt_during_move(driver: &mut ModbusDriver, halt: HaltHandle) -> ControllerError {
@@ -131,7 +131,8 @@ async fn control_that_does_not_hold_is_reported() {
 #[tokio::test]
 async fn frozen_control_is_refused_by_prepare() {
     let (mut dead, ..) =
-        driver_of_simulated_control("", SimulationPace::Immediate, vec![fault_at_line(FaultKind::Frozen, 0)]).await;
+        driver_of_simulated_control("", SimulationPace::Immediate, vec![fault_at_line(FaultKind::ProgramStopped, 0)])
+            .await;
     let error = dead.prepare().await.unwrap_err();
     assert!(matches!(error, ControllerError::ControlFrozen), "{error}");
 }
@@ -140,7 +141,7 @@ async fn frozen_control_is_refused_by_prepare() {
 /// of a machine that moves slowly.
 #[tokio::test]
 async fn stopped_heartbeat_ends_a_move_before_the_stall_timeout() {
-    let frozen = vec![fault_at_line(FaultKind::Frozen, 20)];
+    let frozen = vec![fault_at_line(FaultKind::ProgramStopped, 20)];
     let (driver, ..) = driver_of_simulated_control("", SimulationPace::RealTime, frozen).await;
     let heartbeat = Duration::from_millis(400);
     let long = Duration::from_secs(10);
@@ -188,16 +189,16 @@ async fn regress_implausible_time_stamp_gives_no_reading() {
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
     let down = Position::new().with(Axis::Z, -190.0);
     let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down }];
-    driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
+    driver.execute(prove_block(&MotionBlock { step: 0, repeat: 0, motions: way })).await.unwrap();
     let motions =
         vec![Motion::Probe { to: x(20.0), feed_mm_min: 60.0 }, Motion::BackOff { to: x(60.0), feed_mm_min: 300.0 }];
-    let touch = driver.execute(prove_block(&Block { step: 1, repeat: 0, motions })).await;
+    let touch = driver.execute(prove_block(&MotionBlock { step: 1, repeat: 0, motions })).await;
     let error = touch.unwrap_err();
     assert!(error.to_string().contains("1e300 s"), "{error}");
     assert!(error.remedy().contains("latch_time_s"), "{}", error.remedy());
 }
 
-/// Until a touch has confirmed the position, a turn is a feed motion (planning `turn_feeds.rs`).
+/// Until a touch has verified the position, a turn is a feed motion (planning `turn_feeds.rs`).
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault_at_line(FaultKind::RapidContact, 0)];
@@ -211,9 +212,9 @@ async fn regress_a_contact_during_a_turn_at_feed_is_held() {
 }
 
 /// A turn that takes two seconds if no hold ends it.
-pub(super) fn turn_at_feed() -> Block {
+pub(super) fn turn_at_feed() -> MotionBlock {
     let to = Position::new().with(Axis::C, 20_f64.to_radians());
-    Block { step: 1, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] }
+    MotionBlock { step: 1, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] }
 }
 
 /// Waits until a hold is the last event of the simulated control; panics after one second.
@@ -230,7 +231,7 @@ pub(super) async fn wait_for_hold(events: &ControlEventLog) {
 async fn torn_status_does_not_change_the_touch_result() {
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
     let down = |z_mm: f64| Position::new().with(Axis::Z, z_mm);
-    let probe = |from: f64, to: f64| Block {
+    let probe = |from: f64, to: f64| MotionBlock {
         step: 1,
         repeat: 0,
         motions: vec![
@@ -241,22 +242,23 @@ async fn torn_status_does_not_change_the_touch_result() {
     };
     let mut torn_within = 0;
     for at_request in 0..120 {
-        let torn = Fault { at_request, ..fault_at_line(FaultKind::Torn, 0) };
+        let torn = Fault { at_request, ..fault_at_line(FaultKind::StatusChangesDuringRead, 0) };
         let (mut driver, _, diary) = driver_of_simulated_control("", SimulationPace::Immediate, vec![torn]).await;
         driver.prepare().await.unwrap();
         let begun = diary.lock().unwrap().len();
         let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down(-190.0) }];
-        driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
+        driver.execute(prove_block(&MotionBlock { step: 0, repeat: 0, motions: way })).await.unwrap();
         let far = driver.execute(prove_block(&probe(60.0, 20.0))).await.unwrap().trigger_position.unwrap();
         let diary = diary.lock().unwrap();
-        torn_within += usize::from(diary[begun..].contains(&ControlEvent::FaultOccurred(FaultKind::Torn)));
+        torn_within +=
+            usize::from(diary[begun..].contains(&ControlEvent::FaultOccurred(FaultKind::StatusChangesDuringRead)));
         assert!((far.get_or_zero(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.get_or_zero(Axis::X));
     }
     assert!(torn_within > 20, "{torn_within}");
 }
 
 pub(super) fn fault_at_line(kind: FaultKind, at_line: u64) -> Fault {
-    Fault { kind, at_request: 0, at_line, after_touch: 0, code: None, late_s: None, scan_s: None }
+    Fault { kind, at_request: 0, at_line, after_touch: 0, code: None, late_s: None, slow_latch_period_s: None }
 }
 
 #[tokio::test]

@@ -10,9 +10,9 @@ use crate::controllers::ControllerError;
 /// Timeouts of the driver, host time.
 #[derive(Debug, Clone, Copy)]
 pub struct ModbusTimeouts {
-    /// Maximum time for the control to accept a chunk, and to report its state.
+    /// Maximum time for the control to check a chunk, and to report its state.
     pub reply_timeout: Duration,
-    /// Longest pause between two requests. A contact in a move that should touch nothing must lead to a
+    /// Longest delay between two reads of the status. A contact in a move that should touch nothing must lead to a
     /// hold within `LATENCY_S` (planning, `turn_feeds.rs`).
     pub poll_interval: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
@@ -47,8 +47,8 @@ const MAX_COUNTED_READ_INTERVAL: Duration = Duration::from_millis(500);
 /// Detects that the control's heartbeat has stopped; counts across chunks.
 #[derive(Default)]
 pub(super) struct HeartbeatMonitor {
-    /// Last value, and the time of its read.
-    last_beat_and_read_time: Option<(u16, Instant)>,
+    /// Heartbeat of the last read, and the time of that read (not of the last change).
+    last_beat_and_last_read_time: Option<(u16, Instant)>,
     /// Time for which the same value was read.
     unchanged_time: Duration,
 }
@@ -57,7 +57,7 @@ impl HeartbeatMonitor {
     /// Registers the heartbeat `beat` of a status; an error if the heartbeat has stopped: the status is outdated.
     pub(super) fn check_heartbeat(&mut self, beat: u16, timeouts: &ModbusTimeouts) -> Result<(), ControllerError> {
         let now = Instant::now();
-        self.unchanged_time = match self.last_beat_and_read_time.replace((beat, now)) {
+        self.unchanged_time = match self.last_beat_and_last_read_time.replace((beat, now)) {
             Some((last, read)) if last == beat => self.unchanged_time + MAX_COUNTED_READ_INTERVAL.min(now - read),
             _ => Duration::ZERO,
         };

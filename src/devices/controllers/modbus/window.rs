@@ -22,17 +22,17 @@ use machine::Position;
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A chunk whose execution was started.
-pub(super) struct PendingChunk {
+pub(super) struct RunningChunk {
     error_label: String,
     pub(super) sequence: u16,
     planned_standstill_time: Duration,
     started_at: Instant,
     stall_detector: StallDetector<(WindowState, Position)>,
-    /// Pause before the next request; `None`: there was no request yet.
-    next_pause: Option<Duration>,
+    /// Delay before the next read of the status; `None`: there was none since the start of the chunk.
+    next_poll_delay: Option<Duration>,
 }
 
-impl PendingChunk {
+impl RunningChunk {
     fn new(name: &str, sequence: u16, standstill_time: Duration) -> Self {
         let (started, stall_detector) = (Instant::now(), StallDetector::new());
         Self {
@@ -41,20 +41,20 @@ impl PendingChunk {
             planned_standstill_time: standstill_time,
             started_at: started,
             stall_detector,
-            next_pause: None,
+            next_poll_delay: None,
         }
     }
 
-    /// Waits before the next request. The pause grows with each request, up to `max_pause`. The second request
+    /// Waits before the next read of the status. The delay grows with each read, up to `max_delay`. The second read
     /// follows at once: a line that takes no time, such as a modal word, is complete by then.
-    async fn wait_before_request(&mut self, max_pause: Duration) {
-        let pause = self.next_pause.unwrap_or_default();
-        if !pause.is_zero() {
-            sleep(pause).await;
+    async fn wait_before_poll(&mut self, max_delay: Duration) {
+        let delay = self.next_poll_delay.unwrap_or_default();
+        if !delay.is_zero() {
+            sleep(delay).await;
         }
-        self.next_pause = Some(match self.next_pause {
+        self.next_poll_delay = Some(match self.next_poll_delay {
             None => Duration::ZERO,
-            Some(pause) => (pause * 2).max(Duration::from_millis(1)).min(max_pause),
+            Some(delay) => (delay * 2).max(Duration::from_millis(1)).min(max_delay),
         });
     }
 }
@@ -67,11 +67,11 @@ pub(super) struct WindowConnection {
     pub(super) own_heartbeat: Arc<AtomicU16>,
     /// Task that writes the heartbeat; [`WindowConnection::wait_for_heartbeat`] starts it.
     heartbeat_task: OnceLock<JoinHandle<()>>,
-    /// Sequence number of the last chunk that the control has accepted.
-    pub(super) accepted_sequence: u16,
+    /// Sequence number of the last chunk that the control has checked, accepted or refused.
+    pub(super) checked_sequence: u16,
     /// Whether that chunk was sent by this driver. The outcome of another one, perhaps held or refused,
     /// does not matter.
-    pub(super) is_accepted_chunk_own: bool,
+    pub(super) is_checked_chunk_own: bool,
     /// Number of the last result that was read from a resident program.
     pub(super) last_result_number: Option<u16>,
     /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
@@ -120,8 +120,8 @@ impl WindowConnection {
             halt: halt.clone(),
             own_heartbeat: Arc::default(),
             heartbeat_task: OnceLock::new(),
-            accepted_sequence: 0,
-            is_accepted_chunk_own: false,
+            checked_sequence: 0,
+            is_checked_chunk_own: false,
             last_result_number: None,
             free_move_step: None,
             timeouts: ModbusTimeouts::default(),
@@ -143,7 +143,7 @@ impl WindowConnection {
     pub(super) async fn read_status(&self) -> Result<WindowStatus, ControllerError> {
         let deadline = Instant::now() + self.timeouts.reply_timeout;
         let (first, count) = self.map.status.block_first_and_count();
-        let mut pause = Duration::from_millis(1);
+        let mut retry_delay = Duration::from_millis(1);
         loop {
             let error = match self.link.read(self.map.status.space, first, count).await {
                 Ok(block) => match WindowStatus::parse(&self.map, &block)? {
@@ -158,8 +158,8 @@ impl WindowConnection {
             if Instant::now() > deadline {
                 return Err(error);
             }
-            sleep(pause).await;
-            pause = (pause * 2).min(self.timeouts.poll_interval);
+            sleep(retry_delay).await;
+            retry_delay = (retry_delay * 2).min(self.timeouts.poll_interval);
         }
     }
 
@@ -173,15 +173,15 @@ impl WindowConnection {
             }
             check_idle_or_running(&status)?;
             self.heartbeat_monitor.check_heartbeat(status.heartbeat, &self.timeouts)?;
-            let over = !self.is_accepted_chunk_own || status.executed_sequence == self.accepted_sequence;
-            let done = status.accepted_sequence == self.accepted_sequence && over;
+            let over = !self.is_checked_chunk_own || status.executed_sequence == self.checked_sequence;
+            let done = status.checked_sequence == self.checked_sequence && over;
             if done && status.state == WindowState::Idle {
                 return Ok(status);
             }
             if Instant::now() > deadline {
-                return Err(match status.accepted_sequence {
-                    0 if self.accepted_sequence != 0 => reset_error(),
-                    _ => unexpected_sequence_error(&status, self.accepted_sequence),
+                return Err(match status.checked_sequence {
+                    0 if self.checked_sequence != 0 => reset_error(),
+                    _ => unexpected_sequence_error(&status, self.checked_sequence),
                 });
             }
             sleep(self.timeouts.poll_interval).await;
@@ -190,7 +190,7 @@ impl WindowConnection {
 
     /// Sequence number that the control will accept next.
     pub(super) fn next_sequence(&self) -> u16 {
-        sequence_after(self.accepted_sequence)
+        sequence_after(self.checked_sequence)
     }
 
     /// Executes `line`; returns the status at its end. `planned_standstill_time` is the time for which the machine
@@ -203,9 +203,9 @@ impl WindowConnection {
         line: &str,
         planned_standstill_time: Duration,
     ) -> Result<WindowStatus, ControllerError> {
-        let mut pending = self.start_chunk(line.as_bytes(), line, planned_standstill_time).await?;
+        let mut running = self.start_chunk(line.as_bytes(), line, planned_standstill_time).await?;
         loop {
-            if let (status, true) = self.poll_chunk(&mut pending).await? {
+            if let (status, true) = self.poll_chunk(&mut running).await? {
                 return Ok(status);
             }
         }
@@ -217,7 +217,7 @@ impl WindowConnection {
         chunk: &[u8],
         name: &str,
         planned_standstill_time: Duration,
-    ) -> Result<PendingChunk, ControllerError> {
+    ) -> Result<RunningChunk, ControllerError> {
         if self.halt.is_halt_requested() {
             return Err(ControllerError::Halted);
         }
@@ -227,7 +227,7 @@ impl WindowConnection {
             Err(error) => Err(error),
         };
         match sent {
-            Ok(()) => Ok(PendingChunk::new(name, sequence, planned_standstill_time)),
+            Ok(()) => Ok(RunningChunk::new(name, sequence, planned_standstill_time)),
             Err(_) if self.halt.is_halt_requested() => Err(self.resend_hold_until_at_rest().await),
             Err(error) => Err(error),
         }
@@ -236,16 +236,16 @@ impl WindowConnection {
     /// Reads the status once; the flag is whether the whole chunk is complete and the machine at rest.
     pub(super) async fn poll_chunk(
         &mut self,
-        pending: &mut PendingChunk,
+        running: &mut RunningChunk,
     ) -> Result<(WindowStatus, bool), ControllerError> {
-        pending.wait_before_request(self.timeouts.poll_interval).await;
+        running.wait_before_poll(self.timeouts.poll_interval).await;
         let status = self.read_status().await?;
         if self.halt.is_halt_requested() {
             return Err(self.resend_hold_until_at_rest().await);
         }
-        let (name, sequence) = (&pending.error_label, pending.sequence);
-        if status.accepted_sequence == sequence {
-            (self.accepted_sequence, self.is_accepted_chunk_own) = (sequence, true);
+        let (name, sequence) = (&running.error_label, running.sequence);
+        if status.checked_sequence == sequence {
+            (self.checked_sequence, self.is_checked_chunk_own) = (sequence, true);
             if status.refusal_code != 0 {
                 return Err(refusal_error(name, status.refusal_code));
             }
@@ -257,14 +257,14 @@ impl WindowConnection {
             self.send_hold();
             return Err(ControllerError::UnexpectedContact { step });
         }
-        match status.accepted_sequence {
-            accepted if accepted == sequence => {
+        match status.checked_sequence {
+            checked if checked == sequence => {
                 if status.executed_sequence == sequence && status.state == WindowState::Idle {
                     return Ok((status, true));
                 }
             }
-            before if before == self.accepted_sequence => {
-                if pending.started_at.elapsed() > self.timeouts.reply_timeout {
+            before if before == self.checked_sequence => {
+                if running.started_at.elapsed() > self.timeouts.reply_timeout {
                     return Err(ControllerError::no_answer(name, self.timeouts.reply_timeout));
                 }
             }
@@ -272,7 +272,7 @@ impl WindowConnection {
             _ => return Err(unexpected_sequence_error(&status, sequence)),
         }
         let (state, limit) = ((status.state, status.position.clone()), self.timeouts.max_unchanged_time(status.state));
-        pending.stall_detector.check_not_stalled(state, limit, pending.planned_standstill_time, name)?;
+        running.stall_detector.check_not_stalled(state, limit, running.planned_standstill_time, name)?;
         Ok((status, false))
     }
 
@@ -291,7 +291,7 @@ impl WindowConnection {
                 last_beat_at = Instant::now();
             }
             match status.state {
-                WindowState::Idle if beats.len() > 2 && status.executed_sequence == status.accepted_sequence => {
+                WindowState::Idle if beats.len() > 2 && status.executed_sequence == status.checked_sequence => {
                     break;
                 }
                 WindowState::Idle | WindowState::Running => self.send_hold(),

@@ -101,7 +101,7 @@ async fn stuck_counter_is_reported() {
     assert!(matches!(error, SensorError::CounterFrozen), "{error}");
 }
 
-async fn flags_and_missing_counts(counter_key: &str, events: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
+async fn flags_and_lost_counts(counter_key: &str, events: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
     let (mut driver, sender) = driver_and_event_sender(counter_key, 30.0);
     driver.discard_old_samples().await.unwrap();
     for event in events {
@@ -109,7 +109,7 @@ async fn flags_and_missing_counts(counter_key: &str, events: Vec<CanEvent>, coun
     }
     let mut samples = Vec::new();
     for _ in 0..count {
-        let Sample { flag, missing_count: missing, .. } = driver.next().await.unwrap();
+        let Sample { flag, lost_before_count: missing, .. } = driver.next().await.unwrap();
         samples.push((flag, missing));
     }
     samples
@@ -130,10 +130,7 @@ async fn bus_off_gives_a_stale_sample_then_a_gap() {
         ]
     };
     let (well, stale) = ((ReadingFlag::None, 0), (ReadingFlag::Stale, 0));
-    assert_eq!(
-        flags_and_missing_counts(COUNTER_KEY, events(), 5).await,
-        [well, well, stale, (ReadingFlag::Gap, 4), well]
-    );
+    assert_eq!(flags_and_lost_counts(COUNTER_KEY, events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 4), well]);
     // Without a counter the number of missing samples is unknown.
-    assert_eq!(flags_and_missing_counts("", events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 0), well]);
+    assert_eq!(flags_and_lost_counts("", events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 0), well]);
 }

@@ -19,8 +19,8 @@ struct CanKeys {
     #[serde(default)]
     extended: bool,
     /// Length of a frame, bytes.
-    #[serde(default = "default_length")]
-    length: u16,
+    #[serde(rename = "length", default = "default_length")]
+    frame_bytes: u16,
     /// Maximum time between two frames, s; a longer silence is flagged.
     #[serde(default = "default_timeout_s")]
     timeout_s: f64,
@@ -58,7 +58,7 @@ impl TryFrom<CanKeys> for CanConfig {
     type Error = String;
 
     fn try_from(keys: CanKeys) -> Result<Self, String> {
-        let CanKeys { interface, length, timeout_s, .. } = keys;
+        let CanKeys { interface, frame_bytes: length, timeout_s, .. } = keys;
         if interface.is_empty() || interface.len() > MAX_INTERFACE_NAME_LENGTH || interface.contains('/') {
             return Err(format!("`interface` is `{interface}`; set a name from `ip link`, e.g. `can0`"));
         }

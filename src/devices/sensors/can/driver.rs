@@ -16,8 +16,8 @@ use link::{Clock, SharedPorts};
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 
-/// Minimum time to wait for the first frame: a sensor that was just switched on may need it.
-const MIN_FIRST_FRAME_TIMEOUT: Duration = Duration::from_secs(1);
+/// Time to wait for the first frame if `timeout_s` is shorter: a sensor that was just switched on may need it.
+const FIRST_FRAME_WAIT_FLOOR: Duration = Duration::from_secs(1);
 
 pub(super) struct CanDriver {
     receiver: CanReceiver,
@@ -64,7 +64,7 @@ impl CanDriver {
 
     /// Waits for the first sample. The wait has a deadline, because a bus that reports only errors is never silent.
     async fn wait_for_first_sample(&mut self) -> Result<Sample, SensorError> {
-        let wait = self.silence_timeout.max(MIN_FIRST_FRAME_TIMEOUT);
+        let wait = self.silence_timeout.max(FIRST_FRAME_WAIT_FLOOR);
         let deadline = Instant::now() + wait;
         loop {
             let remaining = deadline.saturating_duration_since(Instant::now());
@@ -93,7 +93,7 @@ impl CanDriver {
         while steps.max(unchanged_count) < MAX_RATE_MEASUREMENT_SAMPLES
             && last - first.received_s < RATE_MEASUREMENT_TIME.as_secs_f64()
         {
-            let Sample { received_s: t_s, flag, missing_count: missing, .. } = self.next().await?;
+            let Sample { received_s: t_s, flag, lost_before_count: missing, .. } = self.next().await?;
             if self.counter_tracker.is_count_unchanged() {
                 unchanged_count += 1;
             } else if flag == ReadingFlag::Stale {

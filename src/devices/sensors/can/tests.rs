@@ -10,7 +10,7 @@ use link::clock::HostClock;
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 use simulator::SensorOutput;
-use simulator::sensors::{SampleSource, can};
+use simulator::sensor_devices::{SampleSource, can};
 
 pub(super) fn test_sensor() -> sensor::Sensor {
     serde_json::from_value(serde_json::json!({
@@ -20,8 +20,8 @@ pub(super) fn test_sensor() -> sensor::Sensor {
     .unwrap()
 }
 
-pub(super) fn parse_config(text: &str) -> Result<CanConfig, String> {
-    toml::from_str(text).map_err(|error| error.message().to_owned())
+pub(super) fn parse_config(toml: &str) -> Result<CanConfig, String> {
+    toml::from_str(toml).map_err(|error| error.message().to_owned())
 }
 
 /// A sensor that sends these frames, one each millisecond, and then nothing.
@@ -43,10 +43,10 @@ value = { byte = 0, width = 24, order = "little", signed = true, scale_mm = 1e-5
 counter = { byte = 3, width = 8 }
 "#;
 
-fn values_flags_and_missing_counts(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
+fn values_flags_and_lost_counts(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
     // Digits below a picometre are the rounding of the scale.
     let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
-    let value_and_flag = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing_count);
+    let value_and_flag = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.lost_before_count);
     samples.iter().map(value_and_flag).collect()
 }
 
@@ -65,7 +65,7 @@ async fn frames_become_samples_with_their_flags() {
     );
     let samples = sensor.read_samples(6).await.unwrap();
     assert_eq!(
-        values_flags_and_missing_counts(&samples),
+        values_flags_and_lost_counts(&samples),
         [
             (Some(83.88607), ReadingFlag::None, 0),
             (Some(-83.88608), ReadingFlag::None, 0),
@@ -115,7 +115,7 @@ async fn frames_of_the_simulated_sensor_are_read() {
     let config: CanConfig = toml::from_str(&keys).unwrap();
     let samples = config.spawn_sensor(can, &test_sensor(), clock, None).read_samples(5).await.unwrap();
     assert_eq!(
-        values_flags_and_missing_counts(&samples),
+        values_flags_and_lost_counts(&samples),
         [
             (None, ReadingFlag::Range, 0),
             (None, ReadingFlag::Saturated, 0),

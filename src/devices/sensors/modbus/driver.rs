@@ -100,7 +100,7 @@ impl ModbusSensorDriver {
         }
         let mut sample = self.counter_tracker.complete_sample(self.clock.now_s(), decoded);
         if !self.config.register_map.counts_missing_samples {
-            sample.missing_count = 0;
+            sample.lost_before_count = 0;
             if sample.flag == ReadingFlag::Gap {
                 sample.flag = ReadingFlag::None;
             }

@@ -16,7 +16,7 @@ use machine::record::reading::ReadingFlag;
 pub(super) struct RegisterValueKeys {
     register: u16,
     #[serde(rename = "type")]
-    kind: NumberType,
+    number_type: NumberType,
     #[serde(default)]
     order: ByteOrder,
     scale_mm: f64,
@@ -40,7 +40,7 @@ struct RegisterCodeKeys {
 pub(super) struct RegisterCounterKeys {
     register: u16,
     #[serde(rename = "type")]
-    kind: NumberType,
+    number_type: NumberType,
     #[serde(default)]
     order: ByteOrder,
     /// Whether samples that were missed between two reads are counted and flagged; otherwise they are ignored.
@@ -54,7 +54,7 @@ pub(super) struct RegisterCounterKeys {
 pub(super) struct RegisterEncoderKeys {
     register: u16,
     #[serde(rename = "type")]
-    kind: NumberType,
+    number_type: NumberType,
     #[serde(default)]
     order: ByteOrder,
     /// Number of counts after which the count restarts; if absent, the capacity of its registers.
@@ -69,6 +69,7 @@ pub(super) struct RegisterStatusKeys {
     register: u16,
     #[serde(default)]
     bit: u16,
+    /// Number of bits.
     #[serde(default = "default_width")]
     width: u16,
     is: Option<u16>,
@@ -157,45 +158,45 @@ impl SensorRegisterMap {
     pub fn new(
         space: RegisterSpace,
         value: RegisterValueKeys,
-        counter: Option<RegisterCounterKeys>,
-        encoder: Option<RegisterEncoderKeys>,
+        counter_keys: Option<RegisterCounterKeys>,
+        encoder_keys: Option<RegisterEncoderKeys>,
         status: Vec<RegisterStatusKeys>,
     ) -> Result<Self, String> {
         let RegisterValueKeys { scale_mm, offset_mm, .. } = value;
         check_scale(scale_mm, offset_mm)?;
-        if value.nan.is_some() && !value.kind.is_float() {
+        if value.nan.is_some() && !value.number_type.is_float() {
             return Err("`value.nan` is only for `f32` and `f64`; use `codes` for an integer".to_owned());
         }
-        if counter.as_ref().is_some_and(|counter| !matches!(counter.kind, NumberType::U16 | NumberType::U32)) {
+        if counter_keys.as_ref().is_some_and(|keys| !matches!(keys.number_type, NumberType::U16 | NumberType::U32)) {
             return Err("`counter.type` must be an unsigned integer: `u16` or `u32`".to_owned());
         }
-        let encoder_modulus = encoder.as_ref().map(encoder_modulus).transpose()?;
+        let encoder_modulus = encoder_keys.as_ref().map(encoder_modulus).transpose()?;
         let mut status =
             status.into_iter().map(RegisterStatusKeys::checked_bits_and_flag).collect::<Result<Vec<_>, _>>()?;
         check_status_conflicts(&status)?;
         let numbers = [
-            ("value", Some((value.register, value.kind))),
-            ("counter", counter.as_ref().map(|keys| (keys.register, keys.kind))),
-            ("encoder_count", encoder.as_ref().map(|keys| (keys.register, keys.kind))),
+            ("value", Some((value.register, value.number_type))),
+            ("counter", counter_keys.as_ref().map(|keys| (keys.register, keys.number_type))),
+            ("encoder_count", encoder_keys.as_ref().map(|keys| (keys.register, keys.number_type))),
         ];
         let span = register_span(space, numbers, &status)?;
         status.iter_mut().for_each(|(status, _)| status.register -= span.first);
         let status = status.into_iter().map(|(status, flag)| (RegisterCondition::Status(status), flag));
         let location = |register: u16, kind, order| {
-            let number = NumberFormat { kind, order, scale: 1.0 };
+            let number = NumberFormat { number_type: kind, order, scale: 1.0 };
             RegisterLocation { span_offset: usize::from(register - span.first), number_format: number }
         };
-        let number = location(value.register, value.kind, value.order);
+        let number = location(value.register, value.number_type, value.order);
         let nan = value.nan.map(|means| (RegisterCondition::NotFinite(number), means.reading_flag()));
         let codes = value.codes.iter();
         let codes = codes.map(|code| (RegisterCondition::Code(number, code.is), code.means.reading_flag()));
-        let counts_gaps = counter.as_ref().is_some_and(|keys| keys.gaps);
-        let counter = counter.map(|RegisterCounterKeys { register, kind, order, .. }| {
+        let counts_gaps = counter_keys.as_ref().is_some_and(|keys| keys.gaps);
+        let counter = counter_keys.map(|RegisterCounterKeys { register, number_type: kind, order, .. }| {
             (location(register, kind, order), 1 << (16 * kind.register_count()))
         });
-        let encoder = encoder
+        let encoder = encoder_keys
             .zip(encoder_modulus)
-            .map(|(keys, modulus)| (location(keys.register, keys.kind, keys.order), modulus));
+            .map(|(keys, modulus)| (location(keys.register, keys.number_type, keys.order), modulus));
         let flags = status.chain(nan).chain(codes).collect();
         let sample = SampleLayout {
             value_location: number,
@@ -211,14 +212,14 @@ impl SensorRegisterMap {
     /// Size of one count, mm; 0 for floating-point numbers.
     pub fn count_size_mm(&self) -> f64 {
         let SampleLayout { value_location: value, scale_mm, .. } = &self.sample;
-        if value.number_format.kind.is_float() { 0.0 } else { scale_mm.abs() }
+        if value.number_format.number_type.is_float() { 0.0 } else { scale_mm.abs() }
     }
 }
 
 fn encoder_modulus(keys: &RegisterEncoderKeys) -> Result<u64, String> {
-    match keys.kind {
+    match keys.number_type {
         NumberType::U16 | NumberType::I16 | NumberType::U32 | NumberType::I32 => {
-            encoder_count::resolve_modulus("encoder_count", keys.round, 16 * keys.kind.register_count())
+            encoder_count::resolve_modulus("encoder_count", keys.round, 16 * keys.number_type.register_count())
         }
         _ => Err("`encoder_count.type` must be `u16`, `i16`, `u32` or `i32`".to_owned()),
     }

@@ -11,7 +11,7 @@ use link::clock::HostClock;
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor::Sensor;
 use simulator::SensorOutput;
-use simulator::sensors::modbus::{SampleTiming, serve_on_tcp};
+use simulator::sensor_devices::modbus::{SampleTiming, serve_on_tcp};
 
 const REGISTER_MAP_KEYS: &str = r#"
 [value]

@@ -34,14 +34,15 @@ enum ChecksumKind {
     Crc32,
 }
 
+/// Format of a checksum.
 #[derive(Debug, Clone)]
-pub(super) struct Checksum {
+pub(super) struct ChecksumFormat {
     kind: ChecksumKind,
     byte_order: Endianness,
     includes_sync: bool,
 }
 
-impl Checksum {
+impl ChecksumFormat {
     /// Describes the checksum with its keys.
     pub fn describe(&self) -> String {
         let Self { kind, byte_order: order, includes_sync } = self;
@@ -85,7 +86,7 @@ impl Checksum {
     }
 }
 
-impl TryFrom<ChecksumKeys> for Checksum {
+impl TryFrom<ChecksumKeys> for ChecksumFormat {
     type Error = String;
 
     fn try_from(ChecksumKeys { kind, order, with_sync }: ChecksumKeys) -> Result<Self, String> {
@@ -104,7 +105,8 @@ mod tests {
     #[test]
     fn checksums_agree_with_the_catalogue() {
         // Values for the text 123456789, from the catalogue of parametrised CRC algorithms.
-        let of = |kind| Checksum { kind, byte_order: Endianness::Big, includes_sync: false }.compute(b"123456789");
+        let of =
+            |kind| ChecksumFormat { kind, byte_order: Endianness::Big, includes_sync: false }.compute(b"123456789");
         assert_eq!(of(ChecksumKind::Crc8), 0xF4);
         assert_eq!(of(ChecksumKind::Crc16Modbus), 0x4B37);
         assert_eq!(of(ChecksumKind::Crc16Ccitt), 0x29B1);
@@ -118,7 +120,7 @@ mod tests {
 
     #[test]
     fn checksum_follows_byte_order_and_inclusion_of_sync() {
-        let sum = |order, with_sync| Checksum {
+        let sum = |order, with_sync| ChecksumFormat {
             kind: ChecksumKind::Crc16Modbus,
             byte_order: order,
             includes_sync: with_sync,

@@ -187,8 +187,8 @@ impl SerialDriver {
         self.startup_data.record_received(bytes);
         for piece in self.splitter.push(bytes) {
             match piece {
-                StreamPiece::Decoded { sample, bytes } => {
-                    self.startup_data.valid_byte_count += bytes;
+                StreamPiece::Decoded { sample, consumed_byte_count } => {
+                    self.startup_data.valid_byte_count += consumed_byte_count;
                     self.unread_items.push_back(StreamItem::Sample(received_at, sample));
                 }
                 StreamPiece::Undecodable(bytes) => {

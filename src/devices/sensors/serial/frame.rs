@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::checksum::{Checksum, ChecksumKeys};
+use super::checksum::{ChecksumFormat, ChecksumKeys};
 use crate::sensors::bit_field::Endianness;
 use crate::sensors::frame_layout::{FrameCounterKeys, FrameEncoderKeys, FrameLayout, FrameStatusKeys, FrameValueKeys};
 use crate::sensors::sample_layout::DecodedSample;
@@ -12,7 +12,9 @@ use crate::sensors::sample_layout::DecodedSample;
 #[serde(deny_unknown_fields)]
 pub(super) struct FrameKeys {
     sync: Vec<u8>,
-    length: usize,
+    /// Number of bytes between `sync` and the checksum.
+    #[serde(rename = "length")]
+    body_bytes: usize,
     #[serde(default)]
     tail: Vec<u8>,
     order: Option<Endianness>,
@@ -32,7 +34,7 @@ pub(super) struct FrameFormat {
     /// Number of bytes between `sync` and the checksum.
     body_length: usize,
     tail: Vec<u8>,
-    checksum: Option<Checksum>,
+    checksum: Option<ChecksumFormat>,
     pub body_layout: FrameLayout,
 }
 
@@ -48,13 +50,13 @@ impl FrameFormat {
             ("`sync`", format!("{:02X?}", self.sync)),
             ("`length`", self.body_length.to_string()),
             ("`tail`", format!("{:02X?}", self.tail)),
-            ("`checksum`", checksum.map_or("not set".to_owned(), Checksum::describe)),
+            ("`checksum`", checksum.map_or("not set".to_owned(), ChecksumFormat::describe)),
         ]
     }
 
     /// Length of a whole frame, bytes.
     pub fn frame_length(&self) -> usize {
-        let check = self.checksum.as_ref().map_or(0, Checksum::byte_count);
+        let check = self.checksum.as_ref().map_or(0, ChecksumFormat::byte_count);
         self.sync.len() + self.body_length + check + self.tail.len()
     }
 
@@ -71,7 +73,7 @@ impl TryFrom<FrameKeys> for FrameFormat {
     type Error = String;
 
     fn try_from(keys: FrameKeys) -> Result<Self, String> {
-        let FrameKeys { sync, length, tail, order, value, counter, encoder_count, status, checksum } = keys;
+        let FrameKeys { sync, body_bytes: length, tail, order, value, counter, encoder_count, status, checksum } = keys;
         if sync.is_empty() {
             return Err("`sync` is empty; set the first bytes of each frame, e.g. [0xAA, 0x55]".to_owned());
         }
@@ -81,7 +83,7 @@ impl TryFrom<FrameKeys> for FrameFormat {
             ));
         }
         let numbers = FrameLayout::new(value, counter, encoder_count, status, order, length)?;
-        let checksum = checksum.map(Checksum::try_from).transpose()?;
+        let checksum = checksum.map(ChecksumFormat::try_from).transpose()?;
         Ok(Self { sync, body_length: length, tail, checksum, body_layout: numbers })
     }
 }

@@ -12,7 +12,7 @@ const MAX_LINE_BYTES: usize = 512;
 pub(super) enum StreamPiece {
     Decoded {
         sample: DecodedSample,
-        bytes: usize,
+        consumed_byte_count: usize,
     },
     /// Bytes that cannot be decoded.
     Undecodable(Vec<u8>),
@@ -59,7 +59,7 @@ fn split_lines(layout: &line::LineFormat, buffer: &mut Vec<u8>, is_unsynchronize
             continue;
         }
         pieces.push(match layout.decode(line) {
-            Some(sample) => StreamPiece::Decoded { sample, bytes: ended.len() },
+            Some(sample) => StreamPiece::Decoded { sample, consumed_byte_count: ended.len() },
             None => StreamPiece::Undecodable(line.to_vec()),
         });
     }
@@ -86,7 +86,7 @@ fn split_frames(layout: &frame::FrameFormat, buffer: &mut Vec<u8>, is_unsynchron
                     pieces.push(StreamPiece::Undecodable(std::mem::take(&mut invalid)));
                 }
                 invalid.clear();
-                pieces.push(StreamPiece::Decoded { sample, bytes: layout.frame_length() });
+                pieces.push(StreamPiece::Decoded { sample, consumed_byte_count: layout.frame_length() });
             }
             // The sync bytes were there by chance, or bytes after them are missing.
             None => invalid.extend(buffer.drain(..1)),

@@ -38,12 +38,12 @@ checksum = { kind = "xor" }
 tail = [0x0D]
 "#;
 
-fn parse_config(text: &str) -> SerialConfig {
-    toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap()
+fn parse_config(toml: &str) -> SerialConfig {
+    toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{toml}")).unwrap()
 }
 
-fn config_error(text: &str) -> String {
-    toml::from_str::<SerialConfig>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
+fn config_error(toml: &str) -> String {
+    toml::from_str::<SerialConfig>(&format!("tcp = \"127.0.0.1:9\"\n{toml}")).unwrap_err().to_string()
 }
 
 pub fn test_sensor() -> Sensor {
@@ -177,11 +177,11 @@ async fn driver_and_tcp_peer(layout: &str) -> (SerialDriver, TcpStream) {
 fn um_flag_and_missing_count(sample: Sample) -> (i64, &'static str, u32) {
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
     assert_eq!(sample.value_mm.is_some(), matches!(sample.flag, ReadingFlag::None | ReadingFlag::Gap));
-    (um, sample.flag.as_str(), sample.missing_count)
+    (um, sample.flag.as_str(), sample.lost_before_count)
 }
 
 #[tokio::test]
-async fn lines_become_flagged_samples_with_missing_counts() {
+async fn lines_become_flagged_samples_with_lost_counts() {
     let (mut serial, mut far) = driver_and_tcp_peer(LINE_LAYOUT).await;
     far.write_all(b"rest of a line\r\nD1;97;\r\nD2;98;\r\nD3;98;\r\nD-11000;99;\r\nD4;0;\r\n").await.unwrap();
     far.write_all(b"D5;4;\r\nnoise\r\nD6;6;\r\nD----;8;\r\nD7;9;S\r\nD8;10;\r\n").await.unwrap();

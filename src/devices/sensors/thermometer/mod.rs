@@ -135,10 +135,12 @@ fn group_by_device(
 }
 
 fn read_simulated(simulated: Option<&SimulatedTemperatureSource>) -> Result<f64, ThermometerError> {
-    check_plausible(simulated.and_then(|temperature_c| temperature_c()).ok_or(ThermometerError::NoSimulatedMachine)?)
+    require_plausible_temperature(
+        simulated.and_then(|temperature_c| temperature_c()).ok_or(ThermometerError::NoSimulatedMachine)?,
+    )
 }
 
-fn check_plausible(celsius: f64) -> Result<f64, ThermometerError> {
+fn require_plausible_temperature(celsius: f64) -> Result<f64, ThermometerError> {
     match PLAUSIBLE_RANGE_C.contains(&celsius) {
         true => Ok(celsius),
         false => Err(ThermometerError::ImplausibleValue { celsius }),

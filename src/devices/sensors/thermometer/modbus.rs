@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
-use super::{ThermometerError, check_plausible};
+use super::{ThermometerError, require_plausible_temperature};
 use link::HostPort;
 use link::modbus::number_format::{ByteOrder, NumberFormat, NumberType};
 use link::modbus::{
@@ -35,7 +35,7 @@ struct ModbusThermometerKeys {
 struct ModbusThermometerValueKeys {
     register: u16,
     #[serde(rename = "type")]
-    kind: NumberType,
+    number_type: NumberType,
     #[serde(default)]
     order: ByteOrder,
     scale_c: f64,
@@ -64,14 +64,14 @@ impl TryFrom<ModbusThermometerKeys> for ModbusThermometerConfig {
         if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
             return Err("`space` must be `input` or `holding`: a bit cannot hold a temperature".to_owned());
         }
-        let ModbusThermometerValueKeys { register, kind, order, scale_c, offset_c } = keys.value;
+        let ModbusThermometerValueKeys { register, number_type: kind, order, scale_c, offset_c } = keys.value;
         if scale_c == 0.0 || !scale_c.is_finite() || !offset_c.is_finite() {
             return Err(format!(
                 "`value.scale_c` is {scale_c}, `value.offset_c` is {offset_c}; set `scale_c` to the °C of one \
                  count, e.g. 0.1, and `offset_c` to the °C at zero counts"
             ));
         }
-        let number = NumberFormat { kind, order, scale: scale_c };
+        let number = NumberFormat { number_type: kind, order, scale: scale_c };
         let last = register
             .checked_add(number.register_count() - 1)
             .ok_or_else(|| format!("`value.register` at {register} extends beyond register 65535"))?;
@@ -112,6 +112,6 @@ impl ThermometerReader {
         };
         let words = link.read(space, first, last - first + 1).await;
         self.client = Some(link).filter(|_| !matches!(words, Err(ModbusError::LinkThreadEnded { .. })));
-        check_plausible(config.offset_c + config.number_format.decode(&words?)?)
+        require_plausible_temperature(config.offset_c + config.number_format.decode(&words?)?)
     }
 }

@@ -41,8 +41,8 @@ enum TemperatureSource {
 /// Last temperature of one thermometer, and its last error.
 #[derive(Default)]
 struct LastTemperature {
-    /// Last temperature, °C, and when it was read.
-    temperature_c_and_time: Option<(f64, Instant)>,
+    /// Last temperature, °C, and the time of its read.
+    temperature_c_and_read_time: Option<(f64, Instant)>,
     /// Reason why the last request gave no value.
     last_error: Option<Arc<ThermometerError>>,
 }
@@ -108,17 +108,19 @@ impl ThermometerPoller {
 impl LastTemperature {
     fn record_poll_result(&mut self, result: Result<f64, ThermometerError>) {
         match result {
-            Ok(celsius) => (self.temperature_c_and_time, self.last_error) = (Some((celsius, Instant::now())), None),
+            Ok(celsius) => {
+                (self.temperature_c_and_read_time, self.last_error) = (Some((celsius, Instant::now())), None)
+            }
             Err(error) => self.last_error = Some(Arc::new(error)),
         }
     }
 
     fn was_polled(&self) -> bool {
-        self.temperature_c_and_time.is_some() || self.last_error.is_some()
+        self.temperature_c_and_read_time.is_some() || self.last_error.is_some()
     }
 
     fn value_within(&self, max_age: Duration) -> Result<f64, Arc<ThermometerError>> {
-        match self.temperature_c_and_time {
+        match self.temperature_c_and_read_time {
             Some((celsius, at)) if at.elapsed() <= max_age => Ok(celsius),
             _ => Err(self.last_error.clone().unwrap_or_else(|| Arc::new(ThermometerError::NoReplyYet))),
         }

@@ -1,6 +1,6 @@
 //! Tests with the dome of paper 4 on the machine of paper 4.
 
-mod g4;
+mod gate_g4;
 
 use nalgebra::Vector3;
 
@@ -34,11 +34,11 @@ fn simulate_observed_balls(plan: &Plan, mut noise: impl FnMut() -> f64) -> Obser
     let setup = design::dome_setup(plan, &settings).unwrap();
     let mut observed = ObservedBalls::default();
     for (place, visit) in design::design_visits(&setup, &settings).unwrap().into_iter().enumerate() {
-        let triple: BcsAnglesRad =
+        let bcs_rad: BcsAnglesRad =
             [visit.rotary_position.get_or_zero(Axis::B), visit.rotary_position.get_or_zero(Axis::C), 0.0];
         for ball in visit.ball_indices {
             let centre = Vector3::from(setup.balls.balls[ball].centre_mm);
-            let xyz = truth.axis_positions_at_ball(centre, triple);
+            let xyz = truth.axis_positions_at_ball(centre, bcs_rad);
             let id = setup.balls.balls[ball].id.clone();
             observed.centres.push(BallCentre {
                 label: TouchLabel {
@@ -50,8 +50,8 @@ fn simulate_observed_balls(plan: &Plan, mut noise: impl FnMut() -> f64) -> Obser
                 ball_index: ball,
                 measured_rotary_position_index: place,
                 commanded_rotary_position_index: place,
-                axis_positions_mm: xyz + Vector3::from_fn(|_, _| noise()),
-                radius_mm: 0.0,
+                centre_axis_positions_mm: xyz + Vector3::from_fn(|_, _| noise()),
+                contact_radius_mm: 0.0,
                 form_mm: 0.0,
                 touches: Vec::new(),
                 mean_time_s: 0.0,

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::g5::{
+use super::gate_g5::{
     HIGHEST_HARMONIC_ORDER, Truth, largest_motion_errors, median_and_p95, paper_simulation, remove_share_of_visits,
     scatter_generator, simulate_observations,
 };

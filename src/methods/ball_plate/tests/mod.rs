@@ -3,13 +3,13 @@
 //! The measurements are computed from rotation matrices written here, not from the equations under test.
 
 mod four_step;
-mod g5;
+mod gate_g5;
 mod nullities;
 
 use nalgebra::{Rotation3, Vector3};
 
 use super::angle_basis::AngleBasis;
-use super::design::rigid_motion_columns;
+use super::design::rigid_motion_derivatives;
 use super::equations::BallObservation;
 use super::unknowns_layout::{TableStop, UnknownsLayout};
 use std::f64::consts::TAU;
@@ -65,7 +65,7 @@ impl PlateSimulation {
                     relative_time: 0.0,
                     preceding_interruption_count: 0,
                     axis_position_deviation_mm: deviation,
-                    derivatives_by_error_motion: rigid_motion_columns(turned * radial * self.circle_radius_mm),
+                    derivatives_by_error_motion: rigid_motion_derivatives(turned * radial * self.circle_radius_mm),
                     derivative_by_ball_position: *turned.matrix(),
                 });
             }

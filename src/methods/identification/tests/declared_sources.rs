@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::assert_near;
 use crate::identification::declared_sources::{
-    display_step_mm, drift_rate_sd_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm,
+    control_resolution_mm, drift_rate_sd_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm,
     resolution_u_mm, rotary_error_motions,
 };
 
@@ -39,9 +39,9 @@ fn regress_repeatability_resolution_and_drift_are_as_declared() {
     assert_near(repeatability_mm(&plan), 1e-3, 0.0);
     plan.probe.repeatability_um = Some(0.25);
     assert_near(repeatability_mm(&plan), 0.25e-3, 1e-18);
-    assert_near(display_step_mm(&plan, Vector3::x()), 3e-3, 1e-18);
+    assert_near(control_resolution_mm(&plan, Vector3::x()), 3e-3, 1e-18);
     let diagonal = Vector3::new(0.6, 0.8, 0.0);
-    assert_near(display_step_mm(&plan, diagonal), (1.8_f64.hypot(3.2)) * 1e-3, 1e-17);
+    assert_near(control_resolution_mm(&plan, diagonal), (1.8_f64.hypot(3.2)) * 1e-3, 1e-17);
     assert_near(resolution_u_mm(&plan, -Vector3::y()), 4e-3 / 12f64.sqrt(), 1e-18);
     assert_near(drift_rate_sd_mm_per_s(&plan), 2e-6, 1e-20);
 }

@@ -9,14 +9,14 @@ use machine::record::estimate::{FunctionFigureKind, Unit};
 
 use super::{MeanModel, assert_near};
 use crate::identification::{
-    NonlinearOutputs, ObservationEffect, OutputCurve, OutputParameter, Outputs, TrialSettings, UncertaintySource,
-    central_differences, identify, parameter_without_budget, reported_unit,
+    IdentificationOutputs, NonlinearOutputs, ObservationEffect, OutputCurve, OutputParameter, TrialSettings,
+    UncertaintySource, central_differences, identify, parameter_without_budget, reported_unit,
 };
 
 #[test]
 fn regress_source_of_wrong_length_is_refused_with_its_name() {
     let mean = MeanModel::from_readings(&[2e-3, -2e-3, 1e-3, -1e-3]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let each = |count| UncertaintySource::new("scatter", ObservationEffect::Independent(vec![1e-3; count]));
     let direct = |rows: Vec<Vec<f64>>| UncertaintySource { direct_unknown_changes: rows, ..each(4) };
     let long = UncertaintySource::new("scatter", ObservationEffect::Joint(vec![vec![1e-3; 5]]));
@@ -25,12 +25,12 @@ fn regress_source_of_wrong_length_is_refused_with_its_name() {
     for source in wrong {
         let plan = TrialSettings { seed: 1, trial_count: TrialCount::Fixed(100) };
         let solution = mean.solved_model_of_full_rank(&fit, true);
-        let refused = identify(&solution, &[source], Outputs::default(), Some(plan));
+        let refused = identify(&solution, &[source], IdentificationOutputs::default(), Some(plan));
         let reason = refused.err().map(|error| error.to_string()).unwrap_or_default();
         assert!(reason.contains("`scatter` does not match 4 observations and 1 unknowns"), "{reason}");
     }
     let solution = mean.solved_model_of_full_rank(&fit, true);
-    assert!(identify(&solution, &[direct(vec![one(); 4])], Outputs::default(), None).is_ok());
+    assert!(identify(&solution, &[direct(vec![one(); 4])], IdentificationOutputs::default(), None).is_ok());
 }
 
 /// |x| of an x around zero has a half-normal distribution.
@@ -40,14 +40,14 @@ fn magnitude_output() -> NonlinearOutputs {
     NonlinearOutputs { outputs: vec![output], trial_values: Box::new(values) }
 }
 
-/// A mean of four readings of u = 2 µm has u = 1 µm, also as an angle over 500 mm. Its magnitude has the
-/// standard deviation √(1 − 2/π).
+/// A mean of four readings of u = 2 µm has u = 1 µm, also as an angle over 500 mm. The magnitude of
+/// such a mean has the standard deviation √(1 − 2/π).
 #[test]
 fn regress_estimate_agrees_with_hand_calculation() {
     let mean = MeanModel::from_readings(&[2e-3, -2e-3, 1e-3, -1e-3]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let x = [4e-3];
-    let outputs = Outputs {
+    let outputs = IdentificationOutputs {
         linear_parameters: vec![
             OutputParameter::from_unknown("EX0C", Unit::Um, 0, &x),
             OutputParameter::from_coefficients("EB0C", Unit::Urad, vec![0.002], &x),
@@ -96,9 +96,9 @@ fn regress_estimate_agrees_with_hand_calculation() {
 #[test]
 fn regress_nonlinear_output_without_trials_has_no_uncertainty() {
     let mean = MeanModel::from_readings(&[0.0, 0.0]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3; 2]))];
-    let outputs = Outputs { nonlinear: Some(magnitude_output()), ..Outputs::default() };
+    let outputs = IdentificationOutputs { nonlinear: Some(magnitude_output()), ..IdentificationOutputs::default() };
     let identified = identify(&mean.solved_model_of_full_rank(&fit, true), &sources, outputs, None).unwrap();
     let estimate = identified.estimate("mean");
     assert!(estimate.parameters[0].u.is_nan() && estimate.covariance.rows.is_empty());
@@ -109,11 +109,11 @@ fn regress_nonlinear_output_without_trials_has_no_uncertainty() {
 #[test]
 fn regress_trials_contradict_a_wrong_slope() {
     let mean = MeanModel::from_readings(&[0.0]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0]))];
-    let outputs = Outputs {
+    let outputs = IdentificationOutputs {
         linear_parameters: vec![OutputParameter::from_unknown("x", Unit::Mm, 0, &[0.0])],
-        ..Outputs::default()
+        ..IdentificationOutputs::default()
     };
     let plan = TrialSettings { seed: 1, trial_count: TrialCount::Fixed(10_000) };
     let mut identified = identify(&mean.solved_model_of_full_rank(&fit, true), &sources, outputs, Some(plan)).unwrap();

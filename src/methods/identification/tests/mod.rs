@@ -11,7 +11,7 @@ mod uncertainty_sources;
 
 use faer::Mat;
 
-use super::{FitQuality, LinearFit, ObservationModel, SolvedModel};
+use super::{FitQuality, ObservationModel, SolvedLinearFit, SolvedModel};
 
 /// The mean of observations of one quantity: x = Σy/n; each observation has standard uncertainty 1.
 pub struct MeanModel {
@@ -35,14 +35,14 @@ impl MeanModel {
         }
     }
 
-    pub fn linear_fit(&self) -> LinearFit<'_> {
+    pub fn solved_linear_fit(&self) -> SolvedLinearFit<'_> {
         let Self { x, design_matrix: a, sigma, gain, .. } = self;
-        LinearFit { x, design_matrix: a, sigma, gain }
+        SolvedLinearFit { x, design_matrix: a, sigma, gain }
     }
 
     pub fn solved_model_of_full_rank<'a>(
         &'a self,
-        fit: &'a LinearFit<'a>,
+        fit: &'a SolvedLinearFit<'a>,
         has_declared_sizes: bool,
     ) -> SolvedModel<'a> {
         solved_model_of_full_rank(fit, &self.residuals, has_declared_sizes)

@@ -9,8 +9,8 @@ use super::propagation::exact_exponential_model;
 use super::{MeanModel, assert_near};
 use crate::IdentifyError;
 use crate::identification::{
-    DrawDistribution, LinearFit, NonlinearFit, ObservationEffect, ObservationModel, ObservationSpan, OutputParameter,
-    Outputs, ResidualTreatment, TrialSettings, UncertaintySource, propagate_by_trials,
+    DrawDistribution, IdentificationOutputs, NonlinearFit, ObservationEffect, ObservationModel, ObservationSpanChange,
+    OutputParameter, ResidualTreatment, SolvedLinearFit, TrialSettings, UncertaintySource, propagate_by_trials,
 };
 
 const TRIAL_COUNT: usize = 200_001;
@@ -28,9 +28,9 @@ fn trial_settings(trials: usize) -> TrialSettings {
     TrialSettings { seed: 4, trial_count: TrialCount::Fixed(trials) }
 }
 
-fn linear_outputs(slopes: &[&[f64]]) -> Outputs {
+fn linear_outputs(slopes: &[&[f64]]) -> IdentificationOutputs {
     let output = |slope: &&[f64]| OutputParameter::from_coefficients("x", Unit::Mm, slope.to_vec(), &[]);
-    Outputs { linear_parameters: slopes.iter().map(output).collect(), ..Outputs::default() }
+    IdentificationOutputs { linear_parameters: slopes.iter().map(output).collect(), ..IdentificationOutputs::default() }
 }
 
 fn run_trials(model: &dyn ObservationModel, sources: &[UncertaintySource], slopes: &[&[f64]]) -> TrialStatistics {
@@ -41,7 +41,7 @@ fn run_trials(model: &dyn ObservationModel, sources: &[UncertaintySource], slope
 /// The sum of four quantities.
 fn trials_of_sum_of_four(sources: &[UncertaintySource]) -> TrialStatistics {
     let (a, gain) = (Mat::from_fn(4, 1, |_, _| 0.25), Mat::from_fn(1, 4, |_, _| 1.0));
-    let fit = LinearFit { x: &[0.0], design_matrix: &a, sigma: &[1.0; 4], gain: &gain };
+    let fit = SolvedLinearFit { x: &[0.0], design_matrix: &a, sigma: &[1.0; 4], gain: &gain };
     run_trials(&fit, sources, &[&[1.0]])
 }
 
@@ -67,7 +67,7 @@ fn paper_jcgm_101_additive_model() {
 fn regress_trials_of_linear_fit_agree_with_hand_calculation() {
     let gain = Mat::from_fn(2, 3, |i, j| [[0.5, 0.5, 0.0], [1.0, 0.0, -2.0]][i][j]);
     let a = Mat::zeros(3, 2);
-    let fit = LinearFit { x: &[10.0, -3.0], design_matrix: &a, sigma: &[1.0; 3], gain: &gain };
+    let fit = SolvedLinearFit { x: &[10.0, -3.0], design_matrix: &a, sigma: &[1.0; 3], gain: &gain };
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0, 2.0, 0.5]))];
     let found = run_trials(&fit, &sources, &[&[1.0, 0.0], &[0.0, 1.0], &[1.0, -1.0]]);
     let expected = [(10.0, 1.25), (-3.0, 2.0), (13.0, 0.25 + 1.0 + 1.0)];
@@ -83,7 +83,7 @@ fn regress_trials_of_linear_fit_agree_with_hand_calculation() {
     assert_eq!(single.standard_deviation[0], found.standard_deviation[0]);
 }
 
-/// Sources follow each other in the random stream: the same draws as runs, as columns and as single
+/// Sources follow each other in the random stream: the same draws as spans, as columns and as single
 /// observations give the same trials.
 #[test]
 fn regress_effects_of_the_same_draws_give_the_same_trials() {
@@ -91,14 +91,16 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
     let sizes = [0.5, 0.2, 0.7];
     let column = |i: usize, size: f64| [vec![0.0; i], vec![size]].concat();
     let numbered = || sizes.into_iter().enumerate();
-    let run_of = |(first, size)| ObservationSpan { first_index: first, changes_mm: vec![size] };
+    let span_of = |(first, size)| ObservationSpanChange { first_index: first, changes_mm: vec![size] };
     let before = UncertaintySource::new("before", ObservationEffect::Joint(vec![vec![0.3; 3], vec![0.1; 2]]));
     let found = [
         ObservationEffect::Independent(sizes.to_vec()),
-        ObservationEffect::Spans(numbered().map(run_of).collect()),
+        ObservationEffect::Spans(numbered().map(span_of).collect()),
         ObservationEffect::Joint(numbered().map(|(i, size)| column(i, size)).collect()),
     ]
-    .map(|effect| run_trials(&mean.linear_fit(), &[before.clone(), UncertaintySource::new("one", effect)], &[&[1.0]]));
+    .map(|effect| {
+        run_trials(&mean.solved_linear_fit(), &[before.clone(), UncertaintySource::new("one", effect)], &[&[1.0]])
+    });
     let variance = 0.09 + (0.2_f64 / 3.0).powi(2) + (0.25 + 0.04 + 0.49) / 9.0;
     for one in &found {
         let relative = 4.0 / (2.0 * TRIAL_COUNT as f64).sqrt();
@@ -112,12 +114,13 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
 #[test]
 fn regress_misfit_factor_does_not_scale_expected_sources() {
     let mean = MeanModel::from_readings(&[0.0]);
-    let judged = UncertaintySource::new("judged", ObservationEffect::Independent(vec![1.0]));
-    let expected = UncertaintySource { residual_treatment: ResidualTreatment::InExpectedChi2, ..judged.clone() };
+    let scaled = UncertaintySource::new("judged", ObservationEffect::Independent(vec![1.0]));
+    let expected = UncertaintySource { residual_treatment: ResidualTreatment::InExpectedChi2, ..scaled.clone() };
     let misfit = Misfit { uncertainty_factor: 3.0, ..MISFIT_AS_DECLARED };
-    for (source, sd) in [(judged, 3.0), (expected, 1.0)] {
+    for (source, sd) in [(scaled, 3.0), (expected, 1.0)] {
         let outputs = linear_outputs(&[&[1.0]]);
-        let found = propagate_by_trials(&mean.linear_fit(), &[source], &misfit, &outputs, trial_settings(10_000));
+        let found =
+            propagate_by_trials(&mean.solved_linear_fit(), &[source], &misfit, &outputs, trial_settings(10_000));
         assert_near(found.unwrap().standard_deviation[0], sd, 0.03 * sd);
     }
 }
@@ -129,11 +132,11 @@ fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
     let mut source = UncertaintySource::new("shift", ObservationEffect::Joint(vec![vec![0.4; 3]; 2]));
     source.direct_unknown_changes = vec![vec![-0.4]; 2];
     let noise = UncertaintySource::new("noise", ObservationEffect::Independent(vec![1.0; 3]));
-    let found = run_trials(&mean.linear_fit(), std::slice::from_ref(&source), &[&[1.0]]);
+    let found = run_trials(&mean.solved_linear_fit(), std::slice::from_ref(&source), &[&[1.0]]);
     assert_near(found.mean[0], 2.0, 1e-14);
     assert_near(found.standard_deviation[0], 0.0, 1e-14);
     source.effect = ObservationEffect::Independent(vec![0.0; 2]);
-    let found = run_trials(&mean.linear_fit(), &[noise, source], &[&[1.0]]);
+    let found = run_trials(&mean.solved_linear_fit(), &[noise, source], &[&[1.0]]);
     let variance = 1.0 / 3.0 + 2.0 * 0.16_f64;
     assert_near(found.standard_deviation[0] / variance.sqrt(), 1.0, 0.007);
 }
@@ -147,7 +150,7 @@ fn regress_trials_show_the_second_order_shift_of_the_mean() {
     let change = [0.02, 0.06, 0.12, 0.2];
     let source = UncertaintySource::new("growth", ObservationEffect::Joint(vec![change.to_vec()]));
     let found = run_trials(&model, &[source], &[&[1.0]]);
-    let at = |unit: f64| model.solve_for_change(&change.map(|change| unit * change))[0] - minimum.x[0];
+    let at = |unit: f64| model.unknowns_for_changed_observations(&change.map(|change| unit * change))[0] - minimum.x[0];
     // Moments of the near solution by Gauss–Hermite quadrature of five points.
     let nodes = [(2.856_970, 0.011_257_4), (1.355_626, 0.222_075_9)];
     let moment = |power: i32| -> f64 {
@@ -165,7 +168,7 @@ fn regress_trials_show_the_second_order_shift_of_the_mean() {
 fn regress_one_trial_is_refused() {
     let mean = MeanModel::from_readings(&[0.0]);
     let found = propagate_by_trials(
-        &mean.linear_fit(),
+        &mean.solved_linear_fit(),
         &[],
         &MISFIT_AS_DECLARED,
         &linear_outputs(&[&[1.0]]),

@@ -1,13 +1,15 @@
 //! Tests of the outlier detection.
 
 use super::{MeanModel, assert_near};
-use crate::identification::outliers::{RowResiduals, are_indistinguishable};
-use crate::identification::{CheckedMeasurement, ObservationEffect, Outputs, SolvedModel, UncertaintySource, identify};
+use crate::identification::outliers::{ResidualStatistics, are_indistinguishable};
+use crate::identification::{
+    CheckedMeasurement, IdentificationOutputs, ObservationEffect, SolvedModel, UncertaintySource, identify,
+};
 
 /// Readings of one quantity; each is a measurement of 1 mm standard uncertainty.
 fn find_outliers(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
     let mean = MeanModel::from_readings(readings);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let measurement = |i: usize| CheckedMeasurement {
         label: i.to_string(),
         description: format!("reading {i}"),
@@ -19,7 +21,7 @@ fn find_outliers(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec
     let solution =
         SolvedModel { measurements: &measurements, ..mean.solved_model_of_full_rank(&fit, has_declared_sizes) };
     let source = UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; readings.len()]));
-    let found = identify(&solution, &[source], Outputs::default(), None).unwrap();
+    let found = identify(&solution, &[source], IdentificationOutputs::default(), None).unwrap();
     let outliers = found.outlier_check.outliers.into_iter();
     outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.t)).collect()
 }
@@ -47,24 +49,24 @@ fn a_reading_is_compared_with_all_others() {
 /// Limits from tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.
 #[test]
 fn studentised_limits_agree_with_tables() {
-    let rows = RowResiduals {
+    let rows = ResidualStatistics {
         weighted_residuals: &[0.0; 3],
-        variances: &[1.0; 3],
+        residual_variances: &[1.0; 3],
         scaled_chi2: 20.0,
         effective_dof: 20.0,
         has_declared_source_sizes: true,
     };
     assert_near(rows.studentised_limit(0..1, 1e-3).unwrap(), 3.883, 5e-4);
-    let three = RowResiduals { effective_dof: 23.0, ..rows };
+    let three = ResidualStatistics { effective_dof: 23.0, ..rows };
     assert_near(three.studentised_limit(0..3, 1e-3).unwrap().powi(2) / 3.0, 8.10, 5e-3);
 }
 
 /// A row that explains only itself is not checked; without degrees of freedom no row is checked.
 #[test]
 fn row_without_redundancy_is_not_checked() {
-    let rows = |dof| RowResiduals {
+    let rows = |dof| ResidualStatistics {
         weighted_residuals: &[0.1, -0.2, 0.1, 1e6],
-        variances: &[0.6, 0.6, 0.6, 0.0],
+        residual_variances: &[0.6, 0.6, 0.6, 0.0],
         scaled_chi2: 0.1,
         effective_dof: dof,
         has_declared_source_sizes: false,

@@ -6,7 +6,7 @@ use faer::Mat;
 
 use super::{MeanModel, assert_near, solved_model_of_full_rank};
 use crate::identification::{
-    EvaluationType, NonlinearFit, ObservationEffect, ObservationEquation, ObservationModel, ObservationSpan,
+    EvaluationType, NonlinearFit, ObservationEffect, ObservationEquation, ObservationModel, ObservationSpanChange,
     Propagation, ResidualTreatment, UncertaintySource,
 };
 
@@ -14,7 +14,7 @@ use crate::identification::{
 #[test]
 fn regress_uncertainty_of_two_sources_agrees_with_hand_calculation() {
     let mean = MeanModel::from_readings(&[1.0, 3.0]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let both = UncertaintySource::new("both", ObservationEffect::Joint(vec![vec![0.5, 0.5]]));
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![0.3, 0.4])), both];
     let propagation = Propagation::new(&mean.solved_model_of_full_rank(&fit, true), &sources);
@@ -36,7 +36,7 @@ fn regress_uncertainty_of_two_sources_agrees_with_hand_calculation() {
 #[test]
 fn paper_gum_mean_of_repeated_readings() {
     let mean = MeanModel::from_readings(&[-5.0, -3.0, -1.0, 1.0, 3.0, 5.0]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let repeatability = UncertaintySource {
         evaluation: EvaluationType::A,
         ..UncertaintySource::new("repeatability", ObservationEffect::Independent(vec![1.0; 6]))
@@ -65,35 +65,35 @@ fn paper_gum_mean_of_repeated_readings() {
 #[test]
 fn regress_declared_sizes_are_kept_if_residuals_agree() {
     let mean = MeanModel::from_readings(&[0.5, -0.5, 1.0, -1.0]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; 4]))];
     let found = Propagation::new(&mean.solved_model_of_full_rank(&fit, true), &sources).output_uncertainty(&[1.0]);
     assert_eq!((found.u, found.dof, found.expanded()), (0.5, None, 1.0));
     // With as many unknowns as rows the residuals scale nothing, not even undeclared sizes.
     let single = MeanModel::from_readings(&[7.0]);
-    let fit = single.linear_fit();
+    let fit = single.solved_linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0]))];
     let found = Propagation::new(&single.solved_model_of_full_rank(&fit, false), &sources).output_uncertainty(&[1.0]);
     assert_eq!((found.u, found.dof), (1.0, None));
 }
 
-/// The same draws as runs and as columns, absent from χ² or expected in it.
+/// The same draws as spans and as columns, absent from χ² or expected in it.
 #[test]
 fn regress_spans_and_columns_of_the_same_draws_agree() {
     let mean = MeanModel::from_readings(&[0.1, 0.0, -0.1]);
-    let fit = mean.linear_fit();
-    let run = |first, values: &[f64]| ObservationSpan { first_index: first, changes_mm: values.to_vec() };
-    let runs = ObservationEffect::Spans(vec![run(0, &[0.5]), run(1, &[0.2, -0.7])]);
+    let fit = mean.solved_linear_fit();
+    let span = |first, values: &[f64]| ObservationSpanChange { first_index: first, changes_mm: values.to_vec() };
+    let spans = ObservationEffect::Spans(vec![span(0, &[0.5]), span(1, &[0.2, -0.7])]);
     let columns = ObservationEffect::Joint(vec![vec![0.5], vec![0.0, 0.2, -0.7]]);
     let propagated = |effect: ObservationEffect, in_residuals: ResidualTreatment| {
         let source = UncertaintySource { residual_treatment: in_residuals, ..UncertaintySource::new("one", effect) };
         Propagation::new(&mean.solved_model_of_full_rank(&fit, true), &[source])
     };
-    let [a, b] = [runs.clone(), columns].map(|effect| propagated(effect, ResidualTreatment::InExpectedChi2));
+    let [a, b] = [spans.clone(), columns].map(|effect| propagated(effect, ResidualTreatment::InExpectedChi2));
     assert_eq!(a.output_uncertainty(&[1.0]).u, b.output_uncertainty(&[1.0]).u);
     assert_eq!(a.misfit.expected_chi2, b.misfit.expected_chi2);
     assert_near(a.output_uncertainty(&[1.0]).u, (0.25_f64 + 0.25).sqrt() / 3.0, 1e-15);
-    assert_eq!(propagated(runs, ResidualTreatment::ExcludedFromChi2).misfit.expected_chi2, 0.0);
+    assert_eq!(propagated(spans, ResidualTreatment::ExcludedFromChi2).misfit.expected_chi2, 0.0);
 }
 
 /// y_i = exp(x·t_i), a nonlinear model of one unknown with standard uncertainty `SIGMA`.
@@ -128,7 +128,7 @@ impl ObservationEquation for ExponentialModel {
         rows.map(|((y, change), t)| (y + change - (x[0] * t).exp()) / SIGMA).collect()
     }
 
-    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+    fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64> {
         change.iter().map(|change| change / SIGMA).collect()
     }
 }
@@ -166,19 +166,19 @@ fn regress_near_solution_is_right_to_second_order() {
     let model = NonlinearFit { equation: &equation, minimum: &minimum };
     let error = |step: f64| {
         let change = TIMES.map(|t| ((0.3 + step) * t).exp() - (0.3 * t).exp());
-        (model.solve_for_change(&change)[0] - 0.3 - step).abs()
+        (model.unknowns_for_changed_observations(&change)[0] - 0.3 - step).abs()
     };
     let ratio = error(0.02) / error(0.01);
     assert!((7.0..9.0).contains(&ratio), "{ratio}");
     assert!(error(0.01) < 1e-5);
 }
 
-/// A draw that shifts the unknown by the observations and directly by the opposite amount has no effect. Its
-/// sign is that of measured minus model in dense and in blockwise fits.
+/// A draw that shifts the unknown by the observations and directly by the opposite amount has no effect: a
+/// change of the observations has the sign of measured minus model in dense and in blockwise fits.
 #[test]
 fn regress_opposite_effects_of_a_draw_cancel() {
     let mean = MeanModel::from_readings(&[0.1, 0.2, 0.3]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let source = UncertaintySource {
         residual_treatment: ResidualTreatment::ExcludedFromChi2,
         direct_unknown_changes: vec![vec![-0.4]],

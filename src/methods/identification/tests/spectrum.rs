@@ -5,7 +5,8 @@ use machine::record::estimate::{FunctionFigureKind, Unit};
 
 use super::{assert_near, solved_model_of_full_rank};
 use crate::identification::{
-    Harmonic, HarmonicFunction, LinearFit, ObservationEffect, Outputs, UncertaintySource, identify, slope_of_unknown,
+    Harmonic, HarmonicFunction, IdentificationOutputs, ObservationEffect, SolvedLinearFit, UncertaintySource, identify,
+    slope_of_unknown,
 };
 
 /// Two unknowns that are observed directly: 3 µm and 4 µm, with u of 1 µm and 2 µm.
@@ -13,10 +14,10 @@ use crate::identification::{
 fn regress_amplitudes_and_their_u_agree_with_hand_calculation() {
     let x = [3e-3, 4e-3];
     let one = Mat::identity(2, 2);
-    let fit = LinearFit { x: &x, design_matrix: &one, sigma: &[1.0; 2], gain: &one };
+    let fit = SolvedLinearFit { x: &x, design_matrix: &one, sigma: &[1.0; 2], gain: &one };
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3, 2e-3]))];
     let solution = solved_model_of_full_rank(&fit, &[0.0; 2], true);
-    let identified = identify(&solution, &sources, Outputs::default(), None).unwrap();
+    let identified = identify(&solution, &sources, IdentificationOutputs::default(), None).unwrap();
     let [first, second] = [0, 1].map(|index| slope_of_unknown(index, 2));
     let harmonic =
         |order, cos: &[f64], sin: &[f64]| Harmonic { order, cosine_and_sine_slopes: [cos.to_vec(), sin.to_vec()] };

@@ -5,12 +5,12 @@ use nalgebra::Matrix2;
 
 use super::{MeanModel, assert_near};
 use crate::identification::{
-    ObservationEffect, ObservationSpan, OutputParameter, Outputs, ResidualTreatment, UncertaintySource,
-    block_covariances, identify,
+    IdentificationOutputs, ObservationEffect, ObservationSpanChange, OutputParameter, ResidualTreatment,
+    UncertaintySource, block_covariances, identify,
 };
 
-fn span(first: usize, values: &[f64]) -> ObservationSpan {
-    ObservationSpan { first_index: first, changes_mm: values.to_vec() }
+fn span(first: usize, values: &[f64]) -> ObservationSpanChange {
+    ObservationSpanChange { first_index: first, changes_mm: values.to_vec() }
 }
 
 /// Hand calculation with two blocks of two observations and one more observation.
@@ -33,17 +33,17 @@ fn regress_block_covariances_agree_with_hand_calculation() {
 
 #[test]
 fn regress_draws_expand_to_changes_of_all_observations() {
-    let [each, runs, joint] = [
+    let [each, spans, joint] = [
         ObservationEffect::Independent(vec![1.0, 2.0, 3.0]),
         ObservationEffect::Spans(vec![span(1, &[4.0, 5.0])]),
         ObservationEffect::Joint(vec![vec![6.0], vec![7.0, 8.0]]),
     ]
     .map(|effect| UncertaintySource::new("one", effect));
-    assert_eq!([&each, &runs, &joint].map(UncertaintySource::draw_count), [3, 1, 2]);
+    assert_eq!([&each, &spans, &joint].map(UncertaintySource::draw_count), [3, 1, 2]);
     assert_eq!(each.observation_change(1, 3), [0.0, 2.0, 0.0]);
-    assert_eq!(runs.observation_change(0, 3), [0.0, 4.0, 5.0]);
+    assert_eq!(spans.observation_change(0, 3), [0.0, 4.0, 5.0]);
     assert_eq!(joint.observation_change(1, 3), [7.0, 8.0, 0.0]);
-    assert!(!each.is_zero() && !runs.is_zero() && !joint.is_zero());
+    assert!(!each.is_zero() && !spans.is_zero() && !joint.is_zero());
     let mut zero = UncertaintySource::new("zero", ObservationEffect::Joint(vec![vec![0.0; 3]; 2]));
     assert!(zero.is_zero());
     zero.direct_unknown_changes = vec![vec![0.0], vec![1.0]];
@@ -55,13 +55,13 @@ fn regress_draws_expand_to_changes_of_all_observations() {
 #[test]
 fn regress_prior_has_the_covariance_of_its_estimate() {
     let mean = MeanModel::from_readings(&[1.0, 2.0]);
-    let fit = mean.linear_fit();
+    let fit = mean.solved_linear_fit();
     let each = UncertaintySource {
         dof: 7.0,
         residual_treatment: ResidualTreatment::ExcludedFromChi2,
         ..UncertaintySource::new("each", ObservationEffect::Independent(vec![3e-3, 4e-3]))
     };
-    let mut outputs = Outputs::default();
+    let mut outputs = IdentificationOutputs::default();
     for (symbol, unit, slope) in [("EX0C", Unit::Um, 2.0), ("EA0C", Unit::Urad, -0.1)] {
         outputs.linear_parameters.push(OutputParameter::from_coefficients(symbol, unit, vec![slope], &[1.5]));
     }

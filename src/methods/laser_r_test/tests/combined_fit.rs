@@ -31,7 +31,7 @@ fn regress_linear_response_equals_the_change_of_the_solution() {
     let response = model.linear_response(&change);
     assert_eq!(response.residual_changes.len(), result.machine_fit.residuals.len());
     let changes = Mat::from_fn(2, count, |trial, i| trial as f64 * change[i]);
-    let x = model.solve_each_perturbation(changes.as_ref());
+    let x = model.unknowns_for_each_perturbation(changes.as_ref());
     let mut largest = 0.0_f64;
     for (j, first_order) in response.unknown_changes.iter().enumerate() {
         let moved = x[(1, j)] - x[(0, j)];

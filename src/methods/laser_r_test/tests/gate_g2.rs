@@ -27,8 +27,8 @@ fn table_5_values_and_u(estimate: &Estimate) -> [(f64, f64); 5] {
     })
 }
 
-/// 42 poses of a sphere, each observed with the standard uncertainty `u` mm.
-pub fn centre_fit_of_42_poses(
+/// Equations of 42 poses of a sphere, each observed with the standard uncertainty `u` mm, and the nominal unknowns.
+pub fn equations_of_42_poses_and_nominal_unknowns(
     names: &[&str],
     harmonics: &[u32],
     ball: Vector3<f64>,
@@ -64,7 +64,7 @@ pub fn centre_fit_of_42_poses(
 /// The parameter set that the topology implies is that of the paper, with the uncertainties of METHODS at 1 µm.
 #[test]
 fn gate_g2_default_parameters_have_full_rank_and_expected_u() {
-    let (problem, x) = centre_fit_of_42_poses(&[], &[], Vector3::new(80.0, 0.0, 60.0), 1e-3);
+    let (problem, x) = equations_of_42_poses_and_nominal_unknowns(&[], &[], Vector3::new(80.0, 0.0, 60.0), 1e-3);
     let names: Vec<String> = problem.model.parameters.iter().map(ToString::to_string).collect();
     assert_eq!(names, TABLE_5_SYMBOLS);
     let survey = problem.analyse_rank(&x).unwrap();
@@ -82,7 +82,7 @@ fn gate_g2_default_parameters_have_full_rank_and_expected_u() {
 #[test]
 fn gate_g2_paper_columns_equal_those_of_the_chain() {
     let ball = Vector3::new(80.0, -12.0, 60.0);
-    let (problem, x) = centre_fit_of_42_poses(&[], &[], ball, 1.0);
+    let (problem, x) = equations_of_42_poses_and_nominal_unknowns(&[], &[], ball, 1.0);
     let count = 3 * problem.centre_observations.len();
     // Differences of both sets, projected orthogonally to offset and sphere: the remainder must vanish.
     let mut rows = BlockRows::zeros(count, 0, 6);
@@ -114,7 +114,7 @@ fn gate_g2_paper_columns_equal_those_of_the_chain() {
 #[test]
 fn chain_agrees_with_the_matrix_product_of_the_paper() {
     let world = SimulatedMachine { location_errors: [3e-3, -2e-3, 1e-3, 0.1, 4e-3], ..table_5_machine(0.0, 1) };
-    let (problem, mut x) = centre_fit_of_42_poses(&[], &[], world.ball_centre, 1.0);
+    let (problem, mut x) = equations_of_42_poses_and_nominal_unknowns(&[], &[], world.ball_centre, 1.0);
     x[..5].copy_from_slice(&world.location_errors);
     let zero = problem.model.zero_point(&x);
     for sight in &problem.centre_observations {
@@ -157,7 +157,7 @@ fn noise_free_dwell_scans_give_the_values_of_table_5() {
     let setup = LaserSetup::new(&plan, &own).unwrap();
     let result = identify_scans(&setup, &readings).unwrap();
     assert_eq!(result.grouped.groups.len(), 42 + 2);
-    assert_eq!(result.observed.excluded_sample_counts.values().sum::<usize>(), 0);
+    assert_eq!(result.observed.excluded_sample_counts_by_reason.values().sum::<usize>(), 0);
     for (i, (found, _)) in table_5_values_and_u(&identify(&setup, &readings).unwrap()).into_iter().enumerate() {
         let error = found - PAPER_TABLE_5[i] * TABLE_5_UNIT_FACTORS[i];
         assert!(error.abs() <= 1e-3, "{}: {found} off by {error}", TABLE_5_SYMBOLS[i]);

@@ -54,7 +54,7 @@ impl InterruptedRun {
     /// Whether the reference check accepts the displacement `by`.
     fn reference_check_accepts_shift(&self, by: Vector3<f64>) -> bool {
         let (shifts, _) = ReferencePoints::from_readings(&self.plan, &self.readings_before)
-            .compare_after_stop(&self.readings_of_repeated_references(by));
+            .shifts_and_scatter_after_stop(&self.readings_of_repeated_references(by));
         shifts.len() == 26 && shifts.iter().all(|shift| shift.is_within_limit())
     }
 

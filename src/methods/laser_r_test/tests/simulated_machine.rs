@@ -20,7 +20,7 @@ pub const PAPER_TABLE_5: [f64; 5] = [-3.5e-6, -42e-6, -3.5e-6, -1e-3, 5.2e-6];
 pub struct SimulatedMachine {
     /// Location errors in the order of [`PAPER_TABLE_5`], rad and mm.
     pub location_errors: [f64; 5],
-    /// True zero point relative to the spindle datum, and true beam. They differ from the machine file.
+    /// True zero point relative to the spindle datum, and true beam; both differ from the machine file.
     pub zero_point: Vector3<f64>,
     pub beam_direction: Vector3<f64>,
     /// Centre of the sphere, table frame, mm.
@@ -100,7 +100,7 @@ impl SimulatedMachine {
 
     /// Position at which the stylus ball, with its centre at `zero_point`, meets the sphere on the straight path of a
     /// touch.
-    fn contact_position(&self, step: &Step, stylus: f64, t_s: f64) -> Position {
+    fn axis_positions_at_contact(&self, step: &Step, stylus: f64, t_s: f64) -> Position {
         let apart = |at: &Position| {
             let table = translation_along_x(-at.get_or_zero(Axis::X))
                 * self.table_pose(at.get_or_zero(Axis::B), at.get_or_zero(Axis::C));
@@ -126,7 +126,7 @@ impl SimulatedMachine {
         vec![Reading {
             step: step.id,
             repeat: 0,
-            position: self.contact_position(step, stylus, *t_s),
+            position: self.axis_positions_at_contact(step, stylus, *t_s),
             value_mm: None,
             sensor: step.first_sensor().to_owned(),
             t_s: *t_s,

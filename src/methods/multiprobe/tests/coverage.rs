@@ -181,23 +181,23 @@ struct DrawnLayout {
 }
 
 impl DrawnLayout {
-    fn new(nominal: &ProbeLayout, declared: &MultiprobeSettings, seed: u64) -> Self {
+    fn new(nominal: &ProbeLayout, declared_settings: &MultiprobeSettings, seed: u64) -> Self {
         let mut units =
             DrawStream::from_key(seed, &[9]).unit_variance_draws(64, &[DrawDistribution::Normal]).into_iter();
         let mut draw = |size: f64| size * units.next().unwrap();
         let mut layout = nominal.clone();
-        layout.section_z_mm[1] += draw(declared.u_section_distance_mm);
-        let face = draw(declared.u_face_radius_mm);
+        layout.section_z_mm[1] += draw(declared_settings.u_section_distance_mm);
+        let face = draw(declared_settings.u_face_radius_mm);
         for channel in &mut layout.channels {
-            channel.angle_rad += draw(declared.u_sensor_angle_rad());
+            channel.angle_rad += draw(declared_settings.u_sensor_angle_rad());
             if let MeasuredSurface::Face { radius_mm } = &mut channel.surface {
                 *radius_mm += face;
             }
         }
         for angle in &mut layout.index_angles_rad[1..] {
-            *angle += draw(declared.u_index_angle_deg.to_radians());
+            *angle += draw(declared_settings.u_index_angle_deg.to_radians());
         }
-        let gains = layout.channels.iter().map(|_| 1.0 + draw(declared.u_gain)).collect();
+        let gains = layout.channels.iter().map(|_| 1.0 + draw(declared_settings.u_gain)).collect();
         let drift = [U_DRIFT_MM_PER_REVOLUTION; 3].map(draw);
         Self { layout, gains, drift_mm: drift }
     }

@@ -45,13 +45,14 @@ fn regress_index_step_that_suppresses_a_harmonic_is_refused() {
 }
 
 #[test]
-fn regress_third_sensor_angles_are_sorted_by_gain_outside_exclusions() {
+fn regress_third_sensor_angles_are_sorted_by_gain_where_unobstructed() {
     let free = third_sensor_angles_and_gains([0.0, 90.0], &[]);
     println!("{:?}", &free[..6]);
     assert!(free.windows(2).all(|pair| pair[0].1 <= pair[1].1));
     assert!(free.iter().all(|(deg, _)| ![0.0, 90.0, 180.0, 270.0, 240.0].contains(deg)));
-    let exclusions = [AngleRange { from_deg: 350.0, to_deg: 200.0 }, AngleRange { from_deg: 265.0, to_deg: 345.0 }];
-    let limited = third_sensor_angles_and_gains([0.0, 90.0], &exclusions);
+    let obstructed_ranges =
+        [AngleRange { from_deg: 350.0, to_deg: 200.0 }, AngleRange { from_deg: 265.0, to_deg: 345.0 }];
+    let limited = third_sensor_angles_and_gains([0.0, 90.0], &obstructed_ranges);
     let angles: Vec<f64> = limited.iter().map(|(deg, _)| *deg).collect();
     assert_eq!(angles, [220.0, 230.0, 250.0, 260.0]);
     let combined = ProbeLayout::with_radial_sensors(&[0.0, 90.0, 230.0], 10);

@@ -6,8 +6,9 @@ use nalgebra::{Matrix3, Vector3};
 use crate::samba::settings::OptimalityCriterion;
 use machine::Axis;
 
-/// Unit of offsets and coordinates, mm: their required uncertainty at a noise of 1 µm (METHODS section 4, G4).
-pub const OFFSET_UNIT_MM: f64 = 0.8e-3;
+/// Unit of linear errors, offsets and coordinates, mm: their required uncertainty at a noise of 1 µm (METHODS
+/// section 4, G4).
+pub const OFFSET_AND_COORDINATE_UNIT_MM: f64 = 0.8e-3;
 /// Initial variance of the unknowns in their units, so large that it contributes no information.
 const INITIAL_VARIANCE: f64 = 1e6;
 
@@ -115,7 +116,7 @@ impl MachineInformation {
             measurement_counts_and_means: vec![(0.0, vec![Vector3::zeros(); shared_count]); ball_count],
             inverse_with_machine: InverseInformation::new(size),
             inverse_without_machine: InverseInformation::new(size - machine_count),
-            ball_unit: OFFSET_UNIT_MM / centre_u_mm,
+            ball_unit: OFFSET_AND_COORDINATE_UNIT_MM / centre_u_mm,
         };
         bars.iter().for_each(|bar| information.add_length(bar));
         information
@@ -123,7 +124,7 @@ impl MachineInformation {
 
     fn add_length(&mut self, bar: &LengthBar) {
         let mut columns = vec![Vector3::zeros(); self.inverse_with_machine.size];
-        let weight = OFFSET_UNIT_MM / bar.u_mm;
+        let weight = OFFSET_AND_COORDINATE_UNIT_MM / bar.u_mm;
         for (ball, sign) in bar.ball_indices.into_iter().zip([-1.0, 1.0]) {
             let Some(slot) = self.ball_unknowns.get(ball).copied().flatten() else { continue };
             for (column, part) in columns.iter_mut().skip(slot).zip(&bar.direction) {

@@ -150,21 +150,21 @@ impl DesignCandidates {
 fn ball_access_by_indexation(
     setup: &DesignSetup<'_>,
     access: &TouchAccess,
-    at: &[Position],
+    rotary_positions: &[Position],
     ball: &Ball,
 ) -> Vec<Result<(), String>> {
-    let approach = setup.measurement_setup().search_approach(setup.balls.uncertainty_mm);
+    let mode = setup.measurement_setup().search_touch_mode(setup.balls.uncertainty_mm);
     // A stylus on the spindle axis occupies the same space at every spindle angle.
     let is_central = setup.tip.mm.xy().norm() < MAX_ON_AXIS_STYLUS_OFFSET_MM;
     let mut last: Option<(Position, Result<(), String>)> = None;
-    let mut all = Vec::with_capacity(at.len());
-    for position in at {
+    let mut all = Vec::with_capacity(rotary_positions.len());
+    for position in rotary_positions {
         let rotary = if is_central { position.filter_axes(|axis| axis != Axis::S) } else { position.clone() };
         let result = match last.take().filter(|(before, _)| *before == rotary) {
             Some((_, result)) => result,
             None => {
-                let task = setup.measurement_setup().ball_task(ball, position, approach);
-                access.accessible_touches(&task).map(drop).map_err(|error| error.to_string())
+                let request = setup.measurement_setup().ball_measurement_request(ball, position, mode);
+                access.accessible_touches(&request).map(drop).map_err(|error| error.to_string())
             }
         };
         all.push(result.clone());

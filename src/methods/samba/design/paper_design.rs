@@ -1,11 +1,11 @@
-//! The design with the counts of paper 4, section 3: 32 triples of B, C and S, 109 balls; B at 0, ±10, ±30,
+//! The design with the counts of paper 4, section 3: 32 positions of B, C and S, 109 balls; B at 0, ±10, ±30,
 //! ±60 and ±90°, C in steps of 90° forward and reverse, S in steps of 90°.
 //!
-//! The paper does not list its triples. This is one assignment with exactly its counts. The tilts ascend. At
+//! The paper does not list its positions. This is one assignment with exactly its counts. The tilts ascend. At
 //! 0° C takes all four quarters forward and then in reverse. At each other tilt C takes three quarters,
-//! alternately forward and in reverse, and the omitted quarter rotates. S advances by a quarter from triple
-//! to triple, starts a quarter later at each tilt, and is opposite in the reverse pass at 0°, so that no
-//! triple occurs twice. Of the accessible balls 109 are kept: repeatedly, from the triple with the most
+//! alternately forward and in reverse, and the omitted quarter rotates. S advances by a quarter from position
+//! to position, starts a quarter later at each tilt, and is opposite in the reverse pass at 0°, so that no
+//! position occurs twice. Of the accessible balls 109 are kept: repeatedly, from the position with the most
 //! balls, the ball that is measured most often is removed.
 
 use super::{DesignCandidates, DesignSetup};
@@ -16,12 +16,14 @@ use machine::{Axis, Position};
 
 const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
 const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
-const TRIPLE_COUNT: usize = 32;
+/// Number of positions of B, C and S.
+const ROTARY_POSITION_COUNT: usize = 32;
+/// Number of balls measured, summed over all positions.
 const BALL_MEASUREMENT_COUNT: usize = 109;
 
-/// Triples as indices into [`TILTS_DEG`] (B) and [`QUARTERS_DEG`] (C and S), in measuring order.
-fn rotary_triple_indices() -> Vec<[usize; 3]> {
-    let mut triples = Vec::new();
+/// Positions of B, C and S as indices into [`TILTS_DEG`] (B) and [`QUARTERS_DEG`] (C and S), in measuring order.
+fn rotary_angle_indices() -> Vec<[usize; 3]> {
+    let mut angle_indices = Vec::new();
     for (tilt, tilt_deg) in TILTS_DEG.into_iter().enumerate() {
         let forward = (0..4_usize).filter(|c| tilt_deg == 0.0 || *c != tilt % 4);
         let forward: Vec<usize> = forward.collect();
@@ -33,10 +35,10 @@ fn rotary_triple_indices() -> Vec<[usize; 3]> {
         };
         // In the reverse pass at 0° the spindle is opposite to the forward pass.
         let spindle = |k: usize, c: usize| if k < 4 { k } else { c + 2 };
-        let triple = |(k, c): (usize, usize)| [tilt, c, (spindle(k, c) + tilt) % 4];
-        triples.extend(turns.into_iter().enumerate().map(triple));
+        let indices = |(k, c): (usize, usize)| [tilt, c, (spindle(k, c) + tilt) % 4];
+        angle_indices.extend(turns.into_iter().enumerate().map(indices));
     }
-    triples
+    angle_indices
 }
 
 /// The settings with the paper's positions.
@@ -53,7 +55,7 @@ pub fn paper_settings(settings: &SambaSettings) -> SambaSettings {
 ///
 /// # Errors
 /// The machine lacks one tilting axis, one axis parallel to the spindle, or an oriented spindle; fewer than
-/// 109 balls are accessible at these triples.
+/// 109 balls are accessible at these positions.
 pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> Result<Vec<BallVisit>, MethodRefusal> {
     let machine = &setup.plan.machine;
     let rotary: Vec<Axis> = machine.axes.keys().copied().filter(|a| is_rotary_except_spindle(*a)).collect();
@@ -67,13 +69,13 @@ pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> R
         ));
     };
     let mut visits = Vec::new();
-    for [b, c, s] in rotary_triple_indices() {
-        let triple = [(*tilt, TILTS_DEG[b]), (*turn, QUARTERS_DEG[c]), (Axis::S, QUARTERS_DEG[s])];
-        let is_triple = |at: &Position| {
-            triple.iter().all(|(axis, degree)| is_same_angle(at.get_or_zero(*axis), axis.to_mm_or_rad(*degree)))
+    for [b, c, s] in rotary_angle_indices() {
+        let angles = [(*tilt, TILTS_DEG[b]), (*turn, QUARTERS_DEG[c]), (Axis::S, QUARTERS_DEG[s])];
+        let is_rotary_position = |at: &Position| {
+            angles.iter().all(|(axis, degree)| is_same_angle(at.get_or_zero(*axis), axis.to_mm_or_rad(*degree)))
         };
-        let Some(index) = candidates.rotary_positions.iter().position(is_triple) else {
-            let names = triple.map(|(axis, degree)| format!("{axis}{degree}")).join(" ");
+        let Some(index) = candidates.rotary_positions.iter().position(is_rotary_position) else {
+            let names = angles.map(|(axis, degree)| format!("{axis}{degree}")).join(" ");
             return Err(refuse_paper_design(format!("the machine does not reach {names} of the paper's design")));
         };
         let measurements = candidates.measurements.iter().filter(|measurement| measurement.indexation_index == index);
@@ -85,8 +87,8 @@ pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> R
     let accessible = count(&visits);
     if accessible < BALL_MEASUREMENT_COUNT {
         return Err(refuse_paper_design(format!(
-            "the paper's design measures {BALL_MEASUREMENT_COUNT} balls at {TRIPLE_COUNT} triples; of this artefact only \
-             {accessible} are accessible there"
+            "the paper's design measures {BALL_MEASUREMENT_COUNT} balls at {ROTARY_POSITION_COUNT} positions of B, C \
+             and S; of this artefact only {accessible} are accessible there"
         )));
     }
     while count(&visits) > BALL_MEASUREMENT_COUNT {

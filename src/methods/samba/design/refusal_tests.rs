@@ -88,8 +88,8 @@ fn orienting_the_spindle_without_axis_s_is_refused() {
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
-/// B is in the head and stays at 0, whatever `tilt_deg` states for A. Its errors are refused if they are
-/// selected.
+/// B is in the head and stays at 0, whatever `tilt_deg` states for A. The errors of B are refused if they
+/// are selected.
 #[test]
 fn tilting_head_stays_upright_and_its_errors_are_refused() {
     let mut fork = rumba_plan(&SambaSettings::default());

@@ -27,7 +27,7 @@ impl ObservationEquation for GeometryEquations<'_> {
     }
 
     /// The change with the weights, which are those of the machine without errors.
-    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+    fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64> {
         let problem = self.problem;
         let mut rows = vec![0.0; problem.row_count()];
         let (of_centres, of_lengths) = change.split_at(3 * problem.measurements.len());

@@ -82,8 +82,8 @@ pub fn design_measurements(kind: (Design, OptimalityCriterion)) -> Vec<(BcsAngle
 
 fn measurements_of_visits(visits: &[BallVisit]) -> Vec<(BcsAnglesRad, usize)> {
     let one = |visit: &BallVisit| {
-        let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.rotary_position.get(axis).unwrap());
-        visit.ball_indices.iter().map(|ball| (triple, *ball)).collect::<Vec<_>>()
+        let bcs_rad = [Axis::B, Axis::C, Axis::S].map(|axis| visit.rotary_position.get(axis).unwrap());
+        visit.ball_indices.iter().map(|ball| (bcs_rad, *ball)).collect::<Vec<_>>()
     };
     visits.iter().flat_map(one).collect()
 }

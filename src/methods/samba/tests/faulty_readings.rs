@@ -80,8 +80,8 @@ const FOURTH_ORDER_MOTION: SimulatedMeasurement = SimulatedMeasurement {
     ..FAULTLESS_MEASUREMENT
 };
 
-/// At multiples of 90° the error motion is indistinguishable from EX0C, and the estimate reports this. At
-/// multiples of 72° it is detected as an error motion, not as a location error.
+/// With C at multiples of 90° the error motion is indistinguishable from EX0C, and the estimate reports this. With C
+/// at multiples of 72° the same motion contradicts the model, and the estimate warns.
 #[test]
 fn regress_harmonics_inseparable_at_the_positions_are_named() {
     let told = |estimate: &Estimate| -> Vec<String> {
@@ -129,7 +129,7 @@ fn regress_a_step_at_an_interruption_is_within_the_uncertainty() {
         assert!(estimate.warnings.is_empty());
         for (name, expected) in paper_errors() {
             let (found, before) = (find_parameter(&estimate, &name), find_parameter(&sound, &name));
-            let off = found.value - found.unit.to_display_value(expected);
+            let off = found.value - found.unit.to_reported_value(expected);
             println!("{name}: {off:+.2}, U {:.2}, before {:.2}", found.expanded, before.expanded);
             assert!(off.abs() < 1.2 * found.expanded, "{name}");
             let moved = (found.value - before.value).abs();

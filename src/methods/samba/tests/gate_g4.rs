@@ -42,35 +42,36 @@ type DesignAndCriterion = (Design, OptimalityCriterion);
 /// A design measured on the machine of the paper's table 2, with and without bar and spindle orientation.
 fn simulate_design_measurement(
     kind: DesignAndCriterion,
-    bar: bool,
-    spindle: bool,
+    has_bar: bool,
+    orients_spindle: bool,
 ) -> (GeometryProblem, ObservedValues) {
     let balls = true_ball_centres();
     let visits: Vec<(BcsAnglesRad, usize)> = design_measurements(kind)
         .into_iter()
-        .map(|([b, c, s], ball)| ([b, c, if spindle { s } else { 0.0 }], ball))
+        .map(|([b, c, s], ball)| ([b, c, if orients_spindle { s } else { 0.0 }], ball))
         .collect();
     let mut places: Vec<Position> = Vec::new();
     let mut seen = Vec::new();
-    for (triple, ball) in &visits {
-        let here = rotary_position(*triple);
+    for (bcs_rad, ball) in &visits {
+        let here = rotary_position(*bcs_rad);
         let known = places.iter().position(|place| *place == here);
         let place = known.unwrap_or_else(|| {
             places.push(here);
             places.len() - 1
         });
         seen.push(BallMeasurement {
-            position_index: place,
+            rotary_position_index: place,
             ball_index: *ball,
             whitening: Matrix3::identity() / COORDINATE_NOISE_STD_MM,
         });
     }
-    let bars = if bar { vec![LengthConstraint { from_ball: 0, to_ball: 1, u_mm: BAR_STD_U_MM }] } else { Vec::new() };
+    let bars =
+        if has_bar { vec![LengthConstraint { from_ball: 0, to_ball: 1, u_mm: BAR_STD_U_MM }] } else { Vec::new() };
     let truth = reference_machine();
     let measured = ObservedValues {
         centre_axes_mm: visits
             .iter()
-            .map(|(triple, ball)| truth.axis_positions_at_ball(balls[*ball], *triple))
+            .map(|(bcs_rad, ball)| truth.axis_positions_at_ball(balls[*ball], *bcs_rad))
             .collect(),
         lengths_mm: vec![BAR_LENGTH_MM; bars.len()],
     };
@@ -81,8 +82,8 @@ fn nominal_tool() -> Vector3<f64> {
     Vector3::new(0.0, 0.0, -326.717)
 }
 
-fn analyse_design_rank(kind: DesignAndCriterion, bar: bool, spindle: bool) -> (RankAnalysis, Vec<String>) {
-    let (problem, measured) = simulate_design_measurement(kind, bar, spindle);
+fn analyse_design_rank(kind: DesignAndCriterion, has_bar: bool, orients_spindle: bool) -> (RankAnalysis, Vec<String>) {
+    let (problem, measured) = simulate_design_measurement(kind, has_bar, orients_spindle);
     let start = problem.initial_values(&measured);
     let survey =
         factorise(problem.row_blocks(&start, &problem.noise_free_observations(&start))).0.analyse_rank().unwrap();
@@ -160,10 +161,10 @@ fn regress_inseparable_added_errors_are_named() {
 fn regress_no_misclosure_at_the_truth() {
     let (model, truth) = (paper_model(), reference_machine());
     let errors: Vec<f64> = paper_errors().into_iter().map(|(_, value)| value).collect();
-    for (triple, ball) in design_measurements(D_OPTIMAL_DESIGN) {
+    for (bcs_rad, ball) in design_measurements(D_OPTIMAL_DESIGN) {
         let centre = true_ball_centres()[ball];
-        let xyz = truth.axis_positions_at_ball(centre, triple);
-        let here = rotary_position(triple).updated_by(&Position::from_xyz(xyz));
+        let xyz = truth.axis_positions_at_ball(centre, bcs_rad);
+        let here = rotary_position(bcs_rad).updated_by(&Position::from_xyz(xyz));
         let misclosure = model.tip_function(&here, &errors, PAPER_TOOL_TIP_MM).value_at(xyz) - centre;
         assert!(misclosure.norm() < 1e-11, "{misclosure}");
     }

@@ -12,12 +12,12 @@ use serde_json::json;
 
 use machine::kinematics::Topology;
 use machine::record::estimate::Estimate;
-use machine::record::machine::{AxisSpec, Machine};
+use machine::record::machine::{Machine, StatedAxis};
 
 /// A machine with practically unlimited travel.
 pub fn machine(topology: &str) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
-    let spec: AxisSpec = serde_json::from_str(r#"{"min":-1000,"max":1000}"#).unwrap();
+    let spec: StatedAxis = serde_json::from_str(r#"{"min":-1000,"max":1000}"#).unwrap();
     Machine {
         name: "test".into(),
         topology: topology.into(),

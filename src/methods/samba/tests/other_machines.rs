@@ -45,7 +45,7 @@ fn check_implied_errors_are_recovered(topology: &str, unknowns: usize) {
             let linear = chain.solve_linear_axes(target, tip, &place, &terms).unwrap();
             xyz.push(linear.xyz_or_zero());
             let whitening = Matrix3::identity() / 1e-3;
-            seen.push(BallMeasurement { position_index: places.len(), ball_index: ball, whitening });
+            seen.push(BallMeasurement { rotary_position_index: places.len(), ball_index: ball, whitening });
         }
         places.push(place);
     }
@@ -73,7 +73,8 @@ fn regress_implied_errors_of_other_topologies_are_recovered() {
     // No axis turns across the stylus: its length only shifts all balls and keeps its stated value.
     check_implied_errors_are_recovered("wCFXYZt", 7 + 2 + 15);
     check_implied_errors_are_recovered("wCFXYZSt", 9 + 2 + 15);
-    // The same for tables that tilt: the rotation shows the gain of Z here, and not that of Y or X.
+    // The length of the stylus keeps its stated value also with tables that tilt: the rotation shows the gain of Z
+    // here, and not that of Y or X.
     check_implied_errors_are_recovered("wBFXYZt", 7 + 2 + 15);
     check_implied_errors_are_recovered("wAFXYZt", 7 + 2 + 15);
 }

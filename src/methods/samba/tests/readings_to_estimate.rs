@@ -16,7 +16,7 @@ use crate::samba::identify::identify;
 use estimation::coverage;
 use estimation::random::seeded_stream;
 use machine::record::artefact::{Artefact, Ball, Balls, CertifiedLength};
-use machine::record::estimate::{Estimate, Parameter, ParameterLimit, Unit, Verdict};
+use machine::record::estimate::{Estimate, Parameter, ParameterTolerance, Unit, Verdict};
 use machine::record::plan::{PLAN_VERSION, Plan, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
@@ -36,7 +36,7 @@ pub struct SimulatedMeasurement {
     /// Declared standard deviation of positioning and straightness errors of X, Y and Z, µm.
     pub motion_std_um: f64,
     /// Displacement of a ball from its position at a visit, mm.
-    pub ball_shift: fn(ball: usize, visit: usize, triple: BcsAnglesRad) -> Vector3<f64>,
+    pub ball_shift: fn(ball: usize, visit: usize, bcs_rad: BcsAnglesRad) -> Vector3<f64>,
     /// Design of the measurements.
     pub design: fn() -> Vec<(BcsAnglesRad, usize)>,
 }
@@ -58,20 +58,20 @@ impl SimulatedMeasurement {
         let mut normal = StandardNormal.sample_iter(seeded_stream(self.seed, &[]));
         let motions = LinearErrorMotions::draw(self.seed, self.motion_std_um * 1e-3);
         let (mut steps, mut readings) = (Vec::new(), Vec::new());
-        for (visit, (triple, ball)) in (self.design)().into_iter().enumerate() {
+        for (visit, (bcs_rad, ball)) in (self.design)().into_iter().enumerate() {
             let place = |xyz: Vector3<f64>| {
-                let rotary = [Axis::B, Axis::C, Axis::S].into_iter().zip(triple);
+                let rotary = [Axis::B, Axis::C, Axis::S].into_iter().zip(bcs_rad);
                 Position::from_xyz(xyz).updated_by(&rotary.collect())
             };
-            let centre = balls[ball] + (self.ball_shift)(ball, visit, triple);
-            let origin = truth.axis_positions_at_ball(centre, triple);
+            let centre = balls[ball] + (self.ball_shift)(ball, visit, bcs_rad);
+            let origin = truth.axis_positions_at_ball(centre, bcs_rad);
             for (touch, azimuth) in TOUCH_AZIMUTHS_DEG {
                 let (s, c) = azimuth.to_radians().sin_cos();
                 let n = if azimuth.is_nan() { Vector3::z() } else { Vector3::new(c, s, 0.0) };
-                let on_table = truth.tip_in_table(origin + n, triple) - truth.tip_in_table(origin, triple);
+                let on_table = truth.tip_in_table(origin + n, bcs_rad) - truth.tip_in_table(origin, bcs_rad);
                 let deviation: f64 = normal.next().unwrap();
                 let apart = BALL_RADIUS_MM + STYLUS_BALL_RADIUS_MM + deviation * self.touch_noise_std_um * 1e-3;
-                let xyz = truth.axis_positions_at_ball(centre + on_table.normalize() * apart, triple);
+                let xyz = truth.axis_positions_at_ball(centre + on_table.normalize() * apart, bcs_rad);
                 let xyz = xyz - motions.displacement_at(xyz);
                 let id = steps.len() as u32;
                 steps.push(Step {
@@ -221,7 +221,7 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
     assert!(sizes.starts_with("deviations of a single measurement below "), "{sizes}");
     for (name, expected) in paper_errors() {
         let found = find_parameter(&estimate, &name);
-        let expected = found.unit.to_display_value(expected);
+        let expected = found.unit.to_reported_value(expected);
         println!("{name}: {:.2} ± {:.2}, true {expected:.2}", found.value, found.expanded);
         assert!((found.value - expected).abs() < 3.5 * found.u, "{name}");
         assert!((found.u_monte_carlo.unwrap() / found.u - 1.0).abs() < 0.08, "{name}");
@@ -273,7 +273,7 @@ fn joint_chi2(estimate: &Estimate) -> f64 {
         ["ball", id, k] => balls[id.parse::<usize>().unwrap() - 1]["xyz".find(k).unwrap()],
         _ => {
             let errors = paper_errors();
-            p.unit.to_display_value(errors.iter().find(|(name, _)| *name == p.symbol).unwrap().1)
+            p.unit.to_reported_value(errors.iter().find(|(name, _)| *name == p.symbol).unwrap().1)
         }
     };
     let count = estimate.parameters.len();
@@ -297,7 +297,7 @@ fn regress_a_ball_that_moved_is_named() {
     println!("{:#?}", estimate.warnings);
     assert!(has_warning(&estimate, &["ball 4 probably moved by", "between"]));
     assert!(has_warning(&estimate, &["the model does not explain the measurements"]));
-    let wide = ParameterLimit { symbol: "EX0C".to_owned(), unit: Unit::Um, limit: 1e6 };
+    let wide = ParameterTolerance { symbol: "EX0C".to_owned(), unit: Unit::Um, limit: 1e6 };
     let mut judged = estimate.clone();
     judge_estimate(&mut judged, &[wide]);
     assert_eq!(judged.verdict, Verdict::UndecidedModel);

@@ -42,7 +42,7 @@ impl ReferenceMachine {
         self.errors.get(name).copied().unwrap_or(0.0)
     }
 
-    /// The stylus in the table frame with the axes at `xyz` and `triple`.
+    /// The stylus in the table frame with the axes at `xyz` and `bcs_rad`.
     pub fn tip_in_table(&self, xyz: Vector3<f64>, [b, c, s]: BcsAnglesRad) -> Vector3<f64> {
         let e = |name| self.error_value(name);
         let workpiece = translation_matrix(-xyz.x * (1.0 + e("EXX1")), 0.0, 0.0)
@@ -61,14 +61,14 @@ impl ReferenceMachine {
         inverse.transform_point(&in_machine).coords
     }
 
-    /// Axis positions with the stylus ball centre at `ball`. The solution is affine in X, Y, Z; the second
-    /// step reduces rounding.
-    pub fn axis_positions_at_ball(&self, ball: Vector3<f64>, triple: BcsAnglesRad) -> Vector3<f64> {
-        let origin = self.tip_in_table(Vector3::zeros(), triple);
-        let column = |axis: Vector3<f64>| (self.tip_in_table(axis * 100.0, triple) - origin) / 100.0;
+    /// X, Y, Z that bring the centre of the stylus ball to `ball` (table frame) at the angles B, C, S. The solution is
+    /// affine in X, Y, Z; the second step reduces rounding.
+    pub fn axis_positions_at_ball(&self, ball: Vector3<f64>, bcs_rad: BcsAnglesRad) -> Vector3<f64> {
+        let origin = self.tip_in_table(Vector3::zeros(), bcs_rad);
+        let column = |axis: Vector3<f64>| (self.tip_in_table(axis * 100.0, bcs_rad) - origin) / 100.0;
         let columns = [Vector3::x(), Vector3::y(), Vector3::z()].map(column);
         let inverse = Matrix3::from_columns(&columns).try_inverse().expect("X, Y, Z span space");
         let first = inverse * (ball - origin);
-        first + inverse * (ball - self.tip_in_table(first, triple))
+        first + inverse * (ball - self.tip_in_table(first, bcs_rad))
     }
 }

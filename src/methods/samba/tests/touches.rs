@@ -34,7 +34,7 @@ fn solve_trial_by_centres_and_by_touches(solved: &GeometrySolution<'_>, trial: u
     touched.refit_spheres(&problem.motion_matrices(&minimum.x)).unwrap();
     let touches = observed_values(&touched, &solved.balls.lengths);
     let whole = problem.solve(&touches, minimum.x.clone()).unwrap();
-    [NonlinearFit { equation: &equation, minimum }.solve_for_change(&change), whole.x]
+    [NonlinearFit { equation: &equation, minimum }.unknowns_for_changed_observations(&change), whole.x]
 }
 
 #[test]
@@ -76,7 +76,7 @@ fn regress_weighted_change_equals_change_of_weighted_residuals() {
     let equation = GeometryEquations { problem, measured };
     let change: Vec<f64> = (0..equation.observation_count()).map(|i| 1e-3 * (i as f64).sin()).collect();
     let changed = equation.weighted_residuals(&minimum.x, &change);
-    let weighted = equation.weighted_change(&change);
+    let weighted = equation.weighted_residual_change(&change);
     for ((changed, before), weighted) in changed.iter().zip(&minimum.residuals).zip(weighted) {
         assert!((changed - before - weighted).abs() < 1e-3, "{changed} {before} {weighted}");
     }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use faer::Mat;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::super::fit::{Fit, LinearisedFit};
+use super::super::fit::{Fit, FitWithSensitivity};
 use super::super::model::{Observation, UnknownsLayout};
 use super::super::outputs::{axis_position_coefficients, build_outputs};
 use super::RoundPart;
@@ -13,7 +13,7 @@ use crate::identification::{
     Identification, ObservationEffect, ResidualTreatment, SolvedModel, TrialSettings, UncertaintySource, dot_product,
     identify, multiply_vector,
 };
-use crate::self_calibration::design::GridDesign;
+use crate::self_calibration::design::AngleGridDesign;
 use estimation::coverage::{chi_square_bounds, effective_dof};
 use estimation::monte_carlo::TrialCount;
 use estimation::random::seeded_stream;
@@ -23,8 +23,8 @@ const TOUCH_SIGMA_MM: f64 = 1e-3;
 const STYLUS_OFFSET_STD_U_MM: f64 = 2e-3;
 
 /// The fit of an eccentric part, touched with noise of the standard deviation `noise_mm`.
-fn noisy_fit(noise_mm: f64, second_order: bool) -> Fit {
-    let design = GridDesign { position_count: 8, probe_angle_indices: vec![0, 1, 2] };
+fn noisy_fit(noise_mm: f64, with_second_order: bool) -> Fit {
+    let design = AngleGridDesign { angle_count: 8, probe_angle_indices: vec![0, 1, 2] };
     let part = RoundPart { contact_radius_mm: 48.0, centre: [1.5, -0.8], axis: [0.05, -0.03] };
     let mut noise = StandardNormal.sample_iter(seeded_stream(2, &[8]));
     let observations = design.cycle_touches(true).into_iter().map(|touch| {
@@ -37,21 +37,21 @@ fn noisy_fit(noise_mm: f64, second_order: bool) -> Fit {
             height_index: 0,
             c_index: c,
             phi_index: phi,
-            radius_mm: radius,
-            lateral_mm: 0.0,
+            along_ray_mm: radius,
+            across_ray_mm: 0.0,
             relative_time: 0.0,
         }
     });
     let observations: Vec<Observation> = observations.collect();
     let sigma = vec![TOUCH_SIGMA_MM; observations.len()];
     let layout = UnknownsLayout { design, height_count: 1, drift_order: 0, interruption_times: Vec::new() };
-    Fit::new(layout, observations, sigma, second_order).unwrap()
+    Fit::new(layout, observations, sigma, with_second_order).unwrap()
 }
 
 /// A touch of [`TOUCH_SIGMA_MM`] and a stylus offset in X that does not contribute to the residuals.
 fn touch_and_stylus_sources(fit: &Fit) -> [UncertaintySource; 2] {
     let along_x = |seen: &Observation| {
-        STYLUS_OFFSET_STD_U_MM * (TAU * seen.phi_index as f64 / fit.layout.design.position_count as f64).cos()
+        STYLUS_OFFSET_STD_U_MM * (TAU * seen.phi_index as f64 / fit.layout.design.angle_count as f64).cos()
     };
     let offset = ObservationEffect::Joint(vec![fit.observations.iter().map(along_x).collect()]);
     [
@@ -67,7 +67,7 @@ fn touch_and_stylus_sources(fit: &Fit) -> [UncertaintySource; 2] {
 fn identify_fit(fit: &Fit, has_declared_sizes: bool, trials: Option<TrialSettings>) -> Identification {
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().map(|residual| residual / TOUCH_SIGMA_MM).collect();
-    let (model, figures) = (&LinearisedFit::new(fit), fit.fit_quality(&residuals));
+    let (model, figures) = (&FitWithSensitivity::new(fit), fit.quality_of_fit(&residuals));
     let solution = SolvedModel {
         model,
         weighted_residuals: &weighted,
@@ -120,9 +120,9 @@ fn regress_trials_depend_neither_on_their_block_nor_on_the_threads() {
         let deviation: f64 = StandardNormal.sample(&mut random);
         1e-3 * trial as f64 * deviation
     });
-    let block = fit.solve_each_perturbation(changes.as_ref());
+    let block = fit.unknowns_for_each_perturbation(changes.as_ref());
     for trial in 0..changes.nrows() {
-        let alone = fit.solve_each_perturbation(changes.subrows(trial, 1));
+        let alone = fit.unknowns_for_each_perturbation(changes.subrows(trial, 1));
         assert_eq!(alone.row(0), block.row(trial), "trial {trial}");
     }
     let trials = Some(TrialSettings { seed: 1, trial_count: TrialCount::Fixed(2_500) });

@@ -1,4 +1,4 @@
-//! Machine-specific commands: the reader accepts only declared commands, and tracks what they switch.
+//! Machine-specific commands: the G-code reader accepts only declared commands, and tracks what they switch.
 
 use std::collections::BTreeMap;
 
@@ -47,7 +47,7 @@ impl DeclaredCommands {
         Ok(())
     }
 
-    /// Effect of a line that contains exactly these words.
+    /// Effect of a line that contains exactly `words`.
     pub(super) fn effect_of(&self, words: &GcodeWords) -> Option<SwitchEffect> {
         self.0.iter().find(|(known, _)| known == words).map(|(_, switch)| *switch)
     }

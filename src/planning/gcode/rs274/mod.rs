@@ -9,7 +9,7 @@ mod reader_state;
 
 pub use self::declared_commands::{DeclaredCommands, SwitchEffect};
 use self::gcode_line::GcodeLine;
-use self::reader_state::ReaderState;
+use self::reader_state::GcodeReaderState;
 use machine::Position;
 use std::borrow::Cow;
 
@@ -18,7 +18,7 @@ use std::borrow::Cow;
 pub struct ReadMotion {
     /// Line of the text, from 1.
     pub line: usize,
-    /// Value of the N word.
+    /// Value of the N word; `None`: the line has no N word.
     pub step_number: Option<u32>,
     pub kind: MotionKind,
     /// End positions of the axes in the line, mm and rad; empty for dwell, orientation and stop.
@@ -43,7 +43,7 @@ pub enum MotionKind {
         seconds: f64,
     },
     /// M19: orientation of the spindle, rad.
-    Orient {
+    OrientSpindle {
         s: f64,
     },
     /// M0: waits for the operator.
@@ -59,7 +59,7 @@ pub enum MotionFrame {
     Work(String),
 }
 
-/// Error: the reader refuses a line of the program.
+/// Error: the G-code reader refuses a line of the program.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("line {line}: {reason}")]
 pub struct ReadError {
@@ -95,7 +95,7 @@ pub fn read_program(
     zero_offset_slot: Option<&str>,
     declared: &DeclaredCommands,
 ) -> Result<Vec<ReadMotion>, ReadError> {
-    let mut state = ReaderState::new(zero_offset_slot, declared);
+    let mut state = GcodeReaderState::new(zero_offset_slot, declared);
     let mut motions = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
         let read = GcodeLine::parse(line).and_then(|line| state.apply_line(line));

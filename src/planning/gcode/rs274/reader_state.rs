@@ -1,4 +1,4 @@
-//! State of the reader from line to line: modal state, positions, switches and conditions.
+//! State of the G-code reader from line to line: modal state, positions, switches and conditions.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -46,9 +46,9 @@ struct ModalState {
     is_feed_per_minute: bool,
 }
 
-/// State of the reader after the lines read so far.
+/// State of the G-code reader after the lines read so far.
 #[derive(Debug)]
-pub(super) struct ReaderState {
+pub(super) struct GcodeReaderState {
     modal_state: ModalState,
     /// Position of each axis, as far as the text determines it.
     known_position: Position,
@@ -61,7 +61,7 @@ pub(super) struct ReaderState {
     has_program_ended: bool,
 }
 
-impl ReaderState {
+impl GcodeReaderState {
     pub fn new(zero_offset_slot: Option<&str>, declared: &DeclaredCommands) -> Self {
         let known = WORK_OFFSETS_AND_G_WORDS_TENFOLD.iter().filter(|(name, _)| Some(*name) == zero_offset_slot);
         let zeroed_axes = known.map(|(name, _)| (*name, Axis::ALL.into_iter().collect())).collect();
@@ -206,7 +206,7 @@ impl ReaderState {
         if orient {
             let s = Axis::S.to_mm_or_rad(words.take_word_value('R').ok_or("M19 without R")?);
             words.take_word_value('Q');
-            return Ok(Some(motion_without_target(MotionKind::Orient { s })));
+            return Ok(Some(motion_without_target(MotionKind::OrientSpindle { s })));
         }
         if stop {
             // The operator who restarts the program may have moved the machine.

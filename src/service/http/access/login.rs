@@ -1,4 +1,4 @@
-//! Sign-in and sign-out at the page.
+//! Sign-in and sign-out at the web page.
 
 use axum::extract::{FromRequest, Request, State};
 use axum::http::header::{HeaderValue, SET_COOKIE};

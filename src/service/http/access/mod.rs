@@ -115,7 +115,8 @@ impl Caller {
 /// Why a request is not admitted.
 enum AccessDenied {
     NoValidToken,
-    RoleTooLow(Role),
+    /// The request requires this role, or a higher one; the caller has a lower one.
+    RequiresRole(Role),
     RateLimitExceeded(RateLimitExceeded),
     /// The tokens cannot be read.
     TokensUnreadable,
@@ -168,7 +169,7 @@ impl AccessControl {
         };
         let required = required_role(route, is_read_only);
         if token.as_ref().is_some_and(|token| token.role < required) {
-            return Err(AccessDenied::RoleTooLow(required));
+            return Err(AccessDenied::RequiresRole(required));
         }
         let rate_limit_key = token.as_ref().map_or(address, |token| token.name.clone());
         if !is_read_only && route != HOLD_ROUTE {
@@ -284,7 +285,7 @@ impl IntoResponse for AccessDenied {
                 response.headers_mut().insert(WWW_AUTHENTICATE, bearer);
                 response
             }
-            Self::RoleTooLow(required) => Problem::new(
+            AccessDenied::RequiresRole(required) => Problem::new(
                 StatusCode::FORBIDDEN,
                 "wrong-role",
                 format!("this request requires a token of role {required} or higher"),

@@ -1,4 +1,4 @@
-//! Sessions of the page. The browser keeps a random number; the token that it represents is kept here, for the
+//! Sessions of the web page. The browser keeps a random number; the token that it represents is kept here, for the
 //! duration of a shift and while the token is valid.
 
 use std::sync::{Mutex, MutexGuard};

@@ -17,13 +17,13 @@ const HOLD_COUNT_PERIOD: Duration = Duration::from_secs(10);
 /// Time within which all holds of one run share one line.
 const SAME_RUN_HOLD_WINDOW: Duration = Duration::from_secs(1);
 
-/// Client and machine.
+/// Rate-limit key of the client (name of its token, or address), and name of the machine.
 type ClientAndMachine = (String, String);
 
 #[derive(Default)]
 struct HoldLogState {
-    /// By machine: the last run whose hold has a line, and the time of that hold.
-    last_logged_holds: BTreeMap<String, (i64, Instant)>,
+    /// By machine: number of the last run whose hold has a line, and the time of that hold.
+    last_logged_hold_by_machine: BTreeMap<String, (i64, Instant)>,
     /// Number of holds that have no line yet.
     unlogged_hold_counts: BTreeMap<ClientAndMachine, u64>,
 }
@@ -36,10 +36,10 @@ impl HoldLog {
     fn is_first_hold_of_run(&self, machine: &str, run: Option<i64>, now: Instant) -> bool {
         let Some(run) = run else { return false };
         let mut inner = lock(&self.0);
-        let last = inner.last_logged_holds.get(machine);
+        let last = inner.last_logged_hold_by_machine.get(machine);
         let is_repeated = last.is_some_and(|(held, at)| *held == run && now < *at + SAME_RUN_HOLD_WINDOW);
         if !is_repeated {
-            inner.last_logged_holds.insert(machine.to_owned(), (run, now));
+            inner.last_logged_hold_by_machine.insert(machine.to_owned(), (run, now));
         }
         !is_repeated
     }

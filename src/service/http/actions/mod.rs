@@ -1,6 +1,6 @@
 //! Actions: start a cycle, hold the machine, acknowledge, resume, answer, sign. Each states the client's name and
 //! optionally a reason. Each is written to the audit log before the response, even if the client has disconnected.
-//! A program sends JSON; the page sends a form and is redirected to the machine's page.
+//! A program sends JSON; the web page sends a form and is redirected to the machine's page.
 
 mod body;
 mod hold_log;
@@ -31,7 +31,7 @@ use super::problem::Problem;
 use super::{AppState, ServedMachine};
 use crate::service::config::StartInterlock;
 use crate::service::machine_state::{Interlocks, Refusal};
-use crate::service::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection};
+use crate::service::worker_command::{HoldEffect, Inspection, InspectionResultReceiver};
 use crate::store::AuditEntry;
 
 /// Maximum time to receive the body of a hold, after the machine is held.
@@ -102,14 +102,14 @@ struct AnswerRequest {
 async fn start_cycle(action: ActionRequest<StartRequest>) -> Result<Response, Problem> {
     let StartRequest { cycle, who, why, .. } = &action.body;
     let who = action.caller.audit_name(who)?;
-    check_start_confirmations(&action.machine, &action.body)?;
-    let accepted = action.machine.gate.start_cycle(*cycle, confirmed_interlocks(&action.machine), &who);
+    check_interlocks_confirmed_by_person(&action.machine, &action.body)?;
+    let accepted = action.machine.gate.start_cycle(*cycle, interlocks_confirmed_by_person(&action.machine), &who);
     action.audit_and_respond(who, format!("start of cycle {cycle}"), why, accepted).await
 }
 
 /// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
 /// precedence.
-fn confirmed_interlocks(machine: &ServedMachine) -> Interlocks {
+fn interlocks_confirmed_by_person(machine: &ServedMachine) -> Interlocks {
     let confirmed = Interlocks {
         is_fresh: true,
         is_start_enabled: true,
@@ -124,7 +124,7 @@ fn confirmed_interlocks(machine: &ServedMachine) -> Interlocks {
         .map_or(confirmed, |reported| Interlocks { has_person_for_prompts: true, ..reported })
 }
 
-fn check_start_confirmations(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
+fn check_interlocks_confirmed_by_person(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
     let missing = machine.required_interlocks.iter().find_map(|demand| match demand {
         StartInterlock::Enable if !request.enable => Some("that the machine may move (`enable`)"),
         StartInterlock::Auto if !request.auto => Some("that the control is in automatic mode (`auto`)"),
@@ -208,7 +208,7 @@ impl<T: Send + Sync + 'static> ActionRequest<T> {
         who: String,
         what: String,
         why: String,
-        accepted: Result<AcknowledgementReceiver, Refusal>,
+        accepted: Result<InspectionResultReceiver, Refusal>,
     ) -> Result<Response, Problem> {
         run_to_completion(async move {
             let result = match accepted {

@@ -1,11 +1,11 @@
-//! Resume of a run by a person at the page.
+//! Resume of a run by a person at the web page.
 
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::{ActionRequest, confirmed_interlocks, not_confirmed_problem, truncate_reason};
+use super::{ActionRequest, interlocks_confirmed_by_person, not_confirmed_problem, truncate_reason};
 use crate::archive::run_story::resume_hint;
 use crate::run::{ResumableRun, ResumeQuestion, ResumeRefusal, can_resume};
 use crate::service::http::machine_status::MachineStatus;
@@ -60,7 +60,7 @@ pub async fn resume_held_run(action: ActionRequest<ResumeRequest>) -> Result<Res
     let accepted = machine.gate.resume_run(
         run,
         Inspection { who: &who, why: &why, is_homed: homed },
-        confirmed_interlocks(machine),
+        interlocks_confirmed_by_person(machine),
     );
     action.await_audit_and_respond(who, format!("resume of run {run}"), why, accepted).await
 }

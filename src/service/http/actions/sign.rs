@@ -14,7 +14,7 @@ use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::http::openapi::schemas::SignatureSchema;
 use crate::service::http::problem::Problem;
-use crate::store::{AuditEntry, RunId, Signature};
+use crate::store::{AuditEntry, EstimateSignature, RunId};
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -47,7 +47,7 @@ pub async fn sign_result(
         ));
     }
     let remark = truncate_reason(&why);
-    let signature = Signature { who, remark, estimate_sha256: estimate };
+    let signature = EstimateSignature { who, remark, estimate_sha256: estimate };
     let signature = run_to_completion(store_signature(app, run, stored.summary.machine, signature)).await?;
     Ok(match is_form {
         true => Redirect::to(&format!("/runs/{run}")).into_response(),
@@ -59,8 +59,8 @@ async fn store_signature(
     app: AppState,
     run: RunId,
     machine: String,
-    signature: Signature,
-) -> Result<Signature, Problem> {
+    signature: EstimateSignature,
+) -> Result<EstimateSignature, Problem> {
     app.journal.add_signature(run, &signature).await?;
     let (who, why) = (signature.who.clone(), signature.remark.clone());
     let (what, outcome) = (format!("signature under run {run}"), "accepted".to_owned());

@@ -239,10 +239,10 @@ mod tests {
     use utoipa::PartialSchema;
 
     use super::*;
-    use crate::archive::compare::Comparison;
+    use crate::archive::compare::RunComparison;
     use crate::store::{AuditEntry, RunId, RunState, RunSummary, StoredAuditEntry};
     use machine::record::estimate::{BudgetLine, Distribution, EvaluationType, LimitVerdict, Parameter, Unit, Verdict};
-    use machine::record::watched_sensors::{LiveSectionValue, LiveSensorValue, LiveValues};
+    use machine::record::watched_sensors::{LiveCrossSectionValue, LiveSensorValue, LiveValues};
     use methods::decision::function_difference::FunctionDifference;
     use methods::decision::parameter_difference::ParameterDifference;
 
@@ -309,7 +309,7 @@ mod tests {
             normalized_errors: one(),
         };
         assert_schema_matches_json::<FunctionDifferenceSchema>(function.clone());
-        assert_schema_matches_json::<ComparisonSchema>(Comparison {
+        assert_schema_matches_json::<ComparisonSchema>(RunComparison {
             runs: [run_summary_without_nulls(), run_summary_without_nulls()],
             differences: vec![by],
             functions: vec![function],
@@ -347,7 +347,7 @@ mod tests {
         assert_schema_matches_json::<BudgetLineSchema>(&parameter.budget[0]);
         assert_schema_matches_json::<ParameterSchema>(parameter);
         assert_schema_matches_json::<RunSchema>(run_summary_without_nulls());
-        let section = LiveSectionValue { number: 1, eccentricity_um: Some([0.5; 2]) };
+        let section = LiveCrossSectionValue { number: 1, eccentricity_um: Some([0.5; 2]) };
         assert_schema_matches_json::<LiveSectionSchema>(section);
         let (range_mm, target_mm, value_mm, failure) = ([-0.3, 0.3], Some(0.0), Some(0.1), None);
         let sensor = String::new();

@@ -5,8 +5,8 @@ use axum::http::StatusCode;
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{render_page, run_row};
-use crate::archive::compare::{CompareError, Comparison};
+use super::{render_page, row_of_run};
+use crate::archive::compare::{CompareError, RunComparison};
 use crate::service::http::AppState;
 use crate::service::http::api::{RunPair, compare_pair};
 use crate::service::http::problem::Problem;
@@ -14,12 +14,12 @@ use methods::decision::function_difference::FunctionDifference;
 use methods::decision::parameter_difference::ParameterDifference;
 
 pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Html<String>, Problem> {
-    let Comparison { runs, differences, functions, common_sources, besides } = compare_pair(&app, pair).await?;
+    let RunComparison { runs, differences, functions, common_sources, besides } = compare_pair(&app, pair).await?;
     render_page(
         "compare.html",
         app.access.requires_tokens,
         context! {
-            runs => runs.iter().map(run_row).collect::<Vec<_>>(),
+            runs => runs.iter().map(row_of_run).collect::<Vec<_>>(),
             rows => differences.iter().map(difference_row).collect::<Vec<_>>(),
             functions => functions.iter().filter_map(function_difference_row).collect::<Vec<_>>(),
             common_sources,

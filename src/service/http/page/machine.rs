@@ -8,7 +8,7 @@ use axum::response::Html;
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::{format_local_time, machine_page_path, parameter_row, render_page, render_template, run_row};
+use super::{format_local_time, machine_page_path, parameter_row, render_page, render_template, row_of_run};
 use super::{run_drawings, schedule, sensors, trends};
 use crate::archive::history::machine_history;
 use crate::run::{can_resume, resume_question};
@@ -32,12 +32,12 @@ pub async fn machine_page(State(app): State<AppState>, machine: ServedMachine) -
 }
 
 fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> {
-    let ServedMachine { name, gate, parameter_limits: tolerance, .. } = machine;
+    let ServedMachine { name, gate, tolerances: tolerance, .. } = machine;
     // Before the journal, in which a held run appears first. If a change comes between the two reads, the page is
     // notified and reloads.
     let status = status_values(machine);
     let (all, (runs, waits)) = (machine_history(journal, name, tolerance)?, run_rows_and_resume_values(journal, name)?);
-    let views = run_drawings::run_views(journal, RunId(gate.machine_state().run.into()))?;
+    let views = run_drawings::views_of_run(journal, RunId(gate.machine_state().run.into()))?;
     gate.refresh_newest_runs(journal, name)?;
     Ok(context! {
         machine => status,
@@ -57,19 +57,19 @@ pub async fn live_part(State(app): State<AppState>, machine: ServedMachine) -> R
     let change = *machine.gate.subscribe_changes().borrow();
     let render = move |journal: &Journal| {
         machine.gate.refresh_newest_runs(journal, &machine.name)?;
-        let views = run_drawings::run_views(journal, RunId(machine.gate.machine_state().run.into()))?;
+        let views = run_drawings::views_of_run(journal, RunId(machine.gate.machine_state().run.into()))?;
         render_template("live.html", context! { machine => status_values(&machine), views })
     };
     shared.get_or_render(change, async { app.read_journal(render).await? }).await
 }
 
-/// The newest runs, and the last one if it waits for a person, with the question before its resume.
+/// Rows of the newest runs; and, if the last run waits for a person, its values with the question before its resume.
 fn run_rows_and_resume_values(journal: &Journal, machine: &str) -> Result<(Vec<Value>, Option<Value>), Problem> {
     let wanted = RunFilter { machine: Some(machine), ..RunFilter::default() };
     let runs = journal.list_runs(wanted, MAX_SHOWN_RUNS)?;
     let last = runs.first().filter(|run| run.state.is_resumable());
     let waits = last.map(|last| journal.load_run(last.id)).transpose()?;
-    Ok((runs.iter().map(run_row).collect(), waits.as_ref().map(resume_values)))
+    Ok((runs.iter().map(row_of_run).collect(), waits.as_ref().map(resume_values)))
 }
 
 fn resume_values(stored: &StoredRun) -> Value {
@@ -182,7 +182,7 @@ mod tests {
             gate,
             cycles,
             required_interlocks,
-            parameter_limits: tolerance,
+            tolerances: tolerance,
             verdict_validity,
             live_part_cache: live_part,
         };

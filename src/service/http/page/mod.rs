@@ -1,4 +1,4 @@
-//! The page: rendered by the server and readable without a script. The script updates the live part, and removes
+//! The web page: rendered by the server and readable without a script. The script updates the live part, and removes
 //! every value whose source does not respond.
 
 mod compare;
@@ -111,7 +111,7 @@ fn overview_values(app: &AppState) -> Value {
     context! { machines, now => format_local_time(Timestamp::now()) }
 }
 
-fn run_row(run: &RunSummary) -> Value {
+fn row_of_run(run: &RunSummary) -> Value {
     context! {
         id => run.id.0,
         started => format_local_time(run.started),

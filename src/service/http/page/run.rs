@@ -34,7 +34,7 @@ pub async fn runs_page(
         let [newest, oldest] = [runs.first(), runs.last()].map(|run| run.map(|run| run.id.0));
         let newer = newest.filter(|_| if onward { more } else { filter.older_than.is_some() });
         let older = oldest.filter(|_| onward || more);
-        let runs = runs.iter().map(super::run_row).collect::<Vec<_>>();
+        let runs = runs.iter().map(super::row_of_run).collect::<Vec<_>>();
         super::render_page("runs.html", tokens, context! { runs, newer, older })
     })
     .await?
@@ -45,7 +45,7 @@ pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Resu
     app.read_journal(move |journal| {
         let stored = journal.load_run(RunId(run))?;
         let before = previous_finished_run(journal, &stored.summary)?;
-        super::render_page("run.html", tokens, run_values(&stored, before))
+        super::render_page("run.html", tokens, values_of_run(&stored, before))
     })
     .await?
 }
@@ -67,12 +67,12 @@ fn previous_finished_run(journal: &Journal, run: &RunSummary) -> Result<Option<i
     Ok(journal.list_runs(wanted, 1)?.first().map(|run| run.id.0))
 }
 
-fn run_values(stored: &StoredRun, previous_run: Option<i64>) -> Value {
+fn values_of_run(stored: &StoredRun, previous_run: Option<i64>) -> Value {
     let summary = &stored.summary;
     let last = stored.estimates.last();
     let unfinished = !matches!(summary.state, RunState::Finished | RunState::Running);
     context! {
-        run => super::run_row(summary),
+        run => super::row_of_run(summary),
         machine => machine_page_path(&summary.machine),
         ended => unfinished.then(|| describe_run_end(stored)),
         readings => stored.readings.len(),
@@ -91,6 +91,6 @@ fn run_values(stored: &StoredRun, previous_run: Option<i64>) -> Value {
 fn estimate_values(estimate: &Estimate) -> Value {
     let (class, glance) = machine::verdict_class_and_text(estimate.verdict);
     let rows = estimate.parameters.iter().map(parameter_row);
-    let is_judged = estimate.parameters.iter().any(|p| p.judged.is_some());
-    context! { class, glance, is_judged, parameters => rows.collect::<Vec<_>>() }
+    let has_limits = estimate.parameters.iter().any(|p| p.judged.is_some());
+    context! { class, glance, is_judged => has_limits, parameters => rows.collect::<Vec<_>>() }
 }

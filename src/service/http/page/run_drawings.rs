@@ -18,10 +18,10 @@ const MARK_RADIUS_PER_PICTURE_WIDTH: f64 = 1.0 / 70.0;
 const MARGIN_PER_EXTENT: f64 = 0.08;
 
 /// Views of `run`; `None` if its number is 0: no run has begun.
-pub fn run_views(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
+pub fn views_of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
     match run.0 {
         0 => Ok(None),
-        _ => Ok(progress_views(&journal.run_progress(run)?)),
+        _ => Ok(progress_views(&journal.load_run_progress(run)?)),
     }
 }
 

@@ -7,7 +7,7 @@ use super::render_template;
 use crate::service::http::ServedMachine;
 use crate::service::http::machine_status::MachineStatus;
 use crate::service::http::problem::Problem;
-use machine::record::watched_sensors::{LiveSectionValue, LiveSensorValue, LiveValues};
+use machine::record::watched_sensors::{LiveCrossSectionValue, LiveSensorValue, LiveValues};
 
 /// Part of the page with the sensor values; the script reloads it with each new value.
 pub async fn sensors_part(machine: ServedMachine) -> Result<Html<String>, Problem> {
@@ -39,7 +39,7 @@ fn sensor_values(live: &LiveSensorValue) -> Value {
     }
 }
 
-fn section_values(live: &LiveSectionValue) -> Value {
+fn section_values(live: &LiveCrossSectionValue) -> Value {
     let at = live.eccentricity_um.map(|um| um.map(|um| format!("{um:+.1}")));
     context! { number => live.number, at }
 }

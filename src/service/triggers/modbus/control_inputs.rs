@@ -16,7 +16,8 @@ const DEBOUNCE_TIME: Duration = Duration::from_millis(50);
 /// Command that a write requests.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CoilCommand {
-    StartCycle(u16),
+    /// Start of the cycle with this number.
+    StartCycleNumber(u16),
     /// More than one start in one write.
     SeveralStarts,
     StopCycle,
@@ -120,7 +121,7 @@ fn commands_of_rising_edges(risen_coils: &[u16]) -> Vec<CoilCommand> {
     }
     match starts.as_slice() {
         [] => {}
-        [cycle] => commands.push(CoilCommand::StartCycle(*cycle)),
+        [cycle] => commands.push(CoilCommand::StartCycleNumber(*cycle)),
         _ => commands.push(CoilCommand::SeveralStarts),
     }
     commands
@@ -135,7 +136,7 @@ mod tests {
     }
 
     fn write_starts_cycle_1(inputs: &mut ControlInputs, value: bool, now: Instant) -> bool {
-        inputs.write_coils(11, &[value], now) == [CoilCommand::StartCycle(1)]
+        inputs.write_coils(11, &[value], now) == [CoilCommand::StartCycleNumber(1)]
     }
 
     #[test]
@@ -175,7 +176,8 @@ mod tests {
         inputs.write_alive(1, t);
         assert!(!inputs.interlocks(instant_after_ms(t, 1)).is_start_enabled, "one change of `alive` is not enough");
         inputs.write_alive(1, instant_after_ms(t, 500));
-        assert!(!inputs.interlocks(instant_after_ms(t, 501)).is_start_enabled, "the same value is not a change");
+        let interlocks = inputs.interlocks(instant_after_ms(t, 501));
+        assert!(!interlocks.is_start_enabled, "the same value of `alive` is no change");
         inputs.write_alive(2, instant_after_ms(t, 900));
         let all = Interlocks {
             is_fresh: true,
@@ -191,7 +193,7 @@ mod tests {
         assert_eq!(
             inputs.interlocks(instant_after_ms(t, 60_001)),
             Interlocks::default(),
-            "one change after a minute is not enough"
+            "one change of `alive` after a minute of silence is not enough"
         );
         inputs.write_alive(4, instant_after_ms(t, 60_500));
         assert_eq!(inputs.interlocks(instant_after_ms(t, 60_501)), all);

@@ -131,7 +131,7 @@ impl ModbusServerState {
         for command in coil_commands {
             match command {
                 // The reason of a refusal is in the machine state.
-                CoilCommand::StartCycle(cycle) => drop(self.gate.start_cycle(cycle, interlocks, by)),
+                CoilCommand::StartCycleNumber(cycle) => drop(self.gate.start_cycle(cycle, interlocks, by)),
                 CoilCommand::SeveralStarts => self.gate.record_refusal(Refusal::Several, &format!("request of {by}")),
                 CoilCommand::StopCycle => drop(self.gate.hold_machine(by)),
                 // The reason of a refusal is in the machine state.

@@ -1,4 +1,4 @@
-//! Faults of the simulated control, `[[simulated.fault]]`, for rehearsals.
+//! Faults of the simulated control, `[[simulated.fault]]`, to practise against.
 
 use std::sync::PoisonError;
 
@@ -33,13 +33,17 @@ pub enum FaultKind {
     /// The control hangs: it neither reads, moves nor answers any more.
     Silence,
     /// The control restarts: it loses its state and sends the banner.
-    Reset,
+    #[serde(rename = "reset")]
+    Restart,
     /// The control sends the banner and does not restart.
-    Banner,
-    /// A line is lost.
-    Unanswered,
+    #[serde(rename = "banner")]
+    BannerWithoutRestart,
+    /// A line is lost: it is neither executed nor answered.
+    #[serde(rename = "unanswered")]
+    LostLine,
     /// A line is executed, but its answer is lost.
-    LostOk,
+    #[serde(rename = "lost-ok")]
+    LostAnswer,
     DoubleOk,
     /// Bytes that are not text precede the answer.
     Garbage,
@@ -56,7 +60,8 @@ pub enum FaultKind {
     RapidContact,
     SoftLimit,
     /// A person presses feed hold at the machine, or opens the door.
-    Hold,
+    #[serde(rename = "hold")]
+    PersonHolds,
     Door,
     EStop,
 }
@@ -88,15 +93,17 @@ impl Firmware {
     fn apply_fault(&mut self, fault: &Fault, line: &str) {
         use FaultKind as K;
         // These faults wait for their move, their answer, or a machine that can be held.
-        let is_recorded_later =
-            matches!(fault.kind, K::LostOk | K::DoubleOk | K::ForeignBody | K::RapidContact | K::Hold | K::Door);
+        let is_recorded_later = matches!(
+            fault.kind,
+            K::LostAnswer | K::DoubleOk | K::ForeignBody | K::RapidContact | K::PersonHolds | K::Door
+        );
         if !is_recorded_later {
             self.record_fault(fault.kind);
         }
         match fault.kind {
             FaultKind::Silence => self.is_hung = true,
-            FaultKind::Reset => self.soft_reset(),
-            FaultKind::Unanswered => {}
+            FaultKind::Restart => self.soft_reset(),
+            FaultKind::LostLine => {}
             FaultKind::Alarm => self.raise_spontaneous_alarm(fault.code.unwrap_or(DEFAULT_ALARM_CODE)),
             FaultKind::EStop => self.raise_spontaneous_alarm(ALARM_E_STOP),
             FaultKind::Error => {
@@ -112,7 +119,7 @@ impl Firmware {
             kind => {
                 self.set_fault_state(kind);
                 self.execute_line(line);
-                if matches!(kind, FaultKind::Hold | FaultKind::Door) {
+                if matches!(kind, FaultKind::PersonHolds | FaultKind::Door) {
                     self.hold();
                     self.is_door_open = kind == FaultKind::Door;
                     if self.is_held {
@@ -126,8 +133,8 @@ impl Firmware {
     /// Applies a fault that does not depend on the content of the line.
     fn set_fault_state(&mut self, kind: FaultKind) {
         match kind {
-            FaultKind::Banner => self.send_banner(),
-            FaultKind::LostOk => self.next_answer_count = AnswerCount::Never,
+            FaultKind::BannerWithoutRestart => self.send_banner(),
+            FaultKind::LostAnswer => self.next_answer_count = AnswerCount::Never,
             FaultKind::DoubleOk => self.next_answer_count = AnswerCount::Twice,
             FaultKind::Garbage => self.send_buffer.extend_from_slice(b"\xf8\x80\x1f\x00x\r\n"),
             FaultKind::ProbeStuck => self.executor.probe_fault = ProbeInputFault::StuckClosed,

@@ -52,7 +52,7 @@ pub struct SimulatedGrblOptions {
     pub is_compatibility_level_0: bool,
     pub has_time_stamps: bool,
     /// Stored settings, by number.
-    pub settings: BTreeMap<u16, f64>,
+    pub settings_by_number: BTreeMap<u16, f64>,
     /// Overrides of feed and rapid speed, percent, as reported; they do not change the speed of motions.
     pub feed_and_rapid_override_percent: [u32; 2],
     /// Whether the machine is homed before the first connection.
@@ -74,7 +74,7 @@ impl SimulatedGrblOptions {
             pace,
             is_compatibility_level_0: true,
             has_time_stamps: true,
-            settings,
+            settings_by_number: settings,
             feed_and_rapid_override_percent: [100, 100],
             is_homed: true,
             is_pendant_in_control: false,

@@ -24,7 +24,7 @@ impl Firmware {
                 self.send_line("ok");
                 self.send_line("ok");
             }
-            AnswerCount::Never => self.record_fault(FaultKind::LostOk),
+            AnswerCount::Never => self.record_fault(FaultKind::LostAnswer),
         }
     }
 
@@ -41,7 +41,7 @@ impl Firmware {
     }
 
     fn setting_value(&self, number: u16) -> f64 {
-        self.options.settings.get(&number).copied().unwrap_or_default()
+        self.options.settings_by_number.get(&number).copied().unwrap_or_default()
     }
 
     /// Unit of lengths in reports, mm.
@@ -118,7 +118,7 @@ impl Firmware {
             "X" => self.unlock(),
             other => {
                 let number = other.parse().ok();
-                let stored = number.and_then(|number| self.options.settings.get_key_value(&number));
+                let stored = number.and_then(|number| self.options.settings_by_number.get_key_value(&number));
                 let Some((number, value)) = stored else { return self.send_error(3) };
                 self.send_line(&settings::format_setting(*number, *value));
             }
@@ -128,7 +128,7 @@ impl Firmware {
     }
 
     fn send_settings(&mut self) {
-        for (number, value) in self.options.settings.clone() {
+        for (number, value) in self.options.settings_by_number.clone() {
             self.send_line(&settings::format_setting(number, value));
         }
     }

@@ -19,12 +19,12 @@ impl Firmware {
     pub(super) fn on_sequence_written(&mut self) {
         let sequence = self.holding_registers[SEQUENCE_REGISTER];
         self.record_event(ControlEvent::ChunkOffered { sequence });
-        let next_sequence = if self.accepted_sequence == u16::MAX { 1 } else { self.accepted_sequence + 1 };
+        let next_sequence = if self.checked_sequence == u16::MAX { 1 } else { self.checked_sequence + 1 };
         if sequence != next_sequence || self.frozen_status_block.is_some() {
             return;
         }
-        let accepted_before = std::mem::replace(&mut self.accepted_sequence, sequence);
-        match self.acceptable_chunk_bytes(accepted_before).and_then(|bytes| self.accept_chunk(sequence, bytes)) {
+        let checked_before = std::mem::replace(&mut self.checked_sequence, sequence);
+        match self.acceptable_chunk_bytes(checked_before).and_then(|bytes| self.accept_chunk(sequence, bytes)) {
             Err(error) => self.error_code = error,
             Ok(text) => {
                 self.error_code = 0;
@@ -40,12 +40,12 @@ impl Firmware {
             return self.start_program(sequence, &register_words(&bytes));
         }
         let text = String::from_utf8(bytes).map_err(|_| ERROR_BAD_TEXT)?;
-        self.pending_lines = text.lines().map(str::to_owned).collect();
+        self.unstarted_lines = text.lines().map(str::to_owned).collect();
         Ok(text)
     }
 
     /// Bytes of the chunk, if it may be accepted.
-    fn acceptable_chunk_bytes(&self, accepted_before: u16) -> Result<Vec<u8>, u16> {
+    fn acceptable_chunk_bytes(&self, checked_before: u16) -> Result<Vec<u8>, u16> {
         if self.operating_state != OperatingState::Ready || self.is_moving() {
             return Err(ERROR_BUSY);
         }
@@ -53,8 +53,8 @@ impl Firmware {
             return Err(ERROR_NO_HEARTBEAT);
         }
         let is_acknowledged = match &self.resident_program {
-            Some(resident) => !resident.result_slot.is_valid,
-            None => self.holding_registers[ACKNOWLEDGE_REGISTER] == accepted_before,
+            Some(resident) => !resident.result_slot.is_pending,
+            None => self.holding_registers[ACKNOWLEDGE_REGISTER] == checked_before,
         };
         if !is_acknowledged {
             return Err(ERROR_NOT_ACKNOWLEDGED);

@@ -1,4 +1,4 @@
-//! Faults of the simulated control or of its wire, `[[simulated.fault]]`, for rehearsals.
+//! Faults of the simulated control or of its wire, `[[simulated.fault]]`, to practise against.
 
 use std::time::Duration;
 
@@ -39,10 +39,11 @@ pub struct Fault {
     pub after_touch: u64,
     /// Code of an alarm or an exception; `None`: the default code of the kind.
     pub code: Option<u8>,
-    /// Delay of a reply, s.
+    /// `late`: delay of the reply, s; `None`: 0.7 s.
     pub late_s: Option<f64>,
-    /// Period at which a PLC reads the probe input, s.
-    pub scan_s: Option<f64>,
+    /// `slow-latch`: period at which the PLC reads the probe input, s; `None`: 0.01 s.
+    #[serde(rename = "scan_s")]
+    pub slow_latch_period_s: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
@@ -51,27 +52,35 @@ pub enum FaultKind {
     /// The request is executed; the reply comes late.
     Late,
     /// The request is executed; the reply is lost.
-    Unanswered,
+    #[serde(rename = "unanswered")]
+    LostAnswer,
     /// The request is lost.
-    Lost,
+    #[serde(rename = "lost")]
+    LostRequest,
     /// The request is refused by an exception.
     Exception,
     /// The status changes while it is read.
-    Torn,
+    #[serde(rename = "torn")]
+    StatusChangesDuringRead,
     /// An earlier status is returned once more.
-    Stale,
+    #[serde(rename = "stale")]
+    StaleStatus,
     /// The connection is cut (RTU: the request is lost).
-    Cut,
+    #[serde(rename = "cut")]
+    ConnectionCut,
     /// The control hangs: it answers no request any more.
     Silence,
     /// The program of the control stops; its registers are still served.
-    Frozen,
+    #[serde(rename = "frozen")]
+    ProgramStopped,
     /// The control is switched off and on.
-    Reset,
+    #[serde(rename = "reset")]
+    PowerCycle,
     Alarm,
     EStop,
     /// A person holds the control at the machine.
-    Hold,
+    #[serde(rename = "hold")]
+    PersonHolds,
     /// The probe reads closed from now on.
     ProbeStuck,
     /// The probe reads open from now on.
@@ -80,8 +89,9 @@ pub enum FaultKind {
     ForeignBody,
     /// The stylus is brushed during the next rapid: the probe reads closed for a while.
     RapidContact,
-    /// From now on a contact is latched in the scan cycle of a PLC.
-    SlowLatch,
+    /// From now on a contact is latched in the scan cycle of a PLC, so the latched position is too far.
+    #[serde(rename = "slow-latch")]
+    LatchByScan,
     /// A write of many registers is confirmed, but only its first half is kept.
     HalfWritten,
     /// A write of the sequence register is confirmed but ignored.
@@ -94,7 +104,7 @@ pub enum FaultKind {
     WrongStamp,
     /// A resident program shows the previous result once more, as valid.
     StaleResult,
-    /// A resident program ignores an acknowledgement.
+    /// A resident program ignores the acknowledgement of a result.
     RepeatedResult,
     /// A resident program counts a result that it never shows.
     SkippedResult,
@@ -127,7 +137,7 @@ impl FaultKind {
                 if usize::from(*at) == SEQUENCE_REGISTER && words.len() == 1),
             Self::LostHold => matches!(request, Request::WriteMultipleRegisters(at, words)
                 if usize::from(*at) == HOLD_REGISTER && words.len() == 1),
-            Self::Torn | Self::Stale | Self::StaleResult => {
+            FaultKind::StatusChangesDuringRead | FaultKind::StaleStatus | Self::StaleResult => {
                 matches!(request, Request::ReadInputRegisters(0, count) if *count > 1)
             }
             _ => true,
@@ -188,12 +198,12 @@ impl Firmware {
                 delay = Duration::try_from_secs_f64(late_s).unwrap_or_default();
                 Some(self.execute_and_advance(request))
             }
-            K::Unanswered => {
+            K::LostAnswer => {
                 let _ = self.execute_and_advance(request);
                 None
             }
-            K::Lost => None,
-            K::Cut => {
+            K::LostRequest => None,
+            K::ConnectionCut => {
                 self.cut_signal.notify_waiters();
                 None
             }
@@ -207,8 +217,8 @@ impl Firmware {
             }
             K::HalfWritten | K::LostStart | K::LostHold => Some(self.write_first_half(request)),
             K::StaleResult => Some(self.reply_with_previous_result(request)),
-            K::Torn => Some(self.reply_with_torn_status(request)),
-            K::Stale => Some(self.reply_with_previous_status(request)),
+            K::StatusChangesDuringRead => Some(self.reply_with_torn_status(request)),
+            K::StaleStatus => Some(self.reply_with_previous_status(request)),
             kind => {
                 self.apply_control_fault(kind, fault);
                 Some(self.execute_and_advance(request))
@@ -220,13 +230,13 @@ impl Firmware {
     /// Applies a fault of the control itself.
     fn apply_control_fault(&mut self, kind: FaultKind, fault: &Fault) {
         match kind {
-            FaultKind::Frozen => self.frozen_status_block = Some(self.status_block()),
+            FaultKind::ProgramStopped => self.frozen_status_block = Some(self.status_block()),
             FaultKind::HeartbeatStands => self.frozen_heartbeat_value = Some(self.heartbeat_count()),
             FaultKind::WrongStamp => self.has_wrong_stamp = true,
-            FaultKind::Reset => self.power_cycle(),
+            FaultKind::PowerCycle => self.power_cycle(),
             FaultKind::Alarm => self.raise_alarm(fault.code.map_or(DEFAULT_ALARM_CODE, u16::from)),
             FaultKind::EStop => self.raise_alarm(ALARM_E_STOP),
-            FaultKind::Hold => {
+            FaultKind::PersonHolds => {
                 self.stop_at_current_position();
                 self.operating_state = OperatingState::Held(0);
             }
@@ -234,8 +244,8 @@ impl Firmware {
             FaultKind::ProbeDead => self.executor.probe_fault = ProbeInputFault::StuckOpen,
             FaultKind::ForeignBody => self.executor.probe_fault = ProbeInputFault::ObstacleOnNextProbe,
             FaultKind::RapidContact => self.executor.probe_fault = ProbeInputFault::BrushPending,
-            FaultKind::SlowLatch => {
-                let scan_ms = fault.scan_s.unwrap_or(DEFAULT_SCAN_PERIOD_S) * 1e3;
+            FaultKind::LatchByScan => {
+                let scan_ms = fault.slow_latch_period_s.unwrap_or(DEFAULT_SCAN_PERIOD_S) * 1e3;
                 self.executor
                     .with_world(|world| world.set_latch_delay(LatchDelay { scan_ms, ..LatchDelay::default() }));
             }
@@ -243,7 +253,7 @@ impl Firmware {
         }
         let Some(resident) = &mut self.resident_program else { return };
         match kind {
-            FaultKind::RepeatedResult => resident.ignores_next_acknowledgement = true,
+            FaultKind::RepeatedResult => resident.ignores_next_result_acknowledge = true,
             FaultKind::SkippedResult => resident.skips_next_result = true,
             FaultKind::StartedTwice => resident.restarts_at_end = true,
             _ => {}

@@ -28,7 +28,7 @@ impl Firmware {
                 }
             } else if self.operating_state != OperatingState::Ready || self.frozen_status_block.is_some() {
                 break;
-            } else if let Some(line) = self.pending_lines.pop_front() {
+            } else if let Some(line) = self.unstarted_lines.pop_front() {
                 self.execute_line(&line);
             } else if !self.start_current_row() {
                 break;
@@ -37,7 +37,7 @@ impl Firmware {
         self.time_since_power_up = now;
         let done = self.operating_state == OperatingState::Ready && !self.is_moving() && self.error_code == 0;
         if done && self.frozen_status_block.is_none() {
-            self.executed_sequence = self.accepted_sequence;
+            self.executed_sequence = self.checked_sequence;
         }
     }
 
@@ -49,7 +49,7 @@ impl Firmware {
             Ok(LineAction::Execute(job)) => self.start_job(job),
             Err(_) => {
                 self.error_code = ERROR_BAD_TEXT;
-                self.pending_lines.clear();
+                self.unstarted_lines.clear();
             }
         }
     }
@@ -108,7 +108,7 @@ impl Firmware {
 
     pub(super) fn raise_alarm(&mut self, code: u16) {
         self.stop_at_current_position();
-        self.operating_state = OperatingState::Alarm(code);
+        self.operating_state = OperatingState::AlarmWithCode(code);
     }
 
     /// Stops the machine where it is and discards the remaining motion.
@@ -120,7 +120,7 @@ impl Firmware {
     }
 
     pub(super) fn stop_at_current_position(&mut self) {
-        self.pending_lines.clear();
+        self.unstarted_lines.clear();
         if let Some(resident) = &mut self.resident_program {
             resident.stop();
         }

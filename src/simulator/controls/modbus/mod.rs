@@ -89,7 +89,8 @@ enum OperatingState {
     Ready,
     /// Held, with the reason; 0 for the hold register or a person.
     Held(u16),
-    Alarm(u16),
+    /// Alarm with this code.
+    AlarmWithCode(u16),
 }
 
 /// The simulated control.
@@ -100,9 +101,9 @@ pub struct Firmware {
     /// The holding registers.
     holding_registers: Vec<u16>,
     /// Lines of the current chunk that have not been started.
-    pending_lines: VecDeque<String>,
+    unstarted_lines: VecDeque<String>,
     resident_program: Option<SimulatedResidentProgram>,
-    accepted_sequence: u16,
+    checked_sequence: u16,
     executed_sequence: u16,
     error_code: u16,
     latch_count: u16,
@@ -143,9 +144,9 @@ impl Firmware {
             options,
             operating_state: OperatingState::Ready,
             holding_registers: vec![0; size],
-            pending_lines: VecDeque::new(),
+            unstarted_lines: VecDeque::new(),
             resident_program: resident,
-            accepted_sequence: 0,
+            checked_sequence: 0,
             executed_sequence: 0,
             error_code: 0,
             latch_count: 0,
@@ -181,7 +182,7 @@ impl Firmware {
     fn power_cycle(&mut self) {
         self.stop_at_current_position();
         self.holding_registers.fill(0);
-        (self.accepted_sequence, self.executed_sequence, self.error_code, self.latch_count) = (0, 0, 0, 0);
+        (self.checked_sequence, self.executed_sequence, self.error_code, self.latch_count) = (0, 0, 0, 0);
         self.last_heartbeat_change_time = None;
         self.resident_program = self.resident_program.take().map(|_| SimulatedResidentProgram::default());
         self.operating_state = OperatingState::NotReady;
@@ -190,7 +191,7 @@ impl Firmware {
     fn is_moving(&self) -> bool {
         let begun = self.resident_program.as_ref().is_some_and(SimulatedResidentProgram::is_running);
         self.operating_state == OperatingState::Ready
-            && (begun || self.executor.active_job.is_some() || !self.pending_lines.is_empty())
+            && (begun || self.executor.active_job.is_some() || !self.unstarted_lines.is_empty())
     }
 
     fn is_heartbeat_current(&self, at: Duration) -> bool {

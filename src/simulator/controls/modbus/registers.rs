@@ -30,7 +30,7 @@ impl Firmware {
             OperatingState::Ready if self.is_moving() => (2, 0),
             OperatingState::Ready => (1, 0),
             OperatingState::Held(reason) => (3, reason),
-            OperatingState::Alarm(code) => (4, code),
+            OperatingState::AlarmWithCode(code) => (4, code),
         };
         let position = self.executor.displayed_position_at(self.time_since_power_up);
         self.status_block_count = self.status_block_count.wrapping_add(1);
@@ -45,7 +45,7 @@ impl Firmware {
         };
         let t_s = if self.has_wrong_stamp && t_s > 0.0 { WRONG_STAMP_S } else { t_s };
         let mut block =
-            vec![self.status_block_count, version, state, alarm, self.accepted_sequence, self.executed_sequence];
+            vec![self.status_block_count, version, state, alarm, self.checked_sequence, self.executed_sequence];
         block.extend([self.error_code, probe, 0, 0, number, beat]);
         block.extend(register_words(&self.executor.with_world(|world| world.time_s()).to_be_bytes()));
         block.extend(register_words(&t_s.to_be_bytes()));
@@ -54,7 +54,7 @@ impl Firmware {
         if let (Some(slot), Some(resident)) = (slot, &self.resident_program) {
             let at = u16::try_from(resident.current_row_number).unwrap_or(u16::MAX);
             block.extend([at, slot.chunk_sequence, slot.row_number]);
-            block.extend([slot.has_contact, slot.is_valid].map(u16::from));
+            block.extend([slot.has_contact, slot.is_pending].map(u16::from));
         }
         block.push(self.status_block_count);
         self.previous_status_block.clone_from(&block);
@@ -70,7 +70,7 @@ impl Firmware {
     fn reported_slot(&mut self) -> Option<ResultSlot> {
         let resident = self.resident_program.as_ref()?;
         match self.shows_previous_result.then(|| resident.previous_result_slot.clone()).flatten() {
-            Some(before) => Some(ResultSlot { is_valid: true, ..before }),
+            Some(before) => Some(ResultSlot { is_pending: true, ..before }),
             None => Some(resident.result_slot.clone()),
         }
     }
@@ -112,7 +112,7 @@ impl Firmware {
             self.last_heartbeat_change_time = Some(self.time_since_power_up);
         }
         if let Some(resident) = self.resident_program.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER)) {
-            resident.on_acknowledge_written(self.holding_registers[ACKNOWLEDGE_REGISTER]);
+            resident.on_result_acknowledge_written(self.holding_registers[ACKNOWLEDGE_REGISTER]);
         }
         if range.contains(&SEQUENCE_REGISTER) {
             self.on_sequence_written();

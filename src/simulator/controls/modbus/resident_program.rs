@@ -31,6 +31,7 @@ enum RowKind {
     Guarded,
     Touch,
     Dwell,
+    /// Orientation of the spindle.
     Orient,
 }
 
@@ -48,7 +49,7 @@ pub(super) struct ResultSlot {
     pub chunk_sequence: u16,
     pub row_number: u16,
     pub has_contact: bool,
-    pub is_valid: bool,
+    pub is_pending: bool,
     pub latched_position: Position,
     pub latch_time_s: f64,
 }
@@ -62,8 +63,8 @@ pub(super) struct SimulatedResidentProgram {
     pub result_slot: ResultSlot,
     /// The previous result.
     pub previous_result_slot: Option<ResultSlot>,
-    /// Fault: the next acknowledgement is ignored.
-    pub ignores_next_acknowledgement: bool,
+    /// Fault: the next acknowledgement of a result is ignored.
+    pub ignores_next_result_acknowledge: bool,
     /// Fault: the next result number is counted but never shown.
     pub skips_next_result: bool,
     /// Fault: the program starts once more where it should end.
@@ -80,10 +81,10 @@ impl SimulatedResidentProgram {
         self.current_row_number = 0;
     }
 
-    /// Handles a write of the acknowledge register.
-    pub(super) fn on_acknowledge_written(&mut self, number: u16) {
-        if number == self.result_slot.result_number && !std::mem::take(&mut self.ignores_next_acknowledgement) {
-            self.result_slot.is_valid = false;
+    /// Handles a write of the register that acknowledges a result.
+    pub(super) fn on_result_acknowledge_written(&mut self, number: u16) {
+        if number == self.result_slot.result_number && !std::mem::take(&mut self.ignores_next_result_acknowledge) {
+            self.result_slot.is_pending = false;
         }
     }
 
@@ -143,7 +144,7 @@ impl Firmware {
     pub(super) fn start_current_row(&mut self) -> bool {
         let Some(resident) = &self.resident_program else { return false };
         let (Some(row), step) = (resident.executing_row().cloned(), resident.step_number) else { return false };
-        if row.kind == RowKind::Touch && resident.result_slot.is_valid {
+        if row.kind == RowKind::Touch && resident.result_slot.is_pending {
             // The slot holds a result that is not acknowledged.
             return false;
         }
@@ -153,7 +154,7 @@ impl Firmware {
             RowKind::Feed => Job::Travel { to, feed_mm_min: Some(feed) },
             RowKind::Guarded | RowKind::Touch => Job::Probe { to, feed_mm_min: feed, alarms_on_miss: false, n: step },
             RowKind::Dwell => Job::Dwell { seconds: feed },
-            RowKind::Orient => Job::Orient { s: Axis::S.to_mm_or_rad(feed) },
+            RowKind::Orient => Job::OrientSpindle { s: Axis::S.to_mm_or_rad(feed) },
         };
         self.start_job(job);
         if let Some(active) = &mut self.executor.active_job {
@@ -183,8 +184,8 @@ impl Firmware {
         }
     }
 
-    fn publish_result(&mut self, contact: bool) {
-        let (latch, t_s, sequence) = (self.latched_position.clone(), self.latch_time_s, self.accepted_sequence);
+    fn publish_result(&mut self, has_contact: bool) {
+        let (latch, t_s, sequence) = (self.latched_position.clone(), self.latch_time_s, self.checked_sequence);
         let Some(resident) = &mut self.resident_program else { return };
         let before = resident.result_slot.clone();
         let skipped = std::mem::take(&mut resident.skips_next_result);
@@ -195,8 +196,8 @@ impl Firmware {
             result_number: number,
             chunk_sequence: sequence,
             row_number: row,
-            has_contact: contact,
-            is_valid: true,
+            has_contact,
+            is_pending: true,
             latched_position: latch,
             latch_time_s: t_s,
         };

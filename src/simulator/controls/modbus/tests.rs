@@ -91,7 +91,8 @@ fn unsuitable_chunk_is_refused_without_motion() {
     let mut control = firmware(SimulationPace::Immediate);
     write(&mut control, 2, &rapid_chunk_registers(1, 0), 10);
     write(&mut control, 1, &[1], 3000);
-    assert_eq!(line_status_registers(&mut control, 3001)[4..7], [1, 0, 5], "the heartbeat was too old");
+    let registers = line_status_registers(&mut control, 3001);
+    assert_eq!(registers[4..7], [1, 0, 5], "the command is refused: its heartbeat is too old");
 }
 
 #[test]

@@ -15,7 +15,7 @@ async fn touch_error_and_sent_text(
 
 /// As `touch_error_and_sent_text`, for `block` instead of a touch.
 async fn block_error_and_sent_text(
-    block: &Block,
+    block: &MotionBlock,
     mut answer: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> (ControllerError, String) {
     let prepared = Arc::new(AtomicBool::new(false));
@@ -146,7 +146,11 @@ async fn wrong_modes_are_refused_before_motion() {
 }
 
 /// Executes a touch on the simulated control, which has the fault `kind` at line `at_line` of the touch.
-async fn touch_with_fault(kind: FaultKind, at_line: u64, code: Option<u8>) -> Result<BlockOutcome, ControllerError> {
+async fn touch_with_fault(
+    kind: FaultKind,
+    at_line: u64,
+    code: Option<u8>,
+) -> Result<MotionBlockOutcome, ControllerError> {
     let (ours, theirs) = tokio::io::duplex(4096);
     // Number of lines that `prepare` sends, as the control counts them.
     let (prepare, after_touch) = (13, 0);
@@ -169,10 +173,10 @@ async fn each_simulated_fault_gives_the_expected_error() {
     type ErrorPredicate = fn(&ControllerError) -> bool;
     let cases: [(K, u64, Option<u8>, ErrorPredicate); 24] = [
         (K::Silence, 3, None, |e| matches!(e, E::NoAnswer { .. })),
-        (K::Reset, 3, None, |e| matches!(e, E::ControlReset { .. })),
-        (K::Banner, 3, None, |e| matches!(e, E::ControlReset { .. })),
-        (K::Unanswered, 3, None, |e| matches!(e, E::NoAnswer { .. })),
-        (K::LostOk, 3, None, |e| matches!(e, E::NoAnswer { .. })),
+        (K::Restart, 3, None, |e| matches!(e, E::ControlReset { .. })),
+        (K::BannerWithoutRestart, 3, None, |e| matches!(e, E::ControlReset { .. })),
+        (K::LostLine, 3, None, |e| matches!(e, E::NoAnswer { .. })),
+        (K::LostAnswer, 3, None, |e| matches!(e, E::NoAnswer { .. })),
         (K::DoubleOk, 3, None, |e| matches!(e, E::UnexpectedReply { .. })),
         (K::Alarm, 3, Some(1), |e| matches!(e, E::Alarm { code: 1, .. })),
         (K::Alarm, 3, Some(2), |e| matches!(e, E::Alarm { code: 2, .. })),
@@ -189,7 +193,7 @@ async fn each_simulated_fault_gives_the_expected_error() {
         (K::ProbeDead, 1, None, |e| matches!(e, E::NoContact { .. })),
         (K::ForeignBody, 3, None, |e| matches!(e, E::UnexpectedContact { .. })),
         (K::SoftLimit, 3, None, |e| matches!(e, E::Alarm { code: 2, .. })),
-        (K::Hold, 3, None, |e| matches!(e, E::HeldAtControl { .. })),
+        (K::PersonHolds, 3, None, |e| matches!(e, E::HeldAtControl { .. })),
         (K::Door, 3, None, |e| e.to_string().ends_with("Door:1")),
         (K::EStop, 3, None, |e| e.to_string() == "alarm 10: emergency stop"),
     ];
@@ -214,11 +218,11 @@ async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
     assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
 }
 
-/// Until a touch has confirmed the position, a turn is a feed motion (planning `turn_feeds.rs`).
+/// Until a touch has verified the position, a turn is a feed motion (planning `turn_feeds.rs`).
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_holds_the_machine() {
     let to = position(&[(Axis::C, 90.0)]);
-    let turn = Block { step: 3, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] };
+    let turn = MotionBlock { step: 3, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] };
     let mut turns = false;
     let brushed = move |line: &str| {
         turns |= line.contains("C90");
@@ -257,7 +261,7 @@ async fn contact_during_a_rapid_stops_it() {
     driver.prepare().await.unwrap();
     // Without a hold the move takes more than one second.
     let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
-    let error = driver.execute(prove_block(&Block { step: 0, repeat: 0, motions })).await.unwrap_err();
+    let error = driver.execute(prove_block(&MotionBlock { step: 0, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
     tokio::time::sleep(Duration::from_millis(1500)).await;
     let at = world.lock().unwrap().position().get_or_zero(Axis::X);

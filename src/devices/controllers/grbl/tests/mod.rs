@@ -12,7 +12,7 @@ use scripted_peer::{IDLE_REPORT, spawn_peer_with_odd_replies, spawn_scripted_pee
 use super::{GrblDriver, GrblTimeouts};
 use crate::controllers::{ControllerDriver, ControllerError, HaltHandle};
 use link::{LineLink, LinkAddress, create_pty, open_line_link};
-use machine::record::motion::{Block, BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlock, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::gcode::TransmissionForm;
 use planning::proof::for_tests::{load_dialect, prove_block_text, prove_block_text_from};
@@ -35,7 +35,7 @@ fn driver_with_short_timeouts(link: LineLink) -> (GrblDriver, HaltHandle) {
 }
 
 /// Proves the block for the transmission of this control; the clearance of bodies is not checked.
-fn prove_block(block: &Block) -> ProvenBlock {
+fn prove_block(block: &MotionBlock) -> ProvenBlock {
     let axes: Vec<Axis> = testing::five_axis_machine().axes.keys().copied().collect();
     let transmission = TransmissionForm::Lines { max_line_bytes: usize::MAX };
     prove_block_text(block, &axes, &load_dialect("grbl").unwrap(), &transmission).unwrap()
@@ -46,7 +46,7 @@ fn position(axes: &[(Axis, f64)]) -> Position {
 }
 
 /// Approach, touch and retract at one of 8 angles around the part.
-fn touch_block(step: u32) -> Block {
+fn touch_block(step: u32) -> MotionBlock {
     let angle = f64::from(step % 8) * 45_f64.to_radians();
     let at = |r: f64| position(&[(Axis::X, r * angle.cos()), (Axis::Y, r * angle.sin())]);
     let motions = vec![
@@ -58,10 +58,10 @@ fn touch_block(step: u32) -> Block {
         Motion::BackOff { to: at(30.0), feed_mm_min: 300.0 },
         Motion::Guarded { to: at(60.0), feed_mm_min: 3000.0 },
     ];
-    Block { step, repeat: 0, motions }
+    MotionBlock { step, repeat: 0, motions }
 }
 
-async fn run_touches(driver: &mut GrblDriver, steps: u32) -> Vec<BlockOutcome> {
+async fn run_touches(driver: &mut GrblDriver, steps: u32) -> Vec<MotionBlockOutcome> {
     let prepared = driver.prepare().await.unwrap();
     assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
     let mut outcomes = Vec::new();
@@ -177,7 +177,7 @@ async fn silence_noise_and_foreign_devices_are_distinguished() {
 /// Result of one touch, and the lines sent for it. `odd_answer` replaces replies of the peer after the preparation.
 async fn execute_touch(
     mut odd_answer: impl FnMut(&str) -> Option<String> + Send + 'static,
-) -> (Result<BlockOutcome, ControllerError>, String) {
+) -> (Result<MotionBlockOutcome, ControllerError>, String) {
     let prepared = Arc::new(Mutex::new(false));
     let copy = prepared.clone();
     let (link, tape) =
@@ -248,7 +248,7 @@ async fn only_a_back_off_is_executed_in_contact() {
     let (mut driver, _halt, world) = prepared_driver_in_world(SimulationPace::Immediate).await;
     // The target is 1.5 mm inside the part: contact is at 28 mm.
     let at = |x: f64| position(&[(Axis::X, x)]);
-    let one = |motion: Motion| prove_block(&Block { step: 3, repeat: 0, motions: vec![motion] });
+    let one = |motion: Motion| prove_block(&MotionBlock { step: 3, repeat: 0, motions: vec![motion] });
     let out = |x: f64| one(Motion::BackOff { to: at(x), feed_mm_min: 60.0 });
     let guarded = || one(Motion::Guarded { to: at(40.0), feed_mm_min: 60.0 });
     let pressed = position(&[(Axis::X, 26.5), (Axis::Z, -150.0)]);
@@ -349,7 +349,7 @@ async fn dwell_is_awaited_although_the_control_reports_idle() {
     let (mut driver, _) = driver_with_short_timeouts(link);
     driver.prepare().await.unwrap();
     let motions = vec![Motion::Dwell { seconds: 0.45 }];
-    driver.execute(prove_block(&Block { step: 0, repeat: 0, motions })).await.unwrap();
+    driver.execute(prove_block(&MotionBlock { step: 0, repeat: 0, motions })).await.unwrap();
 }
 
 #[tokio::test]
@@ -427,7 +427,7 @@ async fn halt_stops_a_slow_move_of_the_simulated_machine() {
     let before = world.lock().unwrap().position();
     // 90 mm at 10 mm/min: nine minutes without a hold.
     let to = position(&[(Axis::Z, -90.0)]);
-    let block = Block { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
+    let block = MotionBlock { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
     let running = tokio::spawn(async move { (driver.execute(prove_block(&block)).await, driver) });
     tokio::time::sleep(Duration::from_millis(50)).await;
     halt.trigger();

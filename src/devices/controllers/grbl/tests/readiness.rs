@@ -59,7 +59,7 @@ fn ready_grbl_options() -> SimulatedGrblOptions {
 async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
     for (number, value, state, remedy) in UNREADY_SETTINGS {
         let mut made = ready_grbl_options();
-        made.settings.insert(number, value);
+        made.settings_by_number.insert(number, value);
         assert_refused(made, state, remedy).await;
     }
     assert_refused(
@@ -88,7 +88,7 @@ async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
         "G49",
     )
     .await;
-    let silent = SimulatedGrblOptions { settings: [].into(), ..ready_grbl_options() };
+    let silent = SimulatedGrblOptions { settings_by_number: [].into(), ..ready_grbl_options() };
     assert_refused(silent, "does not report its settings", "grblHAL").await;
 
     let (mut driver, tape) = driver_with_sent_text(ready_grbl_options());
@@ -112,7 +112,7 @@ async fn assert_refused(made: SimulatedGrblOptions, state: &str, remedy: &str) {
 #[tokio::test]
 async fn axis_without_homing_switch_must_be_declared() {
     let mut made = ready_grbl_options();
-    made.settings.extend([(22, 1.0), (44, 7.0)]);
+    made.settings_by_number.extend([(22, 1.0), (44, 7.0)]);
     assert_refused(made.clone(), "does not home B, C", "homing = \"none\"").await;
     let (mut driver, _) = driver_with_sent_text(made);
     driver.required_homed_axes.retain(|axis| axis.is_linear());
@@ -124,7 +124,7 @@ async fn axis_without_homing_switch_must_be_declared() {
 async fn device_info_lists_all_findings_that_block_prepare() {
     let mut made =
         SimulatedGrblOptions { is_homed: false, feed_and_rapid_override_percent: [110, 50], ..ready_grbl_options() };
-    made.settings.extend([(13, 1.0), (20, 0.0)]);
+    made.settings_by_number.extend([(13, 1.0), (20, 0.0)]);
     let said = driver_with_sent_text(made).0.identify_device().await.unwrap();
     let blocking: Vec<String> = said.findings.iter().filter(|r| r.is_blocking).map(|r| r.description.clone()).collect();
     assert_eq!(blocking.len(), 4, "{blocking:?}");
@@ -195,7 +195,11 @@ async fn device_info_with_settings(settings: &[(u16, f64)]) -> crate::controller
     let all = [(10, 511.0), (13, 0.0), (20, 1.0), (27, 2.0), (133, 0.0), (134, 0.0)];
     let travels = [(130, 400.0), (131, 400.0), (132, 400.0)];
     let settings = all.iter().chain(&travels).chain(settings).copied().collect();
-    driver_with_sent_text(SimulatedGrblOptions { settings, ..ready_grbl_options() }).0.identify_device().await.unwrap()
+    driver_with_sent_text(SimulatedGrblOptions { settings_by_number: settings, ..ready_grbl_options() })
+        .0
+        .identify_device()
+        .await
+        .unwrap()
 }
 
 #[tokio::test]

@@ -27,12 +27,13 @@ pub(super) struct TickRecord {
     /// The last line that is not in the sampler's format.
     pub last_invalid_line: Option<String>,
     /// Ticks of the running block.
-    block_ticks: Option<BlockTicks>,
+    block_ticks: Option<MotionBlockTicks>,
 }
 
 #[derive(Debug, Default)]
-struct BlockTicks {
+struct MotionBlockTicks {
     ticks: Vec<Tick>,
+    /// The positions of the ticks, flat: one value per axis for each tick, in the control's units.
     flat_positions: Vec<f64>,
     is_full: bool,
 }
@@ -98,7 +99,7 @@ impl TickRecord {
 
     /// Starts to keep all ticks.
     pub fn start_recording(&mut self) {
-        self.block_ticks = Some(BlockTicks::default());
+        self.block_ticks = Some(MotionBlockTicks::default());
     }
 
     /// Returns the positions kept since [`Self::start_recording`], with the times that are known now; `None` if there

@@ -30,22 +30,22 @@ pub(super) fn check_map(map: &WindowRegisterMap) -> Result<(), String> {
         );
     }
     if !is_program {
-        check_line_block(map)?;
+        check_one_request_writes_line(map)?;
     }
-    check_scales(map)?;
-    check_status_block(map)?;
-    let command = map.command.register_spans().into_iter();
+    check_scales_are_positive(map)?;
+    check_one_request_reads_status(map)?;
+    let command = map.command.register_names_addresses_and_counts().into_iter();
     let command = command.map(|(name, at, count)| (RegisterSpace::Holding, at, count, format!("command.{name}")));
-    let status = map.status.register_spans().into_iter();
+    let status = map.status.register_names_addresses_and_counts().into_iter();
     let status = status.map(|(name, at, count)| (map.status.space, at, count, format!("status.{name}")));
     check_overlaps(command.chain(status).collect())
 }
 
 /// Checks that one request writes a line and all that belongs to it. Then a late request of the line before
 /// cannot leave values next to those of the next line.
-fn check_line_block(map: &WindowRegisterMap) -> Result<(), String> {
+fn check_one_request_writes_line(map: &WindowRegisterMap) -> Result<(), String> {
     const LINE_REQUEST_ITEMS: [&str; 4] = ["acknowledge", "crc", "length", "chunk"];
-    let mut spans = map.command.register_spans();
+    let mut spans = map.command.register_names_addresses_and_counts();
     spans.retain(|(name, ..)| LINE_REQUEST_ITEMS.contains(name));
     spans.sort_by_key(|(_, at, _)| *at);
     let is_adjacent = |pair: &[(&str, u16, u16)]| match pair {
@@ -65,7 +65,8 @@ fn check_line_block(map: &WindowRegisterMap) -> Result<(), String> {
     ))
 }
 
-fn check_scales(map: &WindowRegisterMap) -> Result<(), String> {
+/// Checks that the scales of positions and times are greater than 0.
+fn check_scales_are_positive(map: &WindowRegisterMap) -> Result<(), String> {
     let status = &map.status;
     let axes = status.latched_position.values().chain(status.position.values());
     let times = [status.control_time_s, status.latch_time_s];
@@ -76,10 +77,10 @@ fn check_scales(map: &WindowRegisterMap) -> Result<(), String> {
 }
 
 /// Checks that one request can read the status, head first, tail last.
-fn check_status_block(map: &WindowRegisterMap) -> Result<(), String> {
+fn check_one_request_reads_status(map: &WindowRegisterMap) -> Result<(), String> {
     let (first, count) = map.status.block_first_and_count();
     let last = map.status.sequence_tail.address;
-    for (name, address, length) in map.status.register_spans() {
+    for (name, address, length) in map.status.register_names_addresses_and_counts() {
         let end = usize::from(address) + usize::from(length);
         if address < first || name != "sequence_tail" && end > usize::from(last) {
             return Err(format!(

@@ -24,6 +24,7 @@ pub(in super::super) struct RegisterKeys {
 #[serde(deny_unknown_fields)]
 struct ChunkKeys {
     address: Option<u16>,
+    /// Number of registers.
     registers: Option<u16>,
     order: Option<ByteOrder>,
 }
@@ -55,6 +56,7 @@ struct WindowStatusKeys {
     version: RegisterKeys,
     state: RegisterKeys,
     alarm: RegisterKeys,
+    /// Last sequence that the control has checked, accepted or refused.
     accepted: RegisterKeys,
     executed: RegisterKeys,
     error: RegisterKeys,
@@ -74,6 +76,7 @@ struct WindowStatusKeys {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct ResultKeys {
+    /// Number of the row that the program executes; 0: none.
     under_way: RegisterKeys,
     sequence: RegisterKeys,
     row: RegisterKeys,
@@ -98,9 +101,9 @@ const DEFAULT_POSITION_ADDRESS: u16 = 32;
 const DEFAULT_POSITION_SCALE: f64 = 0.001;
 
 impl RegisterKeys {
-    pub(in super::super) fn register(self, default_address: u16, default_kind: NumberType) -> Register {
+    pub(in super::super) fn register(self, default_address: u16, default_type: NumberType) -> Register {
         let number = NumberFormat {
-            kind: self.kind.unwrap_or(default_kind),
+            number_type: self.kind.unwrap_or(default_type),
             order: self.order.unwrap_or_default(),
             scale: self.scale.unwrap_or(1.0),
         };
@@ -175,7 +178,7 @@ impl CommandKeys {
             hold: self.hold.register(0, NumberType::U16),
             sequence: self.sequence.register(1, NumberType::U16),
             heartbeat: self.heartbeat.register(2, NumberType::U16),
-            acknowledge: self.acknowledge.register(3, NumberType::U16),
+            result_acknowledge: self.acknowledge.register(3, NumberType::U16),
             crc: self.crc.register(4, NumberType::U16),
             length: self.length.register(5, NumberType::U16),
             chunk: ChunkRegisters {
@@ -194,7 +197,7 @@ impl ResultKeys {
             call_sequence: self.sequence.register(45, NumberType::U16),
             row_number: self.row.register(46, NumberType::U16),
             contact_flag: self.contact.register(47, NumberType::U16),
-            pending_flag: self.valid.register(48, NumberType::U16),
+            unacknowledged_flag: self.valid.register(48, NumberType::U16),
         }
     }
 }
@@ -207,7 +210,7 @@ impl WindowStatusKeys {
             version: self.version.register(1, NumberType::U16),
             state: self.state.register(2, NumberType::U16),
             alarm_code: self.alarm.register(3, NumberType::U16),
-            accepted_sequence: self.accepted.register(4, NumberType::U16),
+            checked_sequence: self.accepted.register(4, NumberType::U16),
             executed_sequence: self.executed.register(5, NumberType::U16),
             refusal_code: self.error.register(6, NumberType::U16),
             probe_closed_flag: self.probe.register(7, NumberType::U16),

@@ -40,7 +40,7 @@ pub(super) struct CommandRegisters {
     pub hold: Register,
     pub sequence: Register,
     pub heartbeat: Register,
-    pub acknowledge: Register,
+    pub result_acknowledge: Register,
     pub crc: Register,
     pub length: Register,
     pub chunk: ChunkRegisters,
@@ -54,7 +54,7 @@ pub(super) struct StatusRegisters {
     pub version: Register,
     pub state: Register,
     pub alarm_code: Register,
-    pub accepted_sequence: Register,
+    pub checked_sequence: Register,
     pub executed_sequence: Register,
     pub refusal_code: Register,
     pub probe_closed_flag: Register,
@@ -77,7 +77,7 @@ pub(super) struct ResultRegisters {
     pub call_sequence: Register,
     pub row_number: Register,
     pub contact_flag: Register,
-    pub pending_flag: Register,
+    pub unacknowledged_flag: Register,
 }
 
 /// Register map of the whole window.
@@ -130,12 +130,12 @@ impl ChunkRegisters {
 
 impl CommandRegisters {
     /// Name, first register and number of registers of each item.
-    fn register_spans(&self) -> Vec<(&'static str, u16, u16)> {
+    fn register_names_addresses_and_counts(&self) -> Vec<(&'static str, u16, u16)> {
         let items = [
             ("hold", self.hold),
             ("sequence", self.sequence),
             ("heartbeat", self.heartbeat),
-            ("acknowledge", self.acknowledge),
+            ("acknowledge", self.result_acknowledge),
             ("crc", self.crc),
             ("length", self.length),
         ];
@@ -151,13 +151,14 @@ impl StatusRegisters {
         (first, tail.address.saturating_add(tail.register_count()).saturating_sub(first))
     }
 
-    fn register_spans(&self) -> Vec<(String, u16, u16)> {
+    /// Name, first register and number of registers of each item.
+    fn register_names_addresses_and_counts(&self) -> Vec<(String, u16, u16)> {
         let items = [
             ("sequence_head", self.sequence_head),
             ("version", self.version),
             ("state", self.state),
             ("alarm", self.alarm_code),
-            ("accepted", self.accepted_sequence),
+            ("accepted", self.checked_sequence),
             ("executed", self.executed_sequence),
             ("error", self.refusal_code),
             ("probe", self.probe_closed_flag),
@@ -188,7 +189,7 @@ impl ResultRegisters {
             ("sequence", self.call_sequence),
             ("row", self.row_number),
             ("contact", self.contact_flag),
-            ("valid", self.pending_flag),
+            ("valid", self.unacknowledged_flag),
         ]
     }
 }
@@ -199,8 +200,12 @@ impl WindowRegisterMap {
         let (first, count) = self.status.block_first_and_count();
         let last = first.saturating_add(count.saturating_sub(1));
         let read = vec![RegisterRange { space: self.status.space, first, last }];
-        let mut spans: Vec<(u16, u16)> =
-            self.command.register_spans().into_iter().map(|(_, first, count)| (first, count)).collect();
+        let mut spans: Vec<(u16, u16)> = self
+            .command
+            .register_names_addresses_and_counts()
+            .into_iter()
+            .map(|(_, first, count)| (first, count))
+            .collect();
         spans.sort_unstable();
         let mut write: Vec<RegisterRange> = Vec::new();
         for (first, count) in spans {

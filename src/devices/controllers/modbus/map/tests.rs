@@ -1,7 +1,7 @@
 use super::*;
 
-fn parse_map(text: &str) -> Result<WindowRegisterMap, String> {
-    toml::from_str::<WindowRegisterMap>(text).map_err(|error| error.message().to_owned())
+fn parse_map(toml: &str) -> Result<WindowRegisterMap, String> {
+    toml::from_str::<WindowRegisterMap>(toml).map_err(|error| error.message().to_owned())
 }
 
 #[test]

@@ -10,10 +10,10 @@ use super::rows::{self, ProgramRow, RowAction};
 use crate::controllers::ControllerError;
 use crate::controllers::modbus::driver::ModbusDriver;
 use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
-use crate::controllers::modbus::status::{ReportedResult, WindowStatus};
-use crate::controllers::modbus::window::{PendingChunk, WindowConnection, sequence_after};
+use crate::controllers::modbus::status::{ProgramRowResult, WindowStatus};
+use crate::controllers::modbus::window::{RunningChunk, WindowConnection, sequence_after};
 use crate::controllers::motion_lines::{MAX_ORIENT_TIME, to_duration};
-use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::motion::{Motion, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
 
@@ -47,7 +47,9 @@ impl ModbusDriver {
     ) -> Result<(), ControllerError> {
         self.window.last_result_number = Some(status.latch_count);
         match status.result {
-            Some(ReportedResult { is_pending: true, .. }) => self.window.acknowledge_result(status.latch_count).await,
+            Some(ProgramRowResult { is_unacknowledged: true, .. }) => {
+                self.window.acknowledge_result(status.latch_count).await
+            }
             _ => Ok(()),
         }
     }
@@ -56,22 +58,23 @@ impl ModbusDriver {
         &mut self,
         program: &ResidentProgram,
         block: &ProvenBlock,
-    ) -> Result<BlockOutcome, ControllerError> {
+    ) -> Result<MotionBlockOutcome, ControllerError> {
         let rows = rows::rows_from_block(block)?;
         let (results, status) = self.execute_rows(program, &rows, block).await?;
         let touch = self.find_touch(&rows, &results, block.step())?;
         let latch_s = touch.and_then(|result| result.latch_time_s);
-        let mut outcome = BlockOutcome {
+        let mut outcome = MotionBlockOutcome {
             trigger_time_s: self.contact_or_status_time_s(latch_s, &status)?,
-            ..BlockOutcome::default()
+            ..MotionBlockOutcome::default()
         };
         if let Some(result) = touch {
-            let orientation = block.motions().take(result.row_index).filter_map(orientation_rad).last();
+            let orientation = block.motions().take(result.row_index).filter_map(spindle_orientation_rad).last();
             let spindle = orientation.or(self.monitor.spindle_rad).map(|s| (Axis::S, s));
             let contact = self.monitor.machine_axes_only(&result.latched_position);
             outcome.trigger_position = Some(contact.iter().chain(spindle).collect());
         }
-        self.monitor.spindle_rad = block.motions().filter_map(orientation_rad).last().or(self.monitor.spindle_rad);
+        self.monitor.spindle_rad =
+            block.motions().filter_map(spindle_orientation_rad).last().or(self.monitor.spindle_rad);
         let end = rows::end_position(&rows, &self.monitor.standstill_position);
         let status = self.check_arrival(status, &end)?;
         if rows.last().is_some_and(|row| row.action != RowAction::Touch) {
@@ -93,8 +96,8 @@ impl ModbusDriver {
         let chunk = chunk.map_err(|reason| ControllerError::RenderFailed { step, reason })?;
         self.check_block_start(block).await?;
         let name = format!("program {}, step {step}", program.program_number);
-        let mut pending = self.window.start_chunk(&chunk, &name, planned_standstill_time(rows)).await?;
-        let collected = self.collect_results(&mut pending, rows, step).await;
+        let mut running = self.window.start_chunk(&chunk, &name, planned_standstill_time(rows)).await?;
+        let collected = self.collect_results(&mut running, rows, step).await;
         collected.map_err(|error| match error {
             ControllerError::Alarm { code, .. }
                 if [ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED].map(u32::from).contains(&code) =>
@@ -108,13 +111,13 @@ impl ModbusDriver {
     /// Reads and acknowledges results until the program has ended; returns them in order, and the last status.
     async fn collect_results(
         &mut self,
-        pending: &mut PendingChunk,
+        running: &mut RunningChunk,
         rows: &[ProgramRow],
         step: u32,
     ) -> Result<(Vec<ContactRowResult>, WindowStatus), ControllerError> {
         let (mut results, mut ended_at) = (Vec::new(), None);
         loop {
-            let (status, done) = self.window.poll_chunk(pending).await?;
+            let (status, done) = self.window.poll_chunk(running).await?;
             let Some(slot) = status.result else {
                 return Err(result_mismatch_error("no result", rows.len()));
             };
@@ -125,13 +128,13 @@ impl ModbusDriver {
                 self.window.send_hold();
                 return Err(ControllerError::UnexpectedContact { step });
             }
-            if !slot.is_pending {
+            if !slot.is_unacknowledged {
                 if done {
                     return Ok((results, status));
                 }
                 continue;
             }
-            match result_freshness(&self.window, &status, &slot, pending.sequence)? {
+            match result_freshness(&self.window, &status, &slot, running.sequence)? {
                 ResultFreshness::Stale => {}
                 ResultFreshness::AlreadyRead => self.window.acknowledge_result(status.latch_count).await?,
                 ResultFreshness::New => {
@@ -206,14 +209,14 @@ impl ModbusDriver {
 fn result_freshness(
     window: &WindowConnection,
     status: &WindowStatus,
-    slot: &ReportedResult,
+    slot: &ProgramRowResult,
     sequence: u16,
 ) -> Result<ResultFreshness, ControllerError> {
     let last_number = window.last_result_number.unwrap_or_default();
     if status.latch_count == last_number {
         return Ok(ResultFreshness::AlreadyRead);
     }
-    if status.accepted_sequence != sequence || slot.call_sequence != sequence {
+    if status.checked_sequence != sequence || slot.call_sequence != sequence {
         return Ok(ResultFreshness::Stale);
     }
     if status.latch_count == sequence_after(last_number) {
@@ -231,9 +234,9 @@ fn result_mismatch_error(slot: &str, expected: usize) -> ControllerError {
     ControllerError::UnexpectedReply { reply: format!("{slot} received, {expected} results expected") }
 }
 
-fn orientation_rad(motion: &Motion) -> Option<f64> {
+fn spindle_orientation_rad(motion: &Motion) -> Option<f64> {
     match motion {
-        Motion::Orient { s } => Some(*s),
+        Motion::OrientSpindle { s } => Some(*s),
         _ => None,
     }
 }
@@ -242,7 +245,7 @@ fn orientation_rad(motion: &Motion) -> Option<f64> {
 fn planned_standstill_time(rows: &[ProgramRow]) -> Duration {
     let rest_times = rows.iter().map(|row| match row.action {
         RowAction::Dwell => to_duration(row.feed_dwell_or_angle),
-        RowAction::Orient => MAX_ORIENT_TIME,
+        RowAction::OrientSpindle => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     });
     rest_times.sum()

@@ -36,6 +36,7 @@ pub(super) struct ParameterKeys {
 #[serde(deny_unknown_fields, default)]
 struct TableKeys {
     address: Option<u16>,
+    /// Number of registers of one row.
     registers: Option<u16>,
 }
 
@@ -113,11 +114,11 @@ impl ParameterLayout {
             value: row.value.with_default_scale(DEFAULT_VALUE_SCALE).register(2, NumberType::U32),
             axis_targets: (4..).step_by(2).zip(axes).map(axis).collect(),
         };
-        layout.check_addresses()?;
+        layout.check_spans_fit_without_overlap()?;
         Ok(layout)
     }
 
-    fn check_addresses(&self) -> Result<(), String> {
+    fn check_spans_fit_without_overlap(&self) -> Result<(), String> {
         if self.max_rows == 0 {
             return Err("`command.chunk` is too small for one row of the program's table".to_owned());
         }

@@ -1,6 +1,6 @@
 //! Resident program behind the window: for a control that executes no lines, but has a measuring program of
 //! its own, which a register starts. `docs/resident-program.md` specifies this program. Instead of a line
-//! the chunk holds the program's parameters: one [`Block`](machine::record::motion::Block) as a table of
+//! the chunk holds the program's parameters: one [`MotionBlock`](machine::record::motion::MotionBlock) as a table of
 //! rows. Its results come back one by one through a slot of registers; each is acknowledged.
 //!
 //! - **Only proven text is executed.** The block is rendered, and the text proven, as for every control.

@@ -15,7 +15,7 @@ pub(super) enum RowAction {
     Guarded = 3,
     Touch = 4,
     Dwell = 5,
-    Orient = 6,
+    OrientSpindle = 6,
 }
 
 /// One row of the table that a resident program executes: one motion.
@@ -24,7 +24,7 @@ pub(super) struct ProgramRow {
     pub action: RowAction,
     /// End position of the axes that the row names, mm and rad.
     pub target: Position,
-    /// Feed in mm/min, duration of a dwell in s, orientation in degrees; 0 for a rapid.
+    /// Feed in mm/min, duration of a dwell in s, orientation of the spindle in degrees; 0 for a rapid.
     pub feed_dwell_or_angle: f64,
     /// Whether the move should touch nothing: a contact during it is a fault. A back-off leads out of
     /// contact.
@@ -56,7 +56,7 @@ fn row_from_motion(motion: &Motion, read: &ReadMotion) -> Result<ProgramRow, Str
         MotionKind::Probe { .. } if matches!(motion, Motion::Probe { .. }) => (RowAction::Touch, feed),
         MotionKind::Probe { .. } => (RowAction::Guarded, feed),
         MotionKind::Dwell { seconds } => (RowAction::Dwell, Some(seconds)),
-        MotionKind::Orient { s } => (RowAction::Orient, Some(Axis::S.to_mm_or_deg(s))),
+        MotionKind::OrientSpindle { s } => (RowAction::OrientSpindle, Some(Axis::S.to_mm_or_deg(s))),
         MotionKind::ProgramStop => return Err(format!("line {} waits for the operator", read.line)),
     };
     let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;

@@ -7,7 +7,7 @@ use super::super::tests::{driver_of_simulated_control, fault_at_line, prove_bloc
 use super::call::ContactRowResult;
 use super::rows;
 use crate::controllers::{ControllerDriver, ControllerError};
-use machine::record::motion::{Block, Motion};
+use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use planning::gcode::TransmissionForm;
 use planning::proof::ProvenBlock;
@@ -16,7 +16,7 @@ use simulator::interpreter::SimulationPace;
 
 const PROGRAM_KEYS: &str = "[program]";
 
-fn prove_block(block: &Block) -> ProvenBlock {
+fn prove_block(block: &MotionBlock) -> ProvenBlock {
     prove_block_for(&TransmissionForm::TableRows, block)
 }
 
@@ -45,8 +45,8 @@ fn touch_and_back_off() -> [Motion; 2] {
     ]
 }
 
-fn block(motions: Vec<Motion>) -> Block {
-    Block { step: 70_001, repeat: 0, motions }
+fn block(motions: Vec<Motion>) -> MotionBlock {
+    MotionBlock { step: 70_001, repeat: 0, motions }
 }
 
 async fn prepared_driver(keys: &str, faults: Vec<Fault>) -> (ModbusDriver, ControlEventLog) {
@@ -67,7 +67,7 @@ fn executed_texts(events: &ControlEventLog) -> Vec<String> {
 #[tokio::test]
 async fn block_is_one_call_with_the_motions_of_the_text() {
     let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
-    let mut motions = vec![Motion::Orient { s: -0.5 }, Motion::Dwell { seconds: 0.25 }];
+    let mut motions = vec![Motion::OrientSpindle { s: -0.5 }, Motion::Dwell { seconds: 0.25 }];
     motions.extend(approach_motions());
     motions.extend(touch_and_back_off());
     motions.push(Motion::Rapid { to: position_of(&[(Axis::B, -0.1), (Axis::C, 0.2)]) });
@@ -144,12 +144,14 @@ async fn unread_result_is_not_used_by_the_next_run() {
     first.window.start_chunk(&chunk, "a call", Duration::ZERO).await.unwrap();
     tokio::time::sleep(Duration::from_millis(50)).await;
     let shown = first.window.read_status().await.unwrap().result.unwrap();
-    assert!(shown.is_pending && shown.has_contact);
+    assert!(shown.is_unacknowledged && shown.has_contact);
     // The next run prepares, and its own touch has another result.
     first.prepare().await.unwrap();
-    assert!(!first.window.read_status().await.unwrap().result.unwrap().is_pending);
-    let outcome =
-        first.execute(prove_block(&Block { step: 2, repeat: 0, motions: touch_and_back_off().into() })).await.unwrap();
+    assert!(!first.window.read_status().await.unwrap().result.unwrap().is_unacknowledged);
+    let outcome = first
+        .execute(prove_block(&MotionBlock { step: 2, repeat: 0, motions: touch_and_back_off().into() }))
+        .await
+        .unwrap();
     let diary = diary.lock().unwrap();
     let last = diary.iter().rev().find_map(|entry| match entry {
         ControlEvent::ContactLatched { t_s, .. } => Some(*t_s),

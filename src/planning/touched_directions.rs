@@ -1,4 +1,4 @@
-//! Confirmation of the machine's position by touches.
+//! Directions in which touches have verified the machine's position.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -14,37 +14,37 @@ const MIN_DETERMINANT_OF_INDEPENDENT_NORMALS: f64 = 0.1;
 pub struct BlockStart<'a> {
     /// Position of the machine; `None` if unknown: then Z moves to its upper end first.
     pub position: Option<&'a Position>,
-    /// Directions that touches have confirmed since the control was prepared.
-    pub confirmed: ConfirmedDirections,
+    /// Directions in which touches have met the part since the control was prepared.
+    pub touched_directions: TouchedDirections,
 }
 
 /// Directions in which touches have met the part at its stated position since the control was prepared. A touch is
 /// not longer than the range in which the part may be, and a run stops when a touch meets nothing or when any other
-/// move meets something. By default, no direction is confirmed.
+/// move meets something. By default, there is no direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct ConfirmedDirections {
+pub struct TouchedDirections {
     normal_dyad_sum: Matrix3<f64>,
 }
 
-impl ConfirmedDirections {
-    /// All directions confirmed.
+impl TouchedDirections {
+    /// All directions.
     pub fn all() -> Self {
         Self { normal_dyad_sum: Matrix3::identity() }
     }
 
-    /// Whether three independent directions are confirmed.
+    /// Whether three independent directions were touched: the position is verified.
     pub fn has_three_independent_directions(&self) -> bool {
         self.normal_dyad_sum.determinant() >= MIN_DETERMINANT_OF_INDEPENDENT_NORMALS
     }
 
-    /// Whether any direction is confirmed: the probe has shown that it works.
+    /// Whether any direction was touched: the probe has shown that it works.
     pub fn has_any_direction(&self) -> bool {
         self.normal_dyad_sum.trace() > 0.0
     }
 
-    /// Confirmed directions after `step` was measured. A sensor that has measured the artefact within its range at
-    /// all points of a scan confirms all directions: its method refuses an artefact that is found at another
-    /// position than stated. A scan that moves rotary axes only confirms nothing of the linear axes. A prompt
+    /// Touched directions after `step` was measured. A sensor that has measured the artefact within its range at
+    /// all points of a scan counts for all directions: its method refuses an artefact that is found at another
+    /// position than stated. A scan that moves rotary axes only verifies nothing of the linear axes. A prompt
     /// resets all, because the operator may have moved the machine.
     pub fn after_step(self, step: &Step) -> Self {
         let normal = Vector3::from(step.normal);

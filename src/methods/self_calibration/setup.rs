@@ -1,6 +1,6 @@
-//! The cycle that a plan and the settings of the method describe.
+//! The measurement that a plan and the settings of the method describe.
 
-use super::design::GridDesign;
+use super::design::AngleGridDesign;
 use super::measured_table_axis::MeasuredTableAxis;
 use super::settings::{SelfCalibrationSettings, SpindleMode};
 use crate::MethodRefusal;
@@ -9,10 +9,11 @@ use machine::Axis;
 use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::plan::Plan;
 
-pub struct CycleSetup<'a> {
+/// Plan, settings, and what follows from them: the grid of the touches, the measured axis, the part.
+pub struct SelfCalibrationSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a SelfCalibrationSettings,
-    pub design: GridDesign,
+    pub design: AngleGridDesign,
     pub axis: MeasuredTableAxis,
     /// The part of the plan at its position with the axis at zero.
     pub stated_part: Cylinder,
@@ -32,8 +33,8 @@ pub struct PartGeometry {
     pub top_contact_z_mm: f64,
 }
 
-impl<'a> CycleSetup<'a> {
-    /// The cycle without known error motions.
+impl<'a> SelfCalibrationSetup<'a> {
+    /// The setup without known error motions.
     ///
     /// # Errors
     /// The machine has no axis to measure, or the design is not well-posed.
@@ -41,7 +42,7 @@ impl<'a> CycleSetup<'a> {
         let axis = MeasuredTableAxis::new(plan, settings)?;
         let stated_part = axis.part_in_machine_frame(artefact_cylinder(&plan.artefact)?);
         settings.check(&stated_part, plan.probe.ball_radius_mm)?;
-        let design = GridDesign::new(settings)?;
+        let design = AngleGridDesign::new(settings)?;
         MethodRefusal::require(
             settings.spindle == SpindleMode::Fixed || plan.machine.axes.contains_key(&Axis::S),
             "the spindle cannot be oriented: the machine has no axis S",
@@ -55,7 +56,7 @@ impl<'a> CycleSetup<'a> {
         Ok(Self { plan, settings, design, axis, stated_part, heights, known_motions: KnownErrorMotions::default() })
     }
 
-    /// The cycle with the error motions that the priors of the plan contain.
+    /// The setup with the error motions that the priors of the plan contain.
     ///
     /// # Errors
     /// The errors of [`KnownMotions::new`].

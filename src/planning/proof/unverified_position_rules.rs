@@ -1,6 +1,6 @@
-//! Rules for an approach before touches have confirmed the position. No rapid is allowed. Only Z moves, unless Z is at
-//! its upper end, or X and Y make a round above the step before the first touch. Until that touch, a move faster than a
-//! search keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`] from everything. An axis turns so slowly that a hold stops the
+//! Rules for an approach before touches have verified the position. No rapid is allowed. Only Z moves, unless Z is at
+//! its upper end, or X and Y move along an octagon above the step before the first touch. Until that touch, a move faster
+//! than a search keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`] from everything. An axis turns so slowly that a hold stops the
 //! carried parts within the overtravel.
 
 use super::collision_scene::ClearanceRule;
@@ -8,7 +8,9 @@ use super::motion_rules;
 use super::program_check::{CheckResult, ProgramCheck};
 use super::refusal::RefusalReason;
 use crate::gcode::rs274::ReadMotion;
-use crate::unconfirmed_approach::{SHORTEST_PROBED_LENGTH_MM, octagon_radius_mm, unconfirmed_search_feed_mm_min};
+use crate::unverified_position_approach::{
+    SHORTEST_PROBED_LENGTH_MM, octagon_radius_mm, search_feed_before_first_touch_mm_min,
+};
 use machine::{Axis, Position};
 
 /// Rounding tolerance of the text, mm.
@@ -31,7 +33,7 @@ impl ProgramCheck<'_> {
         }
     }
 
-    /// Whether X and Y make a round above the step before the first touch.
+    /// Whether X and Y move along an octagon above the step before the first touch.
     fn is_octagon_move_above_step(&self, motion: &ReadMotion) -> bool {
         let Some(step) = self.current_step() else { return false };
         let plan = self.request.plan;
@@ -43,18 +45,18 @@ impl ProgramCheck<'_> {
         };
         let level = motion.target.iter().all(|(axis, _)| matches!(axis, Axis::X | Axis::Y));
         let ends = self.position.updated_by(&motion.target);
-        level && !self.confirmed.has_any_direction() && over(&self.position) && over(&ends)
+        level && !self.touched_directions.has_any_direction() && over(&self.position) && over(&ends)
     }
 
     /// Checks a turn of one axis, or a move that is too short for a probing move.
-    pub(super) fn check_unconfirmed_feed_move(&mut self, motion: &ReadMotion) -> CheckResult {
+    pub(super) fn check_feed_move_at_unverified_position(&mut self, motion: &ReadMotion) -> CheckResult {
         self.check_z_alone_or_at_top(&motion.target)?;
         let plan = self.request.plan;
-        if let Some(max_feed) = self.max_turn_feed_deg_min(motion) {
+        if let Some(max_feed) = self.max_feed_of_single_axis_turn_deg_min(motion) {
             motion_rules::check_max_feed("the turn", motion, max_feed)?;
             return self.check_straight_move(&motion.target, &ClearanceRule::UnguardedMove);
         }
-        motion_rules::check_max_feed("the short move", motion, unconfirmed_search_feed_mm_min(plan))?;
+        motion_rules::check_max_feed("the short move", motion, search_feed_before_first_touch_mm_min(plan))?;
         let ends = self.position.updated_by(&motion.target);
         let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
         let known = motion.target.iter().all(|(axis, _)| self.position.get(axis).is_some());
@@ -75,15 +77,16 @@ impl ProgramCheck<'_> {
     }
 
     /// Required clearance of a guarded move without rotary axes.
-    pub(super) fn unconfirmed_guarded_clearance_rule(
+    pub(super) fn guarded_clearance_rule_at_unverified_position(
         &self,
         motion: &ReadMotion,
     ) -> Result<ClearanceRule, RefusalReason> {
         if !self.is_octagon_move_above_step(motion) {
             self.check_z_alone_or_at_top(&motion.target)?;
         }
-        let slow = motion_rules::check_max_feed("", motion, unconfirmed_search_feed_mm_min(self.request.plan)).is_ok();
-        Ok(match slow || self.confirmed.has_any_direction() {
+        let slow =
+            motion_rules::check_max_feed("", motion, search_feed_before_first_touch_mm_min(self.request.plan)).is_ok();
+        Ok(match slow || self.touched_directions.has_any_direction() {
             true => self.guarded_move_clearance_rule(),
             false => ClearanceRule::UnguardedMove,
         })

@@ -1,23 +1,24 @@
-//! Acknowledgement of a held machine: the run stays as it is, or another process has continued it.
+//! End of the held state: a person reports the inspection of the machine (the run stays unfinished, new cycles may
+//! start), or another process has ended the run.
 
 use super::ServeError;
 use super::last_run::{last_run, unfinished_run};
 use super::machine_state::{Refusal, ServiceState};
 use super::worker::MachineWorker;
-use super::worker_command::Acknowledgement;
+use super::worker_command::InspectionReport;
 use crate::store::{Journal, MachineLock};
-use machine::record::event::Event;
+use machine::record::event::RunEvent;
 
 impl MachineWorker {
-    /// Acts on the acknowledgement of a person at the machine. A new cycle may then start; the held run is not
+    /// Acts on the report of a person who has inspected the machine. A new cycle may then start; the held run is not
     /// resumed.
-    pub(super) async fn handle_acknowledgement(&mut self, acknowledgement: Acknowledgement, journal: &Journal) {
-        let (why, cause) = match self.acknowledge_held_run(&acknowledgement, journal).await {
+    pub(super) async fn handle_inspection_report(&mut self, report: InspectionReport, journal: &Journal) {
+        let (why, cause) = match self.acknowledge_held_run(&report, journal).await {
             Ok(None) => {
                 self.gate.update_machine_state(|machine_state| machine_state.failure = None);
                 self.gate.finish_command(ServiceState::Waiting);
                 self.log.info("the held or failed state of the machine is acknowledged; a new cycle may start");
-                let _ = acknowledgement.result_sender.send(Ok(()));
+                let _ = report.result_sender.send(Ok(()));
                 return;
             }
             Ok(Some(why)) => (why, String::new()),
@@ -28,15 +29,15 @@ impl MachineWorker {
         if previous_state == ServiceState::Held {
             self.machine_lock = None;
         }
-        self.gate.record_refusal(why, &format!("acknowledgement by {}{cause}", acknowledgement.who));
+        self.gate.record_refusal(why, &format!("acknowledgement by {}{cause}", report.who));
         self.gate.finish_command(previous_state);
         // The receiver may have been dropped.
-        let _ = acknowledgement.result_sender.send(Err(why));
+        let _ = report.result_sender.send(Err(why));
     }
 
     async fn acknowledge_held_run(
         &mut self,
-        Acknowledgement { who, why, is_homed: homed, .. }: &Acknowledgement,
+        InspectionReport { who, why, is_homed: homed, .. }: &InspectionReport,
         journal: &Journal,
     ) -> Result<Option<Refusal>, ServeError> {
         match self.machine_lock {
@@ -50,8 +51,8 @@ impl MachineWorker {
         let homed = if *homed { ", all axes are homed" } else { "" };
         let why = if why.is_empty() { String::new() } else { format!(" ({why})") };
         let what = format!("the run stays unfinished{homed}; new cycles may start{why}");
-        let acknowledgement = Event::Acknowledged { who: who.clone(), what, leaves: true };
-        journal.add_event(unfinished_run.run, &acknowledgement).await?;
+        let event = RunEvent::Acknowledged { who: who.clone(), what, leaves: true };
+        journal.add_event(unfinished_run.run, &event).await?;
         Ok(None)
     }
 

@@ -7,27 +7,31 @@ use machine::record::plan::Plan;
 
 use crate::MethodRefusal;
 
-/// Revolutions in equal steps, with lead-in and lead-out steps.
+/// Revolutions divided into equal angles, with further positions before and after them.
 #[derive(Debug, Clone, Copy)]
-pub struct RevolutionSteps {
-    /// Steps in one revolution.
+pub struct RevolutionGrid {
+    /// Number of angle positions in one revolution.
     pub positions_per_revolution: usize,
     pub revolutions: usize,
-    /// Steps before the first revolution and after the last.
-    pub lead_steps_per_end: usize,
+    /// Number of positions before the first revolution, and after the last.
+    pub lead_positions_per_end: usize,
 }
 
-impl RevolutionSteps {
-    /// The whole travel in multiples of 360°/`positions_per_revolution`. The revolutions start at zero or end at
-    /// zero if the limits of the axis allow it; otherwise the travel starts at the lower limit.
+impl RevolutionGrid {
+    /// The whole travel as a range of multiples of 360°/`positions_per_revolution`. The revolutions start at zero or
+    /// end at zero if the limits of the axis allow it; otherwise the travel starts at the lower limit.
     ///
     /// # Errors
     /// The limits of the axis do not allow so many revolutions.
-    pub fn step_range_within_limits(self, plan: &Plan, axis: Axis) -> Result<RangeInclusive<i64>, MethodRefusal> {
+    pub fn position_index_range_within_limits(
+        self,
+        plan: &Plan,
+        axis: Axis,
+    ) -> Result<RangeInclusive<i64>, MethodRefusal> {
         let spec = plan.machine.axes.get(&axis).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let step_deg = 360.0 / self.positions_per_revolution as f64;
         let [low, high] = spec.first_and_last_multiple_within_limits(step_deg);
-        let (lead, positions) = (self.lead_steps_per_end as i64, self.positions_per_revolution as i64);
+        let (lead, positions) = (self.lead_positions_per_end as i64, self.positions_per_revolution as i64);
         let whole = positions * self.revolutions as i64;
         let starts = [-lead, -whole - lead, low];
         let fits = |first: &i64| *first >= low && first + whole + 2 * lead <= high;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::ramp::{Speed, VelocityProfile};
-use machine::record::machine::AxisSpec;
+use super::velocity_profile::{Speed, VelocityProfile};
+use machine::record::machine::StatedAxis;
 use machine::{Axis, Position};
 
 /// Speed and acceleration of spindle orientation, deg/min and deg/s²; machine files seldom state them.
@@ -42,7 +42,7 @@ impl LostMotion {
 
 /// Bounds of a move: the speeds of the axes, and the largest distance of the ball from a rotary axis.
 pub(super) struct MoveBounds<'a> {
-    pub axis_specs: &'a BTreeMap<Axis, AxisSpec>,
+    pub stated_axes: &'a BTreeMap<Axis, StatedAxis>,
     pub max_ball_distance_from_axis: &'a dyn Fn(Axis, &Position) -> f64,
     /// Largest ratio of true to commanded travel.
     pub max_true_travel_ratio: f64,
@@ -77,7 +77,7 @@ impl MovePath {
         if span.is_empty() {
             return None;
         }
-        let ramp = velocity_profile_of_move(&span, speed, limits.axis_specs);
+        let ramp = velocity_profile_of_move(&span, speed, limits.stated_axes);
         let max_ball_travel_mm =
             max_ball_travel_mm(from, &span, limits.max_ball_distance_from_axis) * limits.max_true_travel_ratio;
         let to = to.filter_axes(|axis| span.get(axis).is_some());
@@ -120,7 +120,7 @@ impl MovePath {
 
 /// Velocity profile of a move, limited by its slowest axis. A feed counts along the linear path, as in RS274/NGC; if
 /// only rotary axes move, it counts in degrees.
-fn velocity_profile_of_move(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> VelocityProfile {
+fn velocity_profile_of_move(span: &Position, speed: Speed, axes: &BTreeMap<Axis, StatedAxis>) -> VelocityProfile {
     let (mut fastest, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, travel) in span.iter() {
         let (rapid, accelerate) = axes

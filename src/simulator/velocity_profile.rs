@@ -75,10 +75,10 @@ impl VelocityProfile {
     }
 }
 
-/// Shortest step of the search.
-pub(super) const MIN_SEARCH_STEP_MM: f64 = 0.01;
-/// Interval width at which a crossing counts as located.
-const CROSSING_TOLERANCE_MM: f64 = 1e-10;
+/// A shorter step of the search is replaced by this one, mm.
+pub(super) const SEARCH_STEP_FLOOR_MM: f64 = 0.01;
+/// A crossing counts as located in an interval in which the distance cannot change by more than this.
+const CROSSING_DISTANCE_TOLERANCE_MM: f64 = 1e-10;
 
 /// First path fraction in `from_fraction..=1` at which `distance_mm` is no longer positive. `max_slope_mm` bounds
 /// the change of the distance with the path fraction: a step as long as the distance allows cannot pass over a
@@ -93,10 +93,10 @@ pub(super) fn first_zero_crossing_fraction(
         if here >= 1.0 || max_slope_mm <= 0.0 {
             return None;
         }
-        let next = (here + value.max(MIN_SEARCH_STEP_MM) / max_slope_mm).min(1.0);
+        let next = (here + value.max(SEARCH_STEP_FLOOR_MM) / max_slope_mm).min(1.0);
         let value_next = distance_mm(next);
         if value_next <= 0.0 {
-            let width = CROSSING_TOLERANCE_MM / max_slope_mm;
+            let width = CROSSING_DISTANCE_TOLERANCE_MM / max_slope_mm;
             return Some(find_root(distance_mm, (here, value), (next, value_next), width));
         }
         (here, value) = (next, value_next);

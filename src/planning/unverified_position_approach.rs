@@ -1,9 +1,9 @@
-//! Approach to a step while touches have not confirmed the position of the machine yet: straight up to the upper
+//! Approach to a step while touches have not verified the position of the machine yet: straight up to the upper
 //! end of Z, there one axis group after the other, then down. No move is a rapid.
 //!
-//! Only contact with the stylus is detected. Beside an obstacle, the bodies above the stylus could land on the
-//! obstacle. Therefore, on the first descent, the stylus makes one round in every interval of its own length, as
-//! wide as the widest body above it, so that the stylus meets any obstacle first.
+//! Only contact with the stylus is detected. If the stylus descends beside an obstacle, the bodies above it could
+//! land on the obstacle. Therefore, on the first descent, the stylus moves along an octagon in every interval of
+//! its own length, as wide as the widest body above it, so that the stylus meets any obstacle first.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ use super::motion_sequence::{MotionSequence, z_position};
 use super::safe_heights::PLANNED_UNGUARDED_CLEARANCE_MM;
 use super::surroundings::Surroundings;
 use super::tool_parts::undetected_parts_radius_and_height_mm;
-use super::{ConfirmedDirections, SafeHeights, turn_feeds};
+use super::{SafeHeights, TouchedDirections, turn_feeds};
 use machine::record::motion::Motion;
 use machine::record::plan::{Plan, Step};
 use machine::record::sensor::SensorMount;
@@ -21,13 +21,13 @@ use machine::{Axis, Position};
 /// moves below 0.254 mm ("start point too close to probe point"), and so short a move does not break a stylus.
 pub(super) const SHORTEST_PROBED_LENGTH_MM: f64 = 0.3;
 
-/// Number of corners of a round.
+/// Number of corners of an octagon.
 const OCTAGON_CORNER_COUNT: u32 = 8;
-/// Distance between two rounds as a share of the stylus length.
+/// Distance between two octagons as a share of the stylus length.
 const OCTAGON_SPACING_TO_STYLUS_LENGTH: f64 = 0.9;
 
-/// Parameters of an approach before the position is confirmed.
-pub(super) struct UnconfirmedApproach<'a> {
+/// Parameters of an approach before touches have verified the position.
+pub(super) struct UnverifiedPositionApproach<'a> {
     plan: &'a Plan,
     surroundings: &'a Surroundings,
     /// The upper end of Z, mm.
@@ -42,10 +42,10 @@ pub(super) struct UnconfirmedApproach<'a> {
     is_before_first_touch: bool,
 }
 
-impl<'a> UnconfirmedApproach<'a> {
-    pub fn new(plan: &'a Plan, safe_heights: &'a SafeHeights, low_z: f64, confirmed: ConfirmedDirections) -> Self {
+impl<'a> UnverifiedPositionApproach<'a> {
+    pub fn new(plan: &'a Plan, safe_heights: &'a SafeHeights, low_z: f64, touched: TouchedDirections) -> Self {
         let (surroundings, top_z) = (&safe_heights.surroundings, safe_heights.top_z);
-        let (near_part_feed_mm_min, is_guarded) = (near_part_feed_mm_min(plan, confirmed), plan.sensors.is_empty());
+        let (near_part_feed_mm_min, is_guarded) = (near_part_feed_mm_min(plan, touched), plan.sensors.is_empty());
         Self {
             plan,
             surroundings,
@@ -53,14 +53,14 @@ impl<'a> UnconfirmedApproach<'a> {
             lowest_clear_z: low_z,
             near_part_feed_mm_min,
             is_guarded,
-            is_before_first_touch: !confirmed.has_any_direction(),
+            is_before_first_touch: !touched.has_any_direction(),
         }
     }
 
     /// Approach to a nest of sensors on the table: always by way of the upper end of Z.
     pub fn to_nest(plan: &'a Plan, safe_heights: &'a SafeHeights, low_z: f64) -> Self {
         let near_part_feed_mm_min = max_nest_feed_mm_min(plan);
-        Self { near_part_feed_mm_min, ..Self::new(plan, safe_heights, low_z, ConfirmedDirections::default()) }
+        Self { near_part_feed_mm_min, ..Self::new(plan, safe_heights, low_z, TouchedDirections::default()) }
     }
 
     /// Moves to the point above `from`, at `lowest_clear_z`.
@@ -86,31 +86,32 @@ impl<'a> UnconfirmedApproach<'a> {
         for (axis, value) in from.iter().filter(|(axis, _)| !axis.is_linear()) {
             self.turn_axis(path, axis, value);
         }
-        let over = from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
-        self.move_straight(path, &over, self.free_space_feed_mm_min());
+        let above_step = from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
+        self.move_straight(path, &above_step, self.free_space_feed_mm_min());
         if self.is_before_first_touch && self.is_guarded {
             self.probe_octagons_on_descent(path, from);
         }
         self.move_straight(path, &z_position(self.lowest_clear_z), self.free_space_feed_mm_min());
     }
 
-    /// Makes rounds during the descent, down to the last necessary height; only the stylus moves below that height.
+    /// Moves along octagons during the descent, down to the last necessary height; only the stylus moves below that
+    /// height.
     fn probe_octagons_on_descent(&self, path: &mut MotionSequence, from: &Position) {
         let Some((_, length)) = undetected_parts_radius_and_height_mm(self.plan) else { return };
         let levels = (self.top_z - from.get_or_zero(Axis::Z)) / (OCTAGON_SPACING_TO_STYLUS_LENGTH * length);
         for level in 0..levels.max(0.0).ceil() as u32 {
             let z =
                 (self.top_z - f64::from(level) * OCTAGON_SPACING_TO_STYLUS_LENGTH * length).max(self.lowest_clear_z);
-            let over = from.clone().with(Axis::Z, z);
-            let round = self.octagon_corners(&over);
+            let centre = from.clone().with(Axis::Z, z);
+            let octagon = self.octagon_corners(&centre);
             let free = |place: &Position| {
-                self.surroundings.path_clearance_z(&over, place, PLANNED_UNGUARDED_CLEARANCE_MM) <= z
+                self.surroundings.clear_z_command_on_path(&centre, place, PLANNED_UNGUARDED_CLEARANCE_MM) <= z
             };
-            // Where a declared body is this high, its position is known, so no round is needed.
-            if round.iter().all(free) {
+            // Where a declared body is this high, its position is known, so no octagon is needed.
+            if octagon.iter().all(free) {
                 self.move_straight(path, &z_position(z), self.free_space_feed_mm_min());
-                let middle = over.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
-                for place in round.iter().chain(round.first()).chain([&middle]) {
+                let middle = centre.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
+                for place in octagon.iter().chain(octagon.first()).chain([&middle]) {
                     let to = place.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
                     self.move_straight(path, &to, self.free_space_feed_mm_min());
                 }
@@ -118,14 +119,14 @@ impl<'a> UnconfirmedApproach<'a> {
         }
     }
 
-    /// Corners of a round about `over`, limited to the travel of X and Y.
-    fn octagon_corners(&self, over: &Position) -> Vec<Position> {
+    /// Corners of an octagon about `centre`, limited to the travel of X and Y.
+    fn octagon_corners(&self, centre: &Position) -> Vec<Position> {
         let wide = octagon_radius_mm(self.plan);
         let corner = |k: u32| {
             let (sin, cos) = (TAU * f64::from(k) / f64::from(OCTAGON_CORNER_COUNT)).sin_cos();
             let aside = [(Axis::X, wide * cos), (Axis::Y, wide * sin)];
-            aside.into_iter().fold(over.clone(), |place, (axis, by)| {
-                let to = over.get_or_zero(axis) + by;
+            aside.into_iter().fold(centre.clone(), |place, (axis, by)| {
+                let to = centre.get_or_zero(axis) + by;
                 let spec = self.plan.machine.axes.get(&axis);
                 place.with(axis, spec.map_or(to, |spec| to.clamp(spec.min, spec.max)))
             })
@@ -146,7 +147,7 @@ impl<'a> UnconfirmedApproach<'a> {
         let length = to.iter().map(way).sum::<Option<f64>>().map(f64::sqrt);
         let is_short = length.is_some_and(|length| length < SHORTEST_PROBED_LENGTH_MM);
         path.add_motion(to, |to| match (self.is_guarded, is_short) {
-            (true, true) => Motion::Feed { to, feed_mm_min: unconfirmed_search_feed_mm_min(self.plan) },
+            (true, true) => Motion::Feed { to, feed_mm_min: search_feed_before_first_touch_mm_min(self.plan) },
             (true, false) => Motion::Guarded { to, feed_mm_min },
             (false, _) => Motion::Feed { to, feed_mm_min },
         });
@@ -154,7 +155,7 @@ impl<'a> UnconfirmedApproach<'a> {
 
     fn turn_axis(&self, path: &mut MotionSequence, axis: Axis, value: f64) {
         if axis == Axis::S {
-            path.add_orientation(Some(value));
+            path.add_spindle_orientation(Some(value));
             return;
         }
         let feed_mm_min =
@@ -163,7 +164,7 @@ impl<'a> UnconfirmedApproach<'a> {
     }
 }
 
-/// Distance of the corners of a round from its middle, mm.
+/// Distance of the corners of an octagon from its centre, mm.
 pub(super) fn octagon_radius_mm(plan: &Plan) -> f64 {
     let (wide, _) = undetected_parts_radius_and_height_mm(plan).unwrap_or_default();
     wide / (TAU / f64::from(2 * OCTAGON_CORNER_COUNT)).cos()
@@ -193,18 +194,18 @@ pub(super) fn max_nest_feed_mm_min(plan: &Plan) -> f64 {
         let range = greatest - least;
         (sensor.stand_off_mm + least).max(range / 4.0).min(range)
     });
-    within.map(|mm| max_stoppable_feed_mm_min(plan, mm)).fold(unconfirmed_search_feed_mm_min(plan), f64::min)
+    within.map(|mm| max_stoppable_feed_mm_min(plan, mm)).fold(search_feed_before_first_touch_mm_min(plan), f64::min)
 }
 
 /// Feed near the part until a touch has shown that the probe works.
-pub(super) fn unconfirmed_search_feed_mm_min(plan: &Plan) -> f64 {
+pub(super) fn search_feed_before_first_touch_mm_min(plan: &Plan) -> f64 {
     plan.probe.guarded_feed_mm_min.min(plan.probe.search_feed_mm_min)
 }
 
 /// Feed of moves near the part.
-pub(super) fn near_part_feed_mm_min(plan: &Plan, confirmed: ConfirmedDirections) -> f64 {
-    match confirmed.has_any_direction() {
+pub(super) fn near_part_feed_mm_min(plan: &Plan, touched: TouchedDirections) -> f64 {
+    match touched.has_any_direction() {
         true => plan.probe.guarded_feed_mm_min,
-        false => unconfirmed_search_feed_mm_min(plan),
+        false => search_feed_before_first_touch_mm_min(plan),
     }
 }

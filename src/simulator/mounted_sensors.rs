@@ -22,7 +22,7 @@ struct SampleClock {
     /// True duration of a second of the sensor's clock.
     second_duration_s: f64,
     jitter_std_dev_s: f64,
-    /// Delay of the last sample.
+    /// Delay of the last sample relative to the regular times of the sensor's clock (jitter), s.
     last_sample_delay_s: f64,
     /// Latency: each output belongs to a moment this much earlier.
     latency_s: f64,

@@ -2,11 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Proof of one stage.
+/// Result of the collision proof of one stage.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Proof {
+pub struct StageProof {
     /// Number of proven motions.
-    pub motions: usize,
+    #[serde(rename = "motions")]
+    pub motion_count: usize,
     /// Smallest clearance of all moves that must stay free, between bodies of two sides of the machine; `None` if
     /// no such pair was checked.
     pub nearest: Option<Clearance>,

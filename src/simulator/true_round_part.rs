@@ -49,7 +49,7 @@ impl TrueCylinder {
         &self.frame
     }
 
-    /// Lower bound of the distance between `point` and the solid.
+    /// Lower bound of the distance between `point` (table frame) and the solid.
     pub fn distance_lower_bound(&self, point: Vector3<f64>) -> f64 {
         let local_point = self.frame.inverse() * (point - self.axis_foot);
         (local_point.z - self.height / 2.0).abs() - self.height / 2.0

@@ -8,9 +8,9 @@ use machine::Axis;
 /// Contents of `dialect.toml`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct DialectSpec {
+pub(super) struct DialectFile {
     pub name: String,
-    /// Language of the text, for which a reader must exist.
+    /// Language of the text, for which a G-code reader must exist.
     pub language: String,
     /// File extension of programs, without the dot.
     pub extension: String,

@@ -7,7 +7,7 @@ use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 use syn::{Attribute, Item, UseTree, Visibility};
 
-use super::source::{SourceFile, is_test_only};
+use super::parsed_sources::{SourceFile, is_test_only};
 
 pub type PathSegments = Vec<String>;
 
@@ -20,7 +20,7 @@ pub struct Reference {
     pub is_reexport: bool,
 }
 
-/// Everything of one file that [`super::resolve::Resolver`] needs; test code is left out.
+/// Everything of one file that [`super::path_resolver::Resolver`] needs; test code is left out.
 #[derive(Default)]
 pub struct FileImports {
     pub file: String,

@@ -1,4 +1,4 @@
-//! Paths from touch to touch of one ball: round the ball instead of over it.
+//! Paths from touch to touch of one ball: around the ball instead of over it.
 //!
 //! A touch ends beside the ball, at the distance at which an unguarded move may begin. From there, the guarded path
 //! leads over one corner along two tangents, so that it is nowhere nearer to the ball than the start of the next
@@ -18,9 +18,9 @@ use machine::kinematics::KinematicsError;
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
 
-/// Maximum angle of a path round the ball, rad; with a larger angle, the corner is so far out that a path over the
+/// Maximum angle of a path around the ball, rad; with a larger angle, the corner is so far out that a path over the
 /// ball is as short.
-const MAX_PATH_ANGLE_ROUND_BALL_RAD: f64 = 2.0 / 3.0 * PI;
+const MAX_PATH_ANGLE_AROUND_BALL_RAD: f64 = 2.0 / 3.0 * PI;
 /// Rounding tolerance of a position, mm.
 const POSITION_TOLERANCE_MM: f64 = 1e-3;
 
@@ -38,8 +38,8 @@ struct ArtefactBall {
 
 /// Positions of the path from the position of the machine, beside a ball or above it, to the start of the next
 /// touch of the same ball: a corner if necessary, and the start. `None`: the machine is not near the ball, the path
-/// round it is too long or out of travel, or an obstacle blocks it.
-pub(super) fn plan_path_round_ball(
+/// around it is too long or out of travel, or an obstacle blocks it.
+pub(super) fn plan_path_around_ball(
     surroundings: &Surroundings,
     machine: &Machine,
     position: &Position,
@@ -108,7 +108,7 @@ fn tangent_corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3
         return Some(Vec::new());
     }
     let turn = Rotation3::from_axis_angle(&Unit::try_new(u.cross(&v), 0.0)?, to_tangent(here) + left / 2.0);
-    (left <= MAX_PATH_ANGLE_ROUND_BALL_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
+    (left <= MAX_PATH_ANGLE_AROUND_BALL_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
 }
 
 impl Surroundings {
