@@ -232,7 +232,7 @@ fn gain_fault_and_remedy(jog: &Jog, observed_distance: f64) -> (String, String) 
     let rounded = (observed_distance * 100.0).round() / 100.0;
     let opposite_note = if rounded * jog.by < 0.0 { ", in the opposite direction" } else { "" };
     let what = format!(
-        "{axis} was commanded by {} and moved by {}{opposite_note}: its gain is {gain:.3}{inches_hint}",
+        "{axis} was commanded by {} and moved by {}{opposite_note}: the gain of {axis} is {gain:.3}{inches_hint}",
         format_jog(jog),
         format_amount(axis, format_args!("{rounded:+}"))
     );

@@ -135,7 +135,7 @@ pub(super) async fn prove_jog_and_check_position_unchanged(
 /// Executes a jog and updates the position.
 ///
 /// # Errors
-/// The errors of [`prove_jog_and_check_unmoved`]; or the error of the control that stopped the jog.
+/// The errors of [`prove_jog_and_check_position_unchanged`]; or the error of the control that stopped the jog.
 pub(super) async fn run_jog(check: &mut MachineCheck<'_>, jog: &Jog) -> Result<(), JogError> {
     let ProvenJog { block, target_mm_or_rad: to } = prove_jog_and_check_position_unchanged(check, jog).await?;
     execute_block(check, block).await?;

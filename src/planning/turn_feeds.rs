@@ -12,7 +12,7 @@ use machine::{Axis, Position};
 
 /// Latency from contact, or from a sensor's first distance, to the hold, s. No control checks the probe while an axis
 /// turns, but its status reports show the contact. They are polled at least five times per second, and the driver must
-/// answer them with a hold (devices: `MAX_FREE_MOVE_POLL` of grbl, `ModbusTimeouts::poll_interval` of modbus).
+/// answer them with a hold (devices: `MAX_FREE_MOVE_POLL_INTERVAL` of grbl, `ModbusTimeouts::poll_interval` of modbus).
 const HOLD_LATENCY_S: f64 = 0.3;
 
 /// Speed, mm/s, from which a hold stops within `within_mm` at the acceleration `a`, mm/s²: v = √(2a(within −

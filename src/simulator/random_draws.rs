@@ -10,7 +10,7 @@ use super::sensor_truth::LinearityWave;
 use super::true_round_part::FormHarmonic;
 use estimation::random;
 
-/// Random quantities, each with the meaning of its key. All are standard normal except `ScanPhase`.
+/// Random quantities, each with the meaning of its key. All are standard normal except `PlcScanPhase`.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum RandomSource {
     /// Scatter of one touch: N word, and occurrence of this N word.
@@ -43,7 +43,7 @@ pub(super) enum RandomSource {
     MountingError,
     /// Repeatable part of a `[[simulated.rotary_motion]]`: axis, component, number of the order, part.
     SynchronousRotaryMotion,
-    /// Part of a `[[simulated.rotary_motion]]` that does not repeat; key of `DeclaredMotion`.
+    /// Part of a `[[simulated.rotary_motion]]` that does not repeat; key of `SynchronousRotaryMotion`.
     AsynchronousRotaryMotion,
     /// Lost motion of a linear axis: axis.
     Backlash,

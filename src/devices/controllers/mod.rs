@@ -183,7 +183,7 @@ impl Controller {
         Self { requests, halt, can_record_track }
     }
 
-    /// Whether the control stamps the positions of the axes during motion: see [`BlockOutcome::track`].
+    /// Whether the control stamps the positions of the axes during motion: see [`MotionBlockOutcome::track`].
     pub fn can_record_track(&self) -> bool {
         self.can_record_track
     }

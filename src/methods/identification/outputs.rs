@@ -78,7 +78,7 @@ pub struct IdentificationOutputs {
 }
 
 impl IdentificationOutputs {
-    /// Derivatives of the `parameters`: outputs × unknowns. NaN if a slope is missing.
+    /// Derivatives of the `linear_parameters`: outputs × unknowns. NaN if a slope is missing.
     pub fn linear_parameter_slopes(&self, unknowns: usize) -> Mat<f64> {
         let slope = |i: usize| self.linear_parameters[i].slope.as_deref().unwrap_or_default();
         Mat::from_fn(self.linear_parameters.len(), unknowns, |i, j| slope(i).get(j).copied().unwrap_or(f64::NAN))

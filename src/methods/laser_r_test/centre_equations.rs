@@ -43,7 +43,7 @@ pub struct CentreEquations {
     /// Dwell points, group after group.
     pub dwell_points: Vec<DwellPoint>,
     pub group_count: usize,
-    /// Whether the beam is unknown. If not, it is given by `fixed_beam`.
+    /// Whether the beam is unknown. If not, it is given by `fixed_beam_values`.
     pub is_beam_free: bool,
     /// Whether the radius of each scan is unknown. This is the case for a touched sphere, as the radius includes
     /// the probe's pre-travel.

@@ -24,7 +24,7 @@ pub struct MeasuredTableAxis {
     line: AxisLine,
     chain: KinematicChain,
     stylus_tip: Point<SpindleFrame>,
-    /// Pose of the table with all rotary axes at `rest_position`.
+    /// Pose of the table with all rotary axes at `rotary_position_with_axis_at_zero`.
     table_pose: Pose,
 }
 

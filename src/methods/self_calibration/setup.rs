@@ -59,7 +59,7 @@ impl<'a> SelfCalibrationSetup<'a> {
     /// The setup with the error motions that the priors of the plan contain.
     ///
     /// # Errors
-    /// The errors of [`KnownMotions::new`].
+    /// The errors of [`KnownErrorMotions::new`].
     pub fn with_known_motions(mut self) -> Result<Self, MethodRefusal> {
         self.known_motions = KnownErrorMotions::new(self.axis.axis, &self.plan.priors)?;
         Ok(self)

@@ -33,16 +33,16 @@ pub fn regress_misspelt_fault_is_refused_with_its_line() {
     }
 }
 
-/// A seed whose first fault is a cut in the middle of the run, after `from` lines.
-fn seed_with_cut_after(first_line: u64) -> u64 {
+/// A seed whose first fault is a cut in the middle of the run, after at least `min_line_index` lines.
+fn seed_with_cut_after(min_line_index: u64) -> u64 {
     let first = |seed: u64, direction: WireDirection| {
         FaultyWire::with_few_faults(seed).schedule(direction).next().expect("it never ends")
     };
     let cuts = |seed: &u64| {
         let (to, back) = (first(*seed, WireDirection::ToDevice), first(*seed, WireDirection::FromDevice));
         to.fault == WireFault::Cut
-            && (first_line..2 * first_line).contains(&to.line_index)
-            && back.line_index > 20 * first_line
+            && (min_line_index..2 * min_line_index).contains(&to.line_index)
+            && back.line_index > 20 * min_line_index
     };
     (0..).find(cuts).expect("one of them")
 }

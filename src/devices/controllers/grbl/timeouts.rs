@@ -18,7 +18,7 @@ pub struct GrblTimeouts {
 }
 
 /// Longest pause between two status requests during a move that should touch nothing. One request may be
-/// lost: a contact must lead to a hold within `LATENCY_S` (planning, `turn_feeds.rs`), to which turns limit
+/// lost: a contact must lead to a hold within `HOLD_LATENCY_S` (planning, `turn_feeds.rs`), to which turns limit
 /// their speed.
 pub(super) const MAX_FREE_MOVE_POLL_INTERVAL: Duration = Duration::from_millis(100);
 

@@ -343,7 +343,7 @@ impl ControllerDriver for LinuxCncDriver {
     }
 }
 
-/// Whether the motion is at feed, as along a scan: see [`BlockOutcome::track`].
+/// Whether the motion is at feed, as along a scan: see [`MotionBlockOutcome::track`].
 fn is_feed_motion(motion: &Motion) -> bool {
     matches!(motion, Motion::Feed { .. })
 }
