@@ -44,7 +44,7 @@ fn unmeasurable_plans_are_refused() {
     let far = LaserRTestSettings { tilt_deg: vec![0.0, 130.0], ..settings_with_few_trials() };
     assert_refused(&plan, far, "tilt_deg contains B 130°", "tilt_deg");
     let endless = LaserRTestSettings { samples: 2_000_000_000, ..settings_with_few_trials() };
-    assert_refused(&plan, endless, "more than 10000", "about 20");
+    assert_refused(&plan, endless, "more than 10000", "samples = 20");
     let asleep = LaserRTestSettings { dwell_s: 1e9, ..settings_with_few_trials() };
     assert_refused(&plan, asleep, "dwell_s must be 0 to 60", "0.1");
     let twice = LaserRTestSettings { harmonics: vec![2, 3, 2], ..settings_with_few_trials() };
