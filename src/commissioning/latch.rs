@@ -30,7 +30,7 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
         return Ok(());
     }
     let since = Instant::now();
-    // The check itself asks the operator.
+    // The plan is made without prompts: the check itself asks the operator.
     let file = check.machine_file.without_prompts();
     let configured = setup::configure_method_and_plan_without_steps(&file, latch_delay::METHOD_NAME, None);
     let described =
@@ -102,7 +102,7 @@ async fn run_latch_delay_method(
     mut plan_without_steps: Plan,
 ) -> Result<Result<LatchDelayResult, CycleError>, CheckEnd> {
     let devices = check.devices.as_ref().ok_or(CheckEnd::Unsafe)?;
-    // The operator has deflected the stylus already.
+    // The touch itself needs no stylus check: the operator has deflected the stylus before.
     plan_without_steps.probe.live_check = LiveCheck::Touch;
     let new = NewRun { machine_file_text: check.machine_file.text().to_owned(), plan: plan_without_steps.clone() };
     let id = match check.journal.begin_run(&new).await {

@@ -18,7 +18,7 @@ struct MachineEntry {
     file: PathBuf,
 }
 
-/// Content of the daemon's file.
+/// Configuration of `trued serve --config` (`trued.toml`), with the machine files that it names.
 pub struct DaemonFile {
     pub machines: Vec<(MachineFile, ServeConfig)>,
     pub http_config: Option<HttpConfig>,

@@ -68,8 +68,8 @@ pub fn load_agenda(journal: &Journal, planned: Vec<PlannedSchedule>, machine: &s
 /// Maximum duration of an arming.
 const MAX_ARMING_DURATION: SignedDuration = SignedDuration::from_hours(24 * 366);
 
-/// Arming of `cycle` of `machine` by `who` from `now` on. `until` is an instant (`2027-01-31T18:00:00+01:00`) or
-/// a duration (`14d`).
+/// Arming of `cycle` of `machine` by `who` from `now` on. It ends at `until`: an instant
+/// (`2027-01-31T18:00:00+01:00`), or a duration from `now` (`14d`).
 ///
 /// # Errors
 /// `until` is neither an instant nor a duration, is in the past, or is more than a year away.

@@ -51,7 +51,7 @@ impl TrueBalls {
         Ok(Self { balls })
     }
 
-    /// Nearest surface to `point` in the table frame at the time `t_s`. Inside several bodies, the deepest one
+    /// Surface nearest to `point` at the time `t_s`. Point and result: table frame. Inside several bodies, the deepest one
     /// counts.
     pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> NearestSurface {
         let far = NearestSurface::no_surface_within(f64::INFINITY);

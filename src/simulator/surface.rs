@@ -59,7 +59,7 @@ impl ArtefactSurface {
         }
     }
 
-    /// Nearest surface to `point` in the table frame at the time `t_s`. `growth`: of the radius of a round
+    /// Surface nearest to `point` at the time `t_s`. Point and result: table frame. `growth`: of the radius of a round
     /// part; the growth of a small ball is far below a micrometre.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> NearestSurface {
         match self {

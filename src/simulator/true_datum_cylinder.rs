@@ -130,7 +130,7 @@ impl TrueDatumCylinder {
         std::iter::once(0.0).chain(middle).chain([end]).collect()
     }
 
-    /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
+    /// Surface nearest to `point`, both in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
         let far = NearestSurface::no_surface_within(f64::INFINITY);
         let MountedDatumCylinder { true_cross_sections: sections, axis_foot: foot, frame } = &self.mounted_pose;

@@ -55,7 +55,7 @@ impl TrueCylinder {
         (local_point.z - self.height / 2.0).abs() - self.height / 2.0
     }
 
-    /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
+    /// Surface nearest to `point`, both in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
         let local_point = self.frame.inverse() * (point - self.axis_foot);
         let (across, outward) = self.profile.signed_distance_and_normal(local_point.xy(), growth);

@@ -138,7 +138,7 @@ fn insert_arming(connection: &mut Connection, arming: &Arming) -> Result<(), Sto
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, (SELECT coalesce(max(seq), 0) FROM events))",
         params![machine, cycle, who, why, armed.to_string(), until.to_string()],
     )?;
-    // The person goes by the present clock: a later `seen` comes from a wrong clock.
+    // A `seen` later than now is reset to now: it comes from a clock that was wrong.
     transaction.execute(
         "UPDATE schedules SET seen = ?2 WHERE machine = ?1 AND seen > ?2",
         params![machine, slot_time_text(*armed)],

@@ -46,7 +46,7 @@ fn planned_standstill_time(motion: &Motion) -> Duration {
     }
 }
 
-/// Zero if `seconds` is no duration.
+/// Zero if `seconds` is negative, not finite or too large.
 pub(in crate::controllers) fn to_duration(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }

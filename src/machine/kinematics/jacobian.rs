@@ -10,7 +10,7 @@ use crate::frame::{Point, Pose, SpindleFrame};
 
 impl KinematicChain {
     /// Derivative ∂p_w/∂θ of the tip for each of `parameters`, in their order, exact at `errors`: mm per mm, per rad
-    /// or per mm/mm, in the table frame. Zero for an axis that the machine does not have.
+    /// or per mm/mm, in the table frame. The derivative is zero if the machine does not have the axis of the parameter.
     ///
     /// ∂p_w/∂θ_k = ±φ·R_wᵀ·(Ad_prefix e_k)(p_F): + in the tool branch, − in the workpiece branch;
     /// p_F is the tip in the machine frame, R_w the table's rotation.

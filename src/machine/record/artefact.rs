@@ -25,7 +25,7 @@ pub enum Artefact {
 pub struct DatumCylinder {
     /// Foot of the cylinder's axis, table frame.
     pub centre_mm: [f64; 3],
-    /// Direction of the axis from the foot, table frame.
+    /// Direction of the axis from the foot, table frame; of any length.
     pub axis: [f64; 3],
     pub sections: Vec<DatumCrossSection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -51,7 +51,7 @@ pub struct DatumCrossSection {
 pub struct Cylinder {
     /// Foot of the cylinder's axis, table frame.
     pub centre_mm: [f64; 3],
-    /// Direction of the axis from the foot, table frame.
+    /// Direction of the axis from the foot, table frame; of any length.
     pub axis: [f64; 3],
     pub radius_mm: f64,
     #[serde(default = "default_value::<100>")]

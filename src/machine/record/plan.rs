@@ -184,11 +184,11 @@ pub enum Sampling {
 pub struct Stage {
     pub id: u32,
     pub name: String,
-    /// Number of earlier measurements of each step: 0 in the first pass. From [`FIRST_OUTLIER_REPEAT_NUMBER`] on:
-    /// measured again because the value was an outlier, counted by such stages. From
-    /// [`FIRST_REPEAT_NUMBER_AFTER_STOP`] on: references measured again after a stop, counted by stops.
+    /// Code of the pass: the number of earlier measurements of each step, 0 in the first pass. From
+    /// [`FIRST_OUTLIER_REPEAT_NUMBER`] on: measured again because the value was an outlier, counted by such stages.
+    /// From [`FIRST_REPEAT_NUMBER_AFTER_STOP`] on: references measured again after a stop, counted by stops.
     pub repeat: u32,
-    /// Ids of the steps to run, in order. The plan contains these steps.
+    /// Ids of the steps to run, in order; the steps themselves are in `Plan::steps`.
     pub steps: Vec<u32>,
     /// The artefact as earlier stages have found it, if they have: from this stage on, proofs use it.
     #[serde(default, skip_serializing_if = "Option::is_none")]

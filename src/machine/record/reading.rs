@@ -58,7 +58,7 @@ pub struct UnknownReadingFlag(pub String);
 pub struct Reading {
     /// Id of the step.
     pub step: u32,
-    /// As [`Stage::repeat`](super::plan::Stage::repeat): number of earlier measurements of the step.
+    /// Pass of the reading, coded as in [`Stage::repeat`](super::plan::Stage::repeat).
     pub repeat: u32,
     /// Axis positions: at the trigger (touch), or with the sample (scan).
     pub position: Position,

@@ -41,7 +41,7 @@ pub const VARIANT_KINDS: [VariantKind; 7] = [
     VariantKind { name: "S4", uses_calibrated_machine: true, stylus: StylusSource::ErrorAndStylusFit },
 ];
 
-/// A variant with its deviations and their first-order changes.
+/// One variant evaluated: the rigid fit, whose residuals are the deviations of the balls from the certificate.
 pub struct DomeVariant {
     pub kind: VariantKind,
     pub stylus: StylusEstimate,
@@ -63,7 +63,7 @@ pub struct InputChanges<'a> {
     pub certified_positions_mm: Vec<Vector3<f64>>,
 }
 
-/// A stylus and its derivatives.
+/// A stylus, and its derivatives by the errors of the prior.
 pub struct StylusEstimate {
     /// Stylus from the spindle datum, mm.
     pub vector_mm: Vector3<f64>,

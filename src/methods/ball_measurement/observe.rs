@@ -128,7 +128,7 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
 fn remove_superseded_measurements<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String> {
     let ordinary = |visit: &&MeasurementKey| visit.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP;
     let key = |visit: &MeasurementKey| (visit.pass, visit.indexation_index, visit.ball.clone());
-    // In the order of repeats, so that the last one remains.
+    // The keys come in the order of repeats: of equal keys, the last repeat remains.
     let newest: BTreeMap<_, u32> = visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
     let mut left_out = Vec::new();
     visits.retain(|visit, _| {

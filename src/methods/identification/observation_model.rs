@@ -82,7 +82,7 @@ pub trait ObservationModel: Sync {
     /// Number of unknowns.
     fn unknown_count(&self) -> usize;
 
-    /// First-order effect of a change of the observations, mm, one entry per observation.
+    /// First-order effect of a change of the observations, mm, one entry for each of all observations.
     fn linear_response(&self, change: &[f64]) -> LinearResponse;
 
     /// Leverage of each weighted residual, 0 to 1: the share of a deviation that its own row absorbs. Empty:
@@ -107,7 +107,7 @@ pub trait ObservationEquation: Sync {
     fn observation_count(&self) -> usize;
 
     /// Weighted residuals, measured minus model, at the unknowns `x` for observations changed by `change`
-    /// (mm, one entry per observation).
+    /// (mm, one entry for each of all observations).
     fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64>;
 
     /// First-order change of the weighted residuals by `change` at fixed unknowns, with the sign of measured
@@ -120,7 +120,7 @@ pub trait ObservationEquation: Sync {
 /// times the residuals remains.
 const GAUSS_NEWTON_STEPS: usize = 2;
 
-/// A problem solved by [`estimation::nonlinear::minimise_squares`].
+/// A problem solved by [`estimation::nonlinear_least_squares::minimise_squares`].
 pub struct NonlinearFit<'a, E> {
     pub equation: &'a E,
     pub minimum: &'a NonlinearSolution,

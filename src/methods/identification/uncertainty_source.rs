@@ -27,7 +27,7 @@ pub enum ResidualTreatment {
 pub struct ObservationSpanChange {
     /// Index of the first changed observation.
     pub first_index: usize,
-    /// Changes of the observations, mm, one entry per observation.
+    /// Changes by one draw, mm: one entry per observation of the span.
     pub changes_mm: Vec<f64>,
 }
 

@@ -181,7 +181,7 @@ impl ProbeLayout {
 }
 
 /// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first harmonic.
-/// Empty if the layout does not have both components.
+/// No directions are returned if the layout does not have both components.
 pub fn co_rotating_directions(layout: &ProbeLayout, first: MotionOrForm, second: MotionOrForm) -> Vec<Vec<f64>> {
     let components = layout.components();
     let position = |component| components.iter().position(|c| *c == component);

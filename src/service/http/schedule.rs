@@ -23,7 +23,7 @@ use crate::service::schedule_state::{Agenda, load_agenda, new_arming};
 pub fn schedule_routes() -> OpenApiRouter<AppState> {
     let action_routes =
         OpenApiRouter::new().routes(routes!(arm_cycle)).routes(routes!(disarm_cycles)).routes(routes!(report_due));
-    // A person who submits an invalid form gets the error as a page.
+    // Errors of the form actions are answered as pages, not as JSON.
     OpenApiRouter::new().routes(routes!(get_schedule)).merge(action_routes.layer(from_fn(errors_as_pages)))
 }
 

@@ -197,7 +197,7 @@ impl MachineFile {
         let asked = self.prompts.iter().filter(|prompt| prompt.applies_to(method));
         let sensor_prompt = match self.controller_section.control {
             ControlConfig::Real(_) => prompt::sensor_prompt(sensors),
-            // A simulated machine has no operator.
+            // No sensor prompt: a simulated machine has no operator.
             ControlConfig::Simulated(_) => None,
         };
         asked.map(|prompt| prompt.text.clone()).chain(sensor_prompt).collect()

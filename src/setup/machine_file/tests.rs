@@ -32,7 +32,7 @@ fn every_file_in_config_is_valid() {
     let mut count = 0;
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        // The daemon's own file lists machine files and is not one.
+        // `trued.toml` lists machine files and is not one.
         if path.extension().is_none_or(|extension| extension != "toml") || path.ends_with("trued.toml") {
             continue;
         }

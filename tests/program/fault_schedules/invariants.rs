@@ -96,7 +96,7 @@ fn find_unmatched_reading(ended: &EndedRun) -> Option<String> {
         if (reading.step, reading.repeat) != (place as u32, 0) {
             return Some(format!("reading {place} is of step {}", reading.step));
         }
-        // In the order in which they occurred, each at most once.
+        // Each reading needs a contact of the control, in the order in which they occurred, each used at most once.
         let told = position_and_stamp_text(reading);
         let Some(contact) = contacts.find(|contact| (&contact.position, &contact.time_stamp) == (&told.0, &told.1))
         else {

@@ -48,7 +48,7 @@ pub fn design_visits(
     let access = setup.measurement_setup().touch_access(&setup.plan.artefact)?;
     let candidates = DesignCandidates::new(setup, &access)?;
     let visits = match setup.settings.design {
-        // In the order that the definition of the paper's design gives.
+        // The visits keep the order of the paper's design; only the balls of each visit are ordered by travel time.
         DesignKind::Paper => {
             order_balls_in_xy(&setup.measurement_setup(), &access, paper_design::paper_visits(setup, &candidates)?)?
         }
