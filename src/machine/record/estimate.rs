@@ -137,8 +137,7 @@ pub struct BudgetLine {
     /// of the axes. Absent: no key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
-    /// Ratio of `u` to the size that the key declares; for several axes or sensors, the ratio to the largest.
-    /// Absent: not proportional.
+    /// Ratio of `u` to the size that the key declares; for several, to the largest. Absent: not proportional.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<f64>,
     /// Whether the size, or a part of it, is assumed instead of declared.
@@ -178,8 +177,7 @@ pub struct EstimatedFunction {
     /// Kind of figure: `curve`, `polar`, `points`, `histogram` or `spectrum`.
     #[serde(default)]
     pub figure: FunctionFigureKind,
-    /// Point for which a displacement is valid, machine frame with all axes at zero. Absent: at the Z of
-    /// `point_mm`.
+    /// Point for which a displacement is valid, machine frame, all axes at zero. Absent: at the Z of `point_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_mm: Option<[f64; 3]>,
 }
@@ -194,8 +192,7 @@ pub enum FunctionFigureKind {
     Points,
     /// Frequency of each value of y.
     Histogram,
-    /// Amplitudes over the harmonic order. An integer order from 1 to the highest that is missing in x is not
-    /// identifiable.
+    /// Amplitudes over the harmonic order. An order from 1 to the highest that is missing in x is not identifiable.
     Spectrum,
 }
 
