@@ -1,6 +1,6 @@
 //! A client of the daemon's HTTP interface, over plain sockets.
 
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -35,6 +35,11 @@ impl HttpClient {
     /// Returns status and body of the response. `headers`: lines with their line ends; `Host` is added if it is
     /// missing.
     pub fn request(self, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
+        self.try_request(method, path, headers, body).unwrap()
+    }
+
+    /// As [`Self::request`]; the error is that of the connection.
+    pub fn try_request(self, method: &str, path: &str, headers: &str, body: &str) -> io::Result<(u16, String)> {
         let mut stream = self.connect();
         let host = match headers.contains("Host:") {
             true => String::new(),
@@ -44,12 +49,11 @@ impl HttpClient {
         write!(
             stream,
             "{method} {path} HTTP/1.1\r\n{host}{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
-        )
-        .unwrap();
+        )?;
         let mut response = String::new();
-        stream.read_to_string(&mut response).unwrap();
+        stream.read_to_string(&mut response)?;
         let status = response.split(' ').nth(1).unwrap().parse().unwrap();
-        (status, response.split_once("\r\n\r\n").unwrap().1.to_owned())
+        Ok((status, response.split_once("\r\n\r\n").unwrap().1.to_owned()))
     }
 
     pub fn get_text(self, path: &str) -> String {
