@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use trued::setup::{self, MachineFile};
 
 use estimation::random::seeded_stream;
-use testing::population::is_full_test_run;
 
 /// Seconds from the end of each touch of a stage to each other touch, in the planned order; the first row starts at
 /// the position before the stage.
@@ -102,15 +101,16 @@ fn annealed_time_s((ways, planned): &(TravelTimeMatrix, TouchOrderByBall), rando
 }
 
 #[test]
+#[ignore = "minutes of CPU, for the quality of an order and not for its safety"]
 fn annealing_finds_no_order_shorter_by_5_percent() {
     let file = MachineFile::embedded_for("ball-dome").unwrap();
     let (method, header) = setup::configure_method_and_plan_without_steps(&file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let slow = stages.iter().filter(|stage| stage.name.starts_with("measure"));
     assert_eq!(slow.clone().count(), 24);
-    let (count, tries) = if is_full_test_run() { (24, 1_000_000) } else { (4, 50_000) };
+    let tries = 1_000_000;
     let mut stands = None;
-    let all: Vec<_> = slow.take(count).map(|stage| stage_travel_times(&plan, stage, &mut stands)).collect();
+    let all: Vec<_> = slow.map(|stage| stage_travel_times(&plan, stage, &mut stands)).collect();
     let of_stage = |(number, stage): (usize, &(TravelTimeMatrix, TouchOrderByBall))| {
         let random = &mut seeded_stream(1, &[0x746f_7572, number as u64]);
         [order_time_s(&stage.1, &stage.0), annealed_time_s(stage, random, tries)]

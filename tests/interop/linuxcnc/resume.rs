@@ -35,7 +35,7 @@ pub fn release_stop_and_switch_machine_on(rig: &LinuxCncRig) -> Result<(), Faile
 pub fn run_resumes_after_a_released_emergency_stop() -> Result<(), Failed> {
     let rig = lock_rig()?;
     rig.set_true_value("ecc-x", 1.120)?;
-    let workspace = run_until_emergency_stop(&rig, 6, TOUCHES_BEFORE_STOP)?;
+    let workspace = run_until_emergency_stop(&rig, 5, TOUCHES_BEFORE_STOP)?;
     let stands = rig.wait_for_rest()?;
     let early = workspace.start_resume_of_first_run()?.wait_with_output()?;
     let said = failure_text(&early);
@@ -66,7 +66,7 @@ pub fn run_resumes_after_a_released_emergency_stop() -> Result<(), Failed> {
 /// The part moved by 20 µm along Y: the reference in Y detects it, the one in X does not.
 pub fn resume_is_refused_when_the_part_has_moved() -> Result<(), Failed> {
     let rig = lock_rig()?;
-    let workspace = run_until_emergency_stop(&rig, 8, 13)?;
+    let workspace = run_until_emergency_stop(&rig, 5, 13)?;
     release_stop_and_switch_machine_on(&rig)?;
     let kept = workspace.first_run_probe_reading_count()?;
     let before = rig.touch_count()?;
