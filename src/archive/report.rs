@@ -1,11 +1,16 @@
 //! Report of a stored run.
 
+use jiff::tz::TimeZone;
+
+use super::compare::{CompareError, compare_runs};
 use super::run_story::{describe_events_with_times, describe_signatures};
 use super::volumetric_error::volumetric_error_maps;
+use crate::report::time::format_local_time;
 use crate::report::{page, temperature};
-use crate::store::{Journal, RunId, StoreError};
+use crate::store::{Journal, RunFilter, RunId, RunState, StoreError, StoredRun};
 use machine::record::event::RunEvent;
 use machine::record::stage_proof::StageProof;
+use methods::decision::parameter_difference::ParameterDifference;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -37,7 +42,12 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
     let facts = page::ReportFacts {
         run_id: run.to_string(),
-        start_time: stored.summary.started.to_string(),
+        start_time: format_local_time(stored.summary.started),
+        end_time: stored.summary.ended.map_or(String::new(), format_local_time),
+        operators: operators_of_run(&stored),
+        control: control_identity(&stored),
+        is_certificate_expired: is_certificate_expired(&stored),
+        previous_run: differences_from_previous_run(journal, &stored)?,
         program_version: last.program_version.clone(),
         sha256_by_item: vec![
             ("machine file".to_owned(), stored.summary.config_sha256.clone()),
@@ -53,6 +63,57 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         stage_proofs: stored.events.iter().filter_map(|(_, event)| stage_proof(event)).collect(),
     };
     Ok(page::render_result_page(&stored.plan, &last.estimate, &facts)?)
+}
+
+/// Firmware and version of the control, as it reported them when the run last started to move.
+fn control_identity(stored: &StoredRun) -> String {
+    let identities = stored.events.iter().rev().filter_map(|(_, event)| match event {
+        RunEvent::ControlPrepared { identity } => Some(identity.clone()),
+        _ => None,
+    });
+    identities.into_iter().next().unwrap_or_default()
+}
+
+/// Persons who answered prompts or acknowledged stops, each once.
+fn operators_of_run(stored: &StoredRun) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for (_, event) in &stored.events {
+        if let RunEvent::Acknowledged { who, .. } | RunEvent::Answered { who, .. } = event
+            && !names.contains(who)
+        {
+            names.push(who.clone());
+        }
+    }
+    names
+}
+
+fn is_certificate_expired(stored: &StoredRun) -> bool {
+    let day = stored.summary.started.to_zoned(TimeZone::system()).strftime("%Y-%m-%d").to_string();
+    stored.plan.report.is_certificate_expired(&day)
+}
+
+/// Differences from the previous finished run of the same machine and method; `None` if there is none to compare.
+fn differences_from_previous_run(
+    journal: &Journal,
+    stored: &StoredRun,
+) -> Result<Option<(String, Vec<ParameterDifference>)>, StoreError> {
+    let summary = &stored.summary;
+    let filter = RunFilter {
+        older_than: Some(summary.id),
+        machine: Some(&summary.machine),
+        method: Some(&summary.method),
+        state: Some(RunState::Finished),
+        ..RunFilter::default()
+    };
+    let Some(previous) = journal.list_runs(filter, 1)?.pop() else { return Ok(None) };
+    match compare_runs(journal, previous.id, summary.id) {
+        Ok(comparison) => {
+            let text = format!("run {} of {}", previous.id, format_local_time(previous.started));
+            Ok(Some((text, comparison.differences)))
+        }
+        Err(CompareError::Store(error)) => Err(error),
+        Err(_) => Ok(None),
+    }
 }
 
 fn stage_proof(event: &RunEvent) -> Option<StageProof> {

@@ -7,6 +7,7 @@ use super::files::state_folder;
 use super::result_args::CompareArgs;
 use super::{ExitStatus, show};
 use crate::archive::compare::{CompareError, RunComparison, compare_runs};
+use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol};
 use crate::store::{Journal, RunId};
 use methods::decision::function_difference::FunctionDifference;
 use methods::decision::parameter_difference::ParameterDifference;
@@ -61,8 +62,10 @@ fn print_parameter_differences(differences: &[ParameterDifference]) {
         differences
     {
         let mark = if *significant { "  differs" } else { "" };
-        let unit = unit.symbol();
-        outln!("{symbol:<16} {first:>12.3} {second:>12.3} {by:>11.3} {expanded:>9.3} {normalized:>6.2}  {unit}{mark}");
+        let (symbol, unit) = (one_line_symbol(symbol), unit.symbol());
+        let decimals = decimals_for_uncertainty(*expanded);
+        let [first, second, by, expanded] = [first, second, by, expanded].map(|value| format_fixed(*value, decimals));
+        outln!("{symbol:<16} {first:>12} {second:>12} {by:>11} {expanded:>9} {normalized:>6.2}  {unit}{mark}");
     }
 }
 
@@ -74,14 +77,16 @@ fn print_function_differences(functions: &[FunctionDifference]) {
     outln!("{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit", "function", "points", "worst at", "difference", "U", "E_n");
     for function in functions {
         let Some(worst) = function.worst_point_index() else { continue };
+        let decimals = decimals_for_uncertainty(function.expanded[worst]);
+        let number = |value: f64| format_fixed(value, decimals);
         let (agreeing, count) = (function.agreeing_point_count(), function.x.len());
         outln!(
-            "{:<16} {:>12} {:>12} {:>11.3} {:>9.3} {:>6.2}  {}{}",
-            function.symbol,
+            "{:<16} {:>12} {:>12} {:>11} {:>9} {:>6.2}  {}{}",
+            one_line_symbol(&function.symbol),
             format!("{agreeing} of {count}"),
             format!("{:.1} {}", function.x[worst], function.argument_unit).trim_end(),
-            function.by[worst],
-            function.expanded[worst],
+            number(function.by[worst]),
+            number(function.expanded[worst]),
             function.normalized_errors[worst],
             function.unit.symbol(),
             if agreeing < count { "  differs" } else { "" }

@@ -7,7 +7,8 @@ use super::files::{read_estimate, state_folder};
 use super::result_args::{ExportArgs, ExportFrame, RunsArgs, ShowArgs};
 use super::{ExitStatus, add_state_option, show};
 use crate::archive::run_story::{self, describe_events_with_times, describe_run_end};
-use crate::report::{readings_csv, temperature};
+use crate::report::result_row::verdict_word;
+use crate::report::{readings_csv, results_csv, temperature};
 use crate::run::can_resume;
 use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
 use machine::record::estimate::Estimate;
@@ -29,13 +30,17 @@ pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Co
     }
     for run in runs {
         outln!(
-            "{:>5}  {:.0}  {:<18} {:<14} {}",
+            "{:>5}  {:.0}  {:<18} {:<14} {:<17} {}",
             run.id.to_string(),
             run.started,
             run.method,
             run.state.as_str(),
+            run.verdict.map_or("", verdict_word),
             run.machine
         );
+        if let Some(reason) = run.end_reason.as_ref().filter(|_| run.state == RunState::Failed) {
+            outln!("       {reason}");
+        }
         if let Some(who) = &run.signed {
             outln!("       signed by {who}");
         }
@@ -140,6 +145,9 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
     }
     if let Some(last) = stored.estimates.last() {
         write(format!("run-{run}-estimate.json"), to_pretty_json(&last.estimate)?.as_bytes())?;
+        let mut table = Vec::new();
+        results_csv::write_results(&last.estimate, &mut table).map_err(CommandFailure::without_remedy)?;
+        write(format!("run-{run}-results.csv"), &table)?;
         show::write_report(&journal, run, &args.to.join(format!("run-{run}-report.html")))?;
     }
     Ok(ExitStatus::Pass)

@@ -6,8 +6,9 @@ use serde::Serialize;
 
 use super::failure::CommandFailure;
 use crate::archive::report::render_report;
+use crate::report::result_row::{ResultRow, RunContext, result_rows, verdict_sentence, verdict_word, worst_first};
 use crate::store::{Journal, RunId};
-use machine::record::estimate::{Estimate, LimitVerdict, Unit, Verdict};
+use machine::record::estimate::{Estimate, Verdict};
 
 pub fn print_json(value: &impl Serialize) -> Result<(), CommandFailure> {
     let text = serde_json::to_string_pretty(value).map_err(CommandFailure::without_remedy)?;
@@ -16,25 +17,8 @@ pub fn print_json(value: &impl Serialize) -> Result<(), CommandFailure> {
 }
 
 pub fn print_estimate(estimate: &Estimate) {
-    let has_limits = estimate.parameters.iter().any(|p| p.judged.is_some());
-    let more = if has_limits { "       limit  verdict" } else { "" };
-    outln!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit{more}", "parameter", "value", "u", "U", "k");
-    for p in &estimate.parameters {
-        // All values to about a nanometre.
-        let digits = if p.unit == Unit::Mm { 5 } else { 3 };
-        outln!(
-            "{:<12} {:>12.digits$} {:>9.digits$} {:>9.digits$} {:>6.2}  {}{}{}",
-            p.symbol,
-            p.value,
-            p.u,
-            p.expanded,
-            p.k,
-            p.unit.symbol(),
-            p.judged.as_ref().map_or(String::new(), |judged| verdict_columns(judged, p.unit)),
-            p.interval_monte_carlo
-                .map_or(String::new(), |[least, most]| { format!("  [{least:.digits$}, {most:.digits$}]") })
-        );
-    }
+    let rows = result_rows(RunContext::from_estimate(estimate), &estimate.parameters);
+    print_result_table(&rows);
     if let Some(trials) = estimate.trials {
         outln!(
             "[ , ]: shortest coverage interval from {trials} Monte Carlo trials, with the same coverage \
@@ -63,31 +47,44 @@ pub fn print_estimate(estimate: &Estimate) {
     for line in &estimate.warnings {
         outln!("warning: {line}");
     }
-    let names = |verdict: Verdict| estimate.symbols_with_verdict(verdict).join(", ");
-    outln!("verdict: {}", describe_verdict(estimate.verdict));
-    for (verdict, what) in [(Verdict::Fail, "out of tolerance"), (Verdict::Undecided, "undecided")] {
-        if !names(verdict).is_empty() {
-            outln!("{what}: {}", names(verdict));
-        }
+    print_verdict(estimate.verdict, &rows);
+}
+
+fn print_result_table(rows: &[ResultRow]) {
+    outln!(
+        "{:<12} {:>12} {:>9} {:>9} {:>6}  {:<5} {:>8}  verdict",
+        "parameter",
+        "value",
+        "u",
+        "U",
+        "k",
+        "unit",
+        "limit"
+    );
+    for row in rows {
+        let ResultRow { one_line_symbol, value, u, expanded, k, unit, name, .. } = row;
+        let limit = row.limit.as_deref().unwrap_or_default();
+        let verdict = row.verdict_word.unwrap_or_default();
+        let conformance = row.conformance.iter().map(|p| format!(" (probability of conformity {p})"));
+        let interval = row.interval.iter().map(|ends| format!(" [{ends}]"));
+        let more: String = conformance.chain(interval).collect();
+        let numbers = match row.identifiable {
+            true => format!("{value:>12} {u:>9} {expanded:>9} {k:>6}"),
+            false => format!("{:>39}", "not identifiable"),
+        };
+        outln!("{one_line_symbol:<12} {numbers}  {unit:<5} {limit:>8}  {verdict}{more}  {name}");
     }
 }
 
-/// Limit, verdict and probability of conformance.
-fn verdict_columns(LimitVerdict { limit, verdict, conformance }: &LimitVerdict, unit: Unit) -> String {
-    let conformance = conformance.map(|p| format!(" (probability of conformity {:.1} %)", 100.0 * p));
-    let width = 16 - unit.symbol().chars().count();
-    format!("{limit:>width$.3}  {verdict}{}", conformance.unwrap_or_default())
-}
-
-pub fn describe_verdict(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Pass => "pass (in tolerance, with the uncertainty included)",
-        Verdict::Fail => "fail (out of tolerance by more than the uncertainty)",
-        Verdict::Undecided => "undecided (the limit is inside the uncertainty interval)",
-        Verdict::UndecidedModel => {
-            "undecided (the readings contradict the model or the declared data; each U is a lower bound)"
+/// The verdict of the run, then each result that has not passed, worst first.
+fn print_verdict(verdict: Verdict, rows: &[ResultRow]) {
+    outln!("verdict: {} ({})", verdict_word(verdict), verdict_sentence(verdict));
+    let not_passed = worst_first(rows).into_iter().filter(|row| row.verdict.is_some_and(|v| v != Verdict::Pass));
+    for row in not_passed {
+        outln!("  {}", row.sentence_with_name());
+        if let Some(decided_by) = &row.decided_by {
+            outln!("    {decided_by}");
         }
-        Verdict::None => "none (no tolerance in the machine file)",
     }
 }
 

@@ -7,6 +7,8 @@ use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::{ExitStatus, show};
 use crate::archive::history::{ParameterSeries, describe_changes, machine_history};
+use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol};
+use crate::report::result_row::format_limit;
 use crate::setup::MachineFile;
 use crate::store::Journal;
 use machine::record::estimate::ParameterTolerance;
@@ -59,17 +61,19 @@ fn print_trend(machine: &str, all: &[ParameterSeries], days: u32) {
     );
     for series in all {
         let Some(newest) = series.values.last() else { continue };
+        let decimals = decimals_for_uncertainty(newest.expanded);
+        let number = |value: f64| format_fixed(value, decimals);
         let limits = series.trend.individuals.map(|chart| chart.control_limits());
-        let limits = limits.map_or("too few runs".to_owned(), |[lower, upper]| format!("{lower:.3} to {upper:.3}"));
-        let tolerance = series.tolerance.map_or("none".to_owned(), |limit| format!("±{limit}"));
+        let limits = limits.map_or("too few runs".to_owned(), |ends| ends.map(number).join(" to "));
+        let tolerance = series.tolerance.map_or("none".to_owned(), format_limit);
         let warmth = newest.temperatures_c.iter().map(|(name, mean)| format!("{name} {mean:.1}"));
         let warmth = warmth.collect::<Vec<_>>().join(", ");
         outln!(
-            "{:<12} {:>5} {:>12.3} {:>9.3}  {:<5} {tolerance:>9}  {limits:<22} {warmth}",
-            series.symbol,
+            "{:<12} {:>5} {:>12} {:>9}  {:<5} {tolerance:>9}  {limits:<22} {warmth}",
+            one_line_symbol(&series.symbol),
             series.values.len(),
-            newest.value,
-            newest.expanded,
+            number(newest.value),
+            number(newest.expanded),
             series.unit.symbol(),
         );
     }

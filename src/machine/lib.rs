@@ -8,8 +8,10 @@
 
 pub mod artefact;
 pub mod axis;
+mod error_name;
 pub mod frame;
 pub mod kinematics;
 pub mod record;
 
 pub use axis::{Axis, Position};
+pub use error_name::error_name;

@@ -16,6 +16,7 @@ pub mod identification;
 pub mod laser_r_test;
 pub mod latch_delay;
 pub mod multiprobe;
+pub mod named_symbol;
 mod outlier_repeats;
 pub mod prediction;
 mod probe_map_method;
@@ -26,6 +27,7 @@ mod registry;
 mod revolution_grid;
 pub mod samba;
 pub mod self_calibration;
+pub mod symbol_names;
 
 pub use prompts::with_prompts;
 pub use registry::{METHOD_DESCRIPTIONS, configure_method, method_description, method_names};
@@ -40,6 +42,7 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 use planning::PlanningError;
+use symbol_names::SymbolPattern;
 
 /// The next stage of a run, or its end.
 #[derive(Debug, Clone, PartialEq)]
@@ -303,6 +306,10 @@ pub struct MethodDescription {
     pub results: &'static str,
     /// Machine file in `config/` of the simulated machine that is used when the user names no machine.
     pub machine_file: &'static str,
+    /// Publication or document that describes the method.
+    pub source: &'static str,
+    /// Names of its results, besides the errors of axes and the coordinates of stylus and balls.
+    pub symbol_names: &'static [SymbolPattern],
 }
 
 /// A method that the registry can hold.

@@ -7,7 +7,7 @@ use super::{figure, number};
 use machine::record::estimate::{CircleFigure, Estimate, EstimatedFunction, FunctionFigureKind};
 
 /// Template values of all figures of an estimate: functions first, then circles.
-pub(super) fn figure_values(estimate: &Estimate) -> Vec<Value> {
+pub fn figure_values(estimate: &Estimate) -> Vec<Value> {
     // Functions state u alone; the largest k of the table belongs to the fewest degrees of freedom.
     let identified = estimate.parameters.iter().filter(|parameter| parameter.identifiable);
     let k = identified.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0);

@@ -1,17 +1,27 @@
 //! Report pages with figures, and readings files. This module depends on the kinds of figures, but on no method.
 
+mod budget;
 mod captions;
 mod clearance;
 mod correlation;
+pub mod difference;
 mod figure;
-mod number;
+pub mod number;
 pub mod page;
 mod plan_summary;
 pub mod readings_csv;
+pub mod result_row;
+pub mod results_csv;
 mod rows;
+pub mod step_text;
 pub mod temperature;
 #[cfg(test)]
 mod tests;
+pub mod time;
 mod vectors;
 
+pub use captions::figure_values;
 pub use figure::{ErrorMap, IndividualsChart, TemperatureCurves};
+
+/// Colours, type and spacing of the report and of the page of the daemon.
+pub const BASE_CSS: &str = include_str!("base.css");

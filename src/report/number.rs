@@ -2,7 +2,7 @@
 
 use machine::record::estimate::Unit;
 
-pub(super) fn unit_symbol(unit: Unit) -> &'static str {
+pub fn unit_symbol(unit: Unit) -> &'static str {
     match unit {
         Unit::Um => "µm",
         Unit::Urad => "µrad",
@@ -13,7 +13,7 @@ pub(super) fn unit_symbol(unit: Unit) -> &'static str {
 }
 
 /// Display of the unit of a function's argument, as written in the estimate.
-pub(super) fn argument_unit_symbol(unit: &str) -> &str {
+pub fn argument_unit_symbol(unit: &str) -> &str {
     match unit {
         "deg" => "°",
         "um" => "µm",
@@ -23,13 +23,13 @@ pub(super) fn argument_unit_symbol(unit: &str) -> &str {
 
 /// Number of decimals that gives `uncertainty` two significant digits (GUM 7.2.6); three without an
 /// uncertainty.
-pub(super) fn decimals_for_uncertainty(uncertainty: f64) -> usize {
+pub fn decimals_for_uncertainty(uncertainty: f64) -> usize {
     let digits = uncertainty.abs().log10().floor();
     if digits.is_finite() { (1.0 - digits).clamp(0.0, 9.0) as usize } else { 3 }
 }
 
 /// The number with a true minus sign; a dash for a value that is not finite.
-pub(super) fn format_fixed(value: f64, decimals: usize) -> String {
+pub fn format_fixed(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "–".to_owned();
     }
@@ -40,7 +40,7 @@ pub(super) fn format_fixed(value: f64, decimals: usize) -> String {
 
 /// A symbol as base and index: `EX0C` is E with X0C below, `EXC_total` E with XC,total,
 /// `tool_x` tool with x (ISO 230-1 writes the letters of an error motion as an index).
-pub(super) fn split_into_base_and_index(symbol: &str) -> (String, String) {
+pub fn split_into_base_and_index(symbol: &str) -> (String, String) {
     let (head, tail) = symbol.split_once('_').unwrap_or((symbol, ""));
     let is_error_motion =
         |rest: &str| !rest.is_empty() && rest.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit());
@@ -53,7 +53,7 @@ pub(super) fn split_into_base_and_index(symbol: &str) -> (String, String) {
 }
 
 /// A symbol on one line, for the axes of a figure: `E_XC,total`.
-pub(super) fn one_line_symbol(symbol: &str) -> String {
+pub fn one_line_symbol(symbol: &str) -> String {
     let (base, index) = split_into_base_and_index(symbol);
     if index.is_empty() { base } else { format!("{base}_{index}") }
 }

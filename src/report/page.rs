@@ -1,24 +1,35 @@
-//! Self-contained HTML page of a result: no script, no external resource, readable in print and in dark mode.
+//! Self-contained HTML report of a result: no script, no external resource, readable in print and in dark mode.
 
+use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-use super::captions::{figure_values, svg_value, symbol_value};
+use super::captions::{figure_values, svg_value};
+use super::result_row::{ResultRow, RunContext, headline, result_rows, verdict_sentence, verdict_word, worst_first};
 use super::rows::NameTextRows;
-use super::{ErrorMap, clearance, correlation, figure, number, plan_summary, vectors};
-use machine::record::estimate::{BudgetLine, Distribution, Estimate, EvaluationType, LimitVerdict, Parameter, Verdict};
+use super::{BASE_CSS, ErrorMap, budget, clearance, correlation, difference, figure, number, plan_summary, vectors};
+use machine::record::estimate::{Estimate, Verdict};
 use machine::record::plan::Plan;
 use machine::record::stage_proof::StageProof;
+use methods::decision::parameter_difference::ParameterDifference;
+use methods::symbol_names::ResultGroup;
 
 const PAGE_TEMPLATE: &str = include_str!("page.html");
-/// Minimum number of results in large type at the top. A method lists its main results first.
-const MIN_HEADLINE_RESULTS: usize = 2;
+const NOT_STATED: &str = "not stated";
 
-/// Data of the run besides plan and estimate. Empty fields are left out.
+/// Data of the run besides plan and estimate. Empty fields are left out, or printed as not stated.
 #[derive(Debug, Clone, Default)]
 pub struct ReportFacts {
     pub run_id: String,
     pub start_time: String,
+    /// Time at which the run reached its state.
+    pub end_time: String,
     pub run_state: String,
+    /// Persons who started, confirmed or resumed the run.
+    pub operators: Vec<String>,
+    /// Firmware and version of the control.
+    pub control: String,
+    /// Whether the certificate of the artefact had expired when the run started.
+    pub is_certificate_expired: bool,
     /// Time and text of stops, faults and acknowledgements.
     pub events_with_times: Vec<(String, String)>,
     /// Signatures of the result; `None` if it cannot be signed.
@@ -33,6 +44,8 @@ pub struct ReportFacts {
     pub stage_proofs: Vec<StageProof>,
     /// Position error of the tool over the volume, in sentences and as maps.
     pub volume_texts_and_maps: Option<(Vec<String>, Vec<ErrorMap>)>,
+    /// The previous finished run of the same machine and method, in words, and the differences from it.
+    pub previous_run: Option<(String, Vec<ParameterDifference>)>,
 }
 
 /// Renders the report of `estimate`.
@@ -43,93 +56,117 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
-    environment.render_str(
-        PAGE_TEMPLATE,
-        context! {
-            method => plan.method.as_str(),
-            machine => plan.machine.name.as_str(),
-            verdict => verdict_value(estimate),
-            is_judged => estimate.parameters.iter().any(|p| p.judged.is_some()),
-            decision_rule => estimate.decision_rule.as_deref(),
-            coverage => estimate.coverage_percent,
-            trials => estimate.trials,
-            parameters => estimate.parameters.iter().map(parameter_value).collect::<Vec<_>>(),
-            key_results => headline_result_count(&estimate.parameters),
-            figures => figure_values(estimate),
-            related => correlation::correlation_values(&estimate.covariance),
-            vectors => estimate.arrows.iter().map(vectors::vector_figure_value).collect::<Vec<_>>(),
-            volume => facts.volume_texts_and_maps.as_ref().map(|(lines, maps)| volume_value(lines, maps)),
-            warmth => facts.temperature_rows.clone(),
-            budget => budget_value(&estimate.parameters),
-            warnings => estimate.warnings.clone(),
-            gauge => estimate.gauge.clone(),
-            not_identifiable => estimate.not_identifiable.clone(),
-            quality => fit_quality_rows(estimate),
-            plan => plan_summary::plan_rows(plan),
-            proof => proof_value(plan, &facts.stage_proofs),
-            facts => fact_rows(facts, &estimate.priors),
-            story => facts.events_with_times.clone(),
-            signed => facts.signatures.clone(),
-            program_version => facts.program_version.as_str(),
-        },
-    )
-}
-
-/// Number of results at the top: the first two, or all leading parameters of one quantity, such as `EXC_range`
-/// to `ECC_range`.
-fn headline_result_count(parameters: &[Parameter]) -> usize {
-    let quantity = |parameter: &Parameter| parameter.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned());
-    let first = parameters.first().and_then(quantity);
-    let of_first = |parameter: &&Parameter| first.is_some() && quantity(parameter) == first;
-    parameters.iter().take_while(of_first).count().max(MIN_HEADLINE_RESULTS)
-}
-
-/// CSS class of the badge and its text.
-fn verdict_value(estimate: &Estimate) -> Value {
-    let (class, text) = match estimate.verdict {
-        Verdict::Pass => ("pass", "Pass: in tolerance, with the uncertainty included"),
-        Verdict::Fail => ("fail", "Fail: out of tolerance by more than the uncertainty"),
-        Verdict::Undecided => ("undecided", "Undecided: the limit is inside the uncertainty interval"),
-        Verdict::UndecidedModel => {
-            ("undecided", "Undecided: the readings contradict the model or the declared data; each U is a lower bound")
-        }
-        Verdict::None => ("none", "No verdict: no tolerance in the machine file"),
-    };
-    let names = match estimate.verdict {
-        Verdict::UndecidedModel => String::new(),
-        verdict => estimate.symbols_with_verdict(verdict).join(", "),
-    };
-    context! { class, text, names }
-}
-
-fn parameter_value(parameter: &Parameter) -> Value {
-    let decimals = number::decimals_for_uncertainty(parameter.expanded);
-    context! {
-        symbol => symbol_value(&parameter.symbol),
-        value => number::format_fixed(parameter.value, decimals),
-        unit => number::unit_symbol(parameter.unit),
-        u => number::format_fixed(parameter.u, decimals),
-        expanded => number::format_fixed(parameter.expanded, decimals),
-        k => number::format_fixed(parameter.k, 2),
-        dof => degrees_of_freedom(parameter.dof),
-        interval => parameter.interval_monte_carlo.map_or("—".to_owned(), |ends| {
-            ends.map(|end| number::format_fixed(end, decimals)).join(" to ")
+    let rows = result_rows(RunContext::from_estimate(estimate), &estimate.parameters);
+    let mut values = context! {
+        base_css => Value::from_safe_string(BASE_CSS.to_owned()),
+        method => plan.method.as_str(),
+        machine => plan.machine.name.as_str(),
+        run => facts.run_id.as_str(),
+        subject => subject_rows(plan, facts),
+        conditions => condition_rows(plan, facts),
+        figures => figure_values(estimate),
+        related => correlation::correlation_values(&estimate.covariance),
+        vectors => estimate.arrows.iter().map(vectors::vector_figure_value).collect::<Vec<_>>(),
+        volume => facts.volume_texts_and_maps.as_ref().map(|(lines, maps)| volume_value(lines, maps)),
+        warnings => estimate.warnings.clone(),
+        gauge => estimate.gauge.clone(),
+        not_identifiable => estimate.not_identifiable.clone(),
+        quality => fit_quality_rows(estimate),
+        previous => facts.previous_run.as_ref().map(|(run, differences)| {
+            context! { run, rows => difference::difference_rows(&plan.method, differences) }
         }),
-        identifiable => parameter.identifiable,
-        judged => parameter.judged.map(limit_verdict_value),
-    }
+    };
+    let more = context! {
+        plan => plan_summary::plan_rows(plan),
+        proof => proof_value(plan, &facts.stage_proofs),
+        record => record_rows(facts, &estimate.priors),
+        events => facts.events_with_times.clone(),
+        signed => facts.signatures.clone(),
+        coverage => estimate.coverage_percent,
+        trials => estimate.trials,
+        decision_rule => estimate.decision_rule.as_deref(),
+        ..result_values(estimate, &rows)
+    };
+    values = context! { ..more, ..values };
+    environment.render_str(PAGE_TEMPLATE, values)
 }
 
-fn degrees_of_freedom(dof: Option<f64>) -> String {
-    dof.map_or("∞".to_owned(), |dof| number::format_fixed(dof, 1))
-}
-
-fn limit_verdict_value(LimitVerdict { limit, verdict, conformance }: LimitVerdict) -> Value {
+fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
+    let of_group = |group| rows.iter().filter(move |row| row.group == group).collect::<Vec<_>>();
+    let worst = worst_first(rows);
+    let not_passed: Vec<&&ResultRow> =
+        worst.iter().filter(|row| row.verdict.is_some_and(|verdict| verdict != Verdict::Pass)).collect();
+    let sentences: Vec<String> = not_passed.iter().map(|row| row.sentence_with_name()).collect();
+    let budget = |is_in_table: fn(&ResultRow) -> bool| budget::budget_value(&estimate.parameters, rows, is_in_table);
     context! {
-        limit => number::format_fixed(limit, 1),
-        verdict => verdict.to_string(),
-        conformance => conformance.map_or("—".to_owned(), |p| format!("{} %", number::format_fixed(100.0 * p, 1))),
+        verdict => context! {
+            class => verdict_class(estimate.verdict),
+            word => verdict_word(estimate.verdict),
+            sentence => verdict_sentence(estimate.verdict),
+        },
+        sentences,
+        not_passed => Serde(&not_passed),
+        headline => Serde(&headline(&worst)),
+        is_judged => rows.iter().any(|row| row.verdict.is_some()),
+        main => Serde(&of_group(ResultGroup::Main)),
+        harmonics => Serde(&of_group(ResultGroup::Harmonics)),
+        setup => Serde(&of_group(ResultGroup::Setup)),
+        budget => budget(|row| row.group == ResultGroup::Main),
+        more_budget => budget(|row| row.group == ResultGroup::Setup),
     }
+}
+
+/// CSS class of the badge.
+fn verdict_class(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Pass => "pass",
+        Verdict::Fail => "fail",
+        Verdict::Undecided | Verdict::UndecidedModel => "undecided",
+        Verdict::None => "none",
+    }
+}
+
+/// The machine and the instruments, as the machine file states them.
+fn subject_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
+    let text = |name: &str, value: &str| {
+        let value = if value.is_empty() { NOT_STATED } else { value };
+        (name.to_owned(), value.to_owned())
+    };
+    let mut rows = vec![text("Machine", &plan.machine.name)];
+    let has_stylus = plan.sensors.is_empty();
+    for field in plan.report.fields().into_iter().filter(|field| has_stylus || field.key != "stylus") {
+        let expired = field.key == "certificate_due" && facts.is_certificate_expired;
+        let mark = if expired { ": expired before this measurement" } else { "" };
+        rows.push(text(field.title, &format!("{}{mark}", field.text.unwrap_or(NOT_STATED))));
+    }
+    rows.push(text("Control and firmware", &facts.control));
+    let active = match plan.compensations_active.as_slice() {
+        [] => "none stated".to_owned(),
+        some => some.join(", "),
+    };
+    rows.push(text("Active compensations", &active));
+    rows
+}
+
+/// When, by whom, how and in which conditions.
+fn condition_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
+    let text = |name: &str, value: &str| {
+        let value = if value.is_empty() { NOT_STATED } else { value };
+        (name.to_owned(), value.to_owned())
+    };
+    let description = methods::method_description(&plan.method);
+    let mut rows = vec![
+        text("Method", &plan.method),
+        text("Source of the method", description.map_or("", |description| description.source)),
+        text("Begin", &facts.start_time),
+        text("End", &facts.end_time),
+        text("Operator", &facts.operators.join(", ")),
+    ];
+    if facts.temperature_rows.is_empty() {
+        rows.push(text("Temperature", ""));
+    }
+    rows.extend(facts.temperature_rows.iter().map(|(name, value)| (format!("Temperature: {name}"), value.clone())));
+    rows
 }
 
 fn volume_value(lines: &[String], maps: &[ErrorMap]) -> Value {
@@ -149,53 +186,6 @@ fn proof_value(plan: &Plan, proofs: &[StageProof]) -> Value {
     }
 }
 
-/// The uncertainty budget: a row per parameter, a column per source.
-fn budget_value(parameters: &[Parameter]) -> Value {
-    let mut sources: Vec<&BudgetLine> = Vec::new();
-    for line in parameters.iter().flat_map(|parameter| &parameter.budget) {
-        if sources.iter().all(|known| known.source != line.source) {
-            sources.push(line);
-        }
-    }
-    let rows = parameters.iter().filter(|row| row.identifiable && !row.budget.is_empty());
-    let rows: Vec<Value> = rows
-        .map(|parameter| {
-            let decimals = number::decimals_for_uncertainty(parameter.u);
-            let share = |source: &&BudgetLine| {
-                let line = parameter.budget.iter().find(|line| line.source == source.source);
-                line.map_or(String::new(), |line| number::format_fixed(line.u, decimals))
-            };
-            context! {
-                symbol => symbol_value(&parameter.symbol),
-                unit => number::unit_symbol(parameter.unit),
-                shares => sources.iter().map(share).collect::<Vec<_>>(),
-                u => number::format_fixed(parameter.u, decimals),
-            }
-        })
-        .collect();
-    let title = |line: &&BudgetLine| format!("{}{}", line.source, if line.assumed { " (assumed)" } else { "" });
-    context! {
-        sources => sources.iter().map(title).collect::<Vec<_>>(),
-        head => evaluation_rows(&sources),
-        rows,
-        assumed => sources.iter().any(|line| line.assumed),
-    }
-}
-
-/// Evaluation of the sources: a row per property, a column per source.
-fn evaluation_rows(sources: &[&BudgetLine]) -> Vec<Value> {
-    let row = |name: &str, text: &dyn Fn(&BudgetLine) -> String| {
-        let texts: Vec<String> = sources.iter().map(|line| text(line)).collect();
-        context! { name, texts }
-    };
-    let or_nothing = |text: Option<&str>| text.unwrap_or_default().to_owned();
-    vec![
-        row("Type", &|line| or_nothing(line.evaluation_type.map(EvaluationType::as_str))),
-        row("Distribution", &|line| or_nothing(line.distribution.map(Distribution::as_str))),
-        row("Degrees of freedom", &|line| degrees_of_freedom(line.dof)),
-    ]
-}
-
 fn fit_quality_rows(estimate: &Estimate) -> NameTextRows {
     let mut rows = vec![
         ("Rank", format!("{} of {} unknowns", estimate.rank, estimate.unknowns)),
@@ -209,11 +199,10 @@ fn fit_quality_rows(estimate: &Estimate) -> NameTextRows {
     rows.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()
 }
 
-fn fact_rows(facts: &ReportFacts, priors: &[String]) -> NameTextRows {
+fn record_rows(facts: &ReportFacts, priors: &[String]) -> NameTextRows {
     let text = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     let mut rows = vec![
         text("Run", &facts.run_id),
-        text("Started", &facts.start_time),
         text("State", &facts.run_state),
         text("Readings", &facts.reading_count.to_string()),
         text("trued", &facts.program_version),

@@ -138,7 +138,7 @@ fn report_facts() -> ReportFacts {
         program_version: "0.1.0".to_owned(),
         sha256_by_item: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
         stage_proofs: vec![proof_of_step(0, 2.25), proof_of_step(0, 1.26)],
-        volume_texts_and_maps: None,
+        ..ReportFacts::default()
     }
 }
 
@@ -151,12 +151,17 @@ fn failed_parameters_are_named() {
     assert!(!page(&estimate).contains("Probability of conformity"));
     estimate.verdict = Verdict::Fail;
     estimate.decision_rule = Some("guard bands".to_owned());
-    let symbol = estimate.parameters[1].symbol.clone();
     estimate.parameters[1].judged =
         Some(LimitVerdict { limit: 12.5, verdict: Verdict::Fail, conformance: Some(0.0213) });
     let failed = page(&estimate);
-    assert!(failed.contains(&format!("out of tolerance by more than the uncertainty: {symbol}</p>")), "{symbol}");
-    for words in ["<td>12.5</td><td>fail</td><td>2.1 %</td>", "no limit", "Decision rule: guard bands."] {
+    for words in [
+        "E_Y0C −30.0 µm, U 1.1 µm, limit ±12.5 µm: FAIL (position of C in Y)",
+        "out of tolerance by more than the uncertainty",
+        ">±12.5</td>",
+        ">2.1 %</td>",
+        "no limit",
+        "Decision rule: guard bands.",
+    ] {
         assert!(failed.contains(words), "{words}");
     }
 }
@@ -201,8 +206,8 @@ fn page_has_all_sections() {
     let hash = report_facts().sha256_by_item[0].1.clone();
     for text in [
         "mill 3",
-        "<th scope=\"row\">spindle</th><td>mean 20.13 °C</td>",
-        "class=\"verdict pass\"",
+        "<th scope=\"row\">Temperature: spindle</th><td>mean 20.13 °C</td>",
+        "class=\"badge verdict pass\"",
         "(49.9 ± 1.0) µm",
         "not identifiable",
         "E<sub>X0C</sub>",
@@ -356,23 +361,28 @@ fn empty_estimate_has_a_page() {
     estimate.warnings.clear();
     estimate.verdict = Verdict::Undecided;
     let page = render_result_page(&plan("mill"), &estimate, &ReportFacts::default()).unwrap();
-    assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
+    assert!(page.contains("No finite values to draw") && page.contains("badge verdict undecided"));
     assert!(!page.contains("Warnings") && !page.contains("Events during the run") && !page.contains("<svg"));
 }
 
-/// All values of the first quantity are at the top, or two values of different quantities.
+/// Data of the machine file are printed, a missing one as not stated; an expired certificate is marked.
 #[test]
-fn headline_shows_the_first_quantity_or_two_values() {
-    let cards = |symbols: &[&str]| {
-        let parameters = symbols.iter().map(|s| parameter_with_budget(s, 1.0, Unit::Um, 1.0)).collect();
-        let estimate = Estimate { parameters, ..example_estimate() };
-        let page = render_result_page(&plan("mill"), &estimate, &report_facts()).unwrap();
-        page.matches("<div class=\"key\">").count()
-    };
-    assert_eq!(cards(&["EXC_range", "EYC_range", "EZC_range", "EXC_c1", "EXC_s1"]), 3);
-    assert_eq!(cards(&["EXC_c1", "EXC_s1", "EXC_c2"]), 2);
-    assert_eq!(cards(&["EX0C", "EY0C", "EA0C"]), 2);
-    assert_eq!(cards(&["EX0C"]), 1);
+fn report_data_are_printed_or_not_stated() {
+    let mut plan = plan("mill");
+    plan.report.serial_number = Some("SN 0815".to_owned());
+    plan.report.certificate_due = Some("2025-01-31".to_owned());
+    let facts = ReportFacts { is_certificate_expired: true, control: "Grbl 1.1f".to_owned(), ..report_facts() };
+    let page = render_result_page(&plan, &example_estimate(), &facts).unwrap();
+    for row in [
+        "Serial number</th><td>SN 0815<",
+        "Location</th><td>not stated<",
+        "Certificate valid until</th><td>2025-01-31: expired before this measurement<",
+        "Control and firmware</th><td>Grbl 1.1f<",
+        "Operator</th><td>not stated<",
+        "Begin</th><td>2025-03-14T09:26:53Z<",
+    ] {
+        assert!(page.contains(row), "{row}");
+    }
 }
 
 /// ±1.1 µm about the least-squares circle centre: the second harmonic alone.

@@ -180,8 +180,8 @@ impl<'a> Run<'a> {
     /// Prepares control and thermometers; returns the position of the machine.
     async fn prepare_devices(&mut self) -> Result<Position, RunError> {
         let prepared = self.devices.open_controller.prepare().await?;
-        let text = format!("{}; {}", prepared.identity, prepared.stop_description);
-        self.record_event(RunEvent::Announced { text }).await?;
+        self.record_event(RunEvent::ControlPrepared { identity: prepared.identity.to_string() }).await?;
+        self.record_event(RunEvent::Announced { text: prepared.stop_description }).await?;
         if let Some(text) = describe_unreadable_items(&prepared.unreadable_items) {
             self.record_event(RunEvent::Announced { text }).await?;
         }

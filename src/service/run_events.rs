@@ -30,7 +30,7 @@ impl<'a> RunEventPublisher<'a> {
     pub(super) fn publish_event(&mut self, event: &RunEvent) {
         self.gate.report_progress(self.max_event_interval);
         match event {
-            RunEvent::Announced { text } => self.log.info(text),
+            RunEvent::ControlPrepared { identity: text } | RunEvent::Announced { text } => self.log.info(text),
             RunEvent::StageStarted { stage } => {
                 self.log.info(&format!("{}: {} touches", stage.name, stage.steps.len()));
                 self.gate.update_machine_state(|machine_state| machine_state.stage_name.clone_from(&stage.name));

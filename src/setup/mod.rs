@@ -85,6 +85,7 @@ pub fn plan_without_steps(file: &MachineFile, purpose: &str, settings: serde_jso
         gaps_s: Vec::new(),
         assumed: file.assumed_keys.clone(),
         compensations_active: file.controller_section.compensations_active.clone(),
+        report: file.report_data.clone(),
         steps: Vec::new(),
     }
 }

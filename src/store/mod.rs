@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use machine::record::estimate::{Estimate, Parameter};
+use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::{Reading, Temperatures};
@@ -125,6 +125,10 @@ pub struct RunSummary {
     pub plan_sha256: String,
     /// Name in the last signature of its last estimate.
     pub signed: Option<String>,
+    /// Verdict of its last estimate.
+    pub verdict: Option<Verdict>,
+    /// Reason why it stopped; `None` for a run that is in progress or finished.
+    pub end_reason: Option<String>,
 }
 
 /// All data of one run in the journal.
@@ -156,6 +160,8 @@ pub struct RunProgress {
     pub stages: Vec<Stage>,
     /// Step and repeat of each stored touch and scan.
     pub stored_steps_and_repeats: Vec<(u32, u32)>,
+    /// The reading that was stored last; for a scan its last sample.
+    pub last_reading: Option<Reading>,
 }
 
 #[derive(Debug, Clone, PartialEq)]

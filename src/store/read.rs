@@ -7,7 +7,7 @@ use super::columns::{damaged_column_error, parse_json_column, parse_text_column,
 use super::{FinishedRunResult, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun};
 use super::{checksum, scan, signature};
 use machine::Axis;
-use machine::record::estimate::Parameter;
+use machine::record::estimate::{Parameter, Verdict};
 use machine::record::event::RunEvent;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -24,7 +24,15 @@ pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, 
                                WHERE run = runs.id AND estimate_sha256 =
                                    (SELECT sha256 FROM estimates WHERE run = runs.id
                                     ORDER BY seq DESC LIMIT 1)
-                               ORDER BY seq DESC LIMIT 1) FROM runs";
+                               ORDER BY seq DESC LIMIT 1),
+                              (SELECT json_extract(estimate, '$.verdict') FROM estimates
+                               WHERE run = runs.id ORDER BY seq DESC LIMIT 1) AS verdict,
+                              CASE WHEN state NOT IN ('running', 'finished') THEN
+                                  (SELECT coalesce(json_extract(event, '$.what'), json_extract(event, '$.reason'))
+                                   FROM events
+                                   WHERE run = runs.id AND json_extract(event, '$.event') IN ('held', 'faulted')
+                                   ORDER BY seq DESC LIMIT 1) END
+                              FROM runs";
 
 pub(super) const SELECT_READINGS: &str = "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
             x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
@@ -138,6 +146,7 @@ pub(super) fn load_progress(connection: &mut Connection, run: RunId) -> Result<R
         stored_steps_and_repeats: select_rows_of_run(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
             Ok((row.get(0)?, row.get(1)?))
         })?,
+        last_reading: last_reading(&snapshot, run)?,
     })
 }
 
@@ -185,7 +194,20 @@ pub(super) fn run_summary_from_row(row: &Row<'_>) -> rusqlite::Result<RunSummary
         config_sha256: row.get(7)?,
         plan_sha256: row.get(8)?,
         signed: row.get(10)?,
+        verdict: row.get::<_, Option<String>>(11)?.map(|text| parse_verdict(11, text)).transpose()?,
+        end_reason: row.get(12)?,
     })
+}
+
+/// The reading that was stored last; of a scan its last sample.
+fn last_reading(connection: &Connection, run: RunId) -> Result<Option<Reading>, StoreFault> {
+    let text = format!("{SELECT_READINGS} WHERE run = ?1 ORDER BY seq DESC LIMIT 1");
+    let found = connection.query_row(&text, [run.0], readings_from_row).optional()?;
+    Ok(found.and_then(|readings| readings.into_iter().next_back()))
+}
+
+fn parse_verdict(column: usize, text: String) -> rusqlite::Result<Verdict> {
+    serde_json::from_value(text.into()).map_err(|error| damaged_column_error(column, error.into()))
 }
 
 /// The readings of a row: a touch, or all samples of a scan.

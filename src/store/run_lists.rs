@@ -5,7 +5,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 use serde::Deserialize;
 
 use super::{Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, columns, read};
-use machine::record::estimate::{Parameter, Verdict};
+use machine::record::estimate::{Parameter, Provenance, Verdict};
 use machine::record::reading::Reading;
 
 /// Filter of a list of runs. Without a bound the list begins with the newest run.
@@ -18,6 +18,8 @@ pub struct RunFilter<'a> {
     pub machine: Option<&'a str>,
     pub method: Option<&'a str>,
     pub state: Option<RunState>,
+    /// Verdict of the last estimate.
+    pub verdict: Option<Verdict>,
 }
 
 /// Result of the newest finished run of a machine.
@@ -26,8 +28,11 @@ pub struct NewestRunResult {
     pub run: RunId,
     /// Time at which that run ended.
     pub ended: Timestamp,
+    pub method: String,
     pub verdict: Verdict,
     pub parameters: Vec<Parameter>,
+    /// Time from the first to the last reading, s, if the estimate contains it.
+    pub duration_s: Option<f64>,
 }
 
 /// The newest runs of a machine that were measured to their end.
@@ -88,18 +93,19 @@ fn select_filtered_runs(
     filter: RunFilter<'_>,
     limit: usize,
 ) -> Result<Vec<RunSummary>, StoreFault> {
-    let RunFilter { older_than: before, newer_than: after, machine, method, state } = filter;
+    let RunFilter { older_than: before, newer_than: after, machine, method, state, verdict } = filter;
     let is_ascending = after.is_some() && before.is_none();
     let order = if is_ascending { "ASC" } else { "DESC" };
     let mut statement = connection.prepare(&format!(
         "{} WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR id > ?2)
             AND (?3 IS NULL OR machine = ?3) AND (?4 IS NULL OR method = ?4)
-            AND (?5 IS NULL OR run_state = ?5) ORDER BY id {order} LIMIT ?6",
+            AND (?5 IS NULL OR run_state = ?5) AND (?6 IS NULL OR verdict = ?6) ORDER BY id {order} LIMIT ?7",
         read::SELECT_RUN_SUMMARY
     ))?;
     let [before, after] = [before, after].map(|run| run.map(|run| run.0));
     let limit = i64::try_from(limit).unwrap_or(i64::MAX);
-    let filter = params![before, after, machine, method, state.map(RunState::as_str), limit];
+    let verdict = verdict.map(|verdict| verdict.to_string());
+    let filter = params![before, after, machine, method, state.map(RunState::as_str), verdict, limit];
     let rows = statement.query_map(filter, read::run_summary_from_row)?;
     let mut runs = rows.collect::<Result<Vec<_>, _>>()?;
     if is_ascending {
@@ -139,8 +145,10 @@ fn newest_result(connection: &Connection, machine: &str) -> Result<Option<Newest
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct EstimateSummary {
+        method: String,
         verdict: Verdict,
         parameters: Vec<Parameter>,
+        provenance: Option<Provenance>,
     }
     let found = connection.query_row(
         "SELECT runs.id, coalesce(ended, started), estimate FROM runs JOIN estimates
@@ -148,9 +156,10 @@ fn newest_result(connection: &Connection, machine: &str) -> Result<Option<Newest
          WHERE machine = ?1 AND state = ?2 ORDER BY runs.id DESC LIMIT 1",
         params![machine, RunState::Finished.as_str()],
         |row| {
-            let EstimateSummary { verdict, parameters } = columns::parse_json_column(row, 2)?;
+            let EstimateSummary { method, verdict, parameters, provenance } = columns::parse_json_column(row, 2)?;
             let (run, ended) = (RunId(row.get(0)?), columns::parse_text_column(row, 1)?);
-            Ok(NewestRunResult { run, ended, verdict, parameters })
+            let duration_s = provenance.map(|provenance| provenance.duration_s);
+            Ok(NewestRunResult { run, ended, method, verdict, parameters, duration_s })
         },
     );
     let found = found.optional()?;

@@ -20,6 +20,7 @@ mod machine_zero;
 mod modbus_run;
 mod plan_contract_player;
 mod predict_command;
+mod result_texts;
 mod samba_machines;
 mod schedule;
 mod sent_text;
@@ -60,6 +61,7 @@ fn main() {
         machine_zero::trials(),
         modbus_run::trials(),
         predict_command::trials(),
+        result_texts::trials(),
         samba_machines::trials(),
         schedule::trials(),
         sent_text::trials(),

@@ -16,6 +16,10 @@ pub enum RunEvent {
     Announced {
         text: String,
     },
+    /// The control has passed all checks before motion; `identity`: its firmware and version.
+    ControlPrepared {
+        identity: String,
+    },
     /// The text of a stage was read back and proven; the stage has not moved yet.
     StageProven {
         stage: u32,

@@ -9,6 +9,7 @@ pub mod motion;
 pub mod plan;
 pub mod question;
 pub mod reading;
+pub mod report_data;
 pub mod sensor;
 mod sensor_names;
 pub mod stage_proof;

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::artefact::Artefact;
 use super::estimate::Estimate;
 use super::machine::{Keepout, Machine, Probe, Solid};
+use super::report_data::ReportData;
 use super::sensor::Sensor;
 use super::watched_sensors::WatchedSensor;
 use crate::{Axis, Position};
@@ -49,6 +50,9 @@ pub struct Plan {
     /// Compensations that are active in the control, by the control's own names.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub compensations_active: Vec<String>,
+    /// Data for the report.
+    #[serde(default, skip_serializing_if = "ReportData::is_empty")]
+    pub report: ReportData,
     #[serde(default)]
     pub steps: Vec<Step>,
 }

@@ -13,6 +13,7 @@ mod prior_machine_errors;
 mod settings;
 mod sources;
 mod stylus_gain;
+mod symbol_names;
 mod variant;
 mod variant_computation;
 
@@ -43,6 +44,10 @@ impl RegisteredMethod for BallDome {
         results: "deviation of the measured ball positions from their certificate: without correction and, given a \
             SAMBA estimate, with correction of the machine errors",
         machine_file: "ball-dome.toml",
+        source: "H. Hashemiboroujeni, S. Esmaeili Marzdashti, K. Xing, J. R. R. Mayer: Five-axis machine tool \
+                coordinate metrology evaluation using the ball dome artefact before and after machine \
+                calibration. J. Manuf. Mater. Process. 3 (2019) 20",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: BallDomeSettings) -> Self {

@@ -16,6 +16,7 @@ mod settings;
 mod single_revolutions;
 mod solved;
 mod sources;
+mod symbol_names;
 #[cfg(test)]
 mod tests;
 mod unknowns_layout;
@@ -47,6 +48,9 @@ impl RegisteredMethod for BallPlate {
         results: "six error motions of the rotary table over its angle, reversal, deviations of \
                 the linear axes along the circle, and deviations of the plate (shape of the ball pattern)",
         machine_file: "ball-plate.toml",
+        source: "Q. Wang, J. Miller, A. von Freyberg, N. Steffens, A. Fischer, G. Goch: Error mapping of rotary \
+                tables in 4-axis measuring devices using a ball plate artifact (2018)",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: BallPlateSettings) -> Self {

@@ -5,6 +5,7 @@ pub mod parameter_difference;
 pub mod reference_check;
 pub mod reference_shifts;
 pub mod trend;
+pub mod undecided;
 
 use estimation::coverage::student_t_cdf;
 use machine::record::estimate::{Estimate, LimitVerdict, Parameter, ParameterTolerance, Verdict};

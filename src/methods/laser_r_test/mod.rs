@@ -23,6 +23,7 @@ mod sources;
 mod sphere_geometry;
 mod sphere_model;
 mod stages;
+mod symbol_names;
 #[cfg(test)]
 mod tests;
 mod touches;
@@ -51,6 +52,9 @@ impl RegisteredMethod for LaserRTest {
         results: "location errors of both rotary axes, optionally harmonics of the tilting axis; \
                 beam and zero point of the sensor",
         machine_file: "laser.toml",
+        source: "Y. Nagai, S. Ibaraki, S. Nishikawa: Error calibration of five-axis machine tools by on-machine \
+                measurement system using a laser displacement sensor (2014)",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: LaserRTestSettings) -> Self {

@@ -12,6 +12,7 @@ mod outputs;
 mod plc_scan_test;
 mod result_texts;
 mod settings;
+mod symbol_names;
 mod touch_path;
 
 pub use plc_scan_test::{LatchDiagnosis, PlcScanTime};
@@ -48,6 +49,8 @@ impl RegisteredMethod for LatchDelay {
         results: "delay from contact to latch; whether a PLC program scan latches the contact, and its \
                 duration; scatter of touches at two feeds",
         machine_file: "simulated.toml",
+        source: "documentation of trued",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: LatchDelaySettings) -> Self {

@@ -21,6 +21,7 @@ mod setup;
 mod sources;
 mod stages;
 mod step_label;
+mod symbol_names;
 mod total_and_asynchronous;
 
 #[cfg(test)]
@@ -55,6 +56,10 @@ impl RegisteredMethod for Multiprobe {
         results: "five error motions of the rotary table over its angle (all but EC), form of the cylinder, \
                 eccentricity",
         machine_file: "multiprobe.toml",
+        source: "D. Maldonado Pimiento, F. Viprey, S. Lavernhe, G. Poulachon: Novel in-situ methodology for \
+                geometric error characterisation of rotary axis errors on multi-axis machine tool. 15th \
+                Lamdamap Conference (2023)",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: MultiprobeSettings) -> Self {

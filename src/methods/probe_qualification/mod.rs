@@ -11,6 +11,7 @@ mod settings;
 mod setup;
 mod sources;
 mod stages;
+mod symbol_names;
 mod unknowns_layout;
 
 pub use settings::ProbeQualificationSettings;
@@ -35,6 +36,8 @@ impl RegisteredMethod for ProbeQualification {
         results: "repeatability of the touch probe, its pre-travel as a function of direction and of feed; \
             the stylus offset if the spindle can be oriented",
         machine_file: "probe-qualification.toml",
+        source: "documentation of trued",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: ProbeQualificationSettings) -> Self {

@@ -36,6 +36,8 @@ impl RegisteredMethod for RTest {
         required_setup: "a precision sphere in the spindle, three displacement sensors in the centre of the rotary table",
         results: "position of the rotary table's axis, its error motions in X, Y and Z over its angle",
         machine_file: "r-test.toml",
+        source: "documentation of trued",
+        symbol_names: &[],
     };
 
     fn new(settings: RTestSettings) -> Self {

@@ -13,6 +13,7 @@ mod outputs;
 mod parameters;
 mod settings;
 mod sources;
+mod symbol_names;
 #[cfg(test)]
 pub mod tests;
 mod warnings;
@@ -58,6 +59,10 @@ impl RegisteredMethod for Samba {
         results: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus tip \
                 and ball positions, with their covariance",
         machine_file: "samba.toml",
+        source: "H. Hashemiboroujeni, S. Esmaeili Marzdashti, K. Xing, J. R. R. Mayer: Five-axis machine tool \
+                coordinate metrology evaluation using the ball dome artefact before and after machine \
+                calibration. J. Manuf. Mater. Process. 3 (2019) 20",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: SambaSettings) -> Self {

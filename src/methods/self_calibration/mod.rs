@@ -22,6 +22,7 @@ mod second_order_correction;
 mod settings;
 mod setup;
 mod sources;
+mod symbol_names;
 
 #[cfg(test)]
 mod tests;
@@ -83,6 +84,9 @@ impl RegisteredMethod for SelfCalibration {
         results: "location and error motions of the rotary axis that turns the part (C, or another letter), \
                 squareness and scale difference of X and Y, form of the part",
         machine_file: "simulated.toml",
+        source: "N. Zimmermann, S. Ibaraki: Self-calibration of rotary axis and linear axes error motions by an \
+                automated on-machine probing test cycle. Int. J. Adv. Manuf. Technol. 107 (2020) 2107–2120",
+        symbol_names: symbol_names::SYMBOL_NAMES,
     };
 
     fn new(settings: SelfCalibrationSettings) -> Self {

@@ -10,17 +10,15 @@ use utoipa_axum::routes;
 use super::machine_status::MachineStatus;
 use super::openapi::schemas::{AuditSchema, ComparisonSchema, DocumentedObject, RunSchema, SeriesView};
 use super::problem::Problem;
-use super::{AppState, ServedMachine};
+use super::run_list_query::{RunListQuery, item_limit};
+use super::{AppState, ServedMachine, results_file};
 use crate::archive::compare::{RunComparison, compare_runs};
 use crate::archive::history::{ParameterSeries, machine_history};
 use crate::archive::run_story::describe_events_with_times;
-use crate::store::{RunFilter, RunId, RunSummary, StoredAuditEntry};
+use crate::store::{RunId, RunSummary, StoredAuditEntry};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
-
-/// Maximum and default number of items in a list.
-const MAX_LIST_ITEMS: usize = 200;
 
 pub fn api_routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
@@ -34,6 +32,7 @@ pub fn api_routes() -> OpenApiRouter<AppState> {
         .routes(routes!(list_readings))
         .routes(routes!(get_estimate))
         .routes(routes!(get_comparison))
+        .routes(routes!(results_file::get_results_file))
 }
 
 /// State of all machines.
@@ -83,40 +82,13 @@ struct ReadingListQuery {
     limit: Option<usize>,
 }
 
-/// Number of items to return, at most [`MAX_LIST_ITEMS`].
-fn item_limit(limit: Option<usize>) -> usize {
-    limit.unwrap_or(MAX_LIST_ITEMS).min(MAX_LIST_ITEMS)
-}
-
-/// Range of runs.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RunListQuery {
-    /// Only runs older than this one.
-    before: Option<i64>,
-    /// Only runs newer than this one; without `before`, those that follow it directly.
-    after: Option<i64>,
-    limit: Option<usize>,
-}
-
-impl RunListQuery {
-    pub(super) fn filter(&self) -> RunFilter<'static> {
-        let [before, after] = [self.before, self.after].map(|run| run.map(RunId));
-        RunFilter { older_than: before, newer_than: after, ..RunFilter::default() }
-    }
-
-    pub(super) fn item_limit(&self) -> usize {
-        item_limit(self.limit)
-    }
-}
-
 /// Runs, newest first.
 #[utoipa::path(get, path = "/api/v1/runs", operation_id = "runs", params(RunListQuery), responses((status = OK, body = Vec<RunSchema>)))]
 async fn list_runs(
     State(app): State<AppState>,
-    Query(range): Query<RunListQuery>,
+    Query(query): Query<RunListQuery>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
-    Ok(Json(app.read_journal(move |journal| journal.list_runs(range.filter(), range.item_limit())).await??))
+    Ok(Json(app.read_journal(move |journal| journal.list_runs(query.filter(), query.item_limit())).await??))
 }
 
 /// Audit log: requests, who made them, and their outcome, newest first.

@@ -13,8 +13,11 @@ mod newest_result;
 mod openapi;
 mod page;
 mod page_address;
+mod percent_encode;
 mod problem;
 mod request_checks;
+mod results_file;
+mod run_list_query;
 mod schedule;
 
 use std::net::TcpListener;

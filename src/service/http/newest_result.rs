@@ -75,7 +75,14 @@ mod tests {
     #[test]
     fn verdict_is_outdated_after_its_validity_or_far_in_the_future() {
         let ended: Timestamp = "2026-11-22T05:30:00Z".parse().unwrap();
-        let result = NewestRunResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
+        let result = NewestRunResult {
+            run: RunId(7),
+            ended,
+            method: String::new(),
+            verdict: Verdict::Pass,
+            parameters: Vec::new(),
+            duration_s: None,
+        };
         let newest = NewestMeasuredRuns { newest_result: Some(result), newer_run_without_estimate: None };
         let (hours, validity) = (SignedDuration::from_hours, Duration::from_secs(192 * 3600));
         let outdated = |age| NewestResult::from_newest_runs(&newest, validity, ended + age).unwrap().outdated;

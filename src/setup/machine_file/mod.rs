@@ -15,6 +15,7 @@ use machine::Axis;
 use machine::record::artefact::Artefact;
 use machine::record::estimate::ParameterTolerance;
 use machine::record::machine::{Keepout, Machine, Probe, Solid, StatedAxis};
+use machine::record::report_data::ReportData;
 use machine::record::sensor::Sensor;
 
 mod artefact;
@@ -31,6 +32,7 @@ mod fuzz;
 mod key_hint;
 mod located_value;
 mod prompt;
+mod report_data;
 mod semantic_checks;
 mod sensor;
 #[cfg(test)]
@@ -48,7 +50,7 @@ pub use located_value::{LocatedValue, ValueFault};
 use prompt::MachineFilePrompt;
 pub use sensor::{SensorConnection, SensorEntry};
 
-const KNOWN_SECTIONS: [&str; 15] = [
+const KNOWN_SECTIONS: [&str; 16] = [
     "machine",
     "axes",
     "controller",
@@ -62,6 +64,7 @@ const KNOWN_SECTIONS: [&str; 15] = [
     "prompt",
     "method",
     "tolerance",
+    "report",
     "simulated",
     "serve",
 ];
@@ -86,6 +89,8 @@ pub struct MachineFile {
     pub tolerances: Vec<ParameterTolerance>,
     /// Keys with assumed values, as the file does not state them, e.g. `axes.X.backlash_um`.
     pub assumed_keys: Vec<String>,
+    /// Data for the report, which no computation uses.
+    pub report_data: ReportData,
     document: TomlDocument,
 }
 
@@ -133,6 +138,7 @@ impl MachineFile {
         let prompts = prompt::read_prompts(&document, &machine)?;
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;
+        let report_data = report_data::read_report_data(&document)?;
         Ok(Self {
             machine,
             controller_section: controller,
@@ -146,6 +152,7 @@ impl MachineFile {
             prompts,
             tolerances: tolerance,
             assumed_keys: assumed,
+            report_data,
             document,
         })
     }

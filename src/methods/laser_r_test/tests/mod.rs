@@ -15,6 +15,7 @@ use serde::Deserialize;
 
 use crate::laser_r_test::settings::LaserRTestSettings;
 use machine::record::plan::{PLAN_VERSION, Plan};
+use machine::record::report_data::ReportData;
 use machine::record::sensor::Sensor;
 
 /// Plan of the built-in machine with sensor and sphere, without steps.
@@ -39,6 +40,7 @@ pub fn plan_without_steps() -> Plan {
         gaps_s: Vec::new(),
         assumed: Vec::new(),
         compensations_active: Vec::new(),
+        report: ReportData::default(),
         steps: Vec::new(),
     }
 }

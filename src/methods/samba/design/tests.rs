@@ -10,6 +10,7 @@ use crate::samba::tests::{built_in, machine};
 use estimation::linear_least_squares::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
 use machine::record::artefact::{Artefact, Ball, Balls, CertifiedLength};
 use machine::record::plan::Plan;
+use machine::record::report_data::ReportData;
 
 /// Paper 4, table 1 (samba-balls.csv): balls 1 and 2 are the scale bar. The stems point down to the table.
 pub const RUMBA_CENTRES_MM: [[f64; 3]; 6] = [
@@ -58,6 +59,7 @@ pub fn rumba_plan(settings: &SambaSettings) -> Plan {
         gaps_s: Vec::new(),
         assumed: Vec::new(),
         compensations_active: Vec::new(),
+        report: ReportData::default(),
         steps: Vec::new(),
     }
 }

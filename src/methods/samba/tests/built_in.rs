@@ -12,6 +12,7 @@ use crate::samba::design::{DesignSetup, design_visits};
 use crate::samba::settings::{Design, OptimalityCriterion};
 use machine::Axis;
 use machine::record::plan::{PLAN_VERSION, Plan};
+use machine::record::report_data::ReportData;
 
 /// The default design.
 pub const D_OPTIMAL_DESIGN: (Design, OptimalityCriterion) = (Design::Optimal, OptimalityCriterion::D);
@@ -45,6 +46,7 @@ pub fn plan_from_machine_file(file: &str, method: &str) -> Plan {
         gaps_s: Vec::new(),
         assumed: Vec::new(),
         compensations_active: Vec::new(),
+        report: ReportData::default(),
         steps: Vec::new(),
     }
 }

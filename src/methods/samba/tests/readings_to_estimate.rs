@@ -19,6 +19,7 @@ use machine::record::artefact::{Artefact, Ball, Balls, CertifiedLength};
 use machine::record::estimate::{Estimate, Parameter, ParameterTolerance, Unit, Verdict};
 use machine::record::plan::{PLAN_VERSION, Plan, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
+use machine::record::report_data::ReportData;
 use machine::{Axis, Position};
 use testing::population::{event_count_limit, population_size};
 
@@ -153,6 +154,7 @@ impl SimulatedMeasurement {
             gaps_s: Vec::new(),
             assumed: Vec::new(),
             compensations_active: Vec::new(),
+            report: ReportData::default(),
             steps,
         }
     }

@@ -160,6 +160,10 @@ pub struct RunSchema {
     plan_sha256: String,
     /// Person who last signed its last estimate.
     signed: Option<String>,
+    /// Verdict of its last estimate.
+    verdict: Option<VerdictSchema>,
+    /// Reason why it stopped; null while it runs and when it is finished.
+    end_reason: Option<String>,
 }
 
 #[derive(ToSchema)]
@@ -279,6 +283,8 @@ mod tests {
             config_sha256: text(),
             plan_sha256: text(),
             signed: Some(text()),
+            verdict: Some(Verdict::Pass),
+            end_reason: Some(text()),
         }
     }
 

@@ -7,11 +7,12 @@ use minijinja::{Value, context};
 
 use super::{render_page, row_of_run};
 use crate::archive::compare::{CompareError, RunComparison};
+use crate::report::difference::difference_rows;
+use crate::report::number::{argument_unit_symbol, decimals_for_uncertainty, format_fixed, split_into_base_and_index};
 use crate::service::http::AppState;
 use crate::service::http::api::{RunPair, compare_pair};
 use crate::service::http::problem::Problem;
 use methods::decision::function_difference::FunctionDifference;
-use methods::decision::parameter_difference::ParameterDifference;
 
 pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Html<String>, Problem> {
     let RunComparison { runs, differences, functions, common_sources, besides } = compare_pair(&app, pair).await?;
@@ -20,7 +21,7 @@ pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPai
         app.access.requires_tokens,
         context! {
             runs => runs.iter().map(row_of_run).collect::<Vec<_>>(),
-            rows => differences.iter().map(difference_row).collect::<Vec<_>>(),
+            rows => difference_rows(&runs[1].method, &differences),
             functions => functions.iter().filter_map(function_difference_row).collect::<Vec<_>>(),
             common_sources,
             besides,
@@ -28,35 +29,22 @@ pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPai
     )
 }
 
-fn difference_row(difference: &ParameterDifference) -> Value {
-    let ParameterDifference { symbol, unit, first, second, by, expanded, normalized_error: normalized, significant } =
-        difference;
-    let number = |value: &f64| format!("{value:.2}");
-    context! {
-        symbol,
-        unit => unit.symbol(),
-        first => number(first),
-        second => number(second),
-        by => format!("{by:+.2}"),
-        expanded => number(expanded),
-        e_n => number(normalized),
-        significant,
-    }
-}
-
 /// Row of a function, with the point of the largest E_n.
 fn function_difference_row(function: &FunctionDifference) -> Option<Value> {
     let worst = function.worst_point_index()?;
-    let number = |value: f64| format!("{value:.2}");
+    let decimals = decimals_for_uncertainty(function.expanded[worst]);
+    let number = |value: f64| format_fixed(value, decimals);
+    let (base, index) = split_into_base_and_index(&function.symbol);
     Some(context! {
-        symbol => function.symbol.as_str(),
+        base,
+        index,
         unit => function.unit.symbol(),
         agreeing => function.agreeing_point_count(),
         points => function.x.len(),
-        at => format!("{:.1} {}", function.x[worst], function.argument_unit),
-        by => format!("{:+.2}", function.by[worst]),
+        at => format!("{} {}", format_fixed(function.x[worst], 1), argument_unit_symbol(&function.argument_unit)),
+        by => number(function.by[worst]),
         expanded => number(function.expanded[worst]),
-        e_n => number(function.normalized_errors[worst]),
+        e_n => format_fixed(function.normalized_errors[worst], 2),
         significant => function.agreeing_point_count() < function.x.len(),
     })
 }

@@ -6,11 +6,14 @@ use axum::body::Bytes;
 use axum::extract::State;
 use axum::response::Html;
 use jiff::Timestamp;
+use minijinja::value::Serde;
 use minijinja::{Value, context};
 
-use super::{format_local_time, machine_page_path, parameter_row, render_page, render_template, row_of_run};
+use super::{machine_page_path, render_page, render_template, row_of_run};
 use super::{run_drawings, schedule, sensors, trends};
 use crate::archive::history::machine_history;
+use crate::report::result_row::{ResultRow, RunContext, headline, result_rows, worst_first};
+use crate::report::time::format_local_time;
 use crate::run::{can_resume, resume_question};
 use crate::service::config::StartInterlock;
 use crate::service::http::machine_status::MachineStatus;
@@ -19,7 +22,7 @@ use crate::service::http::problem::Problem;
 use crate::service::http::{AppState, ServedMachine};
 use crate::service::machine_state::RunFailure;
 use crate::service::schedule_state::load_agenda;
-use crate::store::{Journal, RunFilter, RunId, StoredRun};
+use crate::store::{Journal, NewestRunResult, RunFilter, RunId, StoredRun};
 use machine::record::estimate::Verdict;
 
 /// Number of runs on a machine's page.
@@ -87,9 +90,10 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     let result = status.result.as_ref();
     let (class, glance) = state_class_and_text(&status, result);
     // Values that no longer describe the machine are shown only with their run.
-    let shows_values = !matches!(class, "measuring" | "held") && result.is_some_and(|r| !r.outdated);
+    let shows_values = !matches!(class, "busy" | "held") && result.is_some_and(|r| !r.outdated);
     let newest = machine.gate.machine_state().newest_runs;
-    let parameters = newest.newest_result.iter().filter(|_| shows_values).flat_map(|newest| &newest.parameters);
+    let rows = newest.newest_result.as_ref().filter(|_| shows_values).map(rows_of_newest_result).unwrap_or_default();
+    let parameters = headline(&worst_first(&rows));
     let cycles = status.cycles.iter();
     let cycles = cycles.map(|c| context! { number => c.number, method => c.method.as_str() });
     context! {
@@ -115,35 +119,40 @@ pub fn status_values(machine: &ServedMachine) -> Value {
         class,
         glance,
         address => machine_page_path(&machine.name),
-        parameters => parameters.map(parameter_row).collect::<Vec<_>>(),
+        worst => parameters.first().filter(|row| row.verdict.is_some()).map(|row| row.sentence_with_name()),
+        parameters => Serde(&parameters),
         remaining => status.remaining_s.map(format_minutes_and_seconds),
         now => format_local_time(Timestamp::now()),
     }
 }
 
+fn rows_of_newest_result(newest: &NewestRunResult) -> Vec<ResultRow> {
+    result_rows(RunContext { method: &newest.method, duration_s: newest.duration_s }, &newest.parameters)
+}
+
 /// CSS class and text of the state that must be readable from a distance.
 fn state_class_and_text(status: &MachineStatus, result: Option<&NewestResult>) -> (&'static str, &'static str) {
     match (status.state, result) {
-        _ if status.late => ("unknown", "unknown: the service makes no progress"),
+        _ if status.late => ("none", "unknown: the service makes no progress"),
         ("held", _) if status.elsewhere => ("held", "held: another program uses the machine"),
         ("running", _) if status.asked.is_some() => ("held", "waiting: a prompt is open"),
-        ("running", _) => ("measuring", "measuring"),
+        ("running", _) => ("busy", "measuring"),
         ("held", _) => ("held", "held: inspect the machine"),
-        (_, _) if status.not_identified.is_some() => ("unknown", "unknown: the newest run is not identified"),
-        ("failed", _) => ("unknown", "not measured: the last cycle failed"),
-        (_, Some(NewestResult { outdated: true, .. })) => ("unknown", "unknown: the last result is out of date"),
+        (_, _) if status.not_identified.is_some() => ("none", "unknown: the newest run is not identified"),
+        ("failed", _) => ("none", "not measured: the last cycle failed"),
+        (_, Some(NewestResult { outdated: true, .. })) => ("none", "unknown: the last result is out of date"),
         (_, Some(newest)) => verdict_class_and_text(newest.verdict),
-        (_, None) => ("unknown", "unknown: no result yet"),
+        (_, None) => ("none", "unknown: no result yet"),
     }
 }
 
 pub fn verdict_class_and_text(verdict: Verdict) -> (&'static str, &'static str) {
     match verdict {
-        Verdict::Pass => ("true", "in tolerance"),
-        Verdict::Fail => ("untrue", "out of tolerance"),
-        Verdict::Undecided => ("unknown", "undecided"),
-        Verdict::UndecidedModel => ("unknown", "undecided: the readings contradict the model"),
-        Verdict::None => ("unknown", "measured, no tolerance stated"),
+        Verdict::Pass => ("pass", "in tolerance"),
+        Verdict::Fail => ("fail", "out of tolerance"),
+        Verdict::Undecided => ("undecided", "undecided"),
+        Verdict::UndecidedModel => ("undecided", "undecided: the readings contradict the model"),
+        Verdict::None => ("none", "measured, no tolerance stated"),
     }
 }
 

@@ -8,6 +8,7 @@ mod machine;
 mod rendering_cache;
 mod run;
 mod run_drawings;
+mod runs;
 mod schedule;
 mod sensors;
 mod trends;
@@ -22,16 +23,18 @@ use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::get;
 use include_dir::{Dir, File, include_dir};
 use jiff::Timestamp;
-use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 pub use self::error_page::{error_page, has_json_content_type};
 pub use self::error_page_middleware::errors_as_pages;
 pub use self::rendering_cache::RenderingCache;
 use super::AppState;
+use super::percent_encode::percent_encode;
 use super::problem::Problem;
+use crate::report::BASE_CSS;
+use crate::report::result_row::verdict_word;
+use crate::report::time::format_local_time;
 use crate::store::RunSummary;
-use ::machine::record::estimate::Parameter;
 
 const LIVE_SCRIPT: &str = include_str!("../templates/live.js");
 const ICON_SVG: &str = include_str!("../templates/icon.svg");
@@ -44,7 +47,7 @@ pub fn page_routes() -> Router<AppState> {
         .route("/machines/{name}", get(machine::machine_page))
         .route("/machines/{name}/live", get(machine::live_part))
         .route("/machines/{name}/sensors", get(sensors::sensors_part))
-        .route("/runs", get(run::runs_page))
+        .route("/runs", get(runs::runs_page))
         .route("/runs/{run}", get(run::run_page))
         .route("/runs/{run}/report", get(run::report_page))
         .route("/compare", get(compare::compare_page));
@@ -54,12 +57,7 @@ pub fn page_routes() -> Router<AppState> {
 
 /// Path of a machine's page. A machine's name may contain any character.
 pub fn machine_page_path(machine: &str) -> String {
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.~".contains(&byte);
-    let escaped = machine.bytes().map(|byte| match plain(byte) {
-        true => char::from(byte).to_string(),
-        false => format!("%{byte:02X}"),
-    });
-    format!("/machines/{}", escaped.collect::<String>())
+    format!("/machines/{}", percent_encode(machine))
 }
 
 pub fn render_template(template: &str, values: Value) -> Result<Html<String>, Problem> {
@@ -81,6 +79,7 @@ static TEMPLATES: LazyLock<Environment<'_>> = LazyLock::new(|| {
         let file = TEMPLATE_FOLDER.get_file(name).and_then(File::contents_utf8);
         Ok(file.map(str::to_owned))
     });
+    environment.add_global("base_css", Value::from_safe_string(BASE_CSS.to_owned()));
     environment
 });
 
@@ -119,25 +118,8 @@ fn row_of_run(run: &RunSummary) -> Value {
         machine => run.machine.as_str(),
         state => run.state.as_str(),
         signed => run.signed.as_deref(),
+        verdict => run.verdict.map(|verdict| verdict.to_string()),
+        verdict_word => run.verdict.map(verdict_word),
+        end_reason => run.end_reason.as_deref(),
     }
-}
-
-fn parameter_row(parameter: &Parameter) -> Value {
-    let Parameter { symbol, value, expanded, unit, identifiable, judged, .. } = parameter;
-    context! {
-        symbol,
-        value => format!("{value:.1}"),
-        expanded => format!("{expanded:.1}"),
-        unit => unit.symbol(),
-        identifiable,
-        judged => judged.map(|judged| context! {
-            limit => format!("{:.1}", judged.limit),
-            verdict => judged.verdict.to_string(),
-        }),
-    }
-}
-
-/// Local date and time of this computer.
-fn format_local_time(at: Timestamp) -> String {
-    at.to_zoned(TimeZone::system()).strftime("%Y-%m-%d %H:%M:%S").to_string()
 }

@@ -1,51 +1,31 @@
-//! Paged list of the runs, and the page of one run: its result, its events, its signatures.
+//! Page of one run: its result, figures, events and signatures.
 
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::response::Html;
+use minijinja::value::Serde;
 use minijinja::{Value, context};
 
-use super::{format_local_time, machine, machine_page_path, parameter_row};
+use super::{machine, machine_page_path, row_of_run};
 use crate::archive::report::render_report;
 use crate::archive::run_story::{describe_events_with_times, describe_run_end, describe_signatures};
-use crate::report::temperature;
+use crate::report::result_row::{ResultRow, RunContext, result_rows, worst_first};
+use crate::report::time::format_local_time;
+use crate::report::{figure_values, temperature};
 use crate::service::http::AppState;
-use crate::service::http::api::RunListQuery;
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunFilter, RunId, RunState, RunSummary, StoredRun};
-use ::machine::record::estimate::Estimate;
+use ::machine::record::estimate::{Estimate, Verdict};
+use methods::symbol_names::ResultGroup;
 
-/// Paged list of the runs.
-pub async fn runs_page(
-    State(app): State<AppState>,
-    Query(range): Query<RunListQuery>,
-) -> Result<Html<String>, Problem> {
-    let tokens = app.access.requires_tokens;
-    app.read_journal(move |journal| {
-        let (filter, limit) = (range.filter(), range.item_limit());
-        // One more run than shown is read, to detect whether more runs exist.
-        let mut runs = journal.list_runs(filter, limit + 1)?;
-        let onward = filter.newer_than.is_some() && filter.older_than.is_none();
-        let more = runs.len() > limit;
-        match (more, onward) {
-            (true, true) => drop(runs.remove(0)),
-            (true, false) => drop(runs.pop()),
-            (false, _) => {}
-        }
-        let [newest, oldest] = [runs.first(), runs.last()].map(|run| run.map(|run| run.id.0));
-        let newer = newest.filter(|_| if onward { more } else { filter.older_than.is_some() });
-        let older = oldest.filter(|_| onward || more);
-        let runs = runs.iter().map(super::row_of_run).collect::<Vec<_>>();
-        super::render_page("runs.html", tokens, context! { runs, newer, older })
-    })
-    .await?
-}
+/// Maximum number of earlier runs that are offered for a comparison.
+const MAX_COMPARABLE_RUNS: usize = 50;
 
 pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     let tokens = app.access.requires_tokens;
     app.read_journal(move |journal| {
         let stored = journal.load_run(RunId(run))?;
-        let before = previous_finished_run(journal, &stored.summary)?;
-        super::render_page("run.html", tokens, values_of_run(&stored, before))
+        let earlier = earlier_finished_runs(journal, &stored.summary)?;
+        super::render_page("run.html", tokens, values_of_run(&stored, &earlier))
     })
     .await?
 }
@@ -55,31 +35,32 @@ pub async fn report_page(State(app): State<AppState>, Path(run): Path<i64>) -> R
     Ok(Html(app.read_journal(move |journal| render_report(journal, RunId(run))).await??))
 }
 
-/// The previous finished run of the same machine and method, for a comparison.
-fn previous_finished_run(journal: &Journal, run: &RunSummary) -> Result<Option<i64>, Problem> {
-    let wanted = RunFilter {
+/// Earlier finished runs of the same machine and method, newest first, for a comparison.
+fn earlier_finished_runs(journal: &Journal, run: &RunSummary) -> Result<Vec<RunSummary>, Problem> {
+    let filter = RunFilter {
         older_than: Some(run.id),
         machine: Some(&run.machine),
         method: Some(&run.method),
         state: Some(RunState::Finished),
         ..RunFilter::default()
     };
-    Ok(journal.list_runs(wanted, 1)?.first().map(|run| run.id.0))
+    Ok(journal.list_runs(filter, MAX_COMPARABLE_RUNS)?)
 }
 
-fn values_of_run(stored: &StoredRun, previous_run: Option<i64>) -> Value {
+fn values_of_run(stored: &StoredRun, earlier: &[RunSummary]) -> Value {
     let summary = &stored.summary;
     let last = stored.estimates.last();
     let unfinished = !matches!(summary.state, RunState::Finished | RunState::Running);
     context! {
-        run => super::row_of_run(summary),
+        run => row_of_run(summary),
         machine => machine_page_path(&summary.machine),
         ended => unfinished.then(|| describe_run_end(stored)),
         readings => stored.readings.len(),
         warmth => temperature::temperature_rows(&stored.readings),
         story => describe_events_with_times(stored),
         signed => describe_signatures(stored),
-        before => previous_run,
+        comparable => earlier.iter().map(row_of_run).collect::<Vec<_>>(),
+        files => download_values(summary.id),
         estimate => last.map(|last| context! {
             made => format_local_time(last.created),
             sha256 => last.sha256.as_str(),
@@ -88,9 +69,31 @@ fn values_of_run(stored: &StoredRun, previous_run: Option<i64>) -> Value {
     }
 }
 
+/// Files of a run with an estimate.
+fn download_values(run: RunId) -> Vec<Value> {
+    let path = |file: &str| format!("/api/v1/runs/{run}/{file}");
+    [("results (CSV)", "results.csv"), ("estimate (JSON)", "estimate"), ("readings (CSV)", "readings.csv")]
+        .map(|(name, file)| context! { name, path => path(file) })
+        .to_vec()
+}
+
 fn estimate_values(estimate: &Estimate) -> Value {
     let (class, glance) = machine::verdict_class_and_text(estimate.verdict);
-    let rows = estimate.parameters.iter().map(parameter_row);
-    let has_limits = estimate.parameters.iter().any(|p| p.judged.is_some());
-    context! { class, glance, is_judged => has_limits, parameters => rows.collect::<Vec<_>>() }
+    let rows = result_rows(RunContext::from_estimate(estimate), &estimate.parameters);
+    let is_main = |row: &&ResultRow| row.group == ResultGroup::Main || row.verdict.is_some();
+    let (main, details): (Vec<&ResultRow>, Vec<&ResultRow>) = rows.iter().partition(is_main);
+    let not_passed = worst_first(&rows).into_iter().filter(|row| row.verdict.is_some_and(|v| v != Verdict::Pass));
+    let not_passed = not_passed.map(|row| {
+        context! { sentence => row.sentence_with_name(), decided_by => row.decided_by.as_deref() }
+    });
+    context! {
+        class,
+        glance,
+        is_judged => rows.iter().any(|row| row.verdict.is_some()),
+        main => Serde(&main),
+        details => Serde(&details),
+        not_passed => not_passed.collect::<Vec<_>>(),
+        warnings => estimate.warnings.clone(),
+        figures => figure_values(estimate),
+    }
 }

@@ -3,11 +3,14 @@
 use minijinja::{Value, context};
 use nalgebra::Vector3;
 
+use crate::report::number::format_fixed;
+use crate::report::step_text::{describe_axis_value, describe_step};
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunId, RunProgress};
 use machine::artefact::{BodyShape, artefact_bodies};
 use machine::kinematics::KinematicChain;
 use machine::record::plan::{Plan, Step, StepKind};
+use machine::record::reading::Reading;
 use machine::{Axis, Position, frame::Point};
 
 /// The two views, and the index of the coordinate that points up in each.
@@ -38,6 +41,8 @@ fn progress_views(progress: &RunProgress) -> Option<Value> {
     Some(context! {
         done => count("done"),
         next => count("next"),
+        step => current_step(progress).map(describe_step),
+        last => progress.last_reading.as_ref().map(reading_values),
         views => VIEW_NAMES_AND_UP_INDEXES.map(|(name, up)| projection_values(name, up, &marks, &bodies)),
     })
 }
@@ -59,6 +64,23 @@ fn step_marks(progress: &RunProgress) -> Option<Vec<StepMark>> {
     Some(marks)
 }
 
+fn current_step(progress: &RunProgress) -> Option<&Step> {
+    let current = next_step_without_reading(progress)?;
+    progress.plan.steps.iter().find(|step| step.id == current)
+}
+
+/// Position, value and temperatures of a reading.
+fn reading_values(reading: &Reading) -> Value {
+    let position: Vec<String> = reading.position.iter().map(|(axis, value)| describe_axis_value(axis, value)).collect();
+    let temperatures = reading.temperatures_c.iter().map(|(name, celsius)| format!("{name} {celsius:.1} °C"));
+    context! {
+        position => position.join(", "),
+        value_mm => reading.value_mm.map(|mm| format_fixed(mm, 4)),
+        sensor => reading.sensor.as_str(),
+        temperature => temperatures.collect::<Vec<_>>().join(", "),
+    }
+}
+
 fn motion_steps(plan: &Plan) -> impl Iterator<Item = &Step> {
     plan.steps.iter().filter(|step| step.kind != StepKind::Prompt)
 }
@@ -66,7 +88,7 @@ fn motion_steps(plan: &Plan) -> impl Iterator<Item = &Step> {
 /// Next step without a reading. After a stop the reference checks are the last stage, and the stage before it
 /// continues after them.
 fn next_step_without_reading(
-    RunProgress { plan, stages, stored_steps_and_repeats: stored_readings }: &RunProgress,
+    RunProgress { plan, stages, stored_steps_and_repeats: stored_readings, .. }: &RunProgress,
 ) -> Option<u32> {
     let is_open = |step: u32, repeat: u32| {
         !stored_readings.contains(&(step, repeat)) && motion_steps(plan).any(|known| known.id == step)

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::format_local_time;
+use crate::report::time::format_local_time;
 use crate::service::machine_state::PlannedSchedule;
 use crate::service::schedule_state::Agenda;
 use crate::store::{Arming, ScheduleSlot};

@@ -4,7 +4,10 @@ use jiff::Timestamp;
 use minijinja::{Value, context};
 
 use crate::archive::history::{self, ParameterSeries, describe_changes, draw_series_chart};
+use crate::report::number::{decimals_for_uncertainty, format_fixed, split_into_base_and_index};
+use crate::report::result_row::format_limit;
 use machine::record::reading::Temperatures;
+use methods::named_symbol::named_symbol;
 
 /// Number of days over which changes are reported.
 const CHANGE_REPORT_DAYS: u32 = 7;
@@ -13,16 +16,22 @@ pub fn trend_values(series: &[ParameterSeries]) -> Value {
     let now = Timestamp::now();
     let rows = series.iter().filter_map(|series| {
         let newest = series.values.last()?;
+        let decimals = decimals_for_uncertainty(newest.expanded);
+        let number = |value: f64| format_fixed(value, decimals);
+        let (base, index) = split_into_base_and_index(&series.symbol);
+        let name = named_symbol(&series.method, &series.symbol).map(|named| named.name);
         let limits = series.trend.individuals.map(|chart| chart.control_limits());
         Some(context! {
-            symbol => series.symbol.as_str(),
+            base,
+            index,
+            name,
             runs => series.values.len(),
-            value => format!("{:.1}", newest.value),
-            expanded => format!("{:.1}", newest.expanded),
+            value => number(newest.value),
+            expanded => number(newest.expanded),
             unit => series.unit.symbol(),
-            limits => limits.map(|[lower, upper]| format!("{lower:.1} to {upper:.1}")),
+            limits => limits.map(|ends| ends.map(number).join(" to ")),
             out => series.trend.is_newest_value_outside_limits() == Some(true),
-            tolerance => series.tolerance.map(|limit| format!("±{limit}")),
+            tolerance => series.tolerance.map(|limit| format_limit(limit)),
             warmth => temperature_text(&newest.temperatures_c),
             chart => draw_series_chart(series, now).map(Value::from_safe_string),
         })

@@ -1,0 +1,73 @@
+//! The name of a result in plain words, and the group in which it is displayed.
+
+use crate::registry::method_description;
+use crate::symbol_names::{NamedSymbol, ResultGroup, SymbolPattern, find_pattern, harmonics, main, setup};
+use machine::error_name;
+
+/// Suffixes of several methods: `EXC_range` is the range of the error motion EXC.
+const SUFFIXES: &[SymbolPattern] = &[
+    main("range", "range over one revolution"),
+    main("synchronous", "synchronous value (mean of all revolutions)"),
+    main("asynchronous", "asynchronous value (spread between revolutions)"),
+    main("total", "with the effect of its location errors"),
+    main("fundamental", "fundamental value (first harmonic)"),
+    main("residual_synchronous", "residual synchronous value (without the first harmonic)"),
+    main("reversal", "difference between the two senses of rotation"),
+    main("lsc", "centre of the least-squares circle (ISO 230-7)"),
+    main("spectrum", "amplitudes of the harmonics"),
+    main("stops", "values at the stops"),
+    harmonics("c*", "harmonic *, cosine part"),
+    harmonics("s*", "harmonic *, sine part"),
+];
+
+/// Unknowns of several methods.
+const STYLUS_AND_BALLS: &[SymbolPattern] = &[
+    setup("tool_x", "stylus tip: X"),
+    setup("tool_y", "stylus tip: Y"),
+    setup("tool_z", "stylus tip: Z"),
+    setup("ball_*_x", "ball *: X"),
+    setup("ball_*_y", "ball *: Y"),
+    setup("ball_*_z", "ball *: Z"),
+];
+
+/// Name of `symbol` in an estimate or a figure of `method`. `None`: the symbol is a text in itself.
+pub fn named_symbol(method: &str, symbol: &str) -> Option<NamedSymbol> {
+    if let Some((own, height_mm)) = symbol.split_once("@Z") {
+        let NamedSymbol { name, group } = named_symbol(method, own)?;
+        return Some(NamedSymbol { name: format!("{name}, at Z = {height_mm} mm"), group });
+    }
+    if let Some(name) = error_name(symbol) {
+        return Some(NamedSymbol { name, group: ResultGroup::Main });
+    }
+    let own_patterns = method_description(method).map_or(&[][..], |description| description.symbol_names);
+    find_pattern(own_patterns, symbol).or_else(|| find_pattern(STYLUS_AND_BALLS, symbol)).or_else(|| {
+        let (error, suffix) = symbol.split_once('_')?;
+        let NamedSymbol { name, group } = find_pattern(SUFFIXES, suffix)?;
+        Some(NamedSymbol { name: format!("{}: {name}", error_name(error)?), group })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn symbols_have_names_and_groups() {
+        for (method, symbol, name, group) in [
+            ("samba", "EA0B", "orientation of B about X", ResultGroup::Main),
+            ("samba", "ball_12_x", "ball 12: X", ResultGroup::Setup),
+            ("ball-plate", "EXC_c8", "error motion of C in X: harmonic 8, cosine part", ResultGroup::Harmonics),
+            (
+                "self-calibration",
+                "EXC_total@Z50.0",
+                "error motion of C in X: with the effect of its location errors, at Z = 50.0 mm",
+                ResultGroup::Main,
+            ),
+            ("multiprobe", "gain_r1", "sensor r1: gain", ResultGroup::Setup),
+        ] {
+            let named = named_symbol(method, symbol);
+            assert_eq!(named, Some(NamedSymbol { name: name.to_owned(), group }), "{symbol}");
+        }
+        assert_eq!(named_symbol("samba", "axis of C"), None);
+    }
+}

@@ -1,0 +1,36 @@
+//! Differences of a result from that of an earlier run.
+
+use minijinja::{Value, context};
+
+use super::number::{decimals_for_uncertainty, format_fixed, split_into_base_and_index};
+use methods::decision::parameter_difference::ParameterDifference;
+use methods::named_symbol::named_symbol;
+use methods::symbol_names::ResultGroup;
+
+/// Rows of the main results of `method`.
+pub fn difference_rows(method: &str, differences: &[ParameterDifference]) -> Vec<Value> {
+    let is_main = |difference: &&ParameterDifference| {
+        named_symbol(method, &difference.symbol).is_none_or(|named| named.group == ResultGroup::Main)
+    };
+    differences.iter().filter(is_main).map(|difference| difference_row(method, difference)).collect()
+}
+
+fn difference_row(method: &str, difference: &ParameterDifference) -> Value {
+    let ParameterDifference { symbol, unit, first, second, by, expanded, normalized_error, significant } = difference;
+    let decimals = decimals_for_uncertainty(*expanded);
+    let number = |value: f64| format_fixed(value, decimals);
+    let (base, index) = split_into_base_and_index(symbol);
+    context! {
+        plain => symbol.as_str(),
+        base,
+        index,
+        name => named_symbol(method, symbol).map_or(String::new(), |named| named.name),
+        unit => unit.symbol(),
+        first => number(*first),
+        second => number(*second),
+        by => number(*by),
+        expanded => number(*expanded),
+        e_n => format_fixed(*normalized_error, 2),
+        significant,
+    }
+}

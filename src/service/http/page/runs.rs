@@ -1,0 +1,51 @@
+//! Paged list of the runs with its filters.
+
+use axum::extract::{Query, State};
+use axum::response::Html;
+use minijinja::{Value, context};
+
+use super::{render_page, row_of_run};
+use crate::service::http::AppState;
+use crate::service::http::problem::Problem;
+use crate::service::http::run_list_query::RunListQuery;
+use ::machine::record::estimate::Verdict;
+
+pub async fn runs_page(
+    State(app): State<AppState>,
+    Query(query): Query<RunListQuery>,
+) -> Result<Html<String>, Problem> {
+    let tokens = app.access.requires_tokens;
+    let filters = filter_values(&app, &query);
+    app.read_journal(move |journal| {
+        let (filter, limit) = (query.filter(), query.item_limit());
+        // One more run than shown is read, to detect whether more runs exist.
+        let mut runs = journal.list_runs(filter, limit + 1)?;
+        let onward = filter.newer_than.is_some() && filter.older_than.is_none();
+        let more = runs.len() > limit;
+        match (more, onward) {
+            (true, true) => drop(runs.remove(0)),
+            (true, false) => drop(runs.pop()),
+            (false, _) => {}
+        }
+        let [newest, oldest] = [runs.first(), runs.last()].map(|run| run.map(|run| run.id.0));
+        let newer = newest.filter(|_| if onward { more } else { filter.older_than.is_some() });
+        let older = oldest.filter(|_| onward || more);
+        let runs = runs.iter().map(row_of_run).collect::<Vec<_>>();
+        render_page("runs.html", tokens, context! { runs, newer, older, filters, same_filter => query.filter_text() })
+    })
+    .await?
+}
+
+/// The filters of the list, each with its values and the chosen one.
+fn filter_values(app: &AppState, query: &RunListQuery) -> Vec<Value> {
+    let verdicts = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::UndecidedModel, Verdict::None];
+    let machines: Vec<String> = app.machines.iter().map(|machine| machine.name.clone()).collect();
+    let methods: Vec<String> = methods::method_names().into_iter().map(str::to_owned).collect();
+    let verdicts: Vec<String> = verdicts.iter().map(Verdict::to_string).collect();
+    let filter = |name: &str, values: Vec<String>, chosen: Option<String>| context! { name, values, chosen };
+    vec![
+        filter("machine", machines, query.machine.clone()),
+        filter("method", methods, query.method.clone()),
+        filter("verdict", verdicts, query.verdict.map(|verdict| verdict.to_string())),
+    ]
+}

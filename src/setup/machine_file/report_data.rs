@@ -1,0 +1,19 @@
+//! `[report]`: data that a report prints and no computation uses.
+
+use serde::Deserialize;
+
+use super::document::TomlDocument;
+use super::error::MachineFileError;
+use machine::record::report_data::ReportData;
+
+/// `[report]`; nothing is stated without the section.
+pub fn read_report_data(document: &TomlDocument) -> Result<ReportData, MachineFileError> {
+    let data = document.read_section(&["report"], ReportData::deserialize)?.unwrap_or_default();
+    if let Some(due) = &data.certificate_due
+        && due.parse::<jiff::civil::Date>().is_err()
+    {
+        let why = format!("`{due}` is not a date; write it as YYYY-MM-DD, such as 2027-03-31");
+        return Err(document.value_error(&["report", "certificate_due"], why));
+    }
+    Ok(data)
+}
