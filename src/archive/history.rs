@@ -106,35 +106,35 @@ fn format_date(t_s: f64) -> String {
     at.strftime(format).to_string()
 }
 
-/// Chart of a series as of `now`; `None` if there is nothing to draw.
-pub fn draw_series_chart(series: &ParameterSeries, now: Timestamp) -> Option<String> {
-    let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
+/// Chart of a series; `None` if there is nothing to draw.
+pub fn draw_series_chart(series: &ParameterSeries) -> Option<String> {
+    let unix_s = |at: Timestamp| at.as_duration().as_secs_f64();
     let values = &values_with_monotonic_times(series);
-    let at = |index: usize| values.get(index).map(|value| before_s(value.started));
+    let at = |index: usize| values.get(index).map(|value| unix_s(value.started));
     let steps = series.trend.changes.iter().filter(|change| change.kind == ChangeKind::Step);
     // Halfway between the last value before the step and the first one after it.
     let between = |first: usize| Some((at(first.checked_sub(1)?)? + at(first)?) / 2.0);
     let from = steps.clone().map(|step| step.first).max().unwrap_or(0);
     let figure = IndividualsChart {
         symbol: series.symbol.clone(),
-        times_values_and_expanded_u: values.iter().map(|v| [before_s(v.started), v.value, v.expanded]).collect(),
+        times_values_and_expanded_u: values.iter().map(|v| [unix_s(v.started), v.value, v.expanded]).collect(),
         control_limits_and_first_index: series.trend.individuals.map(|chart| {
             let [lower, upper] = chart.control_limits();
             ([lower, chart.centre, upper], from)
         }),
         step_times_s: steps.filter_map(|step| between(step.first)).collect(),
         tolerance: series.tolerance,
-        temperatures: thermometer_series(values, before_s),
+        temperatures: thermometer_series(values, unix_s),
     };
     figure.draw(series.unit)
 }
 
 /// Temperatures of each thermometer with a value in `values`.
-fn thermometer_series(values: &[RunParameter], before_s: impl Fn(Timestamp) -> f64) -> report::TemperatureCurves {
+fn thermometer_series(values: &[RunParameter], unix_s: impl Fn(Timestamp) -> f64) -> report::TemperatureCurves {
     let named = values.iter().flat_map(|value| value.temperatures_c.iter());
     let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
     let of = |name: &str| {
-        let at = |value: &RunParameter| (before_s(value.started), value.temperatures_c.get(name));
+        let at = |value: &RunParameter| (unix_s(value.started), value.temperatures_c.get(name));
         (name.to_owned(), values.iter().map(at).collect())
     };
     names.into_iter().map(of).collect()

@@ -15,6 +15,7 @@ pub enum CheckPart {
     Axes,
     Hold,
     Latch,
+    Report,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -15,6 +15,7 @@ mod machine_file_comparison;
 mod operator_interface;
 mod probe;
 mod question_text;
+mod report_data;
 mod retract;
 mod sensors;
 mod stop;
@@ -127,6 +128,9 @@ impl<'a> MachineCheck<'a> {
                 }
                 Some(CheckEnd::Stopped) => break,
             }
+        }
+        if ended != Some(CheckEnd::Stopped) {
+            self.check_report_data();
         }
         self.summary.stopped = ended == Some(CheckEnd::Stopped) || self.stop.is_requested();
         self.summary.held |= self.stop.has_held_control();

@@ -1,6 +1,8 @@
 //! Chart of individual values over time with their uncertainties: control limits from the values before, marked
 //! steps, the tolerance, and the temperatures below.
 
+use jiff::Timestamp;
+use jiff::tz::TimeZone;
 use plotters::prelude::*;
 
 use super::legend::{self, DASH_AND_GAP_LENGTH, LegendSymbol};
@@ -16,9 +18,9 @@ const PICTURE_SIZE: (u32, u32) = (1400, 560);
 
 /// Maximum ratio of the picture's value range with a tolerance line to the range without it. Beyond it, the
 /// line is only named in the legend, as the values would be too small to see.
-const MAX_RANGE_RATIO_WITH_TOLERANCE: f64 = 4.0;
+const MAX_RANGE_RATIO_WITH_TOLERANCE: f64 = 20.0;
 
-/// Chart of one parameter; times in seconds before now, negative.
+/// Chart of one parameter; times are Unix times in seconds.
 #[derive(Debug, Clone, Default)]
 pub struct IndividualsChart {
     pub symbol: String,
@@ -33,17 +35,11 @@ pub struct IndividualsChart {
     pub temperatures: TemperatureCurves,
 }
 
-/// Units of time with their lengths in seconds.
-const TIME_UNITS_IN_SECONDS: [(f64, &str); 4] =
-    [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
-
 /// Data of the chart with its scales.
 struct ScaledChart {
     samples: Vec<PlotPoint>,
-    /// First and last time in the picture, in the unit of time.
+    /// First and last time in the picture, s.
     time_range: (f64, f64),
-    /// Length of the unit of time, s.
-    seconds_per_time_unit: f64,
     /// Lowest and highest value in the picture.
     value_range: (f64, f64),
     /// Tolerance lines inside the picture.
@@ -53,8 +49,7 @@ struct ScaledChart {
 impl IndividualsChart {
     /// Draws the chart; `None` without a finite value.
     pub fn draw(&self, unit: Unit) -> Option<String> {
-        let (scale, word) = self.time_unit();
-        let scaled = self.scale_data(scale)?;
+        let scaled = self.scale_data()?;
         let legend_entries = self.legend_entries(unit, &scaled.drawn_tolerance_lines);
         let temperature_range = temperature_strip::temperature_scale_range(&self.temperatures);
         let rows = if legend_entries.is_empty() { 0 } else { legend::LEGEND_ROW_HEIGHT };
@@ -63,9 +58,9 @@ impl IndividualsChart {
         } else {
             0
         };
-        let x_name = format!("{word} before now");
+        let x_name = format!("local time ({})", local_zone_name(scaled.time_range.1));
         let y_name = format!("{} / {}", number::one_line_symbol(&self.symbol), number::unit_symbol(unit));
-        let time = TickedAxis::with_round_ticks(scaled.time_range.0..scaled.time_range.1).titled(&x_name);
+        let time = TickedAxis::of_local_time(scaled.time_range.0..scaled.time_range.1).titled(&x_name);
         draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + rows + below), |area| {
             let (above, rest) = area.split_vertically(rows as i32);
             legend::draw_legend(&above, Y_LABEL_WIDTH, &legend_entries)?;
@@ -78,14 +73,14 @@ impl IndividualsChart {
                 Y_LABEL_WIDTH,
                 &temperature_strip::thermometer_legend_entries(&self.temperatures),
             )?;
-            temperature_strip::draw_strip(&lower, &self.temperatures, time, scale, range.0, range.1)
+            temperature_strip::draw_strip(&lower, &self.temperatures, time, 1.0, range.0, range.1)
         })
     }
 
-    fn scale_data(&self, scale: f64) -> Option<ScaledChart> {
+    fn scale_data(&self) -> Option<ScaledChart> {
         let finite = self.times_values_and_expanded_u.iter().filter(|value| value.iter().all(|part| part.is_finite()));
         let samples: Vec<PlotPoint> =
-            finite.map(|[t_s, y, half]| PlotPoint { x: t_s / scale, y: *y, uncertainty_half_width: *half }).collect();
+            finite.map(|[t_s, y, half]| PlotPoint { x: *t_s, y: *y, uncertainty_half_width: *half }).collect();
         let limits = self.control_limits_and_first_index.map(|(limits, _)| limits).into_iter().flatten();
         let ends = samples
             .iter()
@@ -108,7 +103,6 @@ impl IndividualsChart {
         Some(ScaledChart {
             samples,
             time_range: time,
-            seconds_per_time_unit: scale,
             value_range: add_margin((low, high)),
             drawn_tolerance_lines: tolerance,
         })
@@ -135,13 +129,12 @@ impl IndividualsChart {
         let ScaledChart {
             samples,
             time_range: (first, last),
-            seconds_per_time_unit: scale,
             value_range: (low, high),
             drawn_tolerance_lines: tolerance,
         } = scaled;
         let mut chart = super::draw_axes(area, x, TickedAxis::with_round_ticks(*low..*high).titled(y_name))?;
         if let Some(([lower, centre, upper], from)) = self.control_limits_and_first_index {
-            let begin = self.times_values_and_expanded_u.get(from).map_or(*first, |[t_s, ..]| t_s / scale);
+            let begin = self.times_values_and_expanded_u.get(from).map_or(*first, |[t_s, ..]| *t_s);
             let band = [(begin, lower), (*last, upper)];
             chart.draw_series([Rectangle::new(band, GRID_COLOUR.mix(0.4).filled())])?;
             for (y, width) in [(lower, 3), (centre, 2), (upper, 3)] {
@@ -154,7 +147,7 @@ impl IndividualsChart {
             chart.draw_series(DashedLineSeries::new(line, dash, gap, INK_COLOUR.stroke_width(4)))?;
         }
         for t_s in &self.step_times_s {
-            let line = vec![(t_s / scale, *low), (t_s / scale, *high)];
+            let line = vec![(*t_s, *low), (*t_s, *high)];
             chart.draw_series([PathElement::new(line, INK_COLOUR.stroke_width(3))])?;
         }
         let bars = samples.iter().map(|PlotPoint { x, y, uncertainty_half_width: half }| {
@@ -167,14 +160,12 @@ impl IndividualsChart {
         chart.draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())))?;
         Ok(())
     }
+}
 
-    /// Largest unit of time of which the chart covers at least two.
-    fn time_unit(&self) -> (f64, &'static str) {
-        let [first, last] = [self.times_values_and_expanded_u.first(), self.times_values_and_expanded_u.last()]
-            .map(|value| value.map_or(0.0, |[t_s, ..]| *t_s));
-        let reach = (last - first).max(-first);
-        TIME_UNITS_IN_SECONDS.into_iter().find(|(scale, _)| reach >= 2.0 * scale).unwrap_or((1.0, "seconds"))
-    }
+/// Abbreviation of the time zone of this computer at the Unix time `t_s`.
+fn local_zone_name(t_s: f64) -> String {
+    let at = Timestamp::from_second(t_s as i64).unwrap_or_default();
+    at.to_zoned(TimeZone::system()).strftime("%Z").to_string()
 }
 
 #[cfg(test)]
@@ -193,7 +184,7 @@ mod tests {
             ..IndividualsChart::default()
         };
         let svg = chart.draw(Unit::Um).unwrap();
-        assert!(is_inside_picture(&svg) && svg.contains("days before now"), "{svg}");
+        assert!(is_inside_picture(&svg) && svg.contains("local time ("), "{svg}");
         let dots: Vec<f64> = svg
             .lines()
             .filter(|line| line.contains("<circle"))
@@ -208,13 +199,6 @@ mod tests {
         assert!((begins - dots[4]).abs() <= 1.0, "{begins} {dots:?}");
         let none = IndividualsChart { times_values_and_expanded_u: vec![[0.0, f64::NAN, 1.0]], ..chart.clone() };
         assert_eq!(none.draw(Unit::Um), None);
-        let soon = IndividualsChart {
-            times_values_and_expanded_u: vec![[-30.0, 1.0, 1.0]],
-            control_limits_and_first_index: None,
-            step_times_s: vec![],
-            ..chart
-        };
-        assert!(soon.draw(Unit::Um).unwrap().contains("seconds before now"));
     }
 
     fn polyline_points(line: &str) -> Vec<[f64; 2]> {

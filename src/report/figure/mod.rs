@@ -23,6 +23,7 @@ mod temperature_strip;
 #[cfg(test)]
 mod tests;
 mod ticked_axis;
+mod time_axis;
 
 pub(super) use arrows::ArrowScales;
 pub(super) use circle::draw_circle;

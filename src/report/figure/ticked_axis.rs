@@ -2,9 +2,11 @@
 
 use std::ops::Range;
 
+use jiff::tz::TimeZone;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::coord::types::RangedCoordf64;
 
+use super::time_axis::{TimeTick, time_ticks};
 use crate::report::number;
 
 /// Maximum number of tick intervals.
@@ -15,13 +17,15 @@ const MAX_TICK_INTERVALS: f64 = 8.0;
 pub(super) struct TickedAxis {
     plotters_range: RangedCoordf64,
     tick_step: f64,
+    /// Ticks of a time axis, in place of those at multiples of `tick_step`.
+    time_ticks: Vec<TimeTick>,
     /// Quantity and unit, beside the axis.
     pub(super) title: String,
 }
 
 impl TickedAxis {
     pub(super) fn with_tick_step(step: f64, range: Range<f64>) -> Self {
-        Self { plotters_range: range.into(), tick_step: step, title: String::new() }
+        Self { plotters_range: range.into(), tick_step: step, time_ticks: Vec::new(), title: String::new() }
     }
 
     /// An axis with the finest round step that gives at most [`MAX_TICK_INTERVALS`] intervals.
@@ -38,8 +42,18 @@ impl TickedAxis {
         Self { title: title.to_owned(), ..self }
     }
 
+    /// A time axis in Unix seconds with ticks at round local times of this computer.
+    pub(super) fn of_local_time(range: Range<f64>) -> Self {
+        let zone = TimeZone::system();
+        let time_ticks = time_ticks(range.start, range.end, &zone);
+        Self { time_ticks, ..Self::with_round_ticks(range) }
+    }
+
     pub(super) fn tick_label(&self, value: f64) -> String {
-        tick_label(value, self.tick_step)
+        match self.time_ticks.iter().find(|tick| tick.t_s == value) {
+            Some(tick) => tick.label.clone(),
+            None => tick_label(value, self.tick_step),
+        }
     }
 }
 
@@ -52,6 +66,9 @@ impl Ranged for TickedAxis {
     }
 
     fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        if !self.time_ticks.is_empty() {
+            return self.time_ticks.iter().map(|tick| tick.t_s).collect();
+        }
         let Range { start, end } = self.range();
         let (first, last) = ((start / self.tick_step).ceil(), (end / self.tick_step).floor());
         // An axis is too narrow for ticks if its numbers differ in their last digits only.

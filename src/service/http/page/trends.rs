@@ -1,6 +1,5 @@
 //! Trends of the values of one method, on a machine's page.
 
-use jiff::Timestamp;
 use minijinja::{Value, context};
 
 use crate::archive::history::{self, ParameterSeries, describe_changes, draw_series_chart};
@@ -13,7 +12,6 @@ use methods::named_symbol::named_symbol;
 const CHANGE_REPORT_DAYS: u32 = 7;
 
 pub fn trend_values(series: &[ParameterSeries]) -> Value {
-    let now = Timestamp::now();
     let rows = series.iter().filter_map(|series| {
         let newest = series.values.last()?;
         let decimals = decimals_for_uncertainty(newest.expanded);
@@ -33,7 +31,7 @@ pub fn trend_values(series: &[ParameterSeries]) -> Value {
             out => series.trend.is_newest_value_outside_limits() == Some(true),
             tolerance => series.tolerance.map(|limit| format_limit(limit)),
             warmth => temperature_text(&newest.temperatures_c),
-            chart => draw_series_chart(series, now).map(Value::from_safe_string),
+            chart => draw_series_chart(series).map(Value::from_safe_string),
         })
     });
     context! {

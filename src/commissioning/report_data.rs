@@ -1,0 +1,30 @@
+//! Data that the report of a run prints: which are missing, and whether the certificate of the artefact is valid.
+
+use std::time::Instant;
+
+use jiff::Zoned;
+
+use super::MachineCheck;
+use super::finding::CheckPart;
+
+impl MachineCheck<'_> {
+    /// Nothing of this makes the machine unsafe.
+    pub(super) fn check_report_data(&mut self) {
+        let since = Instant::now();
+        let data = &self.machine_file.report_data;
+        let (missing, today) = (data.missing_keys().join(", "), Zoned::now().date().to_string());
+        if data.is_certificate_expired(&today) {
+            let due = data.certificate_due.clone().unwrap_or_default();
+            let what = format!("the certificate of the artefact was valid until {due}");
+            let remedy = "calibrate the artefact, or correct `certificate_due` in [report]";
+            return self.report_failed(CheckPart::Report, since, what, remedy);
+        }
+        if missing.is_empty() {
+            return self.report_ok(CheckPart::Report, since, "the machine file states all data of the report");
+        }
+        self.report_unchecked(
+            CheckPart::Report,
+            format!("the report will print \"not stated\" for the keys that [report] does not contain: {missing}"),
+        );
+    }
+}
