@@ -2,8 +2,8 @@
 
 use minijinja::{Value, context};
 
-use super::figure::MotionCentre;
-use super::{figure, number};
+use super::figure::{self, AxisSketch, FunctionFigure, MotionCentre, RemovedCircle};
+use super::number;
 use machine::record::estimate::{CircleFigure, Estimate, EstimatedFunction, FunctionFigureKind};
 
 /// Template values of all figures of an estimate: functions first, then circles.
@@ -17,56 +17,83 @@ pub fn figure_values(estimate: &Estimate) -> Vec<Value> {
 }
 
 fn function_figure_values(function: &EstimatedFunction, k: f64) -> Value {
+    let figure = FunctionFigure::new(function, k);
     context! {
         symbol => symbol_value(&function.symbol),
-        caption => function_caption(function, k),
-        square => function.figure == FunctionFigureKind::Polar,
-        svg => svg_value(figure::draw_function(function, k)),
+        caption => function_caption(function, &figure, k),
+        square => figure.kind == FunctionFigureKind::Polar,
+        svg => svg_value(figure.draw()),
     }
 }
 
-fn function_caption(function: &EstimatedFunction, k: f64) -> String {
-    let stated = function.u.iter().any(|u| *u > 0.0);
-    match function.figure {
-        FunctionFigureKind::Histogram => {
-            let count = function.y.len();
-            match function.y.iter().all(|value| *value >= 0.0) {
-                true => format!("{count} values"),
-                false => {
-                    format!(
-                        "{count} values, and the normal distribution with the same mean and standard \
-                        deviation"
-                    )
-                }
-            }
+fn function_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> String {
+    let is_u_stated = function.u.iter().any(|u| *u > 0.0);
+    let band = if is_u_stated { format!(", {}", uncertainty_band_caption(k)) } else { String::new() };
+    let argument = figure::argument_name(&function.argument);
+    match figure.kind {
+        FunctionFigureKind::Histogram => histogram_caption(function),
+        FunctionFigureKind::Points | FunctionFigureKind::Curve => {
+            format!("over {argument}{}{band}", height_caption(function))
         }
-        FunctionFigureKind::Points | FunctionFigureKind::Curve if !stated => format!("over {}", function.argument),
-        FunctionFigureKind::Spectrum if !stated => "over harmonic order".to_owned(),
-        FunctionFigureKind::Spectrum => format!("amplitude over harmonic order, {}", uncertainty_band_caption(k)),
-        _ => {
-            let value = error_motion_caption(function).unwrap_or_default();
-            let height = function.at_mm.map(|[_, _, z]| format!(", at Z = {z:.1} mm"));
-            let height = height.unwrap_or_default();
-            format!("over {}{height}, {}{value}", function.argument, uncertainty_band_caption(k))
+        FunctionFigureKind::Spectrum => format!("amplitude over harmonic order{band}"),
+        FunctionFigureKind::Polar => {
+            let division = division_caption(function, figure);
+            let (removed, motion) = (removed_caption(function, figure, k), motion_caption(function, figure, k));
+            let details: String = [division, removed, motion].into_iter().flatten().collect();
+            format!("over {argument}{}{band}{details}", height_caption(function))
         }
     }
+}
+
+fn histogram_caption(function: &EstimatedFunction) -> String {
+    let count = function.y.len();
+    match function.y.iter().all(|value| *value >= 0.0) {
+        true => format!("{count} values"),
+        false => format!("{count} values, and the normal distribution with the same mean and standard deviation"),
+    }
+}
+
+/// Height for which a displacement is valid.
+fn height_caption(function: &EstimatedFunction) -> String {
+    function.at_mm.map(|[_, _, z]| format!(", at Z = {} mm", number::format_fixed(z, 1))).unwrap_or_default()
+}
+
+/// Magnification of a polar figure.
+fn division_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>) -> Option<String> {
+    let division = figure.polar_division()?;
+    Some(format!("; 1 division = {division}\u{a0}{}", number::unit_symbol(function.unit)))
+}
+
+/// Mean and eccentricity that a polar figure does not show.
+fn removed_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
+    let RemovedCircle { mean, eccentricity, direction_deg } = figure.removed?;
+    let decimals = number::decimals_for_uncertainty(k * largest_u(function));
+    let [mean, eccentricity] = [mean, eccentricity].map(|value| number::format_fixed(value, decimals));
+    let unit = number::unit_symbol(function.unit);
+    Some(format!(
+        "; removed before drawing: eccentricity {eccentricity}\u{a0}{unit} towards {}° and mean {mean}\u{a0}{unit}",
+        number::format_fixed(direction_deg, 1)
+    ))
 }
 
 fn uncertainty_band_caption(k: f64) -> String {
     format!("with ±U (k = {})", number::format_fixed(k, 2))
 }
 
-/// Sentence about the circles of an error motion figure.
-fn error_motion_caption(function: &EstimatedFunction) -> Option<String> {
-    let (centre, circles) = figure::motion_circles_of_polar_figure(function)?;
-    let u = function.u.iter().copied().filter(|u| *u > 0.0).reduce(f64::max).unwrap_or(0.0);
-    let value = number::format_fixed(circles.value(), number::decimals_for_uncertainty(u));
+/// Value of an error motion and the centre of its circles.
+fn motion_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
+    let (centre, circles) = figure.motion?;
+    let value = number::format_fixed(circles.value(), number::decimals_for_uncertainty(k * largest_u(function)));
     let centre = match centre {
         MotionCentre::LeastSquares => "the least-squares circle centre",
         MotionCentre::Chart => "the polar chart centre",
     };
     let unit = number::unit_symbol(function.unit);
-    Some(format!("; error motion value {value} {unit}: distance of the circles about {centre} (cross)"))
+    Some(format!("; error motion value {value}\u{a0}{unit} about {centre}"))
+}
+
+fn largest_u(function: &EstimatedFunction) -> f64 {
+    function.u.iter().copied().filter(|u| *u > 0.0).fold(0.0, f64::max)
 }
 
 fn circle_figure_values(circle: &CircleFigure) -> Value {
@@ -87,11 +114,32 @@ fn circle_figure_values(circle: &CircleFigure) -> Value {
     }
 }
 
+/// Template values of the sketch of each axis with location errors.
+pub(super) fn sketch_values(estimate: &Estimate) -> Vec<Value> {
+    let symbols: Vec<&str> = estimate.parameters.iter().map(|parameter| parameter.symbol.as_str()).collect();
+    let sketches = figure::axes_with_location_errors(&symbols).into_iter();
+    let sketches = sketches.filter_map(|axis| AxisSketch::new(axis, &symbols));
+    sketches.map(|sketch| context! { caption => sketch_caption(&sketch), svg => svg_value(sketch.draw()) }).collect()
+}
+
+fn sketch_caption(sketch: &AxisSketch) -> String {
+    let names = ["position of the axis", "orientation of the axis", "zero position of the angle"];
+    let used = sketch.symbols().into_iter().zip(names).filter(|(symbols, _)| !symbols.is_empty());
+    let texts: Vec<String> = used
+        .map(|(symbols, name)| {
+            let symbols: Vec<String> = symbols.into_iter().map(number::one_line_symbol).collect();
+            format!("{}: {name}", symbols.join(", "))
+        })
+        .collect();
+    format!("Location errors of {}, drawn positive and not to scale. {}", sketch.axis, texts.join("; "))
+}
+
 pub(super) fn symbol_value(symbol: &str) -> Value {
     let (base, index) = number::split_into_base_and_index(symbol);
     context! { plain => symbol, base, index }
 }
 
+/// A picture for the page, in as few bytes as possible.
 pub(super) fn svg_value(svg: Option<String>) -> Value {
-    svg.map_or(Value::from(()), Value::from_safe_string)
+    svg.map_or(Value::from(()), |svg| Value::from_safe_string(figure::compact_svg(&svg)))
 }

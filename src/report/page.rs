@@ -3,10 +3,13 @@
 use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-use super::captions::{figure_values, svg_value};
+use super::captions::{figure_values, sketch_values, svg_value};
 use super::result_row::{ResultRow, RunContext, headline, result_rows, verdict_sentence, verdict_word, worst_first};
 use super::rows::NameTextRows;
-use super::{BASE_CSS, ErrorMap, budget, clearance, correlation, difference, figure, number, plan_summary, vectors};
+use super::{
+    BASE_CSS, ErrorMap, TemperatureCurves, budget, clearance, correlation, difference, figure, number, plan_summary,
+    vectors,
+};
 use machine::record::estimate::{Estimate, Verdict};
 use machine::record::plan::Plan;
 use machine::record::stage_proof::StageProof;
@@ -37,6 +40,7 @@ pub struct ReportFacts {
     pub reading_count: usize,
     /// Temperatures of each thermometer.
     pub temperature_rows: NameTextRows,
+    pub temperature_curves: TemperatureCurves,
     pub program_version: String,
     /// Name of each hashed item (machine file, plan, ..) and its SHA-256.
     pub sha256_by_item: Vec<(String, String)>,
@@ -65,6 +69,8 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
         subject => subject_rows(plan, facts),
         conditions => condition_rows(plan, facts),
         figures => figure_values(estimate),
+        sketches => sketch_values(estimate),
+        temperatures => svg_value(figure::draw_run_temperatures(&facts.temperature_curves)),
         related => correlation::correlation_values(&estimate.covariance),
         vectors => estimate.arrows.iter().map(vectors::vector_figure_value).collect::<Vec<_>>(),
         volume => facts.volume_texts_and_maps.as_ref().map(|(lines, maps)| volume_value(lines, maps)),

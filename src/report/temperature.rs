@@ -1,24 +1,55 @@
-//! Temperatures over a run: mean, range, and change from the first reading to the last.
+//! Temperatures over a run: mean, range, and change from the first reading to the last, and their curves.
 
 use std::collections::BTreeMap;
 
+use super::figure::TemperatureCurves;
 use super::number::format_fixed;
 use super::rows::NameTextRows;
 use machine::record::reading::Reading;
 
 /// Decimals of a temperature in °C; thermometers at machines are not more accurate.
 const TEMPERATURE_DECIMALS: usize = 2;
+/// Maximum number of points of a curve.
+const MAX_CURVE_POINTS: usize = 200;
 
 /// One row per thermometer with a value.
 pub fn temperature_rows(readings: &[Reading]) -> NameTextRows {
-    let mut by_thermometer = BTreeMap::<&str, Vec<f64>>::new();
+    let describe = |values: Vec<TimedTemperature>| {
+        let all: Vec<f64> = values.iter().map(|value| value.celsius).collect();
+        describe_temperatures(&all)
+    };
+    values_by_thermometer(readings).into_iter().map(|(name, values)| (name.to_owned(), describe(values))).collect()
+}
+
+/// Temperatures of each thermometer over the time since the first reading, s.
+pub fn temperature_curves(readings: &[Reading]) -> TemperatureCurves {
+    let begin_s = readings.first().map_or(0.0, |first| first.t_s);
+    let curve = |values: Vec<TimedTemperature>| {
+        // More values than a picture can show are thinned out.
+        let every = values.len().div_ceil(MAX_CURVE_POINTS).max(1);
+        values.iter().step_by(every).map(|value| (value.t_s - begin_s, Some(value.celsius))).collect()
+    };
+    values_by_thermometer(readings).into_iter().map(|(name, values)| (name.to_owned(), curve(values))).collect()
+}
+
+/// Temperature at the time of a reading.
+#[derive(Debug, Clone, Copy)]
+struct TimedTemperature {
+    t_s: f64,
+    celsius: f64,
+}
+
+fn values_by_thermometer(readings: &[Reading]) -> BTreeMap<&str, Vec<TimedTemperature>> {
+    let mut by_thermometer = BTreeMap::<&str, Vec<TimedTemperature>>::new();
     // All samples of a scan have the temperature of the scan.
     for one in readings.chunk_by(|one, next| (one.step, one.repeat) == (next.step, next.repeat)) {
-        for (name, celsius) in one.iter().take(1).flat_map(|first| first.temperatures_c.iter()) {
-            by_thermometer.entry(name).or_default().push(celsius);
+        for first in one.iter().take(1) {
+            for (name, celsius) in first.temperatures_c.iter() {
+                by_thermometer.entry(name).or_default().push(TimedTemperature { t_s: first.t_s, celsius });
+            }
         }
     }
-    by_thermometer.into_iter().map(|(name, all)| (name.to_owned(), describe_temperatures(&all))).collect()
+    by_thermometer
 }
 
 fn describe_temperatures(all: &[f64]) -> String {

@@ -134,6 +134,7 @@ fn report_facts() -> ReportFacts {
         signatures: Some(vec!["by Ada on 2025-03-15".to_owned()]),
         reading_count: 96,
         temperature_rows: vec![("spindle".to_owned(), "mean 20.13 °C".to_owned())],
+        temperature_curves: Vec::new(),
         events_with_times: vec![("10:02".to_owned(), "confirmed by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),
         sha256_by_item: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
@@ -189,7 +190,7 @@ fn volume_maps_are_drawn() {
     for words in ["Position error of the tool", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"] {
         assert!(page.contains(words), "{words}");
     }
-    let texts = |value: &str| page.matches(&format!("\n{value}\n</text>")).count();
+    let texts = |value: &str| page.matches(&format!(">{value}</text>")).count();
     assert_eq!(["11", "22", "33", "44", "55", "−100", "71", "72"].map(texts), [1, 1, 1, 1, 1, 2, 3, 3]);
     assert!(!page.contains("NaN"));
 }
@@ -229,8 +230,9 @@ fn page_has_all_sections() {
     ] {
         assert!(page.contains(text), "{text}");
     }
-    assert_eq!(page.matches("<svg").count(), 6);
-    assert_eq!(page.matches("</svg>").count(), 6);
+    // Four functions, the circle, the clearance, and the sketches of the axes Y and C.
+    assert_eq!(page.matches("<svg").count(), 8);
+    assert_eq!(page.matches("</svg>").count(), 8);
     assert_eq!(page.matches("<li>probe body</li>").count(), 1);
 }
 
@@ -272,18 +274,19 @@ fn correlations_and_residuals_are_on_the_page() {
         "EX0S together with tool_x",
         "<h3>Above ±0.5</h3>",
         "<sub>x</sub></span>: −0.999975",
-        "B -30°, C 90°",
+        "All 3 groups",
+        "Largest vectors: B 60°, C 0°, rms 9.5 µm",
         "<li>ball 2 at B 60°, C 0°: (0.2, −9.4, 1.2) µm</li>",
         "the longest arrows are shortened",
     ] {
         assert!(page.contains(text), "{text}");
     }
     assert!(!page.contains("ball 1 at"));
-    // Six figures as without vectors, the matrix, and a picture of each group, also of the group without
-    // arrows.
-    assert_eq!(page.matches("<svg").count(), 6 + 1 + 3);
+    // Eight figures as without vectors, the matrix, all vectors in one picture, and the group with the largest ones.
+    // Two groups with vectors are too few for a picture of their sizes.
+    assert_eq!(page.matches("<svg").count(), 8 + 1 + 2);
     let without = render_result_page(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
-    for absent in ["Correlation of the results", "Weakest combination of parameters", "Views from above"] {
+    for absent in ["Correlation of the results", "Weakest combination of parameters", "Three views"] {
         assert!(page.contains(absent) && !without.contains(absent), "{absent}");
     }
 }
@@ -391,9 +394,10 @@ fn an_error_motion_figure_states_its_value() {
     let motion = harmonic_function("EXC", &[(2.0, 1.1), (1.0, 5.0)], FunctionFigureKind::Polar);
     let estimate = Estimate { functions: vec![motion], ..example_estimate() };
     let page = render_result_page(&plan("mill"), &estimate, &report_facts()).unwrap();
-    let text = "error motion value 2.20 µm: distance of the circles about the least-squares circle \
-                centre (cross)";
+    let text = "error motion value 2.2\u{a0}µm about the least-squares circle centre";
     assert!(page.contains(text), "{page}");
+    // The eccentricity of 5 µm would hide the form of ±1.1 µm.
+    assert!(page.contains("removed before drawing: eccentricity 5.0\u{a0}µm towards "), "{page}");
     let without = render_result_page(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
     assert!(!without.contains("error motion value"));
 }

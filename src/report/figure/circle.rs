@@ -15,12 +15,16 @@ const PLOT_SIDE: u32 = 744;
 const PICTURE_SIZE: (u32, u32) =
     (Y_LABEL_WIDTH + PLOT_SIDE + 3 * PICTURE_MARGIN, X_LABEL_HEIGHT + PLOT_SIDE + 2 * PICTURE_MARGIN);
 
+/// Maximum ratio of the length between last and first point to the longest between neighbours in a closed path.
+const MAX_RATIO_OF_CLOSING_LENGTH: f64 = 1.5;
+
 /// Draws the figure; `None` if the circle is not finite.
 pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
     let [x, y] = figure.centre;
     let [ux, uy] = figure.centre_expanded.map(finite_or_zero);
     let points = figure.x.iter().copied().zip(figure.y.iter().copied());
     let points: Vec<_> = points.filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+    let path = close_path(&points);
     let half = plot_half_width(figure, &points)?;
     let ellipse = |rx: f64, ry: f64| -> Vec<_> {
         let angles = (0..=120).map(|n| f64::from(n) * TAU / 120.0);
@@ -32,7 +36,7 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
         let axis = |middle: f64| TickedAxis::with_round_ticks(middle - half..middle + half);
         let mut chart = draw_axes(area, axis(x).titled(&x_name), axis(y).titled(&y_name))?;
         chart.draw_series([Polygon::new(ellipse(ux, uy), FIT_COLOUR.mix(BAND_OPACITY))])?;
-        chart.draw_series([PathElement::new(points.clone(), LINE_COLOUR.mix(0.5).stroke_width(2))])?;
+        chart.draw_series([PathElement::new(path, LINE_COLOUR.mix(0.5).stroke_width(2))])?;
         let fitted = ellipse(figure.radius, figure.radius);
         chart.draw_series([PathElement::new(fitted, FIT_COLOUR.stroke_width(3))])?;
         let cross = [vec![(x - ux, y), (x + ux, y)], vec![(x, y - uy), (x, y + uy)]];
@@ -40,6 +44,15 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
         chart.draw_series(points.iter().map(|point| Circle::new(*point, 8, LINE_COLOUR.filled())))?;
         Ok(())
     })
+}
+
+/// The points in their order, and the first one again if the way back to it is like that between the others.
+fn close_path(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let length = |from: &(f64, f64), to: &(f64, f64)| (to.0 - from.0).hypot(to.1 - from.1);
+    let longest = points.windows(2).map(|pair| length(&pair[0], &pair[1])).fold(0.0, f64::max);
+    let ends = points.last().zip(points.first());
+    let first_again = ends.filter(|(last, first)| length(last, first) <= MAX_RATIO_OF_CLOSING_LENGTH * longest);
+    points.iter().chain(first_again.map(|(_, first)| first)).copied().collect()
 }
 
 /// Half the side of the smallest square about the centre that contains everything.

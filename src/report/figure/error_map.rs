@@ -16,6 +16,19 @@ const PICTURE_SIZE: (u32, u32) =
     ((LEFT_MARGIN + CELL_FIELD_SIDE + RIGHT_MARGIN) as u32, (TOP_MARGIN + CELL_FIELD_SIDE + BOTTOM_MARGIN) as u32);
 const FONT_SIZE: f64 = 24.0;
 
+/// Opacity of a cell with the largest value.
+const MAX_CELL_OPACITY: f64 = 0.8;
+/// Number of steps of the colour scale.
+const COLOUR_STEP_COUNT: f64 = 20.0;
+
+/// A cell in the picture.
+struct Cell {
+    corners: [(i32, i32); 2],
+    value: f64,
+    /// 0 to [`COLOUR_STEP_COUNT`].
+    colour_step: u8,
+}
+
 /// Values of a slice, in µm.
 #[derive(Debug, Clone)]
 pub struct ErrorMap {
@@ -51,28 +64,39 @@ impl ErrorMap {
     }
 
     fn draw_cells(&self, area: &Area<'_>, rows: &[Vec<f64>], largest: f64) -> DrawResult {
-        let (columns, count) = (self.horizontal_axis.1.len(), self.vertical_axis.1.len());
         let greatest = rows.iter().flatten().copied().fold(0.0, f64::max);
         let decimals = if greatest < 10.0 { 1 } else { 0 };
+        let mut cells = self.cells(rows, largest);
+        // Cells of one colour share one path of the report.
+        cells.sort_by_key(|cell| cell.colour_step);
+        for cell in cells.iter().filter(|cell| cell.colour_step > 0) {
+            let opacity = MAX_CELL_OPACITY * f64::from(cell.colour_step) / COLOUR_STEP_COUNT;
+            area.draw(&Rectangle::new(cell.corners, FIT_COLOUR.mix(opacity).filled()))?;
+        }
+        cells.iter().try_for_each(|cell| area.draw(&Rectangle::new(cell.corners, GRID_COLOUR.stroke_width(1))))?;
         let middle = text_style(FONT_SIZE).pos(Pos::new(HPos::Center, VPos::Center));
-        for (j, row) in rows.iter().enumerate().take(count) {
-            let (low, high) = (
-                TOP_MARGIN + CELL_FIELD_SIDE - Self::cell_edge(j, count),
-                TOP_MARGIN + CELL_FIELD_SIDE - Self::cell_edge(j + 1, count),
-            );
-            for (i, value) in row.iter().enumerate().take(columns).filter(|(_, v)| v.is_finite()) {
-                let (from, to) =
-                    (LEFT_MARGIN + Self::cell_edge(i, columns), LEFT_MARGIN + Self::cell_edge(i + 1, columns));
-                let share = (value / largest).clamp(0.0, 1.0);
-                let corners = [(from, high), (to, low)];
-                area.draw(&Rectangle::new(corners, FIT_COLOUR.mix(0.8 * share).filled()))?;
-                area.draw(&Rectangle::new(corners, GRID_COLOUR.stroke_width(1)))?;
-                let text = number::format_fixed(*value, decimals);
-                let place = ((from + to) / 2, (low + high) / 2);
-                area.draw(&Text::new(text, place, middle.clone()))?;
-            }
+        for Cell { corners: [(left, top), (right, bottom)], value, .. } in cells {
+            let place = ((left + right) / 2, (top + bottom) / 2);
+            area.draw(&Text::new(number::format_fixed(value, decimals), place, middle.clone()))?;
         }
         Ok(())
+    }
+
+    /// Cells with a finite value.
+    fn cells(&self, rows: &[Vec<f64>], largest: f64) -> Vec<Cell> {
+        let (columns, count) = (self.horizontal_axis.1.len(), self.vertical_axis.1.len());
+        let bottom = TOP_MARGIN + CELL_FIELD_SIDE;
+        let row_cells = rows.iter().enumerate().take(count).map(|(j, row)| {
+            let [low, high] = [j, j + 1].map(|edge| bottom - Self::cell_edge(edge, count));
+            let finite = row.iter().enumerate().take(columns).filter(|(_, value)| value.is_finite());
+            let cell = move |(i, value): (usize, &f64)| {
+                let [from, to] = [i, i + 1].map(|edge| LEFT_MARGIN + Self::cell_edge(edge, columns));
+                let colour_step = (COLOUR_STEP_COUNT * (value / largest).clamp(0.0, 1.0)).round() as u8;
+                Cell { corners: [(from, high), (to, low)], value: *value, colour_step }
+            };
+            finite.map(cell)
+        });
+        row_cells.flatten().collect()
     }
 
     /// Draws the names: of the panel above it, of rows on the left and of columns below.

@@ -6,11 +6,10 @@ use std::f64::consts::TAU;
 use plotters::prelude::*;
 
 use super::ticked_axis::{TickedAxis, round_up_to_1_2_or_5, value_bounds};
-use super::{FIT_COLOUR, LINE_COLOUR, PlotPoint, draw_picture};
+use super::{FIT_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, draw_picture};
 use crate::report::number;
 use machine::record::estimate::EstimatedFunction;
 
-const PICTURE_SIZE: (u32, u32) = (1400, 640);
 /// Maximum number of columns; more would show no further detail.
 const MAX_BIN_COUNT: f64 = 60.0;
 

@@ -5,16 +5,15 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use plotters::prelude::*;
 
-use super::legend::{self, DASH_AND_GAP_LENGTH, LegendSymbol};
+use super::legend::{self, DASH_AND_GAP_LENGTH, LegendEntry, LegendSymbol};
 use super::temperature_strip::{self, TemperatureCurves};
 use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{
-    Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PlotPoint, Y_LABEL_WIDTH, draw_picture,
+    Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, Y_LABEL_WIDTH,
+    draw_picture,
 };
 use crate::report::number;
 use machine::record::estimate::Unit;
-
-const PICTURE_SIZE: (u32, u32) = (1400, 560);
 
 /// Maximum ratio of the picture's value range with a tolerance line to the range without it. Beyond it, the
 /// line is only named in the legend, as the values would be too small to see.
@@ -51,13 +50,11 @@ impl IndividualsChart {
     pub fn draw(&self, unit: Unit) -> Option<String> {
         let scaled = self.scale_data()?;
         let legend_entries = self.legend_entries(unit, &scaled.drawn_tolerance_lines);
+        let thermometers = temperature_strip::thermometer_legend_entries(&self.temperatures);
         let temperature_range = temperature_strip::temperature_scale_range(&self.temperatures);
-        let rows = if legend_entries.is_empty() { 0 } else { legend::LEGEND_ROW_HEIGHT };
-        let below = if temperature_range.is_some() {
-            legend::LEGEND_ROW_HEIGHT + temperature_strip::TEMPERATURE_STRIP_HEIGHT
-        } else {
-            0
-        };
+        let height_of = |entries: &[LegendEntry]| legend::legend_height(entries, Y_LABEL_WIDTH, PICTURE_SIZE.0);
+        let (rows, names) = (height_of(&legend_entries), height_of(&thermometers));
+        let below = temperature_range.map_or(0, |_| names + temperature_strip::TEMPERATURE_STRIP_HEIGHT);
         let x_name = format!("local time ({})", local_zone_name(scaled.time_range.1));
         let y_name = format!("{} / {}", number::one_line_symbol(&self.symbol), number::unit_symbol(unit));
         let time = TickedAxis::of_local_time(scaled.time_range.0..scaled.time_range.1).titled(&x_name);
@@ -67,12 +64,8 @@ impl IndividualsChart {
             let (upper, lower) = rest.split_vertically(PICTURE_SIZE.1 as i32);
             self.draw_values_and_limits(&upper, &scaled, time.clone(), &y_name)?;
             let Some(range) = temperature_range else { return Ok(()) };
-            let (names, lower) = lower.split_vertically(legend::LEGEND_ROW_HEIGHT as i32);
-            legend::draw_legend(
-                &names,
-                Y_LABEL_WIDTH,
-                &temperature_strip::thermometer_legend_entries(&self.temperatures),
-            )?;
+            let (above, lower) = lower.split_vertically(names as i32);
+            legend::draw_legend(&above, Y_LABEL_WIDTH, &thermometers)?;
             temperature_strip::draw_strip(&lower, &self.temperatures, time, 1.0, range.0, range.1)
         })
     }
@@ -109,7 +102,7 @@ impl IndividualsChart {
     }
 
     /// Entries of the legend.
-    fn legend_entries(&self, unit: Unit, drawn: &[f64]) -> Vec<(LegendSymbol, String)> {
+    fn legend_entries(&self, unit: Unit, drawn: &[f64]) -> Vec<LegendEntry> {
         let mut legend_entries = Vec::new();
         legend_entries
             .extend(self.control_limits_and_first_index.map(|_| (LegendSymbol::Band, "control limits".to_owned())));
@@ -209,13 +202,15 @@ mod tests {
         attribute_values(line, "points")[0].split_whitespace().filter_map(pair).collect()
     }
 
-    /// Horizontal lines of this colour and width below the legend: both ends and the height in the picture.
+    /// Horizontal lines of this colour and width below the legend, in a chart without temperatures: both ends and the height in the picture.
     fn horizontal_lines(svg: &str, colour: &str, width: u32) -> Vec<[f64; 3]> {
         let (colour, width) = (format!("stroke=\"{colour}\""), format!("stroke-width=\"{width}\""));
         let lines = svg.lines().filter(|line| line.contains("<polyline"));
         let lines = lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(polyline_points);
         let level = |line: &Vec<[f64; 2]>| line.iter().all(|[_, y]| *y == line[0][1]);
-        let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::LEGEND_ROW_HEIGHT));
+        let height: f64 = attribute_values(svg, "viewBox")[0].split(' ').nth(3).unwrap().parse().unwrap();
+        let legend_bottom = height - f64::from(PICTURE_SIZE.1);
+        let lines = lines.filter(|line| level(line) && line[0][1] > legend_bottom);
         lines.map(|line| [line[0][0], line[line.len() - 1][0], line[0][1]]).collect()
     }
 
@@ -249,6 +244,22 @@ mod tests {
         assert!(dashes.iter().all(|dash| dash[1] - dash[0] <= 41.0), "{dashes:?}");
         let without = daily_chart(None).draw(Unit::Um).unwrap();
         assert!(horizontal_lines(&without, "#22262B", 4).is_empty() && !without.contains("tolerance"));
+    }
+
+    /// Both entries of the legend are wider than the picture together: the second one begins a new row.
+    #[test]
+    fn legend_has_as_many_rows_as_it_needs() {
+        let text_y = |tolerance: f64, text: &str| -> f64 {
+            let svg = daily_chart(Some(tolerance)).draw(Unit::Um).unwrap();
+            let lines: Vec<&str> = svg.lines().collect();
+            let at = lines.iter().position(|line| line.starts_with(text)).unwrap();
+            attribute_values(lines[at - 1], "y")[0].parse().unwrap()
+        };
+        assert_eq!(text_y(3.25, "tolerance"), text_y(3.25, "control limits"));
+        assert_eq!(
+            text_y(1000.0, "tolerance") - text_y(1000.0, "control limits"),
+            f64::from(legend::LEGEND_ROW_HEIGHT)
+        );
     }
 
     /// For values of one or two µm, a tolerance of a millimetre is named in the legend, and the values stay
@@ -292,7 +303,8 @@ mod tests {
         assert!(!plain.contains("temperature"));
         let circles = svg.lines().filter(|line| line.contains("<circle") && line.contains("r=\"7\""));
         let dots: Vec<f64> = circles.map(|line| attribute_values(line, "cx")[0].parse().unwrap()).collect();
-        let lines = svg.lines().filter(|line| line.contains("<polyline")).map(polyline_points);
+        let is_curve = |line: &&str| line.contains("<polyline") && line.contains("#1F6FB2");
+        let lines = svg.lines().filter(is_curve).map(polyline_points);
         let below = 616.0;
         let curves: Vec<_> = lines.filter(|line| line.len() > 2 && line.iter().all(|[_, y]| *y > below)).collect();
         let lengths: Vec<_> = curves.iter().map(Vec::len).collect();

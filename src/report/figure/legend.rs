@@ -6,18 +6,21 @@ use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, 
 
 /// Height of the legend row.
 pub(super) const LEGEND_ROW_HEIGHT: u32 = 56;
-const FONT_SIZE: f64 = 30.0;
+const FONT_SIZE: f64 = 34.0;
 /// Length of a line sample.
 const LINE_SAMPLE_LENGTH: i32 = 70;
 /// Gap between a line sample and its name.
 const SAMPLE_TO_TEXT_GAP: i32 = 14;
 /// Mean width of a letter, as a share of the font size.
-const LETTER_WIDTH_RATIO: f64 = 0.54;
+const LETTER_WIDTH_RATIO: f64 = 0.48;
 const MARKER_RADIUS: i32 = 9;
 /// Opacity of a shaded area.
 pub(super) const SHADE_OPACITY: f64 = 0.6;
 /// Length and gap of the dashes of a line.
 pub(super) const DASH_AND_GAP_LENGTH: (i32, i32) = (40, 24);
+
+/// Sample and name of a line or area.
+pub(super) type LegendEntry = (LegendSymbol, String);
 
 /// Sample in a legend: what it shows in the chart.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,17 +37,44 @@ pub(super) enum LegendSymbol {
     ThermometerMarker(usize),
 }
 
-/// Draws one row that begins at `left`.
-pub(super) fn draw_legend(area: &Area<'_>, left: u32, entries: &[(LegendSymbol, String)]) -> DrawResult {
-    let (mut x, middle) = (left as i32, LEGEND_ROW_HEIGHT as i32 / 2);
-    for (piece, text) in entries {
-        draw_legend_symbol(area, *piece, (x, middle))?;
-        x += LINE_SAMPLE_LENGTH + SAMPLE_TO_TEXT_GAP;
+/// Height of the legend in a picture of this width; 0 without entries.
+pub(super) fn legend_height(entries: &[LegendEntry], left: u32, picture_width: u32) -> u32 {
+    let rows = entries_with_places(entries, left, picture_width).last().map_or(0, |(_, place)| place.row + 1);
+    rows * LEGEND_ROW_HEIGHT
+}
+
+/// Draws the legend; each row begins at `left`.
+pub(super) fn draw_legend(area: &Area<'_>, left: u32, entries: &[LegendEntry]) -> DrawResult {
+    for ((symbol, text), place) in entries_with_places(entries, left, area.dim_in_pixel().0) {
+        let middle = (LEGEND_ROW_HEIGHT * place.row + LEGEND_ROW_HEIGHT / 2) as i32;
+        draw_legend_symbol(area, *symbol, (place.x, middle))?;
         let top = middle - (0.6 * FONT_SIZE) as i32;
-        area.draw_text(text, &text_style(FONT_SIZE), (x, top))?;
-        x += (LETTER_WIDTH_RATIO * FONT_SIZE * text.chars().count() as f64) as i32 + 3 * SAMPLE_TO_TEXT_GAP;
+        area.draw_text(text, &text_style(FONT_SIZE), (place.x + LINE_SAMPLE_LENGTH + SAMPLE_TO_TEXT_GAP, top))?;
     }
     Ok(())
+}
+
+/// Position of an entry: its row, and the left edge of its sample.
+struct LegendPlace {
+    row: u32,
+    x: i32,
+}
+
+/// Entries from left to right; an entry that does not fit begins a new row.
+fn entries_with_places(entries: &[LegendEntry], left: u32, picture_width: u32) -> Vec<(&LegendEntry, LegendPlace)> {
+    let (mut row, mut x) = (0, left as i32);
+    let place = |entry| {
+        let (_, text): &LegendEntry = entry;
+        let text_width = (LETTER_WIDTH_RATIO * FONT_SIZE * text.chars().count() as f64) as i32;
+        let width = LINE_SAMPLE_LENGTH + SAMPLE_TO_TEXT_GAP + text_width;
+        if x > left as i32 && x + width > picture_width as i32 {
+            (row, x) = (row + 1, left as i32);
+        }
+        let place = LegendPlace { row, x };
+        x += width + 3 * SAMPLE_TO_TEXT_GAP;
+        (entry, place)
+    };
+    entries.iter().map(place).collect()
 }
 
 fn draw_legend_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) -> DrawResult {

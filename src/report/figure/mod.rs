@@ -1,16 +1,21 @@
 //! Figures as SVG text, one kind per file. Sizes are in SVG units; the report page scales them.
 
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::Ranged;
 use plotters::prelude::*;
 
 use self::ticked_axis::TickedAxis;
 use machine::record::estimate::{EstimatedFunction, FunctionFigureKind};
 
+mod arrow_scales;
 mod arrows;
+mod axis_sketch;
 mod circle;
+mod compact_svg;
 mod curve;
 mod error_map;
 mod error_motion;
+mod full_turn;
 mod histogram;
 mod individuals;
 mod legend;
@@ -18,19 +23,26 @@ mod matrix;
 mod paths;
 mod points;
 mod polar;
+mod run_temperatures;
 mod spectrum;
 mod temperature_strip;
 #[cfg(test)]
 mod tests;
 mod ticked_axis;
 mod time_axis;
+mod views;
 
-pub(super) use arrows::ArrowScales;
+pub(super) use arrow_scales::{ArrowScales, group_rms};
+pub(super) use axis_sketch::{AxisSketch, axes_with_location_errors};
 pub(super) use circle::draw_circle;
+pub(super) use compact_svg::compact_svg;
+pub(super) use curve::argument_name;
 pub use error_map::ErrorMap;
 pub(super) use error_motion::{MotionCentre, MotionCircles};
+pub(super) use full_turn::RemovedCircle;
 pub use individuals::IndividualsChart;
 pub(super) use matrix::{correlation_coefficient, draw_matrix};
+pub(super) use run_temperatures::draw_run_temperatures;
 pub use temperature_strip::TemperatureCurves;
 
 /// Colours by their role; the report page's style sheet replaces these exact values in dark mode.
@@ -40,6 +52,8 @@ const LINE_COLOUR: RGBColor = RGBColor(0x1F, 0x6F, 0xB2);
 const FIT_COLOUR: RGBColor = RGBColor(0xC2, 0x57, 0x1A);
 const BAND_OPACITY: f64 = 0.22;
 const FONT_SIZE: f64 = 36.0;
+/// Size of a picture with two straight axes. The report shows it at least 330 px wide, where its labels are 9 px high.
+const PICTURE_SIZE: (u32, u32) = (1000, 560);
 const PICTURE_MARGIN: u32 = 24;
 const X_LABEL_HEIGHT: u32 = 96;
 const Y_LABEL_WIDTH: u32 = 140;
@@ -54,24 +68,52 @@ struct PlotPoint {
     uncertainty_half_width: f64,
 }
 
-/// Draws `function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
-pub(super) fn draw_function(function: &EstimatedFunction, k: f64) -> Option<String> {
-    let samples = finite_plot_points(function, k);
-    match function.figure {
-        FunctionFigureKind::Curve => curve::draw_curve(function, &samples),
-        FunctionFigureKind::Polar => {
-            polar::draw_polar(function, &samples, motion_circles(function, &samples).map(|(_, c)| c))
+/// A function with the decisions about its figure.
+pub(super) struct FunctionFigure<'a> {
+    function: &'a EstimatedFunction,
+    samples: Vec<PlotPoint>,
+    pub(super) kind: FunctionFigureKind,
+    /// Circle that is subtracted from a polar figure.
+    pub(super) removed: Option<RemovedCircle>,
+    /// Centre and circles of a polar figure of an error motion.
+    pub(super) motion: Option<(MotionCentre, MotionCircles)>,
+}
+
+impl<'a> FunctionFigure<'a> {
+    /// `k`: coverage factor of the band ±k·u.
+    pub(super) fn new(function: &'a EstimatedFunction, k: f64) -> Self {
+        let mut samples = finite_plot_points(function, k);
+        let kind = full_turn::kind_by_data(function, &samples);
+        let is_polar = kind == FunctionFigureKind::Polar;
+        let removed = is_polar.then(|| full_turn::eccentricity_to_remove(function, &samples)).flatten();
+        if let Some(circle) = removed {
+            samples.iter_mut().for_each(|sample| sample.y -= circle.value_at(sample.x));
         }
-        FunctionFigureKind::Points => points::draw_points(function, &samples),
-        FunctionFigureKind::Histogram => histogram::draw_histogram(function, &samples),
-        FunctionFigureKind::Spectrum => spectrum::draw_spectrum(function, &samples),
+        let motion = is_polar.then(|| motion_circles(function, &samples)).flatten();
+        Self { function, samples, kind, removed, motion }
+    }
+
+    /// Value of one division of the scale of a polar figure, in the unit of the function.
+    pub(super) fn polar_division(&self) -> Option<f64> {
+        (self.kind == FunctionFigureKind::Polar).then(|| polar::division(self)).flatten()
+    }
+
+    /// The picture; `None` without a finite value.
+    pub(super) fn draw(&self) -> Option<String> {
+        let Self { function, samples, .. } = self;
+        match self.kind {
+            FunctionFigureKind::Curve => curve::draw_curve(function, samples),
+            FunctionFigureKind::Polar => polar::draw_polar(self),
+            FunctionFigureKind::Points => points::draw_points(function, samples),
+            FunctionFigureKind::Histogram => histogram::draw_histogram(function, samples),
+            FunctionFigureKind::Spectrum => spectrum::draw_spectrum(function, samples),
+        }
     }
 }
 
-/// Centre and circles of a polar figure of an error motion.
-pub(super) fn motion_circles_of_polar_figure(function: &EstimatedFunction) -> Option<(MotionCentre, MotionCircles)> {
-    let is_polar = function.figure == FunctionFigureKind::Polar;
-    is_polar.then(|| motion_circles(function, &finite_plot_points(function, 0.0))).flatten()
+/// Draws `function` with the band ±`k`·u. `None` if it has no finite value.
+pub(super) fn draw_function(function: &EstimatedFunction, k: f64) -> Option<String> {
+    FunctionFigure::new(function, k).draw()
 }
 
 fn motion_circles(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<(MotionCentre, MotionCircles)> {
@@ -119,7 +161,8 @@ fn draw_axes<'a>(area: &Area<'a>, x: TickedAxis, y: TickedAxis) -> Result<Chart<
         .build_cartesian_2d(x.clone(), y.clone())?;
     chart
         .configure_mesh()
-        .axis_style(INK_COLOUR)
+        // The grid shows the ticks; their marks would double the number of shapes.
+        .axis_style(TRANSPARENT)
         .bold_line_style(GRID_COLOUR)
         .light_line_style(TRANSPARENT)
         .x_label_formatter(&|value| x.tick_label(*value))
@@ -129,6 +172,9 @@ fn draw_axes<'a>(area: &Area<'a>, x: TickedAxis, y: TickedAxis) -> Result<Chart<
         .label_style(text_style(FONT_SIZE))
         .axis_desc_style(text_style(1.1 * FONT_SIZE))
         .draw()?;
+    let ([left, right], [bottom, top]) = ([x.range().start, x.range().end], [y.range().start, y.range().end]);
+    chart
+        .draw_series([PathElement::new([(left, top), (left, bottom), (right, bottom)], INK_COLOUR.stroke_width(2))])?;
     Ok(chart)
 }
 

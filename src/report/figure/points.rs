@@ -3,10 +3,8 @@
 use plotters::prelude::*;
 
 use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
-use super::{INK_COLOUR, LINE_COLOUR, PlotPoint, curve, draw_picture};
+use super::{INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
-
-const PICTURE_SIZE: (u32, u32) = (1400, 640);
 
 pub(super) fn draw_points(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
     let ends = samples

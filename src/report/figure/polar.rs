@@ -1,26 +1,33 @@
-//! A function of an angle in a polar chart: 0° is to the right, angles count counter-clockwise.
+//! A function of an angle in a polar chart: 0° is to the right, angles count counter-clockwise. Error motions have
+//! the circles and centres of ISO 230-7.
 
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::ticked_axis::{add_margin, round_up_to_1_2_or_5, tick_label, value_bounds};
 use super::{
-    Area, BAND_OPACITY, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, MAX_POINTS_WITH_MARKS,
-    MotionCircles, PlotPoint,
+    Area, BAND_OPACITY, DrawResult, FIT_COLOUR, FONT_SIZE, FunctionFigure, GRID_COLOUR, INK_COLOUR, LINE_COLOUR,
+    MAX_POINTS_WITH_MARKS, MotionCircles, PlotPoint,
 };
-use super::{draw_picture, text_style};
+use super::{curve, draw_picture, full_turn, text_style};
 use crate::report::number;
-use machine::record::estimate::EstimatedFunction;
 
 const PICTURE_SIDE: u32 = 900;
 const CENTRE_COORDINATE: i32 = 450;
 const OUTER_RING_RADIUS: f64 = 360.0;
 /// Radius of the smallest value: the chart magnifies the deviations, not the part.
 const INNER_RING_RADIUS: f64 = 120.0;
+/// Distance of the labels in the corners from the edges of the picture.
+const CORNER_MARGIN: i32 = 12;
+/// Maximum number of divisions within the range of the values; more ring labels would overlap.
+const MAX_DIVISIONS: f64 = 5.0;
 /// Maximum angle of a chord that approximates an arc, degrees.
-const MAX_CHORD_DEG: f64 = 2.0;
+const MAX_CHORD_DEG: f64 = 3.0;
 /// Half the length of the mark of a centre.
-const CENTRE_CROSS_HALF_LENGTH: i32 = 18;
+const CENTRE_MARK_HALF_LENGTH: i32 = 18;
+/// Length and gap of the dashes of the least-squares circle.
+const DASH_AND_GAP_LENGTH: (u32, u32) = (18, 12);
 
 /// Scale from values to radii in the picture.
 struct RadiusScale {
@@ -30,10 +37,21 @@ struct RadiusScale {
 }
 
 impl RadiusScale {
+    /// Scale of a figure; `None` without a sample.
+    fn for_figure(figure: &FunctionFigure<'_>) -> Option<Self> {
+        let ends = figure.samples.iter().flat_map(|s| [s.y - s.uncertainty_half_width, s.y + s.uncertainty_half_width]);
+        let of_circles = figure.motion.into_iter().flat_map(|(_, circles)| {
+            let [x, y] = circles.centre;
+            [circles.inner - x.hypot(y), circles.outer + x.hypot(y)]
+        });
+        let (low, high) = value_bounds(ends.chain(of_circles)).filter(|_| !figure.samples.is_empty())?;
+        Some(Self::with_rings_enclosing(low, high))
+    }
+
     /// Scale rings at round values that enclose `low..high`.
     fn with_rings_enclosing(low: f64, high: f64) -> Self {
         let (low, high) = if high > low { (low, high) } else { add_margin((low, high)) };
-        let step = round_up_to_1_2_or_5((high - low) / 4.0);
+        let step = round_up_to_1_2_or_5((high - low) / MAX_DIVISIONS);
         Self {
             lowest_ring_value: (low / step).floor() * step,
             highest_ring_value: (high / step).ceil() * step,
@@ -64,53 +82,56 @@ fn polar_to_picture_point(degrees: f64, radius: f64) -> (i32, i32) {
     (CENTRE_COORDINATE + (radius * cos).round() as i32, CENTRE_COORDINATE - (radius * sin).round() as i32)
 }
 
-pub(super) fn draw_polar(
-    function: &EstimatedFunction,
-    samples: &[PlotPoint],
-    circles: Option<MotionCircles>,
-) -> Option<String> {
-    let ends = samples
-        .iter()
-        .flat_map(|sample| [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width]);
-    let of_circles = circles.into_iter().flat_map(|circles| {
-        let [x, y] = circles.centre;
-        [circles.inner - x.hypot(y), circles.outer + x.hypot(y)]
-    });
-    let (low, high) = value_bounds(ends.chain(of_circles)).filter(|_| !samples.is_empty())?;
-    let scale = RadiusScale::with_rings_enclosing(low, high);
-    let outline =
-        |offset: f64| closed_outline(samples, |s| scale.picture_point(s.x, s.y + offset * s.uncertainty_half_width));
+/// Value between two rings of the scale: the magnification of the chart.
+pub(super) fn division(figure: &FunctionFigure<'_>) -> Option<f64> {
+    Some(RadiusScale::for_figure(figure)?.ring_step)
+}
+
+pub(super) fn draw_polar(figure: &FunctionFigure<'_>) -> Option<String> {
+    let scale = RadiusScale::for_figure(figure)?;
+    let closed = full_turn::close_full_turn(&figure.samples);
+    let outline = |offset: f64| {
+        outline_along_arcs(&closed, |s| scale.picture_point(s.x, s.y + offset * s.uncertainty_half_width))
+    };
+    let circles = figure.motion.map(|(_, circles)| circles);
     draw_picture((PICTURE_SIDE, PICTURE_SIDE), |area| {
         draw_rings(area, &scale)?;
-        // One ring-shaped area: along the upper bound, and back along the lower.
-        let band: Vec<_> = outline(1.0).into_iter().chain(outline(-1.0).into_iter().rev()).collect();
-        area.draw(&Polygon::new(band, LINE_COLOUR.mix(BAND_OPACITY)))?;
+        if closed.iter().any(|sample| sample.uncertainty_half_width > 0.0) {
+            // One ring-shaped area: along the upper bound, and back along the lower.
+            let band: Vec<_> = outline(1.0).into_iter().chain(outline(-1.0).into_iter().rev()).collect();
+            area.draw(&Polygon::new(band, LINE_COLOUR.mix(BAND_OPACITY)))?;
+        }
+        circles.map_or(Ok(()), |circles| draw_motion_circles(area, &scale, &circles))?;
         area.draw(&PathElement::new(outline(0.0), LINE_COLOUR.stroke_width(4)))?;
-        if samples.len() <= MAX_POINTS_WITH_MARKS && circles.is_none() {
-            for sample in samples {
+        if figure.samples.len() <= MAX_POINTS_WITH_MARKS && circles.is_none() {
+            for sample in &figure.samples {
                 area.draw(&Circle::new(scale.picture_point(sample.x, sample.y), 7, LINE_COLOUR.filled()))?;
             }
         }
-        circles.map_or(Ok(()), |circles| draw_motion_circles(area, &scale, &circles))?;
-        draw_ring_labels(area, &scale, number::unit_symbol(function.unit))
+        draw_ring_labels(area, &scale)?;
+        draw_corner_labels(area, figure, &scale)
     })
 }
 
-/// Draws both circles, and a cross at their centre.
+/// Draws the circles just inside and just outside the curve, the mean circle dashed, and both centres: an upright cross
+/// at the centre of the chart, a diagonal one at the centre of the circles.
 fn draw_motion_circles(area: &Area<'_>, scale: &RadiusScale, circles: &MotionCircles) -> DrawResult {
+    let circle = |value: f64| -> Vec<_> {
+        let degrees = (0..=120).map(|n| f64::from(n) * MAX_CHORD_DEG);
+        degrees.map(|at| scale.picture_point(at, value + circles.centre_offset_at_angle(at))).collect()
+    };
     for value in [circles.inner, circles.outer] {
-        let degrees = (0..=180).map(|n| f64::from(n) * MAX_CHORD_DEG);
-        let circle: Vec<_> =
-            degrees.map(|at| scale.picture_point(at, value + circles.centre_offset_at_angle(at))).collect();
-        area.draw(&PathElement::new(circle, FIT_COLOUR.stroke_width(3)))?;
+        area.draw(&PathElement::new(circle(value), FIT_COLOUR.stroke_width(2)))?;
+    }
+    let (dash, gap) = DASH_AND_GAP_LENGTH;
+    area.draw(&DashedPathElement::new(circle(circles.mean), dash, gap, FIT_COLOUR.stroke_width(3)))?;
+    let half = CENTRE_MARK_HALF_LENGTH;
+    let at = |x: i32, y: i32| (CENTRE_COORDINATE + x, CENTRE_COORDINATE - y);
+    for line in [[at(-half, 0), at(half, 0)], [at(0, -half), at(0, half)]] {
+        area.draw(&PathElement::new(line, INK_COLOUR.stroke_width(2)))?;
     }
     let [x, y] = circles.centre.map(|value| scale.picture_length(value).round() as i32);
-    let (x, y) = (CENTRE_COORDINATE + x, CENTRE_COORDINATE - y);
-    let cross = [
-        [(x - CENTRE_CROSS_HALF_LENGTH, y), (x + CENTRE_CROSS_HALF_LENGTH, y)],
-        [(x, y - CENTRE_CROSS_HALF_LENGTH), (x, y + CENTRE_CROSS_HALF_LENGTH)],
-    ];
-    for line in cross {
+    for line in [[at(x - half, y - half), at(x + half, y + half)], [at(x - half, y + half), at(x + half, y - half)]] {
         area.draw(&PathElement::new(line, FIT_COLOUR.stroke_width(4)))?;
     }
     Ok(())
@@ -118,14 +139,13 @@ fn draw_motion_circles(area: &Area<'_>, scale: &RadiusScale, circles: &MotionCir
 
 fn draw_rings(area: &Area<'_>, scale: &RadiusScale) -> DrawResult {
     let centred = text_style(FONT_SIZE).pos(Pos::new(HPos::Center, VPos::Center));
-    for degrees in (0..360).step_by(45).map(f64::from) {
+    let all_degrees = || (0..360).step_by(45).map(f64::from);
+    for degrees in all_degrees() {
         let spoke = vec![
             polar_to_picture_point(degrees, INNER_RING_RADIUS),
             polar_to_picture_point(degrees, OUTER_RING_RADIUS),
         ];
-        area.draw(&PathElement::new(spoke, GRID_COLOUR))?;
-        let place = polar_to_picture_point(degrees, OUTER_RING_RADIUS + 44.0);
-        area.draw(&Text::new(format!("{degrees}°"), place, centred.clone()))?;
+        area.draw(&PathElement::new(spoke, GRID_COLOUR.stroke_width(2)))?;
     }
     for value in scale.ring_values() {
         let is_zero = value.abs() < scale.ring_step / 2.0;
@@ -133,35 +153,49 @@ fn draw_rings(area: &Area<'_>, scale: &RadiusScale) -> DrawResult {
         let radius = scale.picture_radius(value).round() as i32;
         area.draw(&Circle::new((CENTRE_COORDINATE, CENTRE_COORDINATE), radius, style))?;
     }
+    for degrees in all_degrees() {
+        let place = polar_to_picture_point(degrees, OUTER_RING_RADIUS + 44.0);
+        area.draw(&Text::new(format!("{degrees}°"), place, centred.clone()))?;
+    }
     Ok(())
 }
 
 /// Draws the labels of the scale rings, above all curves.
-fn draw_ring_labels(area: &Area<'_>, scale: &RadiusScale, unit: &str) -> DrawResult {
-    let style = text_style(0.9 * FONT_SIZE).pos(Pos::new(HPos::Left, VPos::Center));
+fn draw_ring_labels(area: &Area<'_>, scale: &RadiusScale) -> DrawResult {
+    let style = text_style(0.9 * FONT_SIZE).pos(Pos::new(HPos::Center, VPos::Center));
     for value in scale.ring_values() {
-        let text = format!("{} {unit}", tick_label(value, scale.ring_step));
+        let text = tick_label(value, scale.ring_step);
         area.draw(&Text::new(text, polar_to_picture_point(67.5, scale.picture_radius(value)), style.clone()))?;
     }
     Ok(())
 }
 
-/// The closed outline through `samples`, along arcs instead of chords.
-fn closed_outline(samples: &[PlotPoint], point: impl Fn(PlotPoint) -> (i32, i32)) -> Vec<(i32, i32)> {
-    // The last angle may be beyond one revolution, or equal to the first.
-    let turns = |x: f64| (x - samples[0].x) / 360.0;
-    let end = 360.0 * samples.last().map_or(0.0, |last| turns(last.x).round());
-    let first = samples.first().map(|first| PlotPoint { x: first.x + end, ..*first });
-    let next = samples.iter().skip(1).copied().chain(first);
-    let mut outline = Vec::new();
-    for (from, to) in samples.iter().zip(next) {
+/// Draws quantity, angle and magnification in the corners.
+fn draw_corner_labels(area: &Area<'_>, figure: &FunctionFigure<'_>, scale: &RadiusScale) -> DrawResult {
+    let function = figure.function;
+    let unit = number::unit_symbol(function.unit);
+    let far = PICTURE_SIDE as i32 - CORNER_MARGIN;
+    let style = |h, v| text_style(FONT_SIZE).pos(Pos::new(h, v));
+    let quantity = format!("{} / {unit}", number::one_line_symbol(&function.symbol));
+    let division = format!("1 div = {} {unit}", tick_label(scale.ring_step, scale.ring_step));
+    let angle = format!("{} / °", curve::argument_name(&function.argument));
+    area.draw(&Text::new(quantity, (CORNER_MARGIN, CORNER_MARGIN), style(HPos::Left, VPos::Top)))?;
+    area.draw(&Text::new(division, (CORNER_MARGIN, far), style(HPos::Left, VPos::Bottom)))?;
+    area.draw(&Text::new(angle, (far, far), style(HPos::Right, VPos::Bottom)))?;
+    Ok(())
+}
+
+/// The outline through `samples`, along arcs instead of chords.
+fn outline_along_arcs(samples: &[PlotPoint], point: impl Fn(PlotPoint) -> (i32, i32)) -> Vec<(i32, i32)> {
+    let mut outline: Vec<_> = samples.first().map(|first| point(*first)).into_iter().collect();
+    for pair in samples.windows(2) {
+        let (from, to) = (pair[0], pair[1]);
         let chords = ((to.x - from.x).abs() / MAX_CHORD_DEG).ceil().clamp(1.0, 360.0);
         let between = |a: f64, b: f64, n: i32| a + (b - a) * f64::from(n) / chords;
-        outline.extend((0..=chords as i32).map(|n| {
-            let (x, y) = (between(from.x, to.x, n), between(from.y, to.y, n));
+        outline.extend((1..=chords as i32).map(|n| {
             point(PlotPoint {
-                x,
-                y,
+                x: between(from.x, to.x, n),
+                y: between(from.y, to.y, n),
                 uncertainty_half_width: between(from.uncertainty_half_width, to.uncertainty_half_width, n),
             })
         }));

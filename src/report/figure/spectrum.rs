@@ -5,10 +5,9 @@ use plotters::prelude::*;
 
 use super::legend::{self, LegendSymbol, SHADE_OPACITY};
 use super::ticked_axis::{TickedAxis, round_up_to_1_2_or_5, value_bounds};
-use super::{GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PlotPoint, Y_LABEL_WIDTH, curve, draw_picture};
+use super::{GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, Y_LABEL_WIDTH, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
 
-const PICTURE_SIZE: (u32, u32) = (1400, 640);
 /// Maximum number of ticks of the orders.
 const MAX_ORDER_TICKS: f64 = 16.0;
 /// Maximum of half the width of a bar, in orders.

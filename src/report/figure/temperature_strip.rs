@@ -3,7 +3,7 @@
 
 use plotters::prelude::*;
 
-use super::legend::{LegendSymbol, draw_thermometer_marker};
+use super::legend::{LegendEntry, LegendSymbol, draw_thermometer_marker};
 use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{Area, DrawResult, LINE_COLOUR};
 
@@ -14,6 +14,9 @@ pub(super) const TEMPERATURE_STRIP_HEIGHT: u32 = 330;
 /// Minimum range of the temperature scale, K: a smaller range would magnify noise.
 const MIN_TEMPERATURE_RANGE_K: f64 = 1.0;
 
+/// Maximum number of marks of a curve; more would hide the line.
+const MAX_MARKS_PER_CURVE: usize = 30;
+
 /// Range of the temperature scale; `None` without a value.
 pub(super) fn temperature_scale_range(all: &TemperatureCurves) -> Option<(f64, f64)> {
     let known = all.iter().flat_map(|(_, values)| values).filter_map(|(_, celsius)| *celsius);
@@ -23,7 +26,7 @@ pub(super) fn temperature_scale_range(all: &TemperatureCurves) -> Option<(f64, f
 }
 
 /// Names of the thermometers, for the legend.
-pub(super) fn thermometer_legend_entries(all: &TemperatureCurves) -> Vec<(LegendSymbol, String)> {
+pub(super) fn thermometer_legend_entries(all: &TemperatureCurves) -> Vec<LegendEntry> {
     let name = |(number, (name, _)): (usize, &(String, _))| {
         (LegendSymbol::ThermometerMarker(number), format!("temperature {name}"))
     };
@@ -39,7 +42,7 @@ pub(super) fn draw_strip(
     low: f64,
     high: f64,
 ) -> DrawResult {
-    let mut chart = super::draw_axes(area, x, TickedAxis::with_coarse_round_ticks(low..high).titled("°C"))?;
+    let mut chart = super::draw_axes(area, x, TickedAxis::with_coarse_round_ticks(low..high).titled("T / °C"))?;
     for (number, (_, values)) in curves.iter().enumerate() {
         let point = |(t_s, celsius): &(f64, Option<f64>)| Some((t_s / seconds_per_x_unit, (*celsius)?));
         let unknown = |(_, celsius): &(f64, Option<f64>)| !celsius.is_some_and(f64::is_finite);
@@ -49,8 +52,9 @@ pub(super) fn draw_strip(
                 let line = PathElement::new(points.clone(), LINE_COLOUR.stroke_width(2));
                 chart.draw_series([line])?;
             }
-            for point in points {
-                let ((x, y), (left, top)) = (chart.backend_coord(&point), area.get_base_pixel());
+            let marks = points.iter().step_by(points.len().div_ceil(MAX_MARKS_PER_CURVE).max(1));
+            for point in marks {
+                let ((x, y), (left, top)) = (chart.backend_coord(point), area.get_base_pixel());
                 draw_thermometer_marker(area, number, (x - left, y - top))?;
             }
         }

@@ -1,8 +1,6 @@
 use super::ticked_axis::value_bounds;
 use super::*;
-use machine::record::estimate::{
-    ArrowFigure, ArrowGroup, CircleFigure, FigureArrow, ParameterCovariance, Unit, VectorFigureKind,
-};
+use machine::record::estimate::{CircleFigure, Unit};
 
 pub(super) fn sine_function(figure: FunctionFigureKind, count: u32) -> EstimatedFunction {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
@@ -60,10 +58,13 @@ fn axes_are_labelled_with_units() {
     for text in ["C / °", "E_XC,total / µm", "315", "−4"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
-    assert_eq!(svg.matches("<circle").count(), 8);
+    // Eight values, and the first one again at 360°.
+    assert_eq!(svg.matches("<circle").count(), 9);
     assert!(is_inside_picture(&svg));
-    let svg = draw_function(&sine_function(FunctionFigureKind::Polar, 8), 2.0).unwrap();
-    for text in ["0°", "315°", "−2 µm"] {
+    let mut lobes = sine_function(FunctionFigureKind::Polar, 8);
+    lobes.y = lobes.x.iter().map(|x| 3.0 * (2.0 * x).to_radians().sin()).collect();
+    let svg = draw_function(&lobes, 2.0).unwrap();
+    for text in ["0°", "315°", "E_XC,total / µm", "C / °", "1 div = 2 µm", ">\n−2\n<"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
     assert!(is_inside_picture(&svg));
@@ -80,7 +81,7 @@ fn new_line_starts_where_the_argument_decreases() {
     let two =
         draw_function(&EstimatedFunction { x, y, u, ..sine_function(FunctionFigureKind::Curve, 8) }, 2.0).unwrap();
     let added = |element: &str| two.matches(element).count() - one.matches(element).count();
-    assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 8]);
+    assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 9]);
 }
 
 /// With u = 0.5 µm about 0, the band fills the plot except for the margins (8 % of its width each), and the
@@ -94,7 +95,7 @@ fn band_half_width_is_k_times_u() {
         let y = |pair: &str| pair.split(',').nth(1).unwrap().parse::<f64>().unwrap();
         let corners = attribute_values(band, "points")[0].split_whitespace().map(y);
         let (low, high) = value_bounds(corners).unwrap();
-        let share = (high - low) / (640.0 - f64::from(X_LABEL_HEIGHT + 2 * PICTURE_MARGIN));
+        let share = (high - low) / (560.0 - f64::from(X_LABEL_HEIGHT + 2 * PICTURE_MARGIN));
         assert!((share - 1.0 / 1.16).abs() < 0.01, "{share}");
         let has = |label: &str| svg.contains(&format!(">\n{label}\n<"));
         assert!(inside.into_iter().all(has) && !has(outside), "k = {k}");
@@ -165,101 +166,32 @@ fn non_finite_numbers_are_not_drawn() {
     assert_eq!(draw_circle(&circle_figure(f64::NAN)), None);
 }
 
-fn covariance_with_entries(count: usize, entry: impl Fn(usize, usize) -> f64) -> ParameterCovariance {
-    ParameterCovariance {
-        symbols: (0..count).map(|n| format!("ball_{n}_x")).collect(),
-        rows: (0..count).map(|i| (0..count).map(|j| entry(i, j)).collect()).collect(),
-    }
+/// Height of the smallest text when the picture is as wide as a figure on a phone of 390 px, in px.
+pub(super) fn smallest_text_on_a_phone(svg: &str) -> f64 {
+    const FIGURE_WIDTH_PX: f64 = 333.0;
+    let size = |value: &str| value.parse::<f64>().unwrap();
+    let view_width = size(attribute_values(svg, "viewBox")[0].split(' ').nth(2).unwrap());
+    let sizes = attribute_values(svg, "font-size").into_iter().map(size);
+    sizes.fold(f64::INFINITY, f64::min) * FIGURE_WIDTH_PX / view_width
 }
 
-/// Variances 4 and 9 with covariance −3 give the correlation −0.5. The colours show sign and magnitude.
+/// At least 9 px high, which is 12 px of a figure of 444 px in print.
 #[test]
-fn matrix_colour_shows_sign_and_magnitude() {
-    let known = [[4.0, -3.0, 0.0], [-3.0, 9.0, 2.25], [0.0, 2.25, 1.0]];
-    let three = covariance_with_entries(3, |i, j| known[i][j]);
-    assert_eq!(correlation_coefficient(&three, 0, 1), Some(-0.5));
-    assert_eq!(correlation_coefficient(&three, 2, 1), Some(0.75));
-    let svg = draw_matrix(&three).unwrap();
-    let tiles =
-        |opacity: &str, fill: &str| svg.lines().filter(|line| line.contains(opacity) && line.contains(fill)).count();
-    // Two cells each, one on either side of the diagonal.
-    assert_eq!((tiles("\"0.5\"", "#1F6FB2"), tiles("\"0.75\"", "#C2571A")), (2, 2));
-    assert_eq!((tiles("\"0.5\"", "#C2571A"), tiles("\"0.75\"", "#1F6FB2")), (0, 0));
-    // The name is written twice: at its row and above its column.
-    assert_eq!(svg.matches("ball_2,x").count(), 2);
-    assert!(is_inside_picture(&svg));
-}
-
-#[test]
-fn matrix_is_drawn_for_3_to_60_names() {
-    let unit = |i: usize, j: usize| if i == j { 1.0 } else { 0.9 };
-    for (count, drawn) in [(0, false), (2, false), (3, true), (60, true), (61, false)] {
-        assert_eq!(draw_matrix(&covariance_with_entries(count, unit)).is_some(), drawn, "{count}");
-    }
-    let mut holes = covariance_with_entries(4, |i, j| if i == j { 0.0 } else { f64::NAN });
-    holes.rows.truncate(3);
-    assert_eq!(correlation_coefficient(&holes, 0, 0), None);
-    assert!(is_inside_picture(&draw_matrix(&holes).unwrap()));
-}
-
-fn arrow_figure(positions_vectors_flags: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
-    let arrow = |(n, (at_mm, vector, flagged)): (usize, &([f64; 3], [f64; 3], bool))| FigureArrow {
-        label: format!("ball {n}"),
-        at_mm: *at_mm,
-        vector: *vector,
-        modelled: None,
-        flagged: *flagged,
-    };
-    let arrows = positions_vectors_flags.iter().enumerate().map(arrow).collect();
-    let groups = vec![ArrowGroup { name: "B 0°".to_owned(), arrows }];
-    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups, figure: VectorFigureKind::Arrows }
-}
-
-/// Tips of the arrowheads: the first corner of each head.
-fn arrow_tips(svg: &str) -> Vec<(f64, f64)> {
-    let corner = |points: &str| {
-        let (x, y) = points.split_whitespace().next().unwrap().split_once(',').unwrap();
-        (x.parse().unwrap(), y.parse().unwrap())
-    };
-    let heads = svg.split("<polygon").skip(1).map(|head| attribute_values(head, "points")[0]);
-    heads.map(corner).collect()
-}
-
-/// Two positions 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 80 units long.
-#[test]
-fn arrows_have_the_direction_of_the_vectors() {
-    let figure =
-        arrow_figure(&[([-100.0, 5.0, 7.0], [4.0, 0.0, 0.0], false), ([100.0, 5.0, 7.0], [0.0, 1.0, 3.0], false)]);
-    let common = ArrowScales::new(&figure).unwrap();
-    let svg = common.draw(&figure.groups[0]).unwrap();
-    let expected = [
-        (250.0 - 140.0 + 80.0, 250.0),
-        (250.0 + 140.0, 250.0 - 20.0),
-        (750.0 - 140.0 + 80.0, 250.0),
-        (750.0 + 140.0, 250.0 - 60.0),
-        // Panel YZ: both arrows begin in its middle; the first points along X and has no head there.
-        (1250.0 + 20.0, 250.0 - 60.0),
-        // The scale: 2 µm.
-        (24.0 + 40.0, 535.0),
+fn text_is_legible_on_a_phone() {
+    let kinds = [
+        FunctionFigureKind::Curve,
+        FunctionFigureKind::Polar,
+        FunctionFigureKind::Points,
+        FunctionFigureKind::Histogram,
+        FunctionFigureKind::Spectrum,
     ];
-    assert_eq!(arrow_tips(&svg), expected);
-    assert!(svg.contains("2 µm") && ["XY", "XZ", "YZ"].iter().all(|name| svg.contains(name)));
-    assert!(is_inside_picture(&svg) && !common.has_shortened_arrows(&figure));
-}
-
-#[test]
-fn flagged_arrow_is_ringed_and_does_not_change_the_scale() {
-    let quiet = ([0.0; 3], [0.0, 2.0, 0.0], false);
-    let loud = ([50.0, 0.0, 0.0], [0.0, 900.0, 0.0], true);
-    let figure = arrow_figure(&[loud, quiet]);
-    let common = ArrowScales::new(&figure).unwrap();
-    assert!(common.has_shortened_arrows(&figure));
-    let svg = common.draw(&figure.groups[0]).unwrap();
-    assert_eq!(arrow_tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
-    assert_eq!(svg.matches("r=\"13\"").count(), 3);
-    assert!(svg.contains("ball 0") && !svg.contains("ball 1") && is_inside_picture(&svg));
-    // An empty figure, and values that are not finite.
-    assert!(ArrowScales::new(&arrow_figure(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());
-    let still = arrow_figure(&[([1.0; 3], [0.0; 3], false), ([2.0; 3], [f64::INFINITY; 3], true)]);
-    assert!(is_inside_picture(&ArrowScales::new(&still).unwrap().draw(&still.groups[0]).unwrap()));
+    for figure in kinds {
+        let svg = draw_function(&sine_function(figure, 24), 2.0).unwrap();
+        assert!(smallest_text_on_a_phone(&svg) >= 9.0, "{figure:?}: {}", smallest_text_on_a_phone(&svg));
+    }
+    let temperatures = vec![("spindle".to_owned(), vec![(0.0, Some(20.0)), (60.0, Some(21.0))])];
+    let others = [draw_circle(&circle_figure(3.0)), draw_run_temperatures(&temperatures)];
+    for svg in others.into_iter().flatten() {
+        assert!(smallest_text_on_a_phone(&svg) >= 9.0, "{}", smallest_text_on_a_phone(&svg));
+    }
 }
