@@ -1,6 +1,7 @@
 //! The web page: rendered by the server and readable without a script. The script updates the live part, and removes
 //! every value whose source does not respond.
 
+mod audit;
 mod compare;
 mod error_page;
 mod error_page_middleware;
@@ -48,6 +49,7 @@ pub fn page_routes() -> Router<AppState> {
         .route("/machines/{name}/live", get(machine::live_part))
         .route("/machines/{name}/sensors", get(sensors::sensors_part))
         .route("/runs", get(runs::runs_page))
+        .route("/audit", get(audit::audit_page))
         .route("/runs/{run}", get(run::run_page))
         .route("/runs/{run}/report", get(run::report_page))
         .route("/compare", get(compare::compare_page));
