@@ -2,21 +2,23 @@
 
 use std::path::PathBuf;
 
+use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use super::method_list::methods_help;
+use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs, TokenArgs};
+use super::method_list::{method_name_parser, methods_help};
 use super::result_args::{BackupArgs, CompareArgs, ExportArgs, PredictArgs, RunsArgs, ShowArgs};
-use crate::service::Role;
 use crate::setup::control_kinds;
 use devices::controllers::linuxcnc;
+use planning::gcode::Dialect;
 
 /// Keeps five-axis machine tools in tolerance: the machine measures its geometric errors with its own touch
 /// probe and states their uncertainty.
 #[derive(Debug, Parser)]
-#[command(name = "trued", version, about, color = clap::ColorChoice::Never)]
+#[command(name = "trued", version = env!("TRUED_VERSION"), about, color = clap::ColorChoice::Never)]
 pub struct Cli {
-    /// Directory of the journal and the lock files [default: $STATE_DIRECTORY, otherwise the user's state
-    /// directory].
+    /// State folder: the journal (journal.sqlite), the lock files and the tokens. Without this option:
+    /// $STATE_DIRECTORY, otherwise $XDG_STATE_HOME/trued, otherwise ~/.local/state/trued.
     #[arg(long, global = true, value_name = "DIR")]
     pub state: Option<PathBuf>,
     #[command(subcommand)]
@@ -82,6 +84,8 @@ pub enum SimulationSpeed {
 #[derive(Debug, Args)]
 #[command(after_help = methods_help())]
 pub struct RunArgs {
+    /// Measuring method.
+    #[arg(value_parser = method_name_parser())]
     pub method: String,
     /// Machine file; without it, the built-in simulated machine is measured.
     #[arg(long, value_name = "FILE")]
@@ -148,6 +152,7 @@ pub struct ServeArgs {
     /// Read every file and rehearse every cycle, then exit; no device is opened.
     #[arg(long)]
     pub check: bool,
+    /// Speed of the simulated machine; without effect on a real machine.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: SimulationSpeed,
     /// Write every byte of the device links to one file per run: FILE with the number of the run before the
@@ -178,20 +183,26 @@ pub struct ResumeArgs {
 #[derive(Debug, Args)]
 #[command(after_help = methods_help())]
 pub struct PlanArgs {
+    /// Measuring method.
+    #[arg(value_parser = method_name_parser())]
     pub method: String,
+    /// Machine file; without it, the built-in simulated machine of the method.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     /// Print the plan as JSON.
     #[arg(long, conflicts_with = "gcode")]
     pub json: bool,
     /// Print the G-code program in this dialect.
-    #[arg(long, value_name = "DIALECT")]
+    #[arg(long, value_name = "DIALECT", value_parser = PossibleValuesParser::new(Dialect::names()))]
     pub gcode: Option<String>,
 }
 
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
+    /// Measuring method.
+    #[arg(value_parser = method_name_parser())]
     pub method: String,
+    /// Readings file of a measurement, from this or another program.
     #[arg(long, value_name = "FILE.csv", required_unless_present = "run")]
     pub readings: Option<PathBuf>,
     /// Compute a new estimate of a stored run from its plan and readings. The new estimate is added to the
@@ -201,37 +212,37 @@ pub struct IdentifyArgs {
     /// Plan of the readings; without it, the plan that follows from the machine file.
     #[arg(long, value_name = "FILE.json")]
     pub plan: Option<PathBuf>,
+    /// Machine file with the tolerances; without it, the one of the run, or the built-in machine of the method.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     /// Earlier estimates; their values and uncertainties are used as known parameters, instead of the
     /// estimates that the run was started with.
     #[arg(long = "with", value_name = "EST.json")]
     pub with: Vec<PathBuf>,
+    /// Print the estimate as JSON.
     #[arg(long)]
     pub json: bool,
-}
-
-fn control_kind_help() -> String {
-    let kinds = control_kinds().join(", ");
-    let (others, last) = kinds.rsplit_once(", ").unwrap_or(("", &kinds));
-    format!("Kind of the control: {others} or {last}")
 }
 
 #[derive(Debug, Args)]
 #[command(group = clap::ArgGroup::new("link").required(true).args(["serial", "serial_id", "tcp"]))]
 pub struct InitArgs {
-    #[arg(long, help = control_kind_help())]
+    /// Kind of the control.
+    #[arg(long, value_parser = PossibleValuesParser::new(control_kinds()))]
     pub kind: String,
+    /// Serial port of the control.
     #[arg(long, value_name = "/dev/...")]
     pub serial: Option<String>,
     /// Name of a serial port in /dev/serial/by-id, or a part of the name.
     #[arg(long, value_name = "NAME")]
     pub serial_id: Option<String>,
+    /// Baud rate of the serial port; without it, the usual rate of this kind of control.
     #[arg(long, value_name = "N", conflicts_with = "tcp")]
     pub baud: Option<u32>,
-    /// Parity of the serial port: none, even or odd (Modbus).
-    #[arg(long, conflicts_with = "tcp")]
+    /// Parity of the serial port (Modbus).
+    #[arg(long, conflicts_with = "tcp", value_parser = ["none", "even", "odd"])]
     pub parity: Option<String>,
+    /// Network address of the control.
     #[arg(long, value_name = "HOST:PORT")]
     pub tcp: Option<String>,
     /// Unit identifier of the device (Modbus).
@@ -244,11 +255,12 @@ pub struct InitArgs {
     #[arg(long, value_name = "FILE")]
     pub ini: Option<PathBuf>,
     /// G-code dialect of the control, if it differs from the usual dialect of this kind of control.
-    #[arg(long)]
+    #[arg(long, value_parser = PossibleValuesParser::new(Dialect::names()))]
     pub dialect: Option<String>,
     /// Kinematic chain, e.g. V[w-C-B-b-Y-X-Z-(C)-t]; without it, the usual chain for these axes.
     #[arg(long)]
     pub topology: Option<String>,
+    /// Name of the machine, as printed in every report.
     #[arg(long)]
     pub name: Option<String>,
     /// If no device replies, try other baud rates, unit identifiers and protocols. Another device may
@@ -278,14 +290,16 @@ pub struct WatchArgs {
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
     /// Method whose built-in machine is simulated if no machine file is given.
-    #[arg(default_value = "self-calibration")]
+    #[arg(default_value = "self-calibration", value_parser = method_name_parser())]
     pub method: String,
+    /// Machine file; without it, the built-in simulated machine of the method.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     /// Simulate a faulty link, which delays, drops, duplicates, corrupts, splits, stalls and cuts the data
     /// according to this seed, and print its faults.
     #[arg(long, value_name = "SEED")]
     pub faults: Option<u64>,
+    /// Speed of the simulated machine.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: SimulationSpeed,
 }
@@ -297,75 +311,7 @@ pub struct TrendArgs {
     /// Number of past days for which changes are listed.
     #[arg(long, value_name = "DAYS", default_value_t = 7)]
     pub days: u32,
+    /// Print the history as JSON.
     #[arg(long)]
     pub json: bool,
-}
-
-#[derive(Debug, Args)]
-pub struct ScheduleArgs {
-    /// Name of the machine; without it, all machines in the journal.
-    pub name: Option<String>,
-    /// Machine file, to show its next scheduled starts as well.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["name", "config"])]
-    pub machine: Option<PathBuf>,
-    /// Configuration file of the daemon, to show the next scheduled starts of its machines as well.
-    #[arg(long, value_name = "FILE", conflicts_with = "name")]
-    pub config: Option<PathBuf>,
-    #[arg(long)]
-    pub json: bool,
-}
-
-#[derive(Debug, Args)]
-pub struct ArmArgs {
-    /// Name of the machine.
-    pub machine: String,
-    /// Number of the cycle in [[serve.cycle]].
-    pub cycle: u16,
-    /// Your name. With it you confirm that the machine may move unattended.
-    #[arg(long, value_name = "NAME")]
-    pub who: String,
-    /// End of the arming: a duration, such as 14d or 8h, or a time, such as 2027-01-31T18:00:00+01:00.
-    #[arg(long, value_name = "WHEN")]
-    pub until: String,
-    #[arg(long, value_name = "WORDS", default_value = "")]
-    pub why: String,
-}
-
-#[derive(Debug, Args)]
-pub struct DisarmArgs {
-    /// Name of the machine.
-    pub machine: String,
-    /// Number of the cycle; without it, all cycles.
-    pub cycle: Option<u16>,
-    /// Your name.
-    #[arg(long, value_name = "NAME")]
-    pub who: String,
-    #[arg(long, value_name = "WORDS", default_value = "")]
-    pub why: String,
-}
-
-#[derive(Debug, Args)]
-pub struct TokenArgs {
-    #[command(subcommand)]
-    pub command: TokenCommand,
-}
-
-#[derive(Debug, Subcommand)]
-pub enum TokenCommand {
-    /// Create a token and print it; the token cannot be printed again later.
-    Add {
-        /// Name of the token's user, e.g. tablet-hall-2, as shown in the audit log.
-        name: String,
-        /// Role of the user: viewer (can read and hold), operator (can also start, confirm and resume runs),
-        /// metrologist (can also sign runs and arm cycles).
-        #[arg(long)]
-        role: Role,
-    },
-    /// List the tokens; the secrets are not printed.
-    List {
-        #[arg(long)]
-        json: bool,
-    },
-    /// Revoke a token; requests with this token are refused from then on.
-    Revoke { name: String },
 }

@@ -1,5 +1,12 @@
 //! The list of methods in the command's help.
 
+use clap::builder::PossibleValuesParser;
+
+/// Parser that accepts the names of the methods. For another name, clap lists them and the most similar one.
+pub(super) fn method_name_parser() -> PossibleValuesParser {
+    PossibleValuesParser::new(methods::method_names())
+}
+
 /// One paragraph per method, for `trued run --help`.
 pub(super) fn methods_help() -> String {
     let paragraphs = methods::METHOD_DESCRIPTIONS.iter().map(|method| {

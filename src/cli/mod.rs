@@ -12,9 +12,12 @@ macro_rules! errln {
 }
 
 mod args;
+#[cfg(test)]
+mod args_tests;
 mod backup;
 mod check;
 mod compare;
+mod daemon_args;
 mod daemon_client;
 mod device_links;
 mod failure;

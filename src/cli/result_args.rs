@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 #[derive(Debug, Args)]
 pub struct RunsArgs {
+    /// Print the list as JSON.
     #[arg(long)]
     pub json: bool,
 }
@@ -14,8 +15,10 @@ pub struct RunsArgs {
 pub struct ShowArgs {
     /// Number of the run; `trued runs` lists the numbers.
     pub run: i64,
+    /// Print the estimate as JSON.
     #[arg(long)]
     pub json: bool,
+    /// Write the report to this file.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
 }
@@ -26,6 +29,7 @@ pub struct CompareArgs {
     pub first: i64,
     /// Number of the second run; the differences are second run minus first run.
     pub second: i64,
+    /// Print the comparison as JSON.
     #[arg(long)]
     pub json: bool,
 }

@@ -89,7 +89,11 @@ pub fn print_result_and_write_report(
         match is_journal_kept {
             true => {
                 let advice = format!("`trued show {id} --report report.html` writes the report");
-                outln!("\nstored as run {id}: {}", add_state_option(&advice, state));
+                outln!(
+                    "\nstored as run {id} in {}: {}",
+                    journal.state_dir().display(),
+                    add_state_option(&advice, state)
+                );
             }
             false => outln!("\nreplay: nothing was measured, nothing is stored"),
         }

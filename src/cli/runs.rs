@@ -25,6 +25,7 @@ pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Co
         show::print_json(&runs)?;
         return Ok(ExitStatus::Pass);
     }
+    errln!("state folder: {}", folder.display());
     if runs.is_empty() {
         outln!("no runs yet: start one with `trued run self-calibration`");
     }

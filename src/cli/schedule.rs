@@ -5,7 +5,7 @@ use std::path::Path;
 use jiff::Timestamp;
 use serde::Serialize;
 
-use super::args::{ArmArgs, DisarmArgs, ScheduleArgs};
+use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs};
 use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::{ExitStatus, show};

@@ -5,7 +5,7 @@ use std::path::Path;
 use jiff::tz::TimeZone;
 
 use super::ExitStatus;
-use super::args::{TokenArgs, TokenCommand};
+use super::daemon_args::{TokenArgs, TokenCommand};
 use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::show::print_json;

@@ -91,9 +91,25 @@ fn regress_usage_errors_exit_with_2() {
     let state = TempDir::new().unwrap();
     assert_eq!(run_trued(&state, &["run"]).status.code(), Some(2));
     assert_eq!(run_trued(&state, &["nonsense"]).status.code(), Some(2));
-    let unknown = run_trued(&state, &["run", "self-calibrate"]);
-    assert_eq!(unknown.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&unknown.stderr).contains("self-calibration"));
+}
+
+/// A wrong name of a method, dialect or control is wrong usage; the message lists the names.
+fn regress_a_wrong_name_exits_with_2_and_lists_the_names() {
+    let state = TempDir::new().unwrap();
+    let readings = ["--readings", "none.csv"];
+    for (arguments, named) in [
+        (&["run", "self-calibrate"][..], &["laser-r-test", "a similar value exists: 'self-calibration'"][..]),
+        (&["plan", "sambo"], &["laser-r-test", "a similar value exists: 'samba'"]),
+        (&[&["identify", "x"][..], &readings].concat(), &["self-calibration", "samba"]),
+        (&["simulate", "x"], &["self-calibration", "samba"]),
+        (&["plan", "samba", "--gcode", "foo"], &["'--gcode <DIALECT>'", "grbl, grbl-m19, linuxcnc"]),
+        (&["init", "--kind", "grb", "--tcp", "127.0.0.1:1"], &["linuxcnc", "a similar value exists: 'grbl'"]),
+    ] {
+        let output = run_trued(&state, arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(named.iter().all(|name| said.contains(name)), "{arguments:?}: {said}");
+    }
 }
 
 fn regress_a_part_with_horizontal_axis_is_refused() {
@@ -145,6 +161,7 @@ pub fn trials() -> Trials {
         regress_a_missing_port_is_reported,
         regress_silent_and_garbled_ports_have_different_messages,
         regress_usage_errors_exit_with_2,
+        regress_a_wrong_name_exits_with_2_and_lists_the_names,
         regress_a_part_with_horizontal_axis_is_refused,
         regress_tolerance_that_matches_no_parameter_is_named,
         regress_settings_that_cannot_work_are_refused_before_motion,

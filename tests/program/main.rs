@@ -6,6 +6,7 @@
 mod check_command;
 mod cli_bad_input;
 mod cli_run;
+mod command_line;
 mod contract_files;
 mod daemon;
 mod durability;
@@ -47,6 +48,7 @@ fn main() {
         check_command::trials(),
         cli_bad_input::trials(),
         cli_run::trials(),
+        command_line::trials(),
         contract_files::trials(),
         plan_contract_player::trials(),
         daemon::trials(),

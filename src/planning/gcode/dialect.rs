@@ -34,17 +34,17 @@ impl Dialect {
     /// # Errors
     /// The name is unknown (the error lists the known names), or the folder is not complete.
     pub fn from_name(name: &str) -> Result<Self, DialectError> {
-        let folder = DIALECT_FOLDERS.get_dir(name).ok_or_else(|| DialectError::UnknownDialect {
-            name: name.to_owned(),
-            known: Self::available_dialect_names(),
-        })?;
+        let folder = DIALECT_FOLDERS
+            .get_dir(name)
+            .ok_or_else(|| DialectError::UnknownDialect { name: name.to_owned(), known: Self::names() })?;
         Self::from_folder(folder)
             .map_err(|reason| DialectError::InvalidFolder { folder: name.to_owned(), reason: reason.to_string() })
     }
 
-    fn available_dialect_names() -> Vec<String> {
-        let mut names: Vec<_> = DIALECT_FOLDERS.dirs().map(|dir| dir.path().to_string_lossy().into_owned()).collect();
-        names.sort();
+    /// The names of all dialects, in alphabetical order.
+    pub fn names() -> Vec<&'static str> {
+        let mut names: Vec<_> = DIALECT_FOLDERS.dirs().filter_map(|dir| dir.path().to_str()).collect();
+        names.sort_unstable();
         names
     }
 

@@ -6,7 +6,7 @@ use machine::Axis;
 #[derive(Debug, thiserror::Error)]
 pub enum DialectError {
     #[error("unknown dialect `{name}`; available: {}", known.join(", "))]
-    UnknownDialect { name: String, known: Vec<String> },
+    UnknownDialect { name: String, known: Vec<&'static str> },
     #[error("gcode-templates/{folder}: {reason}")]
     InvalidFolder { folder: String, reason: String },
     #[error("{key} = \"{value}\" in the machine file: {reason}")]
