@@ -70,6 +70,9 @@ pub enum Command {
     Backup(BackupArgs),
     /// Manage the tokens for access from other computers to the page and the HTTP interface of `trued serve`.
     Token(TokenArgs),
+    /// Write shell completions and man pages to a folder, for a package.
+    #[command(hide = true)]
+    Generate(GenerateArgs),
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -314,4 +317,10 @@ pub struct TrendArgs {
     /// Print the history as JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct GenerateArgs {
+    /// Output folder; created if missing.
+    pub folder: PathBuf,
 }

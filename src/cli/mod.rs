@@ -22,6 +22,7 @@ mod daemon_client;
 mod device_links;
 mod failure;
 mod files;
+mod generate;
 mod identify;
 mod init;
 mod live_values;
@@ -129,6 +130,7 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Export(args) => runs::export_run(&args, state),
         Command::Backup(args) => backup::backup_command(&args, state),
         Command::Token(args) => token::token_command(&args, state),
+        Command::Generate(args) => generate::generate_command(&args),
     }
 }
 

@@ -1,4 +1,4 @@
-//! The command line itself: version, and the folder of the journal.
+//! The command line itself: version, shell completions, man pages, and the folder of the journal.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -29,6 +29,47 @@ fn version_states_the_commit_of_a_release() {
     assert_eq!(stdout(&output), format!("trued {} ({build})\n", env!("CARGO_PKG_VERSION")));
 }
 
+fn generate_into(folder: &Path) {
+    let output = run_trued(&["generate", &folder.display().to_string()]);
+    assert!(output.status.success(), "{}", stderr(&output));
+}
+
+/// What bash offers for the last of `words`.
+fn bash_completions(script: &Path, words: &[&str]) -> Vec<String> {
+    let code = "source \"$1\"; shift; COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); \
+                _trued trued \"${@: -1}\" \"${@: -2:1}\"; printf '%s\\n' \"${COMPREPLY[@]}\"";
+    let output = Command::new("bash").args(["-c", code, "bash"]).arg(script).args(words).output();
+    let output = output.expect("bash starts");
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", stderr(&output));
+    stdout(&output).lines().map(str::to_owned).collect()
+}
+
+fn bash_completes_commands_options_and_names() {
+    let folder = TempDir::new().unwrap();
+    generate_into(folder.path());
+    let script = folder.path().join("trued.bash");
+    assert_eq!(bash_completions(&script, &["trued", "pl"]), ["plan"]);
+    assert_eq!(bash_completions(&script, &["trued", "run", "self"]), ["self-calibration"]);
+    assert_eq!(bash_completions(&script, &["trued", "resume", "--hom"]), ["--homed"]);
+    let dialects = bash_completions(&script, &["trued", "plan", "--gcode", ""]);
+    assert_eq!(dialects, ["grbl", "grbl-m19", "linuxcnc"]);
+}
+
+fn every_command_has_a_man_page() {
+    let folder = TempDir::new().unwrap();
+    generate_into(folder.path());
+    let help = stdout(&run_trued(&["--help"]));
+    let commands = help.lines().filter_map(|line| line.strip_prefix("  ")?.split_whitespace().next());
+    let commands: Vec<&str> = commands.take_while(|word| *word != "help").filter(|word| *word != "-h,").collect();
+    assert!(commands.contains(&"run") && commands.contains(&"token"), "{help}");
+    for command in commands {
+        let page = std::fs::read_to_string(folder.path().join(format!("trued-{command}.1"))).expect(command);
+        assert!(page.contains(".SH SYNOPSIS") && page.contains(".SH OPTIONS"), "{command}: {page}");
+    }
+    let page = std::fs::read_to_string(folder.path().join("trued.1")).unwrap();
+    assert!(page.contains("trued\\-run(1)"), "{page}");
+}
+
 fn run_and_runs_name_the_folder_of_the_journal() {
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("shop.toml");
@@ -45,6 +86,8 @@ fn run_and_runs_name_the_folder_of_the_journal() {
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
         version_states_the_commit_of_a_release,
+        bash_completes_commands_options_and_names,
+        every_command_has_a_man_page,
         run_and_runs_name_the_folder_of_the_journal,
     ]
 }
