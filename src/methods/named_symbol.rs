@@ -1,5 +1,6 @@
 //! The name of a result in plain words, and the group in which it is displayed.
 
+use crate::prediction::VOLUMETRIC_ERROR_SYMBOL;
 use crate::registry::method_description;
 use crate::symbol_names::{NamedSymbol, ResultGroup, SymbolPattern, find_pattern, harmonics, main, setup};
 use machine::error_name;
@@ -20,8 +21,9 @@ const SUFFIXES: &[SymbolPattern] = &[
     harmonics("s*", "harmonic *, sine part"),
 ];
 
-/// Unknowns of several methods.
-const STYLUS_AND_BALLS: &[SymbolPattern] = &[
+/// Results of several methods.
+const COMMON_SYMBOLS: &[SymbolPattern] = &[
+    main(VOLUMETRIC_ERROR_SYMBOL, "largest position error of the tool over the measured volume"),
     setup("tool_x", "stylus tip: X"),
     setup("tool_y", "stylus tip: Y"),
     setup("tool_z", "stylus tip: Z"),
@@ -40,7 +42,7 @@ pub fn named_symbol(method: &str, symbol: &str) -> Option<NamedSymbol> {
         return Some(NamedSymbol { name, group: ResultGroup::Main });
     }
     let own_patterns = method_description(method).map_or(&[][..], |description| description.symbol_names);
-    find_pattern(own_patterns, symbol).or_else(|| find_pattern(STYLUS_AND_BALLS, symbol)).or_else(|| {
+    find_pattern(own_patterns, symbol).or_else(|| find_pattern(COMMON_SYMBOLS, symbol)).or_else(|| {
         let (error, suffix) = symbol.split_once('_')?;
         let NamedSymbol { name, group } = find_pattern(SUFFIXES, suffix)?;
         Some(NamedSymbol { name: format!("{}: {name}", error_name(error)?), group })

@@ -107,8 +107,9 @@ pub async fn identify_judge_and_store(
     }
     let text = format!("computing the estimate from {} readings", readings.len());
     on_event(&RunEvent::Announced { text });
+    let machine = plan.machine.clone();
     let found = identify_until_halted(method, plan, readings, &devices.open_controller.halt_handle()).await;
-    let found = found.map(|estimate| judge_estimate(estimate, tolerances));
+    let found = found.map(|estimate| judge_estimate(estimate, &machine, tolerances));
     let stored = store_identification(journal, id, found).await;
     stored.map_err(|why| CycleError::NotIdentified { run: id, why })
 }

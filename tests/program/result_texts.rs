@@ -10,6 +10,7 @@ pub fn trials() -> Trials {
         all_outputs_show_the_same_results,
         failed_run_names_its_parameters_everywhere,
         run_list_is_filtered_by_verdict,
+        volumetric_error_is_judged,
     ]
 }
 
@@ -118,4 +119,23 @@ pub fn run_list_is_filtered_by_verdict() {
     assert_eq!(daemon.http().get_json("/api/v1/runs")[0]["verdict"], "fail");
     let page = text_of_html(&daemon.http().get_text("/runs?machine=&method=&verdict=pass"));
     assert!(page.contains("no runs") && !page.contains("FAIL"), "{page}");
+}
+
+/// At C = 180° the tool is off by twice the distance of the axis from its stated position; squareness and scale add
+/// less than 5 µm within the part.
+pub fn volumetric_error_is_judged() {
+    let limits = "\n[tolerance]\nE_vol_um = 50.0\n";
+    let shop = MachineShop::with_machine_file(&format!("{}{limits}", built_in_machine_text()));
+    assert_eq!(shop.run_self_calibration().status.code(), Some(3), "fail");
+    let estimate = shop.run_json(&["show", "1", "--json"]);
+    let parameters = estimate["parameters"].as_array().unwrap();
+    let value = |symbol: &str| {
+        let of_symbol = parameters.iter().find(|parameter| parameter["symbol"] == symbol).unwrap();
+        of_symbol["value"].as_f64().unwrap()
+    };
+    let (volumetric, expected) = (value("E_vol"), 2.0 * value("EX0C").hypot(value("EY0C")));
+    assert!((volumetric - expected).abs() < 5.0, "{volumetric} {expected}");
+    let terminal = String::from_utf8(shop.run_trued(&["show", "1"]).stdout).unwrap();
+    let name = "(largest position error of the tool over the measured volume)";
+    assert!(terminal.lines().any(|line| line.contains("limit ±50 µm: FAIL") && line.contains(name)), "{terminal}");
 }

@@ -7,7 +7,7 @@ mod volume_errors;
 mod workpiece_points;
 
 pub use error_slices::ErrorSlice;
-pub use volume_errors::VolumeError;
+pub use volume_errors::{VOLUMETRIC_ERROR_SYMBOL, VolumeError};
 pub use workpiece_points::{PointInWorkpieceFrame, WorkpieceTransform};
 
 use std::collections::BTreeMap;

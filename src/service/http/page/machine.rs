@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use minijinja::value::Serde;
 use minijinja::{Value, context};
 
-use super::{machine_page_path, render_page, render_template, row_of_run};
+use super::{machine_page_path, render_page, render_template, row_of_run_on};
 use super::{run_drawings, schedule, sensors, trends};
 use crate::archive::history::machine_history;
 use crate::report::result_row::{ResultRow, RunContext, headline, result_rows, worst_first};
@@ -39,7 +39,8 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
     // Before the journal, in which a held run appears first. If a change comes between the two reads, the page is
     // notified and reloads.
     let status = status_values(machine);
-    let (all, (runs, waits)) = (machine_history(journal, name, tolerance)?, run_rows_and_resume_values(journal, name)?);
+    let (all, (runs, waits)) =
+        (machine_history(journal, name, tolerance)?, run_rows_and_resume_values(journal, machine)?);
     let views = run_drawings::views_of_run(journal, RunId(gate.machine_state().run.into()))?;
     gate.refresh_newest_runs(journal, name)?;
     Ok(context! {
@@ -67,12 +68,16 @@ pub async fn live_part(State(app): State<AppState>, machine: ServedMachine) -> R
 }
 
 /// Rows of the newest runs; and, if the last run waits for a person, its values with the question before its resume.
-fn run_rows_and_resume_values(journal: &Journal, machine: &str) -> Result<(Vec<Value>, Option<Value>), Problem> {
-    let wanted = RunFilter { machine: Some(machine), ..RunFilter::default() };
+fn run_rows_and_resume_values(
+    journal: &Journal,
+    machine: &ServedMachine,
+) -> Result<(Vec<Value>, Option<Value>), Problem> {
+    let wanted = RunFilter { machine: Some(&machine.name), ..RunFilter::default() };
     let runs = journal.list_runs(wanted, MAX_SHOWN_RUNS)?;
     let last = runs.first().filter(|run| run.state.is_resumable());
     let waits = last.map(|last| journal.load_run(last.id)).transpose()?;
-    Ok((runs.iter().map(row_of_run).collect(), waits.as_ref().map(resume_values)))
+    let row = |run| row_of_run_on(Some(machine), run);
+    Ok((runs.iter().map(row).collect(), waits.as_ref().map(resume_values)))
 }
 
 fn resume_values(stored: &StoredRun) -> Value {

@@ -29,13 +29,14 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 pub use self::error_page::{error_page, has_json_content_type};
 pub use self::error_page_middleware::errors_as_pages;
 pub use self::rendering_cache::RenderingCache;
-use super::AppState;
 use super::percent_encode::percent_encode;
 use super::problem::Problem;
+use super::{AppState, ServedMachine};
 use crate::report::BASE_CSS;
 use crate::report::result_row::verdict_word;
 use crate::report::time::format_local_time;
-use crate::store::RunSummary;
+use crate::service::machine_state::ServiceState;
+use crate::store::{RunState, RunSummary};
 
 const LIVE_SCRIPT: &str = include_str!("../templates/live.js");
 const ICON_SVG: &str = include_str!("../templates/icon.svg");
@@ -110,6 +111,17 @@ async fn overview_part(State(app): State<AppState>) -> Result<Html<String>, Prob
 fn overview_values(app: &AppState) -> Value {
     let machines: Vec<Value> = app.machines.iter().map(machine::status_values).collect();
     context! { machines, now => format_local_time(Timestamp::now()) }
+}
+
+/// Row of `run` in a list; its machine, if it is served, knows of a resume before the journal does.
+fn row_of_run_on(machine: Option<&ServedMachine>, run: &RunSummary) -> Value {
+    let in_progress = machine.map(|machine| machine.gate.machine_state());
+    let is_in_progress =
+        in_progress.is_some_and(|now| now.state == ServiceState::Running && i64::from(now.run) == run.id.0);
+    match is_in_progress {
+        true => context! { state => RunState::Running.as_str(), end_reason => (), ..row_of_run(run) },
+        false => row_of_run(run),
+    }
 }
 
 fn row_of_run(run: &RunSummary) -> Value {

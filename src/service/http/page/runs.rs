@@ -1,13 +1,16 @@
 //! Paged list of the runs with its filters.
 
+use std::sync::Arc;
+
 use axum::extract::{Query, State};
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{render_page, row_of_run};
+use super::{render_page, row_of_run_on};
 use crate::service::http::AppState;
 use crate::service::http::problem::Problem;
 use crate::service::http::run_list_query::RunListQuery;
+use crate::store::RunSummary;
 use ::machine::record::estimate::Verdict;
 
 pub async fn runs_page(
@@ -16,6 +19,7 @@ pub async fn runs_page(
 ) -> Result<Html<String>, Problem> {
     let tokens = app.access.requires_tokens;
     let filters = filter_values(&app, &query);
+    let machines = Arc::clone(&app.machines);
     app.read_journal(move |journal| {
         let (filter, limit) = (query.filter(), query.item_limit());
         // One more run than shown is read, to detect whether more runs exist.
@@ -30,7 +34,8 @@ pub async fn runs_page(
         let [newest, oldest] = [runs.first(), runs.last()].map(|run| run.map(|run| run.id.0));
         let newer = newest.filter(|_| if onward { more } else { filter.older_than.is_some() });
         let older = oldest.filter(|_| onward || more);
-        let runs = runs.iter().map(row_of_run).collect::<Vec<_>>();
+        let row = |run: &RunSummary| row_of_run_on(machines.iter().find(|machine| machine.name == run.machine), run);
+        let runs = runs.iter().map(row).collect::<Vec<_>>();
         render_page("runs.html", tokens, context! { runs, newer, older, filters, same_filter => query.filter_text() })
     })
     .await?
