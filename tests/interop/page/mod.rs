@@ -7,6 +7,7 @@ mod accessibility;
 mod browser;
 mod cycle;
 mod live_updates;
+mod restart;
 mod sensor_setup;
 mod states;
 mod webdriver;
@@ -37,6 +38,13 @@ pub fn trials() -> Trials {
         live_updates::page_of_stalled_daemon_shows_no_live_values,
         live_updates::idle_page_shows_changes_and_keeps_input,
         states::page_works_without_script,
+        restart::waiting_page_reconnects_after_restarts,
+        restart::measuring_and_held_pages_reconnect_after_a_restart,
+        restart::failed_page_reconnects_after_a_restart,
+        restart::page_with_an_open_prompt_reconnects_after_a_restart,
+        restart::hold_without_a_connection_is_reported_on_the_page,
+        restart::page_of_a_signed_in_tablet_leads_to_the_sign_in_after_a_restart,
+        restart::machines_overview_reconnects_after_a_restart,
     ]
     .requires_peer(missing_browser)
 }

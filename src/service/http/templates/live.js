@@ -1,4 +1,5 @@
-// Updates the live part. A value that the server no longer reports is removed, never left on the page.
+// Updates the live part. A value that the server no longer reports is removed, never left on the page. The page
+// stays open while the service is restarted: the browser's own error page would not return to the machine.
 (() => {
   const live = document.getElementById("live");
   const { from, events, state, asked: shownPrompt } = live.dataset;
@@ -17,8 +18,19 @@
   const isOlder = (at, ms) => Math.abs(Date.now() - at) > ms;
   const fetchText = async (what) => {
     const response = await fetch(what, { signal: AbortSignal.timeout(5000) });
+    // The session has expired or was lost in a restart; the reload leads to the sign-in page.
+    if (response.status === 401) location.reload();
     if (!response.ok) throw new Error(response.statusText);
     return response.text();
+  };
+  // Reloads the page after the service has answered.
+  const reloadWhenAnswered = async () => {
+    try {
+      await fetchText(location.href);
+      location.reload();
+    } catch {
+      showConnectionLost(true);
+    }
   };
   // Limits the request rate: a small computer serves many pages.
   const wait = (ms) => new Promise((done) => setTimeout(done, ms));
@@ -44,6 +56,21 @@
     (async () => { for (;;) { await wait(2000); await refresh(); } })();
     return;
   }
+
+  // A hold is sent without leaving the page, so that the page can report that it was not sent.
+  document.addEventListener("submit", async (event) => {
+    const form = event.target;
+    if (!form.action.endsWith("/hold")) return;
+    event.preventDefault();
+    try {
+      const response = await fetch(form.action, { method: "POST", body: new URLSearchParams(new FormData(form)) });
+      if (response.ok) location.reload(); else form.submit();
+    } catch {
+      const notSent = form.querySelector("[role=alert]") ?? form.appendChild(document.createElement("p"));
+      notSent.setAttribute("role", "alert");
+      notSent.textContent = "The hold was not sent: no connection. Stop the machine at its control.";
+    }
+  });
 
   // Schedule, trends and runs, from a newly requested page. Open details stay open.
   const slow = document.querySelectorAll(".slow");
@@ -72,7 +99,7 @@
   const sensors = document.getElementById("sensors");
   const refreshSensors = sensors && refresher(sensors, sensors.dataset.from);
   let refreshed = Date.now();
-  let source, lastEvent;
+  let source, lastEvent, endAnnounced = false;
   const connect = () => {
     source?.close();
     lastEvent = Date.now();
@@ -80,10 +107,12 @@
     source.addEventListener("standing", (event) => {
       lastEvent = Date.now();
       const now = JSON.parse(event.data);
+      // A reload could find no server. The next event is from the service that was started after this one.
+      if (now.state === "ending") { endAnnounced = true; refresh(); return; }
       const watched = now.asked?.live ? "/sensors" : "";
       const open = now.asked ? `${now.asked.step}/${now.asked.repeat}${watched}` : "";
       // Other actions are possible now, or another prompt is open: reload the page.
-      if (now.state !== state || open !== shownPrompt) { location.reload(); return; }
+      if (endAnnounced || now.state !== state || open !== shownPrompt) { reloadWhenAnswered(); return; }
       if (sensors) {
         refreshSensors();
         if (!isOlder(refreshed, PROMPT_REFRESH_MS)) return;
@@ -91,7 +120,11 @@
       }
       refresh();
     });
-    source.onerror = () => showConnectionLost(true);
+    source.onerror = () => {
+      showConnectionLost(true);
+      // An answer that is no event stream, for example of a proxy or for an expired session.
+      if (source.readyState === EventSource.CLOSED) refresh();
+    };
   };
   connect();
   setInterval(() => {
