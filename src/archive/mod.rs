@@ -4,6 +4,7 @@
 pub mod compare;
 pub mod history;
 pub mod report;
+pub mod run_files;
 pub mod run_story;
 mod volumetric_error;
 

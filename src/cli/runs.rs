@@ -6,9 +6,10 @@ use super::failure::CommandFailure;
 use super::files::{read_estimate, state_folder};
 use super::result_args::{ExportArgs, ExportFrame, RunsArgs, ShowArgs};
 use super::{ExitStatus, add_state_option, show};
+use crate::archive::run_files;
 use crate::archive::run_story::{self, describe_events_with_times, describe_run_end};
 use crate::report::result_row::verdict_word;
-use crate::report::{readings_csv, results_csv, temperature};
+use crate::report::temperature;
 use crate::run::can_resume;
 use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
 use machine::record::estimate::Estimate;
@@ -134,21 +135,19 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
         Ok::<(), CommandFailure>(())
     };
     write(format!("run-{run}-plan.json"), to_pretty_json(&stored.plan)?.as_bytes())?;
-    let mut csv = Vec::new();
-    let comments = [format!("run {run}: {} on {}", stored.plan.method, stored.plan.machine.name)];
-    readings_csv::write_readings(&stored.readings, &comments, &mut csv).map_err(CommandFailure::without_remedy)?;
-    write(format!("run-{run}-readings.csv"), &csv)?;
+    let csv = run_files::readings_file(&stored).map_err(CommandFailure::without_remedy)?;
+    write(run_files::readings_file_name(run), &csv)?;
     write(format!("run-{run}-machine.toml"), stored.machine_file_text.as_bytes())?;
     if args.frame == Some(ExportFrame::Workpiece) {
         let estimate = args.with.as_deref().map(read_estimate).transpose()?;
         let points = readings_in_workpiece_frame_csv(&stored.plan, &stored.readings, estimate.as_ref())?;
         write(format!("run-{run}-points.csv"), points.as_bytes())?;
     }
-    if let Some(last) = stored.estimates.last() {
-        write(format!("run-{run}-estimate.json"), to_pretty_json(&last.estimate)?.as_bytes())?;
-        let mut table = Vec::new();
-        results_csv::write_results(&last.estimate, &mut table).map_err(CommandFailure::without_remedy)?;
-        write(format!("run-{run}-results.csv"), &table)?;
+    if let Some(estimate) = run_files::estimate_file(&stored).map_err(CommandFailure::without_remedy)? {
+        write(run_files::estimate_file_name(run), estimate.as_bytes())?;
+    }
+    if let Some(results) = run_files::results_file(&stored).map_err(CommandFailure::without_remedy)? {
+        write(run_files::results_file_name(run), &results)?;
         show::write_report(&journal, run, &args.to.join(format!("run-{run}-report.html")))?;
     }
     Ok(ExitStatus::Pass)

@@ -11,7 +11,7 @@ use super::machine_status::MachineStatus;
 use super::openapi::schemas::{AuditSchema, ComparisonSchema, DocumentedObject, RunSchema, SeriesView};
 use super::problem::Problem;
 use super::run_list_query::{RunListQuery, item_limit};
-use super::{AppState, ServedMachine, results_file};
+use super::{AppState, ServedMachine};
 use crate::archive::compare::{RunComparison, compare_runs};
 use crate::archive::history::{ParameterSeries, machine_history};
 use crate::archive::run_story::describe_events_with_times;
@@ -32,7 +32,6 @@ pub fn api_routes() -> OpenApiRouter<AppState> {
         .routes(routes!(list_readings))
         .routes(routes!(get_estimate))
         .routes(routes!(get_comparison))
-        .routes(routes!(results_file::get_results_file))
 }
 
 /// State of all machines.

@@ -6,6 +6,7 @@
 mod access;
 mod actions;
 mod api;
+mod api_errors;
 mod connections;
 mod events;
 mod machine_status;
@@ -16,7 +17,7 @@ mod page_address;
 mod percent_encode;
 mod problem;
 mod request_checks;
-mod results_file;
+mod run_files;
 mod run_list_query;
 mod schedule;
 
@@ -29,6 +30,7 @@ use axum::extract::{FromRequestParts, Path, State};
 use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::http::request::Parts;
+use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use tokio::sync::Semaphore;
@@ -179,7 +181,8 @@ fn build_router(app: AppState, names: request_checks::OwnHostNames) -> Router {
     let access = Arc::clone(&app.access);
     let all = openapi::openapi_routes().merge(page::page_routes()).merge(access::login_routes());
     let all = all.route("/metrics", get(serve_metrics));
-    request_checks::with_request_checks(all.with_state(app), names, access)
+    let all = all.with_state(app).layer(from_fn(api_errors::unify_api_errors));
+    request_checks::with_request_checks(all, names, access)
 }
 
 const OPEN_METRICS_CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";

@@ -16,7 +16,7 @@ use super::access::{AccessControl, check_access};
 use super::problem::Problem;
 
 /// Maximum size of a request body, bytes.
-const MAX_REQUEST_BODY_BYTES: usize = 16 * 1024;
+pub(super) const MAX_REQUEST_BODY_BYTES: usize = 16 * 1024;
 /// Maximum time to receive and process a request that changes something.
 const CHANGING_REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// The report contains inline styles. No page contains inline scripts, and nothing is loaded from other origins.

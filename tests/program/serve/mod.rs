@@ -1,5 +1,6 @@
 //! `trued serve` over HTTP and over a line of text: cycles, lists, roles, hostile and slow clients.
 
+mod api_errors;
 mod audit_log;
 pub mod crowd;
 mod hostile_requests;
@@ -13,6 +14,7 @@ mod refusal_formats;
 mod refused_config;
 mod resume_and_sign;
 mod run_beside_daemon;
+mod run_files;
 mod slow_clients;
 mod tokens;
 mod two_machines;
@@ -34,6 +36,9 @@ pub fn trials() -> Trials {
     .with_trials(trials![Pool::Waiting, 0;
         line_trigger::line_protocol_starts_a_cycle,
         page_requests::page_starts_a_cycle,
+        api_errors::every_error_is_a_problem_in_json,
+        api_errors::head_and_options_are_answered,
+        run_files::downloads_equal_the_exported_files,
         lists::run_and_reading_lists_are_paged,
         lists::input_errors_are_explained,
         resume_and_sign::resume_from_the_page_needs_all_confirmations,

@@ -2,6 +2,7 @@
 
 use axum::extract::rejection::{FormRejection, JsonRejection};
 use axum::extract::{Extension, FromRequest, Path, Request};
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Form, Json, RequestExt};
 use serde::de::DeserializeOwned;
@@ -68,5 +69,9 @@ fn json_problem(error: JsonRejection) -> Problem {
 }
 
 fn form_problem(error: FormRejection) -> Problem {
-    Problem::new(error.status(), "unreadable", error.body_text(), "send the fields of the page's form")
+    let remedy = match error.status() {
+        StatusCode::UNSUPPORTED_MEDIA_TYPE => "send JSON with the header `Content-Type: application/json`",
+        _ => "send the fields of the page's form",
+    };
+    Problem::new(error.status(), "unreadable", error.body_text(), remedy)
 }

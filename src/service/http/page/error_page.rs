@@ -40,6 +40,14 @@ pub async fn error_page(response: Response, has_sign_in_link: bool) -> Response 
 
 /// Whether the content type of a request or a response is JSON.
 pub fn has_json_content_type(headers: &HeaderMap) -> bool {
-    let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
-    kind.is_some_and(|kind| kind.starts_with("application/json"))
+    has_content_type(headers, "application/json")
+}
+
+/// Whether a request is a form of a page.
+pub fn has_form_content_type(headers: &HeaderMap) -> bool {
+    has_content_type(headers, "application/x-www-form-urlencoded")
+}
+
+fn has_content_type(headers: &HeaderMap, start: &str) -> bool {
+    headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(start.as_bytes()))
 }

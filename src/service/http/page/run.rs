@@ -72,7 +72,7 @@ fn values_of_run(stored: &StoredRun, earlier: &[RunSummary]) -> Value {
 /// Files of a run with an estimate.
 fn download_values(run: RunId) -> Vec<Value> {
     let path = |file: &str| format!("/api/v1/runs/{run}/{file}");
-    [("results (CSV)", "results.csv"), ("estimate (JSON)", "estimate"), ("readings (CSV)", "readings.csv")]
+    [("results (CSV)", "results.csv"), ("estimate (JSON)", "estimate.json"), ("readings (CSV)", "readings.csv")]
         .map(|(name, file)| context! { name, path => path(file) })
         .to_vec()
 }
