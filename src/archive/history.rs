@@ -65,7 +65,7 @@ struct ParameterValues {
 }
 
 fn add_run_values(all: &mut Vec<ParameterValues>, measured: FinishedRunResult) {
-    let FinishedRunResult { run, started, method, parameters, temperatures_c } = measured;
+    let FinishedRunResult { run, started, method, parameters, temperatures_c, .. } = measured;
     let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
     for parameter in parameters.into_iter().filter(known) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;

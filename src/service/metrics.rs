@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use prometheus_client::encoding::text;
+use prometheus_client::encoding::text::{encode_eof, encode_registry};
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
@@ -15,8 +15,8 @@ use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::{Metric, Registry};
 
 use super::machine_state::{CycleOutcome, MachineState, ServiceState};
+use super::result_metrics::{METRIC_PREFIX, MetricLabels, NewestMethodResult, encode_result_metrics};
 
-type MetricLabels<const N: usize> = [(&'static str, Cow<'static, str>); N];
 type SecondsGauge = Gauge<f64, AtomicU64>;
 
 /// Metrics of the whole daemon.
@@ -34,7 +34,7 @@ pub struct Metrics {
 
 impl Default for Metrics {
     fn default() -> Self {
-        let mut registry = Registry::with_prefix("trued");
+        let mut registry = Registry::with_prefix(METRIC_PREFIX);
         registry.register("build", "Version of the program", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
         let runs = register_metric(&mut registry, "runs", "Cycles by outcome");
         let readings = register_metric(&mut registry, "readings", "Touches and scans in the journal");
@@ -97,13 +97,71 @@ impl Metrics {
         set(&self.cycles_with_link_error.get_or_create(&[name()]), counters.cycles_with_link_error);
     }
 
-    /// Returns all metrics in the OpenMetrics text format.
+    /// Returns all metrics in the OpenMetrics text format, with those of `results`.
     ///
     /// # Errors
     /// None known: writing to a `String` does not fail.
-    pub fn encode_text(&self) -> Result<String, std::fmt::Error> {
+    pub fn encode_text(&self, results: &[NewestMethodResult]) -> Result<String, std::fmt::Error> {
         let mut text = String::new();
-        text::encode(&mut text, &self.registry)?;
+        encode_registry(&mut text, &self.registry)?;
+        encode_result_metrics(results, &mut text)?;
+        encode_eof(&mut text)?;
         Ok(text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::store::{FinishedRunResult, RunId};
+    use machine::record::estimate::Verdict;
+
+    const DASHBOARD: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/grafana/trued.json"));
+
+    /// Names of all metrics, from the headings of the text format.
+    fn all_metric_names() -> BTreeSet<String> {
+        let parameter = |unit: &str| {
+            let judged = json!({"limit": 1.0, "verdict": "pass"});
+            let parameter = json!({"symbol": unit, "value": 1.0, "unit": unit, "u": 0.1, "U": 0.2, "k": 2.0,
+                                   "dof": null, "identifiable": true, "judged": judged});
+            serde_json::from_value(parameter).unwrap()
+        };
+        let result = FinishedRunResult {
+            run: RunId(1),
+            started: jiff::Timestamp::UNIX_EPOCH,
+            ended: jiff::Timestamp::UNIX_EPOCH,
+            method: "samba".to_owned(),
+            verdict: Verdict::Pass,
+            parameters: ["um", "urad", "um/m", "mm", "ms"].map(parameter).to_vec(),
+            temperatures_c: BTreeMap::from([("table".to_owned(), 20.0)]).into(),
+        };
+        let newest = NewestMethodResult { machine: "mill".to_owned(), result, outdated: false };
+        let metrics = Metrics::default();
+        metrics.update_machine("mill", &MachineState::default(), Duration::ZERO);
+        let text = metrics.encode_text(&[newest]).unwrap();
+        let headings = text.lines().filter_map(|line| line.strip_prefix("# TYPE "));
+        headings.map(|heading| heading.split(' ').next().unwrap().to_owned()).collect()
+    }
+
+    /// The queries of the example dashboard contain each metric of the results, and no unknown one.
+    #[test]
+    fn dashboard_uses_the_metrics_of_the_results() {
+        let dashboard: Value = serde_json::from_str(DASHBOARD).unwrap();
+        let panels = dashboard["panels"].as_array().unwrap().iter();
+        let targets = panels.flat_map(|panel| panel["targets"].as_array().into_iter().flatten());
+        let variables = dashboard["templating"]["list"].as_array().unwrap().iter();
+        let queries = targets.map(|target| &target["expr"]).chain(variables.map(|variable| &variable["definition"]));
+        let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let words = queries.filter_map(Value::as_str).flat_map(|query| query.split(move |c| !is_name(c)));
+        let used: BTreeSet<String> = words.filter(|word| word.starts_with("trued_")).map(str::to_owned).collect();
+        let known = all_metric_names();
+        assert_eq!(used.difference(&known).collect::<Vec<_>>(), Vec::<&String>::new());
+        let is_of_result = |name: &&String| name.starts_with("trued_parameter_") || name.starts_with("trued_result_");
+        assert_eq!(known.iter().filter(is_of_result).filter(|name| !used.contains(*name)).count(), 0, "{used:?}");
+        assert_eq!(known.iter().filter(is_of_result).count(), 16);
     }
 }

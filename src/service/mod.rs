@@ -25,6 +25,7 @@ pub mod log_destination;
 pub mod machine_state;
 mod metrics;
 mod not_started;
+mod result_metrics;
 mod resume;
 mod retention;
 mod run_events;

@@ -177,7 +177,9 @@ pub struct StoredEstimate {
 pub struct FinishedRunResult {
     pub run: RunId,
     pub started: Timestamp,
+    pub ended: Timestamp,
     pub method: String,
+    pub verdict: Verdict,
     pub parameters: Vec<Parameter>,
     /// Mean temperatures over the run's readings; thermometers without a value are left out.
     pub temperatures_c: Temperatures,

@@ -73,7 +73,7 @@ pub(super) fn visit_finished_run_results(
     let ids = newest_first.query_map(params![machine, finished, runs_per_method], |row| row.get(0))?;
     // One query for each run: a single sorted query would hold all estimates in memory.
     let mut one = connection.prepare(
-        "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}')
+        "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}'), coalesce(ended, started)
          FROM runs JOIN estimates ON run = runs.id
          WHERE runs.id = ?1 ORDER BY estimates.seq DESC LIMIT 1",
     )?;
@@ -89,13 +89,16 @@ fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<FinishedRunRe
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct EstimateValues {
+        verdict: Verdict,
         parameters: Vec<Parameter>,
     }
-    let EstimateValues { parameters } = parse_json_column(row, 3)?;
+    let EstimateValues { verdict, parameters } = parse_json_column(row, 3)?;
     Ok(FinishedRunResult {
         run: RunId(row.get(0)?),
         started: parse_text_column(row, 1)?,
+        ended: parse_text_column(row, 5)?,
         method: row.get(2)?,
+        verdict,
         parameters,
         temperatures_c: parse_json_column(row, 4)?,
     })

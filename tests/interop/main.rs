@@ -1,11 +1,12 @@
-//! Interoperability with third-party programs: LinuxCNC, grblHAL, pymodbus, python3, the CAN of a real kernel,
-//! Chromium. A trial whose program is missing is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
+//! Interoperability with third-party programs: LinuxCNC, grblHAL, pymodbus, prometheus_client, python3, the CAN of
+//! a real kernel, Chromium. A trial whose program is missing is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
 
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
 mod grblhal;
 mod linuxcnc;
 mod page;
+mod prometheus;
 mod pymodbus;
 mod sensors;
 mod serve_modbus;
@@ -21,6 +22,7 @@ fn main() {
         grblhal::trials(),
         linuxcnc::trials(),
         page::trials(),
+        prometheus::trials(),
         pymodbus::trials(),
         sensors::trials(),
         serve_modbus::trials(),

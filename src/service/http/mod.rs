@@ -33,6 +33,7 @@ use axum::http::request::Parts;
 use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use jiff::Timestamp;
 use tokio::sync::Semaphore;
 
 use self::access::AccessControl;
@@ -189,10 +190,17 @@ const OPEN_METRICS_CONTENT_TYPE: &str = "application/openmetrics-text; version=1
 
 /// `/metrics`, for Prometheus.
 async fn serve_metrics(State(app): State<AppState>) -> Response {
+    let (machines, now) = (Arc::clone(&app.machines), Timestamp::now());
+    let read_results = move |journal: &Journal| {
+        let of_machine = |machine| newest_result::newest_result_of_each_method(journal, machine, now);
+        machines.iter().map(of_machine).collect::<Result<Vec<_>, _>>()
+    };
+    // After an error there are no results; the other metrics remain available.
+    let results = app.read_journal(read_results).await.ok().and_then(Result::ok).unwrap_or_default().concat();
     for ServedMachine { name, gate, .. } in app.machines.iter() {
         app.metrics.update_machine(name, &gate.machine_state(), gate.progress_age());
     }
-    match app.metrics.encode_text() {
+    match app.metrics.encode_text(&results) {
         Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS_CONTENT_TYPE)], text).into_response(),
         Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     }

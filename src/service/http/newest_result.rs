@@ -11,7 +11,8 @@ use super::openapi::schemas::VerdictSchema;
 use super::{AppState, ServedMachine};
 use crate::service::command_gate::CommandGate;
 use crate::service::machine_state::ServiceState;
-use crate::store::{NewestMeasuredRuns, NewestRunResult};
+use crate::service::result_metrics::NewestMethodResult;
+use crate::store::{FinishedRunResult, Journal, NewestMeasuredRuns, NewestRunResult, RunFilter, RunState, StoreError};
 use machine::record::estimate::Verdict;
 
 /// Period of the journal query; another process that measures does not notify this service.
@@ -38,12 +39,43 @@ impl NewestResult {
     /// Newest result, with its validity at `now`. `None`: no run is finished.
     pub fn from_newest_runs(newest: &NewestMeasuredRuns, verdict_validity: Duration, now: Timestamp) -> Option<Self> {
         let NewestRunResult { run, ended, verdict, .. } = newest.newest_result.as_ref()?;
-        let validity = SignedDuration::try_from(verdict_validity).unwrap_or(SignedDuration::MAX);
-        let age = now.duration_since(*ended);
-        let outdated =
-            age > validity || age < -MAX_TOLERATED_CLOCK_SETBACK || newest.newer_run_without_estimate.is_some();
+        let outdated = has_invalid_age(*ended, verdict_validity, now) || newest.newer_run_without_estimate.is_some();
         Some(Self { run: run.0, measured: *ended, verdict: *verdict, outdated })
     }
+}
+
+/// Whether a result measured at `ended` is older than `verdict_validity`, or later than this computer's clock.
+fn has_invalid_age(ended: Timestamp, verdict_validity: Duration, now: Timestamp) -> bool {
+    let validity = SignedDuration::try_from(verdict_validity).unwrap_or(SignedDuration::MAX);
+    let age = now.duration_since(ended);
+    age > validity || age < -MAX_TOLERATED_CLOCK_SETBACK
+}
+
+/// The newest result of each method on `machine`. It is outdated if its age is not valid at `now`, or if a newer run
+/// of its method is measured and not identified.
+///
+/// # Errors
+/// The journal cannot be read.
+pub fn newest_result_of_each_method(
+    journal: &Journal,
+    machine: &ServedMachine,
+    now: Timestamp,
+) -> Result<Vec<NewestMethodResult>, StoreError> {
+    let mut results = Vec::new();
+    journal.visit_finished_run_results(&machine.name, 1, |result| results.push(result))?;
+    let with_validity = |result: FinishedRunResult| {
+        let unidentified = RunFilter {
+            newer_than: Some(result.run),
+            machine: Some(&machine.name),
+            method: Some(&result.method),
+            state: Some(RunState::NotIdentified),
+            ..RunFilter::default()
+        };
+        let outdated = has_invalid_age(result.ended, machine.verdict_validity, now)
+            || !journal.list_runs(unidentified, 1)?.is_empty();
+        Ok(NewestMethodResult { machine: machine.name.clone(), result, outdated })
+    };
+    results.into_iter().map(with_validity).collect()
 }
 
 /// Queries the journal whenever a run may have ended, for as long as the process lives.
