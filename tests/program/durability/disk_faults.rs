@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use super::disk_image::{DiskEvent, parse_events};
 use super::{DurabilityBench, assert_journal_is_valid, assert_readings_kept, stderr_text};
 use crate::support::recording_control::WireRecord;
 
@@ -35,6 +36,9 @@ struct DiskUse {
     written_bytes: u64,
     write_count: u64,
     sync_count: u64,
+    /// Numbers of the syncs directly after a write to the same file: commits. SQLite ignores an error of the other
+    /// syncs, of a folder or before a checkpoint, as these are done again.
+    commit_sync_numbers: Vec<u64>,
     touch_count: usize,
 }
 
@@ -49,17 +53,24 @@ fn disk_use_and_stdout() -> (DiskUse, Vec<u8>) {
         written_bytes: 0,
         write_count: 0,
         sync_count: 0,
+        commit_sync_numbers: Vec::new(),
         touch_count: record.reported_touch_positions().len(),
     };
-    for event in super::disk_image::parse_events(&log) {
+    let mut last_written_file = None;
+    for event in parse_events(&log) {
         match event {
-            super::disk_image::DiskEvent::Write { data, .. } => {
+            DiskEvent::Write { id, data, .. } => {
                 effort.written_bytes += data.len() as u64;
                 effort.write_count += 1;
+                last_written_file = Some(id);
             }
-            super::disk_image::DiskEvent::SyncFile { .. } | super::disk_image::DiskEvent::SyncFolder { .. } => {
+            DiskEvent::SyncFile { id } => {
+                if last_written_file.take() == Some(id) {
+                    effort.commit_sync_numbers.push(effort.sync_count);
+                }
                 effort.sync_count += 1;
             }
+            DiskEvent::SyncFolder { .. } => effort.sync_count += 1,
             _ => {}
         }
     }
@@ -104,17 +115,20 @@ pub fn full_or_failing_disk_stops_the_run_cleanly() {
     let (whole, _) = disk_use_and_stdout();
     let full = ["the disk is full", "No space left on device", "the disk reports an error"];
     let failing = ["the disk reports an error", "Input/output error"];
-    let faults: [(&str, u64, &[&str]); 4] = [
-        ("FAULTY_FULL_AFTER", whole.written_bytes, &full),
-        ("FAULTY_WRITE_AFTER", whole.write_count, &failing),
-        ("FAULTY_SYNC_AFTER", whole.sync_count, &failing),
-        ("FAULTY_SYNC_ONCE", whole.sync_count, &failing),
+    let eighths = |all: u64| (0..8).map(|eighth| all * eighth / 8).collect::<Vec<u64>>();
+    let commits = &whole.commit_sync_numbers;
+    let of_commits = eighths(commits.len() as u64).into_iter().map(|index| commits[index as usize]).collect();
+    let faults: [(&str, Vec<u64>, &[&str]); 4] = [
+        ("FAULTY_FULL_AFTER", eighths(whole.written_bytes), &full),
+        ("FAULTY_WRITE_AFTER", eighths(whole.write_count), &failing),
+        ("FAULTY_SYNC_AFTER", eighths(whole.sync_count), &failing),
+        ("FAULTY_SYNC_ONCE", of_commits, &failing),
     ];
     let whole = &whole;
     std::thread::scope(|scope| {
-        for (fault, all, words) in faults {
+        for (fault, numbers, words) in faults {
             scope.spawn(move || {
-                (0..8).for_each(|eighth| check_run_stops_cleanly_at_disk_fault(whole, fault, all * eighth / 8, words));
+                numbers.iter().for_each(|at| check_run_stops_cleanly_at_disk_fault(whole, fault, *at, words));
             });
         }
     });
@@ -128,14 +142,14 @@ fn written_bytes_at_middle_of_estimate() -> u64 {
     let (output, _) = run_with_faults(&bench, &[("FAULTY_LOG", log.display().to_string())]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr_text(&output));
     let (mut bytes, mut synced, mut is_it) = (0, 0, false);
-    for event in super::disk_image::parse_events(&log) {
+    for event in parse_events(&log) {
         match event {
-            super::disk_image::DiskEvent::Write { data, .. } => {
+            DiskEvent::Write { data, .. } => {
                 is_it |= data.windows(ESTIMATE_HEAD.len()).any(|some| some == ESTIMATE_HEAD);
                 bytes += data.len() as u64;
             }
-            super::disk_image::DiskEvent::SyncFile { .. } if is_it => return (synced + bytes) / 2,
-            super::disk_image::DiskEvent::SyncFile { .. } => synced = bytes,
+            DiskEvent::SyncFile { .. } if is_it => return (synced + bytes) / 2,
+            DiskEvent::SyncFile { .. } => synced = bytes,
             _ => {}
         }
     }
