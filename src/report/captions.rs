@@ -68,12 +68,10 @@ fn division_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>) -
 fn removed_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
     let RemovedCircle { mean, eccentricity, direction_deg } = figure.removed?;
     let decimals = number::decimals_for_uncertainty(k * largest_u(function));
-    let [mean, eccentricity] = [mean, eccentricity].map(|value| number::format_fixed(value, decimals));
-    let unit = number::unit_symbol(function.unit);
-    Some(format!(
-        "; removed before drawing: eccentricity {eccentricity}\u{a0}{unit} towards {}° and mean {mean}\u{a0}{unit}",
-        number::format_fixed(direction_deg, 1)
-    ))
+    let [mean, eccentricity, zero] = [mean, eccentricity, 0.0].map(|value| number::format_fixed(value, decimals));
+    let (unit, direction) = (number::unit_symbol(function.unit), number::format_fixed(direction_deg, 1));
+    let mean = if mean == zero { String::new() } else { format!(" and mean {mean}\u{a0}{unit}") };
+    Some(format!("; removed before drawing: eccentricity {eccentricity}\u{a0}{unit} towards {direction}°{mean}"))
 }
 
 fn uncertainty_band_caption(k: f64) -> String {

@@ -28,7 +28,7 @@ pub(super) fn vector_figure_value(figure: &ArrowFigure) -> Value {
         count => figure.groups.len(),
         has_arrows => figure.figure == VectorFigureKind::Arrows,
         worst => worst.filter(|_| figure.groups.len() > 1).map(|(group, rms)| context! {
-            name => group.name.as_str(),
+            name => with_minus_signs(&group.name),
             rms => format!("{} {}", number::format_fixed(rms, LENGTH_DECIMALS), number::unit_symbol(figure.unit)),
             svg => svg_value(scales.as_ref().and_then(|scales| scales.draw_group(group, figure.figure))),
         }),
@@ -71,7 +71,19 @@ fn group_sizes(figure: &ArrowFigure) -> Option<EstimatedFunction> {
 
 fn describe_arrow(figure: &ArrowFigure, group: &str, FigureArrow { label, vector, .. }: &FigureArrow) -> String {
     let [x, y, z] = vector.map(|part| number::format_fixed(part, LENGTH_DECIMALS));
+    let group = with_minus_signs(group);
     format!("{label} at {group}: ({x}, {y}, {z}) {}", number::unit_symbol(figure.unit))
+}
+
+/// The name of a group, such as `B -30°`, with a minus sign instead of the hyphen before a number.
+fn with_minus_signs(name: &str) -> String {
+    let mut text = String::with_capacity(name.len());
+    let mut letters = name.chars().peekable();
+    while let Some(letter) = letters.next() {
+        let is_sign = letter == '-' && letters.peek().is_some_and(char::is_ascii_digit);
+        text.push(if is_sign { '−' } else { letter });
+    }
+    text
 }
 
 #[cfg(test)]
@@ -111,6 +123,15 @@ mod tests {
         let value = vector_figure_value(&figure_with_lengths(&[2.0])).to_string();
         assert_eq!(value.matches("<svg").count(), 1);
         assert_eq!(vector_figure_value(&figure_with_lengths(&[])).to_string().matches("<svg").count(), 0);
+    }
+
+    #[test]
+    fn negative_angles_have_a_minus_sign() {
+        for (name, expected) in
+            [("B -30°, C 90°", "B −30°, C 90°"), ("B-90 C0", "B−90 C0"), ("re-clamped", "re-clamped")]
+        {
+            assert_eq!(with_minus_signs(name), expected);
+        }
     }
 
     #[test]

@@ -11,6 +11,9 @@ use super::method_cases::{METHOD_CASES, MethodCase};
 use super::normalise::{remove_lines_with_prefixes, replace_hashes, replace_timestamps};
 use super::workspace::{Workspace, stderr_text};
 
+/// Maximum size of a report, which opens without delay on a phone.
+const MAX_REPORT_BYTES: usize = 200_000;
+
 /// Output of one run: of its commands and of its export.
 pub struct RunOutput {
     /// Standard output of `trued run --json`.
@@ -86,6 +89,7 @@ pub fn check_run_capture(case: &MethodCase) {
 
 pub fn check_run_report(case: &MethodCase) {
     let report = &cached_full_run(case).report_html;
+    assert!(report.len() <= MAX_REPORT_BYTES, "{} bytes", report.len());
     check_text_against_baseline(&format!("runs/{}-report.txt", case.method), &visible_html_text(report));
     check_digest(&format!("runs/{}-report.digest", case.method), report);
 }

@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn sketch_has_a_view_for_each_direction_with_an_error() {
         assert_eq!(axes_with_location_errors(&LOCATION_ERRORS), ['B', 'C']);
-        assert_eq!(axes_with_location_errors(&["EXC", "EX0C_lsc", "tool_x", ""]), []);
+        assert_eq!(axes_with_location_errors(&["EXC", "EX0C_lsc", "tool_x", ""]), Vec::<char>::new());
         assert_eq!(axes_with_location_errors(&["EX0S", "EC0Y", "EB0Z"]), ['Y', 'Z', 'S']);
         let of_c = AxisSketch::new('C', &LOCATION_ERRORS).unwrap();
         assert_eq!(of_c.symbols(), [vec!["EX0C", "EY0C"], vec!["EB0C", "EA0C"], vec!["EC0C"]]);

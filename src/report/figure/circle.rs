@@ -5,15 +5,13 @@ use std::f64::consts::TAU;
 use plotters::prelude::*;
 
 use super::ticked_axis::{TickedAxis, value_bounds};
-use super::{BAND_OPACITY, FIT_COLOUR, LINE_COLOUR, PICTURE_MARGIN, X_LABEL_HEIGHT, Y_LABEL_WIDTH};
+use super::{BAND_OPACITY, FIT_COLOUR, LINE_COLOUR, PICTURE_MARGIN, X_LABEL_HEIGHT};
 use super::{draw_axes, draw_picture, finite_or_zero};
 use crate::report::number;
 use machine::record::estimate::CircleFigure;
 
 /// Side of the plot, which is square so that circles are not distorted.
 const PLOT_SIDE: u32 = 744;
-const PICTURE_SIZE: (u32, u32) =
-    (Y_LABEL_WIDTH + PLOT_SIDE + 3 * PICTURE_MARGIN, X_LABEL_HEIGHT + PLOT_SIDE + 2 * PICTURE_MARGIN);
 
 /// Maximum ratio of the length between last and first point to the longest between neighbours in a closed path.
 const MAX_RATIO_OF_CLOSING_LENGTH: f64 = 1.5;
@@ -32,9 +30,11 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
     };
     let unit = number::unit_symbol(figure.unit);
     let (x_name, y_name) = (format!("x / {unit}"), format!("y / {unit}"));
-    draw_picture(PICTURE_SIZE, |area| {
-        let axis = |middle: f64| TickedAxis::with_round_ticks(middle - half..middle + half);
-        let mut chart = draw_axes(area, axis(x).titled(&x_name), axis(y).titled(&y_name))?;
+    let axis = |middle: f64| TickedAxis::with_round_ticks(middle - half..middle + half);
+    let (x_axis, y_axis) = (axis(x).titled(&x_name), axis(y).titled(&y_name));
+    let width = y_axis.label_width() + PLOT_SIDE + 3 * PICTURE_MARGIN;
+    draw_picture((width, X_LABEL_HEIGHT + PLOT_SIDE + 2 * PICTURE_MARGIN), |area| {
+        let mut chart = draw_axes(area, x_axis, y_axis)?;
         chart.draw_series([Polygon::new(ellipse(ux, uy), FIT_COLOUR.mix(BAND_OPACITY))])?;
         chart.draw_series([PathElement::new(path, LINE_COLOUR.mix(0.5).stroke_width(2))])?;
         let fitted = ellipse(figure.radius, figure.radius);

@@ -5,11 +5,12 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use plotters::prelude::*;
 
+use super::compact_svg::compact_svg;
 use super::legend::{self, DASH_AND_GAP_LENGTH, LegendEntry, LegendSymbol};
 use super::temperature_strip::{self, TemperatureCurves};
 use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{
-    Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, Y_LABEL_WIDTH,
+    Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, MIN_Y_LABEL_WIDTH, PICTURE_SIZE, PlotPoint,
     draw_picture,
 };
 use crate::report::number;
@@ -48,25 +49,31 @@ struct ScaledChart {
 impl IndividualsChart {
     /// Draws the chart; `None` without a finite value.
     pub fn draw(&self, unit: Unit) -> Option<String> {
+        self.draw_shapes(unit).map(|svg| compact_svg(&svg))
+    }
+
+    fn draw_shapes(&self, unit: Unit) -> Option<String> {
         let scaled = self.scale_data()?;
         let legend_entries = self.legend_entries(unit, &scaled.drawn_tolerance_lines);
         let thermometers = temperature_strip::thermometer_legend_entries(&self.temperatures);
-        let temperature_range = temperature_strip::temperature_scale_range(&self.temperatures);
-        let height_of = |entries: &[LegendEntry]| legend::legend_height(entries, Y_LABEL_WIDTH, PICTURE_SIZE.0);
-        let (rows, names) = (height_of(&legend_entries), height_of(&thermometers));
-        let below = temperature_range.map_or(0, |_| names + temperature_strip::TEMPERATURE_STRIP_HEIGHT);
-        let x_name = format!("local time ({})", local_zone_name(scaled.time_range.1));
         let y_name = format!("{} / {}", number::one_line_symbol(&self.symbol), number::unit_symbol(unit));
+        let mut y = TickedAxis::with_round_ticks(scaled.value_range.0..scaled.value_range.1).titled(&y_name);
+        let temperature = temperature_strip::temperature_axis(&self.temperatures).map(|axis| axis.aligned_with(&y));
+        y = temperature.iter().fold(y, TickedAxis::aligned_with);
+        let height_of = |entries: &[LegendEntry]| legend::legend_height(entries, MIN_Y_LABEL_WIDTH, PICTURE_SIZE.0);
+        let (rows, names) = (height_of(&legend_entries), height_of(&thermometers));
+        let below = temperature.as_ref().map_or(0, |_| names + temperature_strip::TEMPERATURE_STRIP_HEIGHT);
+        let x_name = format!("local time ({})", local_zone_name(scaled.time_range.1));
         let time = TickedAxis::of_local_time(scaled.time_range.0..scaled.time_range.1).titled(&x_name);
         draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + rows + below), |area| {
             let (above, rest) = area.split_vertically(rows as i32);
-            legend::draw_legend(&above, Y_LABEL_WIDTH, &legend_entries)?;
+            legend::draw_legend(&above, MIN_Y_LABEL_WIDTH, &legend_entries)?;
             let (upper, lower) = rest.split_vertically(PICTURE_SIZE.1 as i32);
-            self.draw_values_and_limits(&upper, &scaled, time.clone(), &y_name)?;
-            let Some(range) = temperature_range else { return Ok(()) };
+            self.draw_values_and_limits(&upper, &scaled, time.clone(), y)?;
+            let Some(temperature) = temperature else { return Ok(()) };
             let (above, lower) = lower.split_vertically(names as i32);
-            legend::draw_legend(&above, Y_LABEL_WIDTH, &thermometers)?;
-            temperature_strip::draw_strip(&lower, &self.temperatures, time, 1.0, range.0, range.1)
+            legend::draw_legend(&above, MIN_Y_LABEL_WIDTH, &thermometers)?;
+            temperature_strip::draw_strip(&lower, &self.temperatures, time, 1.0, temperature)
         })
     }
 
@@ -118,14 +125,20 @@ impl IndividualsChart {
         legend_entries
     }
 
-    fn draw_values_and_limits(&self, area: &Area<'_>, scaled: &ScaledChart, x: TickedAxis, y_name: &str) -> DrawResult {
+    fn draw_values_and_limits(
+        &self,
+        area: &Area<'_>,
+        scaled: &ScaledChart,
+        x: TickedAxis,
+        y: TickedAxis,
+    ) -> DrawResult {
         let ScaledChart {
             samples,
             time_range: (first, last),
             value_range: (low, high),
             drawn_tolerance_lines: tolerance,
         } = scaled;
-        let mut chart = super::draw_axes(area, x, TickedAxis::with_round_ticks(*low..*high).titled(y_name))?;
+        let mut chart = super::draw_axes(area, x, y)?;
         if let Some(([lower, centre, upper], from)) = self.control_limits_and_first_index {
             let begin = self.times_values_and_expanded_u.get(from).map_or(*first, |[t_s, ..]| *t_s);
             let band = [(begin, lower), (*last, upper)];
@@ -163,7 +176,7 @@ fn local_zone_name(t_s: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{attribute_values, is_inside_picture};
+    use super::super::tests::{attribute_values, is_inside_picture, smallest_text_on_a_phone};
     use super::*;
 
     #[test]
@@ -176,8 +189,9 @@ mod tests {
             step_times_s: vec![-86_400.0 * 6.5],
             ..IndividualsChart::default()
         };
-        let svg = chart.draw(Unit::Um).unwrap();
-        assert!(is_inside_picture(&svg) && svg.contains("local time ("), "{svg}");
+        let svg = chart.draw_shapes(Unit::Um).unwrap();
+        assert!(is_inside_picture(&svg) && svg.contains("days before now"), "{svg}");
+        assert!(smallest_text_on_a_phone(&svg) >= 9.0);
         let dots: Vec<f64> = svg
             .lines()
             .filter(|line| line.contains("<circle"))
@@ -191,7 +205,14 @@ mod tests {
         let begins: f64 = attribute_values(band, "x")[0].parse().unwrap();
         assert!((begins - dots[4]).abs() <= 1.0, "{begins} {dots:?}");
         let none = IndividualsChart { times_values_and_expanded_u: vec![[0.0, f64::NAN, 1.0]], ..chart.clone() };
-        assert_eq!(none.draw(Unit::Um), None);
+        assert_eq!(none.draw_shapes(Unit::Um), None);
+        let soon = IndividualsChart {
+            times_values_and_expanded_u: vec![[-30.0, 1.0, 1.0]],
+            control_limits_and_first_index: None,
+            step_times_s: vec![],
+            ..chart
+        };
+        assert!(soon.draw_shapes(Unit::Um).unwrap().contains("seconds before now"));
     }
 
     fn polyline_points(line: &str) -> Vec<[f64; 2]> {
@@ -228,7 +249,7 @@ mod tests {
     /// The control limits, at -1, 0.5 and 2 by construction, give the scale for the tolerance.
     #[test]
     fn tolerance_is_a_dashed_line_at_its_value() {
-        let svg = daily_chart(Some(3.25)).draw(Unit::Um).unwrap();
+        let svg = daily_chart(Some(3.25)).draw_shapes(Unit::Um).unwrap();
         assert!(is_inside_picture(&svg) && svg.contains("tolerance ±3.25 µm") && svg.contains("control limits"));
         let limits: Vec<f64> = horizontal_lines(&svg, "#C2571A", 3).iter().map(|line| line[2]).collect();
         let [lower, upper] = limits[..] else { panic!("{limits:?}") };
@@ -242,7 +263,7 @@ mod tests {
             assert!(of_line.windows(2).all(|pair| pair[1][0] - pair[0][1] > 10.0), "{of_line:?}");
         }
         assert!(dashes.iter().all(|dash| dash[1] - dash[0] <= 41.0), "{dashes:?}");
-        let without = daily_chart(None).draw(Unit::Um).unwrap();
+        let without = daily_chart(None).draw_shapes(Unit::Um).unwrap();
         assert!(horizontal_lines(&without, "#22262B", 4).is_empty() && !without.contains("tolerance"));
     }
 
@@ -250,7 +271,7 @@ mod tests {
     #[test]
     fn legend_has_as_many_rows_as_it_needs() {
         let text_y = |tolerance: f64, text: &str| -> f64 {
-            let svg = daily_chart(Some(tolerance)).draw(Unit::Um).unwrap();
+            let svg = daily_chart(Some(tolerance)).draw_shapes(Unit::Um).unwrap();
             let lines: Vec<&str> = svg.lines().collect();
             let at = lines.iter().position(|line| line.starts_with(text)).unwrap();
             attribute_values(lines[at - 1], "y")[0].parse().unwrap()
@@ -266,7 +287,7 @@ mod tests {
     /// visible.
     #[test]
     fn tolerance_outside_the_range_is_stated_as_text() {
-        let svg = daily_chart(Some(1000.0)).draw(Unit::Um).unwrap();
+        let svg = daily_chart(Some(1000.0)).draw_shapes(Unit::Um).unwrap();
         assert!(svg.contains("tolerance ±1000 µm (beyond)"));
         assert!(horizontal_lines(&svg, "#22262B", 4).is_empty());
         let far = daily_chart(Some(50.0));
@@ -279,7 +300,7 @@ mod tests {
             control_limits_and_first_index: None,
             ..far
         };
-        let svg = near_one.draw(Unit::Um).unwrap();
+        let svg = near_one.draw_shapes(Unit::Um).unwrap();
         assert!(svg.contains("tolerance ±50 µm (one line beyond)"), "{svg}");
         assert!(!horizontal_lines(&svg, "#22262B", 4).is_empty());
     }
@@ -292,13 +313,20 @@ mod tests {
         let spindle =
             |(day, value): (usize, &[f64; 3])| (value[0], (day != 3 && day != 4).then_some(20.0 + day as f64));
         let bed = |value: &[f64; 3]| (value[0], Some(20.0));
+        // Values with long numbers, which need more room than the temperatures.
+        let far = |[t_s, value, half]: &[f64; 3]| [*t_s, -1e6 + 1e-3 * value, 1e-3 * half];
+        let chart = IndividualsChart {
+            times_values_and_expanded_u: chart.times_values_and_expanded_u.iter().map(far).collect(),
+            control_limits_and_first_index: None,
+            ..chart
+        };
         let temperatures = vec![
             ("spindle".to_owned(), chart.times_values_and_expanded_u.iter().enumerate().map(spindle).collect()),
             ("bed".to_owned(), chart.times_values_and_expanded_u.iter().map(bed).collect()),
             ("nobody".to_owned(), chart.times_values_and_expanded_u.iter().map(|value| (value[0], None)).collect()),
         ];
-        let plain = chart.draw(Unit::Um).unwrap();
-        let svg = IndividualsChart { temperatures, ..chart.clone() }.draw(Unit::Um).unwrap();
+        let plain = chart.draw_shapes(Unit::Um).unwrap();
+        let svg = IndividualsChart { temperatures, ..chart.clone() }.draw_shapes(Unit::Um).unwrap();
         assert!(is_inside_picture(&svg) && svg.contains("temperature spindle") && svg.contains("°C"));
         assert!(!plain.contains("temperature"));
         let circles = svg.lines().filter(|line| line.contains("<circle") && line.contains("r=\"7\""));
@@ -329,9 +357,9 @@ mod tests {
         let chart = daily_chart(None);
         let none = vec![("bed".to_owned(), chart.times_values_and_expanded_u.iter().map(|v| (v[0], None)).collect())];
         let nan = vec![("bed".to_owned(), vec![(-1.0, Some(f64::NAN))])];
-        let plain = chart.draw(Unit::Um);
+        let plain = chart.draw_shapes(Unit::Um);
         for temperatures in [none, nan] {
-            assert_eq!(IndividualsChart { temperatures, ..chart.clone() }.draw(Unit::Um), plain);
+            assert_eq!(IndividualsChart { temperatures, ..chart.clone() }.draw_shapes(Unit::Um), plain);
         }
     }
 }

@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::coord::ranged1d::Ranged;
 use plotters::prelude::*;
 
-use self::ticked_axis::TickedAxis;
+use self::ticked_axis::{MIN_Y_LABEL_WIDTH, TickedAxis};
 use machine::record::estimate::{EstimatedFunction, FunctionFigureKind};
 
 mod arrow_scales;
@@ -56,7 +56,6 @@ const FONT_SIZE: f64 = 36.0;
 const PICTURE_SIZE: (u32, u32) = (1000, 560);
 const PICTURE_MARGIN: u32 = 24;
 const X_LABEL_HEIGHT: u32 = 96;
-const Y_LABEL_WIDTH: u32 = 140;
 /// Maximum number of points with marks; more marks would hide the line.
 const MAX_POINTS_WITH_MARKS: usize = 100;
 
@@ -157,7 +156,7 @@ fn draw_axes<'a>(area: &Area<'a>, x: TickedAxis, y: TickedAxis) -> Result<Chart<
         .margin(PICTURE_MARGIN)
         .margin_right(2 * PICTURE_MARGIN)
         .x_label_area_size(X_LABEL_HEIGHT)
-        .y_label_area_size(Y_LABEL_WIDTH)
+        .y_label_area_size(y.label_width())
         .build_cartesian_2d(x.clone(), y.clone())?;
     chart
         .configure_mesh()

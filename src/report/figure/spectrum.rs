@@ -5,7 +5,7 @@ use plotters::prelude::*;
 
 use super::legend::{self, LegendSymbol, SHADE_OPACITY};
 use super::ticked_axis::{TickedAxis, round_up_to_1_2_or_5, value_bounds};
-use super::{GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, Y_LABEL_WIDTH, curve, draw_picture};
+use super::{GRID_COLOUR, INK_COLOUR, LINE_COLOUR, MIN_Y_LABEL_WIDTH, PICTURE_SIZE, PlotPoint, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
 
 /// Maximum number of ticks of the orders.
@@ -30,7 +30,11 @@ pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[PlotPoint])
     draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + row), |area| {
         let (above, below) = area.split_vertically(row as i32);
         if !lost.is_empty() {
-            legend::draw_legend(&above, Y_LABEL_WIDTH, &[(LegendSymbol::ShadedArea, "not identifiable".to_owned())])?;
+            legend::draw_legend(
+                &above,
+                MIN_Y_LABEL_WIDTH,
+                &[(LegendSymbol::ShadedArea, "not identifiable".to_owned())],
+            )?;
         }
         let y_axis = TickedAxis::with_round_ticks(0.0..top);
         let mut chart = super::draw_axes(&below, x_axis.titled(&x_name), y_axis.titled(&y_name))?;

@@ -17,12 +17,13 @@ const MIN_TEMPERATURE_RANGE_K: f64 = 1.0;
 /// Maximum number of marks of a curve; more would hide the line.
 const MAX_MARKS_PER_CURVE: usize = 30;
 
-/// Range of the temperature scale; `None` without a value.
-pub(super) fn temperature_scale_range(all: &TemperatureCurves) -> Option<(f64, f64)> {
+/// Axis of the temperatures; `None` without a value.
+pub(super) fn temperature_axis(all: &TemperatureCurves) -> Option<TickedAxis> {
     let known = all.iter().flat_map(|(_, values)| values).filter_map(|(_, celsius)| *celsius);
     let (low, high) = value_bounds(known.filter(|celsius| celsius.is_finite()))?;
     let more = ((MIN_TEMPERATURE_RANGE_K - (high - low)) / 2.0).max(0.0);
-    Some(add_margin((low - more, high + more)))
+    let (low, high) = add_margin((low - more, high + more));
+    Some(TickedAxis::with_coarse_round_ticks(low..high).titled("T / °C"))
 }
 
 /// Names of the thermometers, for the legend.
@@ -39,10 +40,9 @@ pub(super) fn draw_strip(
     curves: &TemperatureCurves,
     x: TickedAxis,
     seconds_per_x_unit: f64,
-    low: f64,
-    high: f64,
+    y: TickedAxis,
 ) -> DrawResult {
-    let mut chart = super::draw_axes(area, x, TickedAxis::with_coarse_round_ticks(low..high).titled("T / °C"))?;
+    let mut chart = super::draw_axes(area, x, y)?;
     for (number, (_, values)) in curves.iter().enumerate() {
         let point = |(t_s, celsius): &(f64, Option<f64>)| Some((t_s / seconds_per_x_unit, (*celsius)?));
         let unknown = |(_, celsius): &(f64, Option<f64>)| !celsius.is_some_and(f64::is_finite);

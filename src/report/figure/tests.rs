@@ -84,6 +84,25 @@ fn new_line_starts_where_the_argument_decreases() {
     assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 9]);
 }
 
+/// Values of some nm about 1 mm: eight digits need more room than the usual three.
+#[test]
+fn long_labels_do_not_cover_the_title() {
+    let mut function = sine_function(FunctionFigureKind::Curve, 8);
+    function.u = Vec::new();
+    function.y = function.y.iter().map(|y| -1000.0 + 1e-4 * y).collect();
+    let svg = draw_function(&function, 2.0).unwrap();
+    let lines: Vec<&str> = svg.lines().collect();
+    let number = |line: &str, name: &str| attribute_values(line, name)[0].parse::<f64>().unwrap();
+    let title = lines.iter().find(|line| line.contains("rotate(270")).unwrap();
+    let title_right = number(title, "x") + number(title, "font-size");
+    let labels = lines.windows(2).filter(|pair| pair[0].contains("text-anchor=\"end\""));
+    // The digits of the usual fonts are at most 0.64 of the font size wide.
+    let left =
+        |pair: &[&str]| number(pair[0], "x") - 0.64 * number(pair[0], "font-size") * pair[1].chars().count() as f64;
+    let lefts: Vec<f64> = labels.map(left).collect();
+    assert!(lefts.len() > 2 && lefts.iter().all(|left| *left >= title_right), "{lefts:?} {title_right}");
+}
+
 /// With u = 0.5 µm about 0, the band fills the plot except for the margins (8 % of its width each), and the
 /// ticks show its width.
 #[test]
@@ -190,7 +209,15 @@ fn text_is_legible_on_a_phone() {
         assert!(smallest_text_on_a_phone(&svg) >= 9.0, "{figure:?}: {}", smallest_text_on_a_phone(&svg));
     }
     let temperatures = vec![("spindle".to_owned(), vec![(0.0, Some(20.0)), (60.0, Some(21.0))])];
-    let others = [draw_circle(&circle_figure(3.0)), draw_run_temperatures(&temperatures)];
+    let map = ErrorMap {
+        title: String::new(),
+        horizontal_axis: ("X, mm".to_owned(), vec![0.0, 1.0]),
+        vertical_axis: ("Y, mm".to_owned(), vec![0.0]),
+        panels: ["error", "remaining"].map(|name| (name.to_owned(), vec![vec![1.0, 2.0]])),
+    };
+    let [error, remaining] = map.draw(2.0);
+    let others = [draw_circle(&circle_figure(3.0)), draw_run_temperatures(&temperatures), error, remaining];
+    assert!(others.iter().all(Option::is_some));
     for svg in others.into_iter().flatten() {
         assert!(smallest_text_on_a_phone(&svg) >= 9.0, "{}", smallest_text_on_a_phone(&svg));
     }

@@ -6,11 +6,19 @@ use jiff::tz::TimeZone;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::coord::types::RangedCoordf64;
 
+use super::FONT_SIZE;
 use super::time_axis::{TimeTick, time_ticks};
 use crate::report::number;
 
 /// Maximum number of tick intervals.
 const MAX_TICK_INTERVALS: f64 = 8.0;
+
+/// Minimum width of the labels of a y axis and of its title; legends begin there.
+pub(super) const MIN_Y_LABEL_WIDTH: u32 = 140;
+/// Width of the title of a y axis, with its distance to the labels.
+const Y_TITLE_WIDTH: u32 = 60;
+/// Mean width of a digit, as a share of the font size.
+const DIGIT_WIDTH_RATIO: f64 = 0.52;
 
 /// A straight axis with a tick at every multiple of `tick_step`.
 #[derive(Clone)]
@@ -21,11 +29,14 @@ pub(super) struct TickedAxis {
     time_ticks: Vec<TimeTick>,
     /// Quantity and unit, beside the axis.
     pub(super) title: String,
+    /// Minimum width for the labels and the title of a y axis, in picture units.
+    min_label_width: u32,
 }
 
 impl TickedAxis {
     pub(super) fn with_tick_step(step: f64, range: Range<f64>) -> Self {
-        Self { plotters_range: range.into(), tick_step: step, time_ticks: Vec::new(), title: String::new() }
+        let (title, time_ticks) = (String::new(), Vec::new());
+        Self { plotters_range: range.into(), tick_step: step, time_ticks, title, min_label_width: MIN_Y_LABEL_WIDTH }
     }
 
     /// An axis with the finest round step that gives at most [`MAX_TICK_INTERVALS`] intervals.
@@ -47,6 +58,19 @@ impl TickedAxis {
         let zone = TimeZone::system();
         let time_ticks = time_ticks(range.start, range.end, &zone);
         Self { time_ticks, ..Self::with_round_ticks(range) }
+    }
+
+    /// As a y axis with at least the width of labels that `other` needs, so that the plots of both begin at the same x.
+    pub(super) fn aligned_with(self, other: &Self) -> Self {
+        Self { min_label_width: other.label_width(), ..self }
+    }
+
+    /// Width of the labels and the title of a y axis, in picture units.
+    pub(super) fn label_width(&self) -> u32 {
+        let labels = self.key_points(MAX_TICK_INTERVALS as usize).into_iter().map(|value| self.tick_label(value));
+        let longest = labels.map(|label| label.chars().count()).max().unwrap_or(0);
+        let labels_width = DIGIT_WIDTH_RATIO * FONT_SIZE * longest as f64;
+        self.min_label_width.max(labels_width as u32 + Y_TITLE_WIDTH)
     }
 
     pub(super) fn tick_label(&self, value: f64) -> String {

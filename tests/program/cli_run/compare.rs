@@ -29,7 +29,7 @@ pub fn two_runs_are_compared() {
     assert!(functions.iter().any(|function| function["symbol"] == "EXC"));
     let table = shop.run_trued(&["compare", "1", "2"]);
     let table = String::from_utf8(table.stdout).unwrap();
-    for words in ["EX0C", "E_n", "EXC ", "common sources of uncertainty: ", "probe lobing", "at 0°"] {
+    for words in ["E_X0C", "E_n", "E_XC ", "common sources of uncertainty: ", "probe lobing", "at 0°"] {
         assert!(table.contains(words), "{words} in {table}");
     }
 }

@@ -62,7 +62,7 @@ pub fn daemon_start_identifies_a_run_without_estimate() {
     let result = &standing["result"];
     assert_eq!((&result["verdict"], &result["outdated"]), (&json!("pass"), &json!(false)));
     assert_eq!((&standing["not_identified"], &standing["state"]), (&Value::Null, &json!("waiting")));
-    assert!(http.get_text(MACHINE_PAGE_PATH).contains("class=\"glance true\""));
+    assert!(http.get_text(MACHINE_PAGE_PATH).contains("class=\"glance pass\""));
     daemon.wait_for_log("run 2 is identified, verdict pass");
     assert!(!daemon.log().contains("begins"), "{}", daemon.log());
     let stored = Journal::open(&shop.state_folder()).unwrap().load_run(run).unwrap();
@@ -109,7 +109,7 @@ pub fn failed_identification_outdates_the_previous_result() {
     assert_eq!((&result["run"], &result["outdated"]), (&json!(1), &json!(true)), "{standing}");
     assert_eq!((&standing["not_identified"], &standing["state"]), (&json!(2), &json!("waiting")));
     let machine = http.get_text(MACHINE_PAGE_PATH);
-    for words in ["class=\"glance unknown\"", "newest run is not identified", "Run 2</a>"] {
+    for words in ["class=\"glance none\"", "newest run is not identified", "Run 2</a>"] {
         assert!(machine.contains(words), "{words}: {machine}");
     }
     assert!(!machine.contains("Result of run 1"), "{machine}");

@@ -37,7 +37,7 @@ pub fn page_shows_the_result_after_a_restart() {
     assert_eq!(standing["result"]["measured"], told[0]["ended"]);
     assert_eq!(standing["result"]["verdict"], "pass");
     let page = page_text(at, MACHINE_PAGE_PATH);
-    for words in ["class=\"glance true\"", "Result of run 1", "measured 20", ", run 1; as of 20"] {
+    for words in ["class=\"glance pass\"", "Result of run 1", "measured 20", ", run 1; as of 20"] {
         assert!(page.contains(words), "{words}: {page}");
     }
     // Without tokens there is no sign-in.
@@ -49,7 +49,7 @@ pub fn page_shows_the_result_after_a_restart() {
     let standing = http.wait_until_machine_state(|standing| standing["result"]["outdated"] == true);
     assert_eq!(standing["result"]["run"], 1);
     let page = page_text(at, MACHINE_PAGE_PATH);
-    assert!(page.contains("class=\"glance unknown\"") && !page.contains("Result of run"), "{page}");
+    assert!(page.contains("class=\"glance none\"") && !page.contains("Result of run"), "{page}");
     assert!(page.contains("measured 2026-01-10"), "{page}");
     assert_eq!(daemon.terminate(), 0);
     shop.replace_in_machine_file("min_interval_s = 0.0", "min_interval_s = 0.0\nverdict_h = 0.05");
