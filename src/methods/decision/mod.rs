@@ -4,6 +4,7 @@ pub mod function_difference;
 pub mod parameter_difference;
 pub mod reference_check;
 pub mod reference_shifts;
+pub mod repeatability;
 pub mod trend;
 pub mod undecided;
 
