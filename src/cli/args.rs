@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs, TokenArgs};
 use super::method_list::{method_name_parser, methods_help};
-use super::result_args::{BackupArgs, CompareArgs, ExportArgs, PredictArgs, RunsArgs, ShowArgs};
+use super::result_args::{BackupArgs, CompareArgs, ExportArgs, PredictArgs, RepeatabilityArgs, RunsArgs, ShowArgs};
 use crate::setup::control_kinds;
 use devices::controllers::linuxcnc;
 use planning::gcode::Dialect;
@@ -62,6 +62,8 @@ pub enum Command {
     Show(ShowArgs),
     /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
     Compare(CompareArgs),
+    /// Scatter and drift of repeated measurements: the passes of one run, or several runs.
+    Repeatability(RepeatabilityArgs),
     /// Compute the position error of the tool at given poses from an estimate.
     Predict(PredictArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
@@ -96,7 +98,8 @@ pub struct RunArgs {
     /// Earlier estimates; their values and uncertainties are used as known parameters.
     #[arg(long = "with", value_name = "EST.json")]
     pub with: Vec<PathBuf>,
-    /// Number of repetitions of the whole cycle.
+    /// Number of passes of the whole cycle in this run: the estimate uses all passes, and the repeatability of the
+    /// passes is printed after it (`trued repeatability RUN --json` prints it as JSON).
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
     /// Your name, if a daemon controls the machine and runs the cycle. With it you confirm that the machine

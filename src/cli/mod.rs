@@ -30,6 +30,7 @@ mod method_list;
 mod plan;
 mod predict;
 mod progress;
+mod repeatability;
 mod result_args;
 mod resume;
 mod run;
@@ -125,6 +126,7 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Arm(args) => schedule::arm_command(&args, state),
         Command::Disarm(args) => schedule::disarm_command(&args, state),
         Command::Compare(args) => compare::compare_stored_runs(&args, state),
+        Command::Repeatability(args) => repeatability::repeatability_command(&args, state),
         Command::Show(args) => runs::show_run(&args, state),
         Command::Predict(args) => predict::predict_command(&args),
         Command::Export(args) => runs::export_run(&args, state),

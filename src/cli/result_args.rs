@@ -35,6 +35,15 @@ pub struct CompareArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct RepeatabilityArgs {
+    /// Number of one run with several passes (`trued run --repeat`), or of several runs of one method on one machine.
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<i64>,
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
 pub struct PredictArgs {
     /// Estimate of axis errors, in the format of `trued run samba --json`.
     #[arg(value_name = "EST.json")]

@@ -9,10 +9,11 @@ use super::device_links::DeviceLinks;
 use super::failure::CommandFailure;
 use super::files::read_estimates;
 use super::progress::ProgressDisplay;
+use super::repeatability::print_repeatability;
 use super::signals::start_signal_halt_thread;
 use super::terminal::{confirm_with_enter, login_name};
 use super::{ExitStatus, add_state_option, show};
-use crate::run::{Cycle, PromptAnswerSource, check_qualifications_match_probe};
+use crate::run::{Cycle, PromptAnswerSource, check_qualifications_match_probe, repeatability_of_runs};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
 use crate::store::{Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
@@ -55,7 +56,16 @@ pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<E
         ended.map_err(|error| CommandFailure::from_cycle_error(&error, &args.method))
     });
     let (id, estimate) = links.end_capture_and_map_error(result)?;
-    print_result_and_write_report(&journal, state, id, estimate, &args.output, links.is_journal_kept())
+    let exit = print_result_and_write_report(&journal, state, id, estimate, &args.output, links.is_journal_kept())?;
+    if args.repeat.is_some_and(|passes| passes > 1) && !args.output.json {
+        outln!("");
+        match repeatability_of_runs(&journal, &[id]) {
+            Ok(table) => print_repeatability(&table),
+            // The result of the run itself is valid.
+            Err(error) => errln!("no repeatability: {error}"),
+        }
+    }
+    Ok(exit)
 }
 
 /// Source of the answers: the person at the terminal, or, in a replay, an automatic answer.

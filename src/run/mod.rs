@@ -18,6 +18,7 @@ mod priority;
 mod prompts;
 mod qualification;
 mod remaining_stages;
+mod repeatability;
 mod resumable_run;
 mod resume;
 mod scan;
@@ -39,6 +40,7 @@ pub use identify::{
 pub use priority::{HTTP_NICE, lower_priority};
 pub use prompts::{OpenPrompt, PromptAnswerSource};
 pub use qualification::{QualificationError, check_qualifications_match_probe};
+pub use repeatability::{RepeatabilityError, RepeatabilityTable, RepetitionKind, repeatability_of_runs};
 pub use resumable_run::{ResumableRun, ResumeQuestion, ResumeRefusal, resume_question};
 pub use resume::{InterruptedRun, can_resume};
 pub use stage::{RehearsalResult, rehearse};

@@ -13,6 +13,7 @@ mod probe;
 mod probe_qualification;
 mod r_test;
 mod recorded_grbl;
+mod repeatability;
 mod results;
 mod resume;
 mod samba;
@@ -79,6 +80,8 @@ pub fn trials() -> Trials {
     .with_trials(trials![Pool::Waiting, 0;
         stop_signals::regress_sigterm_stops_the_identification_and_keeps_readings,
         stop_signals::regress_a_run_continues_when_its_output_is_not_read,
+        repeatability::passes_of_a_run_give_their_repeatability,
+        repeatability::runs_give_their_repeatability,
         capture_replay::captured_run_replays_to_the_same_result,
         capture_replay::changed_or_damaged_capture_is_refused_with_reason,
         capture_replay::stored_capture_of_linuxcnc_replays_to_its_estimate,

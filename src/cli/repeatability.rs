@@ -1,0 +1,78 @@
+//! `trued repeatability`: scatter and drift of repeated measurements.
+
+use std::path::Path;
+
+use super::failure::CommandFailure;
+use super::files::state_folder;
+use super::result_args::RepeatabilityArgs;
+use super::{ExitStatus, show};
+use crate::run::{RepeatabilityError, RepeatabilityTable, RepetitionKind, repeatability_of_runs};
+use crate::store::{Journal, RunId};
+use machine::record::estimate::Unit;
+use methods::decision::repeatability::{Repeatability, Slope};
+
+impl From<RepeatabilityError> for CommandFailure {
+    fn from(error: RepeatabilityError) -> Self {
+        match error.remedy() {
+            Some(remedy) => Self::new(&error, remedy),
+            None => Self::without_remedy(error),
+        }
+    }
+}
+
+pub fn repeatability_command(args: &RepeatabilityArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+    let journal = Journal::open(&state_folder(state)?)?;
+    let runs: Vec<RunId> = args.runs.iter().map(|run| RunId(*run)).collect();
+    let table = repeatability_of_runs(&journal, &runs)?;
+    match args.json {
+        true => show::print_json(&table)?,
+        false => print_repeatability(&table),
+    }
+    Ok(ExitStatus::Pass)
+}
+
+pub fn print_repeatability(table: &RepeatabilityTable) {
+    let count = table.parameters.first().map_or(0, |first| first.repetitions);
+    let repeated = match table.repeated {
+        RepetitionKind::Passes => "passes of the cycle, each identified alone",
+        RepetitionKind::Runs => "runs",
+    };
+    outln!("repeatability of {} on {}: {count} {repeated}", table.method, table.machine);
+    outln!(
+        "{:<12} {:>12} {:>9} {:>9} {:>7}  {:<5} {:>20}  change per K",
+        "parameter",
+        "mean",
+        "u within",
+        "s between",
+        "s/u",
+        "unit",
+        "drift per hour"
+    );
+    table.parameters.iter().for_each(print_parameter);
+    outln!(
+        "u within: root mean square of the stated standard uncertainties; s between: standard deviation of the values \
+        (ISO 5725: s_r). u contains errors that all repetitions share, so s/u below 1 is no fault. Slopes with U; *: \
+        larger than U. !: s exceeds u (χ², 95 %): u is too small, or the machine drifts."
+    );
+}
+
+fn print_parameter(parameter: &Repeatability) {
+    let Repeatability { symbol, unit, mean, within, between, ratio, .. } = parameter;
+    // As in the table of the estimate: to about a nanometre.
+    let digits = if *unit == Unit::Mm { 5 } else { 3 };
+    let drift = parameter.per_hour.as_ref().map_or("none".to_owned(), |slope| slope_text(slope, digits));
+    let thermometers = parameter.per_kelvin.iter();
+    let thermometers = thermometers.map(|one| format!("{} {}", one.thermometer, slope_text(&one.slope, digits)));
+    let thermometers = thermometers.collect::<Vec<_>>().join(", ");
+    let mark = if parameter.exceeds_u { "!" } else { " " };
+    outln!(
+        "{symbol:<12} {mean:>12.digits$} {within:>9.digits$} {between:>9.digits$} {ratio:>6.2}{mark}  {:<5} {drift:>20}  \
+        {thermometers}",
+        unit.symbol()
+    );
+}
+
+fn slope_text(slope: &Slope, digits: usize) -> String {
+    let mark = if slope.is_significant() { "*" } else { "" };
+    format!("{:.digits$} ± {:.digits$}{mark}", slope.slope, slope.expanded)
+}

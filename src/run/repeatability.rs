@@ -1,0 +1,181 @@
+//! Repetitions of a measurement in the journal, for their repeatability: the passes of one run (`trued run --repeat`),
+//! each identified alone, or several runs of one method on one machine.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+
+use super::identify::{IdentificationError, identify_readings};
+use crate::setup::SetupError;
+use crate::store::{Journal, RunId, StoreError, StoredRun};
+use machine::record::estimate::{Parameter, Unit};
+use machine::record::plan::FIRST_OUTLIER_REPEAT_NUMBER;
+use machine::record::reading::{Reading, Temperatures};
+use methods::decision::repeatability::{Repeatability, Repetition};
+
+/// What was repeated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RepetitionKind {
+    /// Passes of the complete cycle within one run.
+    Passes,
+    Runs,
+}
+
+/// Repeatability of all parameters that every repetition has identified.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RepeatabilityTable {
+    pub method: String,
+    pub machine: String,
+    pub runs: Vec<RunId>,
+    pub repeated: RepetitionKind,
+    pub parameters: Vec<Repeatability>,
+}
+
+/// Reason why no repeatability can be computed.
+#[derive(Debug, thiserror::Error)]
+pub enum RepeatabilityError {
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    Identification(#[from] IdentificationError),
+    #[error("run {0} has one pass only")]
+    SinglePass(RunId),
+    #[error("run {0} has no estimate")]
+    NoEstimate(RunId),
+    #[error("run {0} is listed twice")]
+    DuplicateRun(RunId),
+    #[error("run {0} has another method or another machine than run {1}")]
+    OtherMethodOrMachine(RunId, RunId),
+}
+
+impl RepeatabilityError {
+    pub fn remedy(&self) -> Option<String> {
+        match self {
+            Self::Store(error) => Some(error.remedy().to_owned()),
+            Self::Identification(error) => error.remedy(),
+            Self::SinglePass(_) => {
+                Some("measure with `trued run self-calibration --repeat 5`, or name several runs".to_owned())
+            }
+            Self::NoEstimate(run) => Some(format!("`trued show {run}` states the next action")),
+            Self::DuplicateRun(_) | Self::OtherMethodOrMachine(..) => {
+                Some("choose runs of one method on one machine; `trued runs` lists them".to_owned())
+            }
+        }
+    }
+}
+
+/// Parameters of one repetition, with its mean time and temperatures.
+struct RepetitionResult {
+    time_s: f64,
+    temperatures_c: Temperatures,
+    parameters: Vec<Parameter>,
+}
+
+/// Repeatability of the passes of one run, or of several runs.
+///
+/// # Errors
+/// The runs cannot be read, cannot be compared, or a pass cannot be identified alone.
+pub fn repeatability_of_runs(journal: &Journal, runs: &[RunId]) -> Result<RepeatabilityTable, RepeatabilityError> {
+    let stored = runs.iter().map(|run| journal.load_run(*run)).collect::<Result<Vec<_>, _>>()?;
+    let (repeated, results) = match stored.as_slice() {
+        [single] => (RepetitionKind::Passes, results_of_passes(single)?),
+        several => (RepetitionKind::Runs, results_of_runs(several)?),
+    };
+    let plan = stored.first().map(|first| &first.plan);
+    Ok(RepeatabilityTable {
+        method: plan.map(|plan| plan.method.clone()).unwrap_or_default(),
+        machine: plan.map(|plan| plan.machine.name.clone()).unwrap_or_default(),
+        runs: runs.to_vec(),
+        repeated,
+        parameters: repeatability_of_parameters(&results),
+    })
+}
+
+fn results_of_runs(runs: &[StoredRun]) -> Result<Vec<RepetitionResult>, RepeatabilityError> {
+    let mut results = Vec::new();
+    for (index, run) in runs.iter().enumerate() {
+        let (id, first) = (run.summary.id, &runs[0].summary);
+        if runs[..index].iter().any(|earlier| earlier.summary.id == id) {
+            return Err(RepeatabilityError::DuplicateRun(id));
+        }
+        if (&run.summary.method, &run.summary.machine) != (&first.method, &first.machine) {
+            return Err(RepeatabilityError::OtherMethodOrMachine(id, first.id));
+        }
+        let estimate = &run.estimates.last().ok_or(RepeatabilityError::NoEstimate(id))?.estimate;
+        let begun_s = run.summary.started.duration_since(first.started).as_secs_f64();
+        results.push(RepetitionResult::new(&run.readings, begun_s, estimate.parameters.clone()));
+    }
+    Ok(results)
+}
+
+fn results_of_passes(run: &StoredRun) -> Result<Vec<RepetitionResult>, RepeatabilityError> {
+    let count = run.plan.settings.get("repeats").and_then(serde_json::Value::as_u64).unwrap_or(1);
+    let count = u32::try_from(count).unwrap_or(0);
+    let last_pass = run.readings.iter().filter(|reading| reading.repeat + 1 == count);
+    let repeated_steps: BTreeSet<u32> = last_pass.map(|reading| reading.step).collect();
+    if count < 2 || repeated_steps.is_empty() {
+        return Err(RepeatabilityError::SinglePass(run.summary.id));
+    }
+    let mut plan = run.plan.clone();
+    plan.settings["repeats"] = 1.into();
+    let method = methods::configure_method(&plan.method, plan.settings.clone());
+    let settings_error = |error: serde_json::Error| SetupError::MethodSettings { why: error.to_string() };
+    let method = method.map_err(|error| IdentificationError::Setup(Box::new(settings_error(error))))?;
+    let identify_pass = |pass: u32| {
+        let readings = readings_of_pass(&run.readings, &repeated_steps, pass);
+        let estimate = identify_readings(method.as_ref(), &plan, &readings).map_err(IdentificationError::from)?;
+        let of_pass = |reading: &&Reading| repeated_steps.contains(&reading.step);
+        let own: Vec<Reading> = readings.iter().filter(of_pass).cloned().collect();
+        Ok(RepetitionResult::new(&own, 0.0, estimate.parameters))
+    };
+    (0..count).map(identify_pass).collect()
+}
+
+/// Readings of one pass as those of a run with a single pass: with those of the steps that were measured once, before
+/// the passes.
+fn readings_of_pass(readings: &[Reading], repeated_steps: &BTreeSet<u32>, pass: u32) -> Vec<Reading> {
+    let is_of_pass = |reading: &&Reading| match repeated_steps.contains(&reading.step) {
+        true => reading.repeat == pass,
+        false => reading.repeat < FIRST_OUTLIER_REPEAT_NUMBER,
+    };
+    readings.iter().filter(is_of_pass).map(|reading| Reading { repeat: 0, ..reading.clone() }).collect()
+}
+
+impl RepetitionResult {
+    /// `begun_s`: origin of the times of the readings, s.
+    fn new(readings: &[Reading], begun_s: f64, parameters: Vec<Parameter>) -> Self {
+        let mean_time_s = mean(readings.iter().map(|reading| reading.t_s)).unwrap_or(0.0);
+        let names = readings.iter().flat_map(|reading| reading.temperatures_c.iter().map(|(name, _)| name));
+        let names: BTreeSet<&str> = names.collect();
+        let mean_of = |name: &str| {
+            let celsius = mean(readings.iter().filter_map(|reading| reading.temperatures_c.get(name)))?;
+            Some((name.to_owned(), celsius))
+        };
+        let temperatures: BTreeMap<String, f64> = names.into_iter().filter_map(mean_of).collect();
+        Self { time_s: begun_s + mean_time_s, temperatures_c: temperatures.into(), parameters }
+    }
+
+    fn parameter(&self, symbol: &str, unit: Unit) -> Option<&Parameter> {
+        let is_known = |one: &&Parameter| one.identifiable && one.value.is_finite() && one.u.is_finite();
+        self.parameters.iter().filter(is_known).find(|one| one.symbol == symbol && one.unit == unit)
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    (count > 0.0).then(|| sum / count)
+}
+
+/// Repeatability of the parameters that every repetition has identified, in the order of the first repetition.
+fn repeatability_of_parameters(results: &[RepetitionResult]) -> Vec<Repeatability> {
+    let of_parameter = |Parameter { symbol, unit, .. }: &Parameter| {
+        let repetition = |result: &RepetitionResult| {
+            let Parameter { value, u, .. } = *result.parameter(symbol, *unit)?;
+            Some(Repetition { time_s: result.time_s, value, u, temperatures_c: result.temperatures_c.clone() })
+        };
+        let repetitions: Option<Vec<Repetition>> = results.iter().map(repetition).collect();
+        Repeatability::from_repetitions(symbol, *unit, &repetitions?)
+    };
+    results.first().map_or(Vec::new(), |first| first.parameters.iter().filter_map(of_parameter).collect())
+}
