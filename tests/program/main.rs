@@ -27,6 +27,7 @@ mod schedule;
 mod sent_text;
 mod serve;
 mod store_kill;
+mod studies;
 #[path = "../support/mod.rs"]
 #[allow(dead_code, reason = "each test binary uses a part of it")]
 mod support;
@@ -69,6 +70,7 @@ fn main() {
         sent_text::trials(),
         serve::trials(),
         store_kill::trials(),
+        studies::trials(),
         table_axis::trials(),
     ];
     run_trials(suites.into_iter().fold(Trials::default(), Trials::with_trials))
