@@ -1,9 +1,9 @@
 //! Report of a stored run.
 
-use jiff::tz::TimeZone;
-
 use super::compare::{CompareError, compare_runs};
-use super::run_story::{describe_events_with_times, describe_signatures};
+use super::run_story::{
+    describe_events_with_times, describe_record_warnings, describe_signatures, is_certificate_expired,
+};
 use super::volumetric_error::volumetric_error_maps;
 use crate::report::time::format_local_time;
 use crate::report::{page, temperature};
@@ -47,6 +47,7 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         operators: operators_of_run(&stored),
         control: control_identity(&stored),
         is_certificate_expired: is_certificate_expired(&stored),
+        record_warnings: describe_record_warnings(&stored),
         previous_run: differences_from_previous_run(journal, &stored)?,
         program_version: last.program_version.clone(),
         sha256_by_item: vec![
@@ -86,11 +87,6 @@ fn operators_of_run(stored: &StoredRun) -> Vec<String> {
         }
     }
     names
-}
-
-fn is_certificate_expired(stored: &StoredRun) -> bool {
-    let day = stored.summary.started.to_zoned(TimeZone::system()).strftime("%Y-%m-%d").to_string();
-    stored.plan.report.is_certificate_expired(&day)
 }
 
 /// Differences from the previous finished run of the same machine and method; `None` if there is none to compare.

@@ -1,5 +1,7 @@
 //! Describes the events of a stored run, its end and the next possible action, in words.
 
+use jiff::tz::TimeZone;
+
 use crate::store::{EstimateSignature, RunId, RunState, RunSummary, StoredRun};
 use machine::record::event::RunEvent;
 use machine::record::machine::Homing;
@@ -129,4 +131,17 @@ pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
         )),
         RunState::Finished | RunState::Failed | RunState::Running => None,
     }
+}
+
+/// Whether the certificate of the artefact had expired when the run started.
+pub fn is_certificate_expired(stored: &StoredRun) -> bool {
+    let day = stored.summary.started.to_zoned(TimeZone::system()).strftime("%Y-%m-%d").to_string();
+    stored.plan.report.is_certificate_expired(&day)
+}
+
+/// Warnings about the record of a run, in addition to those of its estimate.
+pub fn describe_record_warnings(stored: &StoredRun) -> Vec<String> {
+    let due = stored.plan.report.certificate_due.iter().filter(|_| is_certificate_expired(stored));
+    due.map(|due| format!("the certificate of the artefact was valid until {due}: it had expired when the run started"))
+        .collect()
 }

@@ -39,6 +39,7 @@ pub struct RepeatabilityArgs {
     /// Number of one run with several passes (`trued run --repeat`), or of several runs of one method on one machine.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<i64>,
+    /// Print the table as JSON.
     #[arg(long)]
     pub json: bool,
 }

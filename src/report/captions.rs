@@ -96,10 +96,12 @@ fn largest_u(function: &EstimatedFunction) -> f64 {
 
 fn circle_figure_values(circle: &CircleFigure) -> Value {
     let [ux, uy] = circle.centre_expanded;
-    let decimals = number::decimals_for_uncertainty(ux.min(uy));
-    let [x, y] = circle.centre.map(|value| number::format_fixed(value, decimals));
-    let [ux, uy] = [ux, uy].map(|value| number::format_fixed(value, decimals));
-    let radius = number::format_fixed(circle.radius, decimals);
+    let pair = |value: f64, expanded: f64| {
+        let decimals = number::decimals_for_uncertainty(expanded);
+        [value, expanded].map(|value| number::format_fixed(value, decimals))
+    };
+    let [[x, ux], [y, uy]] = [pair(circle.centre[0], ux), pair(circle.centre[1], uy)];
+    let [radius, _] = pair(circle.radius, circle.centre_expanded[0].max(circle.centre_expanded[1]));
     let unit = number::unit_symbol(circle.unit);
     context! {
         symbol => symbol_value(&circle.symbol),

@@ -41,6 +41,9 @@ pub fn format_fixed(value: f64, decimals: usize) -> String {
 /// A symbol as base and index: `EX0C` is E with X0C below, `EXC_total` E with XC,total,
 /// `tool_x` tool with x (ISO 230-1 writes the letters of an error motion as an index).
 pub fn split_into_base_and_index(symbol: &str) -> (String, String) {
+    if symbol.contains('-') {
+        return (symbol.replace('-', "−"), String::new());
+    }
     let (head, tail) = symbol.split_once('_').unwrap_or((symbol, ""));
     let is_error_motion =
         |rest: &str| !rest.is_empty() && rest.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit());

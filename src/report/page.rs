@@ -33,6 +33,8 @@ pub struct ReportFacts {
     pub control: String,
     /// Whether the certificate of the artefact had expired when the run started.
     pub is_certificate_expired: bool,
+    /// Warnings in addition to those of the estimate.
+    pub record_warnings: Vec<String>,
     /// Time and text of stops, faults and acknowledgements.
     pub events_with_times: Vec<(String, String)>,
     /// Signatures of the result; `None` if it cannot be signed.
@@ -67,14 +69,14 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
         machine => plan.machine.name.as_str(),
         run => facts.run_id.as_str(),
         subject => subject_rows(plan, facts),
-        conditions => condition_rows(plan, facts),
+        conditions => condition_rows(plan, estimate, facts),
         figures => figure_values(estimate),
         sketches => sketch_values(estimate),
         temperatures => svg_value(figure::draw_run_temperatures(&facts.temperature_curves)),
         related => correlation::correlation_values(&estimate.covariance),
         vectors => estimate.arrows.iter().map(vectors::vector_figure_value).collect::<Vec<_>>(),
         volume => facts.volume_texts_and_maps.as_ref().map(|(lines, maps)| volume_value(lines, maps)),
-        warnings => estimate.warnings.clone(),
+        warnings => [facts.record_warnings.as_slice(), &estimate.warnings].concat(),
         gauge => estimate.gauge.clone(),
         not_identifiable => estimate.not_identifiable.clone(),
         quality => fit_quality_rows(estimate),
@@ -114,12 +116,21 @@ fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
         not_passed => Serde(&not_passed),
         headline => Serde(&headline(&worst)),
         is_judged => rows.iter().any(|row| row.verdict.is_some()),
+        same_k => same_coverage(rows),
         main => Serde(&of_group(ResultGroup::Main)),
         harmonics => Serde(&of_group(ResultGroup::Harmonics)),
         setup => Serde(&of_group(ResultGroup::Setup)),
         budget => budget(|row| row.group == ResultGroup::Main),
         more_budget => budget(|row| row.group == ResultGroup::Setup),
     }
+}
+
+/// k and degrees of freedom, if they are the same for all results: then the table has no column for them.
+fn same_coverage(rows: &[ResultRow]) -> Option<Value> {
+    let mut identified = rows.iter().filter(|row| row.identifiable);
+    let first = identified.next()?;
+    let is_same = identified.all(|row| (&row.k, &row.dof) == (&first.k, &first.dof));
+    is_same.then(|| context! { k => first.k.as_str(), dof => first.dof.as_str() })
 }
 
 /// CSS class of the badge.
@@ -155,7 +166,7 @@ fn subject_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
 }
 
 /// When, by whom, how and in which conditions.
-fn condition_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
+fn condition_rows(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> NameTextRows {
     let text = |name: &str, value: &str| {
         let value = if value.is_empty() { NOT_STATED } else { value };
         (name.to_owned(), value.to_owned())
@@ -166,6 +177,7 @@ fn condition_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
         text("Source of the method", description.map_or("", |description| description.source)),
         text("Begin", &facts.start_time),
         text("End", &facts.end_time),
+        text("Duration on the clock of the readings", &duration_text(estimate)),
         text("Operator", &facts.operators.join(", ")),
     ];
     if facts.temperature_rows.is_empty() {
@@ -173,6 +185,12 @@ fn condition_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
     }
     rows.extend(facts.temperature_rows.iter().map(|(name, value)| (format!("Temperature: {name}"), value.clone())));
     rows
+}
+
+/// Time from the first to the last reading; a simulated machine has a clock of its own.
+fn duration_text(estimate: &Estimate) -> String {
+    let minutes = estimate.provenance.as_ref().map(|provenance| provenance.duration_s / 60.0);
+    minutes.map_or(String::new(), |minutes| format!("{} min", number::format_fixed(minutes, 1)))
 }
 
 fn volume_value(lines: &[String], maps: &[ErrorMap]) -> Value {

@@ -196,13 +196,12 @@ fn describe_deciding_change(change: &DecidingChange, unit: Unit, context: RunCon
             let time = context.duration_s.map_or(String::new(), |one_s| {
                 format!(", about {:.0} minutes in all", (f64::from(*runs) * one_s / 60.0).ceil())
             });
-            format!("the mean of {runs} runs would decide it{time} (trued run {} --repeat {runs})", context.method)
+            format!("the mean of {runs} runs would decide it{time}: trued run {} --repeat {runs}", context.method)
         }
         DecidingChange::SmallerSources { expanded, largest } => {
             let expanded = format_fixed(*expanded, decimals_for_uncertainty(*expanded));
             format!(
-                "repeats do not decide it: the sources that are the same in each run alone give U = {expanded} {}; \
-                 the largest is {largest}",
+                "more runs do not decide it: U stays at least {expanded} {}. Largest source: {largest}",
                 unit_symbol(unit)
             )
         }

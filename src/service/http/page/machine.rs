@@ -124,11 +124,18 @@ pub fn status_values(machine: &ServedMachine) -> Value {
         class,
         glance,
         address => machine_page_path(&machine.name),
-        worst => parameters.first().filter(|row| row.verdict.is_some()).map(|row| row.sentence_with_name()),
+        worst => worst_sentences(&parameters),
         parameters => Serde(&parameters),
         remaining => status.remaining_s.map(format_minutes_and_seconds),
         now => format_local_time(Timestamp::now()),
     }
+}
+
+/// Sentences for the banner: the results that have not passed, or the one that is nearest to its limit.
+fn worst_sentences(rows: &[&ResultRow]) -> Vec<String> {
+    let judged: Vec<&&ResultRow> = rows.iter().filter(|row| row.verdict.is_some()).collect();
+    let failed = judged.iter().filter(|row| row.verdict != Some(Verdict::Pass)).count();
+    judged.into_iter().take(failed.max(1)).map(|row| row.sentence_with_name()).collect()
 }
 
 fn rows_of_newest_result(newest: &NewestRunResult) -> Vec<ResultRow> {

@@ -7,7 +7,9 @@ use minijinja::{Value, context};
 
 use super::{machine, machine_page_path, row_of_run};
 use crate::archive::report::render_report;
-use crate::archive::run_story::{describe_events_with_times, describe_run_end, describe_signatures};
+use crate::archive::run_story::{
+    describe_events_with_times, describe_record_warnings, describe_run_end, describe_signatures,
+};
 use crate::report::result_row::{ResultRow, RunContext, result_rows, worst_first};
 use crate::report::time::format_local_time;
 use crate::report::{figure_values, temperature};
@@ -64,6 +66,7 @@ fn values_of_run(stored: &StoredRun, earlier: &[RunSummary]) -> Value {
         estimate => last.map(|last| context! {
             made => format_local_time(last.created),
             sha256 => last.sha256.as_str(),
+            record_warnings => describe_record_warnings(stored),
             ..estimate_values(&last.estimate)
         }),
     }
