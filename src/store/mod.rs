@@ -29,6 +29,7 @@ mod schedule;
 mod schema;
 mod signature;
 mod state_dir;
+mod state_file;
 #[cfg(test)]
 mod tests;
 mod verified_copy;
@@ -43,6 +44,7 @@ pub use run_lists::{NewestMeasuredRuns, NewestRunResult, RunFilter};
 pub use schedule::{Arming, ScheduleSlot, SlotOutcome};
 pub use signature::EstimateSignature;
 pub use state_dir::state_dir;
+pub use state_file::{FileVersion, StateFile, StateFileError};
 
 /// Number of a run in its journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]

@@ -4,10 +4,7 @@
 //! exported, so it must not contain secrets. A file is read without a database, and its metadata show whether it
 //! has changed.
 
-use std::fs::{self, File};
-use std::io::{self, ErrorKind, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt, fchown};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
 
 use jiff::Timestamp;
@@ -17,6 +14,7 @@ use subtle::ConstantTimeEq;
 
 use super::roles::Role;
 use crate::service::lock;
+use crate::store::{FileVersion, StateFile, StateFileError};
 
 /// Maximum number of tokens.
 const MAX_TOKENS: usize = 1000;
@@ -39,12 +37,8 @@ struct TokenFile {
 
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
-    #[error("{path}: {source}", path = path.display())]
-    FileAccess { path: PathBuf, source: io::Error },
-    #[error("{path}: {source}", path = path.display())]
-    InvalidJson { path: PathBuf, source: serde_json::Error },
-    #[error("{path} must belong to user {user}, but its owner cannot be changed", path = path.display())]
-    OwnerChangeFailed { path: PathBuf, user: u32 },
+    #[error(transparent)]
+    File(#[from] StateFileError),
     #[error("`{0}` is not a valid token name: use at most 40 letters, digits and . _ -")]
     InvalidName(String),
     #[error("the token `{0}` exists already")]
@@ -61,17 +55,7 @@ impl TokenError {
     /// Remedy for the user.
     pub fn remedy(&self) -> &'static str {
         match self {
-            TokenError::FileAccess { source, .. } if source.kind() == ErrorKind::PermissionDenied => {
-                "run the command as the daemon's user (`sudo -u trued trued token ...`), and make that user the \
-                 owner of the files there (`chown trued`)"
-            }
-            TokenError::OwnerChangeFailed { .. } => {
-                "run the command as the daemon's user: `sudo -u trued trued token ... --state /var/lib/trued`"
-            }
-            TokenError::FileAccess { .. } => {
-                "check the disk and the owner of the folder, or choose another folder with --state"
-            }
-            TokenError::InvalidJson { .. } => "move the file away, then create the tokens again",
+            Self::File(error) => error.remedy(),
             Self::InvalidName(_) => "name the device or person that uses the token, for example `tablet-hall-2`",
             Self::DuplicateName(_) => "revoke that token first, or choose another name",
             Self::UnknownName(_) => "list the tokens with `trued token list`",
@@ -81,19 +65,16 @@ impl TokenError {
     }
 }
 
-/// Metadata by which a changed file is detected: inode, length in bytes, modification time in s and ns.
-type FileVersion = (u64, u64, i64, i64);
-
 /// The file of the tokens, and its content when it was last read.
 pub struct TokenStore {
-    path: PathBuf,
+    file: StateFile,
     last_read_version_and_tokens: Mutex<(Option<FileVersion>, Vec<Token>)>,
 }
 
 impl TokenStore {
     /// Uses `tokens.json` in the folder of the journal.
     pub fn in_folder(journal_folder: &Path) -> Self {
-        Self { path: journal_folder.join("tokens.json"), last_read_version_and_tokens: Mutex::default() }
+        Self { file: StateFile::new(journal_folder, "tokens.json"), last_read_version_and_tokens: Mutex::default() }
     }
 
     /// Returns the tokens that are in the file now.
@@ -102,24 +83,12 @@ impl TokenStore {
     /// The file exists and cannot be read.
     pub fn read_all(&self) -> Result<Vec<Token>, TokenError> {
         let mut read = lock(&self.last_read_version_and_tokens);
-        let version = match fs::metadata(&self.path) {
-            Ok(meta) => Some((meta.ino(), meta.len(), meta.mtime(), meta.mtime_nsec())),
-            Err(error) if error.kind() == ErrorKind::NotFound => None,
-            Err(source) => return Err(self.file_error(source)),
-        };
+        let version = self.file.version()?;
         if read.0 != version {
-            let tokens = match version {
-                Some(_) => self.parse_token_file(&fs::read(&self.path).map_err(|error| self.file_error(error))?)?,
-                None => Vec::new(),
-            };
-            *read = (version, tokens);
+            let content: Option<TokenFile> = self.file.read()?;
+            *read = (version, content.map_or_else(Vec::new, |content| content.tokens));
         }
         Ok(read.1.clone())
-    }
-
-    fn parse_token_file(&self, bytes: &[u8]) -> Result<Vec<Token>, TokenError> {
-        let unreadable = |source| TokenError::InvalidJson { path: self.path.clone(), source };
-        Ok(serde_json::from_slice::<TokenFile>(bytes).map_err(unreadable)?.tokens)
     }
 
     /// Returns the tokens of the last successful read.
@@ -165,62 +134,10 @@ impl TokenStore {
 
     /// Changes the file under a lock; the file is replaced as a whole or not at all.
     fn change_tokens(&self, change: impl FnOnce(&mut Vec<Token>) -> Result<(), TokenError>) -> Result<(), TokenError> {
-        let folder = self.path.parent().unwrap_or(Path::new("."));
-        let failed = |error| self.file_error(error);
-        fs::create_dir_all(folder).map_err(failed)?;
-        let lock = self.open_lock_file(folder)?;
-        lock.lock().map_err(failed)?;
+        let _lock = self.file.lock()?;
         let mut tokens = self.read_all()?;
         change(&mut tokens)?;
-        let content = TokenFile { trued_tokens: 1, tokens };
-        let unreadable = |source| TokenError::InvalidJson { path: self.path.clone(), source };
-        let text = serde_json::to_string_pretty(&content).map_err(unreadable)?;
-        self.replace_token_file(folder, &text)
-    }
-
-    fn open_lock_file(&self, folder: &Path) -> Result<File, TokenError> {
-        let path = self.path.with_extension("lock");
-        match create_private_file(&path) {
-            Ok(made) => self.give_to_daemon_user(made, &path, folder),
-            Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-                File::options().write(true).open(&path).map_err(|error| self.file_error(error))
-            }
-            Err(error) => Err(self.file_error(error)),
-        }
-    }
-
-    fn replace_token_file(&self, folder: &Path, text: &str) -> Result<(), TokenError> {
-        let (beside, failed) = (self.path.with_extension("new"), |error| self.file_error(error));
-        match fs::remove_file(&beside) {
-            // Left over from a process that died.
-            Ok(()) => {}
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(failed(error)),
-        }
-        let mut file = self.give_to_daemon_user(create_private_file(&beside).map_err(failed)?, &beside, folder)?;
-        file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)?;
-        fs::rename(&beside, &self.path).map_err(failed)?;
-        File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
-    }
-
-    /// Gives the new `file` at `path` to the daemon's user, whichever user creates it: the daemon could not read
-    /// another user's file. The daemon's user is the owner of the tokens file, or else of the folder.
-    fn give_to_daemon_user(&self, file: File, path: &Path, folder: &Path) -> Result<File, TokenError> {
-        let failed = |error| self.file_error(error);
-        let own = file.metadata().map_err(failed)?.uid();
-        // A tokens file that belongs to root does not show which user the daemon runs as.
-        let tokens = fs::metadata(&self.path).ok().filter(|tokens| tokens.uid() != 0);
-        let owner = tokens.map_or_else(|| fs::metadata(folder), Ok).map_err(failed)?;
-        let user = owner.uid();
-        if own != user && fchown(&file, Some(user), Some(owner.gid())).is_err() {
-            let _ = fs::remove_file(path);
-            return Err(TokenError::OwnerChangeFailed { path: path.to_owned(), user });
-        }
-        Ok(file)
-    }
-
-    fn file_error(&self, source: io::Error) -> TokenError {
-        TokenError::FileAccess { path: self.path.clone(), source }
+        Ok(self.file.replace(&TokenFile { trued_tokens: 1, tokens })?)
     }
 }
 
@@ -255,14 +172,10 @@ fn hex_digits(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Creates a new file that only this user can access; does not follow a symbolic link.
-fn create_private_file(path: &Path) -> io::Result<File> {
-    File::options().write(true).create_new(true).mode(0o600).open(path)
-}
-
 #[cfg(test)]
 mod tests {
-    use std::os::unix::fs::PermissionsExt;
+    use std::fs;
+    use std::os::unix::fs::{MetadataExt, PermissionsExt};
 
     use super::*;
 
@@ -301,9 +214,9 @@ mod tests {
         // The file cannot be read: no token is valid, but the last read is remembered.
         assert!(find_token(&tokens.read_all().unwrap(), &secret_text).is_some());
         fs::write(folder.path().join("made/tokens.json"), "{").unwrap();
-        assert!(matches!(tokens.read_all(), Err(TokenError::InvalidJson { .. })));
+        assert!(matches!(tokens.read_all(), Err(TokenError::File(StateFileError::InvalidJson { .. }))));
         assert!(find_token(&tokens.last_read_tokens(), &secret_text).is_some());
-        assert!(matches!(tokens.add("two", Role::Viewer), Err(TokenError::InvalidJson { .. })));
+        assert!(matches!(tokens.add("two", Role::Viewer), Err(TokenError::File(StateFileError::InvalidJson { .. }))));
     }
 
     /// Root may create a token in the daemon's folder, and the daemon can read it. Other users cannot change the owner
