@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::artefact::ArtefactArgs;
 use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs, TokenArgs};
 use super::method_list::{method_name_parser, methods_help};
 use super::result_args::{BackupArgs, CompareArgs, ExportArgs, PredictArgs, RepeatabilityArgs, RunsArgs, ShowArgs};
@@ -17,7 +18,7 @@ use planning::gcode::Dialect;
 #[derive(Debug, Parser)]
 #[command(name = "trued", version = env!("TRUED_VERSION"), about, color = clap::ColorChoice::Never)]
 pub struct Cli {
-    /// State folder: the journal (journal.sqlite), the lock files and the tokens. Without this option:
+    /// State folder: the journal (journal.sqlite), the lock files, the register of artefacts and the tokens. Without this option:
     /// $STATE_DIRECTORY, otherwise $XDG_STATE_HOME/trued, otherwise ~/.local/state/trued.
     #[arg(long, global = true, value_name = "DIR")]
     pub state: Option<PathBuf>,
@@ -68,6 +69,9 @@ pub enum Command {
     Predict(PredictArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
+    /// Manage the register of calibrated artefacts and check standards. A run with an artefact whose certificate has
+    /// expired does not start.
+    Artefact(ArtefactArgs),
     /// Copy the journal to one file and verify the copy; a daemon may be running.
     Backup(BackupArgs),
     /// Manage the tokens for access from other computers to the page and the HTTP interface of `trued serve`.

@@ -14,14 +14,15 @@ use crate::commissioning::{
     CheckFinding, CheckStop, CheckSummary, CheckVerdict, MachineCheck, NoOperator, OperatorInterface,
 };
 use crate::setup::{self, ReopenableMachine};
-use crate::store::{Journal, MachineLock};
+use crate::store::{ArtefactRegister, Journal, MachineLock};
 
 /// Name of a method for loading the machine file; any method would do.
 const PLACEHOLDER_METHOD: &str = "self-calibration";
 
 pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
-    let machine = setup::load_machine_file(args.machine.as_deref(), PLACEHOLDER_METHOD)?;
+    let mut machine = setup::load_machine_file(args.machine.as_deref(), PLACEHOLDER_METHOD)?;
     let folder = state_folder(state)?;
+    machine.report_data = ArtefactRegister::in_folder(&folder).complete_report_data(&machine.report_data)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_running_runs_interrupted(&lock).wait()?;

@@ -7,7 +7,7 @@ use crate::archive::run_story::resume_hint;
 use crate::run::{CycleError, QualificationError};
 use crate::service::{ServeError, TokenError};
 use crate::setup::SetupError;
-use crate::store::{LockError, RunId, StoreError};
+use crate::store::{ArtefactRegisterError, LockError, RunId, StoreError};
 use devices::sensors::SensorError;
 use methods::{IdentifyError, MethodRefusal};
 use planning::PlanningError;
@@ -56,6 +56,12 @@ impl From<ServeError> for CommandFailure {
 
 impl From<TokenError> for CommandFailure {
     fn from(error: TokenError) -> Self {
+        Self::new(&error, error.remedy())
+    }
+}
+
+impl From<ArtefactRegisterError> for CommandFailure {
+    fn from(error: ArtefactRegisterError) -> Self {
         Self::new(&error, error.remedy())
     }
 }

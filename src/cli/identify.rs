@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::args::IdentifyArgs;
+use super::artefact::complete_report_data;
 use super::failure::CommandFailure;
 use super::files::{read_estimates, state_folder};
 use super::{ExitStatus, show};
@@ -17,7 +18,7 @@ use machine::record::reading::Reading;
 pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let estimate = match (args.run, &args.readings) {
         (Some(run), _) => identify_stored_run(args, RunId(run), state)?,
-        (None, Some(file)) => identify_readings_file(args, file)?,
+        (None, Some(file)) => identify_readings_file(args, file, state)?,
         (None, None) => {
             return Err(CommandFailure::without_remedy("one of the options --readings and --run is required"));
         }
@@ -30,13 +31,14 @@ pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exi
     Ok(estimate.verdict.into())
 }
 
-fn identify_readings_file(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, CommandFailure> {
+fn identify_readings_file(args: &IdentifyArgs, csv: &Path, state: Option<&Path>) -> Result<Estimate, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan) = match &args.plan {
         Some(file) => read_plan_and_method(file, &args.method)?,
         None => {
-            let (method, plan_without_steps) =
+            let (method, mut plan_without_steps) =
                 setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
+            plan_without_steps.report = complete_report_data(&machine.report_data, state)?;
             let (plan, _) = methods::plan_nominal_stages(method.as_ref(), plan_without_steps)?;
             (method, plan)
         }

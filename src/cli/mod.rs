@@ -14,6 +14,7 @@ macro_rules! errln {
 mod args;
 #[cfg(test)]
 mod args_tests;
+mod artefact;
 mod backup;
 mod check;
 mod compare;
@@ -115,7 +116,7 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Check(args) => check::commissioning_check_command(&args, state),
         Command::Serve(args) => serve::serve_command(&args, state),
         Command::Resume(args) => resume::resume_command(&args, state),
-        Command::Plan(args) => plan::plan_command(&args),
+        Command::Plan(args) => plan::plan_command(&args, state),
         Command::Identify(args) => identify::identify_command(&args, state),
         Command::Init(args) => init::init_command(&args),
         Command::Simulate(args) => simulate::simulate_command(&args),
@@ -131,6 +132,7 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Predict(args) => predict::predict_command(&args),
         Command::Export(args) => runs::export_run(&args, state),
         Command::Backup(args) => backup::backup_command(&args, state),
+        Command::Artefact(args) => artefact::artefact_command(&args, state),
         Command::Token(args) => token::token_command(&args, state),
         Command::Generate(args) => generate::generate_command(&args),
     }

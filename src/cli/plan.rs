@@ -1,7 +1,10 @@
 //! `trued plan`: prints the whole plan from nominal positions, as text, JSON or a program.
 
+use std::path::Path;
+
 use super::ExitStatus;
 use super::args::PlanArgs;
+use super::artefact::complete_report_data;
 use super::failure::CommandFailure;
 use super::show;
 use crate::setup;
@@ -13,9 +16,11 @@ use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{MachineTime, TouchedDirections};
 
-pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, CommandFailure> {
+pub fn plan_command(args: &PlanArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
-    let (method, plan_without_steps) = setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
+    let (method, mut plan_without_steps) =
+        setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
+    plan_without_steps.report = complete_report_data(&machine.report_data, state)?;
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), plan_without_steps)?;
     let once: Vec<Stage> = stages.iter().filter(|stage| stage.repeat == 0).cloned().collect();
     if args.json {

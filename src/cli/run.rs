@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use jiff::Zoned;
+
 use super::args::{OutputArgs, RunArgs, SimulationSpeed};
 use super::daemon_client::DaemonClient;
 use super::device_links::DeviceLinks;
@@ -15,7 +17,7 @@ use super::terminal::{confirm_with_enter, login_name};
 use super::{ExitStatus, add_state_option, show};
 use crate::run::{Cycle, PromptAnswerSource, check_qualifications_match_probe, repeatability_of_runs};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
-use crate::store::{Journal, MachineLock, RunId};
+use crate::store::{ArtefactRegister, Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
 use machine::record::event::RunEvent;
 use methods::Method;
@@ -31,6 +33,9 @@ pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<E
     check_report_folder(&args.output)?;
     let links = DeviceLinks::from_options(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = links.state_folder(state)?;
+    // The state folder of a replay contains no register: nothing moves, so an expired certificate is no obstacle.
+    let register = ArtefactRegister::in_folder(&folder);
+    plan_without_steps.report = register.report_data_for_run(&machine.report_data, Zoned::now().date())?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name);
     let journal = Journal::open(&folder)?;
     let lock = match lock {

@@ -17,14 +17,15 @@ impl MachineCheck<'_> {
         if data.is_certificate_expired(&today) {
             let due = data.certificate_due.clone().unwrap_or_default();
             let what = format!("the certificate of the artefact was valid until {due}");
-            let remedy = "calibrate the artefact, or correct `certificate_due` in [report]";
+            let remedy = "calibrate the artefact, then enter the new certificate: with `trued artefact add`, or in \
+                          [report] if the artefact is not in the register";
             return self.report_failed(CheckPart::Report, since, what, remedy);
         }
         if matches!(self.machine_file.controller_section.control, ControlConfig::Simulated(_)) {
             return;
         }
         if missing.is_empty() {
-            return self.report_ok(CheckPart::Report, since, "the machine file states all data of the report");
+            return self.report_ok(CheckPart::Report, since, "all data of the report are stated");
         }
         self.report_unchecked(
             CheckPart::Report,

@@ -10,6 +10,7 @@ use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::{Reading, Temperatures};
 
+mod artefact_register;
 mod audit;
 mod backup;
 mod checksum;
@@ -35,6 +36,7 @@ mod tests;
 mod verified_copy;
 mod write;
 
+pub use artefact_register::{ArtefactRegister, ArtefactRegisterError, CertificateState, RegisteredArtefact};
 pub use audit::{AuditEntry, StoredAuditEntry};
 pub use backup::{BackupContent, backup};
 pub use error::{StoreError, StoreFault};
