@@ -35,6 +35,8 @@ pub(super) struct CommandGateState {
     rehearsal_results_by_cycle: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
     last_cycle_end_time: Option<Instant>,
+    /// Whether the register of artefacts permits no run.
+    pub(super) is_artefact_refused: bool,
     pub(super) heartbeat: Heartbeat,
     pub(super) readiness_sources: Vec<ReadinessSource>,
     pub(super) due_request_sender: Option<Sender<StartDueCycleRequest>>,
@@ -66,6 +68,7 @@ impl CommandGate {
             prompt_answer: None,
             rehearsal_results_by_cycle: BTreeMap::new(),
             last_cycle_end_time: None,
+            is_artefact_refused: false,
             heartbeat: Heartbeat::now(config.max_event_interval),
             readiness_sources: Vec::new(),
             due_request_sender: None,
@@ -216,6 +219,9 @@ impl CommandGate {
             && !interlocks.has_person_for_prompts
         {
             return Err(Refusal::PlanHasPrompts);
+        }
+        if inner.is_artefact_refused {
+            return Err(Refusal::ArtefactRefused);
         }
         if let Some(why) = interlocks.start_refusal(&self.required_interlocks) {
             return Err(why);

@@ -3,12 +3,15 @@
 use super::machine_state::RunFailure;
 use crate::run::CycleError;
 use crate::setup::SetupError;
+use crate::store::ArtefactRegisterError;
 
 /// Why a cycle has no estimate.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum CycleFailure {
     #[error(transparent)]
     Setup(#[from] SetupError),
+    #[error(transparent)]
+    Artefact(#[from] ArtefactRegisterError),
     #[error(transparent)]
     Cycle(#[from] CycleError),
 }
@@ -18,6 +21,7 @@ impl CycleFailure {
     pub(super) fn describe(&self) -> RunFailure {
         let (what, remedy) = match self {
             Self::Setup(error) => return RunFailure { what: error.to_string(), remedy: error.remedy() },
+            Self::Artefact(error) => (error.to_string(), error.remedy()),
             Self::Cycle(CycleError::MeasurementIncomplete { run, error, .. }) => {
                 (format!("run {run}: {error}"), error.remedy())
             }

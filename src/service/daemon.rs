@@ -71,14 +71,18 @@ impl Service {
         self
     }
 
-    /// Checks that the plans of all cycles can be measured. Nothing is opened.
+    /// Checks that the plans of all cycles can be measured, and that the certificates of the artefacts are valid.
+    /// Nothing is opened.
     ///
     /// # Errors
-    /// The first cycle that cannot be measured.
+    /// The first cycle that cannot be measured, or the first machine whose artefact must not be used.
     pub fn check_plans(&self) -> Result<(), ServeError> {
         let runtime = tokio::runtime::Builder::new_current_thread().build();
         let runtime = runtime.map_err(ServeError::ThreadNotStarted)?;
-        self.workers.iter().try_for_each(|worker| runtime.block_on(worker.rehearse_cycles()))
+        self.workers.iter().try_for_each(|worker| {
+            runtime.block_on(worker.rehearse_cycles())?;
+            worker.check_artefact()
+        })
     }
 
     /// Handle that ends the service: it holds each machine on which a run is in progress.

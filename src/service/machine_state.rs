@@ -81,11 +81,13 @@ pub enum Refusal {
     PlanHasPrompts = 17,
     #[error("this prompt is not open")]
     PromptNotOpen = 18,
+    #[error("the artefact has no valid certificate in the register")]
+    ArtefactRefused = 19,
 }
 
 /// All refusals.
 #[cfg(test)]
-pub const ALL_REFUSALS: [Refusal; 18] = [
+pub const ALL_REFUSALS: [Refusal; 19] = [
     Refusal::Busy,
     Refusal::Held,
     Refusal::Failed,
@@ -104,6 +106,7 @@ pub const ALL_REFUSALS: [Refusal; 18] = [
     Refusal::Unreadable,
     Refusal::PlanHasPrompts,
     Refusal::PromptNotOpen,
+    Refusal::ArtefactRefused,
 ];
 
 /// Interlock inputs that the machine reports; they count only while they are fresh.

@@ -5,6 +5,7 @@
 //! one. A cycle that ends with the machine held releases the machine's lock, so that a person can resume the run.
 //! No cycle starts until a person has acknowledged.
 
+mod artefact_condition;
 mod captures;
 pub mod command_gate;
 #[cfg(test)]
@@ -45,7 +46,7 @@ pub use self::http::{PageAddressFile, Role, Token, TokenError, TokenStore, machi
 pub use self::log::Log;
 use crate::run::RunError;
 use crate::setup::SetupError;
-use crate::store::{LockError, StoreError};
+use crate::store::{ArtefactRegisterError, LockError, StoreError};
 
 /// Why the service cannot serve.
 #[derive(Debug, thiserror::Error)]
@@ -66,6 +67,8 @@ pub enum ServeError {
     NoTrigger(String),
     #[error(transparent)]
     Token(#[from] TokenError),
+    #[error(transparent)]
+    Artefact(#[from] ArtefactRegisterError),
     #[error("a thread cannot be started: {0}")]
     ThreadNotStarted(std::io::Error),
     #[error("the worker thread of `{0}` panicked")]
@@ -92,6 +95,7 @@ impl ServeError {
                 Some("add [serve.modbus], [serve.line] or [serve.http] to its machine file".to_owned())
             }
             Self::Token(error) => Some(error.remedy().to_owned()),
+            Self::Artefact(error) => Some(error.remedy()),
             ServeError::ThreadNotStarted(_) => None,
             Self::ThreadPanicked(_) => {
                 Some("inspect the machine, and report the error in the log as a defect of trued".to_owned())

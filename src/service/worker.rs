@@ -35,7 +35,7 @@ const MAX_IDLE_HEARTBEAT_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Executes the accepted commands of one machine, one at a time, on the machine's thread; holds its lock between runs.
 pub(super) struct MachineWorker {
-    machine_file: MachineFile,
+    pub(super) machine_file: MachineFile,
     config: ServeConfig,
     pub(super) state_dir: PathBuf,
     pub(super) simulation_pace: SimulationPace,
@@ -88,6 +88,7 @@ impl MachineWorker {
     pub async fn start_serving(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
         self.machine_lock = Some(self.acquire_lock(journal).await?);
         self.rehearse_cycles().await?;
+        self.update_artefact_condition();
         triggers::start_triggers(&self.config, &self.gate, &self.log)?;
         match unfinished_run(journal, self.machine_name())? {
             Some(before) => {
@@ -116,6 +117,7 @@ impl MachineWorker {
                 Ok(None) => break,
                 // No command within the tick.
                 Err(_) => {
+                    self.update_artefact_condition();
                     self.update_state_from_other_process(journal).await;
                     self.identification_queue.advance(&self.gate, &self.log, journal).await;
                     continue;
@@ -252,7 +254,7 @@ impl MachineWorker {
             CycleFailure::Cycle(error) => {
                 (ServiceState::Failed, (!error.is_requested_stop()).then_some(CycleOutcome::Failed))
             }
-            CycleFailure::Setup(_) => (state_if_unopened, Some(CycleOutcome::Failed)),
+            CycleFailure::Setup(_) | CycleFailure::Artefact(_) => (state_if_unopened, Some(CycleOutcome::Failed)),
         };
         let RunFailure { what, remedy } = failed.describe();
         let message = match &remedy {
@@ -273,8 +275,9 @@ impl MachineWorker {
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {cycle_number}") }.into());
         };
-        let (method, plan_without_steps) =
+        let (method, mut plan_without_steps) =
             setup::configure_method_and_plan_without_steps(&self.machine_file, method, *repeat)?;
+        plan_without_steps.report = self.report_data_for_run()?;
         let opening = setup::open_devices(&self.machine_file, self.simulation_pace, EarlierSessions::default());
         let (devices, capture) = self.open_devices_with_capture(opening).await?;
         let mut events = RunEventPublisher::new(&self.gate, &self.log, self.max_event_interval());

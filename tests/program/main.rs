@@ -3,6 +3,7 @@
 
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
+mod artefact_register;
 mod check_command;
 mod cli_bad_input;
 mod cli_run;
@@ -46,6 +47,7 @@ fn main() {
         return store_kill::write_readings_until_killed();
     }
     let suites = [
+        artefact_register::trials(),
         check_command::trials(),
         cli_bad_input::trials(),
         cli_run::trials(),
