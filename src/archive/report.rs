@@ -2,15 +2,15 @@
 
 use super::compare::{CompareError, compare_runs};
 use super::run_story::{
-    describe_events_with_times, describe_record_warnings, describe_signatures, is_certificate_expired,
+    describe_events_with_times, describe_record_warnings, describe_signatures, in_local_time, is_certificate_expired,
 };
 use super::volumetric_error::volumetric_error_maps;
+use crate::report::difference::PreviousRun;
 use crate::report::time::format_local_time;
 use crate::report::{page, temperature};
 use crate::store::{Journal, RunFilter, RunId, RunState, StoreError, StoredRun};
 use machine::record::event::RunEvent;
 use machine::record::stage_proof::StageProof;
-use methods::decision::parameter_difference::ParameterDifference;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -59,7 +59,7 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         temperature_rows: temperature::temperature_rows(&stored.readings),
         temperature_curves: temperature::temperature_curves(&stored.readings),
         run_state: stored.summary.state.as_str().to_owned(),
-        events_with_times: describe_events_with_times(&stored),
+        events_with_times: in_local_time(describe_events_with_times(&stored)),
         signatures: Some(describe_signatures(&stored)),
         volume_texts_and_maps: volumetric_error_maps(&stored.plan.machine, &last.estimate),
         stage_proofs: stored.events.iter().filter_map(|(_, event)| stage_proof(event)).collect(),
@@ -90,10 +90,7 @@ fn operators_of_run(stored: &StoredRun) -> Vec<String> {
 }
 
 /// Differences from the previous finished run of the same machine and method; `None` if there is none to compare.
-fn differences_from_previous_run(
-    journal: &Journal,
-    stored: &StoredRun,
-) -> Result<Option<(String, Vec<ParameterDifference>)>, StoreError> {
+fn differences_from_previous_run(journal: &Journal, stored: &StoredRun) -> Result<Option<PreviousRun>, StoreError> {
     let summary = &stored.summary;
     let filter = RunFilter {
         older_than: Some(summary.id),
@@ -104,10 +101,12 @@ fn differences_from_previous_run(
     };
     let Some(previous) = journal.list_runs(filter, 1)?.pop() else { return Ok(None) };
     match compare_runs(journal, previous.id, summary.id) {
-        Ok(comparison) => {
-            let text = format!("run {} of {}", previous.id, format_local_time(previous.started));
-            Ok(Some((text, comparison.differences)))
-        }
+        Ok(comparison) => Ok(Some(PreviousRun {
+            title: format!("run {} of {}", previous.id, format_local_time(previous.started)),
+            differences: comparison.differences,
+            common_sources: comparison.common_sources,
+            other_differences: comparison.besides,
+        })),
         Err(CompareError::Store(error)) => Err(error),
         Err(_) => Ok(None),
     }

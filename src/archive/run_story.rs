@@ -1,13 +1,15 @@
 //! Describes the events of a stored run, its end and the next possible action, in words.
 
+use jiff::Timestamp;
 use jiff::tz::TimeZone;
 
+use crate::report::time::format_local_time;
 use crate::store::{EstimateSignature, RunId, RunState, RunSummary, StoredRun};
 use machine::record::event::RunEvent;
 use machine::record::machine::Homing;
 
 /// Stops, faults, prompts, acknowledgements and signatures of a run: the time and the text of each.
-pub fn describe_events_with_times(stored: &StoredRun) -> Vec<(String, String)> {
+pub fn describe_events_with_times(stored: &StoredRun) -> Vec<(Timestamp, String)> {
     let told = |event: &RunEvent| match event {
         RunEvent::Held { reason } => Some(format!("held: {reason}")),
         RunEvent::Faulted { what, .. } => Some(format!("fault: {what}")),
@@ -21,18 +23,23 @@ pub fn describe_events_with_times(stored: &StoredRun) -> Vec<(String, String)> {
         _ => None,
     };
     let events = stored.events.iter();
-    let events = events.filter_map(|(at, event)| Some((format!("{at:.0}"), told(event)?)));
+    let events = events.filter_map(|(at, event)| Some((*at, told(event)?)));
     let signed = stored.signatures.iter().map(|(at, signature)| {
         let of = if signs_last_estimate(stored, signature) { "" } else { " (an earlier estimate)" };
-        (format!("{at:.0}"), format!("signed{of} {}", describe_signer(signature)))
+        (*at, format!("signed{of} {}", describe_signer(signature)))
     });
     events.chain(signed).collect()
+}
+
+/// The times in local time, as texts.
+pub fn in_local_time(events: Vec<(Timestamp, String)>) -> Vec<(String, String)> {
+    events.into_iter().map(|(at, text)| (format_local_time(at), text)).collect()
 }
 
 /// Signatures of the last estimate, in words; signatures of earlier estimates are left out.
 pub fn describe_signatures(stored: &StoredRun) -> Vec<String> {
     let of_last = stored.signatures.iter().filter(|(_, signature)| signs_last_estimate(stored, signature));
-    of_last.map(|(at, signature)| format!("{} on {at:.0}", describe_signer(signature))).collect()
+    of_last.map(|(at, signature)| format!("{} on {}", describe_signer(signature), format_local_time(*at))).collect()
 }
 
 fn signs_last_estimate(stored: &StoredRun, signature: &EstimateSignature) -> bool {

@@ -6,9 +6,9 @@ use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::result_args::RepeatabilityArgs;
 use super::{ExitStatus, show};
+use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol};
 use crate::run::{RepeatabilityError, RepeatabilityTable, RepetitionKind, repeatability_of_runs};
 use crate::store::{Journal, RunId};
-use machine::record::estimate::Unit;
 use methods::decision::repeatability::{Repeatability, Slope};
 
 impl From<RepeatabilityError> for CommandFailure {
@@ -51,28 +51,29 @@ pub fn print_repeatability(table: &RepeatabilityTable) {
     table.parameters.iter().for_each(print_parameter);
     outln!(
         "u within: root mean square of the stated standard uncertainties; s between: standard deviation of the values \
-        (ISO 5725: s_r). u contains errors that all repetitions share, so s/u below 1 is no fault. Slopes with U; *: \
+        (ISO 5725: s_r). u contains errors that all repetitions share, so s/u below 1 is normal. Slopes with U; *: \
         larger than U. !: s exceeds u (χ², 95 %): u is too small, or the machine drifts."
     );
 }
 
 fn print_parameter(parameter: &Repeatability) {
     let Repeatability { symbol, unit, mean, within, between, ratio, .. } = parameter;
-    // As in the table of the estimate: to about a nanometre.
-    let digits = if *unit == Unit::Mm { 5 } else { 3 };
-    let drift = parameter.per_hour.as_ref().map_or("none".to_owned(), |slope| slope_text(slope, digits));
+    let decimals = decimals_for_uncertainty(*within);
+    let [mean, within, between] = [mean, within, between].map(|value| format_fixed(*value, decimals));
+    let drift = parameter.per_hour.as_ref().map_or("none".to_owned(), slope_text);
     let thermometers = parameter.per_kelvin.iter();
-    let thermometers = thermometers.map(|one| format!("{} {}", one.thermometer, slope_text(&one.slope, digits)));
+    let thermometers = thermometers.map(|one| format!("{} {}", one.thermometer, slope_text(&one.slope)));
     let thermometers = thermometers.collect::<Vec<_>>().join(", ");
     let mark = if parameter.exceeds_u { "!" } else { " " };
     outln!(
-        "{symbol:<12} {mean:>12.digits$} {within:>9.digits$} {between:>9.digits$} {ratio:>6.2}{mark}  {:<5} {drift:>20}  \
-        {thermometers}",
+        "{:<12} {mean:>12} {within:>9} {between:>9} {ratio:>6.2}{mark}  {:<5} {drift:>20}  {thermometers}",
+        one_line_symbol(symbol),
         unit.symbol()
     );
 }
 
-fn slope_text(slope: &Slope, digits: usize) -> String {
+fn slope_text(slope: &Slope) -> String {
     let mark = if slope.is_significant() { "*" } else { "" };
-    format!("{:.digits$} ± {:.digits$}{mark}", slope.slope, slope.expanded)
+    let decimals = decimals_for_uncertainty(slope.expanded);
+    format!("{} ± {}{mark}", format_fixed(slope.slope, decimals), format_fixed(slope.expanded, decimals))
 }

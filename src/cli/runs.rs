@@ -111,7 +111,7 @@ pub fn next_action(stored: &StoredRun) -> Option<String> {
 }
 
 fn print_events_and_next_action(stored: &StoredRun, state: Option<&Path>) {
-    for (at, told) in describe_events_with_times(stored) {
+    for (at, told) in run_story::in_local_time(describe_events_with_times(stored)) {
         outln!("{at}  {told}");
     }
     let summary = &stored.summary;

@@ -21,7 +21,7 @@ pub fn print_estimate(estimate: &Estimate) {
     print_result_table(&rows);
     if let Some(trials) = estimate.trials {
         outln!(
-            "[ , ]: shortest coverage interval from {trials} Monte Carlo trials, with the same coverage \
+            "[a to b]: shortest coverage interval from {trials} Monte Carlo trials, with the same coverage \
             probability"
         );
     }

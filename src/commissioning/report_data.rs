@@ -21,11 +21,17 @@ impl MachineCheck<'_> {
                           [report] if the artefact is not in the register";
             return self.report_failed(CheckPart::Report, since, what, remedy);
         }
-        if matches!(self.machine_file.controller_section.control, ControlConfig::Simulated(_)) {
-            return;
-        }
-        if missing.is_empty() {
-            return self.report_ok(CheckPart::Report, since, "all data of the report are stated");
+        let is_simulated = matches!(self.machine_file.controller_section.control, ControlConfig::Simulated(_));
+        match (&data.certificate_due, is_simulated) {
+            _ if missing.is_empty() => {
+                return self.report_ok(CheckPart::Report, since, "the machine file states all data of the report");
+            }
+            (Some(due), true) => {
+                let what = format!("the certificate of the artefact is valid until {due}");
+                return self.report_ok(CheckPart::Report, since, what);
+            }
+            (None, true) => return,
+            (_, false) => {}
         }
         self.report_unchecked(
             CheckPart::Report,

@@ -14,9 +14,11 @@ const SUFFIXES: &[SymbolPattern] = &[
     main("fundamental", "fundamental value (first harmonic)"),
     main("residual_synchronous", "residual synchronous value (without the first harmonic)"),
     main("reversal", "difference between the two senses of rotation"),
-    main("lsc", "centre of the least-squares circle (ISO 230-7)"),
+    main("lsc", "by the least-squares circle (ISO 230-7), not by the mean"),
     main("spectrum", "amplitudes of the harmonics"),
     main("stops", "values at the stops"),
+    harmonics("cos*", "harmonic *, cosine part"),
+    harmonics("sin*", "harmonic *, sine part"),
     harmonics("c*", "harmonic *, cosine part"),
     harmonics("s*", "harmonic *, sine part"),
 ];

@@ -7,12 +7,35 @@ use methods::decision::parameter_difference::ParameterDifference;
 use methods::named_symbol::named_symbol;
 use methods::symbol_names::ResultGroup;
 
-/// Rows of the main results of `method`.
-pub fn difference_rows(method: &str, differences: &[ParameterDifference]) -> Vec<Value> {
+/// Comparison with the previous finished run of the same machine and method.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PreviousRun {
+    /// Number and time of that run.
+    pub title: String,
+    pub differences: Vec<ParameterDifference>,
+    /// Sources of uncertainty with the same value in both runs: they cancel.
+    pub common_sources: Vec<String>,
+    /// Differences other than those of results, in words.
+    pub other_differences: Vec<String>,
+}
+
+/// Template values of the comparison: the rows of the main results.
+pub fn previous_run_values(method: &str, previous: &PreviousRun) -> Value {
     let is_main = |difference: &&ParameterDifference| {
         named_symbol(method, &difference.symbol).is_none_or(|named| named.group == ResultGroup::Main)
     };
-    differences.iter().filter(is_main).map(|difference| difference_row(method, difference)).collect()
+    let main: Vec<ParameterDifference> = previous.differences.iter().filter(is_main).cloned().collect();
+    context! {
+        run => previous.title.as_str(),
+        rows => difference_rows(method, &main),
+        common_sources => previous.common_sources.clone(),
+        other_differences => previous.other_differences.clone(),
+    }
+}
+
+/// Rows of the differences between two runs of `method`.
+pub fn difference_rows(method: &str, differences: &[ParameterDifference]) -> Vec<Value> {
+    differences.iter().map(|difference| difference_row(method, difference)).collect()
 }
 
 fn difference_row(method: &str, difference: &ParameterDifference) -> Value {

@@ -1,4 +1,5 @@
-//! Report pages with figures, and readings files. This module depends on the kinds of figures, but on no method.
+//! Report pages with figures, and readings files. This module depends on the kinds of figures and on the names that
+//! the methods give their results, but on no method.
 
 mod budget;
 mod captions;

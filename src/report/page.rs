@@ -4,6 +4,7 @@ use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::captions::{figure_values, sketch_values, svg_value};
+use super::difference::PreviousRun;
 use super::result_row::{ResultRow, RunContext, headline, result_rows, verdict_sentence, verdict_word, worst_first};
 use super::rows::NameTextRows;
 use super::{
@@ -13,7 +14,6 @@ use super::{
 use machine::record::estimate::{Estimate, Verdict};
 use machine::record::plan::Plan;
 use machine::record::stage_proof::StageProof;
-use methods::decision::parameter_difference::ParameterDifference;
 use methods::symbol_names::ResultGroup;
 
 const PAGE_TEMPLATE: &str = include_str!("page.html");
@@ -27,7 +27,7 @@ pub struct ReportFacts {
     /// Time at which the run reached its state.
     pub end_time: String,
     pub run_state: String,
-    /// Persons who started, confirmed or resumed the run.
+    /// Persons who answered prompts or acknowledged stops.
     pub operators: Vec<String>,
     /// Firmware and version of the control.
     pub control: String,
@@ -50,8 +50,7 @@ pub struct ReportFacts {
     pub stage_proofs: Vec<StageProof>,
     /// Position error of the tool over the volume, in sentences and as maps.
     pub volume_texts_and_maps: Option<(Vec<String>, Vec<ErrorMap>)>,
-    /// The previous finished run of the same machine and method, in words, and the differences from it.
-    pub previous_run: Option<(String, Vec<ParameterDifference>)>,
+    pub previous_run: Option<PreviousRun>,
 }
 
 /// Renders the report of `estimate`.
@@ -80,9 +79,7 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
         gauge => estimate.gauge.clone(),
         not_identifiable => estimate.not_identifiable.clone(),
         quality => fit_quality_rows(estimate),
-        previous => facts.previous_run.as_ref().map(|(run, differences)| {
-            context! { run, rows => difference::difference_rows(&plan.method, differences) }
-        }),
+        previous => facts.previous_run.as_ref().map(|run| difference::previous_run_values(&plan.method, run)),
     };
     let more = context! {
         plan => plan_summary::plan_rows(plan),
@@ -121,7 +118,7 @@ fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
         harmonics => Serde(&of_group(ResultGroup::Harmonics)),
         setup => Serde(&of_group(ResultGroup::Setup)),
         budget => budget(|row| row.group == ResultGroup::Main),
-        more_budget => budget(|row| row.group == ResultGroup::Setup),
+        more_budget => budget(|row| row.group != ResultGroup::Main),
     }
 }
 

@@ -45,7 +45,7 @@ pub struct ResultRow {
     pub conformance: Option<String>,
     /// What would decide an undecided result, as a sentence without a full stop.
     pub decided_by: Option<String>,
-    /// Distance beyond which the value is out of its limit: |value|/limit.
+    /// |value| divided by the limit.
     #[serde(skip)]
     pub limit_share: Option<f64>,
 }
@@ -164,7 +164,7 @@ pub fn verdict_sentence(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Pass => "in tolerance, with the uncertainty included",
         Verdict::Fail => "out of tolerance by more than the uncertainty",
-        Verdict::Undecided => "a limit is within the uncertainty",
+        Verdict::Undecided => "a limit is within the uncertainty, or a result with a limit is missing",
         Verdict::UndecidedModel => "the readings contradict the model or the declared data; each U is a lower bound",
         Verdict::None => "the machine file states no tolerance",
     }
@@ -192,12 +192,13 @@ fn format_percent(probability: f64) -> String {
 
 fn describe_deciding_change(change: &DecidingChange, unit: Unit, context: RunContext<'_>) -> String {
     match change {
-        DecidingChange::Repeats(runs) => {
+        DecidingChange::Runs(runs) => {
             let time = context.duration_s.map_or(String::new(), |one_s| {
-                format!(", about {:.0} minutes in all", (f64::from(*runs) * one_s / 60.0).ceil())
+                format!(" (about {:.0} minutes)", (f64::from(*runs) * one_s / 60.0).ceil())
             });
-            format!("the mean of {runs} runs would decide it{time}: trued run {} --repeat {runs}", context.method)
+            format!("the mean of {runs} such runs{time} would decide it, if the value stays the same")
         }
+        DecidingChange::TooManyRuns => "the value is too close to the limit: more runs do not decide it".to_owned(),
         DecidingChange::SmallerSources { expanded, largest } => {
             let expanded = format_fixed(*expanded, decimals_for_uncertainty(*expanded));
             format!(
@@ -239,7 +240,7 @@ mod tests {
         assert_eq!((row.name.as_str(), row.conformance.as_deref()), ("position of C in Y", Some("25.0 %")));
         let row = ResultRow::new(CONTEXT, &parameter("EX0C_lsc", 12.0, 0.0004, None));
         assert_eq!(row.sentence(), "E_X0C,lsc 12.00000 µm, U 0.00040 µm");
-        assert_eq!(row.name, "position of C in X: centre of the least-squares circle (ISO 230-7)");
+        assert_eq!(row.name, "position of C in X: by the least-squares circle (ISO 230-7), not by the mean");
         let lost = Parameter { identifiable: false, ..parameter("EX0C", f64::NAN, f64::NAN, None) };
         assert_eq!(ResultRow::new(CONTEXT, &lost).sentence(), "E_X0C not identifiable");
     }

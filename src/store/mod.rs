@@ -131,7 +131,7 @@ pub struct RunSummary {
     pub signed: Option<String>,
     /// Verdict of its last estimate.
     pub verdict: Option<Verdict>,
-    /// Reason why it stopped; `None` for a run that is in progress or finished.
+    /// Reason why it is held, failed or closed; `None` in other states.
     pub end_reason: Option<String>,
 }
 

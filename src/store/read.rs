@@ -27,7 +27,7 @@ pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, 
                                ORDER BY seq DESC LIMIT 1),
                               (SELECT json_extract(estimate, '$.verdict') FROM estimates
                                WHERE run = runs.id ORDER BY seq DESC LIMIT 1) AS verdict,
-                              CASE WHEN state NOT IN ('running', 'finished') THEN
+                              CASE WHEN state IN ('held', 'failed', 'closed') THEN
                                   (SELECT coalesce(json_extract(event, '$.what'), json_extract(event, '$.reason'))
                                    FROM events
                                    WHERE run = runs.id AND json_extract(event, '$.event') IN ('held', 'faulted')

@@ -2,7 +2,7 @@
 //!
 //! | output | field | in its place |
 //! |---|---|---|
-//! | report, `trued show`, HTTP | an instant: `2026-07-01T12:00:00.123Z` | `TIMESTAMP_PLACEHOLDER` |
+//! | report, `trued show`, HTTP | an instant: `2026-07-01T12:00:00.123Z`, `2026-07-01 14:00:00 CEST` | `TIMESTAMP_PLACEHOLDER` |
 //! | `trued run`, standard error | the line `captured to FILE` | left out |
 //! | `trued watch --json` | `t_s`: wall time of a sample | left out |
 //! | capture | see `capture.rs` | |
@@ -14,7 +14,7 @@
 
 pub const TIMESTAMP_PLACEHOLDER: &str = "INSTANT";
 
-/// `text` with each RFC 3339 instant replaced.
+/// `text` with each RFC 3339 instant and each local time replaced.
 pub fn replace_timestamps(text: &str) -> String {
     const TIMESTAMP_PATTERN: &[u8] = b"0000-00-00T00:00:00";
     let bytes = text.as_bytes();
@@ -22,6 +22,7 @@ pub fn replace_timestamps(text: &str) -> String {
     while at + TIMESTAMP_PATTERN.len() <= bytes.len() {
         let is_instant = TIMESTAMP_PATTERN.iter().zip(&bytes[at..]).all(|(pattern, byte)| match pattern {
             b'0' => byte.is_ascii_digit(),
+            b'T' => matches!(byte, b'T' | b' '),
             separator => byte == separator,
         });
         if !is_instant {
@@ -33,6 +34,9 @@ pub fn replace_timestamps(text: &str) -> String {
         at += TIMESTAMP_PATTERN.len();
         at += bytes[at..].iter().take_while(|&&byte| byte == b'.' || byte.is_ascii_digit()).count();
         at += usize::from(bytes.get(at) == Some(&b'Z'));
+        // The zone of a local time, such as ` UTC`.
+        let zone = bytes[at..].iter().skip(1).take_while(|&&byte| byte.is_ascii_uppercase() || byte == b'+').count();
+        at += if bytes.get(at) == Some(&b' ') && zone > 0 { 1 + zone } else { 0 };
         from = at;
     }
     result + &text[from..]

@@ -24,6 +24,12 @@ const PERSISTENT_SOURCES: [(&str, ProvenanceField); 7] = [
     ("certified length", ARTEFACT_FIELD),
 ];
 
+/// Whether the source of a budget line has the same value in each run with the same machine, probe and artefact.
+pub fn is_persistent_source(line: &BudgetLine) -> bool {
+    let is_listed = PERSISTENT_SOURCES.iter().any(|(source, _)| *source == line.source);
+    is_listed && line.evaluation_type == Some(EvaluationType::B)
+}
+
 /// Difference of one parameter between two estimates, second minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterDifference {

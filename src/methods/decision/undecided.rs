@@ -1,16 +1,19 @@
-//! What decides an undecided result: more repeats of the run, or smaller systematic sources.
+//! What decides an undecided result: more runs, or smaller systematic sources.
 
-use machine::record::estimate::{EvaluationType, Parameter, Verdict};
+use super::parameter_difference::is_persistent_source;
+use machine::record::estimate::{Parameter, Verdict};
 
-/// Maximum number of repeats that is proposed.
-const MAX_PROPOSED_REPEATS: u32 = 100;
+/// Maximum number of runs that is proposed.
+const MAX_PROPOSED_RUNS: u32 = 100;
 
 /// What would decide an undecided parameter if its value stays the same.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DecidingChange {
-    /// The mean of this number of runs has a U below the distance from the value to the limit.
-    Repeats(u32),
-    /// No number of repeats suffices, because the sources that are the same in each run are too large.
+    /// The mean of this number of such runs has a U below the distance from the value to the limit.
+    Runs(u32),
+    /// More runs than anybody would measure: the value is too close to the limit.
+    TooManyRuns,
+    /// No number of runs suffices, because the sources that have the same value in each run are too large.
     SmallerSources {
         /// U by these sources alone, in the unit of the parameter.
         expanded: f64,
@@ -21,33 +24,33 @@ pub enum DecidingChange {
 
 /// Change that would decide `parameter`; `None` if it is decided already, or if its value equals the limit.
 ///
-/// Sources of type A (JCGM 100, 4.2) decrease with the square root of the number of runs, sources of type B (4.3) do
-/// not decrease.
+/// Sources with the same value in each run, see [`is_persistent_source`], do not decrease in the mean of several runs;
+/// the variance of all others is divided by the number of runs. The coverage factor stays the same.
 pub fn deciding_change(parameter: &Parameter) -> Option<DecidingChange> {
     let judged = parameter.judged.filter(|judged| judged.verdict == Verdict::Undecided)?;
     let distance = (parameter.value.abs() - judged.limit).abs();
     if !parameter.identifiable || parameter.k <= 0.0 || !(distance > 0.0 && distance.is_finite()) {
         return None;
     }
-    let variance = |kind| -> f64 {
-        let lines = parameter.budget.iter().filter(|line| line.evaluation_type == Some(kind));
-        lines.map(|line| line.u.powi(2)).sum()
-    };
-    let (random, systematic) = (variance(EvaluationType::A), variance(EvaluationType::B));
-    let repeats = random / ((distance / parameter.k).powi(2) - systematic);
-    if repeats > 0.0 && repeats <= f64::from(MAX_PROPOSED_REPEATS) {
-        return Some(DecidingChange::Repeats((repeats.floor() as u32 + 1).max(2)));
+    let persistent = || parameter.budget.iter().filter(|line| is_persistent_source(line));
+    let systematic: f64 = persistent().map(|line| line.u.powi(2)).sum();
+    let random = (parameter.u.powi(2) - systematic).max(0.0);
+    let allowed = (distance / parameter.k).powi(2) - systematic;
+    if allowed <= 0.0 {
+        let largest = persistent().max_by(|one, other| one.u.total_cmp(&other.u))?;
+        let expanded = parameter.k * systematic.sqrt();
+        return Some(DecidingChange::SmallerSources { expanded, largest: largest.source.clone() });
     }
-    let systematic_lines = parameter.budget.iter().filter(|line| line.evaluation_type == Some(EvaluationType::B));
-    let largest = systematic_lines.max_by(|one, other| one.u.total_cmp(&other.u))?;
-    let expanded = parameter.k * systematic.sqrt();
-    Some(DecidingChange::SmallerSources { expanded, largest: largest.source.clone() })
+    match random / allowed {
+        runs if runs <= f64::from(MAX_PROPOSED_RUNS) => Some(DecidingChange::Runs((runs.floor() as u32 + 1).max(2))),
+        _ => Some(DecidingChange::TooManyRuns),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use machine::record::estimate::{BudgetLine, LimitVerdict, Unit};
+    use machine::record::estimate::{BudgetLine, EvaluationType, LimitVerdict, Unit};
 
     /// A parameter with limit 10 and k = 2.
     fn undecided(value: f64, u_a: f64, u_b: f64) -> Parameter {
@@ -76,17 +79,29 @@ mod tests {
 
     /// With u_A = 1.5 and a distance of 1: 2·1.5/√n < 1 for n > 9.
     #[test]
-    fn repeats_decrease_the_random_part_alone() {
-        assert_eq!(deciding_change(&undecided(-9.0, 1.5, 0.0)), Some(DecidingChange::Repeats(10)));
+    fn runs_decrease_the_random_part_alone() {
+        assert_eq!(deciding_change(&undecided(-9.0, 1.5, 0.0)), Some(DecidingChange::Runs(10)));
         // 2·√(1.5²/n + 0.3²) < 1 for n > 14.06.
-        assert_eq!(deciding_change(&undecided(11.0, 1.5, 0.3)), Some(DecidingChange::Repeats(15)));
+        assert_eq!(deciding_change(&undecided(11.0, 1.5, 0.3)), Some(DecidingChange::Runs(15)));
     }
 
     #[test]
     fn large_systematic_sources_are_named() {
         let smaller = |expanded| Some(DecidingChange::SmallerSources { expanded, largest: "stylus offset".to_owned() });
         assert_eq!(deciding_change(&undecided(9.0, 1.5, 0.6)), smaller(1.2));
-        assert_eq!(deciding_change(&undecided(9.999, 1.5, 0.0)), smaller(0.0), "more repeats than are proposed");
+    }
+
+    #[test]
+    fn value_too_close_to_the_limit_needs_too_many_runs() {
+        assert_eq!(deciding_change(&undecided(9.999, 1.5, 0.0)), Some(DecidingChange::TooManyRuns));
+    }
+
+    /// Drift is of type B, but differs from run to run.
+    #[test]
+    fn sources_of_type_b_that_vary_decrease_with_the_number_of_runs() {
+        let mut drifting = undecided(-9.0, 0.0, 1.5);
+        drifting.budget[1].source = "thermal drift".to_owned();
+        assert_eq!(deciding_change(&drifting), Some(DecidingChange::Runs(10)));
     }
 
     #[test]

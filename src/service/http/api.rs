@@ -120,7 +120,7 @@ async fn get_run(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Js
         stages: stored.stages.len(),
         steps: stored.plan.steps.len(),
         readings: stored.readings.len(),
-        story: describe_events_with_times(&stored),
+        story: describe_events_with_times(&stored).into_iter().map(|(at, text)| (format!("{at:.0}"), text)).collect(),
         summary: stored.summary,
     }))
 }

@@ -10,7 +10,7 @@ use machine::record::report_data::ReportData;
 pub fn read_report_data(document: &TomlDocument) -> Result<ReportData, MachineFileError> {
     let data = document.read_section(&["report"], ReportData::deserialize)?.unwrap_or_default();
     if let Some(due) = &data.certificate_due
-        && due.parse::<jiff::civil::Date>().is_err()
+        && due.parse::<jiff::civil::Date>().map(|date| date.to_string()).ok().as_ref() != Some(due)
     {
         let why = format!("`{due}` is not a date; write it as YYYY-MM-DD, such as 2027-03-31");
         return Err(document.value_error(&["report", "certificate_due"], why));

@@ -34,7 +34,7 @@ pub fn quick_shop_with_http() -> MachineShop {
 fn wait_for_touch_count(browser: &Browser, at_least: usize) {
     let count = |text: &str| text.lines().last().and_then(|line| line.parse::<usize>().ok());
     let is = |text: &str| count(text).is_some_and(|count| count >= at_least);
-    browser.wait_for_text("#live .card:last-child", is);
+    browser.wait_for_text("#live .measured", is);
 }
 
 fn wait_for_page_status(browser: &Browser, words: &str) {

@@ -26,6 +26,11 @@ pub fn disconnected_page_hides_a_result_out_of_tolerance() {
     browser.client.open_url(&format!("{at}compare?a=1&b=7")).unwrap();
     browser.wait_for_text(".glance", |text| text.contains("no run 7"));
     accessibility::check_page_at_all_sizes(&browser, "refused");
+    for page in ["runs", "audit", "runs/2/report"] {
+        browser.client.open_url(&format!("{at}{page}")).unwrap();
+        browser.wait_for_text("h1", |_| true);
+        accessibility::check_page_at_all_sizes(&browser, &page.replace('/', "-"));
+    }
     browser.take_console_entries();
     browser.client.open_url(&at).unwrap();
     browser.wait_for_text("#live", |text| text.contains("out of tolerance"));

@@ -114,7 +114,7 @@ pub fn failed_identification_outdates_the_previous_result() {
     }
     assert!(!machine.contains("Result of run 1"), "{machine}");
     assert_eq!(http.get_json("/api/v1/runs")[0]["state"], "not identified");
-    assert!(http.get_text("/runs").contains("<td>not identified</td>"));
+    assert!(http.get_text("/runs").contains("<span>not identified</span>"));
     let run = http.get_text("/runs/2");
     assert!(run.contains("run 2 is not identified") && run.contains("has no reading"), "{run}");
     // A restart of the daemon does not try it again; an operator may.

@@ -162,7 +162,7 @@ pub struct RunSchema {
     signed: Option<String>,
     /// Verdict of its last estimate.
     verdict: Option<VerdictSchema>,
-    /// Reason why it stopped; null while it runs and when it is finished.
+    /// Reason why it is held, failed or closed; null in other states.
     end_reason: Option<String>,
 }
 

@@ -8,7 +8,7 @@ use minijinja::{Value, context};
 use super::{machine, machine_page_path, row_of_run};
 use crate::archive::report::render_report;
 use crate::archive::run_story::{
-    describe_events_with_times, describe_record_warnings, describe_run_end, describe_signatures,
+    describe_events_with_times, describe_record_warnings, describe_run_end, describe_signatures, in_local_time,
 };
 use crate::report::result_row::{ResultRow, RunContext, result_rows, worst_first};
 use crate::report::time::format_local_time;
@@ -59,7 +59,7 @@ fn values_of_run(stored: &StoredRun, earlier: &[RunSummary]) -> Value {
         ended => unfinished.then(|| describe_run_end(stored)),
         readings => stored.readings.len(),
         warmth => temperature::temperature_rows(&stored.readings),
-        story => describe_events_with_times(stored),
+        story => in_local_time(describe_events_with_times(stored)),
         signed => describe_signatures(stored),
         comparable => earlier.iter().map(row_of_run).collect::<Vec<_>>(),
         files => download_values(summary.id),
