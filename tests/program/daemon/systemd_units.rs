@@ -92,7 +92,7 @@ pub fn service_commands_and_options_exist_in_the_program() {
     let calls: Vec<Vec<&str>> = unit
         .lines()
         .filter(|line| line.starts_with("Exec"))
-        .map(|line| line.split_once("=/usr/bin/trued ").unwrap().1.split(' ').collect())
+        .map(|line| line.split_once("/usr/bin/trued ").unwrap().1.split(' ').collect())
         .collect();
     assert_eq!(calls.len(), 2);
     for call in calls {
