@@ -182,8 +182,10 @@ fn check_guest_output(values: &GuestOutput, told: &str) -> Result<(), String> {
         }
     }
     // Paper 2, Table 5, as in the simulated machine; the tolerances are those of a few poses.
-    for (symbol, truth, limit) in [("EB0B", -42.0, 12.0), ("EX0C", -1.0, 1.5), ("EA0C", 5.2, 12.0)] {
-        let came: Option<f64> = values.get(&format!("run.{symbol}")).and_then(|v| v.parse().ok());
+    for (symbol, truth, limit) in [("E_B0B", -42.0, 12.0), ("E_X0C", -1.0, 1.5), ("E_A0C", 5.2, 12.0)] {
+        // The terminal shows a true minus sign.
+        let number = |text: &String| text.replace('\u{2212}', "-").parse::<f64>().ok();
+        let came = values.get(&format!("run.{symbol}")).and_then(number);
         if came.is_none_or(|came: f64| (came - truth).abs() > limit) {
             return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
         }
