@@ -118,7 +118,7 @@ fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
         harmonics => Serde(&of_group(ResultGroup::Harmonics)),
         setup => Serde(&of_group(ResultGroup::Setup)),
         budget => budget(|row| row.group == ResultGroup::Main),
-        more_budget => budget(|row| row.group != ResultGroup::Main),
+        more_budget => budget(|row| row.group == ResultGroup::Setup),
     }
 }
 
