@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::store::{Journal, RunId, RunSummary, StoreError, StoredRun};
+use crate::store::{Journal, RunFilter, RunId, RunState, RunSummary, StoreError, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step, StepKind};
 use methods::decision::function_difference::{FunctionDifference, function_differences};
@@ -47,6 +47,21 @@ pub struct RunComparison {
     pub common_sources: Vec<String>,
     /// Differences other than those of parameters and functions, in words.
     pub besides: Vec<String>,
+}
+
+/// At most `limit` finished runs of the same machine and method before `run`, newest first.
+///
+/// # Errors
+/// The journal cannot be read.
+pub fn earlier_finished_runs(journal: &Journal, run: &RunSummary, limit: usize) -> Result<Vec<RunSummary>, StoreError> {
+    let filter = RunFilter {
+        older_than: Some(run.id),
+        machine: Some(&run.machine),
+        method: Some(&run.method),
+        state: Some(RunState::Finished),
+        ..RunFilter::default()
+    };
+    journal.list_runs(filter, limit)
 }
 
 /// Compares the last estimates of two runs. A source of uncertainty of both runs is common to them only if

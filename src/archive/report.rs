@@ -1,6 +1,6 @@
 //! Report of a stored run.
 
-use super::compare::{CompareError, compare_runs};
+use super::compare::{compare_runs, earlier_finished_runs};
 use super::run_story::{
     describe_events_with_times, describe_record_warnings, describe_signatures, in_local_time, is_certificate_expired,
 };
@@ -8,7 +8,7 @@ use super::volumetric_error::volumetric_error_maps;
 use crate::report::difference::PreviousRun;
 use crate::report::time::format_local_time;
 use crate::report::{page, temperature};
-use crate::store::{Journal, RunFilter, RunId, RunState, StoreError, StoredRun};
+use crate::store::{Journal, RunId, StoreError, StoredRun};
 use machine::record::event::RunEvent;
 use machine::record::stage_proof::StageProof;
 
@@ -69,11 +69,11 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
 
 /// Firmware and version of the control, as it reported them when the run last started to move.
 fn control_identity(stored: &StoredRun) -> String {
-    let identities = stored.events.iter().rev().filter_map(|(_, event)| match event {
+    let identity = stored.events.iter().rev().find_map(|(_, event)| match event {
         RunEvent::ControlPrepared { identity } => Some(identity.clone()),
         _ => None,
     });
-    identities.into_iter().next().unwrap_or_default()
+    identity.unwrap_or_default()
 }
 
 /// Persons who answered prompts or acknowledged stops, each once.
@@ -92,14 +92,7 @@ fn operators_of_run(stored: &StoredRun) -> Vec<String> {
 /// Differences from the previous finished run of the same machine and method; `None` if there is none to compare.
 fn differences_from_previous_run(journal: &Journal, stored: &StoredRun) -> Result<Option<PreviousRun>, StoreError> {
     let summary = &stored.summary;
-    let filter = RunFilter {
-        older_than: Some(summary.id),
-        machine: Some(&summary.machine),
-        method: Some(&summary.method),
-        state: Some(RunState::Finished),
-        ..RunFilter::default()
-    };
-    let Some(previous) = journal.list_runs(filter, 1)?.pop() else { return Ok(None) };
+    let Some(previous) = earlier_finished_runs(journal, summary, 1)?.pop() else { return Ok(None) };
     match compare_runs(journal, previous.id, summary.id) {
         Ok(comparison) => Ok(Some(PreviousRun {
             title: format!("run {} of {}", previous.id, format_local_time(previous.started)),
@@ -107,7 +100,7 @@ fn differences_from_previous_run(journal: &Journal, stored: &StoredRun) -> Resul
             common_sources: comparison.common_sources,
             other_differences: comparison.besides,
         })),
-        Err(CompareError::Store(error)) => Err(error),
+        // A damaged earlier run does not prevent the report of this one.
         Err(_) => Ok(None),
     }
 }

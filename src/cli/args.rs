@@ -18,7 +18,8 @@ use planning::gcode::Dialect;
 #[derive(Debug, Parser)]
 #[command(name = "trued", version = env!("TRUED_VERSION"), about, color = clap::ColorChoice::Never)]
 pub struct Cli {
-    /// State folder: the journal (journal.sqlite), the lock files, the register of artefacts and the tokens. Without this option:
+    /// State folder: the journal (journal.sqlite), the lock files, the register of artefacts and the tokens. Without
+    /// this option:
     /// $STATE_DIRECTORY, otherwise $XDG_STATE_HOME/trued, otherwise ~/.local/state/trued.
     #[arg(long, global = true, value_name = "DIR")]
     pub state: Option<PathBuf>,

@@ -35,9 +35,7 @@ impl ProgressDisplay {
 
     pub fn show_event(&mut self, event: &RunEvent) {
         match event {
-            // Identity and stopping method of the control, each on a line of its own.
-            RunEvent::ControlPrepared { identity } => self.print_line(identity),
-            RunEvent::Announced { text } => text.split("; ").for_each(|line| self.print_line(line)),
+            RunEvent::ControlPrepared { identity: text } | RunEvent::Announced { text } => self.print_line(text),
             RunEvent::StageStarted { stage } => {
                 self.print_line(&format!("{}: {} steps", stage.name, stage.steps.len()));
                 self.bar.set_length(stage.steps.len() as u64);

@@ -49,11 +49,16 @@ pub fn print_repeatability(table: &RepeatabilityTable) {
         "drift per hour"
     );
     table.parameters.iter().for_each(print_parameter);
+    let term = match table.repeated {
+        RepetitionKind::Passes => " (repeatability standard deviation s_r of ISO 5725)",
+        RepetitionKind::Runs => "",
+    };
+    outln!("u within: root mean square of the stated standard uncertainties");
     outln!(
-        "u within: root mean square of the stated standard uncertainties; s between: standard deviation of the values \
-        (ISO 5725: s_r). u contains errors that all repetitions share, so s/u below 1 is normal. Slopes with U; *: \
-        larger than U. !: s exceeds u (χ², 95 %): u is too small, or the machine drifts."
+        "s between: standard deviation of the values{term}; below u where u contains errors that all repetitions share"
     );
+    outln!("!: s is larger than u explains (χ², one-sided 97.5 %): u is too small, or the machine drifts");
+    outln!("slopes with U; *: larger than U");
 }
 
 fn print_parameter(parameter: &Repeatability) {

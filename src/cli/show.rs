@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::failure::CommandFailure;
 use crate::archive::report::render_report;
-use crate::report::result_row::{ResultRow, RunContext, result_rows, verdict_sentence, verdict_word, worst_first};
+use crate::report::result_row::{ResultRow, RunContext, not_passed, result_rows, verdict_sentence, verdict_word};
 use crate::store::{Journal, RunId};
 use machine::record::estimate::{Estimate, Verdict};
 
@@ -79,9 +79,8 @@ fn print_result_table(rows: &[ResultRow]) {
 /// The verdict of the run, then each result that has not passed, worst first.
 fn print_verdict(verdict: Verdict, rows: &[ResultRow]) {
     outln!("verdict: {} ({})", verdict_word(verdict), verdict_sentence(verdict));
-    let not_passed = worst_first(rows).into_iter().filter(|row| row.verdict.is_some_and(|v| v != Verdict::Pass));
-    for row in not_passed {
-        outln!("  {}", row.sentence_with_name());
+    for row in not_passed(rows) {
+        outln!("  {}", row.sentence);
         if let Some(decided_by) = &row.decided_by {
             outln!("    {decided_by}");
         }

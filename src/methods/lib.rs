@@ -310,6 +310,8 @@ pub struct MethodDescription {
     pub source: &'static str,
     /// Names of its results, besides the errors of axes and the coordinates of stylus and balls.
     pub symbol_names: &'static [SymbolPattern],
+    /// Whether its setting `repeats` is the number of passes of the whole cycle.
+    pub has_passes: bool,
 }
 
 /// A method that the registry can hold.

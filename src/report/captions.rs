@@ -4,6 +4,7 @@ use minijinja::{Value, context};
 
 use super::figure::{self, AxisSketch, FunctionFigure, MotionCentre, RemovedCircle};
 use super::number;
+use machine::error_name;
 use machine::record::estimate::{CircleFigure, Estimate, EstimatedFunction, FunctionFigureKind};
 
 /// Template values of all figures of an estimate: functions first, then circles.
@@ -61,7 +62,7 @@ fn height_caption(function: &EstimatedFunction) -> String {
 /// Magnification of a polar figure.
 fn division_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>) -> Option<String> {
     let division = figure.polar_division()?;
-    Some(format!("; 1 division = {division}\u{a0}{}", number::unit_symbol(function.unit)))
+    Some(format!("; 1 division = {division}\u{a0}{}", function.unit.symbol()))
 }
 
 /// Mean and eccentricity that a polar figure does not show.
@@ -69,7 +70,7 @@ fn removed_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k:
     let RemovedCircle { mean, eccentricity, direction_deg } = figure.removed?;
     let decimals = number::decimals_for_uncertainty(k * largest_u(function));
     let [mean, eccentricity, zero] = [mean, eccentricity, 0.0].map(|value| number::format_fixed(value, decimals));
-    let (unit, direction) = (number::unit_symbol(function.unit), number::format_fixed(direction_deg, 1));
+    let (unit, direction) = (function.unit.symbol(), number::format_fixed(direction_deg, 1));
     let mean = if mean == zero { String::new() } else { format!(" and mean {mean}\u{a0}{unit}") };
     Some(format!("; removed before drawing: eccentricity {eccentricity}\u{a0}{unit} towards {direction}°{mean}"))
 }
@@ -86,7 +87,7 @@ fn motion_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: 
         MotionCentre::LeastSquares => "the least-squares circle centre",
         MotionCentre::Chart => "the polar chart centre",
     };
-    let unit = number::unit_symbol(function.unit);
+    let unit = function.unit.symbol();
     Some(format!("; error motion value {value}\u{a0}{unit} about {centre}"))
 }
 
@@ -102,7 +103,7 @@ fn circle_figure_values(circle: &CircleFigure) -> Value {
     };
     let [[x, ux], [y, uy]] = [pair(circle.centre[0], ux), pair(circle.centre[1], uy)];
     let [radius, _] = pair(circle.radius, circle.centre_expanded[0].max(circle.centre_expanded[1]));
-    let unit = number::unit_symbol(circle.unit);
+    let unit = circle.unit.symbol();
     context! {
         symbol => symbol_value(&circle.symbol),
         caption => format!(
@@ -123,14 +124,11 @@ pub(super) fn sketch_values(estimate: &Estimate) -> Vec<Value> {
 }
 
 fn sketch_caption(sketch: &AxisSketch) -> String {
-    let names = ["position of the axis", "orientation of the axis", "zero position of the angle"];
-    let used = sketch.symbols().into_iter().zip(names).filter(|(symbols, _)| !symbols.is_empty());
-    let texts: Vec<String> = used
-        .map(|(symbols, name)| {
-            let symbols: Vec<String> = symbols.into_iter().map(number::one_line_symbol).collect();
-            format!("{}: {name}", symbols.join(", "))
-        })
-        .collect();
+    let named = |symbol: &str| {
+        let name = error_name(symbol).unwrap_or_default();
+        format!("{}: {name}", number::one_line_symbol(symbol))
+    };
+    let texts: Vec<String> = sketch.symbols().into_iter().map(named).collect();
     format!("Location errors of {}, drawn positive and not to scale. {}", sketch.axis, texts.join("; "))
 }
 

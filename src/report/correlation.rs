@@ -48,6 +48,7 @@ pub(super) fn correlation_values(covariance: &ParameterCovariance) -> Value {
         shown => shown.len(),
         parameters => count,
         strong => MIN_LISTED_CORRELATION,
+        least => figure::MIN_SHOWN_COEFFICIENT,
         count => strong.len(),
         named => named.collect::<Vec<_>>(),
     }

@@ -1,17 +1,5 @@
 //! Format of numbers, units and symbols in metrology.
 
-use machine::record::estimate::Unit;
-
-pub fn unit_symbol(unit: Unit) -> &'static str {
-    match unit {
-        Unit::Um => "µm",
-        Unit::Urad => "µrad",
-        Unit::UmPerM => "µm/m",
-        Unit::Mm => "mm",
-        Unit::Ms => "ms",
-    }
-}
-
 /// Display of the unit of a function's argument, as written in the estimate.
 pub fn argument_unit_symbol(unit: &str) -> &str {
     match unit {

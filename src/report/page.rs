@@ -5,13 +5,15 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::captions::{figure_values, sketch_values, svg_value};
 use super::difference::PreviousRun;
-use super::result_row::{ResultRow, RunContext, headline, result_rows, verdict_sentence, verdict_word, worst_first};
+use super::result_row::{
+    ResultRow, RunContext, headline, not_passed, result_rows, verdict_class, verdict_sentence, verdict_word,
+};
 use super::rows::NameTextRows;
 use super::{
     BASE_CSS, ErrorMap, TemperatureCurves, budget, clearance, correlation, difference, figure, number, plan_summary,
     vectors,
 };
-use machine::record::estimate::{Estimate, Verdict};
+use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::stage_proof::StageProof;
 use methods::symbol_names::ResultGroup;
@@ -61,47 +63,48 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    environment.add_global("base_css", Value::from_safe_string(BASE_CSS.to_owned()));
     let rows = result_rows(RunContext::from_estimate(estimate), &estimate.parameters);
-    let mut values = context! {
-        base_css => Value::from_safe_string(BASE_CSS.to_owned()),
-        method => plan.method.as_str(),
-        machine => plan.machine.name.as_str(),
-        run => facts.run_id.as_str(),
-        subject => subject_rows(plan, facts),
-        conditions => condition_rows(plan, estimate, facts),
+    let values = context! {
+        ..result_values(estimate, &rows),
+        ..figure_sections(estimate, facts),
+        ..record_sections(plan, estimate, facts)
+    };
+    environment.render_str(PAGE_TEMPLATE, values)
+}
+
+/// Template values of the figures.
+fn figure_sections(estimate: &Estimate, facts: &ReportFacts) -> Value {
+    context! {
         figures => figure_values(estimate),
         sketches => sketch_values(estimate),
         temperatures => svg_value(figure::draw_run_temperatures(&facts.temperature_curves)),
         related => correlation::correlation_values(&estimate.covariance),
         vectors => estimate.arrows.iter().map(vectors::vector_figure_value).collect::<Vec<_>>(),
         volume => facts.volume_texts_and_maps.as_ref().map(|(lines, maps)| volume_value(lines, maps)),
+    }
+}
+
+/// Template values of what was measured, how, by whom and with which instruments.
+fn record_sections(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Value {
+    context! {
+        method => plan.method.as_str(),
+        machine => plan.machine.name.as_str(),
+        run => facts.run_id.as_str(),
+        subject => subject_rows(plan, facts),
+        conditions => condition_rows(plan, estimate, facts),
         warnings => [facts.record_warnings.as_slice(), &estimate.warnings].concat(),
-        gauge => estimate.gauge.clone(),
-        not_identifiable => estimate.not_identifiable.clone(),
-        quality => fit_quality_rows(estimate),
         previous => facts.previous_run.as_ref().map(|run| difference::previous_run_values(&plan.method, run)),
-    };
-    let more = context! {
         plan => plan_summary::plan_rows(plan),
         proof => proof_value(plan, &facts.stage_proofs),
         record => record_rows(facts, &estimate.priors),
         events => facts.events_with_times.clone(),
         signed => facts.signatures.clone(),
-        coverage => estimate.coverage_percent,
-        trials => estimate.trials,
-        decision_rule => estimate.decision_rule.as_deref(),
-        ..result_values(estimate, &rows)
-    };
-    values = context! { ..more, ..values };
-    environment.render_str(PAGE_TEMPLATE, values)
+    }
 }
 
 fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
     let of_group = |group| rows.iter().filter(move |row| row.group == group).collect::<Vec<_>>();
-    let worst = worst_first(rows);
-    let not_passed: Vec<&&ResultRow> =
-        worst.iter().filter(|row| row.verdict.is_some_and(|verdict| verdict != Verdict::Pass)).collect();
-    let sentences: Vec<String> = not_passed.iter().map(|row| row.sentence_with_name()).collect();
     let budget = |is_in_table: fn(&ResultRow) -> bool| budget::budget_value(&estimate.parameters, rows, is_in_table);
     context! {
         verdict => context! {
@@ -109,9 +112,8 @@ fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
             word => verdict_word(estimate.verdict),
             sentence => verdict_sentence(estimate.verdict),
         },
-        sentences,
-        not_passed => Serde(&not_passed),
-        headline => Serde(&headline(&worst)),
+        not_passed => Serde(&not_passed(rows)),
+        headline => Serde(&headline(rows)),
         is_judged => rows.iter().any(|row| row.verdict.is_some()),
         same_k => same_coverage(rows),
         main => Serde(&of_group(ResultGroup::Main)),
@@ -119,6 +121,12 @@ fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
         setup => Serde(&of_group(ResultGroup::Setup)),
         budget => budget(|row| row.group == ResultGroup::Main),
         more_budget => budget(|row| row.group == ResultGroup::Setup),
+        coverage => estimate.coverage_percent,
+        trials => estimate.trials,
+        decision_rule => estimate.decision_rule.as_deref(),
+        gauge => estimate.gauge.clone(),
+        not_identifiable => estimate.not_identifiable.clone(),
+        quality => fit_quality_rows(estimate),
     }
 }
 
@@ -130,55 +138,42 @@ fn same_coverage(rows: &[ResultRow]) -> Option<Value> {
     is_same.then(|| context! { k => first.k.as_str(), dof => first.dof.as_str() })
 }
 
-/// CSS class of the badge.
-fn verdict_class(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Pass => "pass",
-        Verdict::Fail => "fail",
-        Verdict::Undecided | Verdict::UndecidedModel => "undecided",
-        Verdict::None => "none",
-    }
+/// A row of a table; an empty text is not stated.
+fn stated_row(name: &str, text: &str) -> (String, String) {
+    (name.to_owned(), if text.is_empty() { NOT_STATED } else { text }.to_owned())
 }
 
 /// The machine and the instruments, as the machine file states them.
 fn subject_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
-    let text = |name: &str, value: &str| {
-        let value = if value.is_empty() { NOT_STATED } else { value };
-        (name.to_owned(), value.to_owned())
-    };
-    let mut rows = vec![text("Machine", &plan.machine.name)];
+    let mut rows = vec![stated_row("Machine", &plan.machine.name)];
     let has_stylus = plan.sensors.is_empty();
     for field in plan.report.fields().into_iter().filter(|field| has_stylus || field.key != "stylus") {
         let expired = field.key == "certificate_due" && facts.is_certificate_expired;
         let mark = if expired { ": expired before this measurement" } else { "" };
-        rows.push(text(field.title, &format!("{}{mark}", field.text.unwrap_or(NOT_STATED))));
+        rows.push(stated_row(field.title, &format!("{}{mark}", field.text.unwrap_or(NOT_STATED))));
     }
-    rows.push(text("Control and firmware", &facts.control));
+    rows.push(stated_row("Control and firmware", &facts.control));
     let active = match plan.compensations_active.as_slice() {
         [] => "none stated".to_owned(),
         some => some.join(", "),
     };
-    rows.push(text("Active compensations", &active));
+    rows.push(stated_row("Active compensations", &active));
     rows
 }
 
 /// When, by whom, how and in which conditions.
 fn condition_rows(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> NameTextRows {
-    let text = |name: &str, value: &str| {
-        let value = if value.is_empty() { NOT_STATED } else { value };
-        (name.to_owned(), value.to_owned())
-    };
     let description = methods::method_description(&plan.method);
     let mut rows = vec![
-        text("Method", &plan.method),
-        text("Source of the method", description.map_or("", |description| description.source)),
-        text("Begin", &facts.start_time),
-        text("End", &facts.end_time),
-        text("Duration on the clock of the readings", &duration_text(estimate)),
-        text("Operator", &facts.operators.join(", ")),
+        stated_row("Method", &plan.method),
+        stated_row("Source of the method", description.map_or("", |description| description.source)),
+        stated_row("Begin", &facts.start_time),
+        stated_row("End", &facts.end_time),
+        stated_row("Duration on the clock of the readings", &duration_text(estimate)),
+        stated_row("Operator", &facts.operators.join(", ")),
     ];
     if facts.temperature_rows.is_empty() {
-        rows.push(text("Temperature", ""));
+        rows.push(stated_row("Temperature", ""));
     }
     rows.extend(facts.temperature_rows.iter().map(|(name, value)| (format!("Temperature: {name}"), value.clone())));
     rows

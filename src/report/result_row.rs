@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, split_into_base_and_index, unit_symbol};
+use super::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, split_into_base_and_index};
 use machine::record::estimate::{Estimate, LimitVerdict, Parameter, Unit, Verdict};
 use methods::decision::undecided::{DecidingChange, deciding_change};
 use methods::named_symbol::named_symbol;
@@ -43,6 +43,10 @@ pub struct ResultRow {
     pub verdict_word: Option<&'static str>,
     /// Probability of conformity, with its unit.
     pub conformance: Option<String>,
+    /// CSS class of the verdict in page and report.
+    pub verdict_class: &'static str,
+    /// The result on one line: `E_Y0C −30.2 µm, U 1.0 µm, limit ±10 µm: FAIL (position of C in Y)`.
+    pub sentence: String,
     /// What would decide an undecided result, as a sentence without a full stop.
     pub decided_by: Option<String>,
     /// |value| divided by the limit.
@@ -73,7 +77,7 @@ impl ResultRow {
         let (base, index) = split_into_base_and_index(symbol);
         let NamedSymbol { name, group } = named_symbol(context.method, symbol)
             .unwrap_or_else(|| NamedSymbol { name: String::new(), group: ResultGroup::Main });
-        Self {
+        let mut row = Self {
             symbol: symbol.clone(),
             one_line_symbol: one_line_symbol(symbol),
             base,
@@ -87,31 +91,35 @@ impl ResultRow {
             k: format_fixed(*k, 2),
             dof: format_degrees_of_freedom(*dof),
             interval: parameter.interval_monte_carlo.map(|ends| ends.map(number).join(" to ")),
-            unit: unit_symbol(*unit),
+            unit: unit.symbol(),
             limit: judged.map(|judged| format_limit(judged.limit)),
             verdict: judged.map(|judged| judged.verdict),
             verdict_word: judged.map(|judged| verdict_word(judged.verdict)),
+            verdict_class: verdict_class(judged.map_or(Verdict::None, |judged| judged.verdict)),
             conformance: judged.and_then(|judged| judged.conformance).map(format_percent),
             decided_by: deciding_change(parameter).map(|change| describe_deciding_change(&change, *unit, context)),
+            sentence: String::new(),
             limit_share: judged.map(|LimitVerdict { limit, .. }| value.abs() / limit),
-        }
+        };
+        row.sentence = row.to_sentence();
+        row
     }
 
-    /// The result on one line: `E_Y0C −30.2 µm, U 1.0 µm, limit ±10 µm: FAIL`.
-    pub fn sentence(&self) -> String {
-        let Self { one_line_symbol, value, unit, expanded, .. } = self;
+    fn to_sentence(&self) -> String {
+        let Self { one_line_symbol, value, unit, expanded, name, .. } = self;
         let measured = match self.identifiable {
             true => format!("{value} {unit}, U {expanded} {unit}"),
             false => "not identifiable".to_owned(),
         };
         let judged = self.limit.iter().zip(self.verdict_word);
         let judged: String = judged.map(|(limit, word)| format!(", limit {limit} {unit}: {word}")).collect();
-        format!("{one_line_symbol} {measured}{judged}")
+        let name = if name.is_empty() { String::new() } else { format!(" ({name})") };
+        format!("{one_line_symbol} {measured}{judged}{name}")
     }
 
-    /// The result on one line, with its name.
-    pub fn sentence_with_name(&self) -> String {
-        if self.name.is_empty() { self.sentence() } else { format!("{} ({})", self.sentence(), self.name) }
+    /// Whether a limit applies that the result does not meet with certainty.
+    fn has_not_passed(&self) -> bool {
+        self.verdict.is_some_and(|verdict| verdict != Verdict::Pass)
     }
 
     fn severity(&self) -> u8 {
@@ -132,7 +140,7 @@ pub fn result_rows(context: RunContext<'_>, parameters: &[Parameter]) -> Vec<Res
 
 /// Rows for an overview: the results with a limit, worst first, then those of the group [`ResultGroup::Main`] in the
 /// order of the estimate, which begins with the main results of the method.
-pub fn worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
+fn worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let is_listed = |row: &&ResultRow| row.verdict.is_some() || (row.group == ResultGroup::Main && row.identifiable);
     let mut listed: Vec<&ResultRow> = rows.iter().filter(is_listed).collect();
     listed.sort_by(|one, other| {
@@ -142,11 +150,16 @@ pub fn worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
     listed
 }
 
-/// Rows in large type, from those of [`worst_first`]: those with a limit, or the main results if there is no limit.
-pub fn headline<'a>(worst: &[&'a ResultRow]) -> Vec<&'a ResultRow> {
-    let judged: Vec<&ResultRow> = worst.iter().copied().filter(|row| row.verdict.is_some()).collect();
-    let listed = if judged.is_empty() { worst.to_vec() } else { judged };
-    listed.into_iter().take(MAX_HEADLINE_RESULTS).collect()
+/// Rows that have not passed, worst first.
+pub fn not_passed(rows: &[ResultRow]) -> Vec<&ResultRow> {
+    worst_first(rows).into_iter().filter(|row| row.has_not_passed()).collect()
+}
+
+/// Rows in large type: those with a limit, worst first, or the main results if there is no limit.
+pub fn headline(rows: &[ResultRow]) -> Vec<&ResultRow> {
+    let is_judged = rows.iter().any(|row| row.verdict.is_some());
+    let worst = worst_first(rows).into_iter().filter(|row| row.verdict.is_some() == is_judged);
+    worst.take(MAX_HEADLINE_RESULTS).collect()
 }
 
 pub fn verdict_word(verdict: Verdict) -> &'static str {
@@ -156,6 +169,16 @@ pub fn verdict_word(verdict: Verdict) -> &'static str {
         Verdict::Undecided => "UNDECIDED",
         Verdict::UndecidedModel => "UNDECIDED (model)",
         Verdict::None => "not judged",
+    }
+}
+
+/// CSS class of a verdict in page and report.
+pub fn verdict_class(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Pass => "pass",
+        Verdict::Fail => "fail",
+        Verdict::Undecided | Verdict::UndecidedModel => "undecided",
+        Verdict::None => "none",
     }
 }
 
@@ -203,7 +226,7 @@ fn describe_deciding_change(change: &DecidingChange, unit: Unit, context: RunCon
             let expanded = format_fixed(*expanded, decimals_for_uncertainty(*expanded));
             format!(
                 "more runs do not decide it: U stays at least {expanded} {}. Largest source: {largest}",
-                unit_symbol(unit)
+                unit.symbol()
             )
         }
     }
@@ -236,13 +259,13 @@ mod tests {
     #[test]
     fn one_line_contains_value_u_limit_and_verdict() {
         let row = ResultRow::new(CONTEXT, &parameter("EY0C", -30.22, 1.04, Some((10.0, Verdict::Fail))));
-        assert_eq!(row.sentence(), "E_Y0C −30.2 µm, U 1.0 µm, limit ±10 µm: FAIL");
+        assert_eq!(row.sentence, "E_Y0C −30.2 µm, U 1.0 µm, limit ±10 µm: FAIL (position of C in Y)");
         assert_eq!((row.name.as_str(), row.conformance.as_deref()), ("position of C in Y", Some("25.0 %")));
         let row = ResultRow::new(CONTEXT, &parameter("EX0C_lsc", 12.0, 0.0004, None));
-        assert_eq!(row.sentence(), "E_X0C,lsc 12.00000 µm, U 0.00040 µm");
-        assert_eq!(row.name, "position of C in X: by the least-squares circle (ISO 230-7), not by the mean");
+        let name = "position of C in X: by the least-squares circle (ISO 230-7), not by the mean";
+        assert_eq!(row.sentence, format!("E_X0C,lsc 12.00000 µm, U 0.00040 µm ({name})"));
         let lost = Parameter { identifiable: false, ..parameter("EX0C", f64::NAN, f64::NAN, None) };
-        assert_eq!(ResultRow::new(CONTEXT, &lost).sentence(), "E_X0C not identifiable");
+        assert_eq!(ResultRow::new(CONTEXT, &lost).sentence, "E_X0C not identifiable (position of C in X)");
     }
 
     #[test]

@@ -37,6 +37,6 @@ fn row_fields(row: &ResultRow) -> [String; 12] {
         limit,
         row.verdict.map_or(String::new(), |verdict| verdict.to_string()),
         row.conformance.clone().unwrap_or_default(),
-        row.sentence(),
+        row.sentence.clone(),
     ]
 }

@@ -27,7 +27,9 @@ pub fn temperature_curves(readings: &[Reading]) -> TemperatureCurves {
     let curve = |values: Vec<TimedTemperature>| {
         // More values than a picture can show are thinned out.
         let every = values.len().div_ceil(MAX_CURVE_POINTS).max(1);
-        values.iter().step_by(every).map(|value| (value.t_s - begin_s, Some(value.celsius))).collect()
+        let last = values.last().filter(|_| !(values.len().max(1) - 1).is_multiple_of(every));
+        let shown = values.iter().step_by(every).chain(last);
+        shown.map(|value| (value.t_s - begin_s, Some(value.celsius))).collect()
     };
     values_by_thermometer(readings).into_iter().map(|(name, values)| (name.to_owned(), curve(values))).collect()
 }
@@ -42,11 +44,10 @@ struct TimedTemperature {
 fn values_by_thermometer(readings: &[Reading]) -> BTreeMap<&str, Vec<TimedTemperature>> {
     let mut by_thermometer = BTreeMap::<&str, Vec<TimedTemperature>>::new();
     // All samples of a scan have the temperature of the scan.
-    for one in readings.chunk_by(|one, next| (one.step, one.repeat) == (next.step, next.repeat)) {
-        for first in one.iter().take(1) {
-            for (name, celsius) in first.temperatures_c.iter() {
-                by_thermometer.entry(name).or_default().push(TimedTemperature { t_s: first.t_s, celsius });
-            }
+    let scans = readings.chunk_by(|one, next| (one.step, one.repeat) == (next.step, next.repeat));
+    for first in scans.filter_map(<[Reading]>::first) {
+        for (name, celsius) in first.temperatures_c.iter() {
+            by_thermometer.entry(name).or_default().push(TimedTemperature { t_s: first.t_s, celsius });
         }
     }
     by_thermometer

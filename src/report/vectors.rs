@@ -29,7 +29,7 @@ pub(super) fn vector_figure_value(figure: &ArrowFigure) -> Value {
         has_arrows => figure.figure == VectorFigureKind::Arrows,
         worst => worst.filter(|_| figure.groups.len() > 1).map(|(group, rms)| context! {
             name => with_minus_signs(&group.name),
-            rms => format!("{} {}", number::format_fixed(rms, LENGTH_DECIMALS), number::unit_symbol(figure.unit)),
+            rms => format!("{} {}", number::format_fixed(rms, LENGTH_DECIMALS), figure.unit.symbol()),
             svg => svg_value(scales.as_ref().and_then(|scales| scales.draw_group(group, figure.figure))),
         }),
         sizes => svg_value(group_sizes(figure).and_then(|function| figure::draw_function(&function, 1.0))),
@@ -72,7 +72,7 @@ fn group_sizes(figure: &ArrowFigure) -> Option<EstimatedFunction> {
 fn describe_arrow(figure: &ArrowFigure, group: &str, FigureArrow { label, vector, .. }: &FigureArrow) -> String {
     let [x, y, z] = vector.map(|part| number::format_fixed(part, LENGTH_DECIMALS));
     let group = with_minus_signs(group);
-    format!("{label} at {group}: ({x}, {y}, {z}) {}", number::unit_symbol(figure.unit))
+    format!("{label} at {group}: ({x}, {y}, {z}) {}", figure.unit.symbol())
 }
 
 /// The name of a group, such as `B -30°`, with a minus sign instead of the hyphen before a number.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::identify::{IdentificationError, identify_until_halted, judge_estimate, store_identification};
+use super::identify::{IdentificationError, identify_and_judge_until_halted, store_identification};
 use super::qualification::{QualificationError, add_qualification};
 use super::{PromptAnswerSource, Run, RunError};
 use crate::setup::{Devices, MachineFile};
@@ -107,9 +107,8 @@ pub async fn identify_judge_and_store(
     }
     let text = format!("computing the estimate from {} readings", readings.len());
     on_event(&RunEvent::Announced { text });
-    let machine = plan.machine.clone();
-    let found = identify_until_halted(method, plan, readings, &devices.open_controller.halt_handle()).await;
-    let found = found.map(|estimate| judge_estimate(estimate, &machine, tolerances));
+    let halt = devices.open_controller.halt_handle();
+    let found = identify_and_judge_until_halted(method, plan, readings, tolerances, &halt).await;
     let stored = store_identification(journal, id, found).await;
     stored.map_err(|why| CycleError::NotIdentified { run: id, why })
 }

@@ -72,15 +72,19 @@ fn spawn_computation<T: Send + 'static>(computation: impl FnOnce() -> T + Send +
     result
 }
 
-/// Identifies the run; a stop ends the wait at once.
-pub(super) async fn identify_until_halted(
+/// Identifies and judges the run; a stop ends the wait at once.
+pub(super) async fn identify_and_judge_until_halted(
     method: &Arc<dyn Method>,
     plan: Plan,
     readings: Vec<Reading>,
+    tolerances: &[ParameterTolerance],
     halt: &HaltHandle,
 ) -> Result<Estimate, IdentificationError> {
-    let method = method.clone();
-    let mut result = spawn_computation(move || identify_readings(method.as_ref(), &plan, &readings));
+    let (method, tolerances) = (method.clone(), tolerances.to_vec());
+    let mut result = spawn_computation(move || {
+        let estimate = identify_readings(method.as_ref(), &plan, &readings)?;
+        Ok::<_, IdentifyError>(judge_estimate(estimate, &plan.machine, &tolerances))
+    });
     loop {
         // A timeout leaves the receiver usable.
         if let Ok(found) = tokio::time::timeout(HALT_POLL_PERIOD, &mut result).await {

@@ -39,7 +39,7 @@ pub enum RepeatabilityError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Identification(#[from] IdentificationError),
-    #[error("run {0} has one pass only")]
+    #[error("run {0} has no two complete passes")]
     SinglePass(RunId),
     #[error("run {0} has no estimate")]
     NoEstimate(RunId),
@@ -47,6 +47,8 @@ pub enum RepeatabilityError {
     DuplicateRun(RunId),
     #[error("run {0} has another method or another machine than run {1}")]
     OtherMethodOrMachine(RunId, RunId),
+    #[error("run {0} has {what} other than run {1}", what = .2)]
+    OtherSetup(RunId, RunId, &'static str),
 }
 
 impl RepeatabilityError {
@@ -58,8 +60,10 @@ impl RepeatabilityError {
                 Some("measure with `trued run self-calibration --repeat 5`, or name several runs".to_owned())
             }
             Self::NoEstimate(run) => Some(format!("`trued show {run}` states the next action")),
-            Self::DuplicateRun(_) | Self::OtherMethodOrMachine(..) => {
-                Some("choose runs of one method on one machine; `trued runs` lists them".to_owned())
+            Self::DuplicateRun(_) | Self::OtherMethodOrMachine(..) | Self::OtherSetup(..) => {
+                let remedy =
+                    "choose runs of one method, machine, probe and artefact; `trued compare` shows differences";
+                Some(remedy.to_owned())
             }
         }
     }
@@ -102,6 +106,15 @@ fn results_of_runs(runs: &[StoredRun]) -> Result<Vec<RepetitionResult>, Repeatab
         if (&run.summary.method, &run.summary.machine) != (&first.method, &first.machine) {
             return Err(RepeatabilityError::OtherMethodOrMachine(id, first.id));
         }
+        let (plan, plan_of_first) = (&run.plan, &runs[0].plan);
+        let differences = [
+            ("settings", plan.settings != plan_of_first.settings),
+            ("a probe", plan.probe != plan_of_first.probe),
+            ("an artefact", plan.artefact != plan_of_first.artefact),
+        ];
+        if let Some((what, _)) = differences.into_iter().find(|(_, is_other)| *is_other) {
+            return Err(RepeatabilityError::OtherSetup(id, first.id, what));
+        }
         let estimate = &run.estimates.last().ok_or(RepeatabilityError::NoEstimate(id))?.estimate;
         let begun_s = run.summary.started.duration_since(first.started).as_secs_f64();
         results.push(RepetitionResult::new(&run.readings, begun_s, estimate.parameters.clone()));
@@ -110,15 +123,25 @@ fn results_of_runs(runs: &[StoredRun]) -> Result<Vec<RepetitionResult>, Repeatab
 }
 
 fn results_of_passes(run: &StoredRun) -> Result<Vec<RepetitionResult>, RepeatabilityError> {
-    let count = run.plan.settings.get("repeats").and_then(serde_json::Value::as_u64).unwrap_or(1);
-    let count = u32::try_from(count).unwrap_or(0);
-    let last_pass = run.readings.iter().filter(|reading| reading.repeat + 1 == count);
-    let repeated_steps: BTreeSet<u32> = last_pass.map(|reading| reading.step).collect();
-    if count < 2 || repeated_steps.is_empty() {
+    let has_passes = methods::method_description(&run.plan.method).is_some_and(|description| description.has_passes);
+    let read: BTreeSet<(u32, u32)> = run.readings.iter().map(|reading| (reading.step, reading.repeat)).collect();
+    let is_pass = |repeat: &u32| has_passes && *repeat < FIRST_OUTLIER_REPEAT_NUMBER;
+    // The steps before the passes, which locate the part, are measured once.
+    let is_later_pass = |(_, repeat): &&(u32, u32)| *repeat > 0 && is_pass(repeat);
+    let repeated_steps: BTreeSet<u32> = read.iter().filter(is_later_pass).map(|(step, _)| *step).collect();
+    let repeats: BTreeSet<u32> = read.iter().map(|(_, repeat)| *repeat).filter(is_pass).collect();
+    // A run that was stopped may end within a pass.
+    let is_complete = |pass: &u32| repeated_steps.iter().all(|step| read.contains(&(*step, *pass)));
+    let passes: Vec<u32> = repeats.into_iter().filter(is_complete).collect();
+    if passes.len() < 2 || repeated_steps.is_empty() {
         return Err(RepeatabilityError::SinglePass(run.summary.id));
     }
     let mut plan = run.plan.clone();
     plan.settings["repeats"] = 1.into();
+    if let Some(trials) = plan.settings.get_mut("monte_carlo_trials") {
+        // Only values and u are used.
+        *trials = methods::MethodRefusal::MIN_MONTE_CARLO_TRIALS.into();
+    }
     let method = methods::configure_method(&plan.method, plan.settings.clone());
     let settings_error = |error: serde_json::Error| SetupError::MethodSettings { why: error.to_string() };
     let method = method.map_err(|error| IdentificationError::Setup(Box::new(settings_error(error))))?;
@@ -129,7 +152,7 @@ fn results_of_passes(run: &StoredRun) -> Result<Vec<RepetitionResult>, Repeatabi
         let own: Vec<Reading> = readings.iter().filter(of_pass).cloned().collect();
         Ok(RepetitionResult::new(&own, 0.0, estimate.parameters))
     };
-    (0..count).map(identify_pass).collect()
+    passes.into_iter().map(identify_pass).collect()
 }
 
 /// Readings of one pass as those of a run with a single pass: with those of the steps that were measured once, before

@@ -3,7 +3,6 @@
 
 use jiff::Zoned;
 
-use super::ServeError;
 use super::worker::MachineWorker;
 use crate::store::{ArtefactRegister, ArtefactRegisterError};
 use machine::record::report_data::ReportData;
@@ -18,25 +17,14 @@ impl MachineWorker {
         register.report_data_for_run(&self.machine_file.report_data, Zoned::now().date())
     }
 
-    /// Checks that the certificate of the artefact permits a run now.
-    ///
-    /// # Errors
-    /// As [`Self::report_data_for_run`].
-    pub fn check_artefact(&self) -> Result<(), ServeError> {
-        Ok(self.report_data_for_run().map(drop)?)
-    }
-
     /// Lets the gate refuse or accept starts according to the register, and logs a change.
     pub(super) fn update_artefact_condition(&self) {
-        let error = self.report_data_for_run().err();
-        let is_refused = error.is_some();
-        let was_refused = std::mem::replace(&mut self.gate.lock_state().is_artefact_refused, is_refused);
-        match error {
-            Some(error) if !was_refused => {
-                self.log.error(&format!("no cycle will be started: {error}; {}", error.remedy()));
+        let failure = self.report_data_for_run().err().map(|error| format!("{error}; {}", error.remedy()));
+        if self.gate.set_artefact_failure(failure.clone()) {
+            match failure {
+                Some(failure) => self.log.error(&format!("no cycle will be started: {failure}")),
+                None => self.log.info("the register of artefacts permits runs"),
             }
-            None if was_refused => self.log.info("the certificate of the artefact is valid; a cycle may start"),
-            _ => {}
         }
     }
 }

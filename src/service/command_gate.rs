@@ -35,8 +35,8 @@ pub(super) struct CommandGateState {
     rehearsal_results_by_cycle: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
     last_cycle_end_time: Option<Instant>,
-    /// Whether the register of artefacts permits no run.
-    pub(super) is_artefact_refused: bool,
+    /// Why the register of artefacts permits no run.
+    pub(super) artefact_failure: Option<String>,
     pub(super) heartbeat: Heartbeat,
     pub(super) readiness_sources: Vec<ReadinessSource>,
     pub(super) due_request_sender: Option<Sender<StartDueCycleRequest>>,
@@ -68,7 +68,7 @@ impl CommandGate {
             prompt_answer: None,
             rehearsal_results_by_cycle: BTreeMap::new(),
             last_cycle_end_time: None,
-            is_artefact_refused: false,
+            artefact_failure: None,
             heartbeat: Heartbeat::now(config.max_event_interval),
             readiness_sources: Vec::new(),
             due_request_sender: None,
@@ -220,7 +220,7 @@ impl CommandGate {
         {
             return Err(Refusal::PlanHasPrompts);
         }
-        if inner.is_artefact_refused {
+        if inner.artefact_failure.is_some() {
             return Err(Refusal::ArtefactRefused);
         }
         if let Some(why) = interlocks.start_refusal(&self.required_interlocks) {

@@ -81,7 +81,8 @@ impl Service {
         let runtime = runtime.map_err(ServeError::ThreadNotStarted)?;
         self.workers.iter().try_for_each(|worker| {
             runtime.block_on(worker.rehearse_cycles())?;
-            worker.check_artefact()
+            worker.report_data_for_run()?;
+            Ok(())
         })
     }
 

@@ -14,6 +14,14 @@ use super::not_started::NotStartedReason;
 use super::schedule_state::{Readiness, StartDueCycleRequest};
 
 impl CommandGate {
+    /// Sets why the register of artefacts permits no run; `None`: it permits runs. Returns whether that is new.
+    pub(super) fn set_artefact_failure(&self, failure: Option<String>) -> bool {
+        let mut inner = self.lock_state();
+        let is_new = inner.artefact_failure != failure;
+        inner.artefact_failure = failure;
+        is_new
+    }
+
     /// Reports progress of the worker; the next report is due within `next_report_within`.
     pub fn report_progress(&self, next_report_within: Duration) {
         self.lock_state().heartbeat = Heartbeat::now(next_report_within);

@@ -81,7 +81,7 @@ pub enum Refusal {
     PlanHasPrompts = 17,
     #[error("this prompt is not open")]
     PromptNotOpen = 18,
-    #[error("the artefact has no valid certificate in the register")]
+    #[error("the register of artefacts permits no run")]
     ArtefactRefused = 19,
 }
 

@@ -145,7 +145,7 @@ impl ResultMetrics {
         if *outdated {
             return;
         }
-        for verdict in all_verdicts() {
+        for verdict in Verdict::ALL {
             let flag = i64::from(verdict == result.verdict);
             self.result_verdicts.get_or_create(&with_label(&labels, verdict_label(verdict))).set(flag);
         }
@@ -166,7 +166,7 @@ impl ResultMetrics {
         }
         let Some(judged) = parameter.judged else { return };
         gauges.limits.get_or_create(labels).set(judged.limit / units_per_base_unit);
-        for verdict in all_verdicts().filter(|verdict| *verdict != Verdict::None) {
+        for verdict in Verdict::ALL.into_iter().filter(|verdict| *verdict != Verdict::None) {
             let flag = i64::from(verdict == judged.verdict);
             self.parameter_verdicts.get_or_create(&with_label(labels, verdict_label(verdict))).set(flag);
         }
@@ -177,13 +177,6 @@ type MetricLabel = (&'static str, Cow<'static, str>);
 
 fn label(name: &'static str, value: &str) -> MetricLabel {
     (name, Cow::from(value.to_owned()))
-}
-
-fn all_verdicts() -> impl Iterator<Item = Verdict> {
-    CycleOutcome::ALL.into_iter().filter_map(|outcome| match outcome {
-        CycleOutcome::Judged(verdict) => Some(verdict),
-        CycleOutcome::Held | CycleOutcome::Failed => None,
-    })
 }
 
 fn verdict_label(verdict: Verdict) -> MetricLabel {

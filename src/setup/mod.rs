@@ -55,9 +55,11 @@ pub fn configure_method_and_plan_without_steps(
     check_method_name(name)?;
     let mut method = file.read_method_section(name, |settings| methods::configure_method(name, settings))?;
     if let Some(repeat_count) = repeat_count {
+        if !methods::method_description(name).is_some_and(|description| description.has_passes) {
+            return Err(SetupError::RepeatsNotSupported { name: name.to_owned() });
+        }
         let mut settings = method.settings();
-        let repeats = settings.get_mut("repeats");
-        *repeats.ok_or(SetupError::RepeatsNotSupported { name: name.to_owned() })? = repeat_count.into();
+        settings["repeats"] = repeat_count.into();
         method = methods::configure_method(name, settings)
             .map_err(|error| SetupError::MethodSettings { why: error.to_string() })?;
     }

@@ -42,7 +42,7 @@ pub use backup::{BackupContent, backup};
 pub use error::{StoreError, StoreFault};
 pub use journal::{AwaitableWrite, Journal};
 pub use lock::{LockError, LockHolder, MachineLock};
-pub use run_lists::{NewestMeasuredRuns, NewestRunResult, RunFilter};
+pub use run_lists::{NewestMeasuredRuns, RunFilter};
 pub use schedule::{Arming, ScheduleSlot, SlotOutcome};
 pub use signature::EstimateSignature;
 pub use state_dir::state_dir;
@@ -185,6 +185,8 @@ pub struct FinishedRunResult {
     pub method: String,
     pub verdict: Verdict,
     pub parameters: Vec<Parameter>,
+    /// Time from the first to the last reading, s, if the estimate contains it.
+    pub duration_s: Option<f64>,
     /// Mean temperatures over the run's readings; thermometers without a value are left out.
     pub temperatures_c: Temperatures,
 }

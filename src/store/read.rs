@@ -7,7 +7,7 @@ use super::columns::{damaged_column_error, parse_json_column, parse_text_column,
 use super::{FinishedRunResult, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun};
 use super::{checksum, scan, signature};
 use machine::Axis;
-use machine::record::estimate::{Parameter, Verdict};
+use machine::record::estimate::{Parameter, Provenance, Verdict};
 use machine::record::event::RunEvent;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -33,6 +33,12 @@ pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, 
                                    WHERE run = runs.id AND json_extract(event, '$.event') IN ('held', 'faulted')
                                    ORDER BY seq DESC LIMIT 1) END
                               FROM runs";
+
+/// Last estimate of one run, for [`finished_run_result_from_row`].
+pub(super) const SELECT_FINISHED_RUN_RESULT: &str =
+    "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}'), coalesce(ended, started)
+            FROM runs JOIN estimates ON run = runs.id
+            WHERE runs.id = ?1 ORDER BY estimates.seq DESC LIMIT 1";
 
 pub(super) const SELECT_READINGS: &str = "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
             x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
@@ -72,11 +78,7 @@ pub(super) fn visit_finished_run_results(
     )?;
     let ids = newest_first.query_map(params![machine, finished, runs_per_method], |row| row.get(0))?;
     // One query for each run: a single sorted query would hold all estimates in memory.
-    let mut one = connection.prepare(
-        "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}'), coalesce(ended, started)
-         FROM runs JOIN estimates ON run = runs.id
-         WHERE runs.id = ?1 ORDER BY estimates.seq DESC LIMIT 1",
-    )?;
+    let mut one = connection.prepare(SELECT_FINISHED_RUN_RESULT)?;
     let ids = ids.collect::<Result<Vec<i64>, _>>()?;
     checksum::verify_estimates(connection, &ids)?;
     for id in ids {
@@ -85,14 +87,15 @@ pub(super) fn visit_finished_run_results(
     Ok(())
 }
 
-fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<FinishedRunResult> {
+pub(super) fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<FinishedRunResult> {
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct EstimateValues {
         verdict: Verdict,
         parameters: Vec<Parameter>,
+        provenance: Option<Provenance>,
     }
-    let EstimateValues { verdict, parameters } = parse_json_column(row, 3)?;
+    let EstimateValues { verdict, parameters, provenance } = parse_json_column(row, 3)?;
     Ok(FinishedRunResult {
         run: RunId(row.get(0)?),
         started: parse_text_column(row, 1)?,
@@ -100,6 +103,7 @@ fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<FinishedRunRe
         method: row.get(2)?,
         verdict,
         parameters,
+        duration_s: provenance.map(|provenance| provenance.duration_s),
         temperatures_c: parse_json_column(row, 4)?,
     })
 }

@@ -1,11 +1,9 @@
 //! Pages of long lists: a journal contains years of runs, and a run thousands of readings.
 
-use jiff::Timestamp;
 use rusqlite::{Connection, OptionalExtension, params};
-use serde::Deserialize;
 
-use super::{Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, columns, read};
-use machine::record::estimate::{Parameter, Provenance, Verdict};
+use super::{FinishedRunResult, Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, columns, read};
+use machine::record::estimate::Verdict;
 use machine::record::reading::Reading;
 
 /// Filter of a list of runs. Without a bound the list begins with the newest run.
@@ -22,24 +20,11 @@ pub struct RunFilter<'a> {
     pub verdict: Option<Verdict>,
 }
 
-/// Result of the newest finished run of a machine.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NewestRunResult {
-    pub run: RunId,
-    /// Time at which that run ended.
-    pub ended: Timestamp,
-    pub method: String,
-    pub verdict: Verdict,
-    pub parameters: Vec<Parameter>,
-    /// Time from the first to the last reading, s, if the estimate contains it.
-    pub duration_s: Option<f64>,
-}
-
 /// The newest runs of a machine that were measured to their end.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct NewestMeasuredRuns {
     /// Result of the newest run with an estimate.
-    pub newest_result: Option<NewestRunResult>,
+    pub newest_result: Option<FinishedRunResult>,
     /// The newest run without an estimate, if it is newer than `result`.
     pub newer_run_without_estimate: Option<RunId>,
 }
@@ -141,31 +126,17 @@ fn count_and_select_readings(
     Ok((all, some))
 }
 
-fn newest_result(connection: &Connection, machine: &str) -> Result<Option<NewestRunResult>, StoreFault> {
-    /// The needed fields of the estimate's JSON.
-    #[derive(Deserialize)]
-    struct EstimateSummary {
-        method: String,
-        verdict: Verdict,
-        parameters: Vec<Parameter>,
-        provenance: Option<Provenance>,
-    }
-    let found = connection.query_row(
-        "SELECT runs.id, coalesce(ended, started), estimate FROM runs JOIN estimates
-         ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
-         WHERE machine = ?1 AND state = ?2 ORDER BY runs.id DESC LIMIT 1",
+fn newest_result(connection: &Connection, machine: &str) -> Result<Option<FinishedRunResult>, StoreFault> {
+    let newest: Option<i64> = connection.query_row(
+        "SELECT max(id) FROM runs WHERE machine = ?1 AND state = ?2
+         AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id)",
         params![machine, RunState::Finished.as_str()],
-        |row| {
-            let EstimateSummary { method, verdict, parameters, provenance } = columns::parse_json_column(row, 2)?;
-            let (run, ended) = (RunId(row.get(0)?), columns::parse_text_column(row, 1)?);
-            let duration_s = provenance.map(|provenance| provenance.duration_s);
-            Ok(NewestRunResult { run, ended, method, verdict, parameters, duration_s })
-        },
-    );
-    let found = found.optional()?;
-    let runs: Vec<i64> = found.iter().map(|newest| newest.run.0).collect();
-    checksum::verify_estimates(connection, &runs)?;
-    Ok(found)
+        |row| row.get(0),
+    )?;
+    let Some(newest) = newest else { return Ok(None) };
+    checksum::verify_estimates(connection, &[newest])?;
+    let row = connection.query_row(read::SELECT_FINISHED_RUN_RESULT, [newest], read::finished_run_result_from_row);
+    Ok(Some(row?))
 }
 
 fn select_measured_runs_without_estimate(

@@ -1,4 +1,4 @@
-//! Small JSON files beside the journal, which commands write and a running daemon reads.
+//! Small JSON files in the folder of the journal, which commands write and a running daemon reads.
 //!
 //! A file is replaced as a whole or not at all, under a lock. It belongs to the daemon's user, whichever user writes it,
 //! and only this user can read it.
@@ -101,16 +101,17 @@ impl StateFile {
     /// The file cannot be written; its previous content is unchanged.
     pub fn replace(&self, content: &impl Serialize) -> Result<(), StateFileError> {
         let text = serde_json::to_string_pretty(content).map_err(|error| self.json_error(error))?;
-        let (beside, failed) = (self.path.with_extension("new"), |error| self.file_error(error));
-        match fs::remove_file(&beside) {
+        let (temporary_path, failed) = (self.path.with_extension("new"), |error| self.file_error(error));
+        match fs::remove_file(&temporary_path) {
             // Left over from a process that died.
             Ok(()) => {}
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(failed(error)),
         }
-        let mut file = self.give_to_daemon_user(create_private_file(&beside).map_err(failed)?, &beside)?;
+        let mut file =
+            self.give_to_daemon_user(create_private_file(&temporary_path).map_err(failed)?, &temporary_path)?;
         file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)?;
-        fs::rename(&beside, &self.path).map_err(failed)?;
+        fs::rename(&temporary_path, &self.path).map_err(failed)?;
         File::open(self.folder()).and_then(|folder| folder.sync_all()).map_err(failed)
     }
 

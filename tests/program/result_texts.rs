@@ -43,7 +43,7 @@ fn text_of_html(html: &str) -> String {
     text.replace("&#x2f;", "/").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The value is rounded here by other code: two significant digits of U.
+/// Rounds by code independent of the program: two significant digits of U.
 fn expected_value_and_u(value: f64, expanded: f64) -> [String; 2] {
     let leading_digit = format!("{expanded:e}");
     let exponent: i32 = leading_digit.split_once('e').unwrap().1.parse().unwrap();
@@ -89,7 +89,7 @@ pub fn all_outputs_show_the_same_results() {
     }
 }
 
-/// The sentence of the issue stands on page, report and terminal, and names limit and verdict.
+/// Page, report and terminal contain the sentence of each failed result, with limit and verdict.
 pub fn failed_run_names_its_parameters_everywhere() {
     let shop = shop_with_tolerances();
     let terminal = String::from_utf8(shop.run_trued(&["show", "1"]).stdout).unwrap();

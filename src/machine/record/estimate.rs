@@ -146,12 +146,6 @@ pub struct BudgetLine {
 }
 
 impl Estimate {
-    /// Symbols of the parameters that have this verdict.
-    pub fn symbols_with_verdict(&self, verdict: Verdict) -> Vec<&str> {
-        let has_verdict = |p: &&Parameter| p.judged.is_some_and(|judged| judged.verdict == verdict);
-        self.parameters.iter().filter(has_verdict).map(|p| p.symbol.as_str()).collect()
-    }
-
     /// Sets the point for which the displacements along X and Y over an angle are valid, machine frame with all
     /// axes at zero, mm.
     pub fn with_displacement_point(mut self, at_mm: [f64; 3]) -> Self {
@@ -283,6 +277,10 @@ pub enum Verdict {
     /// No limit is stated.
     #[default]
     None,
+}
+
+impl Verdict {
+    pub const ALL: [Self; 5] = [Self::Pass, Self::Fail, Self::Undecided, Self::UndecidedModel, Self::None];
 }
 
 impl fmt::Display for Verdict {

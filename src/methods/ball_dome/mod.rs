@@ -48,6 +48,7 @@ impl RegisteredMethod for BallDome {
                 coordinate metrology evaluation using the ball dome artefact before and after machine \
                 calibration. J. Manuf. Mater. Process. 3 (2019) 20",
         symbol_names: symbol_names::SYMBOL_NAMES,
+        has_passes: false,
     };
 
     fn new(settings: BallDomeSettings) -> Self {

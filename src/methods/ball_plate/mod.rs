@@ -51,6 +51,7 @@ impl RegisteredMethod for BallPlate {
         source: "Q. Wang, J. Miller, A. von Freyberg, N. Steffens, A. Fischer, G. Goch: Error mapping of rotary \
                 tables in 4-axis measuring devices using a ball plate artifact (2018)",
         symbol_names: symbol_names::SYMBOL_NAMES,
+        has_passes: false,
     };
 
     fn new(settings: BallPlateSettings) -> Self {

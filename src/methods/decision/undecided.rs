@@ -11,7 +11,7 @@ const MAX_PROPOSED_RUNS: u32 = 100;
 pub enum DecidingChange {
     /// The mean of this number of such runs has a U below the distance from the value to the limit.
     Runs(u32),
-    /// More runs than anybody would measure: the value is too close to the limit.
+    /// More than [`MAX_PROPOSED_RUNS`] runs: the value is too close to the limit.
     TooManyRuns,
     /// No number of runs suffices, because the sources that have the same value in each run are too large.
     SmallerSources {
@@ -22,14 +22,18 @@ pub enum DecidingChange {
     },
 }
 
-/// Change that would decide `parameter`; `None` if it is decided already, or if its value equals the limit.
+/// Change that would decide `parameter`; `None` if it is decided already, has no budget, or equals the limit.
 ///
 /// Sources with the same value in each run, see [`is_persistent_source`], do not decrease in the mean of several runs;
 /// the variance of all others is divided by the number of runs. The coverage factor stays the same.
 pub fn deciding_change(parameter: &Parameter) -> Option<DecidingChange> {
     let judged = parameter.judged.filter(|judged| judged.verdict == Verdict::Undecided)?;
     let distance = (parameter.value.abs() - judged.limit).abs();
-    if !parameter.identifiable || parameter.k <= 0.0 || !(distance > 0.0 && distance.is_finite()) {
+    if !parameter.identifiable
+        || parameter.budget.is_empty()
+        || parameter.k <= 0.0
+        || !(distance > 0.0 && distance.is_finite())
+    {
         return None;
     }
     let persistent = || parameter.budget.iter().filter(|line| is_persistent_source(line));
@@ -41,8 +45,8 @@ pub fn deciding_change(parameter: &Parameter) -> Option<DecidingChange> {
         let expanded = parameter.k * systematic.sqrt();
         return Some(DecidingChange::SmallerSources { expanded, largest: largest.source.clone() });
     }
-    match random / allowed {
-        runs if runs <= f64::from(MAX_PROPOSED_RUNS) => Some(DecidingChange::Runs((runs.floor() as u32 + 1).max(2))),
+    match (random / allowed).floor() + 1.0 {
+        runs if runs <= f64::from(MAX_PROPOSED_RUNS) => Some(DecidingChange::Runs(runs as u32)),
         _ => Some(DecidingChange::TooManyRuns),
     }
 }
@@ -110,5 +114,7 @@ mod tests {
         decided.judged = decided.judged.map(|judged| LimitVerdict { verdict: Verdict::Pass, ..judged });
         assert_eq!(deciding_change(&decided), None);
         assert_eq!(deciding_change(&undecided(10.0, 1.0, 1.0)), None, "no distance");
+        let without_budget = Parameter { budget: Vec::new(), ..undecided(9.0, 1.5, 0.0) };
+        assert_eq!(deciding_change(&without_budget), None, "its sources are unknown");
     }
 }

@@ -55,6 +55,7 @@ impl RegisteredMethod for LaserRTest {
         source: "Y. Nagai, S. Ibaraki, S. Nishikawa: Error calibration of five-axis machine tools by on-machine \
                 measurement system using a laser displacement sensor (2014)",
         symbol_names: symbol_names::SYMBOL_NAMES,
+        has_passes: false,
     };
 
     fn new(settings: LaserRTestSettings) -> Self {

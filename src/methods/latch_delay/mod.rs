@@ -51,6 +51,7 @@ impl RegisteredMethod for LatchDelay {
         machine_file: "simulated.toml",
         source: "documentation of trued",
         symbol_names: symbol_names::SYMBOL_NAMES,
+        has_passes: false,
     };
 
     fn new(settings: LatchDelaySettings) -> Self {

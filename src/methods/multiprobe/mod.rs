@@ -60,6 +60,7 @@ impl RegisteredMethod for Multiprobe {
                 geometric error characterisation of rotary axis errors on multi-axis machine tool. 15th \
                 Lamdamap Conference (2023)",
         symbol_names: symbol_names::SYMBOL_NAMES,
+        has_passes: false,
     };
 
     fn new(settings: MultiprobeSettings) -> Self {

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{ErrorPredictor, TipError};
 use crate::MethodRefusal;
+use crate::identification::parameter_without_budget;
 use machine::record::estimate::{Parameter, Unit};
 use machine::{Axis, Position};
 
@@ -40,8 +41,6 @@ pub struct VolumeError {
 
 /// Symbol of the largest position error of the tool over the volume; a limit for it is `E_vol_um` of `[tolerance]`.
 pub const VOLUMETRIC_ERROR_SYMBOL: &str = "E_vol";
-/// Coverage factor of the volumetric error.
-const VOLUME_COVERAGE_FACTOR: f64 = 2.0;
 
 impl ErrorPredictor<'_> {
     /// The largest position error of the tool relative to the work zero as a result, µm: the derived quantity of an
@@ -52,21 +51,7 @@ impl ErrorPredictor<'_> {
     pub fn volumetric_error_parameter(&self) -> Result<Parameter, MethodRefusal> {
         let poses = self.volume_grid_poses()?;
         let [VolumeError { largest_mm, u_largest_mm, .. }, _] = self.volume_errors(&poses, &self.tip_errors(&poses));
-        let (value, u) = (Unit::Um.to_reported_value(largest_mm), Unit::Um.to_reported_value(u_largest_mm));
-        Ok(Parameter {
-            symbol: VOLUMETRIC_ERROR_SYMBOL.to_owned(),
-            value,
-            unit: Unit::Um,
-            u,
-            expanded: VOLUME_COVERAGE_FACTOR * u,
-            k: VOLUME_COVERAGE_FACTOR,
-            dof: None,
-            identifiable: true,
-            u_monte_carlo: None,
-            interval_monte_carlo: None,
-            budget: Vec::new(),
-            judged: None,
-        })
+        Ok(parameter_without_budget(VOLUMETRIC_ERROR_SYMBOL, Unit::Um, largest_mm, u_largest_mm, None))
     }
 
     /// Poses on a grid over the ranges of the axes over which the estimate was measured; the spindle is at 0.

@@ -38,6 +38,7 @@ impl RegisteredMethod for ProbeQualification {
         machine_file: "probe-qualification.toml",
         source: "documentation of trued",
         symbol_names: symbol_names::SYMBOL_NAMES,
+        has_passes: false,
     };
 
     fn new(settings: ProbeQualificationSettings) -> Self {

@@ -38,6 +38,7 @@ impl RegisteredMethod for RTest {
         machine_file: "r-test.toml",
         source: "documentation of trued",
         symbol_names: &[],
+        has_passes: false,
     };
 
     fn new(settings: RTestSettings) -> Self {

@@ -87,6 +87,7 @@ impl RegisteredMethod for SelfCalibration {
         source: "N. Zimmermann, S. Ibaraki: Self-calibration of rotary axis and linear axes error motions by an \
                 automated on-machine probing test cycle. Int. J. Adv. Manuf. Technol. 107 (2020) 2107–2120",
         symbol_names: symbol_names::SYMBOL_NAMES,
+        has_passes: true,
     };
 
     fn new(settings: SelfCalibrationSettings) -> Self {

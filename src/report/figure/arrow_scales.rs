@@ -69,7 +69,7 @@ impl ArrowScales {
         vector.map(|part| scale * part)
     }
 
-    /// Magnification of lengths in `unit_symbol`; `None` for a unit that is not a length.
+    /// Magnification of vectors in `unit`; `None` for a unit that is not a length.
     pub(in crate::report) fn magnification(&self, unit: Unit) -> Option<f64> {
         let per_mm = match unit {
             Unit::Um => 1e3,

@@ -9,7 +9,6 @@ use super::arrow_scales::{ArrowScales, finite_arrows};
 use super::ticked_axis::tick_label;
 use super::views::{Labels, PICTURE_SIZE, SCALE_ROW_HEIGHT, SCALES_LEFT_AND_TOP, VIEWS, View, draw_arrow};
 use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
-use crate::report::number;
 use machine::record::estimate::{ArrowFigure, ArrowGroup, FigureArrow, VectorFigureKind};
 
 /// Left edge of the names of the scales.
@@ -99,7 +98,7 @@ impl ArrowScales {
         let name = |text: String, row: i32| {
             Text::new(text, (left + SCALE_NAME_LEFT, top + row * SCALE_ROW_HEIGHT), style.clone())
         };
-        let unit = number::unit_symbol(self.unit);
+        let unit = self.unit.symbol();
         draw_arrow(area, (left, top), [self.vector * self.scale_arrow, 0.0], INK_COLOUR.stroke_width(4))?;
         area.draw(&name(format!("{} {unit}", tick_label(self.scale_arrow, self.scale_arrow)), 0))?;
         if let Some(mm) = self.scale_mm {

@@ -93,16 +93,13 @@ impl AxisSketch {
         (!panels.is_empty()).then_some(Self { axis, panels })
     }
 
-    /// Symbols of position errors, of orientation errors and of the zero position, in the order of the views.
-    pub(in crate::report) fn symbols(&self) -> [Vec<&str>; 3] {
-        let mut symbols = [const { Vec::new() }; 3];
+    /// Symbols in the order of the views.
+    pub(in crate::report) fn symbols(&self) -> Vec<&str> {
+        let mut symbols = Vec::new();
         for panel in &self.panels {
             match panel {
-                Panel::Side { offset, tilt, .. } => {
-                    symbols[0].extend(offset.as_deref());
-                    symbols[1].extend(tilt.as_deref());
-                }
-                Panel::End { angle, .. } => symbols[2].push(angle.as_str()),
+                Panel::Side { offset, tilt, .. } => symbols.extend(offset.iter().chain(tilt).map(String::as_str)),
+                Panel::End { angle, .. } => symbols.push(angle.as_str()),
             }
         }
         symbols
@@ -238,14 +235,14 @@ mod tests {
         assert_eq!(axes_with_location_errors(&["EXC", "EX0C_lsc", "tool_x", ""]), Vec::<char>::new());
         assert_eq!(axes_with_location_errors(&["EX0S", "EC0Y", "EB0Z"]), ['Y', 'Z', 'S']);
         let of_c = AxisSketch::new('C', &LOCATION_ERRORS).unwrap();
-        assert_eq!(of_c.symbols(), [vec!["EX0C", "EY0C"], vec!["EB0C", "EA0C"], vec!["EC0C"]]);
+        assert_eq!(of_c.symbols(), ["EX0C", "EB0C", "EY0C", "EA0C", "EC0C"]);
         assert_eq!(of_c.panels.len(), 3);
         let of_b = AxisSketch::new('B', &LOCATION_ERRORS).unwrap();
-        assert_eq!(of_b.symbols(), [vec![], vec!["EA0B", "EC0B"], vec![]]);
+        assert_eq!(of_b.symbols(), ["EA0B", "EC0B"]);
         assert!(AxisSketch::new('A', &LOCATION_ERRORS).is_none() && AxisSketch::new('Q', &["EX0Q"]).is_none());
         for sketch in [of_c, of_b] {
             let svg = sketch.draw().unwrap();
-            for symbol in sketch.symbols().concat() {
+            for symbol in sketch.symbols() {
                 assert_eq!(svg.matches(&number::one_line_symbol(symbol)).count(), 1, "{symbol}");
             }
             assert!(is_inside_picture(&svg) && smallest_text_on_a_phone(&svg) >= 9.0);

@@ -7,7 +7,6 @@ use plotters::prelude::*;
 use super::ticked_axis::{TickedAxis, value_bounds};
 use super::{BAND_OPACITY, FIT_COLOUR, LINE_COLOUR, PICTURE_MARGIN, X_LABEL_HEIGHT};
 use super::{draw_axes, draw_picture, finite_or_zero};
-use crate::report::number;
 use machine::record::estimate::CircleFigure;
 
 /// Side of the plot, which is square so that circles are not distorted.
@@ -28,7 +27,7 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
         let angles = (0..=120).map(|n| f64::from(n) * TAU / 120.0);
         angles.map(|angle| (x + rx * angle.cos(), y + ry * angle.sin())).collect()
     };
-    let unit = number::unit_symbol(figure.unit);
+    let unit = figure.unit.symbol();
     let (x_name, y_name) = (format!("x / {unit}"), format!("y / {unit}"));
     let axis = |middle: f64| TickedAxis::with_round_ticks(middle - half..middle + half);
     let (x_axis, y_axis) = (axis(x).titled(&x_name), axis(y).titled(&y_name));

@@ -60,6 +60,7 @@ fn extremes_of_columns(curve: &[PlotPoint]) -> Vec<PlotPoint> {
     }
     let lower = |a: &(usize, &PlotPoint), b: &(usize, &PlotPoint)| a.1.y.total_cmp(&b.1.y);
     let columns = curve.chunks(curve.len().div_ceil(COLUMN_COUNT));
+    let (first, last) = (curve.first().copied(), curve.last().copied());
     let extremes = columns.flat_map(|column| {
         let lowest = column.iter().enumerate().min_by(lower);
         let highest = column.iter().enumerate().max_by(lower);
@@ -67,7 +68,10 @@ fn extremes_of_columns(curve: &[PlotPoint]) -> Vec<PlotPoint> {
         both.sort_by_key(|(index, _)| *index);
         both.into_iter().map(|(_, sample)| *sample)
     });
-    extremes.collect()
+    // The ends stay, so that the curve covers its whole range.
+    let mut thinned: Vec<PlotPoint> = first.into_iter().chain(extremes).chain(last).collect();
+    thinned.dedup_by(|one, other| one.x == other.x && one.y == other.y);
+    thinned
 }
 
 /// Names of both axes with their units.
@@ -77,7 +81,7 @@ pub(super) fn axis_names_with_units(function: &EstimatedFunction) -> (String, St
         "" => argument.to_owned(),
         unit => format!("{argument} / {}", number::argument_unit_symbol(unit)),
     };
-    let unit = number::unit_symbol(function.unit);
+    let unit = function.unit.symbol();
     (x_name, format!("{} / {unit}", number::one_line_symbol(&function.symbol)))
 }
 

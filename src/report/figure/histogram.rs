@@ -19,7 +19,7 @@ pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[PlotPoint]
     let tallest = columns.counts.iter().copied().max()?;
     let normal = columns.expected_normal_counts(&values);
     let top = normal.iter().map(|(_, count)| *count).fold(tallest as f64, f64::max);
-    let unit = number::unit_symbol(function.unit);
+    let unit = function.unit.symbol();
     let x_name = format!("{} / {unit}", number::one_line_symbol(&function.symbol));
     let x_axis = TickedAxis::with_round_ticks(columns.bin_edge(0)..columns.bin_edge(columns.counts.len()));
     draw_picture(PICTURE_SIZE, |area| {

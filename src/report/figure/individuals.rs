@@ -1,8 +1,6 @@
 //! Chart of individual values over time with their uncertainties: control limits from the values before, marked
 //! steps, the tolerance, and the temperatures below.
 
-use jiff::Timestamp;
-use jiff::tz::TimeZone;
 use plotters::prelude::*;
 
 use super::compact_svg::compact_svg;
@@ -47,7 +45,7 @@ struct ScaledChart {
 }
 
 impl IndividualsChart {
-    /// Draws the chart; `None` without a finite value.
+    /// Draws the chart; `None` without two finite values at different times.
     pub fn draw(&self, unit: Unit) -> Option<String> {
         self.draw_shapes(unit).map(|svg| compact_svg(&svg))
     }
@@ -56,15 +54,14 @@ impl IndividualsChart {
         let scaled = self.scale_data()?;
         let legend_entries = self.legend_entries(unit, &scaled.drawn_tolerance_lines);
         let thermometers = temperature_strip::thermometer_legend_entries(&self.temperatures);
-        let y_name = format!("{} / {}", number::one_line_symbol(&self.symbol), number::unit_symbol(unit));
+        let y_name = format!("{} / {}", number::one_line_symbol(&self.symbol), unit.symbol());
         let mut y = TickedAxis::with_round_ticks(scaled.value_range.0..scaled.value_range.1).titled(&y_name);
         let temperature = temperature_strip::temperature_axis(&self.temperatures).map(|axis| axis.aligned_with(&y));
         y = temperature.iter().fold(y, TickedAxis::aligned_with);
         let height_of = |entries: &[LegendEntry]| legend::legend_height(entries, MIN_Y_LABEL_WIDTH, PICTURE_SIZE.0);
         let (rows, names) = (height_of(&legend_entries), height_of(&thermometers));
         let below = temperature.as_ref().map_or(0, |_| names + temperature_strip::TEMPERATURE_STRIP_HEIGHT);
-        let x_name = format!("local time ({})", local_zone_name(scaled.time_range.1));
-        let time = TickedAxis::of_local_time(scaled.time_range.0..scaled.time_range.1).titled(&x_name);
+        let time = TickedAxis::of_local_time(scaled.time_range.0..scaled.time_range.1);
         draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + rows + below), |area| {
             let (above, rest) = area.split_vertically(rows as i32);
             legend::draw_legend(&above, MIN_Y_LABEL_WIDTH, &legend_entries)?;
@@ -99,7 +96,8 @@ impl IndividualsChart {
             }
             fits
         });
-        let time = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);
+        let (begin, end) = value_bounds(samples.iter().map(|sample| sample.x)).filter(|(begin, end)| begin < end)?;
+        let time = add_margin((begin, end));
         Some(ScaledChart {
             samples,
             time_range: time,
@@ -119,7 +117,7 @@ impl IndividualsChart {
                 1 => " (one line beyond)",
                 _ => " (beyond)",
             };
-            (LegendSymbol::DashedLine, format!("tolerance ±{limit} {}{beyond}", number::unit_symbol(unit)))
+            (LegendSymbol::DashedLine, format!("tolerance ±{limit} {}{beyond}", unit.symbol()))
         }));
         legend_entries.extend((!self.step_times_s.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
         legend_entries
@@ -166,12 +164,6 @@ impl IndividualsChart {
         chart.draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())))?;
         Ok(())
     }
-}
-
-/// Abbreviation of the time zone of this computer at the Unix time `t_s`.
-fn local_zone_name(t_s: f64) -> String {
-    let at = Timestamp::from_second(t_s as i64).unwrap_or_default();
-    at.to_zoned(TimeZone::system()).strftime("%Z").to_string()
 }
 
 #[cfg(test)]

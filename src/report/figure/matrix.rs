@@ -8,6 +8,8 @@ use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, LINE_COLOUR, draw_picture
 use crate::report::number;
 use machine::record::estimate::ParameterCovariance;
 
+/// Coefficients below this magnitude are not written.
+pub(in crate::report) const MIN_SHOWN_COEFFICIENT: f64 = 0.05;
 const PICTURE_WIDTH: i32 = 1000;
 /// Largest side of a cell.
 const MAX_CELL_SIDE: f64 = 110.0;
@@ -129,13 +131,13 @@ impl MatrixLayout {
         Ok(())
     }
 
-    /// The coefficient with as many decimals as the cell has room for; `None` if it is rounded to zero.
+    /// The coefficient with as many decimals as the cell has room for; `None` below [`MIN_SHOWN_COEFFICIENT`].
     fn coefficient_text(&self, value: f64) -> Option<String> {
         let decimals = if self.cell_side >= MIN_CELL_SIDE_OF_TWO_DECIMALS { 2 } else { 1 };
         // A correlation that is not exactly ±1 is not shown as ±1.
         let limit = 1.0 - 10f64.powi(-(decimals as i32));
         let shown = if value.abs() < 1.0 { value.clamp(-limit, limit) } else { value };
-        (value.abs() >= 0.05).then(|| number::format_fixed(shown, decimals))
+        (value.abs() >= MIN_SHOWN_COEFFICIENT).then(|| number::format_fixed(shown, decimals))
     }
 }
 

@@ -41,7 +41,7 @@ pub use error_map::ErrorMap;
 pub(super) use error_motion::{MotionCentre, MotionCircles};
 pub(super) use full_turn::RemovedCircle;
 pub use individuals::IndividualsChart;
-pub(super) use matrix::{correlation_coefficient, draw_matrix};
+pub(super) use matrix::{MIN_SHOWN_COEFFICIENT, correlation_coefficient, draw_matrix};
 pub(super) use run_temperatures::draw_run_temperatures;
 pub use temperature_strip::TemperatureCurves;
 

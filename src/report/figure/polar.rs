@@ -173,7 +173,7 @@ fn draw_ring_labels(area: &Area<'_>, scale: &RadiusScale) -> DrawResult {
 /// Draws quantity, angle and magnification in the corners.
 fn draw_corner_labels(area: &Area<'_>, figure: &FunctionFigure<'_>, scale: &RadiusScale) -> DrawResult {
     let function = figure.function;
-    let unit = number::unit_symbol(function.unit);
+    let unit = function.unit.symbol();
     let far = PICTURE_SIDE as i32 - CORNER_MARGIN;
     let style = |h, v| text_style(FONT_SIZE).pos(Pos::new(h, v));
     let quantity = format!("{} / {unit}", number::one_line_symbol(&function.symbol));

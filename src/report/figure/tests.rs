@@ -49,7 +49,9 @@ pub(super) fn svg_coordinates(svg: &str) -> Vec<f64> {
 /// Whether all coordinates are inside the picture. Pixel positions that plotters cannot represent saturate at
 /// the limits of an i32.
 pub(super) fn is_inside_picture(svg: &str) -> bool {
-    svg_coordinates(svg).iter().all(|value| (-100.0..1600.0).contains(value))
+    let frame: Vec<f64> = attribute_values(svg, "viewBox")[0].split(' ').map(|part| part.parse().unwrap()).collect();
+    let larger_side = frame[2].max(frame[3]);
+    svg_coordinates(svg).iter().all(|value| (-1.0..=larger_side + 1.0).contains(value))
 }
 
 #[test]

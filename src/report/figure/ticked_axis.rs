@@ -7,7 +7,7 @@ use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::coord::types::RangedCoordf64;
 
 use super::FONT_SIZE;
-use super::time_axis::{TimeTick, time_ticks};
+use super::time_axis::{TimeTick, time_ticks, zone_name};
 use crate::report::number;
 
 /// Maximum number of tick intervals.
@@ -57,7 +57,8 @@ impl TickedAxis {
     pub(super) fn of_local_time(range: Range<f64>) -> Self {
         let zone = TimeZone::system();
         let time_ticks = time_ticks(range.start, range.end, &zone);
-        Self { time_ticks, ..Self::with_round_ticks(range) }
+        let title = format!("local time ({})", zone_name(&zone, range.end));
+        Self { time_ticks, title, ..Self::with_round_ticks(range) }
     }
 
     /// As a y axis with at least the width of labels that `other` needs, so that the plots of both begin at the same x.

@@ -20,10 +20,10 @@ enum TickStep {
     Months(i64),
 }
 
-/// Maximum number of tick intervals: labels are wide.
-const MAX_TIME_INTERVALS: f64 = 6.0;
+/// Letters of all labels for which there is room, with one letter between two labels.
+const MAX_LABEL_LETTERS: usize = 42;
 
-const STEPS: [TickStep; 20] = [
+const STEPS: [TickStep; 22] = [
     TickStep::Seconds(1),
     TickStep::Seconds(5),
     TickStep::Seconds(15),
@@ -44,17 +44,11 @@ const STEPS: [TickStep; 20] = [
     TickStep::Months(3),
     TickStep::Months(6),
     TickStep::Months(12),
+    TickStep::Months(5 * 12),
+    TickStep::Months(20 * 12),
 ];
 
 impl TickStep {
-    fn length_s(self) -> f64 {
-        match self {
-            Self::Seconds(seconds) => seconds as f64,
-            Self::Days(days) => 86_400.0 * days as f64,
-            Self::Months(months) => 30.4 * 86_400.0 * months as f64,
-        }
-    }
-
     fn label_format(self) -> &'static str {
         match self {
             Self::Seconds(..60) => "%H:%M:%S",
@@ -75,13 +69,26 @@ impl TickStep {
     }
 }
 
-/// Ticks from `first_s` to `last_s`, Unix time, in the local time of `zone`; at least the first if the range is short.
+/// Ticks from `first_s` to `last_s`, Unix time, in the local time of `zone`: as many as there is room for their labels,
+/// at least one.
 pub(super) fn time_ticks(first_s: f64, last_s: f64, zone: &TimeZone) -> Vec<TimeTick> {
-    let fits = |step: &TickStep| (last_s - first_s) / step.length_s() <= MAX_TIME_INTERVALS;
-    let step = STEPS.into_iter().find(fits).unwrap_or(TickStep::Months(12 * 5));
+    let with_step = |step| ticks_at_step(first_s, last_s, step, zone);
+    let letters = |ticks: &[TimeTick]| ticks.iter().map(|tick| tick.label.chars().count() + 1).sum::<usize>();
+    let mut finest_first = STEPS.into_iter().map(with_step);
+    match finest_first.find(|ticks| letters(ticks) <= MAX_LABEL_LETTERS) {
+        Some(ticks) if !ticks.is_empty() => ticks,
+        _ => first_tick(first_s, TickStep::Seconds(1), zone)
+            .map(|at| TimeTick { t_s: first_s, label: at.strftime("%-d %b %Y %H:%M:%S").to_string() })
+            .into_iter()
+            .collect(),
+    }
+}
+
+/// Ticks at every `step`, at most one more than there is room for.
+fn ticks_at_step(first_s: f64, last_s: f64, step: TickStep, zone: &TimeZone) -> Vec<TimeTick> {
     let mut ticks = Vec::new();
     let mut next = first_tick(first_s, step, zone);
-    while let Some(at) = next.filter(|at| seconds(at) <= last_s && ticks.len() <= 2 * MAX_TIME_INTERVALS as usize) {
+    while let Some(at) = next.filter(|at| seconds(at) <= last_s && ticks.len() <= MAX_LABEL_LETTERS) {
         if seconds(&at) >= first_s {
             ticks.push(TimeTick { t_s: seconds(&at), label: at.strftime(step.label_format()).to_string() });
         }
@@ -108,6 +115,15 @@ fn first_tick(first_s: f64, step: TickStep, zone: &TimeZone) -> Option<Zoned> {
     }
 }
 
+/// Name of `zone`, such as `Europe/Berlin`; if it has none, its abbreviation at the Unix time `t_s`.
+pub(super) fn zone_name(zone: &TimeZone, t_s: f64) -> String {
+    let abbreviation = || {
+        let at = Timestamp::from_second(t_s as i64).unwrap_or_default();
+        at.to_zoned(zone.clone()).strftime("%Z").to_string()
+    };
+    zone.iana_name().map_or_else(abbreviation, str::to_owned)
+}
+
 fn seconds(at: &Zoned) -> f64 {
     at.timestamp().as_duration().as_secs_f64()
 }
@@ -126,7 +142,7 @@ mod tests {
     fn ticks_are_at_round_local_times() {
         assert_eq!(
             ticks("2026-11-27T04:51:00Z", "2026-11-27T06:20:00Z", "Europe/Berlin"),
-            ["27 Nov 06:00", "27 Nov 06:15", "27 Nov 06:30", "27 Nov 06:45", "27 Nov 07:00", "27 Nov 07:15"]
+            ["27 Nov 06:00", "27 Nov 06:30", "27 Nov 07:00"]
         );
         // Daylight saving time ends on 25 October 2026: the ticks stay at midnight.
         assert_eq!(
@@ -144,7 +160,8 @@ mod tests {
         for exponent in 0..10 {
             let last = 1.7e9 + 10f64.powi(exponent);
             let ticks = time_ticks(1.7e9, last, &TimeZone::UTC);
-            assert!(ticks.len() <= 14, "{ticks:?}");
+            let letters: usize = ticks.iter().map(|tick| tick.label.chars().count() + 1).sum();
+            assert!(letters <= MAX_LABEL_LETTERS && !ticks.is_empty(), "{ticks:?}");
             assert!(ticks.iter().all(|tick| tick.t_s >= 1.7e9 && tick.t_s <= last), "{ticks:?}");
         }
     }

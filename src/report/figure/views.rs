@@ -93,11 +93,16 @@ pub(super) struct Labels {
 }
 
 impl Labels {
-    /// Draws the label beside a point, on its left or right side; leaves it out where it would cover another label.
+    /// Draws the label on the left or right side of a point, or on the other side if it would leave the view of the
+    /// point; leaves it out where it would cover another label.
     pub(super) fn draw_beside(&mut self, area: &Area<'_>, text: &str, at: (i32, i32), is_left: bool) -> DrawResult {
         let width = (LETTER_WIDTH_RATIO * FONT_SIZE * text.chars().count() as f64) as i32;
-        let (left, half_height) = (if is_left { at.0 - width } else { at.0 }, (0.5 * FONT_SIZE) as i32);
-        let own = [left, at.1 - half_height, left + width, at.1 + half_height];
+        let view_left = at.0.div_euclid(VIEW_SIDE) * VIEW_SIDE;
+        let ends = |is_left: bool| if is_left { [at.0 - width, at.0] } else { [at.0, at.0 + width] };
+        let is_in_view = |is_left: &bool| ends(*is_left)[0] >= view_left && ends(*is_left)[1] <= view_left + VIEW_SIDE;
+        let Some(is_left) = [is_left, !is_left].into_iter().find(is_in_view) else { return Ok(()) };
+        let ([left, right], half_height) = (ends(is_left), (0.5 * FONT_SIZE) as i32);
+        let own = [left, at.1 - half_height, right, at.1 + half_height];
         let overlaps =
             |other: &[i32; 4]| own[0] < other[2] && other[0] < own[2] && own[1] < other[3] && other[1] < own[3];
         if self.boxes.iter().any(overlaps) {

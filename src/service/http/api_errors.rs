@@ -48,7 +48,7 @@ fn is_page(headers: &HeaderMap) -> bool {
 fn unhandled_problem(status: StatusCode, method: &Method, path: &str, message: &str) -> Problem {
     let reason = status.canonical_reason().unwrap_or("error");
     let message = if message.is_empty() { reason.to_owned() } else { message.to_owned() };
-    let description = "correct the request: /api/v1/openapi.json describes it";
+    let remedy = "correct the request: /api/v1/openapi.json describes it";
     match status {
         StatusCode::NOT_FOUND => Problem::new(
             status,
@@ -66,7 +66,7 @@ fn unhandled_problem(status: StatusCode, method: &Method, path: &str, message: &
             let remedy = format!("send a body of at most {MAX_REQUEST_BODY_BYTES} bytes");
             Problem::new(status, "unreadable", message, remedy)
         }
-        _ if status.is_client_error() => Problem::new(status, "unreadable", message, description),
+        _ if status.is_client_error() => Problem::new(status, "unreadable", message, remedy),
         _ => Problem::new(
             status,
             "failed",

@@ -8,7 +8,7 @@ use super::ServedMachine;
 use super::newest_result::NewestResult;
 use super::openapi::schemas::{LiveValuesSchema, ParameterSchema, VerdictSchema};
 use crate::run::OpenPrompt;
-use crate::service::machine_state::RunFailure;
+use crate::service::machine_state::{RunFailure, ServiceState};
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::watched_sensors::LiveValues;
 
@@ -91,7 +91,7 @@ impl MachineStatus {
             refusal: now.last_refusal.map(|why| why.to_string()),
             failure: now.failure,
             elsewhere: now.is_locked_by_other_process,
-            asked: now.open_prompt.map(prompt),
+            asked: now.open_prompt.filter(|_| now.state == ServiceState::Running).map(prompt),
             parameters: now.estimated_parameters,
             cycles: cycles.collect(),
         }

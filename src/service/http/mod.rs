@@ -191,12 +191,12 @@ const OPEN_METRICS_CONTENT_TYPE: &str = "application/openmetrics-text; version=1
 /// `/metrics`, for Prometheus.
 async fn serve_metrics(State(app): State<AppState>) -> Response {
     let (machines, now) = (Arc::clone(&app.machines), Timestamp::now());
+    // After an error a machine has no results; the other metrics remain available.
     let read_results = move |journal: &Journal| {
         let of_machine = |machine| newest_result::newest_result_of_each_method(journal, machine, now);
-        machines.iter().map(of_machine).collect::<Result<Vec<_>, _>>()
+        machines.iter().filter_map(|machine| of_machine(machine).ok()).flatten().collect::<Vec<_>>()
     };
-    // After an error there are no results; the other metrics remain available.
-    let results = app.read_journal(read_results).await.ok().and_then(Result::ok).unwrap_or_default().concat();
+    let results = app.read_journal(read_results).await.unwrap_or_default();
     for ServedMachine { name, gate, .. } in app.machines.iter() {
         app.metrics.update_machine(name, &gate.machine_state(), gate.progress_age());
     }

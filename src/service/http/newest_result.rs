@@ -12,7 +12,7 @@ use super::{AppState, ServedMachine};
 use crate::service::command_gate::CommandGate;
 use crate::service::machine_state::ServiceState;
 use crate::service::result_metrics::NewestMethodResult;
-use crate::store::{FinishedRunResult, Journal, NewestMeasuredRuns, NewestRunResult, RunFilter, RunState, StoreError};
+use crate::store::{FinishedRunResult, Journal, NewestMeasuredRuns, RunFilter, RunState, StoreError};
 use machine::record::estimate::Verdict;
 
 /// Period of the journal query; another process that measures does not notify this service.
@@ -38,7 +38,7 @@ pub struct NewestResult {
 impl NewestResult {
     /// Newest result, with its validity at `now`. `None`: no run is finished.
     pub fn from_newest_runs(newest: &NewestMeasuredRuns, verdict_validity: Duration, now: Timestamp) -> Option<Self> {
-        let NewestRunResult { run, ended, verdict, .. } = newest.newest_result.as_ref()?;
+        let FinishedRunResult { run, ended, verdict, .. } = newest.newest_result.as_ref()?;
         let outdated = has_invalid_age(*ended, verdict_validity, now) || newest.newer_run_without_estimate.is_some();
         Some(Self { run: run.0, measured: *ended, verdict: *verdict, outdated })
     }
@@ -107,13 +107,15 @@ mod tests {
     #[test]
     fn verdict_is_outdated_after_its_validity_or_far_in_the_future() {
         let ended: Timestamp = "2026-11-22T05:30:00Z".parse().unwrap();
-        let result = NewestRunResult {
+        let result = FinishedRunResult {
             run: RunId(7),
+            started: ended,
             ended,
             method: String::new(),
             verdict: Verdict::Pass,
             parameters: Vec::new(),
             duration_s: None,
+            temperatures_c: Default::default(),
         };
         let newest = NewestMeasuredRuns { newest_result: Some(result), newer_run_without_estimate: None };
         let (hours, validity) = (SignedDuration::from_hours, Duration::from_secs(192 * 3600));

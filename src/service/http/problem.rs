@@ -77,7 +77,7 @@ impl From<Refusal> for Problem {
             Refusal::PlanHasPrompts => "start the cycle at the page or with `trued run`, and answer its prompts there",
             Refusal::PromptNotOpen => "read on the page which prompt is open",
             Refusal::ArtefactRefused => {
-                "calibrate the artefact and enter its new certificate with `trued artefact add`; the log states the reason"
+                "read the reason and the remedy in the log, for example a new certificate with `trued artefact add`"
             }
             Refusal::NotReady => "wait until the service is ready",
             _ => "correct the condition at the machine, then repeat the request",

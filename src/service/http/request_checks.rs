@@ -8,7 +8,7 @@ use std::time::Duration;
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::StatusCode;
-use axum::http::header::{CONTENT_TYPE, HOST, HeaderName, HeaderValue, ORIGIN};
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, HOST, HeaderName, HeaderValue, ORIGIN};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 
@@ -113,6 +113,6 @@ async fn add_security_headers(request: Request, next: Next) -> Response {
     set("x-content-type-options", "nosniff");
     // The referrer is sent to this origin only. Without any, a browser would not name the origin of the page's forms.
     set("referrer-policy", "same-origin");
-    set("cache-control", "no-store");
+    headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
 }

@@ -1,5 +1,6 @@
 //! Query of the list of runs: range and filters.
 
+use serde::de::IntoDeserializer;
 use serde::{Deserialize, Deserializer};
 use utoipa::IntoParams;
 
@@ -25,12 +26,12 @@ pub struct RunListQuery {
     /// Only runs newer than this one; without `before`, those that follow it directly.
     after: Option<i64>,
     limit: Option<usize>,
-    #[serde(default, deserialize_with = "text_or_nothing")]
+    #[serde(default, deserialize_with = "empty_text_as_none")]
     pub machine: Option<String>,
-    #[serde(default, deserialize_with = "text_or_nothing")]
+    #[serde(default, deserialize_with = "empty_text_as_none")]
     pub method: Option<String>,
     /// Verdict of the last estimate.
-    #[serde(default, deserialize_with = "verdict_or_nothing")]
+    #[serde(default, deserialize_with = "empty_verdict_as_none")]
     #[param(value_type = Option<VerdictSchema>)]
     pub verdict: Option<Verdict>,
 }
@@ -53,7 +54,7 @@ impl RunListQuery {
     }
 
     /// The filters as further parameters of a link.
-    pub fn filter_text(&self) -> String {
+    pub fn filter_query(&self) -> String {
         let verdict = self.verdict.map(|verdict| verdict.to_string());
         let chosen =
             [("machine", self.machine.as_ref()), ("method", self.method.as_ref()), ("verdict", verdict.as_ref())];
@@ -62,11 +63,11 @@ impl RunListQuery {
     }
 }
 
-fn text_or_nothing<'de, D: Deserializer<'de>>(text: D) -> Result<Option<String>, D::Error> {
+fn empty_text_as_none<'de, D: Deserializer<'de>>(text: D) -> Result<Option<String>, D::Error> {
     Ok(Option::<String>::deserialize(text)?.filter(|text| !text.is_empty()))
 }
 
-fn verdict_or_nothing<'de, D: Deserializer<'de>>(text: D) -> Result<Option<Verdict>, D::Error> {
-    let text = text_or_nothing(text)?;
-    text.map(|text| serde_json::from_value(text.into()).map_err(serde::de::Error::custom)).transpose()
+fn empty_verdict_as_none<'de, D: Deserializer<'de>>(text: D) -> Result<Option<Verdict>, D::Error> {
+    let text = empty_text_as_none(text)?;
+    text.map(|text| Verdict::deserialize(text.into_deserializer())).transpose()
 }

@@ -5,6 +5,7 @@ use serde_json::json;
 use super::accessibility;
 use super::browser::Browser;
 use super::cycle::{page_url, quick_shop_with_http};
+use crate::support::http::MACHINE_API_PATH;
 
 /// Out of tolerance, then disconnected: no earlier value remains visible.
 pub fn disconnected_page_hides_a_result_out_of_tolerance() {
@@ -47,6 +48,20 @@ pub fn disconnected_page_hides_a_result_out_of_tolerance() {
 /// Text of the element; empty while the page changes and the element has become stale.
 fn element_text_or_empty(browser: &Browser, css: &str) -> String {
     browser.wait_for_element(css).visible_text().unwrap_or_default()
+}
+
+/// The script could not be loaded, because the service ended after it had sent the page.
+pub fn page_without_its_script_hides_the_state_after_a_time() {
+    let (browser, shop) = (Browser::open(), quick_shop_with_http());
+    let daemon = shop.start_daemon("fast");
+    let (status, page) = daemon.http().request("GET", MACHINE_API_PATH.trim_start_matches("/api/v1"), "", "");
+    assert_eq!(status, 200);
+    let copy_path = shop.path_text("page.html");
+    std::fs::write(&copy_path, page).unwrap();
+    browser.client.open_url(&format!("file://{copy_path}")).unwrap();
+    assert!(browser.visible_text("#live").contains("unknown: no result yet"));
+    browser.wait_for_text("#away", |text| text.contains("no connection"));
+    assert_eq!(browser.visible_text("#live"), "");
 }
 
 /// The run is started and its result is read and signed with plain forms and links.

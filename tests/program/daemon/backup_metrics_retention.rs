@@ -42,7 +42,7 @@ pub fn backup_during_a_run_is_a_usable_journal() {
     assert!(stderr_text(&nothing).contains("the file does not exist"), "{}", stderr_text(&nothing));
 }
 
-/// The check of `ExecStartPre`: it opens and creates nothing, and a daemon may run meanwhile.
+/// `trued serve --check` opens and creates nothing, and a daemon may run meanwhile.
 pub fn serve_check_accepts_sound_and_refuses_unsound_config() {
     let shop = MachineShop::with_machine_file(&served_machine_toml(""));
     let machine = shop.path("machine.toml").display().to_string();

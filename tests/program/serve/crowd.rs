@@ -190,6 +190,7 @@ pub fn hold_works_with_many_clients() {
     let guarded = GuardedDaemon::new("real");
     let _crowds: Vec<ClientProcess> = (0..CLIENT_PROCESS_COUNT).map(|_| ClientProcess::start_crowd(&guarded)).collect();
     assert_eq!(guarded.post_status("start", &guarded.operator_token, &start_request_body()), 202);
+    // During the approach of the first step, which takes half a minute: the machine moves.
     guarded.wait_until(|now| now["step"] != "");
     assert_eq!(guarded.post_status("hold", &guarded.viewer_token, &json!({})), 202);
     guarded.wait_until(|now| now["state"] == "held");

@@ -75,7 +75,7 @@ impl GuardedDaemon {
     pub fn wait_until(&self, is_reached: impl Fn(&Value) -> bool) -> Value {
         let started = Instant::now();
         loop {
-            // At its limits the daemon closes a connection of the caller with the most connections: ask again.
+            // At its limits the daemon closes a connection of the caller with the most connections: repeat the request.
             match self.try_machine_state() {
                 Ok(state) if is_reached(&state) => return state,
                 other => assert!(started.elapsed() < STATE_TIMEOUT, "{other:?}"),

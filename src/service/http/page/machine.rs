@@ -12,7 +12,7 @@ use minijinja::{Value, context};
 use super::{machine_page_path, render_page, render_template, row_of_run_on};
 use super::{run_drawings, schedule, sensors, trends};
 use crate::archive::history::machine_history;
-use crate::report::result_row::{ResultRow, RunContext, headline, result_rows, worst_first};
+use crate::report::result_row::{ResultRow, RunContext, headline, result_rows, verdict_class};
 use crate::report::time::format_local_time;
 use crate::run::{can_resume, resume_question};
 use crate::service::config::StartInterlock;
@@ -22,7 +22,7 @@ use crate::service::http::problem::Problem;
 use crate::service::http::{AppState, ServedMachine};
 use crate::service::machine_state::RunFailure;
 use crate::service::schedule_state::load_agenda;
-use crate::store::{Journal, NewestRunResult, RunFilter, RunId, StoredRun};
+use crate::store::{FinishedRunResult, Journal, RunFilter, RunId, StoredRun};
 use machine::record::estimate::Verdict;
 
 /// Number of runs on a machine's page.
@@ -98,7 +98,7 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     let shows_values = !matches!(class, "busy" | "held") && result.is_some_and(|r| !r.outdated);
     let newest = machine.gate.machine_state().newest_runs;
     let rows = newest.newest_result.as_ref().filter(|_| shows_values).map(rows_of_newest_result).unwrap_or_default();
-    let parameters = headline(&worst_first(&rows));
+    let parameters = headline(&rows);
     let cycles = status.cycles.iter();
     let cycles = cycles.map(|c| context! { number => c.number, method => c.method.as_str() });
     context! {
@@ -135,10 +135,10 @@ pub fn status_values(machine: &ServedMachine) -> Value {
 fn worst_sentences(rows: &[&ResultRow]) -> Vec<String> {
     let judged: Vec<&&ResultRow> = rows.iter().filter(|row| row.verdict.is_some()).collect();
     let failed = judged.iter().filter(|row| row.verdict != Some(Verdict::Pass)).count();
-    judged.into_iter().take(failed.max(1)).map(|row| row.sentence_with_name()).collect()
+    judged.into_iter().take(failed.max(1)).map(|row| row.sentence.clone()).collect()
 }
 
-fn rows_of_newest_result(newest: &NewestRunResult) -> Vec<ResultRow> {
+fn rows_of_newest_result(newest: &FinishedRunResult) -> Vec<ResultRow> {
     result_rows(RunContext { method: &newest.method, duration_s: newest.duration_s }, &newest.parameters)
 }
 
@@ -147,6 +147,8 @@ fn state_class_and_text(status: &MachineStatus, result: Option<&NewestResult>) -
     match (status.state, result) {
         _ if status.late => ("none", "unknown: the service makes no progress"),
         ("held", _) if status.elsewhere => ("held", "held: another program uses the machine"),
+        ("starting", _) => ("none", "unknown: the service is starting"),
+        ("ending", _) => ("none", "unknown: the service is ending"),
         ("running", _) if status.asked.is_some() => ("held", "waiting: a prompt is open"),
         ("running", _) => ("busy", "measuring"),
         ("held", _) => ("held", "held: inspect the machine"),
@@ -159,13 +161,14 @@ fn state_class_and_text(status: &MachineStatus, result: Option<&NewestResult>) -
 }
 
 pub fn verdict_class_and_text(verdict: Verdict) -> (&'static str, &'static str) {
-    match verdict {
-        Verdict::Pass => ("pass", "in tolerance"),
-        Verdict::Fail => ("fail", "out of tolerance"),
-        Verdict::Undecided => ("undecided", "undecided"),
-        Verdict::UndecidedModel => ("undecided", "undecided: the readings contradict the model"),
-        Verdict::None => ("none", "measured, no tolerance stated"),
-    }
+    let text = match verdict {
+        Verdict::Pass => "in tolerance",
+        Verdict::Fail => "out of tolerance",
+        Verdict::Undecided => "undecided",
+        Verdict::UndecidedModel => "undecided: the readings contradict the model",
+        Verdict::None => "measured, no tolerance stated",
+    };
+    (verdict_class(verdict), text)
 }
 
 fn confirmation_values(interlock: &StartInterlock) -> Value {

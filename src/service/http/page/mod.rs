@@ -18,7 +18,7 @@ use std::sync::LazyLock;
 
 use axum::Router;
 use axum::extract::State;
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::middleware::from_fn;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::get;
@@ -33,10 +33,10 @@ use super::percent_encode::percent_encode;
 use super::problem::Problem;
 use super::{AppState, ServedMachine};
 use crate::report::BASE_CSS;
-use crate::report::result_row::verdict_word;
+use crate::report::result_row::{verdict_class, verdict_word};
 use crate::report::time::format_local_time;
 use crate::service::machine_state::ServiceState;
-use crate::store::{RunState, RunSummary};
+use crate::store::{RunState, RunSummary, sha256_text};
 
 const LIVE_SCRIPT: &str = include_str!("../templates/live.js");
 const ICON_SVG: &str = include_str!("../templates/icon.svg");
@@ -83,11 +83,17 @@ static TEMPLATES: LazyLock<Environment<'_>> = LazyLock::new(|| {
         Ok(file.map(str::to_owned))
     });
     environment.add_global("base_css", Value::from_safe_string(BASE_CSS.to_owned()));
+    environment.add_global("live_script", format!("/live.js?{}", sha256_text(LIVE_SCRIPT)));
     environment
 });
 
+/// The browser keeps the script: a page that is loaded just before the service ends can then still reconnect. The
+/// address contains the hash of the script.
 async fn serve_live_script() -> impl IntoResponse {
-    ([(CONTENT_TYPE, "text/javascript; charset=utf-8")], LIVE_SCRIPT)
+    (
+        [(CONTENT_TYPE, "text/javascript; charset=utf-8"), (CACHE_CONTROL, "private, max-age=31536000, immutable")],
+        LIVE_SCRIPT,
+    )
 }
 
 async fn serve_icon() -> impl IntoResponse {
@@ -113,7 +119,7 @@ fn overview_values(app: &AppState) -> Value {
     context! { machines, now => format_local_time(Timestamp::now()) }
 }
 
-/// Row of `run` in a list; its machine, if it is served, knows of a resume before the journal does.
+/// Row of `run` in a list. A resumed run is `running` in the state of its machine before the journal contains it.
 fn row_of_run_on(machine: Option<&ServedMachine>, run: &RunSummary) -> Value {
     let in_progress = machine.map(|machine| machine.gate.machine_state());
     let is_in_progress =
@@ -132,7 +138,7 @@ fn row_of_run(run: &RunSummary) -> Value {
         machine => run.machine.as_str(),
         state => run.state.as_str(),
         signed => run.signed.as_deref(),
-        verdict => run.verdict.map(|verdict| verdict.to_string()),
+        verdict_class => run.verdict.map(verdict_class),
         verdict_word => run.verdict.map(verdict_word),
         end_reason => run.end_reason.as_deref(),
     }

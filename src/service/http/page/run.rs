@@ -6,17 +6,18 @@ use minijinja::value::Serde;
 use minijinja::{Value, context};
 
 use super::{machine, machine_page_path, row_of_run};
+use crate::archive::compare::earlier_finished_runs;
 use crate::archive::report::render_report;
 use crate::archive::run_story::{
     describe_events_with_times, describe_record_warnings, describe_run_end, describe_signatures, in_local_time,
 };
-use crate::report::result_row::{ResultRow, RunContext, result_rows, worst_first};
+use crate::report::result_row::{ResultRow, RunContext, not_passed, result_rows};
 use crate::report::time::format_local_time;
 use crate::report::{figure_values, temperature};
 use crate::service::http::AppState;
 use crate::service::http::problem::Problem;
-use crate::store::{Journal, RunFilter, RunId, RunState, RunSummary, StoredRun};
-use ::machine::record::estimate::{Estimate, Verdict};
+use crate::store::{RunId, RunState, RunSummary, StoredRun};
+use ::machine::record::estimate::Estimate;
 use methods::symbol_names::ResultGroup;
 
 /// Maximum number of earlier runs that are offered for a comparison.
@@ -26,7 +27,7 @@ pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Resu
     let tokens = app.access.requires_tokens;
     app.read_journal(move |journal| {
         let stored = journal.load_run(RunId(run))?;
-        let earlier = earlier_finished_runs(journal, &stored.summary)?;
+        let earlier = earlier_finished_runs(journal, &stored.summary, MAX_COMPARABLE_RUNS)?;
         super::render_page("run.html", tokens, values_of_run(&stored, &earlier))
     })
     .await?
@@ -35,18 +36,6 @@ pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Resu
 /// Report of a run, as a page of its own.
 pub async fn report_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     Ok(Html(app.read_journal(move |journal| render_report(journal, RunId(run))).await??))
-}
-
-/// Earlier finished runs of the same machine and method, newest first, for a comparison.
-fn earlier_finished_runs(journal: &Journal, run: &RunSummary) -> Result<Vec<RunSummary>, Problem> {
-    let filter = RunFilter {
-        older_than: Some(run.id),
-        machine: Some(&run.machine),
-        method: Some(&run.method),
-        state: Some(RunState::Finished),
-        ..RunFilter::default()
-    };
-    Ok(journal.list_runs(filter, MAX_COMPARABLE_RUNS)?)
 }
 
 fn values_of_run(stored: &StoredRun, earlier: &[RunSummary]) -> Value {
@@ -85,17 +74,13 @@ fn estimate_values(estimate: &Estimate) -> Value {
     let rows = result_rows(RunContext::from_estimate(estimate), &estimate.parameters);
     let is_main = |row: &&ResultRow| row.group == ResultGroup::Main || row.verdict.is_some();
     let (main, details): (Vec<&ResultRow>, Vec<&ResultRow>) = rows.iter().partition(is_main);
-    let not_passed = worst_first(&rows).into_iter().filter(|row| row.verdict.is_some_and(|v| v != Verdict::Pass));
-    let not_passed = not_passed.map(|row| {
-        context! { sentence => row.sentence_with_name(), decided_by => row.decided_by.as_deref() }
-    });
     context! {
         class,
         glance,
         is_judged => rows.iter().any(|row| row.verdict.is_some()),
         main => Serde(&main),
         details => Serde(&details),
-        not_passed => not_passed.collect::<Vec<_>>(),
+        not_passed => Serde(&not_passed(&rows)),
         warnings => estimate.warnings.clone(),
         figures => figure_values(estimate),
     }

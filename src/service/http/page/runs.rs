@@ -36,18 +36,21 @@ pub async fn runs_page(
         let older = oldest.filter(|_| onward || more);
         let row = |run: &RunSummary| row_of_run_on(machines.iter().find(|machine| machine.name == run.machine), run);
         let runs = runs.iter().map(row).collect::<Vec<_>>();
-        render_page("runs.html", tokens, context! { runs, newer, older, filters, same_filter => query.filter_text() })
+        render_page("runs.html", tokens, context! { runs, newer, older, filters, filter_query => query.filter_query() })
     })
     .await?
 }
 
 /// The filters of the list, each with its values and the chosen one.
 fn filter_values(app: &AppState, query: &RunListQuery) -> Vec<Value> {
-    let verdicts = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::UndecidedModel, Verdict::None];
     let machines: Vec<String> = app.machines.iter().map(|machine| machine.name.clone()).collect();
     let methods: Vec<String> = methods::method_names().into_iter().map(str::to_owned).collect();
-    let verdicts: Vec<String> = verdicts.iter().map(Verdict::to_string).collect();
-    let filter = |name: &str, values: Vec<String>, chosen: Option<String>| context! { name, values, chosen };
+    let verdicts: Vec<String> = Verdict::ALL.map(|verdict| verdict.to_string()).to_vec();
+    // A machine that is no longer served may be chosen in the address.
+    let filter = |name: &str, mut values: Vec<String>, chosen: Option<String>| {
+        values.extend(chosen.clone().filter(|chosen| !values.contains(chosen)));
+        context! { name, values, chosen }
+    };
     vec![
         filter("machine", machines, query.machine.clone()),
         filter("method", methods, query.method.clone()),

@@ -1,6 +1,7 @@
 // Updates the live part. A value that the server no longer reports is removed, never left on the page. The page
 // stays open while the service is restarted: the browser's own error page would not return to the machine.
 (() => {
+  document.body.classList.add("updated");
   const live = document.getElementById("live");
   const { from, events, state, asked: shownPrompt } = live.dataset;
   const name = document.title;
@@ -57,18 +58,21 @@
     return;
   }
 
-  // A hold is sent without leaving the page, so that the page can report that it was not sent.
+  // A hold is sent without leaving the page, so that the page can report that it was not confirmed. The response is a
+  // redirection to this page; it is not followed, because it already confirms the hold.
   document.addEventListener("submit", async (event) => {
     const form = event.target;
     if (!form.action.endsWith("/hold")) return;
     event.preventDefault();
     try {
-      const response = await fetch(form.action, { method: "POST", body: new URLSearchParams(new FormData(form)) });
-      if (response.ok) location.reload(); else form.submit();
+      const body = new URLSearchParams(new FormData(form));
+      const request = { method: "POST", body, redirect: "manual", signal: AbortSignal.timeout(3000) };
+      const response = await fetch(form.action, request);
+      if (response.ok || response.type === "opaqueredirect") reloadWhenAnswered(); else form.submit();
     } catch {
-      const notSent = form.querySelector("[role=alert]") ?? form.appendChild(document.createElement("p"));
-      notSent.setAttribute("role", "alert");
-      notSent.textContent = "The hold was not sent: no connection. Stop the machine at its control.";
+      const alert = form.querySelector("[role=alert]") ?? form.appendChild(document.createElement("p"));
+      alert.setAttribute("role", "alert");
+      alert.textContent = "The hold is not confirmed: no response. Stop the machine at its control.";
     }
   });
 
