@@ -4,7 +4,8 @@
 use std::borrow::Cow;
 
 use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
-use machine::record::estimate::{Estimate, Outlier};
+use machine::record::estimate::Estimate;
+use machine::record::measurement_check::Outlier;
 use machine::record::plan::{FIRST_OUTLIER_REPEAT_NUMBER, FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
@@ -24,7 +25,7 @@ fn is_outlier_repeat(repeat_number: u32) -> bool {
 
 /// Readings in which the last outlier repeat of each step, among those with numbers below `end_repeat`, replaces the
 /// earlier measurements of the step.
-fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, [Reading]> {
+pub(super) fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, [Reading]> {
     if !readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
         return Cow::Borrowed(readings);
     }
@@ -44,15 +45,16 @@ fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, 
     readings.iter().filter(counts).filter(is_kept).map(renumbered).collect::<Vec<_>>().into()
 }
 
-/// Whether the step belongs to the measurement `measurement_label`: has its label, or a label below it.
-fn is_part_of_measurement(step: &Step, measurement_label: &str) -> bool {
-    let rest = step.label.strip_prefix(measurement_label);
-    step.kind != StepKind::Prompt && rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+/// Whether `label` belongs to the measurement `measurement_label`: it is equal, or a label below it.
+pub(super) fn is_part_of_measurement(label: &str, measurement_label: &str) -> bool {
+    let rest = label.strip_prefix(measurement_label);
+    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
 fn outlier_steps<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = &'p Step> {
     let labels: Vec<String> = outlier.candidates.iter().map(|one| one.label.clone()).collect();
-    plan.steps.iter().filter(move |step| labels.iter().any(|label| is_part_of_measurement(step, label)))
+    let steps = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
+    steps.filter(move |step| labels.iter().any(|label| is_part_of_measurement(&step.label, label)))
 }
 
 impl OutlierRepeater {
@@ -107,15 +109,15 @@ impl OutlierRepeater {
                 if estimate.outliers.iter().any(|known| labels(known) == labels(&outlier)) {
                     continue;
                 }
-                let resolution = "measured again: the last measurement counts";
                 let off = outlier.candidates.iter();
                 let off = off.map(|one| format!("{} by {:.1} µm", one.label, one.deviation_um));
                 let off: Vec<String> = off.collect();
                 estimate.warnings.push(format!(
-                    "an outlier was found, deviation from the fit to all others: {}; {resolution}",
-                    off.join(" or ")
+                    "an outlier was found, deviation from the fit to all others: {}; {}",
+                    off.join(" or "),
+                    Outlier::REPLACED
                 ));
-                let resolution = Some(resolution.to_owned());
+                let resolution = Some(Outlier::REPLACED.to_owned());
                 estimate.outliers.push(Outlier { resolution, ..outlier });
             }
         }

@@ -11,6 +11,7 @@ pub mod number;
 pub mod page;
 mod plan_summary;
 pub mod readings_csv;
+pub mod residuals;
 pub mod result_row;
 pub mod results_csv;
 mod rows;

@@ -5,6 +5,7 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::captions::{figure_values, sketch_values, svg_value};
 use super::difference::PreviousRun;
+use super::residuals::{ResidualFigure, residual_figure_values};
 use super::result_row::{
     ResultRow, RunContext, headline, not_passed, result_rows, verdict_class, verdict_sentence, verdict_word,
 };
@@ -45,6 +46,7 @@ pub struct ReportFacts {
     /// Temperatures of each thermometer.
     pub temperature_rows: NameTextRows,
     pub temperature_curves: TemperatureCurves,
+    pub residual_figures: Vec<ResidualFigure>,
     pub program_version: String,
     /// Name of each hashed item (machine file, plan, ..) and its SHA-256.
     pub sha256_by_item: Vec<(String, String)>,
@@ -76,7 +78,7 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
 /// Template values of the figures.
 fn figure_sections(estimate: &Estimate, facts: &ReportFacts) -> Value {
     context! {
-        figures => figure_values(estimate),
+        figures => [figure_values(estimate), residual_figure_values(&facts.residual_figures)].concat(),
         sketches => sketch_values(estimate),
         temperatures => svg_value(figure::draw_run_temperatures(&facts.temperature_curves)),
         related => correlation::correlation_values(&estimate.covariance),

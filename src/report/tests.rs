@@ -37,7 +37,7 @@ fn harmonic_function(symbol: &str, harmonics: &[(f64, f64)], figure: FunctionFig
 }
 
 /// An estimate as from the self-calibration of a rotary axis.
-fn example_estimate() -> Estimate {
+pub(super) fn example_estimate() -> Estimate {
     let total = [
         harmonic_function("EXC_total", &[(0.0, 50.1), (1.0, 31.0), (2.0, 1.2)], FunctionFigureKind::Curve),
         harmonic_function("EYC_total", &[(1.0, 27.0), (3.0, 0.8)], FunctionFigureKind::Curve),
@@ -93,13 +93,13 @@ fn example_estimate() -> Estimate {
         decision_rule: None,
         warnings: vec!["holds at the height Z = 62 mm only".to_owned()],
         outliers: Vec::new(),
-        smallest_found: Vec::new(),
+        measurement_checks: Vec::new(),
         priors: Vec::new(),
         measured: Default::default(),
     }
 }
 
-fn plan(machine: &str) -> Plan {
+pub(super) fn plan(machine: &str) -> Plan {
     serde_json::from_value(serde_json::json!({
         "trued_plan": 1,
         "method": "self-calibration",

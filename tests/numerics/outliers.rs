@@ -7,7 +7,8 @@ use trued::setup::{self, MachineFile};
 
 use estimation::random::seeded_stream;
 use machine::Axis;
-use machine::record::estimate::{Estimate, Outlier, Verdict};
+use machine::record::estimate::{Estimate, Verdict};
+use machine::record::measurement_check::Outlier;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 use methods::{Method, NextStage, PositionSource};
@@ -164,7 +165,7 @@ fn erroneous_measurement_is_named() {
             let mut measured = case.measure_in_world(seed);
             let sound = measured.estimate();
             let random = &mut seeded_stream(seed, &[0x6f66_6600]);
-            let checked: Vec<_> = sound.smallest_found.iter().filter(|one| one.deviation_um.is_some()).collect();
+            let checked: Vec<_> = sound.measurement_checks.iter().filter(|one| one.deviation_um.is_some()).collect();
             let one = checked[random.random_range(0..checked.len())];
             let mut component = || random.random_range(-1.0..1.0);
             let towards = Vector3::new(component(), component(), component());

@@ -22,6 +22,7 @@ mod machine_zero;
 mod modbus_run;
 mod plan_contract_player;
 mod predict_command;
+mod residual_figures;
 mod result_texts;
 mod samba_machines;
 mod schedule;
@@ -66,6 +67,7 @@ fn main() {
         machine_zero::trials(),
         modbus_run::trials(),
         predict_command::trials(),
+        residual_figures::trials(),
         result_texts::trials(),
         samba_machines::trials(),
         schedule::trials(),

@@ -5,6 +5,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::measurement_check::{MeasurementCheck, Outlier};
 use crate::Axis;
 
 pub const ESTIMATE_VERSION: u32 = 1;
@@ -289,28 +290,6 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// A measurement that is far from the value predicted by all others. It is still part of the estimate: the operator
-/// decides whether its readings are flagged `excluded`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Outlier {
-    /// Candidates; several if the readings do not show which of them is wrong.
-    pub candidates: Vec<OutlierCandidate>,
-    /// Externally studentised residual.
-    pub t: f64,
-    /// Action taken, as text; absent: none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub resolution: Option<String>,
-}
-
-/// Deviation of one measurement, with the label from the plan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct OutlierCandidate {
-    pub label: String,
-    /// Measured value minus the value predicted by all others, outward along the touch; for a ball, the length of the
-    /// displacement.
-    pub deviation_um: f64,
-}
-
 /// Inputs of an estimate. Hashes are of JSON without white space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
@@ -332,16 +311,6 @@ pub struct Provenance {
     /// Lowest and highest reading of each thermometer, °C.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub temperatures_c: BTreeMap<String, [f64; 2]>,
-}
-
-/// Smallest detectable deviation of one measurement.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct DetectableDeviation {
-    /// Label from the plan.
-    pub label: String,
-    /// Deviation that is detected with a probability of 95 %; absent if no other measurement checks it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub deviation_um: Option<f64>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -386,9 +355,9 @@ pub struct Estimate {
     /// Measurements that are far from the values predicted by all others.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub outliers: Vec<Outlier>,
-    /// Smallest detectable deviation of each measurement that is compared with all others.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub smallest_found: Vec<DetectableDeviation>,
+    /// Residual and smallest detectable deviation of each measurement that is compared with all others.
+    #[serde(rename = "smallest_found", default, skip_serializing_if = "Vec::is_empty")]
+    pub measurement_checks: Vec<MeasurementCheck>,
     /// Hashes of the estimates that are used as known values.
     pub priors: Vec<String>,
     /// Measured ranges of the axes, mm and degrees.

@@ -5,6 +5,7 @@ pub mod axis_track;
 pub mod estimate;
 pub mod event;
 pub mod machine;
+pub mod measurement_check;
 pub mod motion;
 pub mod plan;
 pub mod question;

@@ -158,6 +158,14 @@ impl Scan {
         moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())
     }
 
+    /// Index of the point of the path that is nearest to `position`, over the axes of the point. `None`: no path.
+    pub fn nearest_point_index(&self, position: &Position) -> Option<usize> {
+        let distance = |point: &Position| -> f64 {
+            point.iter().map(|(axis, at)| (position.get_or_zero(axis) - at).powi(2)).sum()
+        };
+        (0..self.path.len()).min_by(|a, b| distance(&self.path[*a]).total_cmp(&distance(&self.path[*b])))
+    }
+
     fn moved_axes(&self) -> impl Iterator<Item = Axis> {
         let axes_at = |axis: Axis| self.path.iter().map(move |point| point.get(axis));
         let axes = self.path.first().into_iter().flat_map(Position::iter).map(|(axis, _)| axis);

@@ -98,7 +98,7 @@ impl Identification {
             decision_rule: None,
             warnings: Vec::new(),
             outliers: self.outlier_check.outliers.clone(),
-            smallest_found: self.outlier_check.smallest_detectable_deviations.clone(),
+            measurement_checks: self.outlier_check.measurement_checks.clone(),
             priors: Vec::new(),
             measured: BTreeMap::new(),
         }

@@ -10,7 +10,7 @@ use estimation::misfit::Misfit;
 
 use super::checked_measurement::CheckedMeasurement;
 use super::observation_model::SolvedModel;
-use machine::record::estimate::{DetectableDeviation, Outlier, OutlierCandidate};
+use machine::record::measurement_check::{MeasurementCheck, Outlier, OutlierCandidate};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
@@ -25,8 +25,8 @@ const DETECTION_PROBABILITY: f64 = 0.95;
 /// Result of the comparison of each measurement with all others.
 pub struct OutlierCheck {
     pub outliers: Vec<Outlier>,
-    /// Smallest detectable deviation of each measurement.
-    pub smallest_detectable_deviations: Vec<DetectableDeviation>,
+    /// Residual and smallest detectable deviation of each measurement.
+    pub measurement_checks: Vec<MeasurementCheck>,
     /// One sentence for each outlier.
     pub warnings: Vec<String>,
 }
@@ -46,14 +46,14 @@ impl OutlierCheck {
         let check = OutlierSearch { solution, residuals, leverage: &leverage };
         let outliers = check.find_outliers();
         let warnings = outliers.iter().map(|outlier| outlier_warning(outlier, measurements)).collect();
-        let detectable_deviations = measurements.iter().map(|m| check.detectable_deviation(m)).collect();
-        Self { outliers, smallest_detectable_deviations: detectable_deviations, warnings }
+        let measurement_checks = measurements.iter().map(|m| check.check_measurement(m)).collect();
+        Self { outliers, measurement_checks, warnings }
     }
 
     /// Smallest detectable deviations in words. `None`: no measurement is checked.
     pub fn describe_detection_limits(&self) -> Option<String> {
         let mut sizes: Vec<(f64, &str)> = self
-            .smallest_detectable_deviations
+            .measurement_checks
             .iter()
             .map(|one| (one.deviation_um.unwrap_or(f64::INFINITY), one.label.as_str()))
             .collect();
@@ -136,9 +136,9 @@ impl OutlierSearch<'_> {
         1.0 - sum / measurement.residual_rows.len() as f64
     }
 
-    /// Smallest detectable deviation of the measurement, in the direction in which the residuals show a
-    /// deviation least.
-    fn detectable_deviation(&self, measurement: &CheckedMeasurement) -> DetectableDeviation {
+    /// Residual of the measurement, and its smallest detectable deviation in the direction in which the residuals show
+    /// a deviation least.
+    fn check_measurement(&self, measurement: &CheckedMeasurement) -> MeasurementCheck {
         let rows = measurement.residual_rows.clone();
         let least = rows.map(|row| self.residuals.residual_variances[row]).fold(0.0, f64::max).sqrt();
         let um = |limit: f64| {
@@ -146,7 +146,8 @@ impl OutlierSearch<'_> {
             1e3 * residual * measurement.u_mm / self.residual_share_of_deviation(measurement)
         };
         let deviation_um = self.studentised_residual_limit(measurement).map(um);
-        DetectableDeviation { label: measurement.label.clone(), deviation_um }
+        let residual_um = Some(1e3 * measurement.residual_mm);
+        MeasurementCheck { label: measurement.label.clone(), residual_um, deviation_um }
     }
 }
 

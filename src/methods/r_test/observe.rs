@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Vector3};
 use super::sensor_nest::SensorNest;
 use crate::{IdentifyError, readings_of_last_repeat};
 use machine::Position;
-use machine::record::plan::Step;
+use machine::record::plan::{Scan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
 /// Labels of the scans that the identification uses.
@@ -60,7 +60,7 @@ pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<Obse
         if let (true, Some(scan)) = (is_used, &step.scan) {
             let own = readings_of_last_repeat(step, readings)?;
             for point in 0..scan.path.len() {
-                let at_point = readings_nearest_to_point(&own, &scan.path, point);
+                let at_point = readings_nearest_to_point(&own, scan, point);
                 observed.add_means_at_point(nest, step, point, &scan.path[point], &at_point);
             }
         }
@@ -70,14 +70,9 @@ pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<Obse
 }
 
 /// Readings for which this point of the path is the nearest. All visits of a point count for the first one.
-fn readings_nearest_to_point<'r>(readings: &[&'r Reading], path: &[Position], point: usize) -> Vec<&'r Reading> {
-    let distance = |reading: &Reading, point: &Position| -> f64 {
-        point.iter().map(|(axis, at)| (reading.position.get_or_zero(axis) - at).powi(2)).sum()
-    };
-    let nearest = |reading: &Reading| {
-        (0..path.len()).min_by(|a, b| distance(reading, &path[*a]).total_cmp(&distance(reading, &path[*b])))
-    };
-    readings.iter().filter(|reading| nearest(reading) == Some(point)).copied().collect()
+fn readings_nearest_to_point<'r>(readings: &[&'r Reading], scan: &Scan, point: usize) -> Vec<&'r Reading> {
+    let is_nearest = |reading: &&&Reading| scan.nearest_point_index(&reading.position) == Some(point);
+    readings.iter().filter(is_nearest).copied().collect()
 }
 
 impl ObservedMeans {

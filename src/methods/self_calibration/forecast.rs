@@ -72,8 +72,8 @@ pub fn unchecked_step_ids(setup: &SelfCalibrationSetup<'_>) -> Result<Vec<u32>, 
     let declared = forecast_plan(setup.plan);
     let declared = SelfCalibrationSetup::new(&declared, setup.settings)?.with_known_motions()?;
     let parts = solve_readings(&declared, &nominal_readings(setup), false)?;
-    let found = &parts.identification.outlier_check.smallest_detectable_deviations;
-    let is_unchecked = |step: &&Step| found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label);
+    let checks = &parts.identification.outlier_check.measurement_checks;
+    let is_unchecked = |step: &&Step| checks.iter().any(|one| one.deviation_um.is_none() && one.label == step.label);
     Ok(setup.plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
 }
 

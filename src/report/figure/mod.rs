@@ -42,6 +42,7 @@ pub(super) use error_motion::{MotionCentre, MotionCircles};
 pub(super) use full_turn::RemovedCircle;
 pub use individuals::IndividualsChart;
 pub(super) use matrix::{MIN_SHOWN_COEFFICIENT, correlation_coefficient, draw_matrix};
+pub(super) use points::draw_points_with_circles;
 pub(super) use run_temperatures::draw_run_temperatures;
 pub use temperature_strip::TemperatureCurves;
 
@@ -103,7 +104,7 @@ impl<'a> FunctionFigure<'a> {
         match self.kind {
             FunctionFigureKind::Curve => curve::draw_curve(function, samples),
             FunctionFigureKind::Polar => polar::draw_polar(self),
-            FunctionFigureKind::Points => points::draw_points(function, samples),
+            FunctionFigureKind::Points => points::draw_points(function, samples, &[]),
             FunctionFigureKind::Histogram => histogram::draw_histogram(function, samples),
             FunctionFigureKind::Spectrum => spectrum::draw_spectrum(function, samples),
         }

@@ -3,10 +3,23 @@
 use plotters::prelude::*;
 
 use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
-use super::{INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, curve, draw_picture};
+use super::{FIT_COLOUR, INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
 
-pub(super) fn draw_points(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
+/// Draws the function without uncertainties. Each of `circled_points` (x, y) has a circle about its mark. `None` without
+/// a finite value.
+pub(in crate::report) fn draw_points_with_circles(
+    function: &EstimatedFunction,
+    circled_points: &[[f64; 2]],
+) -> Option<String> {
+    draw_points(function, &super::finite_plot_points(function, 0.0), circled_points)
+}
+
+pub(super) fn draw_points(
+    function: &EstimatedFunction,
+    samples: &[PlotPoint],
+    circled_points: &[[f64; 2]],
+) -> Option<String> {
     let ends = samples
         .iter()
         .flat_map(|sample| [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width]);
@@ -25,6 +38,8 @@ pub(super) fn draw_points(function: &EstimatedFunction, samples: &[PlotPoint]) -
         chart.draw_series(bars)?;
         let marks = samples.iter().map(|sample| (sample.x, sample.y));
         chart.draw_series(marks.map(|point| Circle::new(point, 7, LINE_COLOUR.filled())))?;
+        let circled = circled_points.iter().map(|[x, y]| (*x, *y));
+        chart.draw_series(circled.map(|point| Circle::new(point, 14, FIT_COLOUR.stroke_width(4))))?;
         Ok(())
     })
 }

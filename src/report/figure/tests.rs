@@ -141,6 +141,23 @@ fn points_are_drawn_with_error_bars() {
     }
 }
 
+#[test]
+fn flagged_points_are_circled() {
+    let mut points = sine_function(FunctionFigureKind::Points, 4);
+    points.u = Vec::new();
+    let circled = [points.x[2], points.y[2]];
+    let svg = draw_points_with_circles(&points, &[circled]).unwrap();
+    let centres = |radius: &str| -> Vec<[f64; 2]> {
+        let circles = svg.lines().filter(|line| line.contains(radius)).map(svg_coordinates);
+        circles.map(|numbers| [numbers[0], numbers[1]]).collect()
+    };
+    let marks = centres("r=\"7\"");
+    assert_eq!((marks.len(), centres("r=\"14\"")), (4, vec![marks[2]]));
+    assert!(is_inside_picture(&svg) && smallest_text_on_a_phone(&svg) >= 9.0);
+    points.y = vec![f64::NAN; 4];
+    assert_eq!(draw_points_with_circles(&points, &[]), None);
+}
+
 /// The inner ring of the scale is 0 µm, the outer ring 1 µm.
 #[test]
 fn polar_figure_is_counter_clockwise_from_the_right() {

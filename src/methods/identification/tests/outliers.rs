@@ -1,13 +1,13 @@
 //! Tests of the outlier detection.
 
 use super::{MeanModel, assert_near};
-use crate::identification::outliers::{ResidualStatistics, are_indistinguishable};
+use crate::identification::outliers::{OutlierCheck, ResidualStatistics, are_indistinguishable};
 use crate::identification::{
     CheckedMeasurement, IdentificationOutputs, ObservationEffect, SolvedModel, UncertaintySource, identify,
 };
 
-/// Readings of one quantity; each is a measurement of 1 mm standard uncertainty.
-fn find_outliers(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
+/// Compares readings of one quantity, mm; each is a measurement of 1 mm standard uncertainty.
+fn check_readings(readings: &[f64], has_declared_sizes: bool, rows: usize) -> OutlierCheck {
     let mean = MeanModel::from_readings(readings);
     let fit = mean.solved_linear_fit();
     let measurement = |i: usize| CheckedMeasurement {
@@ -21,8 +21,12 @@ fn find_outliers(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec
     let solution =
         SolvedModel { measurements: &measurements, ..mean.solved_model_of_full_rank(&fit, has_declared_sizes) };
     let source = UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; readings.len()]));
-    let found = identify(&solution, &[source], IdentificationOutputs::default(), None).unwrap();
-    let outliers = found.outlier_check.outliers.into_iter();
+    identify(&solution, &[source], IdentificationOutputs::default(), None).unwrap().outlier_check
+}
+
+/// Label and studentised residual of each outlier.
+fn find_outliers(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
+    let outliers = check_readings(readings, has_declared_sizes, rows).outliers.into_iter();
     outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.t)).collect()
 }
 
@@ -44,6 +48,17 @@ fn a_reading_is_compared_with_all_others() {
     assert!(find_outliers(&READINGS_WITH_OUTLIER, true, 1).is_empty());
     let pairs = find_outliers(&READINGS_WITH_OUTLIER, false, 2);
     assert_eq!((pairs.len(), &*pairs[0].0), (1, "3"));
+}
+
+/// The model is the mean, 10.5125 mm.
+#[test]
+fn residual_is_reading_minus_model() {
+    let checks = check_readings(&READINGS_WITH_OUTLIER, false, 1).measurement_checks;
+    let expected = [-312.5, -812.5, -412.5, -612.5, -112.5, -712.5, -512.5, 3487.5];
+    assert_eq!(checks.len(), expected.len());
+    for (check, expected_um) in checks.iter().zip(expected) {
+        assert_near(check.residual_um.unwrap(), expected_um, 1e-6);
+    }
 }
 
 /// Limits from tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.

@@ -11,6 +11,7 @@ use crate::archive::report::render_report;
 use crate::archive::run_story::{
     describe_events_with_times, describe_record_warnings, describe_run_end, describe_signatures, in_local_time,
 };
+use crate::report::residuals::{residual_figure_values, residual_figures};
 use crate::report::result_row::{ResultRow, RunContext, not_passed, result_rows};
 use crate::report::time::format_local_time;
 use crate::report::{figure_values, temperature};
@@ -56,6 +57,7 @@ fn values_of_run(stored: &StoredRun, earlier: &[RunSummary]) -> Value {
             made => format_local_time(last.created),
             sha256 => last.sha256.as_str(),
             record_warnings => describe_record_warnings(stored),
+            figures => run_figure_values(stored, &last.estimate),
             ..estimate_values(&last.estimate)
         }),
     }
@@ -67,6 +69,11 @@ fn download_values(run: RunId) -> Vec<Value> {
     [("results (CSV)", "results.csv"), ("estimate (JSON)", "estimate.json"), ("readings (CSV)", "readings.csv")]
         .map(|(name, file)| context! { name, path => path(file) })
         .to_vec()
+}
+
+fn run_figure_values(stored: &StoredRun, estimate: &Estimate) -> Vec<Value> {
+    let residuals = residual_figures(&stored.plan, &stored.readings, estimate);
+    [figure_values(estimate), residual_figure_values(&residuals)].concat()
 }
 
 fn estimate_values(estimate: &Estimate) -> Value {
@@ -82,6 +89,5 @@ fn estimate_values(estimate: &Estimate) -> Value {
         details => Serde(&details),
         not_passed => Serde(&not_passed(&rows)),
         warnings => estimate.warnings.clone(),
-        figures => figure_values(estimate),
     }
 }

@@ -1,0 +1,49 @@
+//! Comparison of each measurement with all others: residuals and outliers.
+
+use serde::{Deserialize, Serialize};
+
+/// Comparison of one measurement with all others.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MeasurementCheck {
+    /// Label from the plan.
+    pub label: String,
+    /// Measured value minus the value of the model, outward along a touch; for a point, the length of this vector.
+    /// Absent in estimates of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_um: Option<f64>,
+    /// Smallest deviation that is detected with a probability of 95 %; absent if no other measurement checks it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deviation_um: Option<f64>,
+}
+
+/// A measurement that is far from the value predicted by all others. It is still part of the estimate: the operator
+/// decides whether its readings are flagged `excluded`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Outlier {
+    /// Candidates; several if the readings do not show which of them is wrong.
+    pub candidates: Vec<OutlierCandidate>,
+    /// Externally studentised residual.
+    pub t: f64,
+    /// Action taken, as text; absent: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<String>,
+}
+
+impl Outlier {
+    /// `resolution` of an outlier whose measurement is replaced by a repeated one.
+    pub const REPLACED: &str = "measured again: the last measurement counts";
+
+    /// Whether the estimate contains the measurement no more.
+    pub fn is_replaced(&self) -> bool {
+        self.resolution.as_deref() == Some(Self::REPLACED)
+    }
+}
+
+/// Deviation of one measurement, with the label from the plan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OutlierCandidate {
+    pub label: String,
+    /// Measured value minus the value predicted by all others, outward along the touch; for a ball, the length of the
+    /// displacement.
+    pub deviation_um: f64,
+}
