@@ -42,6 +42,20 @@ impl BodyShape {
             }
         }
     }
+
+    /// Distance from the surface to a point, mm; negative inside the body.
+    pub fn distance_to_surface_mm(&self, point: Vector3<f64>) -> f64 {
+        match *self {
+            BodyShape::Ball { centre, radius } => (point - centre).norm() - radius,
+            BodyShape::Cylinder { from, to, radius } => {
+                let axis = unit_vector(to - from).unwrap_or_default();
+                let height = axis.dot(&(point - from));
+                let beyond_side = (point - from - axis * height).norm() - radius;
+                let beyond_end = (-height).max(height - (to - from).norm());
+                beyond_side.max(0.0).hypot(beyond_end.max(0.0)) + beyond_side.max(beyond_end).min(0.0)
+            }
+        }
+    }
 }
 
 /// All bodies of an artefact; those that the probe touches come first.
@@ -89,4 +103,29 @@ fn stem_body(ball: &Ball) -> Option<ArtefactBody> {
         shape: BodyShape::Cylinder { from, to, radius },
         is_touchable: false,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_to_a_ball_and_a_cylinder_agree_with_distances_by_hand() {
+        let point = |x, z| Vector3::new(x, 0.0, z);
+        let ball = BodyShape::Ball { centre: point(0.0, 5.0), radius: 2.0 };
+        let cylinder = BodyShape::Cylinder { from: point(0.0, 0.0), to: point(0.0, 30.0), radius: 10.0 };
+        // Outside and inside of the ball; beside, above, diagonally above the rim, inside near the side and near the end.
+        let cases = [
+            (ball, point(3.0, 9.0), 3.0),
+            (ball, point(0.0, 4.0), -1.0),
+            (cylinder, point(-12.5, 15.0), 2.5),
+            (cylinder, point(4.0, 31.0), 1.0),
+            (cylinder, point(13.0, -4.0), 5.0),
+            (cylinder, point(9.0, 15.0), -1.0),
+            (cylinder, point(1.0, 29.5), -0.5),
+        ];
+        for (body, point, distance_mm) in cases {
+            assert!((body.distance_to_surface_mm(point) - distance_mm).abs() < 1e-12, "{body:?} {point}");
+        }
+    }
 }

@@ -7,7 +7,7 @@ use crate::report::number::format_fixed;
 use crate::report::step_text::{describe_axis_value, describe_step};
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunId, RunProgress};
-use machine::artefact::{BodyShape, artefact_bodies};
+use machine::artefact::{ArtefactBody, BodyShape, artefact_bodies};
 use machine::kinematics::KinematicChain;
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::record::reading::Reading;
@@ -42,7 +42,7 @@ fn progress_views(progress: &RunProgress) -> Option<Value> {
         done => count("done"),
         next => count("next"),
         step => current_step(progress).map(describe_step),
-        last => progress.last_reading.as_ref().map(reading_values),
+        last => progress.last_reading.as_ref().map(|reading| reading_values(reading, last_deviation_mm(progress))),
         views => VIEW_NAMES_AND_UP_INDEXES.map(|(name, up)| projection_values(name, up, &marks, &bodies)),
     })
 }
@@ -69,13 +69,26 @@ fn current_step(progress: &RunProgress) -> Option<&Step> {
     progress.plan.steps.iter().find(|step| step.id == current)
 }
 
-/// Position, value and temperatures of a reading.
-fn reading_values(reading: &Reading) -> Value {
+/// Deviation of the last touch from the nominal surface of the artefact, outward, mm; `None` for a scan. It contains the
+/// position errors of the artefact and of the axes.
+fn last_deviation_mm(progress: &RunProgress) -> Option<f64> {
+    let RunProgress { plan, last_reading, .. } = progress;
+    let touch = last_reading.as_ref().filter(|reading| reading.value_mm.is_none())?;
+    let [x, y, z] = plan.machine.tool_mm;
+    let tip = KinematicChain::new(&plan.machine).ok()?.tip_in_table(&touch.position, Point::new(x, y, z), &[]).mm;
+    let deviation = |body: ArtefactBody| body.shape.distance_to_surface_mm(tip) - plan.probe.ball_radius_mm;
+    let touchable = artefact_bodies(&plan.artefact).into_iter().filter(|body| body.is_touchable);
+    touchable.map(deviation).min_by(|a, b| a.abs().total_cmp(&b.abs()))
+}
+
+/// Position, value, deviation and temperatures of a reading.
+fn reading_values(reading: &Reading, deviation_mm: Option<f64>) -> Value {
     let position: Vec<String> = reading.position.iter().map(|(axis, value)| describe_axis_value(axis, value)).collect();
     let temperatures = reading.temperatures_c.iter().map(|(name, celsius)| format!("{name} {celsius:.1} °C"));
     context! {
         position => position.join(", "),
         value_mm => reading.value_mm.map(|mm| format_fixed(mm, 4)),
+        deviation_mm => deviation_mm.map(|mm| format_fixed(mm, 3)),
         sensor => reading.sensor.as_str(),
         temperature => temperatures.collect::<Vec<_>>().join(", "),
     }
@@ -173,6 +186,8 @@ fn format_mm(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     /// A cylinder of 20 mm diameter and 30 mm height, and a touch 5 mm beside it: both views are 34.8 mm wide, with
@@ -193,5 +208,34 @@ mod tests {
         let at = mark.get_attr("at").unwrap();
         let at = [0, 1].map(|axis| at.get_item_by_index(axis).unwrap().to_string());
         assert_eq!(at, ["15.00", "-12.00"]);
+    }
+
+    /// A ball of 6 mm diameter on a cylinder of 20 mm diameter. The axis of the cylinder is 1 mm from that of C, which
+    /// turns it by 90° clockwise seen from above; the contact is 50 µm farther out than nominal.
+    #[test]
+    fn deviation_of_a_touch_is_the_distance_from_the_nominal_surface() {
+        let axis = json!({"min": -360.0, "max": 450.0, "rapid_per_min": 6000.0, "acceleration_per_s2": 1000.0});
+        let plan = json!({"trued_plan": 1, "method": "test", "settings": {},
+            "machine": {"name": "test", "topology": "w-C-b-Y-X-Z-t", "tool_mm": [0.0, 0.0, -100.0],
+                "axes": {"X": axis, "Y": axis, "Z": axis, "C": axis}},
+            "probe": {"ball_radius_mm": 3.0},
+            "artefact": {"kind": "cylinder", "centre_mm": [0.0, 1.0, 0.0], "axis": [0.0, 0.0, 1.0],
+                "radius_mm": 10.0, "height_mm": 30.0}});
+        let deviation = |value_mm: Option<f64>| {
+            let reading = json!({"step": 0, "repeat": 0, "position": {}, "sensor": "probe", "t_s": 0.0,
+                "value_mm": value_mm});
+            let mut reading: Reading = serde_json::from_value(reading).unwrap();
+            reading.position = [(Axis::X, 1.0 + 13.05), (Axis::Z, 112.0), (Axis::C, std::f64::consts::FRAC_PI_2)]
+                .into_iter()
+                .collect();
+            last_deviation_mm(&RunProgress {
+                plan: serde_json::from_value(plan.clone()).unwrap(),
+                stages: Vec::new(),
+                stored_steps_and_repeats: Vec::new(),
+                last_reading: Some(reading),
+            })
+        };
+        assert!((deviation(None).unwrap() - 0.05).abs() < 1e-12, "{:?}", deviation(None));
+        assert_eq!(deviation(Some(1.0)), None);
     }
 }
