@@ -9,7 +9,7 @@ use super::normalise::replace_hashes;
 
 const RELATIVE_TOLERANCE: f64 = 1e-9;
 const ABSOLUTE_TOLERANCE: f64 = 1e-12;
-/// Tolerance of the figures' points, µm: differences of positions of some 500 mm, which are rounded to 1e-13 mm.
+/// Tolerance of the figures' points and of residuals, µm: differences of positions of some 500 mm, which are rounded to 1e-13 mm.
 const FIGURE_TOLERANCE_UM: f64 = 1e-9;
 /// Maximum number of differences that a message lists; all are counted.
 const MAX_LISTED_DIFFERENCES: usize = 20;
@@ -110,8 +110,9 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
         }
         (Value::Number(a), Value::Number(b)) => {
             let (a, b) = (a.to_string(), b.to_string());
-            let is_figure = path.starts_with("$.arrows") || path.starts_with("$.functions");
-            let floor = if is_figure { FIGURE_TOLERANCE_UM } else { ABSOLUTE_TOLERANCE };
+            let is_position_difference =
+                path.starts_with("$.arrows") || path.starts_with("$.functions") || path.ends_with(".residual_um");
+            let floor = if is_position_difference { FIGURE_TOLERANCE_UM } else { ABSOLUTE_TOLERANCE };
             if !are_numbers_equal_within_tolerance(&a, &b, floor) {
                 differences.add_difference(path, &a, &b);
             }

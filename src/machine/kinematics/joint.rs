@@ -83,18 +83,20 @@ impl Joint {
         axis_motion(self.axis, self.direction_with_gains(errors), self.point, amount)
     }
 
-    /// Location errors and error motions: one motion per component, in the order of [`ERROR_COMPONENT_ORDER`].
+    /// Location errors and error motions: one motion per component, in the order of [`ERROR_COMPONENT_ORDER`]. The
+    /// translations come first and commute, and all rotations are about the same point.
     pub(super) fn error_pose(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        if self.errors_of_axis(errors).next().is_none() {
-            return Pose::identity();
-        }
+        let mut amounts = [0.0; Axis::ALL.len()];
         let command = position.get_or_zero(self.axis);
-        ERROR_COMPONENT_ORDER.into_iter().fold(Pose::identity(), |outer, component| {
-            match self.component_error_amount(component, command, errors) {
-                0.0 => outer,
-                amount => outer * self.component_pose(component, amount),
-            }
-        })
+        for error in self.errors_of_axis(errors).filter(|e| e.parameter.shape() != ErrorShape::Gain) {
+            amounts[error.parameter.component() as usize] += error.value * error.parameter.shape_factor(command);
+        }
+        let [x, y, z, a, b, c, _] = amounts;
+        let rotation = [(Vector3::x_axis(), a), (Vector3::y_axis(), b), (Vector3::z_axis(), c)]
+            .into_iter()
+            .filter(|(_, angle)| *angle != 0.0)
+            .fold(Rotation3::identity(), |outer, (axis, angle)| outer * Rotation3::from_axis_angle(&axis, angle));
+        Translation3::new(x, y, z) * Pose::rotation_wrt_point(rotation, self.point.into())
     }
 
     /// Motion by the sum of the joint's errors of one component; the errors share one generator, so they add up.

@@ -116,22 +116,21 @@ impl KinematicChain {
 
     /// ∂p_w/∂(X, Y, Z), constant over X, Y, Z.
     pub fn linear_axes_jacobian(&self, position: &Position, errors: &[ErrorTerm]) -> Matrix3<f64> {
-        let into_table = self.machine_from_table(position, errors).rotation.inverse();
-        let mut columns = Matrix3::zeros();
-        for (branch, side) in [(&self.workpiece_joints, -1.0), (&self.tool_joints, 1.0)] {
-            let mut carrier_pose = Rotation3::identity();
-            for joint in branch {
-                if let Some(index) = Axis::LINEAR.into_iter().position(|a| a == joint.axis) {
-                    let pose_with_location_errors = carrier_pose * joint.error_pose(position, errors).rotation;
-                    columns.set_column(
-                        index,
-                        &(into_table * pose_with_location_errors * joint.travel_per_command(errors) * side),
-                    );
+        let mut columns_in_machine = Matrix3::zeros();
+        let mut pass_branch = |branch: &[Joint], side: f64| {
+            branch.iter().fold(Rotation3::identity(), |carrier, joint| {
+                let with_errors = carrier * joint.error_pose(position, errors).rotation;
+                if joint.axis.is_linear() {
+                    let travel = with_errors * joint.travel_per_command(errors) * side;
+                    columns_in_machine.set_column(joint.axis as usize, &travel);
+                    return with_errors;
                 }
-                carrier_pose *= joint.pose_with_errors(position, errors).rotation;
-            }
-        }
-        columns
+                with_errors * joint.pose_with_gains(position, errors).rotation
+            })
+        };
+        pass_branch(&self.tool_joints, 1.0);
+        let table_rotation = pass_branch(&self.workpiece_joints, -1.0);
+        table_rotation.inverse() * columns_in_machine
     }
 }
 
