@@ -2,6 +2,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
+use nalgebra::{DVector, DVectorView};
 
 /// A known column is a linear combination of the columns before it if less than this fraction of its length is
 /// independent of them.
@@ -28,7 +29,7 @@ pub fn independent_candidate_indices(
 pub fn find_linear_combination(known: &[Vec<f64>], column: &[f64], max_rest_share: f64) -> Option<Vec<f64>> {
     let (rows, count) = (column.len(), known.len());
     if count == 0 {
-        return (column_norm(column) == 0.0).then(Vec::new);
+        return column.iter().all(|x| *x == 0.0).then(Vec::new);
     }
     if rows < count {
         return None;
@@ -44,25 +45,19 @@ pub fn find_linear_combination(known: &[Vec<f64>], column: &[f64], max_rest_shar
 
 /// Returns whether more than the fraction `min_share` of the length of `column` is independent of the orthonormal
 /// `basis`. If so, extends the basis by it (Gram–Schmidt, twice: Giraud et al., Numer. Math. 101, 2005).
-fn extend_basis_if_independent(basis: &mut Vec<Vec<f64>>, column: &[f64], min_share: f64) -> bool {
-    let mut remainder = column.to_vec();
+fn extend_basis_if_independent(basis: &mut Vec<DVector<f64>>, column: &[f64], min_share: f64) -> bool {
+    let mut remainder = DVector::from_column_slice(column);
     for _ in 0..2 {
         for unit in basis.iter() {
-            let share: f64 = unit.iter().zip(&remainder).map(|(u, r)| u * r).sum();
-            remainder.iter_mut().zip(unit).for_each(|(r, u)| *r -= share * u);
+            remainder.axpy(-unit.dot(&remainder), unit, 1.0);
         }
     }
-    let rest = column_norm(&remainder);
-    let is_independent = rest > min_share * column_norm(column);
+    let rest = remainder.norm();
+    let is_independent = rest > min_share * DVectorView::from_slice(column, column.len()).norm();
     if is_independent {
-        remainder.iter_mut().for_each(|r| *r /= rest);
-        basis.push(remainder);
+        basis.push(remainder / rest);
     }
     is_independent
-}
-
-fn column_norm(column: &[f64]) -> f64 {
-    column.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 #[cfg(test)]

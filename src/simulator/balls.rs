@@ -23,6 +23,8 @@ struct TrueBall {
     /// Matrix F that adds uᵀ·F·u to the radius along the unit vector u: an oval.
     form_matrix: Matrix3<f64>,
     stem: Option<BallStem>,
+    /// Radius about the centre of a sphere that contains ball and stem.
+    enclosing_radius: f64,
     /// Displacements of the centre, each with the time from which it holds, s.
     timed_displacements: Vec<(f64, Vector3<f64>)>,
 }
@@ -78,25 +80,27 @@ impl TrueBall {
         let draw = |part| draw_normal(truth.seed, RandomSource::BallDeviation, &[index as u64, part]);
         let diameter_um = own.diameter_um + truth.ball_diameter_um * draw(3);
         let form_um = own.form_um.unwrap_or(truth.ball_form_um);
+        let has_stem = length > 0.0 && radius > 0.0 && along != Vector3::zeros();
+        let stem = has_stem.then_some(BallStem { direction: along, length_mm: length, radius_mm: radius });
+        let ball_radius = stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3;
+        let form_matrix = draw_ball_oval(truth.seed, index) * (form_um * 1e-3);
+        let max_ball_radius = ball_radius + max_form_deviation(&form_matrix);
         Self {
             centre: Vector3::from(stated.centre_mm)
                 + truth.artefact_offset_mm()
                 + Vector3::from(own.offset_mm)
                 + Vector3::new(draw(0), draw(1), draw(2)) * truth.ball_offset_mm,
-            radius: stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3,
-            form_matrix: draw_ball_oval(truth.seed, index) * (form_um * 1e-3),
-            stem: (length > 0.0 && radius > 0.0 && along != Vector3::zeros()).then_some(BallStem {
-                direction: along,
-                length_mm: length,
-                radius_mm: radius,
-            }),
+            radius: ball_radius,
+            form_matrix,
+            stem,
+            enclosing_radius: stem.map_or(max_ball_radius, |stem| max_ball_radius.max(stem.farthest_point_distance())),
             timed_displacements: moves.map(|moved| (moved.at_s, Vector3::from(moved.by_mm))).collect(),
         }
     }
 
     fn is_valid(&self) -> bool {
         let centre = self.centre.iter().all(|coordinate| coordinate.is_finite());
-        centre && self.radius > 2.0 * self.form_matrix.abs().sum() && self.radius.is_finite()
+        centre && self.radius > max_form_deviation(&self.form_matrix) && self.radius.is_finite()
     }
 
     fn displacement_at(&self, t_s: f64) -> Vector3<f64> {
@@ -105,12 +109,15 @@ impl TrueBall {
 
     /// Lower bound of the distance between `point` (table frame) and the ball.
     fn distance_lower_bound(&self, point: Vector3<f64>) -> f64 {
-        (point - self.centre).norm() - self.radius - 2.0 * self.form_matrix.abs().sum()
+        (point - self.centre).norm() - self.radius - max_form_deviation(&self.form_matrix)
     }
 
     /// The nearer to `point` (table frame) of `best` and the surface of this ball with its stem.
     fn nearer_surface(&self, point: Vector3<f64>, best: NearestSurface) -> NearestSurface {
         let from_centre = point - self.centre;
+        if from_centre.norm() - self.enclosing_radius >= best.signed_distance {
+            return best;
+        }
         let may_be_nearer = self.distance_lower_bound(point) < best.signed_distance;
         let best = if may_be_nearer { best.or_nearer(self.nearest_ball_surface(from_centre)) } else { best };
         self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
@@ -144,11 +151,21 @@ impl TrueBall {
     }
 }
 
+/// Upper bound of the deviation of an oval from its mean radius, mm.
+fn max_form_deviation(form_matrix: &Matrix3<f64>) -> f64 {
+    2.0 * form_matrix.abs().sum()
+}
+
 const MAX_PERPENDICULAR_ITERATIONS: usize = 30;
 /// Squared change of angle, rad², below which the foot of a perpendicular has converged.
 const PERPENDICULAR_FOOT_CONVERGENCE_RAD2: f64 = 1e-28;
 
 impl BallStem {
+    /// Distance of its farthest point from the ball's centre.
+    fn farthest_point_distance(&self) -> f64 {
+        self.length_mm.hypot(self.radius_mm)
+    }
+
     fn nearest(&self, from_centre: Vector3<f64>) -> NearestSurface {
         let along = from_centre.dot(&self.direction);
         let across = from_centre - self.direction * along;

@@ -71,15 +71,16 @@ impl TrueCylinder {
 pub(super) struct RadiusProfile {
     /// Mean radius, mm.
     radius: f64,
-    /// (order, cosine, sine), mm.
-    order_cos_sin_terms: Vec<(f64, f64, f64)>,
+    /// (order, cosine, sine), mm, by increasing order.
+    order_cos_sin_terms: Vec<(u32, f64, f64)>,
     /// Upper bound of the deviation of the radius from its mean, mm.
     max_deviation_bound: f64,
 }
 
 impl RadiusProfile {
     pub fn new(radius: f64, form: impl IntoIterator<Item = FormHarmonic>) -> Self {
-        let terms: Vec<_> = form.into_iter().map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3)).collect();
+        let mut terms: Vec<_> = form.into_iter().map(|h| (h.n, h.cos_um * 1e-3, h.sin_um * 1e-3)).collect();
+        terms.sort_by_key(|(order, ..)| *order);
         let amplitude = terms.iter().map(|(_, c, s)| c.hypot(*s)).sum();
         Self { radius, order_cos_sin_terms: terms, max_deviation_bound: amplitude }
     }
@@ -91,11 +92,19 @@ impl RadiusProfile {
 
     /// Radius and its first two derivatives.
     fn radius_and_derivatives(&self, psi: f64) -> [f64; 3] {
-        self.order_cos_sin_terms.iter().fold([self.radius, 0.0, 0.0], |[r, d, dd], (n, c, s)| {
-            let (sin, cos) = (n * psi).sin_cos();
-            let value = c * cos + s * sin;
-            [r + value, d + n * (s * cos - c * sin), dd - n * n * value]
-        })
+        let (mut sums, mut order) = ([self.radius, 0.0, 0.0], 0);
+        let (sin_psi, cos_psi) = psi.sin_cos();
+        // Cosine and sine of order·psi, by the addition theorem: many sines would take most of a simulated turn.
+        let (mut cos, mut sin) = (1.0, 0.0);
+        for (n, c, s) in &self.order_cos_sin_terms {
+            while order < *n {
+                (cos, sin) = (cos * cos_psi - sin * sin_psi, sin * cos_psi + cos * sin_psi);
+                order += 1;
+            }
+            let (n, value) = (f64::from(*n), c * cos + s * sin);
+            sums = [sums[0] + value, sums[1] + n * (s * cos - c * sin), sums[2] - n * n * value];
+        }
+        sums
     }
 
     /// Signed distance of `point` from the profile grown by `growth`, and the outward normal.
@@ -121,7 +130,7 @@ impl RadiusProfile {
             (rho - r).powi(2) + 4.0 * rho * r * ((psi - angle) / 2.0).sin().powi(2)
         };
         let window = self.search_half_width_rad(rho, distance2(angle).sqrt(), growth);
-        let order = self.order_cos_sin_terms.iter().map(|t| t.0).fold(1.0, f64::max);
+        let order = self.order_cos_sin_terms.last().map_or(1.0, |(order, ..)| f64::from(*order).max(1.0));
         let samples = (window * order * 4.0 / PI).ceil().max(1.0) as i32;
         let best = (-samples..=samples)
             .map(|i| angle + window * f64::from(i) / f64::from(samples))
