@@ -108,23 +108,25 @@ impl Bodies {
     fn overlapped_body_and_ball_gap(&self, kind: TestTopology, at: AxisValues) -> (Option<String>, f64) {
         let [tilted, table] = kind.tilt_and_table_frames(at);
         let datum = kind.spindle_datum(at);
-        let seen = |from: &Matrix, p: Point| map_point_back(from, std::array::from_fn(|i| datum[i] + p[i]));
-        let hit = |frame: &Matrix, solids: &[Solid]| {
+        let tool_balls_in = |frame: &Matrix| -> Vec<(Point, f64)> {
+            let seen = |p: Point| map_point_back(frame, std::array::from_fn(|i| datum[i] + p[i]));
+            self.tool_balls.iter().map(|(p, radius)| (seen(*p), *radius)).collect()
+        };
+        let hit = |tool_balls: &[(Point, f64)], solids: &[Solid]| {
             solids.iter().position(|solid| {
                 let (middle, bound) = (solid.middle(), solid.bounding_radius());
-                self.tool_balls.iter().any(|(p, radius)| {
-                    let p = seen(frame, *p);
-                    length(subtract(p, middle)) < bound + radius && solid.distance(p) < *radius
-                })
+                tool_balls
+                    .iter()
+                    .any(|(p, radius)| length(subtract(*p, middle)) < bound + radius && solid.distance(*p) < *radius)
             })
         };
-        let gap = |(p, radius): &(Point, f64), (centre, ball): &(Point, f64)| {
-            length(subtract(seen(&table, *p), *centre)) - radius - ball
-        };
-        let [tip, rest @ ..] = &self.tool_balls[..] else { panic!("a tool") };
-        let met = hit(&tilted, &self.solids_on_tilt_and_table[0])
+        let gap =
+            |(p, radius): &(Point, f64), (centre, ball): &(Point, f64)| length(subtract(*p, *centre)) - radius - ball;
+        let on_table = tool_balls_in(&table);
+        let [tip, rest @ ..] = &on_table[..] else { panic!("a tool") };
+        let met = hit(&tool_balls_in(&tilted), &self.solids_on_tilt_and_table[0])
             .map(|k| format!("solid {k} that tilts"))
-            .or_else(|| hit(&table, &self.solids_on_tilt_and_table[1]).map(|k| format!("solid {k} on the table")))
+            .or_else(|| hit(&on_table, &self.solids_on_tilt_and_table[1]).map(|k| format!("solid {k} on the table")))
             .or_else(|| {
                 let in_ball = |ball| rest.iter().any(|part| gap(part, ball) < 0.0);
                 self.artefact_balls.iter().position(in_ball).map(|k| format!("the stylus in ball {}", k + 1))
@@ -208,11 +210,13 @@ fn assert_no_collision(text: &str, kind: TestTopology) {
     let file: Table = text.parse().unwrap();
     let (bodies, text) = (Bodies::from_machine_file(&file), render_dome_program(&file));
     let ways = parse_program_moves(&text);
-    let ends: Vec<_> = ways.par_iter().map(|way| way.hit_body_and_touched_ball(&bodies, kind)).collect();
-    for (way, (met, touched)) in ways.iter().zip(&ends) {
-        assert_eq!(*met, None, "{} from {:?}", way.program_line, way.from);
-        assert_eq!(*touched, way.is_touch, "{} from {:?}", way.program_line, way.from);
-    }
+    // The gate checks a part of the paths, of all kinds: 7 has no common divisor with the moves of a touch.
+    let step = if is_full_test_run() { 1 } else { 7 };
+    ways.par_iter().step_by(step).for_each(|way| {
+        let (met, touched) = way.hit_body_and_touched_ball(&bodies, kind);
+        assert_eq!(met, None, "{} from {:?}", way.program_line, way.from);
+        assert_eq!(touched, way.is_touch, "{} from {:?}", way.program_line, way.from);
+    });
     let touches = ways.iter().filter(|way| way.is_touch).count();
     println!("{} ways, {touches} of them touches", ways.len());
     assert!(touches > 5 * 600 && ways.len() > 4 * touches, "{touches} of {}", ways.len());

@@ -35,7 +35,7 @@ pub enum Pool {
     LinuxCnc,
     /// Runs grblHAL, which computes its steps in real time: a busy core would delay them.
     GrblHal,
-    /// Measures time, load or memory: no other trial runs meanwhile.
+    /// Measures time, load or memory, or must reply in time: no other trial runs meanwhile.
     Alone,
 }
 
