@@ -58,7 +58,7 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         reading_count: stored.readings.len(),
         temperature_rows: temperature::temperature_rows(&stored.readings),
         temperature_curves: temperature::temperature_curves(&stored.readings),
-        residual_figures: residuals::residual_figures(&stored.plan, &stored.readings, &last.estimate),
+        residual_figures: residuals::residual_figures(&stored.readings, &last.estimate),
         run_state: stored.summary.state.as_str().to_owned(),
         events_with_times: in_local_time(describe_events_with_times(&stored)),
         signatures: Some(describe_signatures(&stored)),

@@ -15,7 +15,6 @@ pub mod decision;
 pub mod identification;
 pub mod laser_r_test;
 pub mod latch_delay;
-pub mod measurement_conditions;
 pub mod multiprobe;
 pub mod named_symbol;
 mod outlier_repeats;

@@ -25,7 +25,7 @@ fn is_outlier_repeat(repeat_number: u32) -> bool {
 
 /// Readings in which the last outlier repeat of each step, among those with numbers below `end_repeat`, replaces the
 /// earlier measurements of the step.
-pub(super) fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, [Reading]> {
+fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, [Reading]> {
     if !readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
         return Cow::Borrowed(readings);
     }
@@ -46,7 +46,7 @@ pub(super) fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) 
 }
 
 /// Whether `label` belongs to the measurement `measurement_label`: it is equal, or a label below it.
-pub(super) fn is_part_of_measurement(label: &str, measurement_label: &str) -> bool {
+fn is_part_of_measurement(label: &str, measurement_label: &str) -> bool {
     let rest = label.strip_prefix(measurement_label);
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }

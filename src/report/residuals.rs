@@ -1,15 +1,15 @@
 //! Residuals of the measurements over the time of the run and over the temperature: a drift or a thermal effect that
 //! the model does not contain is visible as a trend.
 
+use std::collections::BTreeSet;
+
 use minijinja::{Value, context};
 
 use super::captions::{svg_value, symbol_value};
 use super::figure;
 use machine::record::estimate::{Estimate, EstimatedFunction, FunctionFigureKind, Unit};
-use machine::record::measurement_check::{MeasurementCheck, Outlier};
-use machine::record::plan::Plan;
+use machine::record::measurement_check::MeasurementCheck;
 use machine::record::reading::Reading;
-use methods::measurement_conditions::{MeasurementConditions, measurement_conditions};
 
 /// Minimum number of measurements with a figure.
 const MIN_MEASUREMENTS: usize = 3;
@@ -27,9 +27,9 @@ pub struct ResidualFigure {
 
 /// Figures of the residuals of a run: over the time, and over the temperature of each thermometer whose temperature
 /// changed. Empty for an estimate without residuals.
-pub fn residual_figures(plan: &Plan, readings: &[Reading], estimate: &Estimate) -> Vec<ResidualFigure> {
-    let Some(residuals) = RunResiduals::new(plan, readings, estimate) else { return Vec::new() };
-    let mut figures = vec![residuals.figure_over_time(readings)];
+pub fn residual_figures(readings: &[Reading], estimate: &Estimate) -> Vec<ResidualFigure> {
+    let Some(residuals) = RunResiduals::new(readings, estimate) else { return Vec::new() };
+    let mut figures = vec![residuals.figure_over_time()];
     figures.extend(residuals.thermometer_names().iter().filter_map(|name| residuals.figure_over_temperature(name)));
     figures
 }
@@ -48,51 +48,40 @@ pub fn residual_figure_values(figures: &[ResidualFigure]) -> Vec<Value> {
 }
 
 /// Residual of one measurement.
-struct MeasurementResidual<'a> {
+struct MeasurementResidual {
     residual_um: f64,
     is_outlier_candidate: bool,
-    conditions: Option<&'a MeasurementConditions>,
+    t_s: Option<f64>,
 }
 
 struct RunResiduals<'a> {
-    estimate: &'a Estimate,
+    readings: &'a [Reading],
     /// Measurements with a finite residual.
-    checks: Vec<(&'a MeasurementCheck, f64)>,
-    /// Conditions of each of the `checks`.
-    conditions: Vec<Option<MeasurementConditions>>,
+    measurements: Vec<MeasurementResidual>,
 }
 
 impl<'a> RunResiduals<'a> {
-    fn new(plan: &Plan, readings: &[Reading], estimate: &'a Estimate) -> Option<Self> {
-        let checks = estimate.measurement_checks.iter();
-        let checks: Vec<(&MeasurementCheck, f64)> =
-            checks.filter_map(|check| Some((check, check.residual_um.filter(|um| um.is_finite())?))).collect();
-        let labels: Vec<&str> = checks.iter().map(|(check, _)| check.label.as_str()).collect();
-        (checks.len() >= MIN_MEASUREMENTS).then(|| {
-            let conditions = measurement_conditions(plan, readings, &labels);
-            Self { estimate, checks, conditions }
-        })
-    }
-
-    fn residuals(&self) -> impl Iterator<Item = MeasurementResidual<'_>> {
-        let unresolved = |outlier: &&Outlier| !outlier.is_replaced();
-        let is_candidate = move |label: &str| {
-            let mut candidates = self.estimate.outliers.iter().filter(unresolved).flat_map(|one| &one.candidates);
-            candidates.any(|candidate| candidate.label == label)
+    fn new(readings: &'a [Reading], estimate: &Estimate) -> Option<Self> {
+        let unresolved = estimate.outliers.iter().filter(|outlier| !outlier.is_replaced());
+        let candidates: BTreeSet<&str> =
+            unresolved.flat_map(|outlier| &outlier.candidates).map(|candidate| candidate.label.as_str()).collect();
+        let measurement = |check: &MeasurementCheck| {
+            Some(MeasurementResidual {
+                residual_um: check.residual_um.filter(|um| um.is_finite())?,
+                is_outlier_candidate: candidates.contains(check.label.as_str()),
+                t_s: check.t_s,
+            })
         };
-        self.checks.iter().zip(&self.conditions).map(move |((check, residual_um), conditions)| MeasurementResidual {
-            residual_um: *residual_um,
-            is_outlier_candidate: is_candidate(&check.label),
-            conditions: conditions.as_ref(),
-        })
+        let measurements: Vec<MeasurementResidual> =
+            estimate.measurement_checks.iter().filter_map(measurement).collect();
+        (measurements.len() >= MIN_MEASUREMENTS).then_some(Self { readings, measurements })
     }
 
     /// Over the time since the first reading, or over the number of the measurement if a time is unknown.
-    fn figure_over_time(&self, readings: &[Reading]) -> ResidualFigure {
-        let begin_s = readings.first().map_or(0.0, |first| first.t_s);
-        let minutes =
-            |residual: &MeasurementResidual<'_>| Some((residual.conditions?.t_s - begin_s) / SECONDS_PER_MINUTE);
-        let times: Option<Vec<f64>> = self.residuals().map(|residual| minutes(&residual)).collect();
+    fn figure_over_time(&self) -> ResidualFigure {
+        let begin_s = self.readings.first().map_or(0.0, |first| first.t_s);
+        let minutes = |measurement: &MeasurementResidual| Some((measurement.t_s? - begin_s) / SECONDS_PER_MINUTE);
+        let times: Option<Vec<f64>> = self.measurements.iter().map(minutes).collect();
         match times.filter(|times| is_changing(times)) {
             Some(times) => {
                 let caption = format!(
@@ -103,17 +92,21 @@ impl<'a> RunResiduals<'a> {
                 self.figure_over(["time", "min"], times.into_iter().map(Some), caption)
             }
             None => {
-                let numbers = (1..=self.checks.len()).map(|number| Some(number as f64));
+                let numbers = (1..=self.measurements.len()).map(|number| Some(number as f64));
                 let caption = format!("over the number of the measurement: {}", self.describe_residuals());
                 self.figure_over(["measurement number", ""], numbers, caption)
             }
         }
     }
 
-    /// `None` if the temperature did not change or is known for too few measurements.
+    /// Temperatures at the readings nearest in time. `None` if the temperature did not change or is known for too few
+    /// measurements.
     fn figure_over_temperature(&self, thermometer: &str) -> Option<ResidualFigure> {
-        let celsius = |residual: MeasurementResidual<'_>| residual.conditions?.temperatures_c.get(thermometer).copied();
-        let all: Vec<Option<f64>> = self.residuals().map(celsius).collect();
+        let of_reading = |reading: &Reading| Some((reading.t_s, reading.temperatures_c.get(thermometer)?));
+        let mut by_time: Vec<(f64, f64)> = self.readings.iter().filter_map(of_reading).collect();
+        by_time.sort_by(|one, other| one.0.total_cmp(&other.0));
+        let celsius = |measurement: &MeasurementResidual| nearest_value(&by_time, measurement.t_s?);
+        let all: Vec<Option<f64>> = self.measurements.iter().map(celsius).collect();
         let known: Vec<f64> = all.iter().flatten().copied().collect();
         let caption = format!(
             "over the temperature of the thermometer {thermometer}: the same residuals. A trend indicates a \
@@ -130,8 +123,8 @@ impl<'a> RunResiduals<'a> {
         arguments: impl Iterator<Item = Option<f64>>,
         caption: String,
     ) -> ResidualFigure {
-        let points = arguments.zip(self.residuals());
-        let mut points: Vec<(f64, MeasurementResidual<'_>)> = points.filter_map(|(x, own)| Some((x?, own))).collect();
+        let points = arguments.zip(&self.measurements);
+        let mut points: Vec<(f64, &MeasurementResidual)> = points.filter_map(|(x, own)| Some((x?, own))).collect();
         points.sort_by(|one, other| one.0.total_cmp(&other.0));
         let candidates = points.iter().filter(|(_, residual)| residual.is_outlier_candidate);
         let outlier_points: Vec<[f64; 2]> = candidates.map(|(x, residual)| [*x, residual.residual_um]).collect();
@@ -153,11 +146,11 @@ impl<'a> RunResiduals<'a> {
 
     /// Whether the residuals are lengths of vectors, which are not negative.
     fn are_lengths(&self) -> bool {
-        self.checks.iter().all(|(_, residual_um)| *residual_um >= 0.0)
+        self.measurements.iter().all(|measurement| measurement.residual_um >= 0.0)
     }
 
     fn describe_residuals(&self) -> String {
-        let count = self.checks.len();
+        let count = self.measurements.len();
         match self.are_lengths() {
             true => format!("length of the vector from the modelled to the measured point, {count} measurements"),
             false => format!("measured minus modelled value, {count} measurements"),
@@ -165,10 +158,17 @@ impl<'a> RunResiduals<'a> {
     }
 
     /// Names of the thermometers, each once.
-    fn thermometer_names(&self) -> Vec<String> {
-        let names = self.conditions.iter().flatten().flat_map(|conditions| conditions.temperatures_c.keys().cloned());
-        names.collect::<std::collections::BTreeSet<String>>().into_iter().collect()
+    fn thermometer_names(&self) -> BTreeSet<&str> {
+        self.readings.iter().flat_map(|reading| reading.temperatures_c.iter().map(|(name, _)| name)).collect()
     }
+}
+
+/// Value at the time nearest to `t_s`, of (time, value) in the order of time.
+fn nearest_value(by_time: &[(f64, f64)], t_s: f64) -> Option<f64> {
+    let next = by_time.partition_point(|(time_s, _)| *time_s < t_s);
+    let neighbours = &by_time[next.saturating_sub(1)..(next + 1).min(by_time.len())];
+    let nearest = neighbours.iter().min_by(|one, other| (one.0 - t_s).abs().total_cmp(&(other.0 - t_s).abs()));
+    nearest.map(|(_, value)| *value)
 }
 
 fn is_changing(values: &[f64]) -> bool {

@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 pub struct MeasurementCheck {
     /// Label from the plan.
     pub label: String,
+    /// Mean time of its readings, on their clock, s. Absent in estimates of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub t_s: Option<f64>,
     /// Measured value minus the value of the model, outward along a touch; for a point, the length of this vector.
     /// Absent in estimates of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]

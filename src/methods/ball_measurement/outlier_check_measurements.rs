@@ -24,6 +24,7 @@ pub fn measurements_for_outlier_check(
             residual_rows: first..first + 3,
             residual_mm: residual.norm(),
             u_mm,
+            mean_time_s: measured.mean_time_s,
         }
     };
     (0..observed.centres.len()).map(measurement).collect()

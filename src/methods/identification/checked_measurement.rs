@@ -18,6 +18,8 @@ pub struct CheckedMeasurement {
     pub residual_mm: f64,
     /// Standard uncertainty from the sources in the weights, mm.
     pub u_mm: f64,
+    /// Mean time of its readings, on their clock, s.
+    pub mean_time_s: f64,
 }
 
 /// Mean standard uncertainty of a coordinate, mm. `weight` converts mm to weighted rows.

@@ -146,8 +146,12 @@ impl OutlierSearch<'_> {
             1e3 * residual * measurement.u_mm / self.residual_share_of_deviation(measurement)
         };
         let deviation_um = self.studentised_residual_limit(measurement).map(um);
-        let residual_um = Some(1e3 * measurement.residual_mm);
-        MeasurementCheck { label: measurement.label.clone(), residual_um, deviation_um }
+        MeasurementCheck {
+            label: measurement.label.clone(),
+            t_s: Some(measurement.mean_time_s),
+            residual_um: Some(1e3 * measurement.residual_mm),
+            deviation_um,
+        }
     }
 }
 

@@ -59,7 +59,7 @@ pub fn identify_scans<'a>(
     let machine = NonlinearFit { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
     let residuals = outputs::position_residuals(&problem, groups, &minimum.x);
-    let measurements = checked_pose_measurements(&problem, groups, &residuals);
+    let measurements = checked_pose_measurements(&problem, &grouped, &residuals);
     let solution = SolvedModel {
         model: &CombinedFit {
             centre_fit: centres,
@@ -174,7 +174,7 @@ fn centre_observations(grouped: &GroupedScans, x: &[f64], covariances: Vec<Matri
 /// One measurement for the sphere at each pose.
 fn checked_pose_measurements(
     problem: &MachineEquations,
-    groups: &[PoseGroup],
+    grouped: &GroupedScans,
     residuals: &[Vector3<f64>],
 ) -> Vec<CheckedMeasurement> {
     let measurement = |(i, group): (usize, &PoseGroup)| CheckedMeasurement {
@@ -183,8 +183,9 @@ fn checked_pose_measurements(
         residual_rows: 3 * i..3 * i + 3,
         residual_mm: residuals[i].norm(),
         u_mm: mean_coordinate_u_mm(&problem.centre_observations[i].whitening_matrix),
+        mean_time_s: grouped.mean_time_of_group_s(i),
     };
-    groups.iter().enumerate().map(measurement).collect()
+    grouped.groups.iter().enumerate().map(measurement).collect()
 }
 
 fn solve_machine_errors(

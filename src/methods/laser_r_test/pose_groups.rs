@@ -175,6 +175,16 @@ fn coarsest_resolution_std_u_mm(setup: &LaserSetup<'_>) -> f64 {
     Axis::LINEAR.into_iter().map(along).fold(0.0, f64::max)
 }
 
+impl GroupedScans {
+    /// Mean time of the samples of a group, s.
+    pub fn mean_time_of_group_s(&self, group: usize) -> f64 {
+        let rows = self.centre_equations.dwell_points.iter().zip(&self.sample_means);
+        let times: Vec<f64> =
+            rows.filter(|(row, _)| row.group_index == group).map(|(_, mean)| mean.time_in_run_s).collect();
+        times.iter().sum::<f64>() / times.len() as f64
+    }
+}
+
 impl PoseGroup {
     /// Positions of all axes with the zero point at a centre given in the machine frame.
     pub fn axis_positions(&self, centre: Vector3<f64>) -> Position {

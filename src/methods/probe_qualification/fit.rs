@@ -111,6 +111,7 @@ fn touch_measurements(observed: &ObservedTouches, residuals: &[f64], u_mm: f64) 
         residual_rows: i..i + 1,
         residual_mm: residuals[i],
         u_mm,
+        mean_time_s: touch.time_in_run_s,
     };
     observed.touches.iter().enumerate().map(measurement).collect()
 }

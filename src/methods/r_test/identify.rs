@@ -130,6 +130,7 @@ fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSoluti
         residual_rows: i..i + 1,
         residual_mm: minimum.residuals[i] * equation.observation_std_u_mm[i],
         u_mm: equation.observation_std_u_mm[i],
+        mean_time_s: mean.mean_time_in_run_s,
     };
     equation.means.iter().enumerate().map(measurement).collect()
 }

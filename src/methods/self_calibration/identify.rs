@@ -162,6 +162,7 @@ fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<CheckedM
             residual_rows: i..i + 1,
             residual_mm: *residual,
             u_mm: *sigma,
+            mean_time_s: observation.time_s,
         }
     };
     all.map(measurement).collect()

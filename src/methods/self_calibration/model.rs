@@ -27,6 +27,8 @@ pub struct Observation {
     pub along_ray_mm: f64,
     /// Position of the ball centre across the ray, counter-clockwise positive, mm.
     pub across_ray_mm: f64,
+    /// Time of the reading, on its clock, s.
+    pub time_s: f64,
     /// Time, scaled so that the measurement spans −1 … 1 without the interruptions.
     pub relative_time: f64,
 }

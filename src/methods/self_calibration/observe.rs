@@ -120,6 +120,7 @@ fn reduce_reading(
         phi_index: grid_index_from_rad(design, phi),
         along_ray_mm: off.x * nx + off.y * ny,
         across_ray_mm: -off.x * ny + off.y * nx,
+        time_s: reading.t_s,
         relative_time: reading.t_s,
     })
 }

@@ -74,6 +74,7 @@ fn unmeasured_observation(touch: AngleGridTouch) -> Observation {
         phi_index: touch.phi_index,
         along_ray_mm: 0.0,
         across_ray_mm: 0.0,
+        time_s: 0.0,
         relative_time: 0.0,
     }
 }

@@ -216,6 +216,7 @@ fn identified_axis_position(part: &RoundPart, n: usize, with_second_order: bool)
             phi_index: t.phi_index,
             along_ray_mm: part.measured_radius_mm(design.grid_angle_rad(t.c_index), design.grid_angle_rad(t.phi_index)),
             across_ray_mm: 0.0,
+            time_s: 0.0,
             relative_time: 0.0,
         })
         .collect();
@@ -325,6 +326,7 @@ fn regress_linear_drift_is_removed() {
                 phi_index: t.phi_index,
                 along_ray_mm: radius,
                 across_ray_mm: 0.0,
+                time_s: 0.0,
                 relative_time: time,
             }
         })
@@ -356,6 +358,7 @@ fn regress_the_default_design_is_well_posed_for_any_n() {
                 phi_index: t.phi_index,
                 along_ray_mm: 0.0,
                 across_ray_mm: 0.0,
+                time_s: 0.0,
                 relative_time: 2.0 * i as f64 / last - 1.0,
             })
             .collect();

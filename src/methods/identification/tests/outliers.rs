@@ -16,6 +16,7 @@ fn check_readings(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Ou
         residual_rows: rows * i..rows * (i + 1),
         residual_mm: mean.residuals[rows * i],
         u_mm: 1.0,
+        mean_time_s: 0.0,
     };
     let measurements: Vec<CheckedMeasurement> = (0..readings.len() / rows).map(measurement).collect();
     let solution =

@@ -39,6 +39,7 @@ fn noisy_fit(noise_mm: f64, with_second_order: bool) -> Fit {
             phi_index: phi,
             along_ray_mm: radius,
             across_ray_mm: 0.0,
+            time_s: 0.0,
             relative_time: 0.0,
         }
     });

@@ -72,7 +72,7 @@ fn download_values(run: RunId) -> Vec<Value> {
 }
 
 fn run_figure_values(stored: &StoredRun, estimate: &Estimate) -> Vec<Value> {
-    let residuals = residual_figures(&stored.plan, &stored.readings, estimate);
+    let residuals = residual_figures(&stored.readings, estimate);
     [figure_values(estimate), residual_figure_values(&residuals)].concat()
 }
 
