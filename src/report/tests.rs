@@ -85,6 +85,7 @@ pub(super) fn example_estimate() -> Estimate {
         unknowns: 26,
         condition: 21.88,
         gauge: vec!["the mean of W is zero".to_owned()],
+        held_at_zero: Vec::new(),
         not_identifiable: vec!["the common scale of X and Y (confounded with R)".to_owned()],
         residual_rms_um: 0.283,
         degrees_of_freedom: 38,

@@ -341,6 +341,9 @@ pub struct Estimate {
     pub weakest: Option<String>,
     /// Unknowns that are fixed by convention.
     pub gauge: Vec<String>,
+    /// Symbols of location errors that are held at zero because they are equivalent to reported parameters.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub held_at_zero: Vec<String>,
     pub not_identifiable: Vec<String>,
     pub residual_rms_um: f64,
     pub degrees_of_freedom: usize,

@@ -84,6 +84,7 @@ impl Identification {
             condition: figures.condition_number,
             weakest: None,
             gauge: Vec::new(),
+            held_at_zero: Vec::new(),
             not_identifiable: Vec::new(),
             residual_rms_um: figures.residual_rms_mm * 1e3,
             degrees_of_freedom: figures.dof,

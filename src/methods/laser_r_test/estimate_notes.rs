@@ -83,9 +83,14 @@ fn noise_warning(result: &IdentificationResult<'_>) -> Option<String> {
     })
 }
 
-pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
+/// Location errors that are equivalent to the zero position, the sphere or reported errors.
+pub fn equivalent_errors(result: &IdentificationResult<'_>) -> Vec<String> {
     let held = result.selection.held_at_zero.iter().filter(|error| error.shape() == ErrorShape::Location);
-    let held: Vec<String> = held.map(ToString::to_string).collect();
+    held.map(ToString::to_string).collect()
+}
+
+pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
+    let held = equivalent_errors(result);
     let mut lines = vec![
         "X, Y and Z are assumed straight, square to each other and of equal scale; their errors \
          are part of the result"

@@ -28,6 +28,7 @@ pub fn build_estimate(result: &IdentificationResult<'_>) -> Estimate {
         functions: deviation_functions(result),
         arrows: vec![deviation_arrows(result, &residuals), arrow_figure(result, "residuals", &residuals, None)],
         gauge: estimate_notes::gauge_lines(result),
+        held_at_zero: estimate_notes::equivalent_errors(result),
         not_identifiable: estimate_notes::describe_not_identifiable(result),
         warnings: estimate_notes::estimate_warnings(result),
         ..result.identification.estimate(super::METHOD_NAME)
