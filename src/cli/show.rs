@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::failure::CommandFailure;
 use crate::archive::report::render_report;
+use crate::report::number::with_one_line_symbols;
 use crate::report::result_row::{ResultRow, RunContext, not_passed, result_rows, verdict_sentence, verdict_word};
 use crate::store::{Journal, RunId};
 use machine::record::estimate::{Estimate, Verdict};
@@ -36,16 +37,16 @@ pub fn print_estimate(estimate: &Estimate) {
         estimate.condition
     );
     if let Some(weakest) = &estimate.weakest {
-        outln!("weakest combination of parameters: {weakest}");
+        outln!("weakest combination of parameters: {}", with_one_line_symbols(weakest));
     }
     for line in &estimate.gauge {
-        outln!("convention: {line}");
+        outln!("convention: {}", with_one_line_symbols(line));
     }
     for line in &estimate.not_identifiable {
-        outln!("not identifiable: {line}");
+        outln!("not identifiable: {}", with_one_line_symbols(line));
     }
     for line in &estimate.warnings {
-        outln!("warning: {line}");
+        outln!("warning: {}", with_one_line_symbols(line));
     }
     print_verdict(estimate.verdict, &rows);
 }

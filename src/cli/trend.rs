@@ -7,7 +7,7 @@ use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::{ExitStatus, show};
 use crate::archive::history::{ParameterSeries, describe_changes, machine_history};
-use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol};
+use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
 use crate::report::result_row::format_limit;
 use crate::setup::MachineFile;
 use crate::store::Journal;
@@ -77,5 +77,5 @@ fn print_trend(machine: &str, all: &[ParameterSeries], days: u32) {
             series.unit.symbol(),
         );
     }
-    outln!("{}\n", describe_changes(all, days));
+    outln!("{}\n", with_one_line_symbols(&describe_changes(all, days)));
 }

@@ -33,14 +33,39 @@ pub fn split_into_base_and_index(symbol: &str) -> (String, String) {
         return (symbol.replace('-', "−"), String::new());
     }
     let (head, tail) = symbol.split_once('_').unwrap_or((symbol, ""));
-    let is_error_motion =
-        |rest: &str| !rest.is_empty() && rest.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit());
-    let (base, letters) = match head.strip_prefix('E') {
-        Some(rest) if is_error_motion(rest) => ("E", rest),
-        _ => (head, ""),
-    };
+    let letters = error_motion_letters(head).unwrap_or_default();
+    let base = if letters.is_empty() { head } else { "E" };
     let index: Vec<_> = std::iter::once(letters).chain(tail.split('_')).filter(|part| !part.is_empty()).collect();
     (base.to_owned(), index.join(","))
+}
+
+/// Letters and digits after the E of an error motion or location error: `X0C` of `EX0C`.
+fn error_motion_letters(symbol_head: &str) -> Option<&str> {
+    let letters = symbol_head.strip_prefix('E')?;
+    let is_index = !letters.is_empty() && letters.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit());
+    is_index.then_some(letters)
+}
+
+/// The sentence with its symbols of errors as [`one_line_symbol`]. Text between backquotes, which a person may type, is
+/// kept.
+pub fn with_one_line_symbols(sentence: &str) -> String {
+    let is_part_of_symbol = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+    // A word such as `E12` may be a part of a name.
+    let is_index = |letters: &str| letters.len() > 1 && letters.starts_with(|c: char| "XYZABC".contains(c));
+    let is_symbol = |word: &str| {
+        let mut heads = word.split('-').map(|part| part.split('_').next().unwrap_or_default());
+        heads.all(|head| error_motion_letters(head).is_some_and(is_index))
+    };
+    let piece_with_symbol = |piece: &str| {
+        let word = piece.trim_end_matches(|c| !is_part_of_symbol(c));
+        if is_symbol(word) { one_line_symbol(word) + &piece[word.len()..] } else { piece.to_owned() }
+    };
+    let is_typed = |index: usize| index % 2 == 1;
+    let parts = sentence.split('`').enumerate().map(|(index, part)| match is_typed(index) {
+        true => part.to_owned(),
+        false => part.split_inclusive(|c| !is_part_of_symbol(c)).map(piece_with_symbol).collect(),
+    });
+    parts.collect::<Vec<String>>().join("`")
 }
 
 /// A symbol on one line, for the axes of a figure: `E_XC,total`.
@@ -64,6 +89,19 @@ mod tests {
             (f64::NAN, 1.0, "–"),
         ] {
             assert_eq!(format_fixed(value, decimals_for_uncertainty(uncertainty)), expected);
+        }
+    }
+
+    #[test]
+    fn symbols_in_a_sentence_are_on_one_line() {
+        for (sentence, expected) in [
+            ("EX0S together with tool_x", "E_X0S together with tool_x"),
+            ("(EXC_total, EY0C_lsc): EB0Z", "(E_XC,total, E_Y0C,lsc): E_B0Z"),
+            ("EYY1-EXX1 ± 3 µm/m; Each E of E_radial-", "EYY1−EXX1 ± 3 µm/m; Each E of E_radial-"),
+            ("set `EX0C_um`, not EX0C", "set `EX0C_um`, not E_X0C"),
+            ("order 8 of C-EX0C, E12", "order 8 of C-EX0C, E12"),
+        ] {
+            assert_eq!(with_one_line_symbols(sentence), expected);
         }
     }
 

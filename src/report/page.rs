@@ -5,6 +5,7 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::captions::{figure_values, sketch_values, svg_value};
 use super::difference::PreviousRun;
+use super::number::with_one_line_symbols;
 use super::residuals::{ResidualFigure, residual_figure_values};
 use super::result_row::{
     ResultRow, RunContext, headline, not_passed, result_rows, verdict_class, verdict_sentence, verdict_word,
@@ -65,6 +66,7 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    environment.add_filter("one_line_symbols", with_one_line_symbols);
     environment.add_global("base_css", Value::from_safe_string(BASE_CSS.to_owned()));
     let rows = result_rows(RunContext::from_estimate(estimate), &estimate.parameters);
     let values = context! {
@@ -208,7 +210,7 @@ fn fit_quality_rows(estimate: &Estimate) -> NameTextRows {
     let mut rows = vec![
         ("Rank", format!("{} of {} unknowns", estimate.rank, estimate.unknowns)),
         ("Scaled condition number", number::format_fixed(estimate.condition, 2)),
-        ("Weakest combination of parameters", estimate.weakest.clone().unwrap_or_default()),
+        ("Weakest combination of parameters", with_one_line_symbols(estimate.weakest.as_deref().unwrap_or_default())),
         ("Residuals (rms)", format!("{} µm", number::format_fixed(estimate.residual_rms_um, 3))),
         ("Degrees of freedom", estimate.degrees_of_freedom.to_string()),
         ("χ² divided by its expected value", number::format_fixed(estimate.chi2_per_dof, 2)),

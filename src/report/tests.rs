@@ -272,7 +272,7 @@ fn estimate_with_arrows() -> Estimate {
 fn correlations_and_residuals_are_on_the_page() {
     let page = render_result_page(&plan("mill"), &estimate_with_arrows(), &report_facts()).unwrap();
     for text in [
-        "EX0S together with tool_x",
+        "E_X0S together with tool_x",
         "<h3>Above ±0.5</h3>",
         "<sub>x</sub></span>: −0.999975",
         "All 3 groups",

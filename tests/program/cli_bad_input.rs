@@ -127,7 +127,7 @@ fn regress_tolerance_that_matches_no_parameter_is_named() {
     let run = run_trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string()]);
     assert_eq!(run.status.code(), Some(4));
     let said = String::from_utf8_lossy(&run.stdout);
-    assert!(said.contains("limit for EX0Q in µm matches no parameter"), "{said}");
+    assert!(said.contains("limit for `EX0Q` in µm matches no parameter"), "{said}");
 }
 
 /// Settings that would fail during the run are refused before the first move, with advice.

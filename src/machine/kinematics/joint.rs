@@ -88,7 +88,7 @@ impl Joint {
     pub(super) fn error_pose(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         let mut amounts = [0.0; Axis::ALL.len()];
         let command = position.get_or_zero(self.axis);
-        for error in self.errors_of_axis(errors).filter(|e| e.parameter.shape() != ErrorShape::Gain) {
+        for error in self.errors_without_gains(errors) {
             amounts[error.parameter.component() as usize] += error.value * error.parameter.shape_factor(command);
         }
         let [x, y, z, a, b, c, _] = amounts;
@@ -105,8 +105,8 @@ impl Joint {
     }
 
     fn component_error_amount(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
-        self.errors_of_axis(errors)
-            .filter(|e| e.parameter.shape() != ErrorShape::Gain && e.parameter.component() == component)
+        self.errors_without_gains(errors)
+            .filter(|e| e.parameter.component() == component)
             .map(|e| e.value * e.parameter.shape_factor(command))
             .sum()
     }
@@ -125,6 +125,11 @@ impl Joint {
         self.errors_of_axis(errors)
             .filter(|e| e.parameter.shape() == ErrorShape::Gain)
             .fold(self.direction, |sum, e| sum + e.parameter.component().nominal_direction() * e.value)
+    }
+
+    /// Location errors and error motions.
+    fn errors_without_gains<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {
+        self.errors_of_axis(errors).filter(|e| e.parameter.shape() != ErrorShape::Gain)
     }
 
     fn errors_of_axis<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {

@@ -54,13 +54,14 @@ pub fn describe_unmatched_tolerances(estimate: &Estimate, tolerances: &[Paramete
     let known = |limit: &&ParameterTolerance| {
         estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit)
     };
-    let symbols: Vec<&str> = estimate.parameters.iter().map(|p| p.symbol.as_str()).collect();
+    // Between backquotes: as the machine file writes them.
+    let symbols: Vec<String> = estimate.parameters.iter().map(|p| format!("`{}`", p.symbol)).collect();
     tolerances
         .iter()
         .filter(|limit| !known(limit))
         .map(|limit| {
             format!(
-                "the limit for {} in {} matches no parameter; the parameters are {}",
+                "the limit for `{}` in {} matches no parameter; the parameters are {}",
                 limit.symbol,
                 limit.unit.symbol(),
                 symbols.join(", ")

@@ -33,6 +33,7 @@ use super::percent_encode::percent_encode;
 use super::problem::Problem;
 use super::{AppState, ServedMachine};
 use crate::report::BASE_CSS;
+use crate::report::number::with_one_line_symbols;
 use crate::report::result_row::{verdict_class, verdict_word};
 use crate::report::time::format_local_time;
 use crate::service::machine_state::ServiceState;
@@ -82,6 +83,7 @@ static TEMPLATES: LazyLock<Environment<'_>> = LazyLock::new(|| {
         let file = TEMPLATE_FOLDER.get_file(name).and_then(File::contents_utf8);
         Ok(file.map(str::to_owned))
     });
+    environment.add_filter("one_line_symbols", with_one_line_symbols);
     environment.add_global("base_css", Value::from_safe_string(BASE_CSS.to_owned()));
     environment.add_global("live_script", format!("/live.js?{}", sha256_text(LIVE_SCRIPT)));
     environment
