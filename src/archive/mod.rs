@@ -2,6 +2,7 @@
 //! neither measures nor writes.
 
 pub mod compare;
+pub mod compensation;
 pub mod history;
 pub mod report;
 pub mod run_files;

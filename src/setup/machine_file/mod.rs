@@ -23,6 +23,7 @@ mod assumed_values;
 mod balls_csv;
 #[cfg(test)]
 mod balls_tests;
+mod compensation;
 mod controller;
 mod document;
 mod encoder;
@@ -42,6 +43,7 @@ mod tolerance;
 use super::built_in::{BuiltInMachineFile, built_in_machine_file};
 use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
+pub use compensation::{CompensationConfig, TrunnionModule};
 pub use controller::{ControlConfig, ControllerTable};
 pub use document::TomlDocument;
 pub use encoder::AxisEncoder;
@@ -50,10 +52,11 @@ pub use located_value::{LocatedValue, ValueFault};
 use prompt::MachineFilePrompt;
 pub use sensor::{SensorConnection, SensorEntry};
 
-const KNOWN_SECTIONS: [&str; 16] = [
+const KNOWN_SECTIONS: [&str; 17] = [
     "machine",
     "axes",
     "controller",
+    "compensation",
     "probe",
     "sensor",
     "encoder",
@@ -76,6 +79,8 @@ pub struct MachineFile {
     pub machine: Machine,
     /// Configuration of the control, from `[controller]`.
     pub controller_section: ControllerTable,
+    /// Where the control keeps compensation values, if the file states it.
+    pub compensation: Option<CompensationConfig>,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
     /// Encoder whose count the sensors' samples contain.
@@ -139,9 +144,11 @@ impl MachineFile {
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;
         let report_data = report_data::read_report_data(&document)?;
+        let compensation = compensation::read_compensation(&document)?;
         Ok(Self {
             machine,
             controller_section: controller,
+            compensation,
             probe,
             sensors,
             encoder,
