@@ -21,6 +21,7 @@ const MIN_PRINTED_DURATION: Duration = Duration::from_secs(5);
 /// Maximum number of runs of a trial whose failure is the peer's own.
 const MAX_TRIAL_RUNS: usize = 3;
 const WAITING_POOL_SIZE: usize = 6;
+const BROWSER_POOL_SIZE: usize = 2;
 
 /// Resource that a trial needs; limits how many of these trials run at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -44,7 +45,8 @@ impl Pool {
         match self {
             Pool::Computing => available_parallelism().map_or(2, usize::from),
             Pool::Waiting => WAITING_POOL_SIZE,
-            Pool::Browser | Pool::LinuxCnc | Pool::GrblHal | Pool::Alone => 1,
+            Pool::Browser => BROWSER_POOL_SIZE,
+            Pool::LinuxCnc | Pool::GrblHal | Pool::Alone => 1,
         }
     }
 }

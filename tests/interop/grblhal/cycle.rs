@@ -9,11 +9,9 @@ use machine::record::estimate::Estimate;
 use super::rig::GrblHalRig;
 use crate::linuxcnc::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
 
-/// Settings for a short run: faster touches, few angles, no references.
-pub const SHORT_RUN_TEXT_CHANGES: [(&str, &str); 2] = [
-    ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
-    ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nreferences = false"),
-];
+/// Settings for a short run: faster touches, no references; with the usual 8 positions no touch is repeated.
+pub const SHORT_RUN_TEXT_CHANGES: [(&str, &str); 2] =
+    [("feed_mm_min = 60.0", "feed_mm_min = 120.0"), ("heights_mm = [90.0]", "heights_mm = [90.0]\nreferences = false")];
 /// Maximum of U, µm: a step of the rig's axes is 4 µm long.
 const MAX_EXPANDED_U_UM: f64 = 6.0;
 
