@@ -2,7 +2,6 @@
 //! neither measures nor writes.
 
 pub mod compare;
-pub mod compensation;
 pub mod history;
 pub mod report;
 pub mod run_files;

@@ -45,24 +45,6 @@ pub struct RepeatabilityArgs {
 }
 
 #[derive(Debug, Args)]
-pub struct CompensateArgs {
-    /// Number of the run; `trued runs` lists the numbers.
-    pub run: i64,
-    /// Machine file with the section [compensation].
-    #[arg(long, value_name = "FILE")]
-    pub machine: PathBuf,
-    /// Also change values that deviate by less than their U.
-    #[arg(long)]
-    pub with_insignificant: bool,
-    /// Largest change of a value, mm.
-    #[arg(long, value_name = "MM", default_value_t = 0.5)]
-    pub max_change_mm: f64,
-    /// Print the proposal as JSON.
-    #[arg(long)]
-    pub json: bool,
-}
-
-#[derive(Debug, Args)]
 pub struct PredictArgs {
     /// Estimate of axis errors, in the format of `trued run samba --json`.
     #[arg(value_name = "EST.json")]

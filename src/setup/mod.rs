@@ -1,7 +1,6 @@
 //! Construction of a run's parts from a machine file.
 
 mod built_in;
-mod compensation_target;
 mod controls;
 mod devices;
 mod draft;
@@ -20,7 +19,6 @@ use std::path::Path;
 
 pub use self::devices::{Devices, EarlierSessions, machine_dialect, prove_mode_text};
 pub use built_in::{BuiltInMachineFile, built_in_machine_file};
-pub use compensation_target::{CompensationTargetError, read_target_values};
 pub use controls::{configure_control, control_hints, control_kinds};
 pub use draft::MachineFileDraft;
 pub use error::SetupError;

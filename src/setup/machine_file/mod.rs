@@ -23,7 +23,6 @@ mod assumed_values;
 mod balls_csv;
 #[cfg(test)]
 mod balls_tests;
-mod compensation;
 mod controller;
 mod document;
 mod encoder;
@@ -43,7 +42,6 @@ mod tolerance;
 use super::built_in::{BuiltInMachineFile, built_in_machine_file};
 use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
-pub use compensation::{CompensationConfig, TrunnionModule};
 pub use controller::{ControlConfig, ControllerTable};
 pub use document::TomlDocument;
 pub use encoder::AxisEncoder;
@@ -52,11 +50,10 @@ pub use located_value::{LocatedValue, ValueFault};
 use prompt::MachineFilePrompt;
 pub use sensor::{SensorConnection, SensorEntry};
 
-const KNOWN_SECTIONS: [&str; 17] = [
+const KNOWN_SECTIONS: [&str; 16] = [
     "machine",
     "axes",
     "controller",
-    "compensation",
     "probe",
     "sensor",
     "encoder",
@@ -79,8 +76,6 @@ pub struct MachineFile {
     pub machine: Machine,
     /// Configuration of the control, from `[controller]`.
     pub controller_section: ControllerTable,
-    /// Where the control keeps compensation values, if the file states it.
-    pub compensation: Option<CompensationConfig>,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
     /// Encoder whose count the sensors' samples contain.
@@ -144,11 +139,9 @@ impl MachineFile {
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;
         let report_data = report_data::read_report_data(&document)?;
-        let compensation = compensation::read_compensation(&document)?;
         Ok(Self {
             machine,
             controller_section: controller,
-            compensation,
             probe,
             sensors,
             encoder,

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 
-use super::rig::{LinuxCncRig, halcmd, lock_rig};
+use super::rig::{LinuxCncRig, lock_rig};
 use super::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
 
 /// Location of the true C axis, and the tolerance of a result, µm.
@@ -35,9 +35,7 @@ fn run_self_calibration(workspace: &RunWorkspace) -> Result<Estimate, Failed> {
 /// Tests 1a, 1b, 1c, 2, 3 and the references with N = 8: with the part in its original position, and moved by 1 mm.
 pub fn true_c_axis_is_found_also_with_the_part_moved_by_1_mm() -> Result<(), Failed> {
     let rig = lock_rig()?;
-    let workspace = RunWorkspace::for_rig(&rig)?;
-    let first = run_self_calibration(&workspace)?;
-    check_proposal_for_kinematics_pins(&workspace)?;
+    let first = run_self_calibration(&RunWorkspace::for_rig(&rig)?)?;
     rig.set_true_value("ecc-x", 1.120)?;
     let second = run_self_calibration(&RunWorkspace::for_rig(&rig)?)?;
     check_near_true_c_axis(&first)?;
@@ -47,29 +45,6 @@ pub fn true_c_axis_is_found_also_with_the_part_moved_by_1_mm() -> Result<(), Fai
         eprintln!("the part moved by 1 mm: {symbol} changes by {change:.3} um");
         if change.abs() > TRUTH_TOLERANCE_UM {
             return Err(format!("{symbol} follows the part by {change} um").into());
-        }
-    }
-    Ok(())
-}
-
-/// The proposal for the pins of the running control: C as it truly is, B as it was, because this method does not measure
-/// it.
-fn check_proposal_for_kinematics_pins(workspace: &RunWorkspace) -> Result<(), Failed> {
-    let path = workspace.machine_file_path();
-    let section = "\n[compensation]\nkind = \"linuxcnc-trunnion\"\nkinematics = \"xyzbc-trt-kins\"\n";
-    std::fs::write(&path, std::fs::read_to_string(&path)? + section)?;
-    let machine = path.display().to_string();
-    let text = workspace.run_stdout(&["compensate", "1", "--json", "--machine", &machine])?;
-    let proposal: serde_json::Value = serde_json::from_str(&text)?;
-    for (index, pin, expected_mm) in
-        [(0, "x-rot-point", 0.050), (1, "y-rot-point", -0.030), (2, "x-offset", 0.0), (3, "z-offset", 0.0)]
-    {
-        let value = &proposal["values"][index];
-        let present_mm: f64 = halcmd(&["getp", &format!("xyzbc-trt-kins.{pin}")])?.parse()?;
-        let proposed_mm = value["proposed_mm"].as_f64().ok_or("no value")?;
-        let is_near = (proposed_mm - expected_mm).abs() < TRUTH_TOLERANCE_UM * 1e-3;
-        if value["name"] != format!("xyzbc-trt-kins.{pin}") || value["present_mm"] != present_mm || !is_near {
-            return Err(format!("{pin} is {present_mm}: {text}").into());
         }
     }
     Ok(())
