@@ -11,7 +11,6 @@ use serde::de::DeserializeOwned;
 pub mod ball_dome;
 mod ball_measurement;
 pub mod ball_plate;
-pub mod compensation;
 pub mod decision;
 pub mod identification;
 pub mod laser_r_test;

@@ -210,7 +210,7 @@ fn assert_no_collision(text: &str, kind: TestTopology) {
     let file: Table = text.parse().unwrap();
     let (bodies, text) = (Bodies::from_machine_file(&file), render_dome_program(&file));
     let ways = parse_program_moves(&text);
-    // The gate checks a part of the paths, of all kinds: 7 has no common divisor with the moves of a touch.
+    // The gate checks a part of the paths.
     let step = if is_full_test_run() { 1 } else { 7 };
     ways.par_iter().step_by(step).for_each(|way| {
         let (met, touched) = way.hit_body_and_touched_ball(&bodies, kind);

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use crate::MethodRefusal;
 use crate::identification::KnownErrors;
 use machine::frame::{Point, SpindleFrame};
-use machine::kinematics::{ErrorTerm, KinematicChain, KinematicsError};
+use machine::kinematics::{KinematicChain, KinematicsError};
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
@@ -67,8 +67,6 @@ pub struct ErrorPredictor<'a> {
     chain: KinematicChain,
     known_errors: KnownErrors<'a>,
     tip: Point<SpindleFrame>,
-    /// Errors that the control takes into account.
-    compensated_errors: Vec<ErrorTerm>,
     /// Ranges of the axes over which the estimate was measured, mm and degrees. Empty: the ranges are unknown.
     measured_ranges: &'a BTreeMap<Axis, [f64; 2]>,
     /// Pose of the work zero. `None`: a work zero for each position of the rotary axes.
@@ -94,16 +92,8 @@ impl<'a> ErrorPredictor<'a> {
             WorkZero::EachRotaryPosition => None,
         };
         let measured_ranges = &estimate.measured;
-        Ok(Self {
-            chain,
-            known_errors,
-            tip,
-            compensated_errors: Vec::new(),
-            measured_ranges,
-            work_zero,
-            work_zero_displacement: None,
-        }
-        .with_updated_work_zero_displacement())
+        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, work_zero_displacement: None }
+            .with_updated_work_zero_displacement())
     }
 
     fn with_updated_work_zero_displacement(mut self) -> Self {
@@ -128,11 +118,6 @@ impl<'a> ErrorPredictor<'a> {
             self.known_errors.errors[index].value = 0.0;
         }
         Ok(self.with_updated_work_zero_displacement())
-    }
-
-    /// The machine with a control that takes `errors` into account, whatever the machine truly has.
-    pub fn with_compensated_errors(self, errors: Vec<ErrorTerm>) -> Self {
-        Self { compensated_errors: errors, ..self }.with_updated_work_zero_displacement()
     }
 
     /// Errors that the prediction includes, and what it does not include, in words.
@@ -160,9 +145,9 @@ impl<'a> ErrorPredictor<'a> {
 
     /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
     fn point_displacement(&self, at: &Position, point: Point<SpindleFrame>) -> DisplacementWithDerivatives {
-        let Self { chain, known_errors, compensated_errors, .. } = self;
-        let displacement = chain.tip_in_table(at, point, &known_errors.errors).mm
-            - chain.tip_in_table(at, point, compensated_errors).mm;
+        let Self { chain, known_errors, .. } = self;
+        let displacement =
+            chain.tip_in_table(at, point, &known_errors.errors).mm - chain.tip_in_table(at, point, &[]).mm;
         (displacement, chain.error_jacobian(at, point, &known_errors.errors, &known_errors.parameters()))
     }
 
