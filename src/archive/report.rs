@@ -62,7 +62,7 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         run_state: stored.summary.state.as_str().to_owned(),
         events_with_times: in_local_time(describe_events_with_times(&stored)),
         signatures: Some(describe_signatures(&stored)),
-        volume_texts_and_maps: volumetric_error_maps(&stored.plan.machine, &last.estimate),
+        volume_texts_and_maps: volumetric_error_maps(&stored.plan, &last.estimate),
         stage_proofs: stored.events.iter().filter_map(|(_, event)| stage_proof(event)).collect(),
     };
     Ok(page::render_result_page(&stored.plan, &last.estimate, &facts)?)

@@ -2,14 +2,14 @@
 
 use crate::report::ErrorMap;
 use machine::record::estimate::Estimate;
-use machine::record::machine::Machine;
+use machine::record::plan::Plan;
 use machine::{Axis, Position};
-use methods::prediction::{ErrorPredictor, ErrorSlice, WorkZero};
+use methods::prediction::{ErrorPredictor, ErrorSlice};
 
 /// Sentences about the position error, and its maps before and after a correction; `None` for an estimate without
 /// axis errors.
-pub fn volumetric_error_maps(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
-    let predictor = ErrorPredictor::new(machine, estimate, WorkZero::TableOrigin).ok()?;
+pub fn volumetric_error_maps(plan: &Plan, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
+    let predictor = ErrorPredictor::of_plan(plan, estimate).ok()?;
     let poses = predictor.volume_grid_poses().ok()?;
     let errors = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
     let slices = predictor.error_slices(poses.get(errors[0].worst_pose_index)?).ok()?;

@@ -48,7 +48,7 @@ fn identify_readings_file(args: &IdentifyArgs, csv: &Path, state: Option<&Path>)
         .map_err(|error| CommandFailure::without_remedy(format!("{}: {error}", csv.display())))?;
     replace_priors_and_check_probe(args, &mut plan)?;
     let estimate = identify_readings(method.as_ref(), &plan, &readings)?;
-    Ok(judge_estimate(estimate, &plan.machine, &machine.tolerances))
+    Ok(judge_estimate(estimate, &plan, &machine.tolerances))
 }
 
 /// Identifies a stored run; the tolerances are those of `--machine`, or of the machine file of the run.
@@ -74,7 +74,7 @@ fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) ->
     let (mut plan, skipped_steps) = keep_measured_steps(stored.plan, stored.summary.state, &stored.readings);
     replace_priors_and_check_probe(args, &mut plan)?;
     let estimate = identify_readings(method.as_ref(), &plan, &stored.readings)?;
-    let mut estimate = judge_estimate(estimate, &plan.machine, &machine.tolerances);
+    let mut estimate = judge_estimate(estimate, &plan, &machine.tolerances);
     estimate.warnings.extend(skipped_steps);
     journal.add_estimate(run, &estimate).wait()?;
     Ok(estimate)

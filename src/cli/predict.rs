@@ -9,6 +9,7 @@ use super::result_args::PredictArgs;
 use crate::setup;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
+use methods::identification::StatedStylusUncertainty;
 use methods::prediction::{ErrorPredictor, PoseError, WorkZero};
 
 const POSE_COLUMNS: [(&str, Axis); 7] = [
@@ -23,14 +24,16 @@ const POSE_COLUMNS: [(&str, Axis); 7] = [
 
 pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, CommandFailure> {
     let estimate = read_estimate(&args.estimate)?;
-    let machine = setup::load_machine_file(args.machine.as_deref(), &estimate.method)?.machine;
+    let file = setup::load_machine_file(args.machine.as_deref(), &estimate.method)?;
+    let stylus = StatedStylusUncertainty::new(&file.probe, &file.assumed_keys);
+    let machine = file.machine;
     let zero_at = args.zero.as_deref().map(parse_pose).transpose()?;
     let zero = match &zero_at {
         _ if args.without_tool_centre_control => WorkZero::EachRotaryPosition,
         Some(at) => WorkZero::Pose(at.clone()),
         None => WorkZero::TableOrigin,
     };
-    let predictor = ErrorPredictor::new(&machine, &estimate, zero)?;
+    let predictor = ErrorPredictor::new(&machine, stylus, &estimate, zero)?;
     if let Some(zero) = zero_at.as_ref().filter(|_| !args.extrapolate) {
         let refused = |why: methods::MethodRefusal| CommandFailure::new(format!("--zero: {}", why.reason), why.remedy);
         predictor.check_measured_range(zero).map_err(refused)?;

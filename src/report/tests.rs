@@ -46,11 +46,7 @@ pub(super) fn example_estimate() -> Estimate {
         symbol: "axis_position".to_owned(),
         unit: Unit::Um,
         x: total[0].y.clone(),
-        y: harmonic_function("", &[(1.0, 30.0)], FunctionFigureKind::Curve)
-            .x
-            .iter()
-            .map(|x| 29.8 * x.to_radians().sin() - 30.0)
-            .collect(),
+        y: total[0].x.iter().map(|x| 29.8 * x.to_radians().sin() - 30.0).collect(),
         centre: [-13.2, -30.004],
         radius: 30.6,
         centre_expanded: [4.1, 3.2],
@@ -86,6 +82,7 @@ pub(super) fn example_estimate() -> Estimate {
         condition: 21.88,
         gauge: vec!["the mean of W is zero".to_owned()],
         held_at_zero: Vec::new(),
+        location_at_mm: None,
         not_identifiable: vec!["the common scale of X and Y (confounded with R)".to_owned()],
         residual_rms_um: 0.283,
         degrees_of_freedom: 38,

@@ -13,12 +13,11 @@ use devices::controllers::HaltHandle;
 use machine::Axis;
 use machine::record::estimate::{Estimate, ParameterTolerance, Provenance};
 use machine::record::event::RunEvent;
-use machine::record::machine::Machine;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::decision;
 use methods::identification::add_budget_sensitivities;
-use methods::prediction::{ErrorPredictor, VOLUMETRIC_ERROR_SYMBOL, WorkZero};
+use methods::prediction::{ErrorPredictor, VOLUMETRIC_ERROR_SYMBOL};
 use methods::{IdentifyError, Method};
 
 /// Polling period for a stop while the identification runs.
@@ -83,7 +82,7 @@ pub(super) async fn identify_and_judge_until_halted(
     let (method, tolerances) = (method.clone(), tolerances.to_vec());
     let mut result = spawn_computation(move || {
         let estimate = identify_readings(method.as_ref(), &plan, &readings)?;
-        Ok::<_, IdentifyError>(judge_estimate(estimate, &plan.machine, &tolerances))
+        Ok::<_, IdentifyError>(judge_estimate(estimate, &plan, &tolerances))
     });
     loop {
         // A timeout leaves the receiver usable.
@@ -114,7 +113,7 @@ pub fn identify_stored_run(stored: StoredRun) -> Result<Estimate, Identification
     let unreadable = |error| IdentificationError::Setup(Box::new(error));
     let (machine, method) = setup_of_stored_run(&stored).map_err(unreadable)?;
     let estimate = identify_readings(method.as_ref(), &stored.plan, &stored.readings)?;
-    Ok(judge_estimate(estimate, &stored.plan.machine, &machine.tolerances))
+    Ok(judge_estimate(estimate, &stored.plan, &machine.tolerances))
 }
 
 /// Runs [`identify_stored_run`] on a thread of its own. A channel error means that the thread panicked.
@@ -206,10 +205,10 @@ fn axis_ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
 }
 
 /// The estimate with its verdict, and a warning for each limit that matches no parameter. With a limit for the
-/// volumetric error, the estimate gets this parameter. `machine`: that of the plan.
-pub fn judge_estimate(mut estimate: Estimate, machine: &Machine, tolerances: &[ParameterTolerance]) -> Estimate {
+/// volumetric error, the estimate gets this parameter.
+pub fn judge_estimate(mut estimate: Estimate, plan: &Plan, tolerances: &[ParameterTolerance]) -> Estimate {
     if tolerances.iter().any(|limit| limit.symbol == VOLUMETRIC_ERROR_SYMBOL) {
-        let predictor = ErrorPredictor::new(machine, &estimate, WorkZero::TableOrigin);
+        let predictor = ErrorPredictor::of_plan(plan, &estimate);
         match predictor.and_then(|predictor| predictor.volumetric_error_parameter()) {
             Ok(parameter) => estimate.parameters.push(parameter),
             Err(why) => estimate.warnings.push(format!("there is no volumetric error: {why}")),

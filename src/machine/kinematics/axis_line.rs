@@ -1,10 +1,12 @@
-//! Position and direction of a rotary axis. Nominal: without error parameters.
+//! Position and direction of a rotary axis: nominal, and displaced by errors relative to the tip.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
+use super::KinematicsError;
+use super::error_parameter::ErrorTerm;
 use super::joint::Joint;
-use super::kinematic_chain::KinematicChain;
-use crate::frame::Pose;
+use super::kinematic_chain::{KinematicChain, branch_pose};
+use crate::frame::{Point, Pose, SpindleFrame};
 use crate::{Axis, Position};
 
 /// An axis of rotation, machine frame.
@@ -35,5 +37,30 @@ impl KinematicChain {
             direction: carrier_pose.rotation * joint.direction,
             carrier_pose,
         })
+    }
+
+    /// Displacement by `errors` of the rotary axis `axis` of the table relative to the tip, mm, machine frame: of the
+    /// point on the axis that is nearest to `at`, while the nominal tip is at `at` and all rotary axes are at zero.
+    /// X, Y and Z that bring the tip onto the axis change by this displacement. `at`: machine frame with all axes at
+    /// zero, mm.
+    ///
+    /// # Errors
+    /// The table has no such rotary axis.
+    pub fn axis_displacement_from_tip(
+        &self,
+        axis: Axis,
+        at: Vector3<f64>,
+        tip: Point<SpindleFrame>,
+        errors: &[ErrorTerm],
+    ) -> Result<Vector3<f64>, KinematicsError> {
+        let index = self.workpiece_joints.iter().position(|joint| joint.axis == axis && !axis.is_linear());
+        let joints = &self.workpiece_joints[..=index.ok_or(KinematicsError::NoTableAxis { axis })?];
+        let AxisLine { point, direction, .. } =
+            self.axis_line(axis, &Position::new()).ok_or(KinematicsError::NoTableAxis { axis })?;
+        let on_axis = point + direction * direction.dot(&(at - point));
+        let position = self.solve_linear_axes(Point::from_vec(at), tip, &Position::new(), &[])?;
+        let carried = |errors: &[ErrorTerm]| branch_pose(joints, &position, errors) * Point3::from(on_axis);
+        let tip_at = |errors: &[ErrorTerm]| self.machine_from_spindle(&position, errors) * Point3::from(tip.mm);
+        Ok((carried(errors) - carried(&[])) - (tip_at(errors) - tip_at(&[])))
     }
 }

@@ -134,6 +134,6 @@ impl KinematicChain {
     }
 }
 
-fn branch_pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> Pose {
+pub(super) fn branch_pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> Pose {
     branch.iter().fold(Pose::identity(), |outer, joint| outer * joint.pose_with_errors(position, errors))
 }

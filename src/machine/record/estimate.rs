@@ -344,6 +344,11 @@ pub struct Estimate {
     /// Symbols of location errors that are held at zero because they are equivalent to reported parameters.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub held_at_zero: Vec<String>,
+    /// Point, machine frame with all axes at zero, where the location errors along X and Y are displacements of the
+    /// rotary axis relative to the tip: they contain the errors of X, Y and Z there. Absent: they are those of the
+    /// kinematic model at `point_mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub location_at_mm: Option<[f64; 3]>,
     pub not_identifiable: Vec<String>,
     pub residual_rms_um: f64,
     pub degrees_of_freedom: usize,

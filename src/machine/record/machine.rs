@@ -179,6 +179,10 @@ pub struct Probe {
     /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
     #[serde(default)]
     pub stylus_offset_um: f64,
+    /// Standard uncertainty of the stylus length in `tool_mm`, relative to the tool lengths in the control, um. Absent:
+    /// unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_stylus_length_um: Option<f64>,
     /// Maximum age of a probe qualification for runs that touch, days. Absent: no qualification is required.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub qualified_within_days: Option<f64>,
@@ -234,6 +238,7 @@ impl Probe {
             lobing_um: 0.0,
             lobing_orders: Vec::new(),
             stylus_offset_um: 0.0,
+            u_stylus_length_um: None,
             qualified_within_days: None,
             overtravel_mm: 0.0,
             search_feed_mm_min: 0.0,

@@ -42,5 +42,5 @@ pub fn temperature_source(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySo
 pub fn prior_source(model: &DomeModel<'_>, known: &KnownErrors<'_>) -> Option<UncertaintySource> {
     let column = |error: usize| slope_of_unknown(model.error_observation_index(error), model.observation_count());
     let columns: Vec<Vec<f64>> = (0..known.errors.len()).map(column).collect();
-    UncertaintySource::from_prior(known.estimate, &known.symbols, &columns)
+    UncertaintySource::from_prior(known.estimate, &known.symbols, &known.columns_by_parameters(&columns))
 }

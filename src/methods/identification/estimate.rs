@@ -85,6 +85,7 @@ impl Identification {
             weakest: None,
             gauge: Vec::new(),
             held_at_zero: Vec::new(),
+            location_at_mm: None,
             not_identifiable: Vec::new(),
             residual_rms_um: figures.residual_rms_mm * 1e3,
             degrees_of_freedom: figures.dof,

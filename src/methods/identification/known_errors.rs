@@ -1,20 +1,31 @@
 //! Errors of the axes from an earlier estimate: location errors and gains.
 
 use faer::Mat;
+use nalgebra::Vector3;
 
-use super::uncertainty_source::prior_covariance;
+use super::uncertainty_source::{linear_combination, prior_covariance};
 use crate::MethodRefusal;
-use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
-use machine::record::estimate::Estimate;
+use machine::Axis;
+use machine::frame::Point;
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain};
+use machine::record::estimate::{Estimate, Parameter};
+
+/// Error of which the effect on an axis position is computed, rad or mm: small against the lever arms, so that the
+/// position is linear in it.
+const DERIVATIVE_STEP: f64 = 1e-5;
 
 /// Errors of the axes and the estimate that gives them.
 pub struct KnownErrors<'a> {
     pub estimate: &'a Estimate,
-    /// Errors in the order of the estimate; mm, rad, mm/mm.
+    /// Errors of the kinematic model, in the order of `symbols`; mm, rad, mm/mm.
     pub errors: Vec<ErrorTerm>,
+    /// Symbols of the parameters in the estimate.
     pub symbols: Vec<&'a str>,
     /// Covariance in the units of the errors.
     pub covariance: Mat<f64>,
+    /// Derivatives of `errors` (rows) by the parameters of the estimate: the identity, unless the estimate states its
+    /// location errors at another point than the model.
+    pub derivatives_by_parameters: Mat<f64>,
 }
 
 impl<'a> KnownErrors<'a> {
@@ -22,28 +33,16 @@ impl<'a> KnownErrors<'a> {
     ///
     /// # Errors
     /// The estimate has no such errors, or none with their covariance; it has errors of axes that this
-    /// machine does not have.
+    /// machine does not have, or errors that its readings do not determine.
     pub fn from_estimate(estimate: &'a Estimate, chain: &KinematicChain) -> Result<Self, MethodRefusal> {
         let of_axes = estimate.parameters.iter().filter_map(|parameter| {
             let error: ErrorParameter = parameter.symbol.parse().ok()?;
-            let value = parameter.value / parameter.unit.to_reported_value(1.0);
-            Some((ErrorTerm { parameter: error, value }, parameter.symbol.as_str()))
+            Some((ErrorTerm { parameter: error, value: internal_value(parameter) }, parameter))
         });
-        let (errors, symbols): (Vec<ErrorTerm>, Vec<&str>) = of_axes.unzip();
-        let pairs = errors.iter().zip(&symbols);
-        let foreign: Vec<&str> = pairs
-            .filter(|(error, _)| chain.check_parameter_axis(error.parameter).is_err())
-            .map(|(_, symbol)| *symbol)
-            .collect();
-        MethodRefusal::require(
-            foreign.is_empty(),
-            format!(
-                "the estimate of {} is of another machine: this machine has no {}",
-                estimate.method,
-                foreign.join(", ")
-            ),
-            "give an estimate of this machine, or the machine file of that estimate (--machine)",
-        )?;
+        let (errors, parameters): (Vec<ErrorTerm>, Vec<&Parameter>) = of_axes.unzip();
+        check_axes(estimate, chain, &errors)?;
+        check_identifiable(estimate, &parameters)?;
+        let symbols: Vec<&str> = parameters.iter().map(|parameter| parameter.symbol.as_str()).collect();
         let covariance = prior_covariance(estimate, &symbols).filter(|_| !errors.is_empty());
         let covariance = covariance.ok_or_else(|| {
             MethodRefusal::new(
@@ -55,10 +54,81 @@ impl<'a> KnownErrors<'a> {
                 --json",
             )
         })?;
-        Ok(Self { estimate, errors, symbols, covariance })
+        let derivatives_by_parameters = model_derivatives(estimate, chain, &errors)?;
+        let values: Vec<f64> = errors.iter().map(|error| error.value).collect();
+        let row = |i: usize| (0..values.len()).map(|j| derivatives_by_parameters[(i, j)] * values[j]).sum::<f64>();
+        let errors = errors.iter().enumerate().map(|(i, error)| ErrorTerm { value: row(i), ..*error }).collect();
+        let covariance = &derivatives_by_parameters * covariance * derivatives_by_parameters.transpose();
+        Ok(Self { estimate, errors, symbols, covariance, derivatives_by_parameters })
     }
 
     pub fn parameters(&self) -> Vec<ErrorParameter> {
         self.errors.iter().map(|error| error.parameter).collect()
     }
+
+    /// Derivatives by the parameters of the estimate, from derivatives by the errors. `columns`: one for each error.
+    pub fn columns_by_parameters(&self, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let of_parameter = |j| linear_combination(columns, self.derivatives_by_parameters.col_as_slice(j));
+        (0..self.errors.len()).map(of_parameter).collect()
+    }
+
+    pub fn has_error(&self, parameter: ErrorParameter) -> bool {
+        self.errors.iter().any(|error| error.parameter == parameter)
+    }
+}
+
+/// Value of the parameter in mm, rad, mm/mm or s.
+pub fn internal_value(parameter: &Parameter) -> f64 {
+    parameter.value / parameter.unit.to_reported_value(1.0)
+}
+
+fn check_axes(estimate: &Estimate, chain: &KinematicChain, errors: &[ErrorTerm]) -> Result<(), MethodRefusal> {
+    let foreign = errors.iter().filter(|error| chain.check_parameter_axis(error.parameter).is_err());
+    let foreign: Vec<String> = foreign.map(|error| error.parameter.to_string()).collect();
+    MethodRefusal::require(
+        foreign.is_empty(),
+        format!(
+            "the estimate of {} is of another machine: this machine has no {}",
+            estimate.method,
+            foreign.join(", ")
+        ),
+        "give an estimate of this machine, or the machine file of that estimate (--machine)",
+    )
+}
+
+fn check_identifiable(estimate: &Estimate, parameters: &[&Parameter]) -> Result<(), MethodRefusal> {
+    let lost = parameters.iter().filter(|parameter| !parameter.identifiable);
+    let lost: Vec<&str> = lost.map(|parameter| parameter.symbol.as_str()).collect();
+    MethodRefusal::require(
+        lost.is_empty(),
+        format!("the readings of the {} run do not determine {}", estimate.method, lost.join(", ")),
+        "read the warnings of the estimate, remove the cause and measure again",
+    )
+}
+
+/// Derivatives of the errors of the kinematic model by the errors of the estimate. An estimate with `location_at_mm`
+/// states the position of the rotary axis relative to the tip at that point: the model's location errors along X and Y
+/// are these plus the effect of the other errors there.
+fn model_derivatives(
+    estimate: &Estimate,
+    chain: &KinematicChain,
+    errors: &[ErrorTerm],
+) -> Result<Mat<f64>, MethodRefusal> {
+    let mut derivatives = Mat::identity(errors.len(), errors.len());
+    let Some(at_mm) = estimate.location_at_mm else { return Ok(derivatives) };
+    // Errors of the linear axes without angular error motions move all points of the tool alike.
+    let tip = Point::from_vec(Vector3::zeros());
+    for (i, location) in errors.iter().enumerate() {
+        let (component, axis) = (location.parameter.component(), location.parameter.axis());
+        let is_location = location.parameter.shape() == ErrorShape::Location;
+        if !is_location || axis.is_linear() || !matches!(component, Axis::X | Axis::Y) {
+            continue;
+        }
+        for (j, other) in errors.iter().enumerate().filter(|(j, _)| *j != i) {
+            let step = [ErrorTerm { value: DERIVATIVE_STEP, ..*other }];
+            let displacement = chain.axis_displacement_from_tip(axis, at_mm.into(), tip, &step)?;
+            derivatives[(i, j)] = -displacement.dot(&component.nominal_direction()) / DERIVATIVE_STEP;
+        }
+    }
+    Ok(derivatives)
 }

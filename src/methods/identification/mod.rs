@@ -28,6 +28,7 @@ mod outputs;
 mod periodic_points;
 pub mod probe_map;
 mod propagation;
+mod spindle_position;
 mod uncertainty_source;
 mod warnings;
 
@@ -53,6 +54,7 @@ pub use outputs::{
     reported_unit, slope_of_unknown,
 };
 pub use propagation::{Propagation, Uncertainty};
+pub use spindle_position::{SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
 pub use uncertainty_source::{
     DrawDistribution, EvaluationType, ObservationEffect, ObservationSpanChange, ResidualTreatment, UncertaintySource,
     block_covariances, linear_combination, prior_covariance,

@@ -17,11 +17,12 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::MethodRefusal;
-use crate::identification::KnownErrors;
+use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
 use machine::frame::{Point, SpindleFrame};
-use machine::kinematics::{KinematicChain, KinematicsError};
+use machine::kinematics::{ErrorTerm, KinematicChain, KinematicsError};
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
+use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
 /// Distance along the tool from the tip to the second point from which the error of the direction is
@@ -66,6 +67,10 @@ pub enum WorkZero {
 pub struct ErrorPredictor<'a> {
     chain: KinematicChain,
     known_errors: KnownErrors<'a>,
+    /// Directions in which the estimate does not give the position of the spindle: it counts as without error.
+    undetermined_spindle: Vec<UndeterminedPosition>,
+    /// Errors that the control takes into account.
+    compensated_errors: Vec<ErrorTerm>,
     tip: Point<SpindleFrame>,
     /// Ranges of the axes over which the estimate was measured, mm and degrees. Empty: the ranges are unknown.
     measured_ranges: &'a BTreeMap<Axis, [f64; 2]>,
@@ -81,9 +86,16 @@ type DisplacementWithDerivatives = (Vector3<f64>, Vec<Vector3<f64>>);
 impl<'a> ErrorPredictor<'a> {
     /// # Errors
     /// The machine has no kinematics; the estimate has no errors of its axes.
-    pub fn new(machine: &Machine, estimate: &'a Estimate, zero: WorkZero) -> Result<Self, MethodRefusal> {
+    pub fn new(
+        machine: &Machine,
+        stylus: StatedStylusUncertainty,
+        estimate: &'a Estimate,
+        zero: WorkZero,
+    ) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(machine)?;
         let known_errors = KnownErrors::from_estimate(estimate, &chain)?;
+        let spindle = SpindlePosition::new(estimate, machine, &chain, &known_errors, stylus);
+        let known_errors = known_errors.with_spindle_position(&spindle);
         let tip = Point::from_vec(Vector3::from(machine.tool_mm));
         let table_origin = linear_axes_at_table_origin(&chain, tip, &Position::new())?;
         let work_zero = match zero {
@@ -92,8 +104,27 @@ impl<'a> ErrorPredictor<'a> {
             WorkZero::EachRotaryPosition => None,
         };
         let measured_ranges = &estimate.measured;
-        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, work_zero_displacement: None }
-            .with_updated_work_zero_displacement())
+        let undetermined_spindle = spindle.undetermined;
+        Ok(Self {
+            chain,
+            known_errors,
+            undetermined_spindle,
+            compensated_errors: Vec::new(),
+            tip,
+            measured_ranges,
+            work_zero,
+            work_zero_displacement: None,
+        }
+        .with_updated_work_zero_displacement())
+    }
+
+    /// For the machine and the stylus of a plan, with the work zero at the origin of the table.
+    ///
+    /// # Errors
+    /// As for [`ErrorPredictor::new`].
+    pub fn of_plan(plan: &Plan, estimate: &'a Estimate) -> Result<Self, MethodRefusal> {
+        let stylus = StatedStylusUncertainty::new(&plan.probe, &plan.assumed);
+        Self::new(&plan.machine, stylus, estimate, WorkZero::TableOrigin)
     }
 
     fn with_updated_work_zero_displacement(mut self) -> Self {
@@ -120,12 +151,23 @@ impl<'a> ErrorPredictor<'a> {
         Ok(self.with_updated_work_zero_displacement())
     }
 
+    /// The machine with a control that takes `errors` into account.
+    pub fn with_compensated_errors(self, errors: Vec<ErrorTerm>) -> Self {
+        Self { compensated_errors: errors, ..self }.with_updated_work_zero_displacement()
+    }
+
     /// Errors that the prediction includes, and what it does not include, in words.
     pub fn describe_model(&self) -> String {
+        let undetermined = self.undetermined_spindle.chunk_by(|one, other| one.reason == other.reason).map(|group| {
+            let components: Vec<String> = group.iter().map(|position| position.component.to_string()).collect();
+            let (reason, remedy) = group.first().map_or(("", ""), |first| (&first.reason, &first.remedy));
+            format!("; the spindle counts as without error in {}, because {reason}: {remedy}", components.join(", "))
+        });
         format!(
-            "by {} of the estimate of {}; all other errors of the machine count as 0, without uncertainty",
+            "by {} of the estimate of {}; all other errors of the machine count as 0, without uncertainty{}",
             self.known_errors.symbols.join(", "),
-            self.known_errors.estimate.method
+            self.known_errors.estimate.method,
+            undetermined.collect::<String>()
         )
     }
 
@@ -145,9 +187,9 @@ impl<'a> ErrorPredictor<'a> {
 
     /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
     fn point_displacement(&self, at: &Position, point: Point<SpindleFrame>) -> DisplacementWithDerivatives {
-        let Self { chain, known_errors, .. } = self;
-        let displacement =
-            chain.tip_in_table(at, point, &known_errors.errors).mm - chain.tip_in_table(at, point, &[]).mm;
+        let Self { chain, known_errors, compensated_errors, .. } = self;
+        let displacement = chain.tip_in_table(at, point, &known_errors.errors).mm
+            - chain.tip_in_table(at, point, compensated_errors).mm;
         (displacement, chain.error_jacobian(at, point, &known_errors.errors, &known_errors.parameters()))
     }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{ErrorPredictor, WorkZero, WorkpieceTransform};
+use crate::identification::StatedStylusUncertainty;
 use crate::samba::tests::reference_machine::{BcsAnglesRad, ReferenceMachine};
 use crate::samba::tests::{built_in, exact_estimate, paper_errors};
 use machine::record::estimate::Estimate;
@@ -17,6 +18,9 @@ const POSES: [([f64; 3], BcsAnglesRad); 4] = [
     ([50.0, 60.0, 330.0], [-1.2, -3.0, 1.5]),
     ([0.0, 0.0, 326.7], [1.5, 0.5, 0.0]),
 ];
+
+/// A stylus of exactly the stated length, on the axis of the spindle.
+const STATED: StatedStylusUncertainty = StatedStylusUncertainty { offset_mm: Some(0.0), length_mm: Some(0.0) };
 
 fn machine() -> Machine {
     built_in::built_in_plan().machine
@@ -52,7 +56,7 @@ fn predicted_errors_equal_those_of_matrix_products() {
     };
     // The tip is on the origin of the table.
     let zero = ([0.0, 0.0, -machine.tool_mm[2]], [0.0; 3]);
-    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     for (xyz, bcs_rad) in POSES {
         let predicted = predictor.pose_error(&position(xyz, bcs_rad));
         let expected = off(xyz, bcs_rad) - off(zero.0, zero.1);
@@ -60,7 +64,7 @@ fn predicted_errors_equal_those_of_matrix_products() {
         assert!((predicted.direction_error_rad - direction(xyz, bcs_rad)).norm() < 1e-9);
     }
     let elsewhere = position(POSES[1].0, POSES[1].1);
-    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::Pose(elsewhere.clone())).unwrap();
+    let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::Pose(elsewhere.clone())).unwrap();
     assert!(predictor.pose_error(&elsewhere).tip_error_mm.norm() < 1e-12);
 }
 
@@ -72,7 +76,7 @@ fn work_zero_is_reset_without_tool_centre_control() {
     let tool = Vector3::from(machine.tool_mm);
     let truth = ReferenceMachine { errors: paper_errors().into_iter().collect(), tool };
     let nominal = ReferenceMachine { errors: Default::default(), tool };
-    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::EachRotaryPosition).unwrap();
+    let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::EachRotaryPosition).unwrap();
     for (xyz, bcs_rad) in POSES {
         let off = |xyz: Vector3<f64>| truth.tip_in_table(xyz, bcs_rad) - nominal.tip_in_table(xyz, bcs_rad);
         // The nominal tip position is linear in X, Y and Z: a linear system gives the X, Y and Z with the tip
@@ -97,7 +101,7 @@ fn correction_removes_the_error_and_leaves_its_uncertainty() {
     estimate.covariance.rows.iter_mut().flatten().for_each(|entry| *entry = 0.0);
     estimate.covariance.rows[offset][offset] = 4.0;
     let machine = machine();
-    let new = || ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let new = || ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let symbols = new().axis_error_symbols().to_vec();
     let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
     let corrected = new().with_corrected_errors(&symbols).unwrap();
@@ -125,7 +129,7 @@ fn correction_removes_the_error_and_leaves_its_uncertainty() {
 fn slice_values_equal_the_errors_of_single_poses() {
     let (machine, mut estimate) = (machine(), estimate_with_measured_ranges());
     estimate.measured.extend([(Axis::C, [0.0, 360.0]), (Axis::Y, [-100.0, 100.0]), (Axis::Z, [300.0, 500.0])]);
-    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
     let slices = predictor.error_slices(&tilted).unwrap();
     assert_eq!(slices.len(), 5);
@@ -138,7 +142,9 @@ fn slice_values_equal_the_errors_of_single_poses() {
     assert!((slices[4].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
     assert_eq!((slices[4].horizontal_axis.0, slices[4].vertical_axis.0), (Axis::C, Axis::B));
     estimate.measured.clear();
-    assert!(ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap().error_slices(&tilted).is_err());
+    assert!(
+        ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap().error_slices(&tilted).is_err()
+    );
 }
 
 /// An offset of C along X with the work zero at C = 0: the uncertainty of the tip is twice that of the offset
@@ -149,7 +155,7 @@ fn uncertainty_is_relative_to_the_work_zero() {
     let of = |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
     let (offset, angle) = (of("EX0C"), of("EA0Y"));
     estimate.covariance.rows[offset][offset] = 4.0;
-    let mut predictor = ErrorPredictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    let mut predictor = ErrorPredictor::new(&machine(), STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let u = |c: f64, predictor: &ErrorPredictor<'_>| {
         predictor.pose_error(&position([30.0, 20.0, 400.0], [0.0, c, 0.0])).u_tip_error_mm * 1e3
     };
@@ -162,7 +168,7 @@ fn uncertainty_is_relative_to_the_work_zero() {
     // 3 µrad about X: the uncertainty of the direction is all along Y.
     estimate.covariance.rows[offset][offset] = 0.0;
     estimate.covariance.rows[angle][angle] = 9.0;
-    predictor = ErrorPredictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    predictor = ErrorPredictor::new(&machine(), STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let pose = predictor.pose_error(&position([0.0, 0.0, 400.0], [0.0; 3]));
     near(pose.u_direction_error_rad * 1e6, [0.0, 3.0, 0.0]);
 }
@@ -170,7 +176,7 @@ fn uncertainty_is_relative_to_the_work_zero() {
 #[test]
 fn prediction_outside_the_measured_ranges_is_refused() {
     let (machine, mut estimate) = (machine(), estimate_with_measured_ranges());
-    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     assert!(predictor.check_measured_range(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
     let why = predictor.check_measured_range(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().reason;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
@@ -178,21 +184,21 @@ fn prediction_outside_the_measured_ranges_is_refused() {
     let why = predictor.check_measured_range(&Position::new().with(Axis::C, 1.0)).unwrap_err().reason;
     assert!(why.contains("C 57.296 was not measured"), "{why}");
     estimate.measured.insert(Axis::Z, [300.0, 500.0]);
-    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let why = predictor.check_measured_range(&Position::new().with(Axis::X, 1.0)).unwrap_err().reason;
     assert!(why.contains("Z 0.000 is outside 300.000 to 500.000"), "{why}");
     estimate.measured.clear();
-    let predictor = ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     assert!(predictor.check_measured_range(&Position::new()).unwrap_err().reason.contains("does not contain"));
     // An estimate of another machine.
     let mut other = machine.clone();
     other.topology = other.topology.replace('B', "A");
     let axis = other.axes.remove(&Axis::B).unwrap();
     other.axes.insert(Axis::A, axis);
-    let why = ErrorPredictor::new(&other, &estimate, WorkZero::TableOrigin).err().unwrap().reason;
+    let why = ErrorPredictor::new(&other, STATED, &estimate, WorkZero::TableOrigin).err().unwrap().reason;
     assert!(why.contains("is of another machine: this machine has no EA0B, EC0B"), "{why}");
     estimate.parameters.clear();
-    assert!(ErrorPredictor::new(&machine, &estimate, WorkZero::TableOrigin).is_err());
+    assert!(ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).is_err());
 }
 
 /// Reading of this machine with its stylus at `place` of the table.
@@ -298,7 +304,7 @@ fn volume_errors_of_an_axis_offset_have_the_expected_size() {
     estimate.covariance.symbols = vec!["EX0C".to_owned()];
     estimate.covariance.rows = vec![vec![4.0]];
     estimate.measured = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
-    let predictor = ErrorPredictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    let predictor = ErrorPredictor::new(&machine(), STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let poses = predictor.volume_grid_poses().unwrap();
     assert_eq!(poses.len(), 12);
     let [zeroed, fitted] = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));

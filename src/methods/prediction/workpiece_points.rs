@@ -55,7 +55,11 @@ impl<'a> WorkpieceTransform<'a> {
         let symbols = known.iter().flat_map(|known| known.symbols.iter().copied());
         let symbols: Vec<&str> =
             symbols.chain(stylus.estimated_coordinate_indices.iter().map(|k| STYLUS_SYMBOLS[*k])).collect();
-        let covariance = estimate.and_then(|estimate| prior_covariance(estimate, &symbols));
+        let covariance = match &known {
+            // Only an estimate without a stylus states its location errors at another point than the model.
+            Some(known) if stylus.estimated_coordinate_indices.is_empty() => Some(known.covariance.clone()),
+            _ => estimate.and_then(|estimate| prior_covariance(estimate, &symbols)),
+        };
         Ok(Self { plan, chain, known_errors: known, stylus, covariance: covariance.unwrap_or_else(Mat::new) })
     }
 

@@ -27,6 +27,7 @@ pub fn build_estimate(parts: &SolvedRun<'_>) -> Estimate {
         // With the wrong sense of the axis the values are not those of the stated parameters.
         parameter.identifiable = parts.sense != RotationSenseCheck::Contradicted;
     }
+    estimate.location_at_mm = location_point_mm(parts);
     estimate.gauge = describe_gauge(parts, &estimate);
     estimate.not_identifiable = describe_not_identifiable(parts);
     let radial = RadialErrorCheck::new(parts);
@@ -36,6 +37,13 @@ pub fn build_estimate(parts: &SolvedRun<'_>) -> Estimate {
     }
     estimate.warnings = collect_warnings(parts, &radial);
     estimate
+}
+
+/// The stated axis at the mean height. `None`: another axis was not at zero.
+fn location_point_mm(parts: &SolvedRun<'_>) -> Option<[f64; 3]> {
+    let axis = &parts.setup.axis;
+    let mean_mm = parts.setup.heights.iter().sum::<f64>() / parts.setup.heights.len() as f64;
+    axis.describe_other_nonzero_axes().is_empty().then(|| axis.axis_point_at_height(mean_mm).into())
 }
 
 fn describe_gauge(parts: &SolvedRun<'_>, estimate: &Estimate) -> Vec<String> {

@@ -26,6 +26,7 @@ pub fn check_probe(document: &TomlDocument, probe: &Probe) -> CheckResult {
     document.require_not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
     document.require_harmonic_orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
     document.require_not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
+    document.require_not_negative(&["probe", "u_stylus_length_um"], probe.u_stylus_length_um.unwrap_or_default())?;
     document.require_positive(&["probe", "qualified_within_days"], probe.qualified_within_days.unwrap_or(1.0))?;
     document.require_positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
     document.require_positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;

@@ -1,0 +1,180 @@
+//! Position of the spindle in an estimate that does not separate the spindle from the stylus.
+
+use faer::Mat;
+
+use super::known_errors::{KnownErrors, internal_value};
+use super::uncertainty_source::prior_covariance;
+use machine::Axis;
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain};
+use machine::record::estimate::Estimate;
+use machine::record::machine::{Machine, Probe};
+
+const STYLUS_OFFSET_KEY: &str = "probe.stylus_offset_um";
+
+/// Standard uncertainties of the stylus as the machine file states it, mm. `None`: not stated.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct StatedStylusUncertainty {
+    /// Of the offset of the stylus ball from the axis of the spindle, in each of X and Y.
+    pub offset_mm: Option<f64>,
+    /// Of the stylus length, relative to the tool lengths in the control.
+    pub length_mm: Option<f64>,
+}
+
+/// A coordinate of the stylus that contains the position of the spindle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpindleTerm<'a> {
+    /// The deviation from the stated stylus, as location error of the last axis of the tool branch, mm.
+    pub error: ErrorTerm,
+    /// Symbol of the coordinate in the estimate, e.g. `tool_x`.
+    pub symbol: &'a str,
+    /// Standard uncertainty of the stated stylus, mm.
+    pub u_stylus_mm: f64,
+}
+
+/// Position of the spindle by an estimate: the measured minus the stated stylus.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SpindlePosition<'a> {
+    pub terms: Vec<SpindleTerm<'a>>,
+    /// Linear axes along which the estimate does not give the position of the spindle.
+    pub undetermined: Vec<UndeterminedPosition>,
+}
+
+/// A direction in which the position of the spindle is not determined, and what would determine it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UndeterminedPosition {
+    pub component: Axis,
+    pub reason: String,
+    pub remedy: String,
+}
+
+impl StatedStylusUncertainty {
+    /// `assumed_keys`: keys of the machine file whose values are assumed.
+    pub fn new(probe: &Probe, assumed_keys: &[String]) -> Self {
+        let is_assumed = assumed_keys.iter().any(|key| key == STYLUS_OFFSET_KEY);
+        Self {
+            offset_mm: (!is_assumed).then_some(probe.stylus_offset_um * 1e-3),
+            length_mm: probe.u_stylus_length_um.map(|um| um * 1e-3),
+        }
+    }
+
+    fn along(&self, component: Axis) -> Option<f64> {
+        if component == Axis::Z { self.length_mm } else { self.offset_mm }
+    }
+}
+
+impl<'a> KnownErrors<'a> {
+    /// Adds the position of the spindle, where the estimate contains it in the coordinates of the stylus: as location
+    /// errors of the last axis of the tool branch, with the symbols `tool_x`, `tool_y`, `tool_z`.
+    pub fn with_spindle_position(mut self, position: &SpindlePosition<'a>) -> Self {
+        let Some(all) = prior_covariance(
+            self.estimate,
+            &self.symbols.iter().copied().chain(position.terms.iter().map(|term| term.symbol)).collect::<Vec<_>>(),
+        ) else {
+            return self;
+        };
+        let (axes, count) = (self.errors.len(), self.errors.len() + position.terms.len());
+        let derivatives = Mat::from_fn(count, count, |i, j| match i < axes && j < axes {
+            true => self.derivatives_by_parameters[(i, j)],
+            false => f64::from(u8::from(i == j)),
+        });
+        let mut covariance = &derivatives * all * derivatives.transpose();
+        for (i, term) in position.terms.iter().enumerate() {
+            covariance[(axes + i, axes + i)] += term.u_stylus_mm.powi(2);
+        }
+        self.errors.extend(position.terms.iter().map(|term| term.error));
+        self.symbols.extend(position.terms.iter().map(|term| term.symbol));
+        Self { covariance, derivatives_by_parameters: derivatives, ..self }
+    }
+}
+
+impl<'a> SpindlePosition<'a> {
+    /// For a machine whose table turns and whose tool does not: elsewhere the stylus is separable from the axes.
+    pub fn new(
+        estimate: &'a Estimate,
+        machine: &Machine,
+        chain: &KinematicChain,
+        known: &KnownErrors<'_>,
+        stylus: StatedStylusUncertainty,
+    ) -> Self {
+        let mut position = Self::default();
+        let tool_branch = chain.topology().tool_branch();
+        let is_tool_turned = tool_branch.iter().any(|axis| !axis.is_linear() && *axis != Axis::S);
+        let (Some(last), false) = (tool_branch.last(), is_tool_turned) else { return position };
+        for (k, component) in Axis::LINEAR.into_iter().enumerate() {
+            if is_spindle_known(component, estimate, known) {
+                continue;
+            }
+            let Some(symbol) = stylus_symbol(estimate, component) else {
+                position.undetermined.extend(undetermined_without_stylus(estimate, component, stylus));
+                continue;
+            };
+            let error = ErrorParameter::new(component, *last, ErrorShape::Location);
+            match (stylus.along(component), error, stylus_value(estimate, symbol)) {
+                (Some(u_stylus_mm), Ok(parameter), Some(measured)) => position.terms.push(SpindleTerm {
+                    error: ErrorTerm { parameter, value: measured - machine.tool_mm[k] },
+                    symbol,
+                    u_stylus_mm,
+                }),
+                _ => position.undetermined.push(inseparable_from_stylus(estimate, component)),
+            }
+        }
+        position
+    }
+}
+
+/// The spindle was turned: its axis has errors of its own, or the stylus is separable from it.
+fn is_spindle_known(component: Axis, estimate: &Estimate, known: &KnownErrors<'_>) -> bool {
+    let location = ErrorParameter::new(component, Axis::S, ErrorShape::Location);
+    let was_turned = estimate.measured.get(&Axis::S).is_some_and(|[least, most]| most > least);
+    component != Axis::Z && (was_turned || location.is_ok_and(|location| known.has_error(location)))
+}
+
+fn stylus_symbol(estimate: &Estimate, component: Axis) -> Option<&str> {
+    let symbol = format!("tool_{}", component.name().to_lowercase());
+    let parameter = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol)?;
+    Some(&parameter.symbol)
+}
+
+/// Value in mm. `None`: not determined, or without covariance.
+fn stylus_value(estimate: &Estimate, symbol: &str) -> Option<f64> {
+    let parameter = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol)?;
+    (parameter.identifiable && prior_covariance(estimate, &[symbol]).is_some()).then(|| internal_value(parameter))
+}
+
+/// An estimate without coordinates of a stylus contains the stylus, or a sensor, in the positions of its axes.
+fn undetermined_without_stylus(
+    estimate: &Estimate,
+    component: Axis,
+    stylus: StatedStylusUncertainty,
+) -> Option<UndeterminedPosition> {
+    if estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("zero_")) {
+        return Some(UndeterminedPosition {
+            component,
+            reason: "the position of the sensor relative to the spindle is unknown".to_owned(),
+            remedy: "give a run with the touch probe, e.g. of samba".to_owned(),
+        });
+    }
+    let lines = estimate.parameters.iter().flat_map(|parameter| &parameter.budget);
+    let has_stylus = lines.into_iter().any(|line| line.key.as_deref() == Some(STYLUS_OFFSET_KEY));
+    let is_unknown = component != Axis::Z && has_stylus && stylus.offset_mm.is_none();
+    is_unknown.then(|| inseparable_from_stylus(estimate, component))
+}
+
+fn inseparable_from_stylus(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
+    let (what, remedy) = match component {
+        Axis::Z => (
+            "the length of the stylus from the position of the axes",
+            "state its uncertainty as u_stylus_length_um in [probe]",
+        ),
+        _ => (
+            "the stylus from the axis of the spindle",
+            "measure with an oriented spindle (add S to the topology, and angles of S to the method), or state the \
+             run-out of the stylus as stylus_offset_um in [probe]",
+        ),
+    };
+    UndeterminedPosition {
+        component,
+        reason: format!("the {} run does not separate {what}", estimate.method),
+        remedy: remedy.to_owned(),
+    }
+}
