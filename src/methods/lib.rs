@@ -11,6 +11,7 @@ use serde::de::DeserializeOwned;
 pub mod ball_dome;
 mod ball_measurement;
 pub mod ball_plate;
+pub mod compensation;
 pub mod decision;
 pub mod identification;
 pub mod laser_r_test;
@@ -66,7 +67,7 @@ impl NextStage {
 }
 
 /// A request that cannot be met, and an alternative that would work.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error, serde::Serialize)]
 #[error("{reason}")]
 pub struct MethodRefusal {
     pub reason: String,

@@ -1,0 +1,146 @@
+//! Positions of the rotary axes of the table in the coordinates of the control, from an estimate.
+
+use estimation::coverage::coverage_factor;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::MethodRefusal;
+use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
+use machine::frame::{Point, SpindleFrame};
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain, ZParallelTableAxis};
+use machine::record::estimate::Estimate;
+use machine::record::machine::Machine;
+use machine::{Axis, Position};
+
+/// Error of which the effect on a position is computed, rad or mm: small against the lever arms, so that the position
+/// is linear in it.
+const DERIVATIVE_STEP: f64 = 1e-5;
+
+/// Position of a rotary `axis` of the table along `component`: X, Y or Z of the control with the tip on the axis and the
+/// rotary axes at zero, minus the same coordinate of the stated stylus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AxisCoordinate {
+    pub axis: Axis,
+    pub component: Axis,
+}
+
+/// A measured position in mm, with its expanded uncertainty (coverage probability 95.45 %).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredPosition {
+    pub mm: f64,
+    pub expanded_mm: f64,
+}
+
+/// Positions of the rotary axes by an estimate.
+pub struct MeasuredAxisPositions<'a> {
+    chain: KinematicChain,
+    estimate: &'a Estimate,
+    known: KnownErrors<'a>,
+    undetermined_spindle: Vec<UndeterminedPosition>,
+    at: Vector3<f64>,
+    tip: Point<SpindleFrame>,
+}
+
+impl<'a> MeasuredAxisPositions<'a> {
+    /// # Errors
+    /// The machine has no kinematics, or no axis along Z in the table; the estimate has no errors of its axes.
+    pub fn new(
+        machine: &Machine,
+        stylus: StatedStylusUncertainty,
+        estimate: &'a Estimate,
+    ) -> Result<Self, MethodRefusal> {
+        let chain = KinematicChain::new(machine)?;
+        let known = KnownErrors::from_estimate(estimate, &chain)?;
+        let spindle = SpindlePosition::new(estimate, machine, &chain, &known, stylus);
+        let at = reference_point(machine, &chain, estimate)?;
+        let known = known.with_spindle_position(&spindle);
+        let tip = Point::from_vec(Vector3::z() * machine.tool_mm[2]);
+        Ok(Self { chain, estimate, known, undetermined_spindle: spindle.undetermined, at, tip })
+    }
+
+    /// Point for which the positions are valid: machine frame with all axes at zero, mm. Each axis is measured at its
+    /// point nearest to it, with the tip there.
+    pub fn at_mm(&self) -> [f64; 3] {
+        self.at.into()
+    }
+
+    /// # Errors
+    /// The estimate does not determine the position, or not relative to the spindle.
+    pub fn position(&self, coordinate: AxisCoordinate) -> Result<MeasuredPosition, MethodRefusal> {
+        self.check_is_determined(coordinate)?;
+        let AxisCoordinate { axis, component } = coordinate;
+        let displacement = |errors: &[ErrorTerm]| -> Result<f64, MethodRefusal> {
+            let of_axis = self.chain.axis_displacement_from_tip(axis, self.at, self.tip, errors)?;
+            Ok(of_axis.dot(&component.nominal_direction()))
+        };
+        let derivative = |error: &ErrorTerm| -> Result<f64, MethodRefusal> {
+            Ok(displacement(&[ErrorTerm { value: DERIVATIVE_STEP, ..*error }])? / DERIVATIVE_STEP)
+        };
+        let derivatives = self.known.errors.iter().map(derivative).collect::<Result<Vec<f64>, _>>()?;
+        let covariance = &self.known.covariance;
+        let variance_by = |i: usize| {
+            let row = derivatives.iter().enumerate().map(|(j, by)| by * covariance[(i, j)]);
+            derivatives[i] * row.sum::<f64>()
+        };
+        let variance: f64 = (0..derivatives.len()).map(variance_by).sum();
+        let used = self.known.symbols.iter().zip(&derivatives).filter(|(_, derivative)| derivative.abs() > 1e-9);
+        let dof_of = |symbol: &str| self.estimate.parameters.iter().find(|own| own.symbol == symbol)?.dof;
+        let smallest_dof = used.filter_map(|(symbol, _)| dof_of(symbol)).fold(f64::INFINITY, f64::min);
+        Ok(MeasuredPosition {
+            mm: nominal_coordinate(&self.chain, coordinate, self.at) + displacement(&self.known.errors)?,
+            expanded_mm: coverage_factor(smallest_dof) * variance.max(0.0).sqrt(),
+        })
+    }
+
+    /// The estimate has the location error, or holds it at zero as equivalent to others, and gives the position of the
+    /// spindle.
+    fn check_is_determined(&self, AxisCoordinate { axis, component }: AxisCoordinate) -> Result<(), MethodRefusal> {
+        let method = &self.estimate.method;
+        let symbol = format!("E{component}0{axis}");
+        let has_error = ErrorParameter::new(component, axis, ErrorShape::Location)
+            .is_ok_and(|location| self.known.has_error(location));
+        MethodRefusal::require(
+            has_error || self.estimate.held_at_zero.contains(&symbol),
+            format!("the {method} run does not determine the position of {axis} in {component}"),
+            format!("give a run that determines {symbol}, e.g. of samba"),
+        )?;
+        let is_at_zero = |[least, most]: &[f64; 2]| (*least..=*most).contains(&0.0);
+        let carriers = self.chain.topology().workpiece_branch().iter().take_while(|own| **own != axis);
+        for carrier in carriers.filter(|carrier| !carrier.is_linear()) {
+            MethodRefusal::require(
+                self.estimate.measured.get(carrier).is_none_or(is_at_zero),
+                format!("the {method} run did not measure with {carrier} at 0"),
+                format!("give a run that includes {carrier} at 0"),
+            )?;
+        }
+        match self.undetermined_spindle.iter().find(|own| own.component == component) {
+            Some(UndeterminedPosition { reason, remedy, .. }) => Err(MethodRefusal::new(reason, remedy)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Where the estimate states its positions; otherwise on the stated axis along Z, at the middle of the measured Z.
+fn reference_point(
+    machine: &Machine,
+    chain: &KinematicChain,
+    estimate: &Estimate,
+) -> Result<Vector3<f64>, MethodRefusal> {
+    if let Some(at_mm) = estimate.location_at_mm {
+        return Ok(at_mm.into());
+    }
+    let axis = ZParallelTableAxis::of_machine(machine, chain).map(|own| own.axis);
+    let line = axis.and_then(|axis| chain.axis_line(axis, &Position::new())).ok_or_else(|| {
+        MethodRefusal::new("the table does not turn about Z", "check the topology and the directions of the axes")
+    })?;
+    let measured_z = estimate.measured.get(&Axis::Z).map(|[least, most]| (least + most) / 2.0 + machine.tool_mm[2]);
+    Ok(Vector3::new(line.point.x, line.point.y, measured_z.unwrap_or(line.point.z)))
+}
+
+/// Coordinate of the stated axis at its point nearest to `at`, mm.
+pub(super) fn nominal_coordinate(chain: &KinematicChain, coordinate: AxisCoordinate, at: Vector3<f64>) -> f64 {
+    let line = chain.axis_line(coordinate.axis, &Position::new());
+    let nearest =
+        line.map_or(Vector3::zeros(), |line| line.point + line.direction * line.direction.dot(&(at - line.point)));
+    coordinate.component.nominal_direction().dot(&nearest)
+}

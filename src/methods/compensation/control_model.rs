@@ -1,0 +1,146 @@
+//! Where a control takes its rotary axes to be, by its values.
+
+use super::axis_positions::{AxisCoordinate, nominal_coordinate};
+use crate::MethodRefusal;
+use machine::Axis;
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain};
+use nalgebra::Vector3;
+
+/// Steps of a HAL pin per mm, as it is written.
+const PIN_STEPS_PER_MM: f64 = 1e4;
+
+/// One value of a control.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlValue {
+    /// Name at the control, e.g. `xyzbc-trt-kins.x-rot-point`.
+    pub name: String,
+    pub present_mm: f64,
+    /// Steps of the value per mm, a power of ten.
+    pub steps_per_mm: f64,
+}
+
+/// A position that the control computes from its values.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ControlledPosition {
+    pub(super) coordinate: AxisCoordinate,
+    /// Index of the value that changes with the position.
+    adjusted_value: usize,
+    /// Index of a value that is added to it.
+    added_value: Option<usize>,
+}
+
+/// The values of a control and the positions of the rotary axes that it computes from them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlModel {
+    values: Vec<ControlValue>,
+    /// The value that is added to another comes before it.
+    pub(super) positions: Vec<ControlledPosition>,
+}
+
+/// Values of the pins of LinuxCNC's `xyzac-trt-kins` or `xyzbc-trt-kins`, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrunnionPins {
+    pub x_rot_point: f64,
+    pub y_rot_point: f64,
+    pub z_rot_point: f64,
+    /// `y-offset` of `xyzac-trt-kins`, `x-offset` of `xyzbc-trt-kins`.
+    pub offset: f64,
+    pub z_offset: f64,
+}
+
+impl ControlModel {
+    /// LinuxCNC's kinematics `xyzac-trt-kins` (`tilt` = A) or `xyzbc-trt-kins` (`tilt` = B). C passes through
+    /// (x-rot-point, y-rot-point). The tilting axis is at the offset from C across it, and in Z at z-rot-point +
+    /// z-offset, of which z-rot-point is kept (LinuxCNC 2.9, `trtfuncs.c`).
+    pub fn linuxcnc_trunnion(tilt: Axis, pins: TrunnionPins) -> Self {
+        let (module, across, offset_pin) = match tilt {
+            Axis::A => ("xyzac-trt-kins", Axis::Y, "y-offset"),
+            _ => ("xyzbc-trt-kins", Axis::X, "x-offset"),
+        };
+        let value = |pin: &str, present_mm: f64| ControlValue {
+            name: format!("{module}.{pin}"),
+            present_mm,
+            steps_per_mm: PIN_STEPS_PER_MM,
+        };
+        let position = |axis: Axis, component: Axis, adjusted_value: usize, added_value: Option<usize>| {
+            ControlledPosition { coordinate: AxisCoordinate { axis, component }, adjusted_value, added_value }
+        };
+        let c_across = if across == Axis::X { 0 } else { 1 };
+        Self {
+            values: vec![
+                value("x-rot-point", pins.x_rot_point),
+                value("y-rot-point", pins.y_rot_point),
+                value("z-rot-point", pins.z_rot_point),
+                value(offset_pin, pins.offset),
+                value("z-offset", pins.z_offset),
+            ],
+            positions: vec![
+                position(Axis::C, Axis::X, 0, None),
+                position(Axis::C, Axis::Y, 1, None),
+                position(tilt, across, 3, Some(c_across)),
+                position(tilt, Axis::Z, 4, Some(2)),
+            ],
+        }
+    }
+
+    pub fn values(&self) -> &[ControlValue] {
+        &self.values
+    }
+
+    /// The values of the control now, mm.
+    pub(super) fn present_mm(&self) -> Vec<f64> {
+        self.values.iter().map(|value| value.present_mm).collect()
+    }
+
+    /// The positions that the control computes from `values_mm`, mm.
+    pub(super) fn positions_mm(&self, values_mm: &[f64]) -> Vec<f64> {
+        let added = |position: &ControlledPosition| position.added_value.map_or(0.0, |index| values_mm[index]);
+        self.positions.iter().map(|position| values_mm[position.adjusted_value] + added(position)).collect()
+    }
+
+    /// The values for these positions, in the steps of the control, mm. The present value is kept where it is as near as
+    /// the nearest step.
+    pub(super) fn values_mm(&self, positions_mm: &[f64]) -> Vec<f64> {
+        let mut values_mm = self.present_mm();
+        for (position, mm) in self.positions.iter().zip(positions_mm) {
+            let exact = mm - position.added_value.map_or(0.0, |index| values_mm[index]);
+            let ControlValue { present_mm, steps_per_mm, .. } = self.values[position.adjusted_value];
+            let is_unchanged = (exact - present_mm).abs() <= 0.5 / steps_per_mm;
+            let nearest = (exact * steps_per_mm).round() / steps_per_mm;
+            values_mm[position.adjusted_value] = if is_unchanged { present_mm } else { nearest };
+        }
+        values_mm
+    }
+
+    /// Location errors of the machine, relative to the stated axes, that a control with `values_mm` takes into account.
+    /// `at_mm`: as [`super::MeasuredAxisPositions::at_mm`].
+    ///
+    /// # Errors
+    /// The machine has no such axis.
+    pub fn location_errors(
+        &self,
+        chain: &KinematicChain,
+        values_mm: &[f64],
+        at_mm: [f64; 3],
+    ) -> Result<Vec<ErrorTerm>, MethodRefusal> {
+        let at = Vector3::from(at_mm);
+        let positions = self.positions.iter().map(|position| position.coordinate).zip(self.positions_mm(values_mm));
+        let deviations: Vec<(AxisCoordinate, f64)> =
+            positions.map(|(coordinate, mm)| (coordinate, mm - nominal_coordinate(chain, coordinate, at))).collect();
+        let branch = chain.topology().workpiece_branch();
+        let term = |(coordinate, deviation): &(AxisCoordinate, f64)| {
+            let AxisCoordinate { axis, component } = *coordinate;
+            // An error of an axis is relative to the axis that carries it.
+            let of_axis = |carrier: &Axis| {
+                let own = AxisCoordinate { axis: *carrier, component };
+                deviations.iter().find(|(coordinate, _)| *coordinate == own).map(|(_, deviation)| *deviation)
+            };
+            let carriers = branch.iter().take_while(|own| **own != axis);
+            let of_carrier = carriers.filter_map(of_axis).last().unwrap_or(0.0);
+            let parameter = ErrorParameter::new(component, axis, ErrorShape::Location)
+                .map_err(|error| MethodRefusal::new(error.to_string(), "report this error"))?;
+            Ok(ErrorTerm { parameter, value: deviation - of_carrier })
+        };
+        deviations.iter().map(term).collect()
+    }
+}
