@@ -8,6 +8,7 @@
 pub mod archive;
 pub mod cli;
 pub mod commissioning;
+pub mod compensation;
 pub mod report;
 pub mod run;
 pub mod service;

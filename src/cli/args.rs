@@ -8,7 +8,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use super::artefact::ArtefactArgs;
 use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs, TokenArgs};
 use super::method_list::{method_name_parser, methods_help};
-use super::result_args::{BackupArgs, CompareArgs, ExportArgs, PredictArgs, RepeatabilityArgs, RunsArgs, ShowArgs};
+use super::result_args::{
+    BackupArgs, CompareArgs, CompensateArgs, ExportArgs, PredictArgs, RepeatabilityArgs, RunsArgs, ShowArgs,
+};
 use crate::setup::control_kinds;
 use devices::controllers::linuxcnc;
 use planning::gcode::Dialect;
@@ -64,6 +66,8 @@ pub enum Command {
     Show(ShowArgs),
     /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
     Compare(CompareArgs),
+    /// Correct the control by a stored run: propose, write, undo.
+    Compensate(CompensateArgs),
     /// Scatter and drift of repeated measurements: the passes of one run, or several runs.
     Repeatability(RepeatabilityArgs),
     /// Compute the position error of the tool at given poses from an estimate.

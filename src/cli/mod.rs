@@ -18,6 +18,7 @@ mod artefact;
 mod backup;
 mod check;
 mod compare;
+mod compensate;
 mod daemon_args;
 mod daemon_client;
 mod device_links;
@@ -127,6 +128,7 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Arm(args) => schedule::arm_command(&args, state),
         Command::Disarm(args) => schedule::disarm_command(&args, state),
         Command::Compare(args) => compare::compare_stored_runs(&args, state),
+        Command::Compensate(args) => compensate::compensate_command(&args, state),
         Command::Repeatability(args) => repeatability::repeatability_command(&args, state),
         Command::Show(args) => runs::show_run(&args, state),
         Command::Predict(args) => predict::predict_command(&args),

@@ -1,8 +1,8 @@
 //! Arguments for stored runs and estimates.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 
 #[derive(Debug, Args)]
 pub struct RunsArgs {
@@ -42,6 +42,92 @@ pub struct RepeatabilityArgs {
     /// Print the table as JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct CompensateArgs {
+    #[command(subcommand)]
+    pub action: CompensateAction,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum CompensateAction {
+    /// Propose values from a stored run. Writes nothing to the control.
+    Propose(ProposeArgs),
+    /// Write the proposed values to the control and read them back.
+    Write(WriteCompensationArgs),
+    /// Restore the values before the last compensation.
+    Undo(DecisionArgs),
+    /// Write the rest of a compensation that was interrupted.
+    Finish(DecisionArgs),
+    /// Show the values of the control, and the last compensation.
+    Status(TargetArgs),
+}
+
+impl CompensateAction {
+    /// The machine file.
+    pub fn machine(&self) -> &Path {
+        match self {
+            Self::Propose(args) => &args.source.target.machine,
+            Self::Write(args) => &args.source.target.machine,
+            Self::Undo(args) | Self::Finish(args) => &args.target.machine,
+            Self::Status(args) => &args.machine,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct TargetArgs {
+    /// Machine file with the section [compensation].
+    #[arg(long, value_name = "FILE")]
+    pub machine: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct ProposalSourceArgs {
+    /// Number of the run; `trued runs` lists the numbers.
+    pub run: i64,
+    #[command(flatten)]
+    pub target: TargetArgs,
+    /// Also change positions that deviate by less than their U.
+    #[arg(long)]
+    pub with_insignificant: bool,
+    /// Largest change of a position, mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.5)]
+    pub max_change_mm: f64,
+}
+
+#[derive(Debug, Args)]
+pub struct ProposeArgs {
+    #[command(flatten)]
+    pub source: ProposalSourceArgs,
+    /// Print the proposal as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct WriteCompensationArgs {
+    #[command(flatten)]
+    pub source: ProposalSourceArgs,
+    /// SHA-256 of the proposal that was read.
+    #[arg(long, value_name = "SHA256")]
+    pub approve: String,
+    /// Name of the person who approves.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
+    /// Also write the values as lines of a HAL file, for the next start of LinuxCNC.
+    #[arg(long, value_name = "FILE")]
+    pub hal: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct DecisionArgs {
+    #[command(flatten)]
+    pub target: TargetArgs,
+    /// Name of the person who decides.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
 }
 
 #[derive(Debug, Args)]

@@ -2,5 +2,6 @@
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+pub mod compensation;
 pub mod controllers;
 pub mod sensors;

@@ -24,6 +24,10 @@ pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), St
     if found > 0 {
         copy_journal_before_migration(path, found)?;
     }
+    // The checksums below must not hide a damaged row.
+    if found >= format_identification::FIRST_FORMAT_WITH_APPLICATION_ID {
+        checksum::verify_all_rows(&transaction)?;
+    }
     for migration in missing {
         transaction.execute_batch(migration)?;
     }

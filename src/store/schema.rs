@@ -11,8 +11,8 @@ use super::StoreFault;
 pub(super) const CURRENT_FORMAT: i64 = MIGRATIONS.len() as i64;
 
 /// Migrations, one entry per format. Never change a released entry; add another one. After the migrations the
-/// checksum of every row is computed again: an entry after the eighth must verify all rows first.
-pub(super) const MIGRATIONS: [&str; 8] = [
+/// checksum of every row is computed again, and verified before if the journal has checksums.
+pub(super) const MIGRATIONS: [&str; 9] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -186,6 +186,36 @@ CREATE TRIGGER audit_stands BEFORE UPDATE OF seq, at, who, what, why, machine, r
 DROP TRIGGER signatures_stand;
 CREATE TRIGGER signatures_stand BEFORE UPDATE OF seq, run, at, who, remark, estimate_sha256
     ON signatures BEGIN SELECT RAISE(ABORT, 'signatures stand'); END;
+",
+    // Values written to controls: the intent before the first write, and the states that follow; rows are never
+    // changed.
+    "
+CREATE TABLE compensations (
+    id INTEGER PRIMARY KEY,
+    machine TEXT NOT NULL,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    proposal_sha256 TEXT NOT NULL,
+    changes TEXT NOT NULL,
+    checksum BLOB NOT NULL DEFAULT x'00000000'
+) STRICT;
+CREATE TABLE compensation_states (
+    seq INTEGER PRIMARY KEY,
+    compensation INTEGER NOT NULL REFERENCES compensations (id),
+    at TEXT NOT NULL,
+    who TEXT NOT NULL,
+    state TEXT NOT NULL,
+    checksum BLOB NOT NULL DEFAULT x'00000000'
+) STRICT;
+CREATE INDEX compensations_of ON compensations (machine);
+CREATE INDEX states_of_compensations ON compensation_states (compensation);
+CREATE TRIGGER compensations_are_kept BEFORE DELETE ON compensations
+    BEGIN SELECT RAISE(ABORT, 'compensations are kept'); END;
+CREATE TRIGGER compensation_states_are_kept BEFORE DELETE ON compensation_states
+    BEGIN SELECT RAISE(ABORT, 'states of compensations are kept'); END;
+CREATE TRIGGER compensations_stand BEFORE UPDATE OF id, machine, run, proposal_sha256, changes ON compensations
+    BEGIN SELECT RAISE(ABORT, 'compensations are not changed'); END;
+CREATE TRIGGER compensation_states_stand BEFORE UPDATE OF seq, compensation, at, who, state ON compensation_states
+    BEGIN SELECT RAISE(ABORT, 'states of compensations are not changed'); END;
 ",
 ];
 

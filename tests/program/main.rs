@@ -8,6 +8,7 @@ mod check_command;
 mod cli_bad_input;
 mod cli_run;
 mod command_line;
+mod compensation;
 mod contract_files;
 mod daemon;
 mod durability;
@@ -53,6 +54,7 @@ fn main() {
         cli_bad_input::trials(),
         cli_run::trials(),
         command_line::trials(),
+        compensation::trials(),
         contract_files::trials(),
         plan_contract_player::trials(),
         daemon::trials(),

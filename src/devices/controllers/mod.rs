@@ -5,6 +5,7 @@
 
 use std::fmt;
 use std::future::Future;
+use std::path::Path;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -55,6 +56,10 @@ pub trait ControllerConfig: fmt::Debug + Send + Sync {
     fn dialect(&self) -> &str;
     /// Path of the file into which the control writes the results; `None` if it reports them over the link.
     fn result_log_path(&self) -> Option<String> {
+        None
+    }
+    /// File of the control's configuration, if the machine file names one.
+    fn configuration_file(&self) -> Option<&Path> {
         None
     }
     /// Address of the control, in words.

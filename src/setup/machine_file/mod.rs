@@ -23,6 +23,7 @@ mod assumed_values;
 mod balls_csv;
 #[cfg(test)]
 mod balls_tests;
+mod compensation;
 mod controller;
 mod document;
 mod encoder;
@@ -42,6 +43,7 @@ mod tolerance;
 use super::built_in::{BuiltInMachineFile, built_in_machine_file};
 use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
+pub use compensation::CompensationConfig;
 pub use controller::{ControlConfig, ControllerTable};
 pub use document::TomlDocument;
 pub use encoder::AxisEncoder;
@@ -50,10 +52,11 @@ pub use located_value::{LocatedValue, ValueFault};
 use prompt::MachineFilePrompt;
 pub use sensor::{SensorConnection, SensorEntry};
 
-const KNOWN_SECTIONS: [&str; 16] = [
+const KNOWN_SECTIONS: [&str; 17] = [
     "machine",
     "axes",
     "controller",
+    "compensation",
     "probe",
     "sensor",
     "encoder",
@@ -76,6 +79,8 @@ pub struct MachineFile {
     pub machine: Machine,
     /// Configuration of the control, from `[controller]`.
     pub controller_section: ControllerTable,
+    /// Values of the control that compensate measured errors, if the file describes them.
+    pub compensation: Option<CompensationConfig>,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
     /// Encoder whose count the sensors' samples contain.
@@ -138,10 +143,12 @@ impl MachineFile {
         let prompts = prompt::read_prompts(&document, &machine)?;
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;
+        let compensation = compensation::read_compensation(&document)?;
         let report_data = report_data::read_report_data(&document)?;
         Ok(Self {
             machine,
             controller_section: controller,
+            compensation,
             probe,
             sensors,
             encoder,

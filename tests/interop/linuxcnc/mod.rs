@@ -2,6 +2,7 @@
 //! skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail. `.ci/run` runs a whole cycle with a stop and
 //! resume, and the comparison of the interpreters; `.ci/long` runs all.
 
+mod compensation;
 mod control_states;
 mod cycle;
 mod cycle_trigger;

@@ -67,9 +67,14 @@ impl RunWorkspace {
     /// With balls in place of the cylinder, and touches at twice the feed: a servo period is then 1 µm.
     pub fn with_balls(rig: &LinuxCncRig) -> Result<Self, Failed> {
         let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
-        let faster =
-            [("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"), ("repeatability_um = 0.15", "repeatability_um = 0.3")];
-        Self::from_machine_text(rig, &format!("{head}{SAMBA_SECTIONS}"), &faster)
+        let changes = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
+            // The tools of this control are as long as the stylus.
+            ("stylus_offset_um = 0.3", "stylus_offset_um = 0.3\nu_stylus_length_um = 0.0"),
+        ];
+        let target = "[compensation]\nkind = \"linuxcnc-trunnion\"\n";
+        Self::from_machine_text(rig, &format!("{head}{target}{SAMBA_SECTIONS}"), &changes)
     }
 
     /// With a laser over one ball, and LinuxCNC's sampler, whose table has this additional line.

@@ -13,6 +13,7 @@ use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use nalgebra::{Rotation3, Vector3};
 
+use super::compensation::check_correction_by_run;
 use super::driver::{block_on, open_driver, prove_without_collision_check, z_position};
 use super::rig::{LinuxCncRig, lock_rig};
 use super::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
@@ -97,6 +98,19 @@ fn tool_position_at_ball(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
     about(turned, B_AXIS_POINT_MM, b_lies, Rotation3::new(y * b)) - STYLUS_ERROR_MM
 }
 
+/// Point of the table, at its position with all axes at zero, where a tool on the axis of the spindle is: the inverse of
+/// [`tool_position_at_ball`]. The tool is as long as the stylus.
+pub fn point_on_table(tool: Vector3<f64>, b: f64, c: f64) -> Vector3<f64> {
+    let back = |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
+        through + lies * turn.inverse() * lies.inverse() * (p - through)
+    };
+    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let c_lies = Rotation3::new(y * C_AXIS_TILT_RAD[1]) * Rotation3::new(x * C_AXIS_TILT_RAD[0]);
+    let b_lies = Rotation3::new(z * B_AXIS_TILT_RAD[1]) * Rotation3::new(x * B_AXIS_TILT_RAD[0]);
+    let tip = tool + z * STYLUS_ERROR_MM.z;
+    back(back(tip, B_AXIS_POINT_MM, b_lies, Rotation3::new(y * b)), C_AXIS_POINT_MM, c_lies, Rotation3::new(z * c))
+}
+
 /// A touch of the ball at `centre` against `normal`, from above and back up.
 fn ball_touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> MotionBlock {
     let place = |far: f64| Position::from_xyz(centre + (BALL_RADIUS_MM + STYLUS_BALL_RADIUS_MM + far) * normal);
@@ -163,20 +177,20 @@ pub fn touched_ball_centres_agree_with_the_true_axes() -> Result<(), Failed> {
     })
 }
 
-/// Runs `trued run samba` with the errors of the rig.
+/// Runs `trued run samba` with the errors of the rig, and corrects the control by it.
 pub fn samba_finds_the_true_axes() -> Result<(), Failed> {
-    place_balls_and_check_parameters("samba", &TRUE_SAMBA_PARAMETERS)
+    let rig = lock_rig()?;
+    place_balls_and_axis_errors(&rig)?;
+    let workspace = RunWorkspace::with_balls(&rig)?;
+    run_and_check_parameters(&workspace, "samba", &TRUE_SAMBA_PARAMETERS)?;
+    check_correction_by_run(&rig, &workspace)
 }
 
 /// Runs `trued run laser-r-test` with the touch probe, on one ball.
 pub fn chase_the_ball_finds_the_true_axes() -> Result<(), Failed> {
-    place_balls_and_check_parameters("laser-r-test", &TRUE_CHASE_THE_BALL_PARAMETERS)
-}
-
-fn place_balls_and_check_parameters(method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
     let rig = lock_rig()?;
     place_balls_and_axis_errors(&rig)?;
-    run_and_check_parameters(&RunWorkspace::with_balls(&rig)?, method, truth)
+    run_and_check_parameters(&RunWorkspace::with_balls(&rig)?, "laser-r-test", &TRUE_CHASE_THE_BALL_PARAMETERS)
 }
 
 /// Checks the result of `method`: for each symbol its value and the tolerance.

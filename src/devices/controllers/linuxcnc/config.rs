@@ -1,6 +1,6 @@
 //! Keys of `[controller]` of kind `linuxcnc`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::Deserialize;
@@ -57,6 +57,10 @@ impl ControllerConfig for LinuxCncConfig {
 
     fn result_log_path(&self) -> Option<String> {
         Some(result_log_path(&self.program_dir))
+    }
+
+    fn configuration_file(&self) -> Option<&Path> {
+        self.ini.as_deref()
     }
 
     fn describe_address(&self) -> String {

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::controllers::ControllerError;
 
 /// INI file of LinuxCNC: values by section and key; if a key occurs twice, the first value counts.
-pub(super) struct IniFile(BTreeMap<(String, String), String>);
+pub(crate) struct IniFile(BTreeMap<(String, String), String>);
 
 impl IniFile {
     pub fn read(path: &Path) -> Result<Self, ControllerError> {

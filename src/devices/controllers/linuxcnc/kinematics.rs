@@ -52,7 +52,7 @@ pub(super) fn check_identity_mode(
 }
 
 /// Value of `motion.switchkins-type` in identity mode.
-fn identity_switchkins_type(ini: &IniFile) -> Option<f64> {
+pub(crate) fn identity_switchkins_type(ini: &IniFile) -> Option<f64> {
     let module = ini.kinematics_module()?;
     let is_first = ini.kinematics()?.contains("identityfirst");
     match module {

@@ -57,6 +57,8 @@ mod tests;
 pub use config::LinuxCncConfig;
 pub use driver::{LinuxCncDriver, LinuxCncSettings};
 pub use files::result_log_path;
+pub(crate) use ini::IniFile;
+pub(crate) use kinematics::identity_switchkins_type;
 pub use sampler::SamplerClient;
 
 pub const CONTROL_KIND: &str = "linuxcnc";

@@ -1,0 +1,9 @@
+//! Compensation of measured errors in the control: proposal from a stored run, write with read-back, and undo.
+
+mod proposal;
+mod target;
+mod write;
+
+pub use proposal::{ControlProposal, ControlProposalError, PredictedError, propose_for_control};
+pub use target::{CompensationTarget, TargetError};
+pub use write::{CompensationWriteError, CompensationWriter};

@@ -1,0 +1,216 @@
+//! The proposal of new values for a control from a stored run.
+
+use jiff::Timestamp;
+use serde::Serialize;
+
+use super::target::{CompensationTarget, TargetError};
+use crate::setup::{ControlConfig, MachineFile};
+use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
+use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
+use machine::record::estimate::{Estimate, Unit, Verdict};
+use machine::record::machine::Machine;
+use methods::MethodRefusal;
+use methods::compensation::{ControlModel, MeasuredAxisPositions, Proposal, ProposalOptions, propose};
+use methods::identification::StatedStylusUncertainty;
+use methods::prediction::{ErrorPredictor, WorkZero};
+
+#[derive(Debug, thiserror::Error)]
+pub enum ControlProposalError {
+    #[error(transparent)]
+    Journal(#[from] StoreError),
+    #[error(transparent)]
+    Target(#[from] TargetError),
+    #[error(transparent)]
+    Method(#[from] MethodRefusal),
+    #[error("run {0} has no estimate")]
+    NoEstimate(RunId),
+    #[error("the readings of run {0} contradict the model: no uncertainty is reliable, and nothing is proposed")]
+    ContradictedModel(RunId),
+    #[error("run {run} measured the machine `{measured}`; the machine file is of `{stated}`")]
+    OtherMachine { run: RunId, measured: String, stated: String },
+    #[error("the machine file states axes, stylus or compensations otherwise than run {0} measured them")]
+    ChangedMachine(RunId),
+    #[error("run {0} was measured on a simulated control")]
+    Simulated(RunId),
+    #[error("the proposal cannot be written as JSON: {0}")]
+    Json(#[from] serde_json::Error),
+}
+
+impl ControlProposalError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Journal(error) => error.remedy().to_owned(),
+            Self::Target(error) => error.remedy(),
+            Self::Method(refusal) => refusal.remedy.clone(),
+            Self::NoEstimate(run) => {
+                format!("identify the run with `trued identify --run {run}`, or choose another run")
+            }
+            Self::ContradictedModel(run) => {
+                format!("read the warnings with `trued show {run}`, remove the cause, and measure again")
+            }
+            Self::OtherMachine { .. } => "give the machine file of this machine with --machine".to_owned(),
+            Self::ChangedMachine(_) => "measure again with this machine file".to_owned(),
+            Self::Simulated(_) => "measure on the machine".to_owned(),
+            Self::Json(_) => "report this error".to_owned(),
+        }
+    }
+}
+
+/// An error of the axes that remains, in its unit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RemainingError {
+    pub symbol: String,
+    pub value: f64,
+    #[serde(rename = "U")]
+    pub expanded: f64,
+    pub unit: Unit,
+}
+
+/// Largest position error of the tool relative to the work zero over the measured ranges, with tool centre point
+/// control, µm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PredictedError {
+    pub largest_um: f64,
+    #[serde(rename = "U_largest_um")]
+    pub expanded_largest_um: f64,
+}
+
+/// New values for a control, with their effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ControlProposal {
+    pub run: RunId,
+    pub measured_at: Timestamp,
+    pub machine: String,
+    pub estimate_sha256: String,
+    #[serde(flatten)]
+    pub proposal: Proposal,
+    /// Length of the stylus: the positions hold for tools of this length, if the spindle is not parallel to Z.
+    pub stylus_length_mm: f64,
+    /// Errors of the axes that the values of the control do not correct.
+    pub remaining: Vec<RemainingError>,
+    /// With the present values, and with the proposed ones. Absent: the run states no measured ranges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub predicted: Option<[PredictedError; 2]>,
+}
+
+impl ControlProposal {
+    /// Hash by which a person approves the proposal: that of its values, present and proposed, and of the estimate.
+    ///
+    /// # Errors
+    /// The proposal cannot be written as JSON.
+    pub fn sha256(&self) -> Result<String, serde_json::Error> {
+        sha256(self)
+    }
+}
+
+/// Proposes values from the last estimate of `run`, for the control and the machine that `file` states.
+///
+/// # Errors
+/// The run has no usable estimate, or measured another machine; no position is determined; a change is too large.
+pub fn propose_for_control(
+    journal: &Journal,
+    run: RunId,
+    file: &MachineFile,
+    target: &CompensationTarget<'_>,
+    options: ProposalOptions,
+) -> Result<ControlProposal, ControlProposalError> {
+    let stored = journal.load_run(run)?;
+    let last = stored.estimates.last().ok_or(ControlProposalError::NoEstimate(run))?;
+    check_machine(run, &stored, file)?;
+    if last.estimate.verdict == Verdict::UndecidedModel {
+        return Err(ControlProposalError::ContradictedModel(run));
+    }
+    let control = target.read()?;
+    let plan = &stored.plan;
+    let stylus = StatedStylusUncertainty::new(&file.probe, &file.assumed_keys);
+    let measured = MeasuredAxisPositions::new(&plan.machine, stylus, &last.estimate)?;
+    let proposal = propose(&measured, &control, options)?;
+    Ok(ControlProposal {
+        run,
+        measured_at: stored.summary.ended.unwrap_or(stored.summary.started),
+        machine: plan.machine.name.clone(),
+        estimate_sha256: last.sha256.clone(),
+        stylus_length_mm: plan.machine.tool_mm[2].abs(),
+        remaining: remaining_errors(&last.estimate, &proposal),
+        predicted: predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
+        proposal,
+    })
+}
+
+/// Checks that the run measured the machine of `file` with its real control.
+fn check_machine(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
+    let (measured, stated) = (&stored.plan.machine, &file.machine);
+    if measured.name != stated.name {
+        let (measured, stated) = (measured.name.clone(), stated.name.clone());
+        return Err(ControlProposalError::OtherMachine { run, measured, stated });
+    }
+    let of_run = MachineFile::from_stored_run("machine file", stored.machine_file_text.clone(), &stored.plan.artefact);
+    let is_simulated =
+        of_run.is_ok_and(|of_run| matches!(of_run.controller_section.control, ControlConfig::Simulated(_)));
+    if is_simulated {
+        return Err(ControlProposalError::Simulated(run));
+    }
+    let axes = |machine: &Machine| -> Vec<_> {
+        let stated = machine.axes.iter();
+        stated.map(|(axis, stated)| (*axis, stated.positive, stated.point_mm, stated.direction)).collect()
+    };
+    let is_same = measured.topology == stated.topology
+        && measured.tool_mm == stated.tool_mm
+        && axes(measured) == axes(stated)
+        && stored.plan.probe.stylus == file.probe.stylus
+        && stored.plan.compensations_active == file.controller_section.compensations_active;
+    if is_same { Ok(()) } else { Err(ControlProposalError::ChangedMachine(run)) }
+}
+
+/// `None`: the estimate states no measured ranges.
+fn predict_before_and_after(
+    machine: &Machine,
+    stylus: StatedStylusUncertainty,
+    estimate: &Estimate,
+    control: &ControlModel,
+    proposal: &Proposal,
+) -> Result<Option<[PredictedError; 2]>, MethodRefusal> {
+    if estimate.measured.is_empty() {
+        return Ok(None);
+    }
+    let chain = KinematicChain::new(machine)?;
+    let predict = |values_mm: &[f64]| -> Result<PredictedError, MethodRefusal> {
+        let errors = control.location_errors(&chain, values_mm, proposal.at_mm)?;
+        let predictor =
+            ErrorPredictor::new(machine, stylus, estimate, WorkZero::TableOrigin)?.with_compensated_errors(errors);
+        let poses = predictor.volume_grid_poses()?;
+        let [relative_to_work_zero, _] = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
+        Ok(PredictedError {
+            largest_um: relative_to_work_zero.largest_mm * 1e3,
+            expanded_largest_um: relative_to_work_zero.u_largest_mm * 2e3,
+        })
+    };
+    let [mut before, mut after] = [Vec::new(), Vec::new()];
+    for value in &proposal.values {
+        before.push(value.present_mm);
+        after.push(value.proposed_mm);
+    }
+    Ok(Some([predict(&before)?, predict(&after)?]))
+}
+
+/// Errors of the axes, except the positions that the control then has as measured.
+fn remaining_errors(estimate: &Estimate, proposal: &Proposal) -> Vec<RemainingError> {
+    let is_corrected = |error: ErrorParameter| {
+        let is_position = error.shape() == ErrorShape::Location && error.component().is_linear();
+        let is_own = |own: &&methods::compensation::ProposedPosition| {
+            own.coordinate.component == error.component() && own.coordinate.axis == error.axis()
+        };
+        let is_of_spindle = error.axis() == machine::Axis::S;
+        is_position && (is_of_spindle || proposal.positions.iter().find(is_own).is_some_and(|own| own.kept.is_none()))
+    };
+    let of_axes = estimate.parameters.iter().filter(|own| own.symbol.parse().is_ok_and(|error| !is_corrected(error)));
+    of_axes
+        .map(|own| RemainingError {
+            symbol: own.symbol.clone(),
+            value: own.value,
+            expanded: own.expanded,
+            unit: own.unit,
+        })
+        .collect()
+}

@@ -1,0 +1,208 @@
+//! Writing approved values to a control: the intent is in the journal before the first write, each value is read back.
+
+use crate::store::{
+    CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, StoreError, StoredCompensation,
+};
+use jiff::{SignedDuration, Timestamp};
+
+use super::proposal::ControlProposal;
+use super::target::{CompensationTarget, TargetError};
+
+/// Age at which a measurement no longer describes the machine well enough to change the control: its temperatures differ.
+const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
+/// Half a step of the values: the control prints seven digits.
+const MAX_UNCHANGED_DEVIATION_MM: f64 = 0.5e-4;
+
+#[derive(Debug, thiserror::Error)]
+pub enum CompensationWriteError {
+    #[error(transparent)]
+    Journal(#[from] StoreError),
+    #[error(transparent)]
+    Target(#[from] TargetError),
+    #[error("the proposal cannot be written as JSON: {0}")]
+    Json(#[from] serde_json::Error),
+    #[error(
+        "the approved proposal {approved} is not the present one, {present}: the run, the machine file or a value of the control has changed"
+    )]
+    OtherProposal { approved: String, present: String },
+    #[error("the proposal has expired: run {run} ended more than {} h ago", MAX_AGE_OF_MEASUREMENT.as_hours())]
+    Expired { run: i64 },
+    #[error("the proposal changes no value")]
+    NothingToWrite,
+    #[error("compensation {id} of `{machine}` is unfinished: some values may be new and others old")]
+    Unfinished { id: i64, machine: String },
+    #[error("there is nothing to undo: no compensation of `{machine}` is written")]
+    NothingToUndo { machine: String },
+    #[error("there is nothing to finish: no compensation of `{machine}` is unfinished")]
+    NothingToFinish { machine: String },
+    #[error(
+        "{name} is {present_mm} mm, neither {before_mm} mm nor {after_mm} mm: another program or person has changed it"
+    )]
+    ChangedByOther { name: String, present_mm: f64, before_mm: f64, after_mm: f64 },
+}
+
+impl CompensationWriteError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        let text = match self {
+            Self::Journal(error) => error.remedy(),
+            Self::Target(error) => return error.remedy(),
+            Self::Json(_) => "report this error",
+            Self::OtherProposal { .. } => {
+                "read the present proposal with `trued compensate propose`, then approve its hash"
+            }
+            Self::Expired { .. } => "measure again",
+            Self::NothingToWrite => "nothing needs to be done",
+            Self::Unfinished { .. } => {
+                "restore the values before with `trued compensate undo`, or write the rest with `trued compensate finish`"
+            }
+            Self::NothingToUndo { .. } | Self::NothingToFinish { .. } => {
+                "list the values of the control with `trued compensate status`"
+            }
+            Self::ChangedByOther { .. } => {
+                "set the value at the control to the one before or after, then try again; `trued compensate status` lists \
+                 both"
+            }
+        };
+        text.to_owned()
+    }
+}
+
+/// The only process that may change the values of the control: it holds the lock of the machine.
+pub struct CompensationWriter<'a> {
+    pub journal: &'a Journal,
+    pub lock: &'a MachineLock,
+    pub target: &'a CompensationTarget<'a>,
+    /// Name of the person who decides.
+    pub who: &'a str,
+}
+
+/// Direction of a write.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum WriteDirection {
+    ToNewValues,
+    ToValuesBefore,
+}
+
+impl WriteDirection {
+    fn states(self) -> [CompensationState; 2] {
+        match self {
+            Self::ToNewValues => [CompensationState::Writing, CompensationState::Written],
+            Self::ToValuesBefore => [CompensationState::Undoing, CompensationState::Undone],
+        }
+    }
+
+    fn value_mm(self, change: &CompensationChange) -> f64 {
+        match self {
+            Self::ToNewValues => change.after_mm,
+            Self::ToValuesBefore => change.before_mm,
+        }
+    }
+}
+
+impl CompensationWriter<'_> {
+    /// Writes the values of `proposal`, of which a person approved the hash `approved_sha256`.
+    ///
+    /// # Errors
+    /// The approval is of another proposal, or too old; an earlier compensation is unfinished; the control refuses a
+    /// write or reads back another value. From the first write on the compensation is unfinished after an error.
+    pub fn write(&self, proposal: &ControlProposal, approved_sha256: &str) -> Result<i64, CompensationWriteError> {
+        let present = proposal.sha256()?;
+        if approved_sha256 != present {
+            return Err(CompensationWriteError::OtherProposal { approved: approved_sha256.to_owned(), present });
+        }
+        if Timestamp::now().duration_since(proposal.measured_at) > MAX_AGE_OF_MEASUREMENT {
+            return Err(CompensationWriteError::Expired { run: proposal.run.0 });
+        }
+        self.check_none_unfinished()?;
+        let changed = proposal.proposal.values.iter().filter(|value| value.present_mm != value.proposed_mm);
+        let changes: Vec<CompensationChange> = changed
+            .map(|value| CompensationChange {
+                name: value.name.clone(),
+                before_mm: value.present_mm,
+                after_mm: value.proposed_mm,
+            })
+            .collect();
+        if changes.is_empty() {
+            return Err(CompensationWriteError::NothingToWrite);
+        }
+        self.target.check_writable()?;
+        let new = NewCompensation {
+            machine: self.lock.machine().to_owned(),
+            run: proposal.run,
+            who: self.who.to_owned(),
+            proposal_sha256: present,
+            changes: changes.clone(),
+        };
+        let id = self.journal.begin_compensation(&new).wait()?;
+        self.write_values(id, &changes, WriteDirection::ToNewValues)?;
+        Ok(id)
+    }
+
+    /// Restores the values before the last compensation, finished or not.
+    ///
+    /// # Errors
+    /// There is none; a value is neither as before nor as after; the control refuses a write.
+    pub fn undo(&self) -> Result<StoredCompensation, CompensationWriteError> {
+        let last = self.last()?.filter(|last| last.state != CompensationState::Undone);
+        let nothing = || CompensationWriteError::NothingToUndo { machine: self.lock.machine().to_owned() };
+        let last = last.ok_or_else(nothing)?;
+        self.rewrite(&last, WriteDirection::ToValuesBefore)?;
+        Ok(last)
+    }
+
+    /// Writes the rest of an unfinished compensation.
+    ///
+    /// # Errors
+    /// None is unfinished; a value is neither as before nor as after; the control refuses a write.
+    pub fn finish(&self) -> Result<StoredCompensation, CompensationWriteError> {
+        let last = self.last()?.filter(|last| last.state.is_unfinished());
+        let nothing = || CompensationWriteError::NothingToFinish { machine: self.lock.machine().to_owned() };
+        let last = last.ok_or_else(nothing)?;
+        self.rewrite(&last, WriteDirection::ToNewValues)?;
+        Ok(last)
+    }
+
+    fn rewrite(&self, last: &StoredCompensation, direction: WriteDirection) -> Result<(), CompensationWriteError> {
+        let present = self.target.read()?;
+        for CompensationChange { name, before_mm, after_mm } in &last.changes {
+            let present_mm = present.values().iter().find(|value| value.name == *name).map(|value| value.present_mm);
+            let present_mm = present_mm.unwrap_or(f64::NAN);
+            let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_UNCHANGED_DEVIATION_MM;
+            if ![before_mm, after_mm].into_iter().any(is_at) {
+                let (name, before_mm, after_mm) = (name.clone(), *before_mm, *after_mm);
+                return Err(CompensationWriteError::ChangedByOther { name, present_mm, before_mm, after_mm });
+            }
+        }
+        self.target.check_writable()?;
+        let [intent, _] = direction.states();
+        self.journal.set_compensation_state(last.id, intent, self.who).wait()?;
+        self.write_values(last.id, &last.changes, direction)
+    }
+
+    fn write_values(
+        &self,
+        id: i64,
+        changes: &[CompensationChange],
+        direction: WriteDirection,
+    ) -> Result<(), CompensationWriteError> {
+        for change in changes {
+            self.target.write(&change.name, direction.value_mm(change))?;
+        }
+        let [_, end] = direction.states();
+        Ok(self.journal.set_compensation_state(id, end, self.who).wait()?)
+    }
+
+    fn last(&self) -> Result<Option<StoredCompensation>, StoreError> {
+        self.journal.last_compensation(self.lock.machine())
+    }
+
+    fn check_none_unfinished(&self) -> Result<(), CompensationWriteError> {
+        match self.last()? {
+            Some(last) if last.state.is_unfinished() => {
+                Err(CompensationWriteError::Unfinished { id: last.id, machine: last.machine })
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! LinuxCNC's kinematics for a tilting rotary table, `xyzac-trt-kins` and `xyzbc-trt-kins`: the values are HAL pins.
+//! Which of the two, its identity mode and the units come from the INI file.
+
+mod hal_pins;
+
+use std::path::{Path, PathBuf};
+
+use machine::Axis;
+use machine::record::machine::AxisSense;
+
+use self::hal_pins::{ComponentPins, HalError, HalPins};
+use crate::controllers::ControllerError;
+use crate::controllers::linuxcnc::{IniFile, identity_switchkins_type};
+
+/// Pin of newer versions of LinuxCNC: 1 for rotary axes whose sense is that of ISO 841.
+const ISO_SENSE_PIN: &str = "conventional-directions";
+/// Component of the mode of the kinematics and of the state of the motion.
+const MOTION_COMPONENT: &str = "motion";
+
+/// Half a step of the values: `halcmd` prints seven digits.
+const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
+
+#[derive(Debug, thiserror::Error)]
+pub enum TrunnionError {
+    #[error(transparent)]
+    Hal(#[from] HalError),
+    #[error(transparent)]
+    Ini(#[from] ControllerError),
+    #[error("the kinematics of {path} are `{kinematics}`, not xyzac-trt-kins or xyzbc-trt-kins", path = path.display())]
+    OtherKinematics { path: PathBuf, kinematics: String },
+    #[error("LINEAR_UNITS of {path} is not mm", path = path.display())]
+    NotMillimetres { path: PathBuf },
+    #[error("the kinematics apply the values now (motion.switchkins-type is {mode}): a change would move the axes")]
+    KinematicsActive { mode: f64 },
+    #[error("the machine moves, or a program runs (pin motion.{pin})")]
+    InMotion { pin: &'static str },
+    #[error("after the write, pin {pin} reads {read_mm} mm instead of {written_mm} mm")]
+    ReadBack { pin: String, written_mm: f64, read_mm: f64 },
+}
+
+impl TrunnionError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Hal(error) => error.remedy(),
+            Self::Ini(error) => error.remedy(),
+            Self::OtherKinematics { .. } => "remove [compensation], or correct [controller] ini".to_owned(),
+            Self::NotMillimetres { .. } => "values in inches are not supported: enter them by hand".to_owned(),
+            Self::KinematicsActive { .. } => "switch the kinematics to identity (M429), then try again".to_owned(),
+            Self::InMotion { .. } => "wait until the machine is at rest, then try again".to_owned(),
+            Self::ReadBack { .. } => {
+                "check which other program or signal sets the pin; then restore the values with `trued compensate undo`"
+                    .to_owned()
+            }
+        }
+    }
+}
+
+/// The pins as read, mm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrunnionState {
+    /// A or B.
+    pub tilting_axis: Axis,
+    /// Sense of both rotary axes.
+    pub sense: AxisSense,
+    pub x_rot_point: f64,
+    pub y_rot_point: f64,
+    pub z_rot_point: f64,
+    /// `y-offset` of `xyzac-trt-kins`, `x-offset` of `xyzbc-trt-kins`.
+    pub offset: f64,
+    pub z_offset: f64,
+}
+
+/// A control with these kinematics.
+#[derive(Debug)]
+pub struct TrunnionTarget {
+    pins: HalPins,
+    module: &'static str,
+    tilting_axis: Axis,
+    /// Value of `motion.switchkins-type` in identity mode.
+    identity_mode: f64,
+}
+
+impl TrunnionTarget {
+    /// `ini`: the INI file that LinuxCNC was started with. `halcmd`: as for [`HalPins::new`].
+    ///
+    /// # Errors
+    /// The INI file is not readable, or names other kinematics or units.
+    pub fn new(ini: &Path, halcmd: &[String]) -> Result<Self, TrunnionError> {
+        let file = IniFile::read(ini)?;
+        let other = || TrunnionError::OtherKinematics {
+            path: ini.to_owned(),
+            kinematics: file.kinematics().unwrap_or_default().to_owned(),
+        };
+        let (module, tilting_axis) = match file.kinematics_module() {
+            Some("xyzac-trt-kins") => ("xyzac-trt-kins", Axis::A),
+            Some("xyzbc-trt-kins") => ("xyzbc-trt-kins", Axis::B),
+            _ => return Err(other()),
+        };
+        let units = file.value("TRAJ", "LINEAR_UNITS").map(str::to_ascii_lowercase);
+        if !matches!(units.as_deref(), Some("mm" | "metric")) {
+            return Err(TrunnionError::NotMillimetres { path: ini.to_owned() });
+        }
+        let identity_mode = identity_switchkins_type(&file).ok_or_else(other)?;
+        Ok(Self { pins: HalPins::new(halcmd), module, tilting_axis, identity_mode })
+    }
+
+    /// # Errors
+    /// The pins cannot be read, or not be set because they are connected.
+    pub fn read(&self) -> Result<TrunnionState, TrunnionError> {
+        let pins = self.pins.read_component(self.module)?;
+        let is_iso = pins.value(ISO_SENSE_PIN).is_ok_and(|value| value != 0.0);
+        Ok(TrunnionState {
+            tilting_axis: self.tilting_axis,
+            sense: if is_iso { AxisSense::Iso } else { AxisSense::Reversed },
+            x_rot_point: pins.settable_value("x-rot-point")?,
+            y_rot_point: pins.settable_value("y-rot-point")?,
+            z_rot_point: pins.settable_value("z-rot-point")?,
+            offset: pins.settable_value(if self.tilting_axis == Axis::A { "y-offset" } else { "x-offset" })?,
+            z_offset: pins.settable_value("z-offset")?,
+        })
+    }
+
+    /// Sets the pin `name` (with its component) and reads it back.
+    ///
+    /// # Errors
+    /// The kinematics are not in identity mode; the machine moves; the pin cannot be set, or reads back otherwise.
+    pub fn write(&self, name: &str, value_mm: f64) -> Result<(), TrunnionError> {
+        self.check_at_rest_in_identity_mode()?;
+        self.pins.set(name, value_mm)?;
+        let own_name = name.strip_prefix(self.module).and_then(|rest| rest.strip_prefix('.')).unwrap_or(name);
+        let read_mm = self.pins.read_component(self.module)?.value(own_name)?;
+        match (read_mm - value_mm).abs() < MAX_READ_BACK_DEVIATION_MM {
+            true => Ok(()),
+            false => Err(TrunnionError::ReadBack { pin: name.to_owned(), written_mm: value_mm, read_mm }),
+        }
+    }
+
+    /// # Errors
+    /// The kinematics are not in identity mode; the machine moves.
+    pub fn check_at_rest_in_identity_mode(&self) -> Result<(), TrunnionError> {
+        let motion: ComponentPins = self.pins.read_component(MOTION_COMPONENT)?;
+        let mode = motion.value("switchkins-type")?;
+        if mode != self.identity_mode {
+            return Err(TrunnionError::KinematicsActive { mode });
+        }
+        match motion.value("in-position")? {
+            0.0 => Err(TrunnionError::InMotion { pin: "in-position" }),
+            _ => Ok(()),
+        }
+    }
+}

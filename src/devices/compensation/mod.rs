@@ -1,0 +1,3 @@
+//! Values of controls that compensate errors of the axes: one folder for each kind of control.
+
+pub mod linuxcnc_trunnion;

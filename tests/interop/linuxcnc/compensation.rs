@@ -1,0 +1,110 @@
+//! The values that `trued compensate` writes to LinuxCNC's kinematics, verified with these kinematics: tool centre point
+//! control moves the tool, and the true axes show where it is on the table.
+
+use libtest_mimic::Failed;
+use nalgebra::Vector3;
+use serde_json::Value;
+
+use super::rig::{LinuxCncRig, halcmd};
+use super::run_workspace::RunWorkspace;
+use super::samba::point_on_table;
+
+const MODULE: &str = "xyzbc-trt-kins";
+const PINS: [&str; 5] = ["x-rot-point", "y-rot-point", "z-rot-point", "x-offset", "z-offset"];
+
+/// Positions of the tool in the workpiece, mm, and B and C, degrees. The run measured B from −30° to 30°.
+const POSES: [([f64; 3], [f64; 2]); 20] = [
+    ([60.0, 40.0, 110.0], [0.0, 0.0]),
+    ([60.0, 40.0, 110.0], [30.0, 0.0]),
+    ([60.0, 40.0, 110.0], [-30.0, 0.0]),
+    ([60.0, 40.0, 110.0], [0.0, 90.0]),
+    ([60.0, 40.0, 110.0], [0.0, 180.0]),
+    ([60.0, 40.0, 110.0], [0.0, -90.0]),
+    ([-70.0, 20.0, 90.0], [20.0, 45.0]),
+    ([-70.0, 20.0, 90.0], [-20.0, 135.0]),
+    ([10.0, -70.0, 120.0], [25.0, 225.0]),
+    ([10.0, -70.0, 120.0], [-25.0, 315.0]),
+    ([0.0, 0.0, 100.0], [30.0, 180.0]),
+    ([0.0, 0.0, 100.0], [-30.0, 180.0]),
+    ([50.0, -50.0, 95.0], [60.0, 0.0]),
+    ([50.0, -50.0, 95.0], [-60.0, 0.0]),
+    ([50.0, -50.0, 95.0], [60.0, 90.0]),
+    ([50.0, -50.0, 95.0], [-60.0, 90.0]),
+    ([-40.0, 60.0, 105.0], [60.0, 180.0]),
+    ([-40.0, 60.0, 105.0], [-60.0, 180.0]),
+    ([-40.0, 60.0, 105.0], [60.0, 270.0]),
+    ([-40.0, 60.0, 105.0], [-60.0, 270.0]),
+];
+const MEASURED_POSE_COUNT: usize = 12;
+
+/// Proposes, approves, writes and verifies; then restores the values before.
+pub fn check_correction_by_run(rig: &LinuxCncRig, workspace: &RunWorkspace) -> Result<(), Failed> {
+    let machine = workspace.machine_file_path().display().to_string();
+    let compensate =
+        |arguments: &[&str]| workspace.run_stdout(&[&["compensate"], arguments, &["--machine", &machine]].concat());
+    let before = pin_values()?;
+    let proposal: Value = serde_json::from_str(&compensate(&["propose", "1", "--json"])?)?;
+    let text = compensate(&["propose", "1"])?;
+    eprintln!("{text}");
+    let hash = text.lines().find_map(|line| line.strip_prefix("SHA-256 of the proposal: ")).ok_or("no hash")?;
+    let error_before_um = largest_tool_error_um(rig)?;
+    if compensate(&["write", "1", "--approve", &hash.replace(['0', '1'], "2"), "--who", "Ada"]).is_ok() {
+        return Err("another hash was accepted".into());
+    }
+    rig.set_tool_centre_point_mode(true)?;
+    if compensate(&["write", "1", "--approve", hash, "--who", "Ada"]).is_ok() || pin_values()? != before {
+        return Err("values were written while the kinematics applied them".into());
+    }
+    rig.set_tool_centre_point_mode(false)?;
+    compensate(&["write", "1", "--approve", hash, "--who", "Ada"])?;
+    check_pins(&proposal)?;
+    let error_after_um = largest_tool_error_um(rig)?;
+    eprintln!("largest tool error: {error_before_um:.1?} um before, {error_after_um:.1?} um after");
+    let predicted = &proposal["predicted"][1];
+    let [largest_um, expanded_um] =
+        ["largest_um", "U_largest_um"].map(|key| predicted[key].as_f64().unwrap_or_default());
+    if error_before_um[0] < 100.0 || error_after_um[0] > largest_um + expanded_um || error_after_um[1] > 20.0 {
+        return Err(format!("{largest_um} um was predicted, U = {expanded_um} um").into());
+    }
+    compensate(&["undo", "--who", "Ada"])?;
+    if pin_values()? == before { Ok(()) } else { Err("the values are not as before".into()) }
+}
+
+fn pin_values() -> Result<Vec<f64>, Failed> {
+    PINS.iter().map(|pin| Ok(halcmd(&["getp", &format!("{MODULE}.{pin}")])?.parse()?)).collect()
+}
+
+fn check_pins(proposal: &Value) -> Result<(), Failed> {
+    for ((pin, actual), value) in PINS.iter().zip(pin_values()?).zip(proposal["values"].as_array().ok_or("no values")?)
+    {
+        let proposed = value["proposed_mm"].as_f64().ok_or("no value")?;
+        if value["name"] != format!("{MODULE}.{pin}") || (actual - proposed).abs() > 1e-6 {
+            return Err(format!("{pin} is {actual}: {value}").into());
+        }
+    }
+    Ok(())
+}
+
+/// Largest error of the tool relative to its error at the first pose, µm: over the poses within the measured ranges,
+/// and over all.
+fn largest_tool_error_um(rig: &LinuxCncRig) -> Result<[f64; 2], Failed> {
+    rig.set_tool_centre_point_mode(true)?;
+    let mut person = rig.connect_client()?;
+    let mut errors = Vec::new();
+    for ([x, y, z], [b, c]) in POSES {
+        person.run_mdi(&format!("G53 G0 X{x} Y{y} Z{z} B{b} C{c}"))?;
+        let joints = rig.wait_for_rest()?;
+        let [joint_x, joint_y, joint_z, joint_b, joint_c] = joints[..] else { return Err("five joints".into()) };
+        if (joint_b - b).abs() > 1e-6 || (joint_c - c).abs() > 1e-6 {
+            return Err(format!("B {joint_b} C {joint_c} instead of B {b} C {c}").into());
+        }
+        let tool = Vector3::new(joint_x, joint_y, joint_z);
+        let on_table = point_on_table(tool, joint_b.to_radians(), joint_c.to_radians());
+        errors.push((on_table - Vector3::new(x, y, z)) * 1e3);
+    }
+    person.run_mdi("G53 G0 X0 Y0 Z200 B0 C0")?;
+    rig.wait_for_rest()?;
+    rig.set_tool_centre_point_mode(false)?;
+    let largest = |count: usize| errors.iter().take(count).map(|error| (error - errors[0]).norm()).fold(0.0, f64::max);
+    Ok([largest(MEASURED_POSE_COUNT), largest(POSES.len())])
+}

@@ -1,0 +1,333 @@
+//! `trued compensate` with a substitute for `halcmd` that keeps pins in a file, refuses, falsifies a read-back, or kills
+//! the program at a given call.
+
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+
+use crate::support::harness::{Pool, Trials, trials};
+use crate::support::machine_shop::{MachineShop, built_in_machine_text, stderr};
+use machine::record::estimate::Estimate;
+use serde_json::{Value, json};
+use trued::compensation::{CompensationTarget, CompensationWriteError, CompensationWriter, propose_for_control};
+use trued::setup::{self, MachineFile};
+use trued::store::{
+    CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, NewRun, RunId, RunState,
+};
+
+const MACHINE_TEXT: &str = include_str!("../../config/linuxcnc-sim.toml");
+const INI_TEXT: &str = include_str!("../peers/linuxcnc/rig.ini");
+/// Prints the pins as `halcmd -s show pin PREFIX` of LinuxCNC 2.9 does, and sets them as `setp`. At the call whose number
+/// is in the file `kill-at` it kills the program: before it acts, or after it if the number ends with a plus sign.
+const HALCMD_TEXT: &str = r#"#!/bin/sh
+cd "$(dirname "$0")" || exit 1
+count=$(($(cat calls 2>/dev/null || echo 0) + 1)); echo $count > calls
+kill_at=$(cat kill-at 2>/dev/null)
+if [ "$kill_at" = "$count" ]; then kill -9 $PPID; exit 1; fi
+if [ "$1" = setp ]; then
+    if [ "$2" = "$(cat refused 2>/dev/null)" ]; then echo "pin '$2' is refused" >&2; exit 1; fi
+    value=$3
+    [ -e falsified ] && value=$(awk "BEGIN { print $3 + 0.0001 }")
+    awk -v name="$2" -v value="$value" '$5 == name { $4 = value } { print }' pins > new && mv new pins
+else
+    grep " $4" pins
+fi
+[ "$kill_at" = "$count+" ] && kill -9 $PPID
+exit 0
+"#;
+const PIN_LINES: &str = "10 float IN 0.0123 xyzbc-trt-kins.x-rot-point
+10 float IN 0.02 xyzbc-trt-kins.y-rot-point
+10 float IN -3.5 xyzbc-trt-kins.z-rot-point
+10 float IN 0.25 xyzbc-trt-kins.x-offset
+10 float IN 3.5 xyzbc-trt-kins.z-offset
+10 float IN 0 motion.switchkins-type
+10 bit OUT TRUE motion.in-position
+";
+/// x-rot-point, y-rot-point and x-offset after the correction: C is where it was measured, B where it was.
+const CORRECTED: [(&str, f64); 3] = [("x-rot-point", 0.05), ("y-rot-point", -0.03), ("x-offset", 0.2123)];
+/// Calls of `halcmd` by one `write`: one reads the values, one the state of the machine; then three for each value.
+const CALLS_OF_WRITE: usize = 2 + 3 * CORRECTED.len();
+
+/// A machine file, a control and a journal with one run of a self-calibration.
+struct CompensationShop {
+    shop: MachineShop,
+}
+
+impl CompensationShop {
+    fn new() -> Self {
+        let shop = MachineShop::with_machine_file("");
+        let folder = shop.path_text("");
+        let ini = format!("ini = \"{folder}rig.ini\"");
+        let mut text = MACHINE_TEXT.to_owned();
+        for (from, to) in [
+            ("# ini = \"/home/cnc/linuxcnc/configs/mine/mine.ini\"", &*ini),
+            ("/tmp/trued-linuxcnc", folder.trim_end_matches('/')),
+        ] {
+            assert!(text.contains(from), "{from}");
+            text = text.replace(from, to);
+        }
+        shop.replace_machine_file(&format!(
+            "{text}\n[compensation]\nkind = \"linuxcnc-trunnion\"\nhalcmd = [\"{folder}halcmd\"]\n"
+        ));
+        std::fs::write(shop.path("rig.ini"), INI_TEXT).unwrap();
+        std::fs::write(shop.path("halcmd"), HALCMD_TEXT).unwrap();
+        std::fs::set_permissions(shop.path("halcmd"), Permissions::from_mode(0o755)).unwrap();
+        std::fs::write(shop.path("pins"), PIN_LINES).unwrap();
+        store_run(&shop.state_folder(), &MachineFile::read(Path::new(&shop.machine_path())).unwrap());
+        Self { shop }
+    }
+
+    fn compensate(&self, arguments: &[&str]) -> std::process::Output {
+        self.shop.run_trued(&[&["compensate"], arguments, &["--machine", &self.shop.machine_path()]].concat())
+    }
+
+    fn proposal(&self) -> Value {
+        let output = self.compensate(&["propose", "1", "--json"]);
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)))
+    }
+
+    fn hash(&self) -> String {
+        let output = self.compensate(&["propose", "1"]);
+        let text = String::from_utf8(output.stdout.clone()).unwrap();
+        let hash = text.lines().find_map(|line| line.strip_prefix("SHA-256 of the proposal: "));
+        hash.unwrap_or_else(|| panic!("{text}{}", stderr(&output))).to_owned()
+    }
+
+    fn write(&self, hash: &str) -> std::process::Output {
+        self.compensate(&["write", "1", "--approve", hash, "--who", "Ada"])
+    }
+
+    fn pin(&self, name: &str) -> f64 {
+        let text = std::fs::read_to_string(self.shop.path("pins")).unwrap();
+        let end = format!("xyzbc-trt-kins.{name}");
+        let line = text.lines().find(|line| line.ends_with(&end)).unwrap();
+        line.split(' ').nth(3).unwrap().parse().unwrap()
+    }
+
+    fn are_pins(&self, expected: impl Fn(&(&str, f64)) -> bool) -> bool {
+        self.pin("z-rot-point") == -3.5 && self.pin("z-offset") == 3.5 && CORRECTED.iter().all(expected)
+    }
+
+    fn is_corrected(&self) -> bool {
+        self.are_pins(|(name, mm)| self.pin(name) == *mm)
+    }
+
+    fn is_as_before(&self) -> bool {
+        std::fs::read_to_string(self.shop.path("pins")).unwrap() == PIN_LINES
+    }
+
+    fn replace_pins(&self, from: &str, to: &str) {
+        let text = std::fs::read_to_string(self.shop.path("pins")).unwrap();
+        assert!(text.contains(from), "{from}");
+        std::fs::write(self.shop.path("pins"), text.replace(from, to)).unwrap();
+    }
+
+    fn state(&self) -> Option<CompensationState> {
+        let journal = Journal::open(&self.shop.state_folder()).unwrap();
+        journal.last_compensation("linuxcnc-sim5").unwrap().map(|last| last.state)
+    }
+
+    fn assert_refused(&self, output: &std::process::Output, expected: &str) {
+        let text = stderr(output);
+        assert!(output.status.code() != Some(0) && text.contains(expected), "{text}");
+    }
+}
+
+/// C is at (50, −30) µm, U = 1 µm.
+fn store_run(folder: &Path, file: &MachineFile) {
+    let journal = Journal::open(folder).unwrap();
+    let plan = setup::plan_without_steps(file, "self-calibration", json!({}));
+    let new = NewRun { machine_file_text: file.text().to_owned(), plan };
+    let run = journal.begin_run(&new).wait().unwrap();
+    let parameter = |symbol: &str, value: f64| {
+        json!({"symbol": symbol, "value": value, "unit": "um", "u": 0.5, "U": 1.0, "k": 2.0, "dof": null,
+            "identifiable": true})
+    };
+    let estimate: Estimate = serde_json::from_value(json!({
+        "trued_estimate": 1, "method": "self-calibration", "functions": [], "rank": 2, "unknowns": 2,
+        "parameters": [parameter("EX0C", 50.0), parameter("EY0C", -30.0)],
+        "covariance": {"symbols": ["EX0C", "EY0C"], "rows": [[0.25, 0.0], [0.0, 0.25]]}, "condition": 1.0,
+        "gauge": [], "not_identifiable": [], "residual_rms_um": 0.1, "degrees_of_freedom": 10, "chi2_per_dof": 1.0,
+        "verdict": "none", "warnings": [], "priors": [], "location_at_mm": [0.0, 0.0, 90.0],
+        "measured": {"X": [-60.0, 60.0], "Y": [-60.0, 60.0], "Z": [90.0, 90.0], "B": [0.0, 0.0], "C": [0.0, 315.0]},
+    }))
+    .unwrap();
+    journal.add_estimate(run, &estimate).wait().unwrap();
+    journal.set_state(run, RunState::Finished).wait().unwrap();
+}
+
+fn approved_values_are_written_and_restored() {
+    let shop = CompensationShop::new();
+    let proposal = shop.proposal();
+    let kept: Vec<bool> = proposal["positions"].as_array().unwrap().iter().map(|own| own["kept"].is_object()).collect();
+    assert_eq!(kept, [false, false, true, true], "{proposal}");
+    assert!(proposal["predicted"][0]["largest_um"].as_f64().unwrap() > 60.0, "{proposal}");
+    assert!(proposal["predicted"][1]["largest_um"].as_f64().unwrap() < 0.2, "{proposal}");
+    let hash = shop.hash();
+    let hal = shop.shop.path_text("values.hal");
+    let written = shop.compensate(&["write", "1", "--approve", &hash, "--who", "Ada", "--hal", &hal]);
+    assert!(written.status.success() && shop.is_corrected(), "{}", stderr(&written));
+    let lines = std::fs::read_to_string(&hal).unwrap();
+    assert_eq!(lines.lines().next(), Some("setp xyzbc-trt-kins.x-rot-point 0.05"), "{lines}");
+    assert_eq!(lines.lines().count(), 5, "{lines}");
+    let status = String::from_utf8(shop.compensate(&["status"]).stdout).unwrap();
+    assert!(status.contains("written by Ada"), "{status}");
+    // The same hash again: the control now holds other values.
+    shop.assert_refused(&shop.write(&hash), "is not the present one");
+    let undone = shop.compensate(&["undo", "--who", "Bob"]);
+    assert!(undone.status.success() && shop.is_as_before(), "{}", stderr(&undone));
+    shop.assert_refused(&shop.compensate(&["undo", "--who", "Bob"]), "nothing to undo");
+    shop.assert_refused(&shop.compensate(&["finish", "--who", "Bob"]), "nothing to finish");
+    // The values are as before, and so is the proposal.
+    assert!(shop.write(&hash).status.success() && shop.is_corrected());
+}
+
+fn write_that_is_not_safe_is_refused() {
+    let shop = CompensationShop::new();
+    let hash = shop.hash();
+    shop.assert_refused(&shop.write(&"0".repeat(64)), "is not the present one");
+    for (from, to, expected) in [
+        (
+            "float IN 0 motion.switchkins-type",
+            "float IN 1 motion.switchkins-type",
+            "the kinematics apply the values now",
+        ),
+        ("TRUE motion.in-position", "FALSE motion.in-position", "the machine moves"),
+        ("0.0123 xyz", "0.0124 xyz", "is not the present one"),
+        ("rot-point\n10 float IN 0.02", "rot-point <== offset\n10 float IN 0.02", "connected to the signal offset"),
+        ("0.0123 xyz", "nan xyz", "not a finite number"),
+        ("kins.x-offset", "kins.x_offset", "no pin xyzbc-trt-kins.x-offset"),
+        ("kins.z-offset", "kins.z-offset\n10 bit OUT TRUE xyzbc-trt-kins.conventional-directions", "another direction"),
+    ] {
+        shop.replace_pins(from, to);
+        shop.assert_refused(&shop.write(&hash), expected);
+        shop.replace_pins(to, from);
+    }
+    for (from, to, expected) in [
+        ("LINEAR_UNITS = mm", "LINEAR_UNITS = inch", "is not mm"),
+        ("KINEMATICS = xyzbc-trt-kins", "KINEMATICS = trivkins", "not xyzac-trt-kins or xyzbc-trt-kins"),
+        ("KINEMATICS = xyzbc-trt-kins", "KINEMATICS = xyzac-trt-kins", "no pin xyzac-trt-kins"),
+    ] {
+        std::fs::write(shop.shop.path("rig.ini"), INI_TEXT.replace(from, to)).unwrap();
+        shop.assert_refused(&shop.write(&hash), expected);
+    }
+    std::fs::write(shop.shop.path("rig.ini"), INI_TEXT).unwrap();
+    assert!(shop.is_as_before() && shop.state().is_none());
+    // The machine file has changed since the run.
+    shop.shop.replace_in_machine_file("[0.012, -0.008, 0.0]", "[0.012, -0.009, 0.0]");
+    shop.assert_refused(&shop.write(&hash), "otherwise than run 1");
+}
+
+/// A control that stores a value one step off: the compensation is unfinished, and is undone.
+fn false_read_back_is_reported() {
+    let shop = CompensationShop::new();
+    let hash = shop.hash();
+    std::fs::write(shop.shop.path("falsified"), "").unwrap();
+    shop.assert_refused(&shop.write(&hash), "reads 0.0501 mm instead of 0.05 mm");
+    std::fs::remove_file(shop.shop.path("falsified")).unwrap();
+    assert_eq!(shop.state(), Some(CompensationState::Writing));
+    shop.assert_refused(&shop.write(&shop.hash()), "is unfinished");
+    // Neither the value before nor the one after: a person must decide.
+    shop.assert_refused(&shop.compensate(&["undo", "--who", "Ada"]), "neither 0.0123 mm nor 0.05 mm");
+    shop.replace_pins("0.0501 xyz", "0.05 xyz");
+    assert!(shop.compensate(&["undo", "--who", "Ada"]).status.success() && shop.is_as_before());
+    // A control that refuses the second value.
+    std::fs::write(shop.shop.path("refused"), "xyzbc-trt-kins.y-rot-point").unwrap();
+    shop.assert_refused(&shop.write(&hash), "is refused");
+    assert_eq!((shop.pin("x-rot-point"), shop.pin("y-rot-point")), (0.05, 0.02));
+    std::fs::remove_file(shop.shop.path("refused")).unwrap();
+    assert!(shop.compensate(&["finish", "--who", "Ada"]).status.success() && shop.is_corrected());
+}
+
+/// Killed before and after each call of `halcmd`: then the control has the values before, those after, or the journal
+/// states that it may have both; undo and finish lead out of it.
+fn program_killed_at_any_step_leaves_a_known_state() {
+    let shop = CompensationShop::new();
+    let hash = shop.hash();
+    let kill_at = shop.shop.path("kill-at");
+    for call in 1..=CALLS_OF_WRITE {
+        for (moment, way_out) in [("", "undo"), ("", "finish"), ("+", "undo"), ("+", "finish")] {
+            std::fs::write(shop.shop.path("calls"), "0").unwrap();
+            std::fs::write(&kill_at, format!("{call}{moment}")).unwrap();
+            let killed = shop.write(&hash);
+            assert_eq!(killed.status.code(), None, "call {call}: {}", stderr(&killed));
+            std::fs::remove_file(&kill_at).unwrap();
+            match shop.state() {
+                None | Some(CompensationState::Undone) => assert!(shop.is_as_before(), "call {call}{moment}"),
+                Some(CompensationState::Writing) => {
+                    let ended = shop.compensate(&[way_out, "--who", "Ada"]);
+                    assert!(ended.status.success(), "{}", stderr(&ended));
+                    let is_expected = if way_out == "undo" { shop.is_as_before() } else { shop.is_corrected() };
+                    assert!(is_expected, "call {call}{moment}, {way_out}");
+                }
+                other => panic!("call {call}{moment}: {other:?}"),
+            }
+            if shop.is_corrected() {
+                assert!(shop.compensate(&["undo", "--who", "Ada"]).status.success());
+            }
+            assert!(shop.is_as_before());
+        }
+    }
+    // Killed within an undo: the journal knows, and undo ends it.
+    assert!(shop.write(&hash).status.success());
+    for call in 1..=CALLS_OF_WRITE {
+        std::fs::write(shop.shop.path("calls"), "0").unwrap();
+        std::fs::write(&kill_at, call.to_string()).unwrap();
+        assert_eq!(shop.compensate(&["undo", "--who", "Ada"]).status.code(), None);
+        std::fs::remove_file(&kill_at).unwrap();
+        if shop.state() == Some(CompensationState::Undoing) {
+            assert!(shop.compensate(&["finish", "--who", "Ada"]).status.success());
+        }
+        assert!(shop.is_corrected() && shop.state() == Some(CompensationState::Written), "call {call}");
+    }
+}
+
+fn expired_proposal_is_refused() {
+    let shop = CompensationShop::new();
+    let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
+    let folder = shop.shop.state_folder();
+    let (journal, lock) = (Journal::open(&folder).unwrap(), MachineLock::acquire(&folder, "linuxcnc-sim5").unwrap());
+    let target = CompensationTarget::open(&file).unwrap();
+    let options = methods::compensation::ProposalOptions { with_insignificant_changes: false, max_change_mm: 0.5 };
+    let mut proposal = propose_for_control(&journal, RunId(1), &file, &target, options).unwrap();
+    let writer = CompensationWriter { journal: &journal, lock: &lock, target: &target, who: "Ada" };
+    proposal.measured_at -= std::time::Duration::from_secs(25 * 3600);
+    let refused = writer.write(&proposal, &proposal.sha256().unwrap()).unwrap_err();
+    assert!(matches!(refused, CompensationWriteError::Expired { run: 1 }), "{refused}");
+    assert!(shop.is_as_before());
+    // Another process holds the machine.
+    shop.assert_refused(&shop.write(&shop.hash()), "is in use");
+}
+
+fn no_run_starts_while_a_compensation_is_unfinished() {
+    let shop = MachineShop::with_machine_file(&built_in_machine_text());
+    let file = MachineFile::read(Path::new(&shop.machine_path())).unwrap();
+    {
+        let journal = Journal::open(&shop.state_folder()).unwrap();
+        let plan = setup::plan_without_steps(&file, "self-calibration", json!({}));
+        let run = journal.begin_run(&NewRun { machine_file_text: String::new(), plan }).wait().unwrap();
+        journal.set_state(run, RunState::Closed).wait().unwrap();
+        let changes = vec![CompensationChange { name: "x".to_owned(), before_mm: 0.0, after_mm: 0.1 }];
+        let (machine, who) = (file.machine.name.clone(), "Ada".to_owned());
+        let new = NewCompensation { machine, run, who, proposal_sha256: String::new(), changes };
+        journal.begin_compensation(&new).wait().unwrap();
+    }
+    let refused = shop.run_self_calibration();
+    let text = stderr(&refused);
+    assert!(text.contains("compensation 1 is unfinished") && text.contains("compensate undo"), "{text}");
+    assert_eq!(shop.run_states(), ["closed", "failed"]);
+    let journal = Journal::open(&shop.state_folder()).unwrap();
+    journal.set_compensation_state(1, CompensationState::Undone, "Ada").wait().unwrap();
+    assert!(shop.run_self_calibration().status.success());
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Computing, 0;
+        approved_values_are_written_and_restored,
+        write_that_is_not_safe_is_refused,
+        false_read_back_is_reported,
+        program_killed_at_any_step_leaves_a_known_state,
+        expired_proposal_is_refused,
+        no_run_starts_while_a_compensation_is_unfinished,
+    ]
+}
