@@ -8,7 +8,7 @@ use super::files::state_folder;
 use super::{ExitStatus, show};
 use crate::archive::history::{ParameterSeries, describe_changes, machine_history};
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
-use crate::report::result_row::format_limit;
+use crate::report::result_row::format_plus_minus_limit;
 use crate::setup::MachineFile;
 use crate::store::Journal;
 use machine::record::estimate::ParameterTolerance;
@@ -65,7 +65,7 @@ fn print_trend(machine: &str, all: &[ParameterSeries], days: u32) {
         let number = |value: f64| format_fixed(value, decimals);
         let limits = series.trend.individuals.map(|chart| chart.control_limits());
         let limits = limits.map_or("too few runs".to_owned(), |ends| ends.map(number).join(" to "));
-        let tolerance = series.tolerance.map_or("none".to_owned(), format_limit);
+        let tolerance = series.tolerance.map_or("none".to_owned(), format_plus_minus_limit);
         let warmth = newest.temperatures_c.iter().map(|(name, mean)| format!("{name} {mean:.1}"));
         let warmth = warmth.collect::<Vec<_>>().join(", ");
         outln!(

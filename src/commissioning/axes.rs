@@ -54,10 +54,10 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
     }
     let Some(jog) = plan_jog(check, axis) else { return Ok(AxisOutcome::Reported) };
     loop {
-        let since = Instant::now();
+        let part_started = Instant::now();
         // The operator is prompted only for a jog that is proven to be free of collision.
         if let Err(error) = jog::prove_planned_jog(check, &jog) {
-            report_failed_jog(check, &jog, since, &error).await?;
+            report_failed_jog(check, &jog, part_started, &error).await?;
             return Ok(AxisOutcome::Reported);
         }
         let stands = check.position.clone().unwrap_or_default();
@@ -72,28 +72,28 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
             }
         }
         if let Err(error) = jog::run_jog(check, &jog).await {
-            report_failed_jog(check, &jog, since, &error).await?;
+            report_failed_jog(check, &jog, part_started, &error).await?;
             return Ok(AxisOutcome::Reported);
         }
         let OperatorAnswer::Motion(seen) =
             check.prompt_operator(OperatorQuestion::ObservedJog { jog, visible_motion: expected.clone() }).await?
         else {
-            report_axis_not_returned(check, &jog, since);
+            report_axis_not_returned(check, &jog, part_started);
             return Err(CheckEnd::Unsafe);
         };
         if let Err(error) = jog::run_jog(check, &jog::reversed_jog(&jog)).await {
-            report_failed_jog(check, &jog, since, &error).await?;
+            report_failed_jog(check, &jog, part_started, &error).await?;
             return Ok(AxisOutcome::Reported);
         }
         if seen != ObservedMotion::Unclear {
-            judge_observed_motion(check, &jog, seen, since, &expected);
+            judge_observed_motion(check, &jog, seen, part_started, &expected);
             return Ok(AxisOutcome::Reported);
         }
     }
 }
 
 /// Reports that the operator has left: the axis stays where it is.
-fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, since: Instant) {
+fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, part_started: Instant) {
     let axis = jog.axis;
     let what = format!(
         "{axis} {}: the operator did not report the observed motion, so the axis was not \
@@ -102,7 +102,7 @@ fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, since: Inst
     );
     check.report_failed(
         CheckPart::Axes,
-        since,
+        part_started,
         what,
         format!("check the machine; move {axis} back at the control, then repeat the check"),
     );
@@ -110,7 +110,7 @@ fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, since: Inst
 
 /// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
 fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
-    let (since, machine) = (Instant::now(), &check.machine_file.machine);
+    let (part_started, machine) = (Instant::now(), &check.machine_file.machine);
     let spec = machine.axes.get(&axis)?;
     let stands = check.position.as_ref()?;
     let jog = jog::jog_away_from_limit(axis, JOG_LENGTH_MM_OR_DEG, spec, stands);
@@ -122,7 +122,7 @@ fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
             coordinates)"
         );
         check.has_axis_fault = true;
-        check.report_failed(CheckPart::Axes, since, what, remedy);
+        check.report_failed(CheckPart::Axes, part_started, what, remedy);
     }
     jog
 }
@@ -134,14 +134,14 @@ fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
 async fn report_failed_jog(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
-    since: Instant,
+    part_started: Instant,
     error: &JogError,
 ) -> Result<(), CheckEnd> {
     check.require_no_stop_request()?;
     check.has_axis_fault = true;
     let reported = if error.has_changed_nothing() { None } else { describe_reported_motion(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, format_jog(jog), reported.unwrap_or_default());
-    check.report_failed(CheckPart::Axes, since, what, error.remedy());
+    check.report_failed(CheckPart::Axes, part_started, what, error.remedy());
     if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) }
 }
 
@@ -164,7 +164,7 @@ fn judge_observed_motion(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
     observed: ObservedMotion,
-    since: Instant,
+    part_started: Instant,
     expected: &str,
 ) {
     let (axis, by) = (jog.axis, format_jog(jog));
@@ -181,7 +181,7 @@ fn judge_observed_motion(
     };
     let (what, remedy) = match observed {
         ObservedMotion::AsAnnounced | ObservedMotion::Unclear => {
-            return check.report_ok(CheckPart::Axes, since, format!("{axis} {by}: {expected}, as expected"));
+            return check.report_ok(CheckPart::Axes, part_started, format!("{axis} {by}: {expected}, as expected"));
         }
         ObservedMotion::Opposite => (
             format!("{axis} {by}: the axis moved in the opposite direction: the sense of {axis} is wrong"),
@@ -205,7 +205,7 @@ fn judge_observed_motion(
         ObservedMotion::Distance(distance) => gain_fault_and_remedy(jog, distance),
     };
     check.has_axis_fault = true;
-    check.report_failed(CheckPart::Axes, since, what, remedy);
+    check.report_failed(CheckPart::Axes, part_started, what, remedy);
 }
 
 fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {

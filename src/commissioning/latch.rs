@@ -29,7 +29,7 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
         check.report_unchecked(CheckPart::Latch, PROBE_UNTESTED_REASON);
         return Ok(());
     }
-    let since = Instant::now();
+    let part_started = Instant::now();
     // The plan is made without prompts: the check itself asks the operator.
     let file = check.machine_file.without_prompts();
     let configured = setup::configure_method_and_plan_without_steps(&file, latch_delay::METHOD_NAME, None);
@@ -38,7 +38,7 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
     let (action, method, plan_without_steps) = match described {
         Ok(described) => described,
         Err(error) => {
-            check.report_failed(CheckPart::Latch, since, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(CheckPart::Latch, part_started, error.to_string(), error.remedy().unwrap_or_default());
             return Ok(());
         }
     };
@@ -74,22 +74,22 @@ async fn touch_part_and_report_latch(
     method: Arc<dyn Method>,
     plan_without_steps: Plan,
 ) -> Result<(), CheckEnd> {
-    let since = Instant::now();
+    let part_started = Instant::now();
     let probe = plan_without_steps.probe.clone();
     let measured = run_latch_delay_method(check, method, plan_without_steps).await?;
     check.require_no_stop_request()?;
     match measured {
-        Ok(result) => report_latch(check, &result, &probe, since),
+        Ok(result) => report_latch(check, &result, &probe, part_started),
         Err(CycleError::MeasurementIncomplete { error, .. }) if is_no_contact(&error) => check.report_failed(
             CheckPart::Latch,
-            since,
+            part_started,
             format!("{error}: the part is not at the position in the machine file"),
             "move the part to the position of [artefact], or correct centre_mm, radius_mm and height_mm \
             there; if the position is right, correct tool_mm of [machine] or the zero of the axes",
         ),
         Err(error) => {
             let remedy = failed_cycle_remedy(&error);
-            check.report_failed(CheckPart::Latch, since, error.to_string(), remedy);
+            check.report_failed(CheckPart::Latch, part_started, error.to_string(), remedy);
         }
     }
     Ok(())
@@ -123,15 +123,20 @@ async fn run_latch_delay_method(
     Ok(result)
 }
 
-fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
+fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, part_started: Instant) {
     match result.latch_diagnosis {
-        LatchDiagnosis::NoPlcScan { .. } => check.report_ok(CheckPart::Latch, since, &result.latch_text),
+        LatchDiagnosis::NoPlcScan { .. } => check.report_ok(CheckPart::Latch, part_started, &result.latch_text),
         LatchDiagnosis::PlcScan(time) => {
-            check.report_failed(CheckPart::Latch, since, &result.latch_text, plc_scan_remedy(probe, time.duration_s));
+            check.report_failed(
+                CheckPart::Latch,
+                part_started,
+                &result.latch_text,
+                plc_scan_remedy(probe, time.duration_s),
+            );
         }
         LatchDiagnosis::ExcessScatter(_) => check.report_failed(
             CheckPart::Latch,
-            since,
+            part_started,
             &result.latch_text,
             "check that probe, stylus, part and table are tight; a lower search_feed_mm_min causes less \
             vibration",
@@ -139,26 +144,26 @@ fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: 
     }
     if let Some(text) = &result.delay_text {
         if result.delay_s > 0.0 {
-            check.report_ok(CheckPart::Latch, since, text);
+            check.report_ok(CheckPart::Latch, part_started, text);
         } else {
             check.report_failed(
                 CheckPart::Latch,
-                since,
+                part_started,
                 text,
                 "set the feed override to 100 %, and switch off the compensation of the probe delay at the \
                 control",
             );
         }
     }
-    report_scatter(check, result, probe, since);
+    report_scatter(check, result, probe, part_started);
 }
 
 /// Compares the scatter of the touches with the declared repeatability.
-fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, since: Instant) {
+fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, part_started: Instant) {
     match (&result.scatter_text, probe.repeatability_um) {
         (Some(text), _) => check.report_failed(
             CheckPart::Latch,
-            since,
+            part_started,
             text,
             format!(
                 "clean the stylus and the part and check that both are tight; if the scatter stays the \
@@ -179,7 +184,7 @@ fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe
                     {bound:.2} µm, χ² test)"
                 );
             }
-            check.report_ok(CheckPart::Latch, since, what);
+            check.report_ok(CheckPart::Latch, part_started, what);
         }
         _ => {}
     }

@@ -9,34 +9,34 @@ use devices::controllers::{ConnectionDiagnosisRequest, ControllerError, Diagnosi
 use machine::record::question::{OperatorAnswer, OperatorQuestion};
 
 pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
-    let since = Instant::now();
+    let part_started = Instant::now();
     let error = match check.open_devices(check.pace).await {
         Ok(()) => {
             let at = match &check.machine_file.controller_section.control {
                 ControlConfig::Real(control) => control.describe_address(),
                 ControlConfig::Simulated(_) => "simulated".to_owned(),
             };
-            check.report_ok(CheckPart::Links, since, format!("the link to the control is open: {at}"));
+            check.report_ok(CheckPart::Links, part_started, format!("the link to the control is open: {at}"));
             return check.require_no_stop_request();
         }
         Err(SetupError::Controller(error)) => error,
         Err(SetupError::Link(error)) => error.into(),
         Err(error) => {
-            check.report_failed(CheckPart::Links, since, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(CheckPart::Links, part_started, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     };
-    end_with_link_fault(check, CheckPart::Links, since, &error).await
+    end_with_link_fault(check, CheckPart::Links, part_started, &error).await
 }
 
 /// Reports `error` and its possible causes, closes the link and returns the end of the check.
 pub(super) async fn end_with_link_fault<T>(
     check: &mut MachineCheck<'_>,
     part: CheckPart,
-    since: Instant,
+    part_started: Instant,
     error: &ControllerError,
 ) -> Result<T, CheckEnd> {
-    check.report_failed(part, since, error.to_string(), error.remedy());
+    check.report_failed(part, part_started, error.to_string(), error.remedy());
     check.devices = None;
     if let ControlConfig::Real(control) = &check.machine_file.controller_section.control {
         let machine = &check.machine_file.machine;
@@ -49,7 +49,7 @@ pub(super) async fn end_with_link_fault<T>(
                 .await;
         }
         for diagnosis in diagnoses {
-            check.report_failed(part, since, diagnosis.to_string(), diagnosis.remedy);
+            check.report_failed(part, part_started, diagnosis.to_string(), diagnosis.remedy);
         }
     }
     check.require_no_stop_request()?;

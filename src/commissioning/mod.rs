@@ -178,24 +178,30 @@ impl<'a> MachineCheck<'a> {
         Ok(())
     }
 
-    fn report_ok(&mut self, part: CheckPart, since: Instant, what: impl Into<String>) {
-        self.add_finding(part, CheckVerdict::Ok, since, what.into(), None);
+    fn report_ok(&mut self, part: CheckPart, part_started: Instant, what: impl Into<String>) {
+        self.add_finding(part, CheckVerdict::Ok, part_started, what.into(), None);
     }
 
-    fn report_failed(&mut self, part: CheckPart, since: Instant, what: impl Into<String>, remedy: impl Into<String>) {
-        self.add_finding(part, CheckVerdict::Failed, since, what.into(), Some(remedy.into()));
+    fn report_failed(
+        &mut self,
+        part: CheckPart,
+        part_started: Instant,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        self.add_finding(part, CheckVerdict::Failed, part_started, what.into(), Some(remedy.into()));
     }
 
     /// Reports a fault after which it would not be safe to continue, and returns the end of the check.
     fn end_with_fault<T>(
         &mut self,
         part: CheckPart,
-        since: Instant,
+        part_started: Instant,
         what: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Result<T, CheckEnd> {
         self.require_no_stop_request()?;
-        self.report_failed(part, since, what, remedy);
+        self.report_failed(part, part_started, what, remedy);
         Err(CheckEnd::Unsafe)
     }
 
@@ -213,11 +219,11 @@ impl<'a> MachineCheck<'a> {
         &mut self,
         part: CheckPart,
         verdict: CheckVerdict,
-        since: Instant,
+        part_started: Instant,
         what: String,
         remedy: Option<String>,
     ) {
-        let took_s = since.elapsed().as_secs_f64();
+        let took_s = part_started.elapsed().as_secs_f64();
         let finding = CheckFinding { part, what, took_s, verdict, remedy };
         (self.on_finding)(&finding);
         self.summary.findings.push(finding);

@@ -11,7 +11,7 @@ use crate::setup::machine_file::ControlConfig;
 impl MachineCheck<'_> {
     /// Nothing of this makes the machine unsafe. A simulated machine needs no report data.
     pub(super) fn check_report_data(&mut self) {
-        let since = Instant::now();
+        let part_started = Instant::now();
         let data = &self.machine_file.report_data;
         let (missing, today) = (data.missing_keys().join(", "), Zoned::now().date().to_string());
         if data.is_certificate_expired(&today) {
@@ -19,11 +19,11 @@ impl MachineCheck<'_> {
             let what = format!("the certificate of the artefact was valid until {due}");
             let remedy = "calibrate the artefact, then enter the new certificate: with `trued artefact add`, or in \
                           [report] if the artefact is not in the register";
-            return self.report_failed(CheckPart::Report, since, what, remedy);
+            return self.report_failed(CheckPart::Report, part_started, what, remedy);
         }
         if let Some(due) = &data.certificate_due {
             let what = format!("the certificate of the artefact is valid until {due}");
-            self.report_ok(CheckPart::Report, since, what);
+            self.report_ok(CheckPart::Report, part_started, what);
         }
         let is_simulated = matches!(self.machine_file.controller_section.control, ControlConfig::Simulated(_));
         if !is_simulated && !missing.is_empty() {

@@ -19,12 +19,12 @@ const MAX_RETRACT_ANSWERS: usize = 20;
 /// # Errors
 /// The stylus was retracted out of contact, a stop was requested, or the control cannot continue.
 pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
-    let since = Instant::now();
+    let part_started = Instant::now();
     let mut last_result = None;
     for answers in 0..=MAX_RETRACT_ANSWERS {
-        let snapshot = control::read_snapshot_for_probe_part(check, since).await?;
+        let snapshot = control::read_snapshot_for_probe_part(check, part_started).await?;
         if !snapshot.is_probe_closed {
-            return if answers > 0 { Err(report_released_stylus(check, since)) } else { Ok(()) };
+            return if answers > 0 { Err(report_released_stylus(check, part_started)) } else { Ok(()) };
         }
         if answers == MAX_RETRACT_ANSWERS {
             break;
@@ -38,18 +38,18 @@ pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result
     }
     let what = format!("the probe still reads closed after {MAX_RETRACT_ANSWERS} answers of the operator");
     let remedy = "check the machine and the stylus; retract with the jog keys of the control";
-    check.report_failed(CheckPart::Probe, since, what, remedy);
+    check.report_failed(CheckPart::Probe, part_started, what, remedy);
     Err(CheckEnd::Unsafe)
 }
 
 /// Reports that the stylus is out of contact, and ends the check: jogs are proven from the position that the control
 /// reports, but the stylus met something at an unexpected place.
-fn report_released_stylus(check: &mut MachineCheck<'_>, since: Instant) -> CheckEnd {
+fn report_released_stylus(check: &mut MachineCheck<'_>, part_started: Instant) -> CheckEnd {
     let what = "the stylus is out of contact and the probe reads open; the position of the machine may differ from \
         the display of the control";
     let remedy = "jog the machine clear at the control, find the body that the stylus touched, and home the \
         machine if its position may be wrong; then repeat the check";
-    check.report_failed(CheckPart::Probe, since, what, remedy);
+    check.report_failed(CheckPart::Probe, part_started, what, remedy);
     CheckEnd::Unsafe
 }
 
@@ -65,7 +65,7 @@ fn visible_motions(check: &MachineCheck<'_>, position: &Position) -> Vec<String>
 
 /// Moves by one retract increment and describes the result. A move that cannot be proven is not executed.
 async fn retract_by_one_increment(check: &mut MachineCheck<'_>, direction: AxisDirection) -> Result<String, CheckEnd> {
-    let since = Instant::now();
+    let part_started = Instant::now();
     let position = control::prepare_in_contact(check).await?;
     match jog::run_retract_increment(check, &position, direction).await {
         Ok(()) => Ok(format!("{direction}: moved by {RETRACT_INCREMENT_MM} mm")),
@@ -74,6 +74,8 @@ async fn retract_by_one_increment(check: &mut MachineCheck<'_>, direction: AxisD
             Ok(format!("{direction}: moved by {RETRACT_INCREMENT_MM} mm; the probe still reads closed"))
         }
         Err(error) if error.has_changed_nothing() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
-        Err(error) => check.end_with_fault(CheckPart::Probe, since, format!("{direction}: {error}"), error.remedy()),
+        Err(error) => {
+            check.end_with_fault(CheckPart::Probe, part_started, format!("{direction}: {error}"), error.remedy())
+        }
     }
 }

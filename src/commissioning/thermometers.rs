@@ -7,20 +7,20 @@ use devices::sensors::thermometer::ThermometerError;
 
 pub(super) async fn check_thermometers(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let devices = check.devices.as_ref().ok_or(CheckEnd::Unsafe)?;
-    let since = Instant::now();
+    let part_started = Instant::now();
     let each = devices.thermometers.read_once().await.into_iter();
     let results: Vec<_> = each
         .map(|(entry, result)| (format!("thermometer {} ({})", entry.name, entry.describe_address()), result))
         .collect();
     for (name, result) in results {
         match result {
-            Ok(celsius) => check.report_ok(CheckPart::Sensors, since, format!("{name}: {celsius:.2} °C")),
+            Ok(celsius) => check.report_ok(CheckPart::Sensors, part_started, format!("{name}: {celsius:.2} °C")),
             // The machine file was written for a simulated machine.
             Err(error @ ThermometerError::NoSimulatedMachine) => {
                 check.report_unchecked(CheckPart::Sensors, format!("{name}: {error}; {}", error.remedy()));
             }
             Err(error) => {
-                check.report_failed(CheckPart::Sensors, since, format!("{name}: {error}"), error.remedy());
+                check.report_failed(CheckPart::Sensors, part_started, format!("{name}: {error}"), error.remedy());
             }
         }
     }

@@ -45,7 +45,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_circle_is_recovered_from_exact_points() {
+    fn circle_is_recovered_from_exact_points() {
         for (centre, radius, angles) in [
             ([0.003, 0.0051], 0.0059, vec![0.0, 0.8, 1.6, 2.4, 3.2, 4.0, 4.8, 5.6]),
             ([250.0, -400.0], 12.0, vec![0.0, 2.0, 4.0]),
@@ -60,7 +60,7 @@ mod tests {
 
     /// The reference is the minimum of the sum of squares, found by search on successively finer grids.
     #[test]
-    fn regress_fit_of_noisy_points_agrees_with_grid_search() {
+    fn fit_of_noisy_points_agrees_with_grid_search() {
         let points = [[1.0, 0.0], [0.1, 1.2], [-0.9, 0.1], [0.2, -1.3], [0.8, 0.5], [-0.5, -0.9]];
         let squares = |x: f64, y: f64| {
             let d: Vec<f64> = points.iter().map(|p| (p[0] - x).hypot(p[1] - y)).collect();
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_points_without_a_circle_are_refused() {
+    fn points_without_a_circle_are_refused() {
         assert_eq!(fit_circle(&[[0.0, 0.0], [1.0, 0.0]]), Err(CircleError::TooFewPoints(2)));
         let line: Vec<[f64; 2]> = (0..7).map(|i| [1e3 + 0.1 * f64::from(i), 0.3 * f64::from(i)]).collect();
         assert_eq!(fit_circle(&line), Err(CircleError::Collinear));

@@ -90,7 +90,7 @@ mod tests {
     /// Tables of the normal distribution (95 %, 99.73 %), of Student's t, and continuity where the expansion
     /// begins.
     #[test]
-    fn regress_two_sided_t_factors_agree_with_tables() {
+    fn two_sided_t_factors_agree_with_tables() {
         assert!((two_sided_t_factor(0.95, f64::INFINITY) - 1.959_964).abs() < 1e-6);
         assert!((two_sided_t_factor(0.997_300_204, f64::INFINITY) - 3.0).abs() < 1e-6);
         assert!((two_sided_t_factor(0.95, 10.0) - 2.228_139).abs() < 1e-5);
@@ -115,7 +115,7 @@ mod tests {
 
     /// Tables of the χ² distribution: 2.5 % and 97.5 % points.
     #[test]
-    fn regress_chi_square_bounds_agree_with_tables() {
+    fn chi_square_bounds_agree_with_tables() {
         let (low, high) = chi_square_bounds(10.0, 0.95).unwrap();
         assert!((low - 3.247).abs() < 1e-3 && (high - 20.483).abs() < 1e-3);
         assert_eq!(chi_square_bounds(0.0, 0.95), None);
@@ -124,7 +124,7 @@ mod tests {
 
     /// Tables of the F distribution: 99 % and 95 % points.
     #[test]
-    fn regress_variance_ratio_bounds_agree_with_tables() {
+    fn variance_ratio_bounds_agree_with_tables() {
         for (probability, dof, dof_below, bound) in
             [(0.99, 10.0, 10.0, 4.849), (0.99, 5.0, 20.0, 4.103), (0.95, 8.0, 2.0, 19.371)]
         {

@@ -67,7 +67,7 @@ mod tests {
     /// Candidates: one in the plane of two known columns, one out of this plane by 3 %, and one that is independent of
     /// the known columns only.
     #[test]
-    fn regress_columns_out_of_the_known_plane_are_independent() {
+    fn columns_out_of_the_known_plane_are_independent() {
         let known = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0]];
         let slanted = vec![1.0, 0.0, 0.03];
         let candidates = [vec![2.0, -1.0, 0.0], slanted.clone(), vec![0.0, 5.0, 7.0]];

@@ -274,7 +274,7 @@ mod tests {
 
     /// L = [[2, 0], [-1, 3]], computed by hand. For a matrix of rank 1 the second column is zero.
     #[test]
-    fn regress_cholesky_factors_agree_with_hand_computation() {
+    fn cholesky_factors_agree_with_hand_computation() {
         let of = |rows: [[f64; 2]; 2]| cholesky_lower(&Mat::from_fn(2, 2, |i, j| rows[i][j]));
         let expected = [[2.0, 0.0], [-1.0, 3.0]];
         assert_eq!(of([[4.0, -2.0], [-2.0, 10.0]]), Mat::from_fn(2, 2, |i, j| expected[i][j]));

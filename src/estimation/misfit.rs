@@ -68,7 +68,7 @@ mod tests {
     /// Residuals of six readings from their mean: χ² has five degrees of freedom, and without a declaration the factor
     /// is the sample standard deviation of the readings (GUM 4.2.2), here √(70/5).
     #[test]
-    fn regress_misfit_of_six_readings_from_their_mean() {
+    fn misfit_of_six_readings_from_their_mean() {
         let residuals = [-5.0, -3.0, -1.0, 1.0, 3.0, 5.0];
         let misfit = Misfit::from_residuals(&residuals, &unit_draws_less_their_mean(), 5, false);
         assert!((misfit.expected_chi2 - 5.0).abs() < 1e-12 && (misfit.effective_dof - 5.0).abs() < 1e-12);
@@ -86,7 +86,7 @@ mod tests {
 
     /// As many rows as unknowns: residuals and expectation are rounding errors, so their ratio is arbitrary.
     #[test]
-    fn regress_no_bound_is_exceeded_without_degrees_of_freedom() {
+    fn no_bound_is_exceeded_without_degrees_of_freedom() {
         let left = [vec![1e-16, 0.0], vec![0.0, -2e-16]];
         for declared in [false, true] {
             let misfit = Misfit::from_residuals(&[3e-13, -1e-13], &left, 0, declared);

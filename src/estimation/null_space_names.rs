@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_mixed_directions_are_separated() {
+    fn mixed_directions_are_separated() {
         // Two undetermined directions, EX0S − t_x and the gain alone, mixed by a rotation.
         let (c, s) = (0.6, 0.8);
         let pair = [1.0, -1.0, 0.0, 0.0];
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_factors_are_stated_and_long_directions_shortened() {
+    fn factors_are_stated_and_long_directions_shortened() {
         let lever = Mat::from_fn(2, 1, |i, _| [1.0, 250.0][i]);
         let found = name_null_space(lever.as_ref(), &owned_names(&["EC0C", "x1"]));
         assert_eq!(found, ["EC0C - 0.004 x1 (inseparable)"]);

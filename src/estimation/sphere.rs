@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_five_exact_touches_return_centre_and_radius() {
+    fn five_exact_touches_return_centre_and_radius() {
         for (centre, radius, elevation) in
             [([1e4, -3e3, 250.0], 15.0, 0.0), ([0.0, 0.0, 0.0], 1e-2, 0.5), ([1.0, 2.0, 3.0], 1e3, -0.2)]
         {
@@ -90,7 +90,7 @@ mod tests {
     /// Touches on the equator and the pole, computed by hand: Σ u uᵀ = diag(2, 2, 1), Σu = (0, 0, 1). The radius is
     /// the mean of four touches, z is the pole less the radius.
     #[test]
-    fn regress_covariance_of_five_touches_equals_hand_calculation() {
+    fn covariance_of_five_touches_equals_hand_calculation() {
         let points = five_touches([10.0, 20.0, 30.0], 12.5, 0.0);
         let free = fit_sphere(&points).unwrap();
         let expected = [[0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.25, -0.25], [0.0, 0.0, -0.25, 0.25]];
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_points_that_define_no_sphere_are_refused() {
+    fn points_that_define_no_sphere_are_refused() {
         let points = five_touches([5.0, 6.0, 7.0], 10.0, 0.3);
         assert_eq!(fit_sphere(&points[..3]), Err(SphereError::TooFewPoints(3)));
         assert_eq!(fit_sphere(&points[..4]), Err(SphereError::Coplanar));

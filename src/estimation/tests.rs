@@ -88,7 +88,7 @@ fn gate_g1_deficient_probe_angles_lose_gcd_less_one_directions() {
 }
 
 #[test]
-fn regress_constrained_solution_is_exact_and_rank_deficiency_is_refused() {
+fn constrained_solution_is_exact_and_rank_deficiency_is_refused() {
     let a = paper_design(1);
     let gauge = paper_gauge();
     let mut truth: Vec<f64> = (0..UNKNOWN_COUNT).map(|j| (0.7 * j as f64).sin() * 1e-3).collect();
@@ -118,7 +118,7 @@ fn regress_constrained_solution_is_exact_and_rank_deficiency_is_refused() {
 /// Straight line through (−1, 1), (0, 2), (1, 4) with sigma 1, 1, 2. The normal equations by hand are 9/4·a − 3/4·b
 /// = 4, −3/4·a + 5/4·b = 0, so a = 20/9, b = 4/3, and the covariance is the inverse.
 #[test]
-fn regress_weighted_line_fit_equals_hand_calculation() {
+fn weighted_line_fit_equals_hand_calculation() {
     let a = Mat::from_fn(3, 2, |i, j| if j == 0 { 1.0 } else { i as f64 - 1.0 });
     let solution = solve_least_squares(&LinearProblem {
         a: a.as_ref(),

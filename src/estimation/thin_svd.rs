@@ -104,7 +104,7 @@ mod tests {
     /// Weighted equations of multiprobe (28 rows, 16 unknowns, groups of equal singular values) for which the
     /// decomposition of faer 0.24 does not converge. The file holds the bits of the entries, row by row.
     #[test]
-    fn regress_matrix_without_faer_convergence_is_decomposed() {
+    fn matrix_without_faer_convergence_is_decomposed() {
         let rows: Vec<Vec<f64>> = include_str!("without_convergence.txt")
             .lines()
             .skip(1)

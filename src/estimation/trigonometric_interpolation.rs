@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_interpolant_equals_function_of_low_harmonics() {
+    fn interpolant_equals_function_of_low_harmonics() {
         let f = |t: f64| 0.7 + 2.0 * t.cos() - 0.3 * t.sin() + 0.25 * (3.0 * t + 0.4).cos();
         let slope = |t: f64| -2.0 * t.sin() - 0.3 * t.cos() - 0.75 * (3.0 * t + 0.4).sin();
         for count in [7, 8, 9, 36] {
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_highest_harmonic_of_even_count_is_a_cosine() {
+    fn highest_harmonic_of_even_count_is_a_cosine() {
         let found = interpolate_function(8, |t| (4.0 * t).cos());
         for t in [0.0, 0.1, 0.5, 2.0] {
             assert!((found.value(t) - (4.0 * t).cos()).abs() < 1e-14);

@@ -37,7 +37,8 @@ pub(super) enum LinkProtocol {
     Lines,
     Modbus(Framing),
     SharedFiles,
-    SensorRequests,
+    /// Requests to the driver of a sensor and its samples, as text lines; not the bytes on the wire.
+    SensorSamples,
 }
 
 impl LinkProtocol {
@@ -46,7 +47,7 @@ impl LinkProtocol {
         Self::Modbus(Framing::Rtu),
         Self::Modbus(Framing::Tcp),
         LinkProtocol::SharedFiles,
-        LinkProtocol::SensorRequests,
+        LinkProtocol::SensorSamples,
     ];
 
     pub(super) fn keyword(self) -> &'static str {
@@ -55,7 +56,7 @@ impl LinkProtocol {
             Self::Modbus(Framing::Rtu) => "modbus-rtu",
             Self::Modbus(Framing::Tcp) => "modbus-tcp",
             LinkProtocol::SharedFiles => "files",
-            LinkProtocol::SensorRequests => "samples",
+            LinkProtocol::SensorSamples => "samples",
         }
     }
 }

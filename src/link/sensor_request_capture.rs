@@ -18,7 +18,7 @@ impl SensorRequestCapture {
 
     /// Records or replays, according to `mode`; `name` is the name of the sensor in the capture.
     pub fn from_mode(mode: &LinkMode, name: &str) -> Self {
-        let backend = mode.backend_for_link(name, LinkProtocol::SensorRequests);
+        let backend = mode.backend_for_link(name, LinkProtocol::SensorSamples);
         backend.record_opening();
         Self { name: name.to_owned(), backend }
     }

@@ -64,7 +64,7 @@ fn are_positions_nearly_equal(a: &Position, b: &Position) -> bool {
 }
 
 #[test]
-fn regress_one_touch_has_the_expected_motions() {
+fn one_touch_has_the_expected_motions() {
     let plan = cylinder_plan(vec![radial_touch_step(3, 0.0, 0.0, 1.0, 0.5)]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     assert!((clearance.part_clearance_z.unwrap() - PART_CLEARANCE_Z_MM).abs() < 1e-9 && clearance.top_z == 450.0);
@@ -187,7 +187,7 @@ fn assert_touch_block_moves_safely(plan: &Plan, block: &MotionBlock, begins: &Po
 }
 
 #[test]
-fn regress_every_touch_of_a_cycle_obeys_the_motion_rules() {
+fn every_touch_of_a_cycle_obeys_the_motion_rules() {
     let steps: Vec<Step> = (0..24)
         .map(|i| {
             let turn = f64::from(i) * PI / 4.0;
@@ -228,7 +228,7 @@ fn regress_every_touch_of_a_cycle_obeys_the_motion_rules() {
 /// A part 100 mm high and 45 mm in radius, tilted from 0° to 90°: its rim rises to √(100² + 45²) during the motion,
 /// higher than at either end.
 #[test]
-fn regress_safe_height_clears_the_rim_between_two_tilts() {
+fn safe_height_clears_the_rim_between_two_tilts() {
     let plan =
         cylinder_plan(vec![radial_touch_step(0, 0.0, 0.0, 0.0, 0.0), radial_touch_step(1, 0.0, FRAC_PI_2, 0.0, 0.0)]);
     let rim = 100.0_f64.hypot(45.0) + PART_CLEARANCE_Z_MM - 100.0;
@@ -299,7 +299,7 @@ fn rotary_target_exactly_at_its_limit_is_accepted() {
 
 /// X moves at 100 mm/s and 1000 mm/s², C at 30°/s and 300°/s².
 #[test]
-fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
+fn machine_time_is_that_of_hand_computed_trapezoids() {
     let machine = cylinder_plan(Vec::new()).machine;
     let begins = position_from_mm_or_rad(&[(Axis::X, 0.0), (Axis::Y, 0.0), (Axis::Z, 0.0), (Axis::C, 0.0)]);
     let seconds =
@@ -340,7 +340,7 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
 }
 
 #[test]
-fn regress_guarded_feed_too_fast_for_the_overtravel_is_refused() {
+fn guarded_feed_too_fast_for_the_overtravel_is_refused() {
     // 100 mm/s against 1000 mm/s² is 5 mm, the overtravel 4 mm.
     let mut plan = cylinder_plan(vec![radial_touch_step(3, 0.0, 0.0, 0.0, 0.0)]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();

@@ -92,7 +92,7 @@ impl ResultRow {
             dof: format_degrees_of_freedom(*dof),
             interval: parameter.interval_monte_carlo.map(|ends| ends.map(number).join(" to ")),
             unit: unit.symbol(),
-            limit: judged.map(|judged| format_limit(judged.limit)),
+            limit: judged.map(|judged| format_plus_minus_limit(judged.limit)),
             verdict: judged.map(|judged| judged.verdict),
             verdict_word: judged.map(|judged| verdict_word(judged.verdict)),
             verdict_class: verdict_class(judged.map_or(Verdict::None, |judged| judged.verdict)),
@@ -194,7 +194,7 @@ pub fn verdict_sentence(verdict: Verdict) -> &'static str {
 }
 
 /// The shortest text of a limit, with both signs.
-pub fn format_limit(limit: f64) -> String {
+pub fn format_plus_minus_limit(limit: f64) -> String {
     format!("±{limit}")
 }
 

@@ -152,7 +152,7 @@ impl<'a> Run<'a> {
                     None if self.is_probe_confirmed => error,
                     None => error.no_contact_into_no_first_contact(),
                 };
-                self.record_failure(&error).await;
+                self.journal_end_by_error(&error).await;
                 Err(error)
             }
         }
@@ -251,7 +251,7 @@ impl<'a> Run<'a> {
 
     /// Journals how the run ended. If the journal itself has failed, its own error is reported instead, and
     /// there is nowhere to write.
-    async fn record_failure(&mut self, error: &RunError) {
+    async fn journal_end_by_error(&mut self, error: &RunError) {
         let event = match error {
             _ if error.is_requested_stop() => RunEvent::Held { reason: error.to_string() },
             _ => RunEvent::Faulted {

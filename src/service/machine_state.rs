@@ -235,7 +235,7 @@ pub struct Counters {
     pub reading_count: u64,
     pub refusal_counts: BTreeMap<Refusal, u64>,
     /// Cycles that ended by a failure of a link.
-    pub cycles_with_link_error: u64,
+    pub cycles_ended_by_link_error: u64,
 }
 
 /// Error message for a person.
@@ -288,7 +288,7 @@ impl MachineState {
         (self.open_prompt, self.remaining_s) = (None, None);
         self.failure.clone_from(&end.failure);
         end.outcome.into_iter().for_each(|outcome| self.count_outcome(outcome));
-        self.counters.cycles_with_link_error += u64::from(end.ended_by_link_error);
+        self.counters.cycles_ended_by_link_error += u64::from(end.ended_by_link_error);
     }
 
     pub(super) fn count_outcome(&mut self, outcome: CycleOutcome) {

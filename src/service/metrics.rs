@@ -26,7 +26,7 @@ pub struct Metrics {
     cycles_by_outcome: Family<MetricLabels<2>, Counter>,
     readings: Family<MetricLabels<1>, Counter>,
     refusals: Family<MetricLabels<2>, Counter>,
-    cycles_with_link_error: Family<MetricLabels<1>, Counter>,
+    cycles_ended_by_link_error: Family<MetricLabels<1>, Counter>,
     state: Family<MetricLabels<2>, Gauge>,
     progress_age: Family<MetricLabels<1>, SecondsGauge>,
     journal_write_time: Histogram,
@@ -53,7 +53,7 @@ impl Default for Metrics {
             cycles_by_outcome: runs,
             readings,
             refusals,
-            cycles_with_link_error: link_errors,
+            cycles_ended_by_link_error: link_errors,
             state,
             progress_age,
             journal_write_time,
@@ -94,7 +94,7 @@ impl Metrics {
             set(&self.refusals.get_or_create(&labels), *count);
         }
         set(&self.readings.get_or_create(&[name()]), counters.reading_count);
-        set(&self.cycles_with_link_error.get_or_create(&[name()]), counters.cycles_with_link_error);
+        set(&self.cycles_ended_by_link_error.get_or_create(&[name()]), counters.cycles_ended_by_link_error);
     }
 
     /// Returns all metrics in the OpenMetrics text format, with those of `results`.

@@ -71,7 +71,7 @@ pub(super) fn add_checksum_triggers(connection: &Connection) -> Result<(), Store
     Ok(())
 }
 
-/// Sets the checksum of every row, whatever the row contains.
+/// Computes and stores the checksum of every row anew, without verifying the old one; for a migration.
 pub(super) fn compute_all_checksums(connection: &Connection) -> Result<(), StoreFault> {
     for table in checksummed_tables(connection)? {
         let set = format!("UPDATE {} SET checksum = {}", table.name, table.checksum_sql());

@@ -16,7 +16,7 @@ pub struct RunFilter<'a> {
     pub machine: Option<&'a str>,
     pub method: Option<&'a str>,
     pub state: Option<RunState>,
-    /// Verdict of the last estimate.
+    /// Only runs whose last estimate has this verdict.
     pub verdict: Option<Verdict>,
 }
 

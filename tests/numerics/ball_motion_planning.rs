@@ -79,7 +79,7 @@ fn indexations_of_balls(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec
         let free = |ball: &usize| {
             access.accessible_touches(&ball_measurement_request(plan, *ball, &rotary, SEARCH_MODE)).is_ok()
         };
-        // A different ball is left out each time.
+        // Four of the six balls; the list begins with another ball each time.
         let from = quarter % 6;
         let some: Vec<usize> = (from..from + 6).map(|ball| ball % 6).filter(free).collect();
         let some: Vec<usize> = some.into_iter().take(4.min(left)).collect();
@@ -232,7 +232,7 @@ impl PlannedStage {
 /// indexations in the order of the position list, the balls by number and the touches as in paper 4, with a search
 /// and a measurement at each; without our references.
 #[test]
-fn regress_built_in_samba_takes_at_most_45_percent_of_the_naive_time() {
+fn built_in_samba_takes_at_most_45_percent_of_the_naive_time() {
     let (plan, stages) = plan_samba_on_built_in_machine("");
     let all = || stages.iter().flat_map(|planned| planned.steps_with_safe_heights(&plan));
     let (_, ours_s) = plan_step_blocks(&plan, all(), &mut None, TouchedDirections::all());
@@ -288,7 +288,7 @@ fn print_time_per_motion_kind(plan: &Plan, blocks: &[MotionBlock]) {
 /// A slower touch (30 mm/min), a lower Z and other balls. With slow touches alone the limit is only just met: of
 /// the 39.3 minutes of the naive order 15.0 are touches, which are independent of the order.
 #[test]
-fn regress_109_balls_take_at_most_60_percent_of_the_naive_time() {
+fn plan_of_109_balls_takes_at_most_60_percent_of_the_naive_time() {
     let mut plan = paper_4_balls_plan();
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let visits = indexations_of_balls(&plan, &access);
@@ -310,7 +310,7 @@ fn regress_109_balls_take_at_most_60_percent_of_the_naive_time() {
 }
 
 #[test]
-fn regress_motions_of_109_ball_searches_are_proven() {
+fn motions_of_109_ball_searches_are_proven() {
     let mut plan = paper_4_balls_plan();
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let ordered = visits_in_short_order(&plan, &access, &indexations_of_balls(&plan, &access));

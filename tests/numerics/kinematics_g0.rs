@@ -38,8 +38,8 @@ fn parse_parameters<S: AsRef<str>>(names: &[S]) -> Vec<ErrorParameter> {
     names.iter().map(|name| name.as_ref().parse().unwrap()).collect()
 }
 
-/// All six location errors of every axis, and the gains of the linear axes along all directions except two times
-/// their own: 42 on a machine of five axes and spindle.
+/// Six location errors of each of five axes and the spindle, and two gains of each linear axis: along its own direction
+/// and along one other. Together 42.
 fn location_errors_and_gains_42() -> Vec<ErrorParameter> {
     let mut names = Vec::new();
     for axis in ["X", "Y", "Z", "B", "C", "S"] {
@@ -137,12 +137,12 @@ fn assert_jacobian_agrees_with_differences(topology: &str, reversed: &[Axis], se
 }
 
 #[test]
-fn regress_jacobian_of_13_parameters_agrees_with_differences() {
+fn jacobian_of_13_parameters_agrees_with_differences() {
     assert_jacobian_agrees_with_differences("wCBXFZYSt", &[], &parse_parameters(&LOCATION_ERRORS_AND_GAINS_13));
 }
 
 #[test]
-fn regress_jacobian_of_42_parameters_agrees_with_differences() {
+fn jacobian_of_42_parameters_agrees_with_differences() {
     assert_eq!(location_errors_and_gains_42().len(), 42);
     assert_jacobian_agrees_with_differences("wCBXFZYSt", &[], &location_errors_and_gains_42());
     assert_jacobian_agrees_with_differences(
@@ -153,7 +153,7 @@ fn regress_jacobian_of_42_parameters_agrees_with_differences() {
 }
 
 #[test]
-fn regress_jacobian_with_error_motions_agrees_with_differences() {
+fn jacobian_with_error_motions_agrees_with_differences() {
     let mut set = error_motion_parameters(&["B", "C"]);
     set.extend(parse_parameters(&["EX0C", "EA0C", "EB0C", "EA0B", "EC0B", "EXX1", "EYY1", "EC0Y"]));
     assert_jacobian_agrees_with_differences("wCBFXYZt", &[], &set);
@@ -161,7 +161,7 @@ fn regress_jacobian_with_error_motions_agrees_with_differences() {
 }
 
 #[test]
-fn regress_jacobian_of_other_machines_agrees_with_differences() {
+fn jacobian_of_other_machines_agrees_with_differences() {
     let locations = |axes: &[&str]| {
         let mut names = vec!["EXX1".to_owned(), "EYY1".to_owned(), "EZZ1".to_owned()];
         for axis in axes {
@@ -277,7 +277,7 @@ fn paper_4_machine_as_plain_matrix_products() {
 }
 
 #[test]
-fn regress_inverse_of_forward_is_identity() {
+fn inverse_of_forward_is_identity() {
     let machines: [(&str, &[Axis], Vec<ErrorParameter>); 5] = [
         ("wCBXFZYSt", &[], location_errors_and_gains_42()),
         ("wCBFXYZt", &[Axis::B, Axis::C], error_motion_parameters(&["B", "C"])),

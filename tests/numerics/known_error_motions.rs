@@ -191,20 +191,20 @@ fn assert_known_motions_subtracted(changes: &[(&str, Value)]) {
 }
 
 #[test]
-fn regress_known_motions_are_subtracted() {
+fn known_motions_are_subtracted() {
     assert_known_motions_subtracted(&[]);
 }
 
 /// Coefficients refer to the commanded angle, whatever the sense of rotation.
 #[test]
-fn regress_known_motions_of_a_reversed_axis_are_subtracted() {
+fn known_motions_of_a_reversed_axis_are_subtracted() {
     assert_known_motions_subtracted(&[("axes.C.positive", "reversed".into())]);
 }
 
 /// With five positions order 5 is not separable from the location of the axis. Without known motions, the declared
 /// magnitude is in the budget; known motions replace it.
 #[test]
-fn regress_known_motions_reduce_u_and_keep_the_coverage() {
+fn known_motions_reduce_u_and_keep_the_coverage() {
     const FULL_POPULATION: u64 = 1000;
     let worlds = population_size(FULL_POPULATION);
     let right = KnownMotionOptions { components: &[Axis::X, Axis::Y], coefficient_std_u: 0.3, ..EXACT_KNOWN_MOTIONS };
@@ -254,7 +254,7 @@ fn regress_known_motions_reduce_u_and_keep_the_coverage() {
 /// At Z = 50 mm above `point_mm` a motion EBC displaces the part by EBC·50 mm in X, EAC by −EAC·50 mm in Y. With 1
 /// µm and 20 µrad, fully correlated, both cancel or add up.
 #[test]
-fn regress_u_of_known_motions_keeps_their_correlation() {
+fn u_of_known_motions_keeps_their_correlation() {
     let file = machine_with_c_motions_only(&[]);
     let (method, header) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
     let mut world = setup::build_world(&file).unwrap();

@@ -111,7 +111,7 @@ impl MeasuredRun {
 
 /// Which touches are repeated does not depend on when a run was interrupted.
 #[test]
-fn regress_repeated_touches_do_not_depend_on_an_interruption() {
+fn repeated_touches_do_not_depend_on_an_interruption() {
     let text = include_str!("../../config/simulated.toml");
     let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
     let file = built_in_machine("self-calibration", &format!("{text}{settings}"), 1);

@@ -78,12 +78,12 @@ fn assert_mean_chi2_within_bounds(mean: f64, worlds: u64) {
 }
 
 #[test]
-fn regress_mean_chi2_is_within_bounds_with_all_sources() {
+fn mean_chi2_is_within_bounds_with_all_sources() {
     assert_mean_chi2(&[]);
 }
 
 #[test]
-fn regress_mean_chi2_is_within_bounds_with_poor_axes() {
+fn mean_chi2_is_within_bounds_with_poor_axes() {
     assert_mean_chi2(&[
         ("error_motion_um", "3.0"),
         ("error_wavelength_mm", "60.0"),
@@ -106,7 +106,7 @@ const SOURCE_KEYS: [(&str, &str, &str, &str); 6] = [
 
 /// One source alone (METHODS section 6): its budget line equals the observed scatter.
 #[test]
-fn regress_each_budget_line_equals_the_scatter_of_its_source() {
+fn each_budget_line_equals_the_scatter_of_its_source() {
     const FULL_POPULATION: u64 = 100;
     let worlds = population_size(FULL_POPULATION);
     let (low, high) = sd_ratio_bounds(worlds, FULL_POPULATION, (0.8, 1.2));
@@ -145,7 +145,7 @@ fn regress_each_budget_line_equals_the_scatter_of_its_source() {
 /// With the spindle following the probe angle neither stylus offset nor lobing affects the axis position; with a
 /// fixed spindle they do.
 #[test]
-fn regress_spindle_orientation_along_the_normal_removes_stylus_offset_and_lobing() {
+fn spindle_orientation_along_the_normal_removes_stylus_offset_and_lobing() {
     let found = |spindle: &str| {
         let changes = [("seed", "77"), ("stylus_offset_um", "20.0"), ("lobing_um", "8.0")];
         let text = machine_file_with_changes(&changes)
@@ -224,7 +224,7 @@ fn estimate_and_truth_of_interrupted_run(
 /// A machine that moved during an interruption: the step is fitted, and U remains valid wherever the cycle was
 /// interrupted. Without the gap in the plan this fails by far.
 #[test]
-fn regress_mean_chi2_is_within_bounds_across_an_interruption() {
+fn mean_chi2_is_within_bounds_across_an_interruption() {
     let (worlds, mut sum) = (population_size(120), 0.0);
     for world in 0..worlds {
         let kept = 8 + (world as usize * 7) % 52;

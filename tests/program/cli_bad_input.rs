@@ -30,7 +30,7 @@ fn line_number(text: &str, key: &str) -> usize {
     text.lines().position(|line| line.starts_with(key)).expect("the key") + 1
 }
 
-fn regress_an_unknown_key_names_file_line_key_and_the_nearest() {
+fn an_unknown_key_names_file_line_key_and_the_nearest() {
     let machine = MACHINE_FILE.replace("ball_radius_mm", "ball_radus_mm");
     let (code, said) = exit_code_and_error(&machine);
     assert_eq!(code, Some(1), "{said}");
@@ -39,13 +39,13 @@ fn regress_an_unknown_key_names_file_line_key_and_the_nearest() {
     assert!(said.contains("ball_radus_mm") && said.contains("`ball_radius_mm`"), "{said}");
 }
 
-fn regress_a_wrong_unit_names_the_right_one() {
+fn a_wrong_unit_names_the_right_one() {
     let (code, said) = exit_code_and_error(&MACHINE_FILE.replace("\nradius_mm", "\nradius_um"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("radius_um") && said.contains("`radius_mm`"), "{said}");
 }
 
-fn regress_a_rank_deficient_design_names_a_better_one() {
+fn a_rank_deficient_design_names_a_better_one() {
     let machine = format!("{MACHINE_FILE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n");
     let (code, said) = exit_code_and_error(&machine);
     assert_eq!(code, Some(1), "{said}");
@@ -56,7 +56,7 @@ fn machine_toml_with_controller(lines: &str) -> String {
     MACHINE_FILE.replace("kind = \"simulated\"\n", &format!("{lines}\n")).replace("wire = \"memory\"\n", "")
 }
 
-fn regress_a_missing_port_is_reported() {
+fn a_missing_port_is_reported() {
     let (code, said) = exit_code_and_error(&machine_toml_with_controller(
         "kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200",
     ));
@@ -64,7 +64,7 @@ fn regress_a_missing_port_is_reported() {
     assert!(said.contains("/dev/ttyNOSUCH7 does not exist"), "{said}");
 }
 
-fn regress_silent_and_garbled_ports_have_different_messages() {
+fn silent_and_garbled_ports_have_different_messages() {
     for (answer, named) in [(None, "no reply"), (Some(b"\xff\xfe\x80\x91\xc3\x28"), "baud rate")] {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -87,14 +87,14 @@ fn regress_silent_and_garbled_ports_have_different_messages() {
     }
 }
 
-fn regress_usage_errors_exit_with_2() {
+fn usage_errors_exit_with_2() {
     let state = TempDir::new().unwrap();
     assert_eq!(run_trued(&state, &["run"]).status.code(), Some(2));
     assert_eq!(run_trued(&state, &["nonsense"]).status.code(), Some(2));
 }
 
 /// A wrong name of a method, dialect or control is wrong usage; the message lists the names.
-fn regress_a_wrong_name_exits_with_2_and_lists_the_names() {
+fn a_wrong_name_exits_with_2_and_lists_the_names() {
     let state = TempDir::new().unwrap();
     let readings = ["--readings", "none.csv"];
     for (arguments, named) in [
@@ -112,13 +112,13 @@ fn regress_a_wrong_name_exits_with_2_and_lists_the_names() {
     }
 }
 
-fn regress_a_part_with_horizontal_axis_is_refused() {
+fn a_part_with_horizontal_axis_is_refused() {
     let (code, said) = exit_code_and_error(&MACHINE_FILE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("upright") && said.contains("nothing has moved"), "{said}");
 }
 
-fn regress_tolerance_that_matches_no_parameter_is_named() {
+fn tolerance_that_matches_no_parameter_is_named() {
     let state = TempDir::new().unwrap();
     let file = state.path().join("shop.toml");
     let machine =
@@ -131,7 +131,7 @@ fn regress_tolerance_that_matches_no_parameter_is_named() {
 }
 
 /// Settings that would fail during the run are refused before the first move, with advice.
-fn regress_settings_that_cannot_work_are_refused_before_motion() {
+fn settings_that_cannot_work_are_refused_before_motion() {
     for (setting, named) in [
         ("standoff_mm = 0.0", "greater than 0"),
         ("search_mm = -1.0", "greater than 0"),
@@ -155,15 +155,15 @@ fn regress_settings_that_cannot_work_are_refused_before_motion() {
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
-        regress_an_unknown_key_names_file_line_key_and_the_nearest,
-        regress_a_wrong_unit_names_the_right_one,
-        regress_a_rank_deficient_design_names_a_better_one,
-        regress_a_missing_port_is_reported,
-        regress_silent_and_garbled_ports_have_different_messages,
-        regress_usage_errors_exit_with_2,
-        regress_a_wrong_name_exits_with_2_and_lists_the_names,
-        regress_a_part_with_horizontal_axis_is_refused,
-        regress_tolerance_that_matches_no_parameter_is_named,
-        regress_settings_that_cannot_work_are_refused_before_motion,
+        an_unknown_key_names_file_line_key_and_the_nearest,
+        a_wrong_unit_names_the_right_one,
+        a_rank_deficient_design_names_a_better_one,
+        a_missing_port_is_reported,
+        silent_and_garbled_ports_have_different_messages,
+        usage_errors_exit_with_2,
+        a_wrong_name_exits_with_2_and_lists_the_names,
+        a_part_with_horizontal_axis_is_refused,
+        tolerance_that_matches_no_parameter_is_named,
+        settings_that_cannot_work_are_refused_before_motion,
     ]
 }

@@ -100,13 +100,13 @@ fn init_over_modbus_marks_what_the_control_does_not_report() {
     assert!(text.contains(&format!("tcp = \"{}\"", simulator.address)));
 }
 
-fn regress_missing_program_dir_option_is_named() {
+fn missing_program_dir_option_is_named() {
     let init = run_trued(&["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1"]);
     assert_eq!(init.status.code(), Some(2), "{}", stderr_text(&init));
     assert!(stderr_text(&init).contains("--program-dir <DIR>"), "{}", stderr_text(&init));
 }
 
-fn regress_missing_ini_file_error_names_the_ini_option() {
+fn missing_ini_file_error_names_the_ini_option() {
     let folder = tempfile::tempdir().unwrap();
     let programs = folder.path().display().to_string();
     let at = ["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1", "--program-dir", &programs];
@@ -120,7 +120,7 @@ pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
         init_reads_most_of_the_machine_file_from_grbl,
         init_over_modbus_marks_what_the_control_does_not_report,
-        regress_missing_program_dir_option_is_named,
-        regress_missing_ini_file_error_names_the_ini_option,
+        missing_program_dir_option_is_named,
+        missing_ini_file_error_names_the_ini_option,
     ]
 }

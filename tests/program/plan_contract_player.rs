@@ -76,7 +76,7 @@ fn write_file(folder: &Path, name: &str, text: &str) -> String {
     file.display().to_string()
 }
 
-fn regress_readings_of_another_program_are_identified() {
+fn readings_of_another_program_are_identified() {
     let folder = tempfile::tempdir().unwrap();
     let printed = run_trued(&["plan", "self-calibration", "--json"]);
     assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
@@ -119,7 +119,7 @@ fn u_of_axis(estimate: &Value) -> f64 {
 
 /// Readings without times must not give a smaller U. A full turn added to C changes nothing. Readings that are all
 /// excluded, that lack one time, and a plan without normals are refused.
-fn regress_unusual_readings_are_identified_or_refused() {
+fn unusual_readings_are_identified_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let printed = plan_with_few_trials(folder.path());
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
@@ -166,7 +166,7 @@ fn regress_unusual_readings_are_identified_or_refused() {
 }
 
 /// Each bad file, with a part of the message that names the error. No error is silently accepted.
-fn regress_bad_readings_are_refused_with_the_error_named() {
+fn bad_readings_are_refused_with_the_error_named() {
     let folder = tempfile::tempdir().unwrap();
     let printed = plan_with_few_trials(folder.path());
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
@@ -191,7 +191,7 @@ fn regress_bad_readings_are_refused_with_the_error_named() {
 
 /// With prompts the plan is the same, with numbers that continue after them; the identification is the same to the
 /// last digit.
-fn regress_prompts_shift_step_ids_and_keep_the_estimate() {
+fn prompts_shift_step_ids_and_keep_the_estimate() {
     let folder = tempfile::tempdir().unwrap();
     let prompts = "\n[[prompt]]\ntext = \"part and stylus are clean (100 %)\"\n\
                    [[prompt]]\ntext = \"its cap is off\"\nmethods = [\"laser-r-test\", \"self-calibration\"]\n";
@@ -255,9 +255,9 @@ fn regress_prompts_shift_step_ids_and_keep_the_estimate() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 25;
-        regress_readings_of_another_program_are_identified,
-        regress_unusual_readings_are_identified_or_refused,
-        regress_bad_readings_are_refused_with_the_error_named,
-        regress_prompts_shift_step_ids_and_keep_the_estimate,
+        readings_of_another_program_are_identified,
+        unusual_readings_are_identified_or_refused,
+        bad_readings_are_refused_with_the_error_named,
+        prompts_shift_step_ids_and_keep_the_estimate,
     ]
 }

@@ -108,7 +108,7 @@ fn assert_not_identifiable(estimate: &serde_json::Value, expected: &[(&str, &str
 
 /// ISO 10791-6 names errors of B in the head. With the spindle upright they are not identifiable, and with A as the
 /// only rotary axis one length gives only the scale of X.
-fn regress_fork_head_lists_errors_unidentifiable_when_upright() {
+fn fork_head_lists_errors_unidentifiable_when_upright() {
     let fork = SambaMachineVariant {
         topology: "w-A-F-X-Y-Z-B-t",
         rotary_half_ranges_deg: &[("A", 110.0), ("B", 110.0)],
@@ -146,7 +146,7 @@ fn regress_fork_head_lists_errors_unidentifiable_when_upright() {
     );
 }
 
-fn regress_trunnion_of_a_and_c_identifies_all_errors() {
+fn trunnion_of_a_and_c_identifies_all_errors() {
     let errors = [
         ("EB0A_urad", 7.0),
         ("EC0A_urad", -15.0),
@@ -168,7 +168,7 @@ fn regress_trunnion_of_a_and_c_identifies_all_errors() {
 }
 
 /// No axis turns across Z: its gain is left out and listed.
-fn regress_with_c_as_only_rotary_axis_z_gain_is_not_identifiable() {
+fn with_c_as_only_rotary_axis_z_gain_is_not_identifiable() {
     let errors = [
         ("EA0C_urad", 12.0),
         ("EB0C_urad", -9.0),
@@ -192,7 +192,7 @@ fn regress_with_c_as_only_rotary_axis_z_gain_is_not_identifiable() {
 }
 
 /// With B or A as the only rotary axis, the length along X, slightly slanted, gives no scale across it.
-fn regress_single_tilting_axis_leaves_one_linear_gain_unidentifiable() {
+fn single_tilting_axis_leaves_one_linear_gain_unidentifiable() {
     let linear = [
         ("EA0Z_urad", 12.0),
         ("EB0Z_urad", -9.0),
@@ -227,7 +227,7 @@ fn regress_single_tilting_axis_leaves_one_linear_gain_unidentifiable() {
 }
 
 /// Without an axis S two offsets of the spindle are contained in those of the stylus; this is listed.
-fn regress_without_axis_s_spindle_offsets_are_not_identifiable() {
+fn without_axis_s_spindle_offsets_are_not_identifiable() {
     let errors = [
         ("EA0B_urad", -11.0),
         ("EC0B_urad", -8.0),
@@ -258,10 +258,10 @@ fn regress_without_axis_s_spindle_offsets_are_not_identifiable() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 20;
-        regress_fork_head_lists_errors_unidentifiable_when_upright,
-        regress_trunnion_of_a_and_c_identifies_all_errors,
-        regress_with_c_as_only_rotary_axis_z_gain_is_not_identifiable,
-        regress_single_tilting_axis_leaves_one_linear_gain_unidentifiable,
-        regress_without_axis_s_spindle_offsets_are_not_identifiable,
+        fork_head_lists_errors_unidentifiable_when_upright,
+        trunnion_of_a_and_c_identifies_all_errors,
+        with_c_as_only_rotary_axis_z_gain_is_not_identifiable,
+        single_tilting_axis_leaves_one_linear_gain_unidentifiable,
+        without_axis_s_spindle_offsets_are_not_identifiable,
     ]
 }

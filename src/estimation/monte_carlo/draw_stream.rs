@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_ln_sin_and_cos_agree_with_the_standard_library() {
+    fn ln_sin_and_cos_agree_with_the_standard_library() {
         for i in 0..=20_000 {
             let x = PI * (f64::from(i) / 20_000.0 - 0.5);
             assert!((sin(x) - x.sin()).abs() < 1e-11 && (cos(x) - x.cos()).abs() < 1e-10, "{x}");
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_deviates_are_normal_and_independent() {
+    fn deviates_are_normal_and_independent() {
         const COUNT: usize = 400_000;
         let mut values = vec![0.0; COUNT + 3];
         DrawStream::from_key(7, &[1]).fill_normal(&mut values);
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_rectangular_deviates_are_rectangular_and_independent() {
+    fn rectangular_deviates_are_rectangular_and_independent() {
         const COUNT: usize = 400_000;
         let mut values = DrawStream::from_key(7, &[2]).unit_variance_draws(COUNT + 3, &[DrawDistribution::Rectangular]);
         let root = (COUNT as f64).sqrt();

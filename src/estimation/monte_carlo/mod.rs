@@ -77,7 +77,8 @@ impl TrialStatistics {
     }
 }
 
-/// Propagates distributions by Monte Carlo trials in blocks (JCGM 101). `compute` receives a stream and a number of
+/// Propagates distributions by Monte Carlo trials: a fixed number, or block by block until the results are stable
+/// (JCGM 101, 7.9). `compute` receives a stream and a number of
 /// trials, draws the inputs and returns the outputs, trials × `output_count`. The same `seed` gives the same bytes for
 /// any number of threads.
 ///

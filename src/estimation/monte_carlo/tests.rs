@@ -11,7 +11,7 @@ fn compute_two_outputs(random: &mut DrawStream, trials: usize) -> Mat<f64> {
 
 /// The normal output has mean 3, sd ½ and the interval 3 ± 1. The other one has mean 0 and variance 5.
 #[test]
-fn regress_statistics_of_known_distributions() {
+fn statistics_of_known_distributions() {
     let found = propagate_distributions(TrialCount::Fixed(200_000), 11, 2, compute_two_outputs).unwrap();
     assert_eq!((found.trial_count, found.is_stable), (200_000, true));
     let close = |found: f64, wanted: f64, sd: f64| {
@@ -28,7 +28,7 @@ fn regress_statistics_of_known_distributions() {
 
 /// Rectangular distribution: the 95.45 % interval is ±0.9545 half-widths, not ±2 u.
 #[test]
-fn regress_interval_of_a_rectangular_distribution() {
+fn interval_of_a_rectangular_distribution() {
     let found = propagate_distributions(TrialCount::Fixed(100_000), 3, 1, |random, trials| {
         let units = random.unit_variance_draws(trials, &[DrawDistribution::Rectangular]);
         Mat::from_fn(trials, 1, |i, _| units[i] / 3_f64.sqrt())
@@ -65,7 +65,7 @@ fn paper_jcgm_101_additive_model_at_95_percent() {
 }
 
 #[test]
-fn regress_result_is_identical_with_one_and_three_threads() {
+fn result_is_identical_with_one_and_three_threads() {
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| propagate_distributions(TrialCount::Fixed(23_457), 5, 2, compute_two_outputs).unwrap())
@@ -79,7 +79,7 @@ fn regress_result_is_identical_with_one_and_three_threads() {
 }
 
 #[test]
-fn regress_adaptive_trials_stop_when_stable_or_at_the_maximum() {
+fn adaptive_trials_stop_when_stable_or_at_the_maximum() {
     let rule = TrialCount::Adaptive { digits: 1, max: 1_000_000 };
     let found = propagate_distributions(rule, 1, 2, compute_two_outputs).unwrap();
     assert!(found.is_stable && found.trial_count < 1_000_000, "{}", found.trial_count);
@@ -98,7 +98,7 @@ fn paper_jcgm_101_numerical_tolerance() {
 }
 
 #[test]
-fn regress_one_trial_is_refused_as_too_few() {
+fn one_trial_is_refused_as_too_few() {
     let none = propagate_distributions(TrialCount::Fixed(1), 1, 2, compute_two_outputs).unwrap_err();
     assert_eq!(none, TooFewTrials(1));
 }

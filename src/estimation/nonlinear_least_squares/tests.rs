@@ -49,7 +49,7 @@ fn paper_nist_misra1a_certified_values() {
 }
 
 #[test]
-fn regress_each_failure_has_its_error_variant() {
+fn each_failure_has_its_error_variant() {
     let lost = minimise_squares(vec![f64::NAN, 1e-4], misra1a_rows, misra1a_residuals);
     assert!(matches!(lost, Err(NonlinearError::Linear(LinearError::Malformed(_)))), "{lost:?}");
     // A derivative of the wrong sign: no step decreases the sum of squares.
@@ -77,7 +77,7 @@ fn regress_each_failure_has_its_error_variant() {
 
 /// Model of two blocks: the sine of a common unknown, and the product of a common unknown with one of the block.
 #[test]
-fn regress_curved_model_converges_to_its_minimum() {
+fn curved_model_converges_to_its_minimum() {
     let truth = [1.5, 0.7, 2.0, -1.0];
     let model = |x: &[f64], block: usize, t: f64| (x[0] * t).sin() + x[1] * x[2 + block] * t;
     let times: Vec<f64> = (1..8).map(|i| f64::from(i) * 0.2).collect();

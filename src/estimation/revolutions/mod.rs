@@ -19,7 +19,7 @@ pub use calibration::{DeclaredSensor, SensorCalibration, calibrate_sensors};
 pub use clock_rate::estimate_clock_rate_error;
 pub use harmonics::{HarmonicBasis, HarmonicData, RevolutionsError};
 pub use resample::{AngleRange, AngleSample, ResampledChannel, Resampler};
-pub use resample_filter::{KERNEL_HALF_WIDTH_STEPS, ResampleFilter};
+pub use resample_filter::{KERNEL_HALF_WIDTH_OUTPUT_STEPS, ResampleFilter};
 pub use saturation::invalidate_saturated_samples;
 pub use shared_revolutions::{
     ChannelAtMounting, ChannelRevolutions, RejectedRevolutions, append_revolutions, common_and_rejected_revolutions,

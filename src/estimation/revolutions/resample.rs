@@ -4,7 +4,7 @@
 
 use std::f64::consts::TAU;
 
-use super::resample_filter::{KERNEL_HALF_WIDTH_STEPS, ResampleFilter};
+use super::resample_filter::{KERNEL_HALF_WIDTH_OUTPUT_STEPS, ResampleFilter};
 
 /// Longest distance between two samples, in output steps. The spectral images of sparser samples would pass the
 /// filter.
@@ -112,7 +112,7 @@ impl<'a> Resampler<'a> {
 
     /// Adds a sample, weighted with the length of its part of the path.
     fn add_weighted_sample(&mut self, position: f64, value: f64, length: f64) {
-        let half = KERNEL_HALF_WIDTH_STEPS as f64;
+        let half = KERNEL_HALF_WIDTH_OUTPUT_STEPS as f64;
         let from = (position - half).ceil() as i64 - self.first_angle_index;
         let to = (position + half).floor() as i64 - self.first_angle_index + 1;
         let cell = |i: i64| (i.max(0) as usize).min(self.weighted_value_and_weight_sums.len());
@@ -144,7 +144,7 @@ impl<'a> Resampler<'a> {
         if let (Some((last, value)), Some(before)) = (self.last_position_and_value, self.position_before_last) {
             self.add_weighted_sample(last, value, (last - before) / 2.0);
         }
-        let half = KERNEL_HALF_WIDTH_STEPS;
+        let half = KERNEL_HALF_WIDTH_OUTPUT_STEPS;
         let mut missing_before = vec![0_usize];
         for covered in &self.is_angle_covered {
             missing_before.push(missing_before[missing_before.len() - 1] + usize::from(!covered));

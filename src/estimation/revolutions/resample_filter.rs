@@ -6,11 +6,11 @@ use std::fmt;
 
 /// Half width of the kernel in output steps. It is also the run-in before the first revolution and the run-out
 /// after the last.
-pub const KERNEL_HALF_WIDTH_STEPS: usize = 6;
+pub const KERNEL_HALF_WIDTH_OUTPUT_STEPS: usize = 6;
 /// Shape of the Kaiser window: −100 dB above [`ResampleFilter::min_suppressed_harmonic`] (Kaiser's formula β =
 /// 0.1102·(A − 8.7)).
 const KAISER_BETA: f64 = 10.06;
-/// Half of the transition band relative to the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_WIDTH_STEPS`]).
+/// Half of the transition band relative to the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_WIDTH_OUTPUT_STEPS`]).
 const HALF_TRANSITION_BAND_RATIO: f64 = 0.267;
 /// Kernel values per output step. Linear interpolation between them is exact to 1e-7.
 const KERNEL_VALUES_PER_STEP: usize = 2048;
@@ -39,7 +39,7 @@ impl fmt::Display for ResampleFilter {
 
 impl ResampleFilter {
     pub fn new(steps: usize) -> Self {
-        let half = KERNEL_HALF_WIDTH_STEPS as f64;
+        let half = KERNEL_HALF_WIDTH_OUTPUT_STEPS as f64;
         let value = |i: usize| {
             let u = i as f64 / KERNEL_VALUES_PER_STEP as f64;
             let sinc = if i == 0 { 1.0 } else { (PI * u).sin() / (PI * u) };
@@ -48,7 +48,7 @@ impl ResampleFilter {
         };
         Self {
             steps_per_revolution: steps,
-            kernel_values: (0..=KERNEL_HALF_WIDTH_STEPS * KERNEL_VALUES_PER_STEP + 1).map(value).collect(),
+            kernel_values: (0..=KERNEL_HALF_WIDTH_OUTPUT_STEPS * KERNEL_VALUES_PER_STEP + 1).map(value).collect(),
         }
     }
 

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::{
     AngleRange, AngleSample, ChannelAtMounting, ChannelRevolutions, DeclaredSensor, HarmonicBasis, HarmonicData,
-    KERNEL_HALF_WIDTH_STEPS, ResampleFilter, ResampledChannel, Resampler, calibrate_sensors,
+    KERNEL_HALF_WIDTH_OUTPUT_STEPS, ResampleFilter, ResampledChannel, Resampler, calibrate_sensors,
     common_and_rejected_revolutions, saturation::saturated_ranges,
 };
 use crate::monte_carlo::{DrawDistribution, DrawStream};
@@ -13,7 +13,7 @@ const STEPS_PER_REVOLUTION: usize = 360;
 
 /// Angles of a table whose speed varies by 40 %, with `samples_per_revolution` samples per revolution on average.
 fn uneven_angles(samples_per_revolution: f64, revolutions: f64, is_backward: bool) -> Vec<f64> {
-    let run_in = TAU * KERNEL_HALF_WIDTH_STEPS as f64 / STEPS_PER_REVOLUTION as f64 + 1e-3;
+    let run_in = TAU * KERNEL_HALF_WIDTH_OUTPUT_STEPS as f64 / STEPS_PER_REVOLUTION as f64 + 1e-3;
     let count = ((revolutions * TAU + 2.0 * run_in) / TAU * samples_per_revolution).ceil() as usize + 200;
     let forward = (0..count).map(|i| {
         let t = i as f64 * TAU / samples_per_revolution;
@@ -41,7 +41,7 @@ fn resample_function(
 }
 
 #[test]
-fn regress_unevenly_sampled_sines_are_resampled_correctly() {
+fn unevenly_sampled_sines_are_resampled_correctly() {
     let filter = ResampleFilter::new(STEPS_PER_REVOLUTION);
     assert_eq!(
         (filter.max_passed_harmonic(), filter.cutoff_harmonic(), filter.min_suppressed_harmonic()),
@@ -69,7 +69,7 @@ fn regress_unevenly_sampled_sines_are_resampled_correctly() {
 
 /// Order 345 on 360 angles aliases to order 15. Without the filter its amplitude would be unchanged.
 #[test]
-fn regress_suppressed_harmonics_do_not_alias() {
+fn suppressed_harmonics_do_not_alias() {
     let filter = ResampleFilter::new(STEPS_PER_REVOLUTION);
     let angles: Vec<f64> = (0..3200).map(|i| f64::from(i) * TAU / 1000.0).collect();
     for high in [345.0, 375.0, 460.0] {
@@ -87,7 +87,7 @@ fn regress_suppressed_harmonics_do_not_alias() {
 }
 
 #[test]
-fn regress_revolutions_with_gaps_are_rejected() {
+fn revolutions_with_gaps_are_rejected() {
     let filter = ResampleFilter::new(STEPS_PER_REVOLUTION);
     let angles: Vec<f64> = (0..4300).map(|i| f64::from(i) * TAU / 1000.0).collect();
     // Saturation over 10° in the second revolution.
@@ -110,7 +110,7 @@ fn regress_revolutions_with_gaps_are_rejected() {
 
 /// The table stops for 500 samples within a revolution, and the encoder jitters.
 #[test]
-fn regress_table_stop_and_encoder_jitter_do_not_change_harmonics() {
+fn table_stop_and_encoder_jitter_do_not_change_harmonics() {
     let filter = ResampleFilter::new(STEPS_PER_REVOLUTION);
     let mut angles = Vec::new();
     for i in 0..2600 {
@@ -130,7 +130,7 @@ fn regress_table_stop_and_encoder_jitter_do_not_change_harmonics() {
 }
 
 #[test]
-fn regress_saturated_range_of_ten_degrees_is_found() {
+fn saturated_range_of_ten_degrees_is_found() {
     let scan = |limit: f64, noise_mm: f64, step_mm: f64| -> Vec<AngleSample> {
         let mut random = DrawStream::from_key(1, &[1]);
         let units = random.unit_variance_draws(3000, &[DrawDistribution::Normal]);
@@ -162,7 +162,7 @@ fn regress_saturated_range_of_ten_degrees_is_found() {
 /// angle. The calibration finds the differences of gains and angles, keeps their declared mean, and its errors
 /// match the stated uncertainty.
 #[test]
-fn regress_sensor_calibration_finds_gain_and_angle_differences() {
+fn sensor_calibration_finds_gain_and_angle_differences() {
     const ANGLE_COUNT: usize = 90;
     let nominal_deg: [f64; 3] = [0.0, 90.0, 230.0];
     let (u_gain, u_angle_rad, noise_mm) = (5e-3, 5e-3, 0.05e-3);
@@ -225,7 +225,7 @@ fn regress_sensor_calibration_finds_gain_and_angle_differences() {
 /// After the correction the scatter of the revolutions in both directions is that of their noise alone, and their
 /// mean is unchanged.
 #[test]
-fn regress_drift_correction_removes_drift_scatter_and_keeps_mean() {
+fn drift_correction_removes_drift_scatter_and_keeps_mean() {
     const ANGLE_COUNT: usize = 36;
     let noise = DrawStream::from_key(3, &[8]).unit_variance_draws(40 * 4 * ANGLE_COUNT, &[DrawDistribution::Normal]);
     let mut noise = noise.iter();

@@ -40,7 +40,7 @@ fn random_problem(seed: u64) -> (Vec<BlockRows>, Mat<f64>, Vec<f64>) {
 }
 
 #[test]
-fn regress_block_solution_equals_dense_solution() {
+fn block_solution_equals_dense_solution() {
     let (blocks, dense, values) = random_problem(1);
     let sigma = vec![1.0; values.len()];
     let problem = LinearProblem {
@@ -84,7 +84,7 @@ fn regress_block_solution_equals_dense_solution() {
 /// The column of the second common unknown is a combination of the columns of the first common unknown and of the
 /// first unknown of the second block. The rank is 17 of 18, and the null vector is that combination.
 #[test]
-fn regress_dependent_column_is_found_and_refused() {
+fn dependent_column_is_found_and_refused() {
     let build = |_: &[f64]| {
         let (mut blocks, dense, _) = random_problem(2);
         let mut row = 0;

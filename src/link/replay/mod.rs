@@ -114,7 +114,7 @@ impl Clock for CaptureReplay {
 
 fn create_script(captured: &CapturedLink) -> Box<dyn LinkScript> {
     match captured.protocol {
-        LinkProtocol::Lines | LinkProtocol::SensorRequests => Box::new(line_script::LineScript::new(captured)),
+        LinkProtocol::Lines | LinkProtocol::SensorSamples => Box::new(line_script::LineScript::new(captured)),
         LinkProtocol::Modbus(framing) => Box::new(register_script::RegisterScript::new(captured, framing)),
         LinkProtocol::SharedFiles => Box::new(file_script::FileScript::new(captured)),
     }

@@ -339,7 +339,7 @@ pub struct Estimate {
     /// The least certain combination of unknowns, as text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weakest: Option<String>,
-    /// Unknowns that are fixed by convention.
+    /// Conventions and definitions that the parameters are based on, one sentence each.
     pub gauge: Vec<String>,
     /// Symbols of location errors that are held at zero because they are equivalent to reported parameters.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

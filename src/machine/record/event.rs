@@ -77,7 +77,7 @@ pub enum RunEvent {
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         leaves: bool,
     },
-    /// The run continues after an interruption; `gap_s` as in the plan.
+    /// The run continues after an interruption. `gap_s`: time of the last reading before it, on the clock of the readings.
     Resumed {
         gap_s: f64,
     },

@@ -150,9 +150,13 @@ pub fn describe_gauge(tool_ball: &str, noise_deviations_mm: [f64; 2]) -> Vec<Str
     ]
 }
 
-pub fn collect_warnings(observed: &ObservedBalls, is_calibrated: bool, identified: &Identification) -> Vec<String> {
+pub fn collect_warnings(
+    observed: &ObservedBalls,
+    has_machine_estimate: bool,
+    identified: &Identification,
+) -> Vec<String> {
     let mut lines = observed.skipped_measurements.clone();
-    lines.extend((!is_calibrated).then(|| {
+    lines.extend((!has_machine_estimate).then(|| {
         "only the nominal machine is compared (N1 to N3): S1 to S4 require an estimate of samba (--with)".to_owned()
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));

@@ -199,7 +199,7 @@ mod tests {
         Parameter { budget: lines.iter().map(line).collect(), ..parameter(value, u, None) }
     }
 
-    fn provenance_with_probe(probe: &str) -> Provenance {
+    fn provenance_with_probe_sha256(probe: &str) -> Provenance {
         Provenance {
             program: String::new(),
             machine: "mill".to_owned(),
@@ -226,7 +226,7 @@ mod tests {
         let common = common_sources(&first, &second);
         assert_eq!(common, ["probe lobing"]);
         let with = |estimate: &Estimate, probe: &str| Estimate {
-            provenance: Some(provenance_with_probe(probe)),
+            provenance: Some(provenance_with_probe_sha256(probe)),
             ..estimate.clone()
         };
         assert_eq!(common_sources(&with(&first, "a"), &with(&second, "a")), ["probe lobing"]);

@@ -41,7 +41,7 @@ pub struct PositionHistory {
     sensor_times_and_values: Vec<(f64, f64)>,
 }
 
-/// A value, with the axis positions at the time of its measurement.
+/// A sensor reading, with position and velocity of X, Y and Z at its time (stamp minus latency).
 #[derive(Debug, Clone, Copy)]
 pub struct TimedSample {
     pub xyz: Vector3<f64>,

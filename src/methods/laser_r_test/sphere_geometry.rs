@@ -12,7 +12,7 @@ use machine::record::reading::Reading;
 
 /// Assumed standard uncertainty of the stated zero point before it is measured, and maximum allowed error, mm.
 const MAX_ZERO_POINT_ERROR_MM: f64 = 1.0;
-/// Assumed standard uncertainty of a centre during the measurement, mm.
+/// Assumed standard uncertainty of the sphere centre from one group of scans, for fits while the run goes on, mm.
 const PROVISIONAL_CENTRE_STD_U_MM: f64 = 1e-3;
 
 /// Positions as stated in the plan.

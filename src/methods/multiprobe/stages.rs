@@ -8,7 +8,7 @@ use super::setup::MultiprobeSetup;
 use super::step_label::StepLabel;
 use crate::revolution_grid::RevolutionGrid;
 use crate::{MethodRefusal, NextStage, PositionSource};
-use estimation::revolutions::KERNEL_HALF_WIDTH_STEPS;
+use estimation::revolutions::KERNEL_HALF_WIDTH_OUTPUT_STEPS;
 use machine::Position;
 use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::watched_sensors::WatchedSensor;
@@ -164,7 +164,7 @@ fn forward_turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, Meth
     // incomplete, as the axis starts and stops there.
     let lead = match sampling {
         TurnSampling::Dwell => 0,
-        TurnSampling::Continuous => KERNEL_HALF_WIDTH_STEPS + 1,
+        TurnSampling::Continuous => KERNEL_HALF_WIDTH_OUTPUT_STEPS + 1,
     };
     let steps = RevolutionGrid { positions_per_revolution: positions, revolutions, lead_positions_per_end: lead }
         .position_index_range_within_limits(setup.plan, setup.measured_axis)?;

@@ -23,7 +23,7 @@ const STABLE_DIGITS: u32 = 1;
 /// The whole identification of a plan's readings. In the trials a centre is a linear function of its touches.
 /// A sphere fit is so nearly linear that touches drawn and fitted one by one give the same u to two digits,
 /// even with ten times the scatter of a probe
-/// (`regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do`).
+/// (`touches_drawn_one_by_one_scatter_as_drawn_centres_do`).
 pub fn identify(plan: &Plan, settings: &SambaSettings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let solved = solve_geometry(plan, settings, readings)?;
     let GeometrySolution { problem, sources, measured, minimum, rank_analysis: survey, .. } = &solved;

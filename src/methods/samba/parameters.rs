@@ -127,7 +127,7 @@ mod tests {
     /// is not included, because no axis turns Z: one length does not separate it from a larger distance of
     /// the balls.
     #[test]
-    fn regress_implied_parameters_of_other_topologies() {
+    fn implied_parameters_of_other_topologies() {
         let gains = ["EXX1", "EYY1", "EZZ1"];
         let with_gains = |names: &[&'static str]| [names, &gains].concat();
         let squareness = ["EA0Z", "EB0Z", "EC0Y"];
@@ -153,7 +153,7 @@ mod tests {
     /// The gains that four axes show depend on the directions of the lengths, but not on a slight slant of a
     /// length.
     #[test]
-    fn regress_gains_follow_the_certified_lengths() {
+    fn gains_follow_the_certified_lengths() {
         let x = nalgebra::Vector3::new(304.8, 0.0, -0.42).normalize();
         let slant = nalgebra::Vector3::new(-0.99, 0.12, 0.05).normalize();
         let (y, diagonal) = (nalgebra::Vector3::y(), nalgebra::Vector3::new(1.0, 1.0, 0.0).normalize());
@@ -178,7 +178,7 @@ mod tests {
 
     /// A tilting head stays upright: the set is that of the machine without it.
     #[test]
-    fn regress_fixed_head_adds_no_parameters() {
+    fn fixed_head_adds_no_parameters() {
         for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {
             let (with_head, plain) = (machine(topology), machine(without));
             let (head, plain) = (KinematicChain::new(&with_head).unwrap(), KinematicChain::new(&plain).unwrap());

@@ -51,7 +51,7 @@ fn gate_g1_rank_and_condition_of_the_papers_design() {
 }
 
 #[test]
-fn regress_rank_deficiency_is_gcd_minus_one() {
+fn rank_deficiency_is_gcd_minus_one() {
     for n in 4..=36 {
         for k_b in 1..n {
             let form = two_angle_paper_system(n, k_b);
@@ -63,7 +63,7 @@ fn regress_rank_deficiency_is_gcd_minus_one() {
 }
 
 #[test]
-fn regress_45_degrees_works_for_8_positions_only() {
+fn angle_of_45_degrees_works_for_8_positions_only() {
     for n in [8, 16, 24, 32] {
         let settings = SelfCalibrationSettings {
             positions: n,
@@ -135,7 +135,7 @@ fn paper_table_5_uncertainties() {
 /// At a touch noise of 1 µm, u of the axis position (mean of E_total) is 0.97 µm in X and 1.06 µm in Y (METHODS
 /// section 1).
 #[test]
-fn regress_uncertainty_of_the_mean_axis_position() {
+fn uncertainty_of_the_mean_axis_position() {
     let form = two_angle_paper_system(8, 1);
     let solution = form.solve(&[0.0; 32], 1.0).unwrap();
     let (x, y) = axis_position_coefficients(&form.layout, 0);
@@ -148,7 +148,7 @@ fn regress_uncertainty_of_the_mean_axis_position() {
 }
 
 #[test]
-fn regress_a_third_probe_angle_reduces_the_largest_uncertainty() {
+fn a_third_probe_angle_reduces_the_largest_uncertainty() {
     for (n, paper, third) in [(8, 3.34, 1.40), (24, f64::NAN, 1.88), (36, 13.8, 2.06)] {
         let with = PaperSystem::new(&AngleGridDesign { angle_count: n, probe_angle_indices: vec![0, 1, n / 4] });
         let worst = largest_standard_uncertainty(&with);
@@ -162,7 +162,7 @@ fn regress_a_third_probe_angle_reduces_the_largest_uncertainty() {
 
 /// Any E, E_r, W that satisfy the gauge are recovered from the equation itself.
 #[test]
-fn regress_noise_free_unknowns_are_recovered() {
+fn noise_free_unknowns_are_recovered() {
     let form = two_angle_paper_system(8, 1);
     let mut rng = seeded_stream(7, &[1]);
     let mut truth: Vec<f64> = (0..form.design_matrix.ncols()).map(|_| StandardNormal.sample(&mut rng)).collect();
@@ -229,7 +229,7 @@ fn identified_axis_position(part: &RoundPart, n: usize, with_second_order: bool)
 
 /// METHODS section 1: e = 1.5 mm, c = (50, −30) um, R = 45, r_ball = 3.
 #[test]
-fn regress_second_order_correction_recovers_axis_on_exact_geometry() {
+fn second_order_correction_recovers_axis_on_exact_geometry() {
     let mut worst = [0.0f64; 2];
     for turn in 0..16 {
         let (sin, cos) = (TAU * f64::from(turn) / 16.0).sin_cos();
@@ -302,7 +302,7 @@ fn paper_table_6_circle_centre() {
 }
 
 #[test]
-fn regress_linear_drift_is_removed() {
+fn linear_drift_is_removed() {
     // Random drift in X, Y and radius is removed exactly if it is linear in time.
     let design = AngleGridDesign { angle_count: 8, probe_angle_indices: vec![0, 1, 2] };
     let part = RoundPart { contact_radius_mm: 48.0, centre: [0.3, 0.2], axis: [0.02, -0.01] };
@@ -340,7 +340,7 @@ fn regress_linear_drift_is_removed() {
 }
 
 #[test]
-fn regress_the_default_design_is_well_posed_for_any_n() {
+fn the_default_design_is_well_posed_for_any_n() {
     for n in 5..=36 {
         let design =
             AngleGridDesign::new(&SelfCalibrationSettings { positions: n, ..SelfCalibrationSettings::default() })

@@ -63,7 +63,7 @@ fn render_program_with_options(dialect: &Dialect) -> String {
 }
 
 #[test]
-fn regress_the_text_with_options_is_its_golden_output() {
+fn the_text_with_options_is_its_golden_output() {
     for name in ["grbl", "linuxcnc"] {
         let dialect = dialect_with_options(name);
         let (root, extension) = (concat!(env!("CARGO_MANIFEST_DIR"), "/../.."), dialect.program_file_extension());

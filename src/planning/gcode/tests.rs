@@ -61,7 +61,7 @@ fn render_golden_program(name: &str) -> String {
 }
 
 #[test]
-fn regress_the_text_of_each_dialect_is_its_golden_output() {
+fn the_text_of_each_dialect_is_its_golden_output() {
     for name in TESTED_DIALECTS {
         let extension = Dialect::from_name(name).unwrap().program_file_extension().to_owned();
         let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");

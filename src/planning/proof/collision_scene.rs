@@ -115,7 +115,8 @@ impl CollisionScene {
         let mut nearest = max_clearance_mm;
         let centres = (!joint_path.moves_rotary_axis()).then(|| self.body_centres_at_path_ends(joint_path));
         for pair in &self.pairs {
-            let Some((min_clearance_mm, lateral)) = required_clearance_and_lateral_misplacement(rule, pair, joint_path)
+            let Some((min_clearance_mm, lateral)) =
+                required_clearance_and_touched_body_misplacement(rule, pair, joint_path)
             else {
                 continue;
             };
@@ -186,7 +187,7 @@ fn are_far_apart(pair: &BodyPair, centres: &[[Vector3<f64>; 2]], demand: &Cleara
 
 /// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the
 /// pair is not checked.
-fn required_clearance_and_lateral_misplacement(
+fn required_clearance_and_touched_body_misplacement(
     rule: &ClearanceRule,
     pair: &BodyPair,
     joint_path: &JointPath,

@@ -318,7 +318,7 @@ fn cycle_reported_as_due_needs_the_slot_conditions_and_starts_once() {
 
 /// A cycle with a prompt starts neither by the schedule nor by a trigger; a person at the page may start it.
 #[test]
-fn regress_cycle_with_prompts_does_not_start_unattended() {
+fn cycle_with_prompts_does_not_start_unattended() {
     let mut bench = armed_scheduler();
     bench.gate.set_rehearsal_results([(1, RehearsalResult { machine_time_s: 60.0, has_prompts: true })].into());
     bench.check_every_30_s("2026-11-23T04:20:00Z", 30);

@@ -60,7 +60,7 @@ fn reported_travel_is_used_and_findings_are_comments() {
 }
 
 #[test]
-fn regress_unreported_homing_of_a_rotary_axis_is_left_to_the_operator() {
+fn unreported_homing_of_a_rotary_axis_is_left_to_the_operator() {
     use machine::record::machine::Homing;
     for (homes, homing, comments) in
         [(None, Homing::Switch, 2), (Some(true), Homing::Switch, 0), (Some(false), Homing::None, 0)]
@@ -78,7 +78,7 @@ fn regress_unreported_homing_of_a_rotary_axis_is_left_to_the_operator() {
 }
 
 #[test]
-fn regress_reported_axis_sense_is_used_and_unreported_is_marked() {
+fn reported_axis_sense_is_used_and_unreported_is_marked() {
     let mut info = device_info_with_axes("XYZBC");
     info.axes.get_mut(&Axis::C).unwrap().positive_sense = Some(AxisSense::Reversed);
     let text = new_draft(GRBL_CONTROLLER_TOML, None).render(&info).unwrap();

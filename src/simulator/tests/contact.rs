@@ -95,7 +95,7 @@ pub(super) fn path_fraction_at_cylinder(
 }
 
 #[test]
-fn regress_contact_on_a_cylinder_agrees_with_poses_by_matrix_products() {
+fn contact_on_a_cylinder_agrees_with_poses_by_matrix_products() {
     let mut bench = TestBench::ideal();
     bench.machine.tool_mm = STYLUS_CENTRE_MM;
     bench.truth.errors = STATED_ERRORS.map(|(key, value)| (key.to_owned(), value)).into();
@@ -131,7 +131,7 @@ fn regress_contact_on_a_cylinder_agrees_with_poses_by_matrix_products() {
 }
 
 #[test]
-fn regress_axis_position_has_the_closed_form_of_a_tilted_line() {
+fn axis_position_has_the_closed_form_of_a_tilted_line() {
     let mut bench = TestBench::ideal();
     for (key, value) in [("EX0C_um", 50.0), ("EY0C_um", -30.0), ("EA0C_urad", -110.0)] {
         bench.truth.errors.insert(key.to_owned(), value);
@@ -148,7 +148,7 @@ fn regress_axis_position_has_the_closed_form_of_a_tilted_line() {
 }
 
 #[test]
-fn regress_nearest_point_of_uneven_profile_agrees_with_dense_search() {
+fn nearest_point_of_uneven_profile_agrees_with_dense_search() {
     let form = [(2, 80.0, -40.0), (3, 900.0, 0.0), (7, 30.0, 60.0), (31, 0.0, 8.0)]
         .map(|(n, cos_um, sin_um)| FormHarmonic { n, cos_um, sin_um });
     let radius = |psi: f64| {
@@ -184,7 +184,7 @@ fn regress_nearest_point_of_uneven_profile_agrees_with_dense_search() {
 }
 
 #[test]
-fn regress_cylinder_has_a_flat_top_at_its_height() {
+fn cylinder_has_a_flat_top_at_its_height() {
     let cylinder = TrueCylinder::new(Vector3::zeros(), Vector3::z(), 100.0, RadiusProfile::new(PART_RADIUS_MM, []));
     let at = |x: f64, z: f64| cylinder.nearest(Vector3::new(x, 0.0, z), 0.0);
     assert_eq!(at(0.0, 104.0).signed_distance, 4.0);
@@ -195,7 +195,7 @@ fn regress_cylinder_has_a_flat_top_at_its_height() {
 }
 
 #[test]
-fn regress_form_harmonic_changes_the_touched_radius_at_its_angle() {
+fn form_harmonic_changes_the_touched_radius_at_its_angle() {
     let mut bench = TestBench::ideal();
     bench.truth.form = vec![FormHarmonic { n: 3, cos_um: 100.0, sin_um: 0.0 }];
     let mut world = bench.build_world();

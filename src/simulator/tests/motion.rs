@@ -9,7 +9,7 @@ fn rapid(world: &mut SimulatedWorld, to: &Position) -> MoveResult {
 }
 
 #[test]
-fn regress_move_duration_is_that_of_the_slowest_axis() {
+fn move_duration_is_that_of_the_slowest_axis() {
     let mut world = TestBench::ideal().build_world();
     let up = world.position().get_or_zero(Axis::Z);
     // 100 mm at 100 mm/s and 1000 mm/s²: 1 s and one ramp of 0.1 s.
@@ -32,7 +32,7 @@ fn regress_move_duration_is_that_of_the_slowest_axis() {
 }
 
 #[test]
-fn regress_the_machine_brakes_after_contact() {
+fn the_machine_brakes_after_contact() {
     let mut world = TestBench::ideal().build_world();
     for to in [position_with_ball_at(60.0, 0.0, 200.0), position_with_ball_at(60.0, 0.0, 50.0)] {
         assert!(!rapid(&mut world, &to).has_probe_closed);
@@ -112,7 +112,7 @@ fn plc_scan_adds_a_latch_delay_uniform_over_its_period() {
 }
 
 #[test]
-fn regress_a_touch_at_excessive_feed_crashes() {
+fn a_touch_at_excessive_feed_crashes() {
     let mut bench = TestBench::ideal();
     bench.stated_axis_mut(Axis::X).acceleration_per_s2 = 50.0;
     bench.probe.overtravel_mm = 1.0;
@@ -125,7 +125,7 @@ fn regress_a_touch_at_excessive_feed_crashes() {
 }
 
 #[test]
-fn regress_contact_on_the_way_of_an_index_move_is_reported() {
+fn contact_on_the_way_of_an_index_move_is_reported() {
     let mut bench = TestBench::ideal();
     bench.truth.centre_offset_mm = [-2.0, 0.0];
     let mut world = bench.build_world();
@@ -151,7 +151,7 @@ fn regress_contact_on_the_way_of_an_index_move_is_reported() {
 }
 
 #[test]
-fn regress_display_is_rounded_to_resolution_but_contact_is_not() {
+fn display_is_rounded_to_resolution_but_contact_is_not() {
     let mut bench = TestBench::ideal();
     bench.truth.errors.insert("EX0C_um".to_owned(), 12.34567);
     let exact = touch_radius_and_latch_time(&mut bench.build_world(), 0.0, 0.0, 1).0;
@@ -169,7 +169,7 @@ fn regress_display_is_rounded_to_resolution_but_contact_is_not() {
 }
 
 #[test]
-fn regress_backlash_displaces_the_contact_by_half_the_gap() {
+fn backlash_displaces_the_contact_by_half_the_gap() {
     let mut bench = TestBench::ideal();
     bench.truth.backlash_um.insert(Axis::X, 20.0);
     let mut world = bench.build_world();
@@ -187,7 +187,7 @@ fn regress_backlash_displaces_the_contact_by_half_the_gap() {
 }
 
 #[test]
-fn regress_a_retract_within_the_backlash_does_not_free_the_stylus() {
+fn a_retract_within_the_backlash_does_not_free_the_stylus() {
     let mut bench = TestBench::ideal();
     bench.truth.backlash_um.insert(Axis::X, 20.0);
     let mut world = bench.build_world();

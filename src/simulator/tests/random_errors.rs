@@ -25,7 +25,7 @@ fn assert_within_8_percent_of_scale(found: f64, expected: f64, scale: f64) {
 }
 
 #[test]
-fn regress_touch_scatter_is_standard_normal_over_steps_and_occurrences() {
+fn touch_scatter_is_standard_normal_over_steps_and_occurrences() {
     let draws: Vec<f64> =
         (0..400).flat_map(|n| (0..10).map(move |occurrence| draw_touch_scatter(5, n, occurrence))).collect();
     let count = draws.len() as f64;
@@ -38,7 +38,7 @@ fn regress_touch_scatter_is_standard_normal_over_steps_and_occurrences() {
 }
 
 #[test]
-fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
+fn lobing_and_stylus_offset_have_the_declared_magnitude() {
     let at = |seed, phi: f64| ProbeLobing::draw(seed, 2.0, &[]).pre_travel_mm(Vector3::new(phi.cos(), phi.sin(), 0.0));
     for phi in [0.0, 1.0, 4.0] {
         assert_within_8_percent_of_scale(mean_over_seeds(|seed| at(seed, phi).powi(2)), 4.0, 4.0);
@@ -55,7 +55,7 @@ fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
 
 /// A stationary function minus its value at zero: Cov = σ²(ρ(a−b) − ρ(a) − ρ(b) + 1).
 #[test]
-fn regress_linear_error_motions_have_the_declared_covariance() {
+fn linear_error_motions_have_the_declared_covariance() {
     let (sigma, length) = (1.5, 60.0);
     let rho = |d: f64| (-d * d / (2.0 * length * length)).exp();
     let draw = |seed| LinearErrors::draw(seed, [[sigma, length], [0.5, 200.0], [2.0, 100.0]]);
@@ -89,7 +89,7 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
 }
 
 #[test]
-fn regress_linear_error_motions_move_the_true_position() {
+fn linear_error_motions_move_the_true_position() {
     let mut bench = TestBench::ideal();
     bench.truth.seed = 9;
     bench.stated_axis_mut(Axis::X).error_motion_um = 3.0;
@@ -102,7 +102,7 @@ fn regress_linear_error_motions_move_the_true_position() {
 }
 
 #[test]
-fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
+fn stylus_offset_and_lobing_turn_with_the_spindle() {
     let mut bench = TestBench::ideal();
     bench.truth.seed = 3;
     bench.probe.stylus_offset_um = 20.0;
@@ -133,7 +133,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
 }
 
 #[test]
-fn regress_drift_moves_the_table_and_grows_the_part() {
+fn drift_moves_the_table_and_grows_the_part() {
     let mut bench = TestBench::ideal();
     bench.truth.seed = 11;
     bench.machine.drift_um_per_h = 40.0;
@@ -166,7 +166,7 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
 }
 
 #[test]
-fn regress_the_same_seed_gives_the_same_readings_in_any_order() {
+fn the_same_seed_gives_the_same_readings_in_any_order() {
     let mut bench = TestBench::ideal();
     bench.truth.seed = 77;
     bench.probe.repeatability_um = Some(1.0);
@@ -189,7 +189,7 @@ fn regress_the_same_seed_gives_the_same_readings_in_any_order() {
 }
 
 #[test]
-fn regress_invalid_error_keys_and_vanishing_radius_are_refused() {
+fn invalid_error_keys_and_vanishing_radius_are_refused() {
     let refused = |key: &str| {
         let mut bench = TestBench::ideal();
         bench.truth.errors.insert(key.to_owned(), 1.0);

@@ -45,19 +45,19 @@ fn foreign_database(statements: &str) -> tempfile::TempDir {
 
 #[test]
 fn database_of_another_program_is_refused_unchanged() {
-    let table = "CREATE TABLE bookmarks (id INTEGER PRIMARY KEY, url TEXT);
+    let foreign_table = "CREATE TABLE bookmarks (id INTEGER PRIMARY KEY, url TEXT);
                  INSERT INTO bookmarks (url) VALUES ('example.org');";
     let names_of_ours = "CREATE TABLE runs (id INTEGER PRIMARY KEY, km REAL);
                          CREATE TABLE steps (run INTEGER, count INTEGER);";
     for statements in [
-        table.to_owned(),
-        format!("PRAGMA journal_mode = WAL; {table}"),
-        format!("PRAGMA user_version = 1; {table}"),
+        foreign_table.to_owned(),
+        format!("PRAGMA journal_mode = WAL; {foreign_table}"),
+        format!("PRAGMA user_version = 1; {foreign_table}"),
         format!("PRAGMA user_version = 4; {names_of_ours}"),
         format!("PRAGMA user_version = 7; PRAGMA journal_mode = WAL; {names_of_ours}"),
-        format!("PRAGMA user_version = 99; {table}"),
+        format!("PRAGMA user_version = 99; {foreign_table}"),
         "PRAGMA application_id = 252006673;".to_owned(),
-        format!("PRAGMA application_id = 252006673; PRAGMA user_version = 1; {table}"),
+        format!("PRAGMA application_id = 252006673; PRAGMA user_version = 1; {foreign_table}"),
     ] {
         let dir = foreign_database(&statements);
         assert_journal_refused_and_unchanged(dir.path(), &["not a journal of trued", "--state"]);

@@ -134,7 +134,9 @@ fn each_budget_line_equals_the_scatter_of_its_source() {
         }
         let ratio = f64::sqrt(sum / count);
         let (low, high) = all_of_source;
-        println!("{name}: seen {ratio:.3} of stated, within [{low:.3}, {high:.3}]");
+        println!(
+            "source {name} alone: rms deviation from truth is {ratio:.3} of its budget lines, allowed {low:.3} to {high:.3}"
+        );
         assert!((low..=high).contains(&ratio), "{name}: {ratio}");
     }
 }

@@ -18,14 +18,14 @@ fn assert_first_stages_run(name: &str, world: &SambaWorld, seed: u64) {
 }
 
 #[test]
-fn regress_the_papers_design_is_measured_to_its_end() {
+fn the_papers_design_is_measured_to_its_end() {
     let world = paper_world().with_key("method.samba.monte_carlo_trials", 100);
     let measured = SambaRunner::new().measure(1, &world);
     assert_eq!(measured.readings.len(), measured.plan.steps.len());
 }
 
 #[test]
-fn regress_the_papers_design_starts_with_two_seeds() {
+fn the_papers_design_starts_with_two_seeds() {
     for seed in [3, 4] {
         assert_first_stages_run("paper", &paper_world(), seed);
     }

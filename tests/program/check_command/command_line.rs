@@ -10,7 +10,7 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpListener;
 use trued::setup::{MachineFile, SimulatedMachine, SimulationPace};
 
-use super::check_runner::{changed_machine_toml, machine_toml_with_simulated_lines, runtime};
+use super::simulated_machine_checks::{changed_machine_toml, machine_toml_with_simulated_lines, runtime};
 
 struct CheckWorkspace(TempDir);
 
@@ -100,7 +100,7 @@ pub fn real_control_without_terminal_neither_moves_nor_hangs() {
     });
 }
 
-pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
+pub fn a_control_that_refuses_its_settings_is_a_failure() {
     // `$$` is refused only at the identification, or always.
     for refusals in [1, usize::MAX] {
         let runtime = runtime();

@@ -5,10 +5,10 @@ use machine::record::question::{OperatorAnswer, OperatorQuestion};
 use trued::commissioning::{AnswerFuture, CheckSummary, OperatorInterface};
 use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 
-use super::check_runner::{
+use super::machine_mistakes::PlantedMistake;
+use super::simulated_machine_checks::{
     changed_machine_toml, check_against_other_machine, check_with_operator, runtime, toml_with_control_keys,
 };
-use super::machine_mistakes::PlantedMistake;
 
 const fn mistake(name: &'static str, check: fn() -> CheckSummary, phrase: &'static str) -> PlantedMistake {
     PlantedMistake { name, run_check: check, expected_phrase: phrase }

@@ -3,7 +3,7 @@
 use trued::commissioning::CheckSummary;
 use trued::setup::SimulationPace;
 
-use super::check_runner::{
+use super::simulated_machine_checks::{
     changed_machine_toml, check_against_other_machine, machine_toml_with_simulated_lines, run_check,
     toml_with_control_keys,
 };

@@ -1,11 +1,11 @@
 //! `trued check` names each planted mistake in words that occur for no other mistake.
 
-mod check_runner;
 mod command_line;
 mod link_mistakes;
 mod machine_mistakes;
 mod operator_questions;
 mod sensor_mistakes;
+mod simulated_machine_checks;
 mod stylus_contact;
 mod test_sensors;
 
@@ -13,10 +13,10 @@ use crate::support::harness::{Pool, Trials, trials};
 use std::sync::Mutex;
 use std::thread;
 
-use check_runner::{
+use machine_mistakes::{MACHINE_MISTAKES, PlantedMistake};
+use simulated_machine_checks::{
     changed_machine_toml, check_against_other_machine, failure_lines, run_check, toml_with_control_keys,
 };
-use machine_mistakes::{MACHINE_MISTAKES, PlantedMistake};
 use trued::commissioning::{CheckSummary, CheckVerdict};
 use trued::setup::SimulationPace;
 
@@ -75,7 +75,7 @@ fn each_planted_mistake_is_named_and_no_other() {
 }
 
 /// A jog beyond the travel limits of the control would end in an alarm.
-fn regress_an_axis_beyond_the_controls_limits_is_not_jogged() {
+fn an_axis_beyond_the_controls_limits_is_not_jogged() {
     let summary = link_mistakes::check_short_travel();
     let jogged = |axis: &str| {
         let mut findings = summary.findings.iter();
@@ -179,7 +179,7 @@ fn touches_of_check_are_stored_as_a_latch_delay_run() {
 pub fn trials() -> Trials {
     trials![Pool::Computing, 40;
         each_planted_mistake_is_named_and_no_other,
-        regress_an_axis_beyond_the_controls_limits_is_not_jogged,
+        an_axis_beyond_the_controls_limits_is_not_jogged,
     ]
     .with_trials(trials![Pool::Waiting, 0;
         sound_machine_passes_with_each_control,
@@ -192,7 +192,7 @@ pub fn trials() -> Trials {
         operator_questions::no_motion_is_requested_before_the_probe_was_deflected,
         operator_questions::laser_machine_check_asks_whether_the_probe_is_mounted,
         operator_questions::axis_is_not_moved_back_after_the_operator_leaves,
-        operator_questions::regress_a_stop_at_rest_leaves_no_hold,
+        operator_questions::a_stop_at_rest_leaves_no_hold,
         operator_questions::a_machine_that_was_moved_by_hand_is_not_jogged,
         stylus_contact::stylus_in_contact_is_retracted_in_steps_and_the_check_ends,
         stylus_contact::stylus_in_contact_is_retracted_with_each_control_protocol,
@@ -203,7 +203,7 @@ pub fn trials() -> Trials {
         command_line::without_a_machine_file_the_simulated_machine_is_checked,
         command_line::a_mistake_exits_with_1_and_is_in_the_json_output,
         command_line::real_control_without_terminal_neither_moves_nor_hangs,
-        command_line::regress_a_control_that_refuses_its_settings_is_a_failure,
+        command_line::a_control_that_refuses_its_settings_is_a_failure,
         command_line::ctrl_c_holds_the_machine_and_exits_with_5,
         test_sensors::sound_sensors_pass,
         test_sensors::answering_thermometer_passes,

@@ -10,7 +10,7 @@ use trued::commissioning::{
 use trued::setup::{MachineFile, ReopenableMachine, SimulationPace};
 use trued::store::Journal;
 
-use super::check_runner::{changed_machine_toml, check_with_operator, failure_lines, runtime};
+use super::simulated_machine_checks::{changed_machine_toml, check_with_operator, failure_lines, runtime};
 use crate::support::recording_control::{self, RecordingControl};
 
 fn machine_file() -> MachineFile {
@@ -184,7 +184,7 @@ impl OperatorInterface for StoppingOperator {
     }
 }
 
-pub fn regress_a_stop_at_rest_leaves_no_hold() {
+pub fn a_stop_at_rest_leaves_no_hold() {
     let control = RecordingControl::start();
     let text = recording_control::machine_with_control(&control.address());
     let file = MachineFile::parse("machine.toml", text).unwrap();

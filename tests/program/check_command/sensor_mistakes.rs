@@ -5,8 +5,8 @@ use std::io;
 use link::can::{CanError, CanEvent, CanFrame, CanId};
 use trued::commissioning::CheckSummary;
 
-use super::check_runner::runtime;
 use super::machine_mistakes::PlantedMistake;
+use super::simulated_machine_checks::runtime;
 use super::test_sensors::{
     BYTE_FRAME_KEYS, MODBUS_MAP_KEYS, RATE_HZ, TEXT_LINE_KEYS, byte_frame, can_frame, check_on_can, check_on_modbus,
     check_on_serial_line, check_thermometer, check_with_silent_port, check_without_sampler, frame_near_zero,

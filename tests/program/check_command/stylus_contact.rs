@@ -12,7 +12,9 @@ use trued::commissioning::{
 use trued::setup::{self, MachineFile, ReopenableMachine, SimulationPace};
 use trued::store::Journal;
 
-use super::check_runner::{changed_machine_toml, check_with_operator, failure_lines, runtime, toml_with_control_keys};
+use super::simulated_machine_checks::{
+    changed_machine_toml, check_with_operator, failure_lines, runtime, toml_with_control_keys,
+};
 use crate::support::recording_control::{self, RecordingControl, WireRecord};
 
 /// Z at contact with the top of the part: its height, the radius of the ball and the length of the tool, mm. All

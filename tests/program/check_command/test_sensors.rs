@@ -16,7 +16,7 @@ use trued::commissioning::{CheckSummary, NoOperator};
 use trued::setup::machine_file::SensorConnection;
 use trued::setup::{MachineFile, ReopenableMachine};
 
-use super::check_runner::{changed_machine_toml, check_with_operator, runtime};
+use super::simulated_machine_checks::{changed_machine_toml, check_with_operator, runtime};
 
 const DECLARED_NOISE_UM: f64 = 0.5;
 pub const RATE_HZ: f64 = 1000.0;
@@ -262,7 +262,7 @@ pub fn sound_sensors_pass() {
             )))),
         ),
     ] {
-        let failed = super::check_runner::failure_lines(&summary);
+        let failed = super::simulated_machine_checks::failure_lines(&summary);
         assert!(failed.is_empty(), "{name}: {failed}");
         let told = summary.to_string();
         assert!(told.contains("sensors ok             laser ("), "{name}: {told}");
@@ -271,7 +271,7 @@ pub fn sound_sensors_pass() {
 
 pub fn answering_thermometer_passes() {
     let summary = check_thermometer("1e-5");
-    assert!(super::check_runner::failure_lines(&summary).is_empty(), "{summary}");
+    assert!(super::simulated_machine_checks::failure_lines(&summary).is_empty(), "{summary}");
     let told = summary.to_string();
     assert!(told.contains("thermometer bed (127.0.0.1:") && told.contains("): 21.50 °C"), "{told}");
     // The built-in thermometer, which measures the simulated machine.

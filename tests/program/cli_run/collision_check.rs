@@ -10,7 +10,7 @@ use super::{
 const CLAMP_SECTION: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
                      from_mm = [46, -10, 0]\nto_mm = [70, 10, 80]\n";
 
-pub fn regress_plan_states_the_least_clearance_and_program_is_complete() {
+pub fn plan_states_the_least_clearance_and_program_is_complete() {
     let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let file = shop.path_text("machine.toml");
     let plan = ["plan", "self-calibration", "--machine", &file];
@@ -29,7 +29,7 @@ pub fn regress_plan_states_the_least_clearance_and_program_is_complete() {
     assert!(String::from_utf8_lossy(&words.stdout).contains(proven));
 }
 
-pub fn regress_colliding_program_is_refused_with_step_line_and_bodies() {
+pub fn colliding_program_is_refused_with_step_line_and_bodies() {
     let shop = MachineShop::with_machine_file(&(simulated_machine_toml() + CLAMP_SECTION));
     let file = shop.path_text("machine.toml");
     let plan = shop.run_trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
@@ -48,7 +48,7 @@ pub fn regress_colliding_program_is_refused_with_step_line_and_bodies() {
 
 /// The machine file states neither stylus nor solids: the run is measured all the same, and the report names what
 /// was not checked.
-pub fn regress_report_draws_clearances_and_lists_unchecked_bodies() {
+pub fn report_draws_clearances_and_lists_unchecked_bodies() {
     let bare =
         toml_with_text_replacements(&simulated_machine_toml(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
     let shop = MachineShop::with_machine_file(&bare);

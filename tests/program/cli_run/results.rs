@@ -9,7 +9,7 @@ use super::{
 };
 use crate::support::grbl_control::GrblControl;
 
-pub fn regress_exported_readings_give_the_stored_estimate() {
+pub fn exported_readings_give_the_stored_estimate() {
     let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let run = shop.run_self_calibration();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
@@ -77,7 +77,7 @@ pub fn undeclared_sources_are_assumed_and_marked() {
     assert!(plan.contains("assumed") && plan.contains("axes.X.backlash_um"), "{plan}");
 }
 
-pub fn regress_self_calibration_at_two_heights_finds_axis_tilts() {
+pub fn self_calibration_at_two_heights_finds_axis_tilts() {
     let settings = "positions = 12\nheights_mm = [20, 80]\n";
     let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";
     let file = simulated_machine_toml().replace("[simulated.errors]", errors) + settings;
@@ -92,7 +92,7 @@ pub fn regress_self_calibration_at_two_heights_finds_axis_tilts() {
     }
 }
 
-pub fn regress_spindle_orientation_without_template_is_refused() {
+pub fn spindle_orientation_without_template_is_refused() {
     let follows = simulated_machine_toml() + "spindle = \"follow\"\n";
     let bench = GrblControl::start(&follows);
     // A plain grbl has no word to orient the spindle.
@@ -105,7 +105,7 @@ pub fn regress_spindle_orientation_without_template_is_refused() {
     assert!(shop.exported_reading_steps().is_empty());
 }
 
-pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
+pub fn a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
     let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let first = shop.run_self_calibration();
     let tight = simulated_machine_toml() + "[tolerance]\nEX0C_um = 1.0\n";

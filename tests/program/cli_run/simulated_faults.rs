@@ -11,7 +11,7 @@ fn shop_with_fault(fault: &str) -> MachineShop {
     MachineShop::with_machine_file(&format!("{}\n[[simulated.fault]]\n{fault}\n", simulated_machine_toml()))
 }
 
-pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
+pub fn a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
     let shop = shop_with_fault("kind = \"hold\"\nat_line = 120\n");
     let run = shop.run_self_calibration();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
@@ -22,7 +22,7 @@ pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
     assert!(!kept.is_empty() && kept.iter().copied().eq(0..kept.len() as u32), "{kept:?}");
 }
 
-pub fn regress_misspelt_fault_is_refused_with_its_line() {
+pub fn misspelt_fault_is_refused_with_its_line() {
     for (fault, known) in [("kind = \"hodl\"", "hold"), ("kind = \"hold\"\nline = 3", "at_line")] {
         let shop = shop_with_fault(fault);
         let refused = shop.run_self_calibration();
@@ -47,7 +47,7 @@ fn seed_with_cut_after(min_line_index: u64) -> u64 {
     (0..).find(cuts).expect("one of them")
 }
 
-pub fn regress_cut_wire_leaves_a_held_run_and_is_logged() {
+pub fn cut_wire_leaves_a_held_run_and_is_logged() {
     let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let seed = seed_with_cut_after(60).to_string();
     let mut simulator = Command::new(env!("CARGO_BIN_EXE_trued"))

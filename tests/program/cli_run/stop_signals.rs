@@ -57,15 +57,15 @@ fn check_signal_holds_run(name: &str) {
     assert!(String::from_utf8_lossy(&shown.stdout).contains(&format!("held, {kept} readings")));
 }
 
-pub fn regress_sigint_holds_and_keeps_the_readings() {
+pub fn sigint_holds_and_keeps_the_readings() {
     check_signal_holds_run("INT");
 }
 
-pub fn regress_sigterm_holds_and_keeps_the_readings() {
+pub fn sigterm_holds_and_keeps_the_readings() {
     check_signal_holds_run("TERM");
 }
 
-pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
+pub fn a_killed_run_is_interrupted_and_its_readings_kept() {
     let mut control = RecordedGrbl::start(&quick_approach_machine_toml());
     let (shop, mut run) = start_and_wait_for_touch(&mut control);
 
@@ -87,7 +87,7 @@ pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
     stored_reading_count(&shop, &bytes);
 }
 
-pub fn regress_sigterm_stops_the_identification_and_keeps_readings() {
+pub fn sigterm_stops_the_identification_and_keeps_readings() {
     use std::io::{BufRead as _, BufReader, Read as _};
     let endless = quick_approach_machine_toml().replace("trials = 1000\n", "trials = 2000000000\n");
     let shop = MachineShop::with_machine_file(&endless);
@@ -107,7 +107,7 @@ pub fn regress_sigterm_stops_the_identification_and_keeps_readings() {
     assert_eq!(shop.exported_reading_steps().len(), 69);
 }
 
-pub fn regress_a_run_continues_when_its_output_is_not_read() {
+pub fn a_run_continues_when_its_output_is_not_read() {
     let shop = MachineShop::with_machine_file(&quick_approach_machine_toml());
     let mut run = shop.self_calibration_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();

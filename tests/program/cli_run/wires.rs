@@ -44,7 +44,7 @@ impl Drop for SimulatorProcess {
     }
 }
 
-pub fn regress_memory_pty_and_another_process_give_the_same_result() {
+pub fn memory_pty_and_another_process_give_the_same_result() {
     let shop = MachineShop::with_machine_file(&simulated_machine_toml());
     let memory = shop.run_self_calibration();
     assert!(successful_json_output(&memory)["parameters"].is_array());
@@ -65,7 +65,7 @@ pub fn regress_memory_pty_and_another_process_give_the_same_result() {
     );
 }
 
-pub fn regress_a_busy_port_is_reported_and_leaves_no_run() {
+pub fn a_busy_port_is_reported_and_leaves_no_run() {
     let simulator = SimulatorProcess::start(&MachineShop::with_machine_file(&simulated_machine_toml()));
     let client = simulator.client_shop();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

@@ -263,7 +263,7 @@ fn violations(ended: &EndedRun, clean: &EndedRun) -> Vec<String> {
     all.extend(check_no_repeated_write(ended));
     if !kinds.iter().any(|kind| WORLD_CHANGING_FAULTS.contains(kind)) {
         if !accepted_chunk_texts(clean).starts_with(&accepted_chunk_texts(ended)) {
-            all.push("the control took other chunks than in a clean run".to_owned());
+            all.push("the control accepted program chunks that are not the first ones of the clean run".to_owned());
         }
         if !clean.readings.starts_with(&ended.readings) {
             all.push("readings are not those of a clean run".to_owned());

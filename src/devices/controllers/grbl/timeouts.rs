@@ -11,7 +11,8 @@ pub struct GrblTimeouts {
     pub reply_timeout: Duration,
     /// Interval at which a waiting driver checks the link.
     pub poll_interval: Duration,
-    /// Maximum time for the line that follows an alarm (`ok`, or a banner).
+    /// Maximum delay of a message that belongs to the one before it: the number or the banner of an alarm, a status report
+    /// after a motion.
     pub alarm_detail_timeout: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
     pub stall_timeout: Duration,

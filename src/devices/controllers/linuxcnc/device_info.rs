@@ -142,7 +142,7 @@ mod tests {
     /// joints (0, 1) are the point (1, 0) of the workpiece: its X axis has turned to the machine's Y axis,
     /// right-handed.
     #[test]
-    fn regress_how_a_table_turns_follows_from_the_kinematics_module() {
+    fn how_a_table_turns_follows_from_the_kinematics_module() {
         use AxisSense::{Iso, Reversed};
         for (kinematics, [a, b, c]) in [
             ("xyzbc-trt-kins sparm=identityfirst", [None, Some(Reversed), Some(Reversed)]),

@@ -18,7 +18,7 @@ pub(super) async fn stop_reason(
         Some(ProgramResult::ProbeClosedAtStart) => ControllerError::ProbeStillClosed { step },
         Some(ProgramResult::NoContact) => ControllerError::NoContact { step },
         Some(ProgramResult::ProbeFault(fault)) => ControllerError::ProbeFault { fault: *fault },
-        Some(ProgramResult::WorkOffsetNotZero) => ControllerError::not_ready(
+        Some(ProgramResult::ProgramOffsetSlotNotZero) => ControllerError::not_ready(
             "the work offset slot G59.3 was set during the run",
             format!("enter {}, then start again", clear_offset_command(axes)),
         ),

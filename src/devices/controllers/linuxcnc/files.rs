@@ -21,6 +21,8 @@ pub fn result_log_path(directory: &Path) -> String {
 }
 
 impl SharedFiles {
+    /// Checks the path for LinuxCNC, and creates the directory.
+    ///
     /// # Errors
     /// LinuxCNC cannot use the directory's name, or the directory cannot be created.
     pub fn open(directory: &Path) -> Result<Self, ControllerError> {

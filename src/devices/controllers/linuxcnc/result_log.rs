@@ -32,8 +32,8 @@ pub(super) enum ProgramResult {
     UnexpectedContact,
     /// Contact before the move began.
     ProbeClosedAtStart,
-    /// The work offset slot is not zero.
-    WorkOffsetNotZero,
+    /// The work offset slot of the programs, G59.3, is not zero: it was set during the run.
+    ProgramOffsetSlotNotZero,
     /// Fault that the probe reports on an input.
     ProbeFault(ProbeFault),
 }
@@ -57,7 +57,7 @@ impl ResultLog {
                 .ok_or_else(garbled)?;
             match (kind, numbers.as_slice()) {
                 ("END", []) => log.is_complete = true,
-                ("offset", []) => log.result = Some(ProgramResult::WorkOffsetNotZero),
+                ("offset", []) => log.result = Some(ProgramResult::ProgramOffsetSlotNotZero),
                 ("probe_error", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::ErrorReported)),
                 ("probe_battery", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::LowBattery)),
                 ("state", _) => log.state_values = numbers,

@@ -165,7 +165,7 @@ async fn stopped_heartbeat_ends_a_move_before_the_stall_timeout() {
 
 /// Only the heartbeat stops: the control's program continues, and each move ends long before the timeout.
 #[tokio::test]
-async fn regress_stopped_heartbeat_is_detected_over_short_moves() {
+async fn stopped_heartbeat_is_detected_over_short_moves() {
     let stands = vec![fault_at_line(FaultKind::HeartbeatStands, 5)];
     let (driver, ..) = driver_of_simulated_control("", SimulationPace::RealTime, stands).await;
     let timeouts = ModbusTimeouts { heartbeat_timeout: Duration::from_millis(400), ..ModbusTimeouts::default() };
@@ -182,7 +182,7 @@ async fn regress_stopped_heartbeat_is_detected_over_short_moves() {
 }
 
 #[tokio::test]
-async fn regress_implausible_time_stamp_gives_no_reading() {
+async fn implausible_time_stamp_gives_no_reading() {
     let wrong = vec![fault_at_line(FaultKind::WrongStamp, 0)];
     let (mut driver, ..) = driver_of_simulated_control("", SimulationPace::Immediate, wrong).await;
     driver.prepare().await.unwrap();
@@ -200,7 +200,7 @@ async fn regress_implausible_time_stamp_gives_no_reading() {
 
 /// Until a touch has verified the position, a turn is a feed motion (planning `turn_feeds.rs`).
 #[tokio::test]
-async fn regress_a_contact_during_a_turn_at_feed_is_held() {
+async fn a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault_at_line(FaultKind::RapidContact, 0)];
     let (mut driver, _, diary) = driver_of_simulated_control("", SimulationPace::RealTime, faults).await;
     driver.prepare().await.unwrap();

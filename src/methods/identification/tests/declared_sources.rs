@@ -34,7 +34,7 @@ fn contact_covariance(patterns: &[Vec<f64>], i: usize, j: usize) -> f64 {
 }
 
 #[test]
-fn regress_repeatability_resolution_and_drift_are_as_declared() {
+fn repeatability_resolution_and_drift_are_as_declared() {
     let mut plan = plan();
     assert_near(repeatability_mm(&plan), 1e-3, 0.0);
     plan.probe.repeatability_um = Some(0.25);
@@ -49,7 +49,7 @@ fn regress_repeatability_resolution_and_drift_are_as_declared() {
 /// The variance is the declared one at each azimuth and zero at the pole. The correlation between two
 /// contacts is the mean of the cosines.
 #[test]
-fn regress_lobing_has_the_declared_variance_at_each_azimuth() {
+fn lobing_has_the_declared_variance_at_each_azimuth() {
     let at = |turns: f64| {
         let (sin, cos) = (turns * std::f64::consts::TAU).sin_cos();
         Vector3::new(cos, sin, 0.0)
@@ -72,7 +72,7 @@ fn regress_lobing_has_the_declared_variance_at_each_azimuth() {
 /// f(x) − f(0) has the covariance of σ²·exp(−Δ²/2ℓ²), for X only: Y declares no error motion, and Z does not
 /// exist.
 #[test]
-fn regress_linear_motions_have_the_declared_covariance() {
+fn linear_motions_have_the_declared_covariance() {
     let points = [0.0, 30.0, -80.0].map(|x| Vector3::new(x, 17.0, 5.0));
     let patterns = linear_motion_patterns(&plan(), &points);
     let bell = |d: f64| (-0.5 * (d / 50.0).powi(2)).exp();
@@ -87,7 +87,7 @@ fn regress_linear_motions_have_the_declared_covariance() {
 /// Motions of C only: four harmonics, cosine and sine, along X, Y and Z, with the declared variance at each
 /// angle.
 #[test]
-fn regress_rotary_motions_share_the_declared_variance() {
+fn rotary_motions_share_the_declared_variance() {
     let mut plan = plan();
     plan.machine.axes.get_mut(&Axis::C).unwrap().error_motion_orders = vec![2, 3, 4, 5];
     let motions = rotary_error_motions(&plan, &[8]);

@@ -14,7 +14,7 @@ use crate::identification::{
 };
 
 #[test]
-fn regress_source_of_wrong_length_is_refused_with_its_name() {
+fn source_of_wrong_length_is_refused_with_its_name() {
     let mean = MeanModel::from_readings(&[2e-3, -2e-3, 1e-3, -1e-3]);
     let fit = mean.solved_linear_fit();
     let each = |count| UncertaintySource::new("scatter", ObservationEffect::Independent(vec![1e-3; count]));
@@ -43,7 +43,7 @@ fn magnitude_output() -> NonlinearOutputs {
 /// A mean of four readings of u = 2 µm has u = 1 µm, also as an angle over 500 mm. The magnitude of
 /// such a mean has the standard deviation √(1 − 2/π).
 #[test]
-fn regress_estimate_agrees_with_hand_calculation() {
+fn estimate_agrees_with_hand_calculation() {
     let mean = MeanModel::from_readings(&[2e-3, -2e-3, 1e-3, -1e-3]);
     let fit = mean.solved_linear_fit();
     let x = [4e-3];
@@ -94,7 +94,7 @@ fn regress_estimate_agrees_with_hand_calculation() {
 
 /// A nonlinear output alone, such as a largest deviation, has no uncertainty without trials.
 #[test]
-fn regress_nonlinear_output_without_trials_has_no_uncertainty() {
+fn nonlinear_output_without_trials_has_no_uncertainty() {
     let mean = MeanModel::from_readings(&[0.0, 0.0]);
     let fit = mean.solved_linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1e-3; 2]))];
@@ -107,7 +107,7 @@ fn regress_nonlinear_output_without_trials_has_no_uncertainty() {
 
 /// A stated u that is ten times too small.
 #[test]
-fn regress_trials_contradict_a_wrong_slope() {
+fn trials_contradict_a_wrong_slope() {
     let mean = MeanModel::from_readings(&[0.0]);
     let fit = mean.solved_linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0]))];
@@ -133,7 +133,7 @@ fn paper_gum_parameter_has_the_expanded_u_of_table_g2() {
 
 /// Derivatives of the functions x² + y and x·y at (3, 5).
 #[test]
-fn regress_central_differences_of_polynomials_are_exact() {
+fn central_differences_of_polynomials_are_exact() {
     let function = |x: &[f64]| Some(vec![x[0] * x[0] + x[1], x[0] * x[1]]);
     let slopes = central_differences(&[3.0, 5.0], 1e-3, function).unwrap();
     for (found, expected) in slopes.iter().flatten().zip([6.0, 1.0, 5.0, 3.0]) {
@@ -144,7 +144,7 @@ fn regress_central_differences_of_polynomials_are_exact() {
 }
 
 #[test]
-fn regress_error_parameters_have_their_units() {
+fn error_parameters_have_their_units() {
     for (symbol, unit) in [("EX0C", Unit::Um), ("EA0C", Unit::Urad), ("EXX1", Unit::UmPerM)] {
         let error: ErrorParameter = symbol.parse().unwrap();
         assert_eq!(reported_unit(&error), unit, "{symbol}");

@@ -64,7 +64,7 @@ fn paper_jcgm_101_additive_model() {
 
 /// Two unknowns from three rows: their standard deviations and that of their difference, by hand.
 #[test]
-fn regress_trials_of_linear_fit_agree_with_hand_calculation() {
+fn trials_of_linear_fit_agree_with_hand_calculation() {
     let gain = Mat::from_fn(2, 3, |i, j| [[0.5, 0.5, 0.0], [1.0, 0.0, -2.0]][i][j]);
     let a = Mat::zeros(3, 2);
     let fit = SolvedLinearFit { x: &[10.0, -3.0], design_matrix: &a, sigma: &[1.0; 3], gain: &gain };
@@ -86,7 +86,7 @@ fn regress_trials_of_linear_fit_agree_with_hand_calculation() {
 /// Sources follow each other in the random stream: the same draws as spans, as columns and as single
 /// observations give the same trials.
 #[test]
-fn regress_effects_of_the_same_draws_give_the_same_trials() {
+fn effects_of_the_same_draws_give_the_same_trials() {
     let mean = MeanModel::from_readings(&[0.0; 3]);
     let sizes = [0.5, 0.2, 0.7];
     let column = |i: usize, size: f64| [vec![0.0; i], vec![size]].concat();
@@ -112,7 +112,7 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
 
 /// The misfit factor scales only the source that the residuals scale.
 #[test]
-fn regress_misfit_factor_does_not_scale_expected_sources() {
+fn misfit_factor_does_not_scale_expected_sources() {
     let mean = MeanModel::from_readings(&[0.0]);
     let scaled = UncertaintySource::new("judged", ObservationEffect::Independent(vec![1.0]));
     let expected = UncertaintySource { residual_treatment: ResidualTreatment::InExpectedChi2, ..scaled.clone() };
@@ -127,7 +127,7 @@ fn regress_misfit_factor_does_not_scale_expected_sources() {
 
 /// A draw that shifts the unknown by the observations and directly by the opposite amount changes no trial.
 #[test]
-fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
+fn opposite_effects_of_a_draw_cancel_in_trials() {
     let mean = MeanModel::from_readings(&[1.0, 2.0, 3.0]);
     let mut source = UncertaintySource::new("shift", ObservationEffect::Joint(vec![vec![0.4; 3]; 2]));
     source.direct_unknown_changes = vec![vec![-0.4]; 2];
@@ -143,7 +143,7 @@ fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
 
 /// With a nonlinear model the mean of the trials is shifted to second order.
 #[test]
-fn regress_trials_show_the_second_order_shift_of_the_mean() {
+fn trials_show_the_second_order_shift_of_the_mean() {
     let equation = exact_exponential_model();
     let minimum = equation.solve_minimum();
     let model = NonlinearFit { equation: &equation, minimum: &minimum };
@@ -165,7 +165,7 @@ fn regress_trials_show_the_second_order_shift_of_the_mean() {
 }
 
 #[test]
-fn regress_one_trial_is_refused() {
+fn one_trial_is_refused() {
     let mean = MeanModel::from_readings(&[0.0]);
     let found = propagate_by_trials(
         &mean.solved_linear_fit(),

@@ -12,7 +12,7 @@ use crate::identification::{
 
 /// Mean of two readings. Independent 0.3 and 0.4: 0.25·(0.09 + 0.16) = 0.25²; common 0.5: 0.5².
 #[test]
-fn regress_uncertainty_of_two_sources_agrees_with_hand_calculation() {
+fn uncertainty_of_two_sources_agrees_with_hand_calculation() {
     let mean = MeanModel::from_readings(&[1.0, 3.0]);
     let fit = mean.solved_linear_fit();
     let both = UncertaintySource::new("both", ObservationEffect::Joint(vec![vec![0.5, 0.5]]));
@@ -63,7 +63,7 @@ fn paper_gum_mean_of_repeated_readings() {
 
 /// Sizes that the residuals do not scale have infinitely many degrees of freedom, and k = 2.
 #[test]
-fn regress_declared_sizes_are_kept_if_residuals_agree() {
+fn declared_sizes_are_kept_if_residuals_agree() {
     let mean = MeanModel::from_readings(&[0.5, -0.5, 1.0, -1.0]);
     let fit = mean.solved_linear_fit();
     let sources = [UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; 4]))];
@@ -79,7 +79,7 @@ fn regress_declared_sizes_are_kept_if_residuals_agree() {
 
 /// The same draws as spans and as columns, absent from χ² or expected in it.
 #[test]
-fn regress_spans_and_columns_of_the_same_draws_agree() {
+fn spans_and_columns_of_the_same_draws_agree() {
     let mean = MeanModel::from_readings(&[0.1, 0.0, -0.1]);
     let fit = mean.solved_linear_fit();
     let span = |first, values: &[f64]| ObservationSpanChange { first_index: first, changes_mm: values.to_vec() };
@@ -140,7 +140,7 @@ pub fn exact_exponential_model() -> ExponentialModel {
 
 /// The response equals the derivative of full solutions of changed readings, including the sign.
 #[test]
-fn regress_response_is_the_derivative_of_the_solution() {
+fn response_is_the_derivative_of_the_solution() {
     let equation = exact_exponential_model();
     let minimum = equation.solve_minimum();
     let model = NonlinearFit { equation: &equation, minimum: &minimum };
@@ -160,7 +160,7 @@ fn regress_response_is_the_derivative_of_the_solution() {
 
 /// Readings for an unknown that is larger by a step: the error of the near solution is of third order.
 #[test]
-fn regress_near_solution_is_right_to_second_order() {
+fn near_solution_is_right_to_second_order() {
     let equation = exact_exponential_model();
     let minimum = equation.solve_minimum();
     let model = NonlinearFit { equation: &equation, minimum: &minimum };
@@ -176,7 +176,7 @@ fn regress_near_solution_is_right_to_second_order() {
 /// A draw that shifts the unknown by the observations and directly by the opposite amount has no effect: a
 /// change of the observations has the sign of measured minus model in dense and in blockwise fits.
 #[test]
-fn regress_opposite_effects_of_a_draw_cancel() {
+fn opposite_effects_of_a_draw_cancel() {
     let mean = MeanModel::from_readings(&[0.1, 0.2, 0.3]);
     let fit = mean.solved_linear_fit();
     let source = UncertaintySource {

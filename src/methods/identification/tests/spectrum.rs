@@ -11,7 +11,7 @@ use crate::identification::{
 
 /// Two unknowns that are observed directly: 3 µm and 4 µm, with u of 1 µm and 2 µm.
 #[test]
-fn regress_amplitudes_and_their_u_agree_with_hand_calculation() {
+fn amplitudes_and_their_u_agree_with_hand_calculation() {
     let x = [3e-3, 4e-3];
     let one = Mat::identity(2, 2);
     let fit = SolvedLinearFit { x: &x, design_matrix: &one, sigma: &[1.0; 2], gain: &one };

@@ -15,7 +15,7 @@ fn span(first: usize, values: &[f64]) -> ObservationSpanChange {
 
 /// Hand calculation with two blocks of two observations and one more observation.
 #[test]
-fn regress_block_covariances_agree_with_hand_calculation() {
+fn block_covariances_agree_with_hand_calculation() {
     let sources = [
         UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0, 2.0, 3.0, 4.0, 5.0])),
         UncertaintySource::new("run", ObservationEffect::Spans(vec![span(1, &[0.5, 0.25]), span(4, &[9.0])])),
@@ -32,7 +32,7 @@ fn regress_block_covariances_agree_with_hand_calculation() {
 }
 
 #[test]
-fn regress_draws_expand_to_changes_of_all_observations() {
+fn draws_expand_to_changes_of_all_observations() {
     let [each, spans, joint] = [
         ObservationEffect::Independent(vec![1.0, 2.0, 3.0]),
         ObservationEffect::Spans(vec![span(1, &[4.0, 5.0])]),
@@ -53,7 +53,7 @@ fn regress_draws_expand_to_changes_of_all_observations() {
 /// Two parameters that an estimate publishes in µm and µrad enter with the same covariance that they had in
 /// mm and rad.
 #[test]
-fn regress_prior_has_the_covariance_of_its_estimate() {
+fn prior_has_the_covariance_of_its_estimate() {
     let mean = MeanModel::from_readings(&[1.0, 2.0]);
     let fit = mean.solved_linear_fit();
     let each = UncertaintySource {

@@ -12,7 +12,7 @@ use crate::laser_r_test::setup::LaserSetup;
 /// A change of at most 0.1 µm with alternating size and sign over the dwell points: the first-order response equals
 /// the change of the solution, including its sign.
 #[test]
-fn regress_linear_response_equals_the_change_of_the_solution() {
+fn linear_response_equals_the_change_of_the_solution() {
     let (plan, _, readings) =
         simulate_run(ideal_plan(0.5), &settings_with_few_trials(), &table_5_machine(0.5, 1), 9).unwrap();
     let own = settings_with_few_trials();

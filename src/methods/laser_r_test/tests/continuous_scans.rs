@@ -124,7 +124,7 @@ fn lost_motion_without_latency_is_found() {
 }
 
 #[test]
-fn regress_latency_and_errors_scatter_as_predicted() {
+fn latency_and_errors_scatter_as_predicted() {
     const FULL_SEED_COUNT: u64 = 40;
     let seeds = population_size(FULL_SEED_COUNT);
     let names = [&TABLE_5_SYMBOLS[..], &["latency", "reversal_X", "reversal_Y"]].concat();

@@ -73,7 +73,7 @@ fn chi2_of_location_errors(estimate: &Estimate) -> f64 {
 }
 
 #[test]
-fn regress_covariance_of_the_estimate_covers_all_declared_sources() {
+fn covariance_of_the_estimate_covers_all_declared_sources() {
     const FULL_SEED_COUNT: u64 = 100;
     let seeds = population_size(FULL_SEED_COUNT);
     let own = LaserRTestSettings { samples: 5, ..settings_with_few_trials() };
@@ -100,7 +100,7 @@ fn regress_covariance_of_the_estimate_covers_all_declared_sources() {
 }
 
 #[test]
-fn regress_monte_carlo_agrees_with_first_order() {
+fn monte_carlo_agrees_with_first_order() {
     let own = LaserRTestSettings { monte_carlo_trials: 4000, ..settings_with_few_trials() };
     let (plan, _, readings) = simulate_run(plan_without_steps(), &own, &table_5_machine(0.5, 3), 9).unwrap();
     let setup = LaserSetup::new(&plan, &own).unwrap();
@@ -120,7 +120,7 @@ fn regress_monte_carlo_agrees_with_first_order() {
 
 /// An undeclared second harmonic of B increases the residuals, and is identified if it is requested.
 #[test]
-fn regress_harmonic_of_b_gives_a_misfit_unless_it_is_identified() {
+fn harmonic_of_b_gives_a_misfit_unless_it_is_identified() {
     let shift =
         |_: &SimulatedMachine, at: &Position, _: f64| Vector3::x() * 3e-3 * (2.0 * at.get_or_zero(Axis::B)).cos();
     let world = SimulatedMachine { table_displacement: shift, ..table_5_machine(0.5, 1) };

@@ -129,7 +129,7 @@ fn chain_agrees_with_the_matrix_product_of_the_paper() {
 }
 
 #[test]
-fn regress_three_heights_determine_the_beam_direction() {
+fn three_heights_determine_the_beam_direction() {
     let plan = ideal_plan(0.025);
     let mut square = 0.0;
     for seed in 0..40 {
@@ -168,7 +168,7 @@ fn noise_free_dwell_scans_give_the_values_of_table_5() {
 }
 
 #[test]
-fn regress_parameters_scatter_as_predicted() {
+fn parameters_scatter_as_predicted() {
     // The scatter of the 30 seeds of METHODS, G2, is known only to 13 %, so more seeds are used for each parameter.
     const FULL_SEED_COUNT: u64 = 400;
     let seeds = population_size(FULL_SEED_COUNT);

@@ -53,7 +53,7 @@ fn texts_of_a_touch_estimate_do_not_mention_a_sensor() {
 }
 
 #[test]
-fn regress_parameters_by_touch_scatter_as_predicted() {
+fn parameters_by_touch_scatter_as_predicted() {
     let mut ratio = 0.0;
     for seed in 0..20 {
         let estimate = estimate_from_touches(0.5, seed);

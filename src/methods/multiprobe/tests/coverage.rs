@@ -106,7 +106,7 @@ impl CoverageCount {
 
 /// Sensor noise, and an asynchronous motion along X that affects all radial sensors together.
 #[test]
-fn regress_expanded_uncertainty_covers_noise_and_asynchronous_motion() {
+fn expanded_uncertainty_covers_noise_and_asynchronous_motion() {
     let layout = two_section_layout(3, -1.0);
     let rows = layout.all_row_keys();
     for (asynchronous_mm, prefix) in [(0.0, "E"), (0.5e-3, "EXC"), (0.5e-3, "EB")] {
@@ -145,7 +145,7 @@ fn regress_expanded_uncertainty_covers_noise_and_asynchronous_motion() {
 
 /// All sources: the measurement is generated with a drawn layout and identified with the nominal one.
 #[test]
-fn regress_expanded_uncertainty_covers_all_sources() {
+fn expanded_uncertainty_covers_all_sources() {
     let declared = MultiprobeSettings {
         u_gain: 2e-3,
         u_sensor_angle_deg: 0.1,
@@ -228,7 +228,7 @@ impl DrawnLayout {
 }
 
 #[test]
-fn regress_co_rotating_motion_is_reported_as_eccentricity() {
+fn co_rotating_motion_is_reported_as_eccentricity() {
     let layout = two_section_layout(3, -1.0);
     let world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 1e-7);
     let measured = world.simulate_revolutions(
@@ -278,7 +278,7 @@ fn regress_co_rotating_motion_is_reported_as_eccentricity() {
 }
 
 #[test]
-fn regress_trials_give_nonlinear_values_an_uncertainty() {
+fn trials_give_nonlinear_values_an_uncertainty() {
     let layout = two_section_layout(3, -1.0);
     let world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 0.1e-3);
     let measured = world.simulate_revolutions(
@@ -306,7 +306,7 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
 
 /// The revolutions are displaced by +0.5 µm and −0.5 µm along X in alternation, at every third sample only.
 #[test]
-fn regress_asynchronous_and_total_values_agree_with_the_simulation() {
+fn asynchronous_and_total_values_agree_with_the_simulation() {
     let layout = two_section_layout(4, -1.0);
     let mut world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 0.0);
     // Motion that turns with the table is not reported as error motion.
@@ -345,7 +345,7 @@ fn regress_asynchronous_and_total_values_agree_with_the_simulation() {
 
 /// With one mounting, axial motion and form of the face are inseparable, and EZC is not reported.
 #[test]
-fn regress_one_mounting_reports_no_axial_motion() {
+fn one_mounting_reports_no_axial_motion() {
     let layout = two_section_layout(1, -1.0);
     let world = SimulatedMotions::with_random_terms(2, MAX_HARMONIC_ORDER, 2, 1e-7);
     let size = ScanSize { samples_per_revolution: SAMPLES_PER_REVOLUTION, revolutions: 3 };

@@ -21,7 +21,7 @@ fn simulated_harmonic_data(world: &SimulatedMotions, actual: &ProbeLayout, seed:
 }
 
 #[test]
-fn regress_swapped_channels_are_named() {
+fn swapped_channels_are_named() {
     let planned = two_section_layout(6, -1.0);
     for (first, second) in [(0, 1), (1, 2), (0, 3), (2, 4), (5, 6)] {
         let world = SimulatedMotions::with_random_terms(first as u64, 8, 2, NOISE_STD_MM);
@@ -42,7 +42,7 @@ fn regress_swapped_channels_are_named() {
 }
 
 #[test]
-fn regress_wrong_index_is_found_with_a_lobed_artefact() {
+fn wrong_index_is_found_with_a_lobed_artefact() {
     let planned = two_section_layout(6, -1.0);
     for (wrong, affects_later_mountings, by_deg) in
         [(3, false, 60.0), (5, false, -12.3), (2, true, 60.0), (4, true, 1.0)]
@@ -68,7 +68,7 @@ fn regress_wrong_index_is_found_with_a_lobed_artefact() {
 }
 
 #[test]
-fn regress_right_indexes_are_confirmed_unless_the_artefact_is_round() {
+fn right_indexes_are_confirmed_unless_the_artefact_is_round() {
     let planned = two_section_layout(6, -1.0);
     let mut world = SimulatedMotions::with_random_terms(1, 8, 2, NOISE_STD_MM);
     let check = check_layout(&planned, &simulated_harmonic_data(&world, &planned, 2), 1.0).unwrap();
@@ -81,7 +81,7 @@ fn regress_right_indexes_are_confirmed_unless_the_artefact_is_round() {
 }
 
 #[test]
-fn regress_channel_clock_one_percent_fast_is_found() {
+fn channel_clock_one_percent_fast_is_found() {
     let layout = two_section_layout(3, -1.0);
     let world = SimulatedMotions::with_random_terms(4, 8, 2, NOISE_STD_MM);
     let rows = layout.all_row_keys();

@@ -43,7 +43,7 @@ fn sensor_reading_mm(world: &SimulatedMotions, layout: &ProbeLayout, row: Channe
 }
 
 #[test]
-fn regress_readings_in_space_give_the_true_harmonics() {
+fn readings_in_space_give_the_true_harmonics() {
     for turn in [1.0, -1.0] {
         let layout = two_section_layout(7, turn);
         let world = SimulatedMotions::with_random_terms(3, 6, 2, 0.0);

@@ -9,7 +9,7 @@ use super::nullities::two_section_layout;
 use estimation::revolutions::{AngleRange, ChannelAtMounting, ChannelRevolutions, HarmonicData};
 
 #[test]
-fn regress_coinciding_and_opposed_sensors_are_refused() {
+fn coinciding_and_opposed_sensors_are_refused() {
     for (angles, instead) in [
         ([0.0, 90.0, 270.0], "move 270°: 50° has"),
         ([0.0, 90.0, 91.0], "move 91°: 50° has"),
@@ -25,7 +25,7 @@ fn regress_coinciding_and_opposed_sensors_are_refused() {
 }
 
 #[test]
-fn regress_index_step_that_suppresses_a_harmonic_is_refused() {
+fn index_step_that_suppresses_a_harmonic_is_refused() {
     let ten = two_section_layout(10, -1.0);
     let radial = [MotionOrForm::X, MotionOrForm::Y, MotionOrForm::A, MotionOrForm::B];
     assert!(check_harmonic_orders(&ten, &radial, 1..=20).is_ok());
@@ -45,7 +45,7 @@ fn regress_index_step_that_suppresses_a_harmonic_is_refused() {
 }
 
 #[test]
-fn regress_third_sensor_angles_are_sorted_by_gain_where_unobstructed() {
+fn third_sensor_angles_are_sorted_by_gain_where_unobstructed() {
     let free = third_sensor_angles_and_gains([0.0, 90.0], &[]);
     println!("{:?}", &free[..6]);
     assert!(free.windows(2).all(|pair| pair[0].1 <= pair[1].1));
@@ -75,7 +75,7 @@ fn prompt_contains_noise_gain_and_better_angle() {
 }
 
 #[test]
-fn regress_too_few_revolutions_or_samples_are_refused() {
+fn too_few_revolutions_or_samples_are_refused() {
     let row = |channel, revolutions| ChannelRevolutions {
         key: ChannelAtMounting { mounting_index: 0, channel_index: channel },
         revolutions,
@@ -93,7 +93,7 @@ fn regress_too_few_revolutions_or_samples_are_refused() {
 }
 
 #[test]
-fn regress_surfaces_outside_the_model_are_refused() {
+fn surfaces_outside_the_model_are_refused() {
     let whole = two_section_layout(3, -1.0);
     assert!(check_surfaces(&whole).is_ok());
     let why = |layout: &ProbeLayout| check_surfaces(layout).unwrap_err().reason;

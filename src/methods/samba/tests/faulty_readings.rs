@@ -19,7 +19,7 @@ use machine::record::reading::{Reading, ReadingFlag};
 /// A file with a header only, a run stopped in its first search, and an incomplete measurement are refused
 /// with a reason.
 #[test]
-fn regress_readings_without_a_complete_measurement_are_refused() {
+fn readings_without_a_complete_measurement_are_refused() {
     let (mut plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     let why = |plan: &Plan, readings: &[Reading]| match identify(plan, &settings_with_2000_trials(), readings) {
         Err(IdentifyError::Refused(refused)) => refused.reason,
@@ -41,7 +41,7 @@ fn regress_readings_without_a_complete_measurement_are_refused() {
 
 /// Encoder readings flicker: the touches of one measurement differ by 1e-4°, but they are one measurement.
 #[test]
-fn regress_noise_of_rotary_encoders_does_not_split_a_measurement() {
+fn noise_of_rotary_encoders_does_not_split_a_measurement() {
     let (plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     let sound = identify(&plan, &settings_with_2000_trials(), &readings).unwrap();
     let mut normal = StandardNormal.sample_iter(seeded_stream(5, &[]));
@@ -83,7 +83,7 @@ const FOURTH_ORDER_MOTION: SimulatedMeasurement = SimulatedMeasurement {
 /// With C at multiples of 90° the error motion is indistinguishable from EX0C, and the estimate reports this. With C
 /// at multiples of 72° the same motion contradicts the model, and the estimate warns.
 #[test]
-fn regress_harmonics_inseparable_at_the_positions_are_named() {
+fn harmonics_inseparable_at_the_positions_are_named() {
     let told = |estimate: &Estimate| -> Vec<String> {
         let lines = estimate.not_identifiable.iter();
         lines.filter(|line| line.contains("in steps of")).cloned().collect()
@@ -110,7 +110,7 @@ fn regress_harmonics_inseparable_at_the_positions_are_named() {
 
 /// A machine that is displaced by 2 µm in X, Y and Z after a stop, which is the limit of its references.
 #[test]
-fn regress_a_step_at_an_interruption_is_within_the_uncertainty() {
+fn a_step_at_an_interruption_is_within_the_uncertainty() {
     let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let sound = identify(&plan, &settings_with_2000_trials(), &readings).unwrap();
     for (stop, signs) in [(60, [1.0, 1.0, 1.0]), (30, [1.0, -1.0, 1.0]), (85, [-1.0, 1.0, 1.0])] {

@@ -127,7 +127,7 @@ fn check_ranks(kind: DesignAndCriterion) {
 
 /// METHODS section 4: additional errors that are inseparable from others are named.
 #[test]
-fn regress_inseparable_added_errors_are_named() {
+fn inseparable_added_errors_are_named() {
     for (addition, partner) in [
         ("EX0B", "EX0S"),
         ("EB0B", "EB0C"),
@@ -158,7 +158,7 @@ fn regress_inseparable_added_errors_are_named() {
 
 /// The misclosure is zero for the true errors: the readings give the true positions of the balls.
 #[test]
-fn regress_no_misclosure_at_the_truth() {
+fn no_misclosure_at_the_truth() {
     let (model, truth) = (paper_model(), reference_machine());
     let errors: Vec<f64> = paper_errors().into_iter().map(|(_, value)| value).collect();
     for (bcs_rad, ball) in design_measurements(D_OPTIMAL_DESIGN) {
@@ -255,7 +255,7 @@ fn check_scatter(kind: DesignAndCriterion, problem: &GeometryProblem, exact: &Ob
 
 /// Compares the blocks with all rows in one dense matrix, with derivatives by differences of the residuals.
 #[test]
-fn regress_row_blocks_match_differences_of_the_residuals() {
+fn row_blocks_match_differences_of_the_residuals() {
     let (problem, measured) = simulate_design_measurement(D_OPTIMAL_DESIGN, true, true);
     let x = problem.solve(&measured, problem.initial_values(&measured)).unwrap().x;
     let (factored, _) = factorise(problem.row_blocks(&x, &measured));

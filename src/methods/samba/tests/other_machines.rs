@@ -65,7 +65,7 @@ fn check_implied_errors_are_recovered(topology: &str, unknowns: usize) {
 }
 
 #[test]
-fn regress_implied_errors_of_other_topologies_are_recovered() {
+fn implied_errors_of_other_topologies_are_recovered() {
     check_implied_errors_are_recovered("wCBXFZYSt", 13 + 3 + 15);
     check_implied_errors_are_recovered("wCAYFXZt", 11 + 3 + 15);
     check_implied_errors_are_recovered("wAFXYZBt", 11 + 3 + 15);

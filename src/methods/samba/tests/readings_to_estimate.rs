@@ -210,7 +210,7 @@ pub fn has_warning(estimate: &Estimate, words: &[&str]) -> bool {
 }
 
 #[test]
-fn regress_a_sound_run_gives_its_errors_back_within_u() {
+fn a_sound_run_gives_its_errors_back_within_u() {
     let estimate = FAULTLESS_MEASUREMENT.identify().unwrap();
     println!("{:?}\n{:?}\n{:?}", estimate.warnings, estimate.weakest, estimate.not_identifiable);
     assert_eq!((estimate.rank, estimate.unknowns, estimate.degrees_of_freedom), (34, 34, 294));
@@ -245,7 +245,7 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
 /// Over many seeds the deviations of all unknowns scatter jointly as their covariance predicts, also if
 /// positioning and straightness errors of the linear axes, which no unknown describes, are declared.
 #[test]
-fn regress_deviations_scatter_as_the_covariance_over_seeds() {
+fn deviations_scatter_as_the_covariance_over_seeds() {
     const FULL_SEED_COUNT: u64 = 60;
     let seeds = population_size(FULL_SEED_COUNT);
     for motion_um in [0.0, 1.5] {
@@ -288,7 +288,7 @@ fn joint_chi2(estimate: &Estimate) -> f64 {
 
 /// A ball that slips by 20 µm half-way is named, with the visits between which it slipped.
 #[test]
-fn regress_a_ball_that_moved_is_named() {
+fn a_ball_that_moved_is_named() {
     let slipped: SimulatedMeasurement = SimulatedMeasurement {
         ball_shift: |ball, visit, _| {
             if ball == 3 && visit > 50 { Vector3::x() * 0.02 } else { Vector3::zeros() }
@@ -313,7 +313,7 @@ fn regress_a_ball_that_moved_is_named() {
 /// both, and the figure of the estimate is the ratio in the warning. If a run states no number of trials, its
 /// trials satisfy the stopping rule.
 #[test]
-fn regress_misfit_warning_states_the_chi2_of_the_estimate() {
+fn misfit_warning_states_the_chi2_of_the_estimate() {
     let shift = |ball, visit, _| {
         if ball == 3 && visit > 50 { Vector3::x() * 0.02 } else { Vector3::zeros() }
     };
@@ -334,7 +334,7 @@ fn regress_misfit_warning_states_the_chi2_of_the_estimate() {
 
 /// Dirt under one measurement: it is flagged, named and kept; the others are not flagged.
 #[test]
-fn regress_a_dirty_measurement_is_flagged_and_kept() {
+fn a_dirty_measurement_is_flagged_and_kept() {
     let dirty = SimulatedMeasurement {
         ball_shift: |_, visit, _| if visit == 40 { Vector3::y() * 0.012 } else { Vector3::zeros() },
         ..FAULTLESS_MEASUREMENT
@@ -350,7 +350,7 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
 /// The table sags by 8 µm as it tilts, which is outside the model. A warning states the misfit, and the
 /// uncertainties grow.
 #[test]
-fn regress_sag_is_reported_and_enlarges_the_uncertainties() {
+fn sag_is_reported_and_enlarges_the_uncertainties() {
     let sagging = SimulatedMeasurement {
         ball_shift: |_, _, [b, c, _]| Vector3::new(c.cos(), -c.sin(), 1.0) * (0.008 * (3.0 * b).sin().powi(2)),
         ..FAULTLESS_MEASUREMENT
@@ -366,7 +366,7 @@ fn regress_sag_is_reported_and_enlarges_the_uncertainties() {
 }
 
 #[test]
-fn regress_wrong_or_missing_bars_are_reported() {
+fn wrong_or_missing_bars_are_reported() {
     let long = SimulatedMeasurement { stated_bar_mm: BAR_LENGTH_MM * (1.0 + 400e-6), ..FAULTLESS_MEASUREMENT };
     let estimate = long.identify().unwrap();
     assert!(has_warning(&estimate, &["certified length 1–2", "µm/m"]), "{:?}", estimate.warnings);
@@ -385,7 +385,7 @@ fn regress_wrong_or_missing_bars_are_reported() {
 }
 
 #[test]
-fn regress_unused_measurements_are_named_and_bad_readings_rejected() {
+fn unused_measurements_are_named_and_bad_readings_rejected() {
     let (plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     // Ball 6 keeps two measurements; of another measurement only three touches remain.
     let of_six: Vec<usize> = (0..readings.len()).filter(|i| plan.steps[*i].label.contains("/6/")).collect();

@@ -38,7 +38,7 @@ fn solve_trial_by_centres_and_by_touches(solved: &GeometrySolution<'_>, trial: u
 }
 
 #[test]
-fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
+fn touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
     const TRIAL_COUNT: u64 = 1000;
     let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let settings = settings_with_2000_trials();
@@ -69,7 +69,7 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
 /// The weighted change of a changed centre or length equals that of its residuals, including the sign, except
 /// for the errors of the machine.
 #[test]
-fn regress_weighted_change_equals_change_of_weighted_residuals() {
+fn weighted_change_equals_change_of_weighted_residuals() {
     let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let settings = settings_with_2000_trials();
     let GeometrySolution { problem, measured, minimum, .. } = &solve_geometry(&plan, &settings, &readings).unwrap();
@@ -85,7 +85,7 @@ fn regress_weighted_change_equals_change_of_weighted_residuals() {
 /// A ball that moves before its last measurement or after its first is indistinguishable from a single wrong
 /// measurement. The warning states both possibilities, with the correct indexations.
 #[test]
-fn regress_ball_moved_at_first_or_last_visit_is_named_with_alternative() {
+fn ball_moved_at_first_or_last_visit_is_named_with_alternative() {
     let visits = |labels: Vec<String>| -> Vec<u32> {
         let mut visits: Vec<u32> = labels.iter().map(|label| label[5..8].parse().unwrap()).collect();
         visits.dedup();

@@ -83,7 +83,7 @@ fn identify_fit(fit: &Fit, has_declared_sizes: bool, trials: Option<TrialSetting
 /// If the uncertainty is contradicted or undeclared, χ² per degree of freedom scales the touches' share of u, the
 /// only one with limited degrees of freedom. If it is declared and plausible, nothing is scaled.
 #[test]
-fn regress_residuals_scale_only_the_uncertainty_of_the_touches() {
+fn residuals_scale_only_the_uncertainty_of_the_touches() {
     for (noise_mm, has_declared_sizes) in [(3e-3, true), (3e-3, false), (0.5e-3, false), (1e-3, true)] {
         let fit = noisy_fit(noise_mm, false);
         let identification = identify_fit(&fit, has_declared_sizes, None);
@@ -114,7 +114,7 @@ fn regress_residuals_scale_only_the_uncertainty_of_the_touches() {
 
 /// A trial depends neither on the other trials of its block nor on the number of threads.
 #[test]
-fn regress_trials_depend_neither_on_their_block_nor_on_the_threads() {
+fn trials_depend_neither_on_their_block_nor_on_the_threads() {
     let fit = noisy_fit(1e-3, true);
     let mut random = seeded_stream(3, &[1]);
     let changes = Mat::from_fn(40, fit.design_matrix.nrows(), |trial, _| {

@@ -4,7 +4,7 @@ use minijinja::{Value, context};
 
 use crate::archive::history::{self, ParameterSeries, describe_changes, draw_series_chart};
 use crate::report::number::{decimals_for_uncertainty, format_fixed, split_into_base_and_index};
-use crate::report::result_row::format_limit;
+use crate::report::result_row::format_plus_minus_limit;
 use machine::record::reading::Temperatures;
 use methods::named_symbol::named_symbol;
 
@@ -30,7 +30,7 @@ pub fn trend_values(series: &[ParameterSeries]) -> Value {
             unit => series.unit.symbol(),
             limits => limits.map(|ends| ends.map(number).join(" to ")),
             out => series.trend.is_newest_value_outside_limits() == Some(true),
-            tolerance => series.tolerance.map(format_limit),
+            tolerance => series.tolerance.map(format_plus_minus_limit),
             warmth => temperature_text(&newest.temperatures_c),
             chart => draw_series_chart(series).map(Value::from_safe_string),
         })

@@ -207,7 +207,7 @@ async fn each_simulated_fault_gives_the_expected_error() {
 }
 
 #[tokio::test]
-async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
+async fn a_contact_during_a_positioning_move_holds_the_machine() {
     let mut rapid = false;
     let brushed = move |line: &str| {
         rapid |= line.contains("G53 G0");
@@ -220,7 +220,7 @@ async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
 
 /// Until a touch has verified the position, a turn is a feed motion (planning `turn_feeds.rs`).
 #[tokio::test]
-async fn regress_a_contact_during_a_turn_at_feed_holds_the_machine() {
+async fn a_contact_during_a_turn_at_feed_holds_the_machine() {
     let to = position(&[(Axis::C, 90.0)]);
     let turn = MotionBlock { step: 3, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] };
     let mut turns = false;
@@ -234,7 +234,7 @@ async fn regress_a_contact_during_a_turn_at_feed_holds_the_machine() {
 }
 
 #[tokio::test]
-async fn regress_a_changed_feed_override_during_a_motion_holds_the_machine() {
+async fn a_changed_feed_override_during_a_motion_holds_the_machine() {
     let mut rapid = false;
     let turned = move |line: &str| {
         rapid |= line.contains("G53 G0");
@@ -270,7 +270,7 @@ async fn contact_during_a_rapid_stops_it() {
 }
 
 #[tokio::test]
-async fn regress_implausible_time_stamp_gives_no_reading() {
+async fn implausible_time_stamp_gives_no_reading() {
     let stamped = |line: &str| {
         let touches = line.contains("G38") || line == "$#";
         touches.then(|| ">{told}\r\n[TIME:1e300]\r\nok\r\n".to_owned())

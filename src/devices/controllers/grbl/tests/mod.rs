@@ -438,7 +438,7 @@ async fn halt_stops_a_slow_move_of_the_simulated_machine() {
 }
 
 #[tokio::test]
-async fn regress_late_reply_of_the_first_blank_line_is_not_assigned_to_the_next() {
+async fn late_reply_of_the_first_blank_line_is_not_assigned_to_the_next() {
     let (mut asked, mut owed) = (0, true);
     let (link, _) = spawn_peer_with_odd_replies(move |line| {
         asked += usize::from(line == "?");

@@ -56,7 +56,7 @@ fn ready_grbl_options() -> SimulatedGrblOptions {
 }
 
 #[tokio::test]
-async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
+async fn a_control_that_is_not_ready_is_sent_no_motion() {
     for (number, value, state, remedy) in UNREADY_SETTINGS {
         let mut made = ready_grbl_options();
         made.settings_by_number.insert(number, value);
@@ -132,7 +132,7 @@ async fn device_info_lists_all_findings_that_block_prepare() {
 
 /// Modal words as a real grblHAL reports them.
 #[tokio::test]
-async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
+async fn a_turning_spindle_and_scaled_axes_are_refused() {
     for (words, state) in [("M3", "spindle"), ("M4", "spindle"), ("G51:XY", "scaled")] {
         let (link, tape) = spawn_peer_with_odd_replies(move |line| {
             let modes = format!("[GC:G0 G59 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
@@ -146,7 +146,7 @@ async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
 }
 
 #[tokio::test]
-async fn regress_a_changed_feed_override_during_a_touch_gives_no_reading() {
+async fn a_changed_feed_override_during_a_touch_gives_no_reading() {
     let mut touched = false;
     let (link, tape) = spawn_peer_with_odd_replies(move |line| {
         // 30 mm/min is the feed of the touch, not of the guarded approach.
@@ -166,7 +166,7 @@ async fn regress_a_changed_feed_override_during_a_touch_gives_no_reading() {
 
 /// The head must not be sent first: it writes an offset and switches outputs.
 #[tokio::test]
-async fn regress_unready_control_is_refused_before_the_head_lines_are_sent() {
+async fn unready_control_is_refused_before_the_head_lines_are_sent() {
     let head_sent = |driver: &GrblDriver, tape: &SentText| {
         let tape = tape.lock().unwrap();
         let head = driver.mode_text.head_lines().iter().filter(|line| !line.starts_with('('));
@@ -203,7 +203,7 @@ async fn device_info_with_settings(settings: &[(u16, f64)]) -> crate::controller
 }
 
 #[tokio::test]
-async fn regress_travel_of_a_homed_control_follows_its_homing_settings() {
+async fn travel_of_a_homed_control_follows_its_homing_settings() {
     // Homing by hand; by hand axis by axis; by cycles that the control does not list; with a zero at the
     // switch. By hand, the zero of a rotary axis is its position at that time: the owner decides whether it
     // is confirmed.
@@ -237,7 +237,7 @@ async fn moving_control_is_refused_with_the_advice_to_wait() {
 
 /// The answer to an earlier `?` arrives after 0x87 was sent, as on a busy computer.
 #[tokio::test]
-async fn regress_a_late_report_is_not_taken_for_the_full_one() {
+async fn a_late_report_is_not_taken_for_the_full_one() {
     let (link, _) = spawn_peer_with_odd_replies(|line| {
         let late = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0>\r\n";
         match line {
@@ -259,7 +259,7 @@ async fn full_report_without_the_fw_field_is_accepted() {
 
 /// After a reset the axes are not homed, and all modes are lost.
 #[tokio::test]
-async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
+async fn a_control_that_was_reset_is_not_ready_until_it_is_homed() {
     let (mut driver, _) = driver_with_sent_text(ready_grbl_options());
     driver.prepare().await.unwrap();
     driver.connection.send_line("\x18").await.unwrap_err();
@@ -271,7 +271,7 @@ async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
 
 /// An operator enters modal words at the control between two preparations.
 #[tokio::test]
-async fn regress_modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
+async fn modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
     let (mut driver, _) = driver_with_sent_text(ready_grbl_options());
     driver.connection.start_session().await.unwrap();
     driver.connection.send_line("G55 G90").await.unwrap();

@@ -213,7 +213,7 @@ async fn a_contact_during_a_rapid_is_held() {
 }
 
 #[tokio::test]
-async fn regress_a_contact_during_a_turn_at_feed_is_held() {
+async fn a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault_at_line(FaultKind::RapidContact, 0)];
     let (mut driver, _, diary) = driver_of_simulated_control(PROGRAM_KEYS, SimulationPace::RealTime, faults).await;
     driver.prepare().await.unwrap();
