@@ -18,12 +18,27 @@ use super::driver::{block_on, open_driver, prove_without_collision_check, z_posi
 use super::rig::{LinuxCncRig, lock_rig};
 use super::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
 
-/// Positions of the true axes, mm, and their orientations, rad: the rig's pins.
-const B_AXIS_POINT_MM: Vector3<f64> = Vector3::new(0.035, 0.0, -0.060);
-const B_AXIS_TILT_RAD: [f64; 2] = [40e-6, -30e-6];
-const C_AXIS_POINT_MM: Vector3<f64> = Vector3::new(0.110, -0.030, 0.0);
-const C_AXIS_TILT_RAD: [f64; 2] = [-25e-6, 55e-6];
-const STYLUS_ERROR_MM: Vector3<f64> = Vector3::new(0.0121, -0.0082, 0.045);
+/// The true rotary axes and the true stylus: the rig's pins.
+pub struct TrueAxes {
+    b_point_mm: Vector3<f64>,
+    /// Orientation about X and Z, rad.
+    b_tilt_rad: [f64; 2],
+    c_point_mm: Vector3<f64>,
+    /// Orientation about X and Y, rad.
+    c_tilt_rad: [f64; 2],
+    stylus_error_mm: Vector3<f64>,
+}
+
+pub const TILTED_AXES: TrueAxes = TrueAxes {
+    b_point_mm: Vector3::new(0.035, 0.0, -0.060),
+    b_tilt_rad: [40e-6, -30e-6],
+    c_point_mm: Vector3::new(0.110, -0.030, 0.0),
+    c_tilt_rad: [-25e-6, 55e-6],
+    stylus_error_mm: Vector3::new(0.0121, -0.0082, 0.045),
+};
+/// Location errors only.
+const DISPLACED_AXES: TrueAxes = TrueAxes { b_tilt_rad: [0.0; 2], c_tilt_rad: [0.0; 2], ..TILTED_AXES };
+
 /// Positions of the balls with all axes at zero, up to half a millimetre from those of samba.toml; the first two
 /// are 150 mm apart.
 pub const BALL_CENTRES_MM: [[f64; 3]; 4] =
@@ -58,19 +73,19 @@ const TRUE_CHASE_THE_BALL_PARAMETERS: [(&str, f64, f64); 8] = [
 ];
 
 /// Removes the cylinder, puts the balls on the table, and sets the axis errors above.
-pub fn place_balls_and_axis_errors(rig: &LinuxCncRig) -> Result<(), Failed> {
+pub fn place_balls_and_axis_errors(rig: &LinuxCncRig, truth: &TrueAxes) -> Result<(), Failed> {
     let axes = [
-        ("b-x", B_AXIS_POINT_MM.x),
-        ("b-z", B_AXIS_POINT_MM.z),
-        ("b-a", B_AXIS_TILT_RAD[0]),
-        ("b-c", B_AXIS_TILT_RAD[1]),
-        ("c-x", C_AXIS_POINT_MM.x),
-        ("c-y", C_AXIS_POINT_MM.y),
-        ("c-a", C_AXIS_TILT_RAD[0]),
-        ("c-b", C_AXIS_TILT_RAD[1]),
-        ("stylus-x", STYLUS_ERROR_MM.x),
-        ("stylus-y", STYLUS_ERROR_MM.y),
-        ("stylus-z", STYLUS_ERROR_MM.z),
+        ("b-x", truth.b_point_mm.x),
+        ("b-z", truth.b_point_mm.z),
+        ("b-a", truth.b_tilt_rad[0]),
+        ("b-c", truth.b_tilt_rad[1]),
+        ("c-x", truth.c_point_mm.x),
+        ("c-y", truth.c_point_mm.y),
+        ("c-a", truth.c_tilt_rad[0]),
+        ("c-b", truth.c_tilt_rad[1]),
+        ("stylus-x", truth.stylus_error_mm.x),
+        ("stylus-y", truth.stylus_error_mm.y),
+        ("stylus-z", truth.stylus_error_mm.z),
         ("radius", 0.0),
     ];
     for (name, value) in axes {
@@ -87,28 +102,28 @@ pub fn place_balls_and_axis_errors(rig: &LinuxCncRig) -> Result<(), Failed> {
 
 /// Positions of X, Y, Z at which the stylus ball and the ball coincide: computed with plain matrices, whereas the
 /// rig rotates points about lines.
-fn tool_position_at_ball(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
+fn tool_position_at_ball(truth: &TrueAxes, ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
     let about = |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
         through + lies * turn * lies.inverse() * (p - through)
     };
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
-    let c_lies = Rotation3::new(y * C_AXIS_TILT_RAD[1]) * Rotation3::new(x * C_AXIS_TILT_RAD[0]);
-    let b_lies = Rotation3::new(z * B_AXIS_TILT_RAD[1]) * Rotation3::new(x * B_AXIS_TILT_RAD[0]);
-    let turned = about(Vector3::from(ball), C_AXIS_POINT_MM, c_lies, Rotation3::new(z * c));
-    about(turned, B_AXIS_POINT_MM, b_lies, Rotation3::new(y * b)) - STYLUS_ERROR_MM
+    let c_lies = Rotation3::new(y * truth.c_tilt_rad[1]) * Rotation3::new(x * truth.c_tilt_rad[0]);
+    let b_lies = Rotation3::new(z * truth.b_tilt_rad[1]) * Rotation3::new(x * truth.b_tilt_rad[0]);
+    let turned = about(Vector3::from(ball), truth.c_point_mm, c_lies, Rotation3::new(z * c));
+    about(turned, truth.b_point_mm, b_lies, Rotation3::new(y * b)) - truth.stylus_error_mm
 }
 
 /// Point of the table, at its position with all axes at zero, where a tool on the axis of the spindle is: the inverse of
 /// [`tool_position_at_ball`]. The tool is as long as the stylus.
-pub fn point_on_table(tool: Vector3<f64>, b: f64, c: f64) -> Vector3<f64> {
+pub fn point_on_table(truth: &TrueAxes, tool: Vector3<f64>, b: f64, c: f64) -> Vector3<f64> {
     let back = |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
         through + lies * turn.inverse() * lies.inverse() * (p - through)
     };
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
-    let c_lies = Rotation3::new(y * C_AXIS_TILT_RAD[1]) * Rotation3::new(x * C_AXIS_TILT_RAD[0]);
-    let b_lies = Rotation3::new(z * B_AXIS_TILT_RAD[1]) * Rotation3::new(x * B_AXIS_TILT_RAD[0]);
-    let tip = tool + z * STYLUS_ERROR_MM.z;
-    back(back(tip, B_AXIS_POINT_MM, b_lies, Rotation3::new(y * b)), C_AXIS_POINT_MM, c_lies, Rotation3::new(z * c))
+    let c_lies = Rotation3::new(y * truth.c_tilt_rad[1]) * Rotation3::new(x * truth.c_tilt_rad[0]);
+    let b_lies = Rotation3::new(z * truth.b_tilt_rad[1]) * Rotation3::new(x * truth.b_tilt_rad[0]);
+    let tip = tool + z * truth.stylus_error_mm.z;
+    back(back(tip, truth.b_point_mm, b_lies, Rotation3::new(y * b)), truth.c_point_mm, c_lies, Rotation3::new(z * c))
 }
 
 /// A touch of the ball at `centre` against `normal`, from above and back up.
@@ -158,13 +173,13 @@ async fn measure_ball_centre(
 /// Touches the rig's balls directly through the driver.
 pub fn touched_ball_centres_agree_with_the_true_axes() -> Result<(), Failed> {
     let rig = lock_rig()?;
-    place_balls_and_axis_errors(&rig)?;
+    place_balls_and_axis_errors(&rig, &TILTED_AXES)?;
     block_on(async {
         let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
         for (ball, b, c) in [(2, 30.0, 50.0), (3, -40.0, 200.0)] {
             let (b, c) = (f64::to_radians(b), f64::to_radians(c));
-            let truth = tool_position_at_ball(BALL_CENTRES_MM[ball], b, c);
+            let truth = tool_position_at_ball(&TILTED_AXES, BALL_CENTRES_MM[ball], b, c);
             // The start is a tenth of a millimetre off, because the true position is unknown.
             let near = truth + Vector3::new(0.05, -0.1, 0.04);
             let off_um = (measure_ball_centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
@@ -180,16 +195,33 @@ pub fn touched_ball_centres_agree_with_the_true_axes() -> Result<(), Failed> {
 /// Runs `trued run samba` with the errors of the rig, and corrects the control by it.
 pub fn samba_finds_the_true_axes() -> Result<(), Failed> {
     let rig = lock_rig()?;
-    place_balls_and_axis_errors(&rig)?;
+    place_balls_and_axis_errors(&rig, &TILTED_AXES)?;
     let workspace = RunWorkspace::with_balls(&rig)?;
     run_and_check_parameters(&workspace, "samba", &TRUE_SAMBA_PARAMETERS)?;
-    check_correction_by_run(&rig, &workspace)
+    let errors = check_correction_by_run(&rig, &workspace, &TILTED_AXES)?;
+    match errors.largest_um < 20.0 {
+        true => Ok(()),
+        false => Err(format!("{errors:?}").into()),
+    }
+}
+
+/// Location errors of more than 0.1 mm; the corrected control moves the tool without error.
+pub fn control_is_corrected_by_a_samba_run() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    place_balls_and_axis_errors(&rig, &DISPLACED_AXES)?;
+    let workspace = RunWorkspace::with_balls(&rig)?;
+    run_and_check_parameters(&workspace, "samba", &[])?;
+    let errors = check_correction_by_run(&rig, &workspace, &DISPLACED_AXES)?;
+    match errors.largest_um < 3.0 {
+        true => Ok(()),
+        false => Err(format!("{errors:?}").into()),
+    }
 }
 
 /// Runs `trued run laser-r-test` with the touch probe, on one ball.
 pub fn chase_the_ball_finds_the_true_axes() -> Result<(), Failed> {
     let rig = lock_rig()?;
-    place_balls_and_axis_errors(&rig)?;
+    place_balls_and_axis_errors(&rig, &TILTED_AXES)?;
     run_and_check_parameters(&RunWorkspace::with_balls(&rig)?, "laser-r-test", &TRUE_CHASE_THE_BALL_PARAMETERS)
 }
 

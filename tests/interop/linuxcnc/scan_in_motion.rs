@@ -18,7 +18,7 @@ use super::data_streams::StreamsProcess;
 use super::driver::block_on;
 use super::rig::{LinuxCncRig, lock_rig};
 use super::run_workspace::RunWorkspace;
-use super::samba::{BALL_CENTRES_MM, place_balls_and_axis_errors, run_and_check_parameters};
+use super::samba::{BALL_CENTRES_MM, TILTED_AXES, place_balls_and_axis_errors, run_and_check_parameters};
 
 /// The true position of the ball, its radius, and the laser's zero point from the spindle datum, mm.
 const BALL_CENTRE_MM: Vector3<f64> = Vector3::new(BALL_CENTRES_MM[0][0], BALL_CENTRES_MM[0][1], BALL_CENTRES_MM[0][2]);
@@ -240,7 +240,7 @@ fn fit_ball_centre_and_latency(passes: &[SampledPass]) -> Result<PassFit, Failed
 
 /// Places the balls, and the laser over the first one with its beam tilted about X and Y by `beam_tilt_rad`.
 fn place_balls_and_laser(rig: &LinuxCncRig, beam_tilt_rad: [f64; 2]) -> Result<(), Failed> {
-    place_balls_and_axis_errors(rig)?;
+    place_balls_and_axis_errors(rig, &TILTED_AXES)?;
     let places = [
         ("laser-x", LASER_ZERO_POINT_MM.x),
         ("laser-y", LASER_ZERO_POINT_MM.y),
