@@ -2,8 +2,10 @@
 
 mod proposal;
 mod target;
+mod values_record;
 mod write;
 
 pub use proposal::{ControlProposal, ControlProposalError, PredictedError, propose_for_control};
 pub use target::{CompensationTarget, TargetError};
+pub use values_record::describe_values_of_control;
 pub use write::{CompensationWriteError, CompensationWriter};

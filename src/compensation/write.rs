@@ -7,11 +7,10 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::proposal::ControlProposal;
 use super::target::{CompensationTarget, TargetError};
+use super::values_record::MAX_EQUAL_DEVIATION_MM;
 
 /// Age at which a measurement no longer describes the machine well enough to change the control: its temperatures differ.
 const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
-/// Half a step of the values: the control prints seven digits.
-const MAX_UNCHANGED_DEVIATION_MM: f64 = 0.5e-4;
 
 #[derive(Debug, thiserror::Error)]
 pub enum CompensationWriteError {
@@ -168,7 +167,7 @@ impl CompensationWriter<'_> {
         for CompensationChange { name, before_mm, after_mm } in &last.changes {
             let present_mm = present.values().iter().find(|value| value.name == *name).map(|value| value.present_mm);
             let present_mm = present_mm.unwrap_or(f64::NAN);
-            let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_UNCHANGED_DEVIATION_MM;
+            let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_EQUAL_DEVIATION_MM;
             if ![before_mm, after_mm].into_iter().any(is_at) {
                 let (name, before_mm, after_mm) = (name.clone(), *before_mm, *after_mm);
                 return Err(CompensationWriteError::ChangedByOther { name, present_mm, before_mm, after_mm });

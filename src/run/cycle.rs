@@ -83,7 +83,10 @@ impl Cycle<'_> {
         on_start(id);
         let run = Run::new(id, method.as_ref(), devices, journal, plan, on_event);
         let mut run = run.with_prompt_answer_source(answers);
-        let ended = run.execute().await;
+        let ended = match run.record_values_of_control(machine).await {
+            Ok(()) => run.execute().await,
+            Err(error) => Err(error),
+        };
         let estimate = identify_judge_and_store(run, ended, &method, &machine.tolerances).await?;
         Ok((id, estimate))
     }

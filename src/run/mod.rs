@@ -45,11 +45,14 @@ pub use resumable_run::{ResumableRun, ResumeQuestion, ResumeRefusal, resume_ques
 pub use resume::{InterruptedRun, can_resume};
 pub use stage::{RehearsalResult, rehearse};
 
+use std::time::Duration;
+
 use self::prompts::first_prompt_text;
 use self::remaining_stages::RemainingStages;
 use self::temperature::TemperatureLog;
 use self::timeline::Timeline;
-use crate::setup::{Devices, OpenSensor};
+use crate::compensation::describe_values_of_control;
+use crate::setup::{Devices, MachineFile, OpenSensor};
 use crate::store::{Journal, RunId, RunState};
 use devices::controllers::describe_unreadable_items;
 use machine::Position;
@@ -59,6 +62,9 @@ use machine::record::reading::Reading;
 use methods::{Method, NextStage, PositionSource};
 use planning::TouchedDirections;
 use planning::gcode::TransmissionForm;
+
+/// Timeout for the compensation values of the control: its computer may be reached over a network.
+const VALUES_OF_CONTROL_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// One run of one method.
 pub struct Run<'a> {
@@ -243,6 +249,24 @@ impl<'a> Run<'a> {
     }
 
     /// Journals the event, then reports it.
+    /// Journals the compensation values that the control holds, and how they differ from the journal.
+    async fn record_values_of_control(&mut self, machine: &MachineFile) -> Result<(), RunError> {
+        if machine.compensation.is_none() {
+            return Ok(());
+        }
+        let last = self.journal.last_compensation(&machine.machine.name)?;
+        let machine = machine.clone();
+        let reading = tokio::task::spawn_blocking(move || describe_values_of_control(&machine, last.as_ref()));
+        let lines = match tokio::time::timeout(VALUES_OF_CONTROL_TIMEOUT, reading).await {
+            Ok(Ok(lines)) => lines,
+            _ => vec!["the compensation values of the control are unknown: the control does not answer".to_owned()],
+        };
+        for text in lines {
+            self.record_event(RunEvent::Announced { text }).await?;
+        }
+        Ok(())
+    }
+
     async fn record_event(&mut self, event: RunEvent) -> Result<(), RunError> {
         self.journal.add_event(self.id, &event).await?;
         (self.on_event)(&event);

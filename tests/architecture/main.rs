@@ -35,10 +35,11 @@ const UNSEEDED_RANDOM_PATHS: [&str; 5] =
     ["rand::rng", "rand::random", "rand::make_rng", "rand::rngs::ThreadRng", "rand::rngs::SysRng"];
 
 /// Modules of the package `trued`, lowest layer first. A module imports from lower layers only.
-const MODULE_LAYERS: [&[&str]; 6] = [
+const MODULE_LAYERS: [&[&str]; 7] = [
     &["store", "report"],
     &["setup", "archive"],
-    &["run", "compensation"],
+    &["compensation"],
+    &["run"],
     &["service", "commissioning"],
     &["cli"],
     &["main"],

@@ -9,7 +9,9 @@ use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, built_in_machine_text, stderr};
 use machine::record::estimate::Estimate;
 use serde_json::{Value, json};
-use trued::compensation::{CompensationTarget, CompensationWriteError, CompensationWriter, propose_for_control};
+use trued::compensation::{
+    CompensationTarget, CompensationWriteError, CompensationWriter, describe_values_of_control, propose_for_control,
+};
 use trued::setup::{self, MachineFile};
 use trued::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, NewRun, RunId, RunState,
@@ -299,6 +301,27 @@ fn expired_proposal_is_refused() {
     shop.assert_refused(&shop.write(&shop.hash()), "is in use");
 }
 
+/// After a restart the control has the values of its HAL files again.
+fn run_records_values_of_the_control_and_their_differences() {
+    let shop = CompensationShop::new();
+    let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
+    let describe = || {
+        let journal = Journal::open(&shop.shop.state_folder()).unwrap();
+        describe_values_of_control(&file, journal.last_compensation("linuxcnc-sim5").unwrap().as_ref())
+    };
+    assert!(shop.write(&shop.hash()).status.success());
+    let [values] = &describe()[..] else { panic!("{:?}", describe()) };
+    assert!(values.contains("xyzbc-trt-kins.x-rot-point 0.05 mm, xyzbc-trt-kins.y-rot-point -0.03 mm"), "{values}");
+    std::fs::write(shop.shop.path("pins"), PIN_LINES).unwrap();
+    let [_, difference] = &describe()[..] else { panic!("{:?}", describe()) };
+    assert!(
+        difference.contains("compensation 1, which is written: xyzbc-trt-kins.x-rot-point is 0.0123 mm, not 0.05 mm")
+    );
+    std::fs::remove_file(shop.shop.path("pins")).unwrap();
+    let [unknown] = &describe()[..] else { panic!("{:?}", describe()) };
+    assert!(unknown.starts_with("the compensation values of the control are unknown"), "{unknown}");
+}
+
 fn no_run_starts_while_a_compensation_is_unfinished() {
     let shop = MachineShop::with_machine_file(&built_in_machine_text());
     let file = MachineFile::read(Path::new(&shop.machine_path())).unwrap();
@@ -328,6 +351,7 @@ pub fn trials() -> Trials {
         false_read_back_is_reported,
         program_killed_at_any_step_leaves_a_known_state,
         expired_proposal_is_refused,
+        run_records_values_of_the_control_and_their_differences,
         no_run_starts_while_a_compensation_is_unfinished,
     ]
 }
