@@ -13,6 +13,7 @@ use super::{ExitStatus, show};
 use crate::commissioning::{
     CheckFinding, CheckStop, CheckSummary, CheckVerdict, MachineCheck, NoOperator, OperatorInterface,
 };
+use crate::compensation::CompensationWriteError;
 use crate::setup::{self, ReopenableMachine};
 use crate::store::{ArtefactRegister, Journal, MachineLock};
 
@@ -26,6 +27,10 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_running_runs_interrupted(&lock).wait()?;
+    if let Some(last) = journal.last_compensation(&machine.machine.name)?.filter(|last| last.state.is_unfinished()) {
+        let error = CompensationWriteError::Unfinished { id: last.id, machine: last.machine };
+        return Err(error.into());
+    }
     let reopenable_machine = ReopenableMachine::new(&machine)?;
     let stop = CheckStop::default();
     start_signal_halt_thread(stop.halt_handle())?;

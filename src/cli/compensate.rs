@@ -1,6 +1,10 @@
 //! `trued compensate`: proposes values for the control from a stored run, writes approved ones, and restores them.
 
+use std::fs::File;
+use std::io::Write as _;
 use std::path::Path;
+
+use serde::Serialize;
 
 use super::failure::CommandFailure;
 use super::files::state_folder;
@@ -10,10 +14,10 @@ use crate::compensation::{
     CompensationTarget, CompensationWriteError, CompensationWriter, ControlProposal, ControlProposalError, TargetError,
     propose_for_control,
 };
-use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol};
+use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
 use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, MachineLock, RunId};
-use methods::compensation::{AxisCoordinate, ProposalOptions, ProposedPosition, ProposedValue};
+use methods::compensation::{AxisCoordinate, ControlValue, ProposalOptions, ProposedPosition, ProposedValue};
 
 impl From<ControlProposalError> for CommandFailure {
     fn from(error: ControlProposalError) -> Self {
@@ -36,6 +40,14 @@ impl From<TargetError> for CommandFailure {
     }
 }
 
+/// The proposal as JSON, with the hash by which it is approved.
+#[derive(Serialize)]
+struct ProposalWithHash {
+    sha256: String,
+    #[serde(flatten)]
+    proposal: ControlProposal,
+}
+
 /// What the sub-commands need.
 struct CompensateContext<'a> {
     file: &'a MachineFile,
@@ -55,7 +67,7 @@ pub fn compensate_command(args: &CompensateArgs, state: Option<&Path>) -> Result
         CompensateAction::Write(write) => context.write(write)?,
         CompensateAction::Undo(by) => context.undo(&by.who)?,
         CompensateAction::Finish(by) => context.finish(&by.who)?,
-        CompensateAction::Status(_) => context.print_status()?,
+        CompensateAction::Status(status) => context.print_status(status.hal.as_deref())?,
     }
     Ok(ExitStatus::Pass)
 }
@@ -70,7 +82,10 @@ impl CompensateContext<'_> {
     fn propose(&self, args: &ProposeArgs) -> Result<(), CommandFailure> {
         let proposal = self.proposal(&args.source)?;
         match args.json {
-            true => show::print_json(&proposal),
+            true => {
+                let sha256 = proposal.sha256().map_err(CommandFailure::without_remedy)?;
+                show::print_json(&ProposalWithHash { sha256, proposal })
+            }
             false => print_proposal(&proposal),
         }
     }
@@ -79,20 +94,15 @@ impl CompensateContext<'_> {
         let lock = self.lock()?;
         let proposal = self.proposal(&args.source)?;
         let id = self.writer(&lock, &args.who).write(&proposal, &args.approve)?;
-        for ProposedValue { name, present_mm, proposed_mm } in &proposal.proposal.values {
+        let changed = proposal.proposal.values.iter().filter(|value| value.present_mm != value.proposed_mm);
+        for ProposedValue { name, present_mm, proposed_mm } in changed {
             outln!("{name}: {} mm, was {} mm", format_fixed(*proposed_mm, 4), format_fixed(*present_mm, 4));
         }
         outln!(
             "compensation {id} is written and read back. Measure again: only a measurement shows that it is right. \
-             LinuxCNC loses the values when it ends: put them into its HAL file (--hal writes such lines)"
+             LinuxCNC loses the values when it ends: `trued compensate status --hal FILE` writes them as lines of a HAL file"
         );
-        let Some(path) = &args.hal else { return Ok(()) };
-        std::fs::write(path, hal_lines(&proposal)).map_err(|error| {
-            CommandFailure::new(
-                format!("{} cannot be written: {error}", path.display()),
-                "the values are in the control; copy them from the lines above into its HAL file",
-            )
-        })
+        Ok(())
     }
 
     fn undo(&self, who: &str) -> Result<(), CommandFailure> {
@@ -101,6 +111,9 @@ impl CompensateContext<'_> {
         for change in &undone.changes {
             outln!("{}: {} mm, as before compensation {}", change.name, format_fixed(change.before_mm, 4), undone.id);
         }
+        outln!(
+            "if a HAL file contains the values of the compensation, restore it too: LinuxCNC reads it at each start"
+        );
         Ok(())
     }
 
@@ -111,10 +124,13 @@ impl CompensateContext<'_> {
         Ok(())
     }
 
-    fn print_status(&self) -> Result<(), CommandFailure> {
+    fn print_status(&self, hal: Option<&Path>) -> Result<(), CommandFailure> {
         let present = self.target.read()?;
         for value in present.values() {
             outln!("{:<32} {:>10} mm", value.name, format_fixed(value.present_mm, 4));
+        }
+        if let Some(path) = hal {
+            write_hal_file(path, present.values())?;
         }
         let Some(last) = self.journal.last_compensation(&self.file.machine.name)? else {
             outln!("no compensation of {} is in the journal", self.file.machine.name);
@@ -144,10 +160,13 @@ impl CompensateContext<'_> {
     }
 }
 
-/// Lines for a HAL file that set all values.
-fn hal_lines(proposal: &ControlProposal) -> String {
-    let line = |value: &ProposedValue| format!("setp {} {}\n", value.name, value.proposed_mm);
-    proposal.proposal.values.iter().map(line).collect()
+/// A new file with lines of a HAL file that set the values.
+fn write_hal_file(path: &Path, values: &[ControlValue]) -> Result<(), CommandFailure> {
+    let lines: String = values.iter().map(|value| format!("setp {} {}\n", value.name, value.present_mm)).collect();
+    let written = File::create_new(path).and_then(|mut file| file.write_all(lines.as_bytes()));
+    written.map_err(|error| {
+        CommandFailure::new(format!("{} cannot be written: {error}", path.display()), "name a new file with --hal")
+    })
 }
 
 fn print_proposal(proposal: &ControlProposal) -> Result<(), CommandFailure> {
@@ -173,6 +192,12 @@ fn print_proposal(proposal: &ControlProposal) -> Result<(), CommandFailure> {
              {present} with the present values, {proposed} with the proposed ones (U, k = 2)"
         );
     }
+    let undetermined = proposal.proposal.positions.iter().filter(|position| position.measured_mm.is_none());
+    let undetermined: Vec<String> = undetermined.map(position_name).collect();
+    if !undetermined.is_empty() {
+        outln!("the prediction takes the present {} as right", undetermined.join(", "));
+    }
+    proposal.warnings.iter().for_each(|warning| outln!("warning of the run: {}", with_one_line_symbols(warning)));
     for error in &proposal.remaining {
         let decimals = decimals_for_uncertainty(error.expanded);
         let [value, expanded] = [error.value, error.expanded].map(|number| format_fixed(number, decimals));
@@ -184,12 +209,16 @@ fn print_proposal(proposal: &ControlProposal) -> Result<(), CommandFailure> {
 }
 
 fn print_position(position: &ProposedPosition) {
-    let ProposedPosition { coordinate, present_mm, measured_mm, expanded_mm, proposed_mm, kept } = position;
-    let AxisCoordinate { axis, component } = coordinate;
+    let ProposedPosition { present_mm, measured_mm, expanded_mm, proposed_mm, kept, .. } = position;
     let [present, proposed] = [present_mm, proposed_mm].map(|mm| format_fixed(*mm, 4));
     let [measured, expanded] =
         [measured_mm, expanded_mm].map(|mm| mm.map_or("–".to_owned(), |mm| format_fixed(mm, 4)));
     let kept = kept.as_ref().map_or(String::new(), |why| format!("  kept: {}; {}", why.reason, why.remedy));
-    let name = format!("{component} of {axis}");
+    let name = position_name(position);
     outln!("{name:<12} {present:>10} {measured:>10} {expanded:>9} {proposed:>10}  mm{kept}");
+}
+
+fn position_name(position: &ProposedPosition) -> String {
+    let AxisCoordinate { axis, component } = position.coordinate;
+    format!("{component} of {axis}")
 }

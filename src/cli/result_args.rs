@@ -61,7 +61,7 @@ pub enum CompensateAction {
     /// Write the rest of a compensation that was interrupted.
     Finish(DecisionArgs),
     /// Show the values of the control, and the last compensation.
-    Status(TargetArgs),
+    Status(CompensationStatusArgs),
 }
 
 impl CompensateAction {
@@ -71,7 +71,7 @@ impl CompensateAction {
             Self::Propose(args) => &args.source.target.machine,
             Self::Write(args) => &args.source.target.machine,
             Self::Undo(args) | Self::Finish(args) => &args.target.machine,
-            Self::Status(args) => &args.machine,
+            Self::Status(args) => &args.target.machine,
         }
     }
 }
@@ -114,9 +114,15 @@ pub struct WriteCompensationArgs {
     #[arg(long, value_name = "SHA256")]
     pub approve: String,
     /// Name of the person who approves.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = parse_person_name)]
     pub who: String,
-    /// Also write the values as lines of a HAL file, for the next start of LinuxCNC.
+}
+
+#[derive(Debug, Args)]
+pub struct CompensationStatusArgs {
+    #[command(flatten)]
+    pub target: TargetArgs,
+    /// Also write the values as lines of a HAL file, into a new file.
     #[arg(long, value_name = "FILE")]
     pub hal: Option<PathBuf>,
 }
@@ -126,7 +132,7 @@ pub struct DecisionArgs {
     #[command(flatten)]
     pub target: TargetArgs,
     /// Name of the person who decides.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = parse_person_name)]
     pub who: String,
 }
 
@@ -188,4 +194,10 @@ pub struct BackupArgs {
     /// Output file; it must not exist yet. A copy with the name `journal.sqlite` in its own folder can be
     /// used with --state.
     pub file: PathBuf,
+}
+
+/// A name that is not blank, without blanks around it.
+fn parse_person_name(text: &str) -> Result<String, String> {
+    let name = text.trim();
+    if name.is_empty() { Err("give the name of a person".to_owned()) } else { Ok(name.to_owned()) }
 }

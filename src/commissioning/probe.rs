@@ -36,7 +36,11 @@ pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), Chec
         // With a faulty probe nothing would stop at a contact.
         return Err(CheckEnd::Unsafe);
     }
-    check.report_ok(CheckPart::Probe, part_started, "open at rest, closed while deflected, open again");
+    check.report_ok(
+        CheckPart::Probe,
+        part_started,
+        "the probe input is open at rest, closed while the stylus is deflected, then open again",
+    );
     check.is_probe_working = true;
     match check.position {
         Some(_) => update_position(check, part_started).await,

@@ -4,10 +4,10 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::target::{CompensationTarget, TargetError};
-use crate::setup::{ControlConfig, MachineFile};
+use crate::setup::{ControlConfig, MachineFile, MachineFileError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
-use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
-use machine::record::estimate::{Estimate, Unit, Verdict};
+use machine::kinematics::KinematicChain;
+use machine::record::estimate::{Estimate, Parameter, Unit, Verdict};
 use machine::record::machine::Machine;
 use methods::MethodRefusal;
 use methods::compensation::{ControlModel, MeasuredAxisPositions, Proposal, ProposalOptions, propose};
@@ -30,6 +30,8 @@ pub enum ControlProposalError {
     OtherMachine { run: RunId, measured: String, stated: String },
     #[error("the machine file states axes, stylus or compensations otherwise than run {0} measured them")]
     ChangedMachine(RunId),
+    #[error("the machine file of run {run} cannot be read: {error}")]
+    UnreadableMachineFile { run: RunId, error: Box<MachineFileError> },
     #[error("run {0} was measured on a simulated control")]
     Simulated(RunId),
     #[error("the proposal cannot be written as JSON: {0}")]
@@ -51,6 +53,7 @@ impl ControlProposalError {
             }
             Self::OtherMachine { .. } => "give the machine file of this machine with --machine".to_owned(),
             Self::ChangedMachine(_) => "measure again with this machine file".to_owned(),
+            Self::UnreadableMachineFile { .. } => "measure again with this version".to_owned(),
             Self::Simulated(_) => "measure on the machine".to_owned(),
             Self::Json(_) => "report this error".to_owned(),
         }
@@ -80,22 +83,27 @@ pub struct PredictedError {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ControlProposal {
     pub run: RunId,
+    /// Start of the run.
     pub measured_at: Timestamp,
     pub machine: String,
+    /// The control whose values these are.
+    pub control: String,
     pub estimate_sha256: String,
     #[serde(flatten)]
     pub proposal: Proposal,
     /// Length of the stylus: the positions hold for tools of this length, if the spindle is not parallel to Z.
     pub stylus_length_mm: f64,
-    /// Errors of the axes that the values of the control do not correct.
+    /// Errors of the axes that no position of a rotary axis corrects.
     pub remaining: Vec<RemainingError>,
-    /// With the present values, and with the proposed ones. Absent: the run states no measured ranges.
+    /// Warnings of the estimate.
+    pub warnings: Vec<String>,
+    /// With the present values, and with the proposed ones. Positions that the run does not determine count as right. Absent: the run states no measured ranges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub predicted: Option<[PredictedError; 2]>,
 }
 
 impl ControlProposal {
-    /// Hash by which a person approves the proposal: that of its values, present and proposed, and of the estimate.
+    /// Hash by which a person approves the proposal.
     ///
     /// # Errors
     /// The proposal cannot be written as JSON.
@@ -123,16 +131,23 @@ pub fn propose_for_control(
     }
     let control = target.read()?;
     let plan = &stored.plan;
-    let stylus = StatedStylusUncertainty::new(&file.probe, &file.assumed_keys);
+    // Without coordinates of the stylus, its uncertainty is in the estimate as the run stated it.
+    let has_stylus = last.estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("tool_"));
+    let stylus = match has_stylus {
+        true => StatedStylusUncertainty::new(&file.probe, &file.assumed_keys),
+        false => StatedStylusUncertainty::new(&plan.probe, &plan.assumed),
+    };
     let measured = MeasuredAxisPositions::new(&plan.machine, stylus, &last.estimate)?;
     let proposal = propose(&measured, &control, options)?;
     Ok(ControlProposal {
         run,
-        measured_at: stored.summary.ended.unwrap_or(stored.summary.started),
+        measured_at: stored.summary.started,
         machine: plan.machine.name.clone(),
+        control: target.describe(),
         estimate_sha256: last.sha256.clone(),
         stylus_length_mm: plan.machine.tool_mm[2].abs(),
-        remaining: remaining_errors(&last.estimate, &proposal),
+        remaining: remaining_errors(&last.estimate),
+        warnings: last.estimate.warnings.clone(),
         predicted: predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
         proposal,
     })
@@ -146,9 +161,8 @@ fn check_machine(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(
         return Err(ControlProposalError::OtherMachine { run, measured, stated });
     }
     let of_run = MachineFile::from_stored_run("machine file", stored.machine_file_text.clone(), &stored.plan.artefact);
-    let is_simulated =
-        of_run.is_ok_and(|of_run| matches!(of_run.controller_section.control, ControlConfig::Simulated(_)));
-    if is_simulated {
+    let of_run = of_run.map_err(|error| ControlProposalError::UnreadableMachineFile { run, error: Box::new(error) })?;
+    if matches!(of_run.controller_section.control, ControlConfig::Simulated(_)) {
         return Err(ControlProposalError::Simulated(run));
     }
     let axes = |machine: &Machine| -> Vec<_> {
@@ -176,7 +190,7 @@ fn predict_before_and_after(
     }
     let chain = KinematicChain::new(machine)?;
     let predict = |values_mm: &[f64]| -> Result<PredictedError, MethodRefusal> {
-        let errors = control.location_errors(&chain, values_mm, proposal.at_mm)?;
+        let errors = control.location_errors(&chain, values_mm, proposal.at_mm, |own| proposal.is_determined(own))?;
         let predictor =
             ErrorPredictor::new(machine, stylus, estimate, WorkZero::TableOrigin)?.with_compensated_errors(errors);
         let poses = predictor.volume_grid_poses()?;
@@ -194,23 +208,14 @@ fn predict_before_and_after(
     Ok(Some([predict(&before)?, predict(&after)?]))
 }
 
-/// Errors of the axes, except the positions that the control then has as measured.
-fn remaining_errors(estimate: &Estimate, proposal: &Proposal) -> Vec<RemainingError> {
-    let is_corrected = |error: ErrorParameter| {
-        let is_position = error.shape() == ErrorShape::Location && error.component().is_linear();
-        let is_own = |own: &&methods::compensation::ProposedPosition| {
-            own.coordinate.component == error.component() && own.coordinate.axis == error.axis()
-        };
-        let is_of_spindle = error.axis() == machine::Axis::S;
-        is_position && (is_of_spindle || proposal.positions.iter().find(is_own).is_some_and(|own| own.kept.is_none()))
-    };
-    let of_axes = estimate.parameters.iter().filter(|own| own.symbol.parse().is_ok_and(|error| !is_corrected(error)));
-    of_axes
-        .map(|own| RemainingError {
-            symbol: own.symbol.clone(),
-            value: own.value,
-            expanded: own.expanded,
-            unit: own.unit,
-        })
-        .collect()
+/// Errors of the axes, except positions: tilts, squareness, gains.
+fn remaining_errors(estimate: &Estimate) -> Vec<RemainingError> {
+    let is_angle_or_gain = |own: &&Parameter| matches!(own.unit, Unit::Urad | Unit::UmPerM) && own.identifiable;
+    let remaining = estimate.parameters.iter().filter(is_angle_or_gain).map(|own| RemainingError {
+        symbol: own.symbol.clone(),
+        value: own.value,
+        expanded: own.expanded,
+        unit: own.unit,
+    });
+    remaining.collect()
 }

@@ -69,6 +69,11 @@ impl<'a> CompensationTarget<'a> {
         Ok(Self { machine: &file.machine, trunnion })
     }
 
+    /// INI file and command of the control.
+    pub fn describe(&self) -> String {
+        self.trunnion.describe()
+    }
+
     /// The values that the control holds now, and what they mean.
     ///
     /// # Errors
@@ -94,7 +99,7 @@ impl<'a> CompensationTarget<'a> {
     /// # Errors
     /// The machine moves, or the control applies its values now.
     pub fn check_writable(&self) -> Result<(), TargetError> {
-        Ok(self.trunnion.check_at_rest_in_identity_mode()?)
+        Ok(self.trunnion.check_writable()?)
     }
 }
 

@@ -3,10 +3,8 @@
 use super::target::{CompensationTarget, TargetError};
 use crate::setup::MachineFile;
 use crate::store::{CompensationState, StoredCompensation};
+use devices::compensation::linuxcnc_trunnion::MAX_READ_BACK_DEVIATION_MM;
 use methods::compensation::ControlValue;
-
-/// Greatest deviation of a value that counts as equal, mm: half a step of a HAL pin, which prints seven digits.
-pub(super) const MAX_EQUAL_DEVIATION_MM: f64 = 0.5e-4;
 
 /// Sentences on the values that the control holds now, and on differences from the `last` compensation of its machine.
 /// Blocks the thread.
@@ -29,7 +27,7 @@ fn describe_differences(values: &[ControlValue], last: &StoredCompensation) -> O
     let differences = last.changes.iter().filter_map(|change| {
         let expected_mm = if is_undone { change.before_mm } else { change.after_mm };
         let present_mm = values.iter().find(|value| value.name == change.name)?.present_mm;
-        let differs = (present_mm - expected_mm).abs() > MAX_EQUAL_DEVIATION_MM;
+        let differs = (present_mm - expected_mm).abs() >= MAX_READ_BACK_DEVIATION_MM;
         differs.then(|| format!("{} is {present_mm} mm, not {expected_mm} mm", change.name))
     });
     let differences: Vec<String> = differences.collect();

@@ -3,14 +3,16 @@
 use crate::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, StoreError, StoredCompensation,
 };
+use devices::compensation::linuxcnc_trunnion::MAX_READ_BACK_DEVIATION_MM;
 use jiff::{SignedDuration, Timestamp};
 
 use super::proposal::ControlProposal;
 use super::target::{CompensationTarget, TargetError};
-use super::values_record::MAX_EQUAL_DEVIATION_MM;
 
 /// Age at which a measurement no longer describes the machine well enough to change the control: its temperatures differ.
 const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
+/// A run that starts later than this after the present time shows that the clock of this computer is wrong.
+const MAX_CLOCK_ERROR: SignedDuration = SignedDuration::from_hours(1);
 
 #[derive(Debug, thiserror::Error)]
 pub enum CompensationWriteError {
@@ -24,13 +26,13 @@ pub enum CompensationWriteError {
         "the approved proposal {approved} is not the present one, {present}: the run, the machine file or a value of the control has changed"
     )]
     OtherProposal { approved: String, present: String },
-    #[error("the proposal has expired: run {run} ended more than {} h ago", MAX_AGE_OF_MEASUREMENT.as_hours())]
+    #[error("the proposal has expired: run {run} was not started within the last {} h", MAX_AGE_OF_MEASUREMENT.as_hours())]
     Expired { run: i64 },
     #[error("the proposal changes no value")]
     NothingToWrite,
     #[error("compensation {id} of `{machine}` is unfinished: some values may be new and others old")]
     Unfinished { id: i64, machine: String },
-    #[error("there is nothing to undo: no compensation of `{machine}` is written")]
+    #[error("there is nothing to undo: the last compensation of `{machine}`, if there is one, is undone")]
     NothingToUndo { machine: String },
     #[error("there is nothing to finish: no compensation of `{machine}` is unfinished")]
     NothingToFinish { machine: String },
@@ -50,10 +52,11 @@ impl CompensationWriteError {
             Self::OtherProposal { .. } => {
                 "read the present proposal with `trued compensate propose`, then approve its hash"
             }
-            Self::Expired { .. } => "measure again",
+            Self::Expired { .. } => "measure again; check the clock of this computer",
             Self::NothingToWrite => "nothing needs to be done",
             Self::Unfinished { .. } => {
-                "restore the values before with `trued compensate undo`, or write the rest with `trued compensate finish`"
+                "restore the values before with `trued compensate undo --machine FILE --who NAME`, or write the rest with \
+                 `finish` in place of `undo`"
             }
             Self::NothingToUndo { .. } | Self::NothingToFinish { .. } => {
                 "list the values of the control with `trued compensate status`"
@@ -106,23 +109,24 @@ impl CompensationWriter<'_> {
     /// The approval is of another proposal, or too old; an earlier compensation is unfinished; the control refuses a
     /// write or reads back another value. From the first write on the compensation is unfinished after an error.
     pub fn write(&self, proposal: &ControlProposal, approved_sha256: &str) -> Result<i64, CompensationWriteError> {
+        self.check_none_unfinished()?;
         let present = proposal.sha256()?;
         if approved_sha256 != present {
             return Err(CompensationWriteError::OtherProposal { approved: approved_sha256.to_owned(), present });
         }
-        if Timestamp::now().duration_since(proposal.measured_at) > MAX_AGE_OF_MEASUREMENT {
+        let age = Timestamp::now().duration_since(proposal.measured_at);
+        if age > MAX_AGE_OF_MEASUREMENT || age < -MAX_CLOCK_ERROR {
             return Err(CompensationWriteError::Expired { run: proposal.run.0 });
         }
-        self.check_none_unfinished()?;
-        let changed = proposal.proposal.values.iter().filter(|value| value.present_mm != value.proposed_mm);
-        let changes: Vec<CompensationChange> = changed
+        let values = proposal.proposal.values.iter();
+        let changes: Vec<CompensationChange> = values
             .map(|value| CompensationChange {
                 name: value.name.clone(),
                 before_mm: value.present_mm,
                 after_mm: value.proposed_mm,
             })
             .collect();
-        if changes.is_empty() {
+        if changes.iter().all(|change| change.before_mm == change.after_mm) {
             return Err(CompensationWriteError::NothingToWrite);
         }
         self.target.check_writable()?;
@@ -163,20 +167,26 @@ impl CompensationWriter<'_> {
     }
 
     fn rewrite(&self, last: &StoredCompensation, direction: WriteDirection) -> Result<(), CompensationWriteError> {
+        self.check_known_values(&last.changes)?;
+        self.target.check_writable()?;
+        let [intent, _] = direction.states();
+        self.journal.set_compensation_state(last.id, intent, self.who).wait()?;
+        self.write_values(last.id, &last.changes, direction)
+    }
+
+    /// Refuses values that are neither those before nor those after: another person has changed them.
+    fn check_known_values(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
         let present = self.target.read()?;
-        for CompensationChange { name, before_mm, after_mm } in &last.changes {
+        for CompensationChange { name, before_mm, after_mm } in changes {
             let present_mm = present.values().iter().find(|value| value.name == *name).map(|value| value.present_mm);
             let present_mm = present_mm.unwrap_or(f64::NAN);
-            let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_EQUAL_DEVIATION_MM;
+            let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM;
             if ![before_mm, after_mm].into_iter().any(is_at) {
                 let (name, before_mm, after_mm) = (name.clone(), *before_mm, *after_mm);
                 return Err(CompensationWriteError::ChangedByOther { name, present_mm, before_mm, after_mm });
             }
         }
-        self.target.check_writable()?;
-        let [intent, _] = direction.states();
-        self.journal.set_compensation_state(last.id, intent, self.who).wait()?;
-        self.write_values(last.id, &last.changes, direction)
+        Ok(())
     }
 
     fn write_values(
@@ -185,7 +195,8 @@ impl CompensationWriter<'_> {
         changes: &[CompensationChange],
         direction: WriteDirection,
     ) -> Result<(), CompensationWriteError> {
-        for change in changes {
+        for change in changes.iter().filter(|change| change.before_mm != change.after_mm) {
+            self.check_known_values(changes)?;
             self.target.write(&change.name, direction.value_mm(change))?;
         }
         let [_, end] = direction.states();

@@ -70,8 +70,8 @@ pub enum RunError {
     Store(#[from] StoreError),
 }
 
-const UNFINISHED_COMPENSATION_REMEDY: &str = "restore the values before with `trued compensate undo`, or write the rest \
-    with `trued compensate finish`";
+const UNFINISHED_COMPENSATION_REMEDY: &str = "restore the values before with `trued compensate undo --machine FILE --who \
+    NAME`, or write the rest with `finish` in place of `undo`";
 
 const PROBE_INPUT_REMEDY: &str = "make sure that the probe input of the control reads open while a sensor is in the spindle. \
     If the machine was in motion, first check whether the sensor has touched a body. Check that \

@@ -248,7 +248,6 @@ impl<'a> Run<'a> {
         Ok(self.method.next_stage(&self.plan, done, PositionSource::Measured(&self.readings))?)
     }
 
-    /// Journals the event, then reports it.
     /// Journals the compensation values that the control holds, and how they differ from the journal.
     async fn record_values_of_control(&mut self, machine: &MachineFile) -> Result<(), RunError> {
         if machine.compensation.is_none() {
@@ -267,6 +266,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    /// Journals the event, then reports it.
     async fn record_event(&mut self, event: RunEvent) -> Result<(), RunError> {
         self.journal.add_event(self.id, &event).await?;
         (self.on_event)(&event);

@@ -7,8 +7,8 @@ use std::time::Instant;
 #[derive(Debug)]
 pub(super) struct Timeline {
     session_start: Instant,
-    /// Time of the run at `started`, s. `None`: the control's own time is used.
-    time_in_run_at_session_start_s: Option<f64>,
+    /// Time of the run at `session_start`, s, if it was resumed. `None`: a new run; the control's own time is used.
+    resumed_at_run_time_s: Option<f64>,
     /// Time of the run minus time of the control, s; set at the first reading.
     time_in_run_minus_control_time_s: Option<f64>,
 }
@@ -16,26 +16,18 @@ pub(super) struct Timeline {
 impl Timeline {
     /// Timeline of a new run: the time of the control is the time of the run.
     pub fn new() -> Self {
-        Self {
-            session_start: Instant::now(),
-            time_in_run_at_session_start_s: None,
-            time_in_run_minus_control_time_s: Some(0.0),
-        }
+        Self { session_start: Instant::now(), resumed_at_run_time_s: None, time_in_run_minus_control_time_s: Some(0.0) }
     }
 
     /// Timeline of a run that is resumed `elapsed_s` (wall time) after its last reading at `last_s`.
     pub fn resumed_after(last_s: f64, elapsed_s: f64) -> Self {
         let start_s = Some(last_s + elapsed_s.max(0.0));
-        Self {
-            session_start: Instant::now(),
-            time_in_run_at_session_start_s: start_s,
-            time_in_run_minus_control_time_s: None,
-        }
+        Self { session_start: Instant::now(), resumed_at_run_time_s: start_s, time_in_run_minus_control_time_s: None }
     }
 
     /// Time of the run that corresponds to the present time of the control, `control_time_s`.
     pub fn control_to_run_time_s(&mut self, control_time_s: f64) -> f64 {
-        let (started, start) = (self.session_start, self.time_in_run_at_session_start_s.unwrap_or(control_time_s));
+        let (started, start) = (self.session_start, self.resumed_at_run_time_s.unwrap_or(control_time_s));
         let offset = self
             .time_in_run_minus_control_time_s
             .get_or_insert_with(|| start + started.elapsed().as_secs_f64() - control_time_s);

@@ -77,7 +77,7 @@ impl SensorOpener {
             self.entry(name).ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
         let capture = SensorRequestCapture::from_mode(&self.link_mode, &format!("sensor {name}"));
         if capture.is_replayed() {
-            return Ok(SensorHandle::from_capture(name, capture));
+            return Ok(SensorHandle::replaying_capture(name, capture));
         }
         let opened = match (connection, &self.world) {
             (SensorConnection::Simulated(simulated), Some(world)) => {
@@ -86,7 +86,7 @@ impl SensorOpener {
             (SensorConnection::Real(real), _) => real.open_sensor(sensor, self.clock.clone(), &self.ports).await,
             (SensorConnection::Simulated(_), None) => Err(SensorError::NoSimulatedMachine { name: name.to_owned() }),
         };
-        opened?.with_capture(capture).await
+        opened?.recording_to(capture).await
     }
 }
 

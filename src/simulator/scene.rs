@@ -38,7 +38,7 @@ pub(super) struct TrueScene {
     surface: ArtefactSurface,
     table_sag: TableSag,
     /// Upper bound of the distance of a rotary axis from the machine's origin.
-    max_rotary_axis_distance: f64,
+    max_rotary_axis_distance_from_origin_mm: f64,
 }
 
 impl TrueScene {
@@ -73,7 +73,7 @@ impl TrueScene {
             lobing: ProbeLobing::draw(seed, probe.lobing_um * 1e-3, &probe.lobing_orders),
             surface: ArtefactSurface::new(artefact, truth)?,
             table_sag: TableSag::new(&truth.sag),
-            max_rotary_axis_distance: max_rotary_axis_distance(machine),
+            max_rotary_axis_distance_from_origin_mm: max_rotary_axis_distance_from_origin_mm(machine),
         })
     }
 
@@ -106,7 +106,7 @@ impl TrueScene {
         if axis == Axis::S {
             return self.true_stylus_centre.x.hypot(self.true_stylus_centre.y);
         }
-        position.xyz_or_zero().norm() + self.true_stylus_centre.norm() + self.max_rotary_axis_distance
+        position.xyz_or_zero().norm() + self.true_stylus_centre.norm() + self.max_rotary_axis_distance_from_origin_mm
     }
 
     /// Distance and outward normal of the surface, the normal in the spindle frame.
@@ -194,7 +194,7 @@ fn draw_rotary_errors(machine: &Machine, truth: &MachineTruth) -> Result<Vec<Rot
     Ok(rotary_errors)
 }
 
-fn max_rotary_axis_distance(machine: &Machine) -> f64 {
+fn max_rotary_axis_distance_from_origin_mm(machine: &Machine) -> f64 {
     machine
         .axes
         .iter()

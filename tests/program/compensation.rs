@@ -30,6 +30,7 @@ if [ "$1" = setp ]; then
     if [ "$2" = "$(cat refused 2>/dev/null)" ]; then echo "pin '$2' is refused" >&2; exit 1; fi
     value=$3
     [ -e falsified ] && value=$(awk "BEGIN { print $3 + 0.0001 }")
+    [ -e intruder ] && sed -i 's/ 0.02 / 7.0 /' pins
     awk -v name="$2" -v value="$value" '$5 == name { $4 = value } { print }' pins > new && mv new pins
 else
     grep " $4" pins
@@ -47,8 +48,9 @@ const PIN_LINES: &str = "10 float IN 0.0123 xyzbc-trt-kins.x-rot-point
 ";
 /// x-rot-point, y-rot-point and x-offset after the correction: C is where it was measured, B where it was.
 const CORRECTED: [(&str, f64); 3] = [("x-rot-point", 0.05), ("y-rot-point", -0.03), ("x-offset", 0.2123)];
-/// Calls of `halcmd` by one `write`: one reads the values, one the state of the machine; then three for each value.
-const CALLS_OF_WRITE: usize = 2 + 3 * CORRECTED.len();
+/// Calls of `halcmd` by one `write`: one reads the values, two the state of the machine and the signals of the pins; then
+/// for each value one reads all values, two the state, one sets it and one reads it back.
+const CALLS_OF_WRITE: usize = 3 + 5 * CORRECTED.len();
 
 /// A machine file, a control and a journal with one run of a self-calibration.
 struct CompensationShop {
@@ -166,9 +168,13 @@ fn approved_values_are_written_and_restored() {
     assert!(proposal["predicted"][0]["largest_um"].as_f64().unwrap() > 60.0, "{proposal}");
     assert!(proposal["predicted"][1]["largest_um"].as_f64().unwrap() < 0.2, "{proposal}");
     let hash = shop.hash();
+    assert_eq!(proposal["sha256"], hash, "{proposal}");
+    shop.assert_refused(&shop.compensate(&["write", "1", "--approve", &hash, "--who", " "]), "name of a person");
     let hal = shop.shop.path_text("values.hal");
-    let written = shop.compensate(&["write", "1", "--approve", &hash, "--who", "Ada", "--hal", &hal]);
+    let written = shop.write(&hash);
     assert!(written.status.success() && shop.is_corrected(), "{}", stderr(&written));
+    assert!(shop.compensate(&["status", "--hal", &hal]).status.success());
+    shop.assert_refused(&shop.compensate(&["status", "--hal", &hal]), "name a new file");
     let lines = std::fs::read_to_string(&hal).unwrap();
     assert_eq!(lines.lines().next(), Some("setp xyzbc-trt-kins.x-rot-point 0.05"), "{lines}");
     assert_eq!(lines.lines().count(), 5, "{lines}");
@@ -220,6 +226,16 @@ fn write_that_is_not_safe_is_refused() {
     shop.assert_refused(&shop.write(&hash), "otherwise than run 1");
 }
 
+/// Another person changes a value after the first one is written.
+fn value_changed_during_the_write_is_kept() {
+    let shop = CompensationShop::new();
+    let hash = shop.hash();
+    std::fs::write(shop.shop.path("intruder"), "").unwrap();
+    shop.assert_refused(&shop.write(&hash), "y-rot-point is 7 mm, neither 0.02 mm nor -0.03 mm");
+    assert_eq!((shop.pin("x-rot-point"), shop.pin("y-rot-point")), (0.05, 7.0));
+    assert_eq!(shop.state(), Some(CompensationState::Writing));
+}
+
 /// A control that stores a value one step off: the compensation is unfinished, and is undone.
 fn false_read_back_is_reported() {
     let shop = CompensationShop::new();
@@ -248,7 +264,8 @@ fn program_killed_at_any_step_leaves_a_known_state() {
     let hash = shop.hash();
     let kill_at = shop.shop.path("kill-at");
     for call in 1..=CALLS_OF_WRITE {
-        for (moment, way_out) in [("", "undo"), ("", "finish"), ("+", "undo"), ("+", "finish")] {
+        let ways_out = if call % 2 == 0 { ["undo", "finish"] } else { ["finish", "undo"] };
+        for (moment, way_out) in ["", "+"].into_iter().zip(ways_out) {
             std::fs::write(shop.shop.path("calls"), "0").unwrap();
             std::fs::write(&kill_at, format!("{call}{moment}")).unwrap();
             let killed = shop.write(&hash);
@@ -339,6 +356,8 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
     let text = stderr(&refused);
     assert!(text.contains("compensation 1 is unfinished") && text.contains("compensate undo"), "{text}");
     assert_eq!(shop.run_states(), ["closed", "failed"]);
+    let refused = shop.run_trued(&["check", "--machine", &shop.machine_path()]);
+    assert!(stderr(&refused).contains("compensation 1 of"), "{}", stderr(&refused));
     let journal = Journal::open(&shop.state_folder()).unwrap();
     journal.set_compensation_state(1, CompensationState::Undone, "Ada").wait().unwrap();
     assert!(shop.run_self_calibration().status.success());
@@ -348,6 +367,7 @@ pub fn trials() -> Trials {
     trials![Pool::Computing, 0;
         approved_values_are_written_and_restored,
         write_that_is_not_safe_is_refused,
+        value_changed_during_the_write_is_kept,
         false_read_back_is_reported,
         program_killed_at_any_step_leaves_a_known_state,
         expired_proposal_is_refused,

@@ -151,7 +151,7 @@ impl SensorHandle {
     }
 
     /// Creates a sensor that replays a capture. Call inside a tokio runtime.
-    pub fn from_capture(name: impl Into<String>, capture: SensorRequestCapture) -> Self {
+    pub fn replaying_capture(name: impl Into<String>, capture: SensorRequestCapture) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         tokio::spawn(capture_format::replay_capture(capture, inbox));
         Self { name: name.into(), request_sender: requests }
@@ -161,7 +161,7 @@ impl SensorHandle {
     ///
     /// # Errors
     /// The sensor's task has ended.
-    pub async fn with_capture(self, capture: SensorRequestCapture) -> Result<Self, SensorError> {
+    pub async fn recording_to(self, capture: SensorRequestCapture) -> Result<Self, SensorError> {
         self.request_sender.send(SensorRequest::StartCapture(capture)).await.map_err(|_| SensorError::TaskEnded)?;
         Ok(self)
     }

@@ -18,7 +18,7 @@ use crate::linear_least_squares::{self, LinearError, LinearProblem, RANK_THRESHO
 const ITERATION_COUNT: usize = 6;
 
 /// Standard uncertainty in the fit of a value that is declared as exactly known or with a smaller uncertainty.
-const STD_U_FLOOR_IN_FIT: f64 = 1e-12;
+const GAIN_AND_ANGLE_STD_U_FLOOR: f64 = 1e-12;
 
 /// Declared properties of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,7 +85,7 @@ impl CalibrationEquations<'_> {
     fn solve(&self) -> Result<SensorCalibration, LinearError> {
         let gains = self.sensors.iter().map(|sensor| sensor.u_gain);
         let angles = self.sensors.iter().map(|sensor| sensor.u_angle_rad);
-        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(STD_U_FLOOR_IN_FIT)).collect();
+        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(GAIN_AND_ANGLE_STD_U_FLOOR)).collect();
         let (own, observations) = (declared.len(), 2 * self.data_rows.len());
         let free = (observations + own).saturating_sub(self.unknown_count()).max(1);
         let sigma_mm = self.data.observation_std_u_mm(1);

@@ -8,7 +8,7 @@ use socketcan::{CanFrame as SocketFrame, CanSocket, EmbeddedFrame, ShouldRetry, 
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
-use super::error_frame::ErrorFrameClass;
+use super::error_frame::ErrorFrameEffect;
 use super::foreign_ids::{ForeignIdDetector, IdFilterChange};
 use super::socket::{self, SOCKET_READ_TIMEOUT, open_filtered_socket};
 use super::timestamp_converter::TimestampConverter;
@@ -101,13 +101,13 @@ impl SocketOwner {
         None
     }
 
-    fn handle_error_frame(&mut self, class: ErrorFrameClass) {
+    fn handle_error_frame(&mut self, class: ErrorFrameEffect) {
         match class {
-            ErrorFrameClass::BusErrors(why) => self.send_report_if_room(CanEvent::BusErrors(why)),
-            ErrorFrameClass::BusOff(why) => self.send_state_change(CanEvent::BusOff(why)),
+            ErrorFrameEffect::BusErrors(why) => self.send_report_if_room(CanEvent::BusErrors(why)),
+            ErrorFrameEffect::BusOff(why) => self.send_state_change(CanEvent::BusOff(why)),
             // At least one frame is lost; the number is unknown.
-            ErrorFrameClass::LostFrames => self.unreported_lost_frames = self.unreported_lost_frames.saturating_add(1),
-            ErrorFrameClass::Harmless => {}
+            ErrorFrameEffect::LostFrames => self.unreported_lost_frames = self.unreported_lost_frames.saturating_add(1),
+            ErrorFrameEffect::Harmless => {}
         }
     }
 
@@ -202,10 +202,10 @@ mod tests {
     #[test]
     fn bus_errors_and_lost_frames_are_reported_before_the_next_frame() {
         let (mut owner, mut receiver) = create_owner();
-        owner.handle_error_frame(ErrorFrameClass::BusErrors("stuffed".to_owned()));
-        owner.handle_error_frame(ErrorFrameClass::BusOff("bus off".to_owned()));
-        owner.handle_error_frame(ErrorFrameClass::LostFrames);
-        owner.handle_error_frame(ErrorFrameClass::Harmless);
+        owner.handle_error_frame(ErrorFrameEffect::BusErrors("stuffed".to_owned()));
+        owner.handle_error_frame(ErrorFrameEffect::BusOff("bus off".to_owned()));
+        owner.handle_error_frame(ErrorFrameEffect::LostFrames);
+        owner.handle_error_frame(ErrorFrameEffect::Harmless);
         let frame = CanFrame::new(0.0, owner.id, &[1]);
         owner.queue_frame(frame);
         owner.queue_frame(frame);

@@ -3,11 +3,14 @@
 use nalgebra::{Point3, Vector3};
 
 use super::KinematicsError;
-use super::error_parameter::ErrorTerm;
+use super::error_parameter::{ErrorParameter, ErrorTerm};
 use super::joint::Joint;
 use super::kinematic_chain::{KinematicChain, branch_pose};
 use crate::frame::{Point, Pose, SpindleFrame};
 use crate::{Axis, Position};
+
+/// Error for a derivative, rad or mm: small against the lever arms, so that the displacement is linear in it.
+const DERIVATIVE_STEP: f64 = 1e-5;
 
 /// An axis of rotation, machine frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,5 +65,20 @@ impl KinematicChain {
         let carried = |errors: &[ErrorTerm]| branch_pose(joints, &position, errors) * Point3::from(on_axis);
         let tip_at = |errors: &[ErrorTerm]| self.machine_from_spindle(&position, errors) * Point3::from(tip.mm);
         Ok((carried(errors) - carried(&[])) - (tip_at(errors) - tip_at(&[])))
+    }
+
+    /// Derivative of [`Self::axis_displacement_from_tip`] by `parameter`, without other errors.
+    ///
+    /// # Errors
+    /// The table has no such rotary axis.
+    pub fn axis_displacement_derivative(
+        &self,
+        axis: Axis,
+        at: Vector3<f64>,
+        tip: Point<SpindleFrame>,
+        parameter: ErrorParameter,
+    ) -> Result<Vector3<f64>, KinematicsError> {
+        let step = [ErrorTerm { parameter, value: DERIVATIVE_STEP }];
+        Ok(self.axis_displacement_from_tip(axis, at, tip, &step)? / DERIVATIVE_STEP)
     }
 }

@@ -23,6 +23,14 @@ impl Topology {
         &self.tool_branch
     }
 
+    /// Whether `carrier` moves `axis`: it is nearer to the bed in the same branch.
+    pub fn is_carried_by(&self, axis: Axis, carrier: Axis) -> bool {
+        [&self.workpiece_branch, &self.tool_branch].into_iter().any(|branch| {
+            let index = |wanted: Axis| branch.iter().position(|own| *own == wanted);
+            index(carrier).zip(index(axis)).is_some_and(|(carrier, axis)| carrier < axis)
+        })
+    }
+
     pub fn contains(&self, axis: Axis) -> bool {
         self.axes().any(|a| a == axis)
     }

@@ -45,7 +45,7 @@ pub fn next_stage(
             (FoundBalls::from_measurements(setup, &measurements), needs_watch_round(setup, readings)?)
         }
     };
-    let requests = list_stage_requests(setup, visits, watch_round_count(setup) + usize::from(one_more));
+    let requests = list_stage_requests(setup, visits, planned_watch_round_count(setup) + usize::from(one_more));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
     let Some(request) = requests.get(passed) else { return Ok(NextStage::NoFurtherStage) };
     let (stage, new_steps) = build_stage(setup, visits, request, &known, id)?;
@@ -66,7 +66,7 @@ fn build_repeat_stage(
 }
 
 /// Number of watch rounds in the plan so far.
-fn watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
+fn planned_watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
     let watch = touch_steps_with_labels(setup.plan).filter(|(_, label)| label.pass == MeasurementPass::Watch);
     watch.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
 }

@@ -12,9 +12,8 @@ use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
-/// Error of which the effect on a position is computed, rad or mm: small against the lever arms, so that the position
-/// is linear in it.
-const DERIVATIVE_STEP: f64 = 1e-5;
+/// Derivative, mm per mm or rad, below which an error has no effect.
+const MIN_DERIVATIVE: f64 = 1e-9;
 
 /// Position of a rotary `axis` of the table along `component`: X, Y or Z of the control with the tip on the axis and the
 /// rotary axes at zero, minus the same coordinate of the stated stylus.
@@ -69,25 +68,32 @@ impl<'a> MeasuredAxisPositions<'a> {
     pub fn position(&self, coordinate: AxisCoordinate) -> Result<MeasuredPosition, MethodRefusal> {
         self.check_is_determined(coordinate)?;
         let AxisCoordinate { axis, component } = coordinate;
-        let displacement = |errors: &[ErrorTerm]| -> Result<f64, MethodRefusal> {
-            let of_axis = self.chain.axis_displacement_from_tip(axis, self.at, self.tip, errors)?;
-            Ok(of_axis.dot(&component.nominal_direction()))
-        };
         let derivative = |error: &ErrorTerm| -> Result<f64, MethodRefusal> {
-            Ok(displacement(&[ErrorTerm { value: DERIVATIVE_STEP, ..*error }])? / DERIVATIVE_STEP)
+            let by = self.chain.axis_displacement_derivative(axis, self.at, self.tip, error.parameter)?;
+            Ok(by.dot(&component.nominal_direction()))
         };
         let derivatives = self.known.errors.iter().map(derivative).collect::<Result<Vec<f64>, _>>()?;
+        MethodRefusal::require(
+            derivatives.iter().any(|derivative| derivative.abs() > MIN_DERIVATIVE),
+            format!(
+                "no error of the {} run has an effect on the position of {axis} in {component}",
+                self.estimate.method
+            ),
+            "add the errors that are equivalent to it to the parameters of the method",
+        )?;
         let covariance = &self.known.covariance;
         let variance_by = |i: usize| {
             let row = derivatives.iter().enumerate().map(|(j, by)| by * covariance[(i, j)]);
             derivatives[i] * row.sum::<f64>()
         };
         let variance: f64 = (0..derivatives.len()).map(variance_by).sum();
-        let used = self.known.symbols.iter().zip(&derivatives).filter(|(_, derivative)| derivative.abs() > 1e-9);
+        let used =
+            self.known.symbols.iter().zip(&derivatives).filter(|(_, derivative)| derivative.abs() > MIN_DERIVATIVE);
         let dof_of = |symbol: &str| self.estimate.parameters.iter().find(|own| own.symbol == symbol)?.dof;
         let smallest_dof = used.filter_map(|(symbol, _)| dof_of(symbol)).fold(f64::INFINITY, f64::min);
+        let displacement = self.chain.axis_displacement_from_tip(axis, self.at, self.tip, &self.known.errors)?;
         Ok(MeasuredPosition {
-            mm: nominal_coordinate(&self.chain, coordinate, self.at) + displacement(&self.known.errors)?,
+            mm: nominal_coordinate(&self.chain, coordinate, self.at) + displacement.dot(&component.nominal_direction()),
             expanded_mm: coverage_factor(smallest_dof) * variance.max(0.0).sqrt(),
         })
     }

@@ -7,7 +7,9 @@ use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain}
 use nalgebra::Vector3;
 
 /// Steps of a HAL pin per mm, as it is written.
-const PIN_STEPS_PER_MM: f64 = 1e4;
+const MAX_PIN_STEPS_PER_MM: f64 = 1e4;
+/// Digits that `halcmd` prints of a value.
+const PIN_DIGITS: i32 = 7;
 
 /// One value of a control.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,8 +17,6 @@ pub struct ControlValue {
     /// Name at the control, e.g. `xyzbc-trt-kins.x-rot-point`.
     pub name: String,
     pub present_mm: f64,
-    /// Steps of the value per mm, a power of ten.
-    pub steps_per_mm: f64,
 }
 
 /// A position that the control computes from its values.
@@ -57,11 +57,7 @@ impl ControlModel {
             Axis::A => ("xyzac-trt-kins", Axis::Y, "y-offset"),
             _ => ("xyzbc-trt-kins", Axis::X, "x-offset"),
         };
-        let value = |pin: &str, present_mm: f64| ControlValue {
-            name: format!("{module}.{pin}"),
-            present_mm,
-            steps_per_mm: PIN_STEPS_PER_MM,
-        };
+        let value = |pin: &str, present_mm: f64| ControlValue { name: format!("{module}.{pin}"), present_mm };
         let position = |axis: Axis, component: Axis, adjusted_value: usize, added_value: Option<usize>| {
             ControlledPosition { coordinate: AxisCoordinate { axis, component }, adjusted_value, added_value }
         };
@@ -104,7 +100,8 @@ impl ControlModel {
         let mut values_mm = self.present_mm();
         for (position, mm) in self.positions.iter().zip(positions_mm) {
             let exact = mm - position.added_value.map_or(0.0, |index| values_mm[index]);
-            let ControlValue { present_mm, steps_per_mm, .. } = self.values[position.adjusted_value];
+            let present_mm = self.values[position.adjusted_value].present_mm;
+            let steps_per_mm = pin_steps_per_mm(exact);
             let is_unchanged = (exact - present_mm).abs() <= 0.5 / steps_per_mm;
             let nearest = (exact * steps_per_mm).round() / steps_per_mm;
             values_mm[position.adjusted_value] = if is_unchanged { present_mm } else { nearest };
@@ -113,7 +110,8 @@ impl ControlModel {
     }
 
     /// Location errors of the machine, relative to the stated axes, that a control with `values_mm` takes into account.
-    /// `at_mm`: as [`super::MeasuredAxisPositions::at_mm`].
+    /// Positions for which `is_determined` is false count as right in the control. `at_mm`: as
+    /// [`super::MeasuredAxisPositions::at_mm`].
     ///
     /// # Errors
     /// The machine has no such axis.
@@ -122,11 +120,14 @@ impl ControlModel {
         chain: &KinematicChain,
         values_mm: &[f64],
         at_mm: [f64; 3],
+        is_determined: impl Fn(AxisCoordinate) -> bool,
     ) -> Result<Vec<ErrorTerm>, MethodRefusal> {
         let at = Vector3::from(at_mm);
         let positions = self.positions.iter().map(|position| position.coordinate).zip(self.positions_mm(values_mm));
-        let deviations: Vec<(AxisCoordinate, f64)> =
-            positions.map(|(coordinate, mm)| (coordinate, mm - nominal_coordinate(chain, coordinate, at))).collect();
+        let deviations: Vec<(AxisCoordinate, f64)> = positions
+            .filter(|(coordinate, _)| is_determined(*coordinate))
+            .map(|(coordinate, mm)| (coordinate, mm - nominal_coordinate(chain, coordinate, at)))
+            .collect();
         let branch = chain.topology().workpiece_branch();
         let term = |(coordinate, deviation): &(AxisCoordinate, f64)| {
             let AxisCoordinate { axis, component } = *coordinate;
@@ -143,4 +144,10 @@ impl ControlModel {
         };
         deviations.iter().map(term).collect()
     }
+}
+
+/// Steps per mm in which a pin can be set and read back.
+fn pin_steps_per_mm(value_mm: f64) -> f64 {
+    let digits_before_point = value_mm.abs().max(1.0).log10().floor() as i32 + 1;
+    10_f64.powi(PIN_DIGITS - digits_before_point).min(MAX_PIN_STEPS_PER_MM)
 }

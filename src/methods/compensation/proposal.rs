@@ -49,6 +49,13 @@ pub struct Proposal {
     pub at_mm: [f64; 3],
 }
 
+impl Proposal {
+    /// Whether the run determines the position.
+    pub fn is_determined(&self, coordinate: AxisCoordinate) -> bool {
+        self.positions.iter().any(|position| position.coordinate == coordinate && position.measured_mm.is_some())
+    }
+}
+
 /// Proposes the measured positions, and the values of the control for them. A position that the run does not determine,
 /// or that deviates by less than U, is kept: then a value may change so that the position does not.
 ///

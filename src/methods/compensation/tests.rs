@@ -52,14 +52,14 @@ impl TrunnionKinematics {
     }
 
     /// Position in the workpiece from joint positions.
-    fn forward(self, (joints, angles): Pose) -> Vector3<f64> {
+    fn workpiece_from_joints(self, (joints, angles): Pose) -> Vector3<f64> {
         let [turn_tilt, turn_c] = self.turns(angles);
         let moved = turn_tilt * (Vector3::from(joints) - self.offset() - self.rot_point());
         self.rot_point() + turn_c * (moved + self.offset())
     }
 
     /// Joint positions from a position in the workpiece.
-    fn inverse(self, (position, angles): Pose) -> Vector3<f64> {
+    fn joints_from_workpiece(self, (position, angles): Pose) -> Vector3<f64> {
         let [turn_tilt, turn_c] = self.turns(angles);
         let turned = turn_c.inverse() * (Vector3::from(position) - self.rot_point()) - self.offset();
         self.rot_point() + self.offset() + turn_tilt.inverse() * turned
@@ -78,7 +78,7 @@ impl TrunnionKinematics {
     /// Errors of the tool at the poses, with a machine that moves as `tip_in_workpiece` says, relative to the first.
     fn tool_errors(self, tip_in_workpiece: impl Fn(Pose) -> Vector3<f64>) -> Vec<Vector3<f64>> {
         let error = |(position, angles): Pose| {
-            tip_in_workpiece((self.inverse((position, angles)).into(), angles)) - Vector3::from(position)
+            tip_in_workpiece((self.joints_from_workpiece((position, angles)).into(), angles)) - Vector3::from(position)
         };
         POSES.into_iter().map(|pose| error(pose) - error(POSES[0])).collect()
     }
@@ -128,12 +128,12 @@ fn control_model_equals_the_equations_of_linuxcnc() {
         let pins = TrunnionPins { x_rot_point: 0.3, y_rot_point: -0.2, z_rot_point: 5.0, offset: 0.7, z_offset: -55.4 };
         let control = TrunnionKinematics { tilt, pins };
         let model = control.model();
-        let errors = model.location_errors(&chain, &model.present_mm(), [0.0; 3]).unwrap();
+        let errors = model.location_errors(&chain, &model.present_mm(), [0.0; 3], |_| true).unwrap();
         let tip = |pose| chain.tip_in_table(&position(tilt, pose), Point::from_vec(Vector3::zeros()), &errors).mm;
         // LinuxCNC's workpiece frame is that of the machine at the first pose; ours moves with the errors of the axes.
-        let shift = tip(POSES[0]) - control.forward(POSES[0]);
+        let shift = tip(POSES[0]) - control.workpiece_from_joints(POSES[0]);
         for pose in POSES {
-            let difference = tip(pose) - shift - control.forward(pose);
+            let difference = tip(pose) - shift - control.workpiece_from_joints(pose);
             assert!(difference.norm() < 1e-10, "{tilt} {pose:?}: {difference}");
         }
     }
@@ -194,7 +194,7 @@ fn proposal_decreases_the_tool_centre_error_to_the_resolution() {
         let machine = trunnion(tilt);
         let (reported, held) = errors_of_trunnion(tilt);
         let um = [50.0, -40.0, 30.0, -60.0].map(|um| um * sign);
-        // The tilting axis is 25 µm higher than stated: the stylus seems shorter.
+        // The tilting axis is 25 µm higher than stated: the stylus seems longer.
         let length = [("tool_z", machine.tool_mm[2] - 0.025 * sign)];
         let values: Vec<(&str, f64)> = reported.into_iter().zip(um).chain(length).collect();
         let before = nominal_control(tilt);
@@ -208,7 +208,8 @@ fn proposal_decreases_the_tool_centre_error_to_the_resolution() {
         truth.pins.y_rot_point += of_c.y - of_spindle.y;
         truth.pins.offset -= of_c.dot(&across(tilt));
         truth.pins.z_offset += 0.025 * sign;
-        let errors = |control: TrunnionKinematics| largest(&control.tool_errors(|joints| truth.forward(joints)));
+        let errors =
+            |control: TrunnionKinematics| largest(&control.tool_errors(|joints| truth.workpiece_from_joints(joints)));
         let after = errors(before.with_values(&proposal));
         assert!(errors(before) > 0.05 && after < 3e-4, "{tilt} {}: {after}", errors(before));
         let is_in_steps = |value: &ProposedValue| value.proposed_mm == (value.proposed_mm * 1e4).round() / 1e4;
@@ -243,7 +244,7 @@ fn predicted_errors_before_and_after_are_those_of_the_true_machine() {
     let errors_with = |control: TrunnionKinematics| {
         let actual = control.tool_errors(tip);
         let model = control.model();
-        let errors = model.location_errors(&chain, &model.present_mm(), proposal.at_mm).unwrap();
+        let errors = model.location_errors(&chain, &model.present_mm(), proposal.at_mm, |_| true).unwrap();
         let at = |(tip, [b, c]): Pose| {
             let others = Position::new().with(Axis::B, -b).with(Axis::C, -c);
             let target = Point::from_vec(Vector3::from(tip));
@@ -286,6 +287,24 @@ fn positions_of_a_self_calibration_are_those_of_the_control() {
     assert!((error - Vector3::new(0.08, -0.06, 0.0)).norm() < 1e-5, "{error}");
 }
 
+/// With an angle of 30 µrad more than 90° between X and Y a diagonal is 1.3 µm shorter, whichever axis carries the other.
+#[test]
+fn squareness_of_a_self_calibration_shortens_the_diagonal() {
+    for topology in ["w-C-B-b-Y-X-Z-S-t", "w-C-B-b-X-Y-Z-S-t", "w-C-B-X-F-Z-Y-S-t"] {
+        let mut machine = trunnion(Axis::B);
+        machine.topology = topology.to_owned();
+        let mut estimate = estimate_of("self-calibration", &[("EX0C", 0.0), ("EY0C", 0.0), ("EC0Y", 30.0)], &[]);
+        estimate.location_at_mm = Some([0.0, 0.0, 75.0]);
+        let chain = KinematicChain::new(&machine).unwrap();
+        let tip = Point::from_vec(Vector3::from(machine.tool_mm));
+        let at = |x, y| chain.solve_linear_axes(Point::new(x, y, 75.0), tip, &Position::new(), &[]).unwrap();
+        let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::Pose(at(0.0, 0.0))).unwrap();
+        let error = predictor.pose_error(&at(60.0, 60.0)).tip_error_mm;
+        let along_diagonal = error.dot(&Vector3::new(1.0, 1.0, 0.0).normalize());
+        assert!((along_diagonal + 30e-6 * 60.0 / 2.0_f64.sqrt()).abs() < 1e-7, "{topology}: {error}");
+    }
+}
+
 /// A run that measures C only must not move the tilting axis in the control.
 #[test]
 fn unmeasured_axis_stays_where_it_is() {
@@ -301,6 +320,13 @@ fn unmeasured_axis_stays_where_it_is() {
         };
         assert!((tilting_axis(after) - tilting_axis(before)).norm() < 1e-9, "{after:?}");
         assert!((after.rot_point() - before.rot_point() - Vector3::new(0.05, -0.03, 0.0)).norm() < 1e-9, "{after:?}");
+        // The prediction takes the unmeasured axis to be where the control has it.
+        let model = after.model();
+        let chain = KinematicChain::new(&trunnion(tilt)).unwrap();
+        let is_determined = |own| proposal.is_determined(own);
+        let errors = model.location_errors(&chain, &model.present_mm(), proposal.at_mm, is_determined).unwrap();
+        let errors: Vec<(String, f64)> = errors.iter().map(|own| (own.parameter.to_string(), own.value)).collect();
+        assert_eq!(errors, [("EX0C".to_owned(), 0.05), ("EY0C".to_owned(), -0.03)]);
         let reason = &proposal.positions[2].kept.as_ref().unwrap().reason;
         assert!(reason.contains(&format!("does not determine the position of {tilt} in")), "{reason}");
     }
@@ -327,10 +353,15 @@ fn spindle_position_needs_a_stated_stylus() {
     let assumed = ["probe.stylus_offset_um".to_owned()];
     assert_eq!(StatedStylusUncertainty::new(&probe, &assumed).offset_mm, None);
     assert!(StatedStylusUncertainty::new(&probe, &[]).offset_mm.is_some());
-    // With an oriented spindle the stylus is separate from it.
+    // With an oriented spindle the stylus is separate from it, if the position of the spindle is identified.
     let mut oriented = estimate.clone();
     oriented.measured.insert(Axis::S, [0.0, 270.0]);
-    assert!(kept(without_offset, &oriented)[0].is_none());
+    let [Some(x), Some(_), Some(_), None] = &kept(STATED, &oriented)[..] else { panic!() };
+    assert!(x.contains("add EX0S and EY0S"), "{x}");
+    let with_spindle = [&values[..], &[("EX0S", 10.0), ("EY0S", 20.0)]].concat();
+    let mut oriented = estimate_of("samba", &with_spindle, &["EX0B", "EY0B", "EZ0B", "EZ0S"]);
+    oriented.measured.insert(Axis::S, [0.0, 270.0]);
+    assert_eq!(kept(without_offset, &oriented), vec![None; 4]);
     // The stated uncertainties are in U, except where two positions differ.
     let stated = StatedStylusUncertainty { offset_mm: Some(3e-3), length_mm: Some(4e-3) };
     let proposal = propose_for(&machine, stated, nominal_control(Axis::B), &estimate).unwrap();
@@ -342,7 +373,11 @@ fn spindle_position_needs_a_stated_stylus() {
     let mut of_sensor = estimate_of("laser-r-test", &[("EX0C", 50.0), ("EY0C", 0.0), ("zero_x", 0.0)], &["EX0B"]);
     of_sensor.covariance.symbols.truncate(2);
     let refusal = propose_for(&machine, STATED, nominal_control(Axis::B), &of_sensor).unwrap_err();
-    assert!(refusal.remedy.contains("touch probe"), "{refusal:?}");
+    assert!(refusal.remedy.contains("samba"), "{refusal:?}");
+    // A position that is equivalent to an error which the run did not identify.
+    let without_spindle = estimate_of("samba", &[("EA0C", 5.0)], &["EX0B", "EX0C", "EY0C"]);
+    let refusal = propose_for(&machine, STATED, nominal_control(Axis::B), &without_spindle).unwrap_err();
+    assert!(refusal.reason.contains("no error of the samba run has an effect"), "{refusal:?}");
 }
 
 #[test]
@@ -379,6 +414,20 @@ fn axes_are_measured_at_one_point() {
         let position = measured.position(AxisCoordinate { axis: Axis::B, component: Axis::X }).unwrap();
         assert!((position.mm - 0.06).abs() < 1e-8, "{y}: {position:?}");
     }
+}
+
+/// Beyond a metre a pin reads back in steps of a micrometre.
+#[test]
+fn values_have_the_digits_that_the_control_prints() {
+    let mut machine = trunnion(Axis::B);
+    for axis in [Axis::B, Axis::C] {
+        machine.axes.get_mut(&axis).unwrap().point_mm = [1234.5, 0.0, -50.0];
+    }
+    let estimate = estimate_of("self-calibration", &[("EX0C", 67.83), ("EY0C", 12.34)], &[]);
+    let mut control = nominal_control(Axis::B);
+    control.pins.x_rot_point = 1234.5;
+    let proposal = propose_for(&machine, STATED, control, &estimate).unwrap();
+    assert_eq!([0, 1].map(|index: usize| proposal.values[index].proposed_mm), [1234.568, 0.0123]);
 }
 
 /// C drifts by 8 µm from run to run. Its position is measured anew each time, and no correction is made twice.

@@ -10,10 +10,6 @@ use machine::frame::Point;
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain};
 use machine::record::estimate::{Estimate, Parameter};
 
-/// Error of which the effect on an axis position is computed, rad or mm: small against the lever arms, so that the
-/// position is linear in it.
-const DERIVATIVE_STEP: f64 = 1e-5;
-
 /// Errors of the axes and the estimate that gives them.
 pub struct KnownErrors<'a> {
     pub estimate: &'a Estimate,
@@ -54,8 +50,10 @@ impl<'a> KnownErrors<'a> {
                 --json",
             )
         })?;
-        let derivatives_by_parameters = model_derivatives(estimate, chain, &errors)?;
         let values: Vec<f64> = errors.iter().map(|error| error.value).collect();
+        let (errors, signs): (Vec<ErrorTerm>, Vec<f64>) =
+            errors.into_iter().map(|error| error_of_model(estimate, chain, error)).unzip();
+        let derivatives_by_parameters = model_derivatives(estimate, chain, &errors, &signs)?;
         let row = |i: usize| (0..values.len()).map(|j| derivatives_by_parameters[(i, j)] * values[j]).sum::<f64>();
         let errors = errors.iter().enumerate().map(|(i, error)| ErrorTerm { value: row(i), ..*error }).collect();
         let covariance = &derivatives_by_parameters * covariance * derivatives_by_parameters.transpose();
@@ -106,6 +104,23 @@ fn check_identifiable(estimate: &Estimate, parameters: &[&Parameter]) -> Result<
     )
 }
 
+/// The error of the kinematic model for an error of the estimate, and its sign. An estimate with `location_at_mm` has the
+/// squareness of X and Y as EC0Y. Where Y carries X, an error of Y turns X too: there it is EC0X with the opposite sign.
+fn error_of_model(estimate: &Estimate, chain: &KinematicChain, error: ErrorTerm) -> (ErrorTerm, f64) {
+    let location = |axis| ErrorParameter::new(Axis::C, axis, ErrorShape::Location);
+    let is_squareness = location(Axis::Y) == Ok(error.parameter);
+    match location(Axis::X) {
+        Ok(parameter)
+            if is_squareness
+                && estimate.location_at_mm.is_some()
+                && chain.topology().is_carried_by(Axis::X, Axis::Y) =>
+        {
+            (ErrorTerm { parameter, ..error }, -1.0)
+        }
+        _ => (error, 1.0),
+    }
+}
+
 /// Derivatives of the errors of the kinematic model by the errors of the estimate. An estimate with `location_at_mm`
 /// states the position of the rotary axis relative to the tip at that point: the model's location errors along X and Y
 /// are these plus the effect of the other errors there.
@@ -113,8 +128,9 @@ fn model_derivatives(
     estimate: &Estimate,
     chain: &KinematicChain,
     errors: &[ErrorTerm],
+    signs: &[f64],
 ) -> Result<Mat<f64>, MethodRefusal> {
-    let mut derivatives = Mat::identity(errors.len(), errors.len());
+    let mut derivatives = Mat::from_fn(errors.len(), errors.len(), |i, j| if i == j { signs[i] } else { 0.0 });
     let Some(at_mm) = estimate.location_at_mm else { return Ok(derivatives) };
     // Errors of the linear axes without angular error motions move all points of the tool alike.
     let tip = Point::from_vec(Vector3::zeros());
@@ -125,9 +141,8 @@ fn model_derivatives(
             continue;
         }
         for (j, other) in errors.iter().enumerate().filter(|(j, _)| *j != i) {
-            let step = [ErrorTerm { value: DERIVATIVE_STEP, ..*other }];
-            let displacement = chain.axis_displacement_from_tip(axis, at_mm.into(), tip, &step)?;
-            derivatives[(i, j)] = -displacement.dot(&component.nominal_direction()) / DERIVATIVE_STEP;
+            let derivative = chain.axis_displacement_derivative(axis, at_mm.into(), tip, other.parameter)?;
+            derivatives[(i, j)] = -signs[j] * derivative.dot(&component.nominal_direction());
         }
     }
     Ok(derivatives)

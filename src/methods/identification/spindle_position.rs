@@ -9,6 +9,8 @@ use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain}
 use machine::record::estimate::Estimate;
 use machine::record::machine::{Machine, Probe};
 
+/// Range of the spindle, degrees, above which it was turned: measured ranges are rounded outwards.
+const MIN_SPINDLE_TURN_DEG: f64 = 1.0;
 const STYLUS_OFFSET_KEY: &str = "probe.stylus_offset_um";
 
 /// Standard uncertainties of the stylus as the machine file states it, mm. `None`: not stated.
@@ -88,7 +90,7 @@ impl<'a> KnownErrors<'a> {
 }
 
 impl<'a> SpindlePosition<'a> {
-    /// For a machine whose table turns and whose tool does not: elsewhere the stylus is separable from the axes.
+    /// Empty for a machine that turns its tool: there the stylus is separable from the axes.
     pub fn new(
         estimate: &'a Estimate,
         machine: &Machine,
@@ -101,13 +103,17 @@ impl<'a> SpindlePosition<'a> {
         let is_tool_turned = tool_branch.iter().any(|axis| !axis.is_linear() && *axis != Axis::S);
         let (Some(last), false) = (tool_branch.last(), is_tool_turned) else { return position };
         for (k, component) in Axis::LINEAR.into_iter().enumerate() {
-            if is_spindle_known(component, estimate, known) {
+            if has_spindle_location(component, known) {
                 continue;
             }
             let Some(symbol) = stylus_symbol(estimate, component) else {
                 position.undetermined.extend(undetermined_without_stylus(estimate, component, stylus));
                 continue;
             };
+            if component != Axis::Z && was_spindle_turned(estimate) {
+                position.undetermined.push(unidentified_spindle(estimate, component));
+                continue;
+            }
             let error = ErrorParameter::new(component, *last, ErrorShape::Location);
             match (stylus.along(component), error, stylus_value(estimate, symbol)) {
                 (Some(u_stylus_mm), Ok(parameter), Some(measured)) => position.terms.push(SpindleTerm {
@@ -122,11 +128,23 @@ impl<'a> SpindlePosition<'a> {
     }
 }
 
-/// The spindle was turned: its axis has errors of its own, or the stylus is separable from it.
-fn is_spindle_known(component: Axis, estimate: &Estimate, known: &KnownErrors<'_>) -> bool {
+/// The spindle was turned, and its position is among the errors of the estimate.
+fn has_spindle_location(component: Axis, known: &KnownErrors<'_>) -> bool {
     let location = ErrorParameter::new(component, Axis::S, ErrorShape::Location);
-    let was_turned = estimate.measured.get(&Axis::S).is_some_and(|[least, most]| most > least);
-    component != Axis::Z && (was_turned || location.is_ok_and(|location| known.has_error(location)))
+    component != Axis::Z && location.is_ok_and(|location| known.has_error(location))
+}
+
+fn was_spindle_turned(estimate: &Estimate) -> bool {
+    estimate.measured.get(&Axis::S).is_some_and(|[least, most]| most - least > MIN_SPINDLE_TURN_DEG)
+}
+
+/// The spindle was turned, so the stylus is separate from it; but its position is not among the errors.
+fn unidentified_spindle(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
+    UndeterminedPosition {
+        component,
+        reason: format!("E{component}0S is not among the identified errors of the {} run", estimate.method),
+        remedy: "add EX0S and EY0S to the parameters of the method".to_owned(),
+    }
 }
 
 fn stylus_symbol(estimate: &Estimate, component: Axis) -> Option<&str> {
@@ -150,8 +168,8 @@ fn undetermined_without_stylus(
     if estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("zero_")) {
         return Some(UndeterminedPosition {
             component,
-            reason: "the position of the sensor relative to the spindle is unknown".to_owned(),
-            remedy: "give a run with the touch probe, e.g. of samba".to_owned(),
+            reason: format!("the {} run does not give stylus or sensor relative to the spindle", estimate.method),
+            remedy: "give a run of samba".to_owned(),
         });
     }
     let lines = estimate.parameters.iter().flat_map(|parameter| &parameter.budget);

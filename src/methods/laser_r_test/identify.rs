@@ -96,11 +96,11 @@ fn fit_centres(
 ) -> Result<(ObservedScans, GroupedScans, NonlinearSolution), IdentifyError> {
     let mut observed = observe_scans(setup, readings)?;
     let mut grouped = group_scans(setup, &mut observed)?;
-    check_height_count(setup, &observed, &grouped)?;
+    check_heights_determine_beam_direction(setup, &observed, &grouped)?;
     let mut centre_fit = solve_centres(&grouped)?;
     if !setup.uses_touch_probe() && remove_oblique_samples(setup, &mut observed, &grouped, &centre_fit) {
         grouped = group_scans(setup, &mut observed)?;
-        check_height_count(setup, &observed, &grouped)?;
+        check_heights_determine_beam_direction(setup, &observed, &grouped)?;
         centre_fit = solve_centres(&grouped)?;
     }
     Ok((observed, grouped, centre_fit))
@@ -113,7 +113,7 @@ fn solve_centres(grouped: &GroupedScans) -> Result<NonlinearSolution, IdentifyEr
         .map_err(|error| IdentifyError::IdentificationFailed(format!("fit of the spheres: {error}")))
 }
 
-fn check_height_count(
+fn check_heights_determine_beam_direction(
     setup: &LaserSetup<'_>,
     observed: &ObservedScans,
     grouped: &GroupedScans,

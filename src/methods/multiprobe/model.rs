@@ -40,6 +40,7 @@ pub struct SensorChannel {
 /// unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionOrForm {
+    /// Error motion of the rotary axis along X; Y and Z likewise, A and B about X and Y.
     X,
     Y,
     A,

@@ -8,6 +8,7 @@ use machine::{Axis, Position};
 /// Number of positions of an axis over its range.
 const POSITIONS_PER_AXIS: usize = 7;
 
+/// Predicted error of the tip on a grid of two axes; the others are fixed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorSlice {
     /// The two axes of the slice, each with its positions, mm or degrees.

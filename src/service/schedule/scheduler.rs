@@ -313,7 +313,7 @@ impl Scheduler {
     }
 }
 
-/// Schedules with their next times after `now`.
+/// Each schedule with its next due times after `now`, as many as are shown.
 pub fn planned_schedules(entries: &[ScheduleEntry], now: Timestamp) -> Vec<PlannedSchedule> {
     entries.iter().map(|entry| planned_schedule(entry, now)).collect()
 }

@@ -133,7 +133,7 @@ impl GrblHalRig {
         Err(format!("the firmware answers `{line}` by `{answer}`").into())
     }
 
-    /// Sends real-time commands at the control, while no other client is connected, until a report contains `done`.
+    /// Sends `bytes` once, then `?` until the replies contain `done`. No other client may be connected.
     pub fn send_bytes_until_reported(&self, bytes: &[u8], done: &str) -> Result<(), Failed> {
         let mut wire = TcpStream::connect(("127.0.0.1", self.firmware_port))?;
         wire.set_read_timeout(Some(Duration::from_millis(100)))?;

@@ -69,7 +69,7 @@ fn bed_temperature_c(reading: &Reading) -> Option<f64> {
 }
 
 /// Waits until the independently polled thermometer has a new value or is stale.
-fn wait_until_temperature_is_new_or_stale() {
+fn sleep_past_stale_limit() {
     std::thread::sleep(Duration::from_secs_f64(1.5 * STALE_AFTER_S));
 }
 
@@ -80,7 +80,7 @@ async fn check_temperatures_stored(framing: Framing) -> Result<(), Failed> {
     let (readings, told, means) = run_measurement(&file, |count| {
         if count == 30 {
             server.set_register_value(274);
-            wait_until_temperature_is_new_or_stale();
+            sleep_past_stale_limit();
         }
     })
     .await;
@@ -114,18 +114,18 @@ pub fn readings_have_no_temperature_while_the_thermometer_is_lost() -> Result<()
         let (readings, told, means) = run_measurement(&file, |count| match count {
             20 => {
                 server.set_faults(&["drop"; 500]);
-                wait_until_temperature_is_new_or_stale();
-                wait_until_temperature_is_new_or_stale();
+                sleep_past_stale_limit();
+                sleep_past_stale_limit();
             }
             // 850 °C.
             30 => {
                 server.set_faults(&[]);
                 server.set_register_value(8550);
-                wait_until_temperature_is_new_or_stale();
+                sleep_past_stale_limit();
             }
             40 => {
                 server.set_register_value(300);
-                wait_until_temperature_is_new_or_stale();
+                sleep_past_stale_limit();
             }
             _ => {}
         })

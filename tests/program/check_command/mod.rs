@@ -103,7 +103,7 @@ fn sound_machine_passes_with_each_control() {
             assert_eq!(summary.finding_count(CheckVerdict::Failed), 0, "{keys}\n{summary}");
             let told = summary.to_string();
             for words in [
-                "open at rest, closed while deflected",
+                "open at rest, closed while the stylus is deflected",
                 "the hold stopped the jog",
                 "the control latches contacts itself",
             ] {

@@ -139,7 +139,7 @@ pub fn laser_machine_check_asks_whether_the_probe_is_mounted() {
     let told = checked(Some(OperatorAnswer::No));
     assert!(told.contains("whether the input closes is unknown: the touch probe is not in the spindle"), "{told}");
     let told = checked(None);
-    assert!(told.contains("open at rest, closed while deflected, open again"), "{told}");
+    assert!(told.contains("open at rest, closed while the stylus is deflected, then open again"), "{told}");
 }
 
 /// Gives this answer to the question whether the probe is in the spindle; without an answer, that of the simulated

@@ -1,12 +1,20 @@
 //! Pins of LinuxCNC's hardware abstraction layer, through its command `halcmd` (manual page halcmd(1)).
 
 use std::collections::BTreeMap;
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Timeout for one command, also over a network.
+const HALCMD_TIMEOUT: Duration = Duration::from_secs(10);
+const HALCMD_POLL_PERIOD: Duration = Duration::from_millis(2);
 
 #[derive(Debug, thiserror::Error)]
 pub enum HalError {
     #[error("`{command}` cannot be started: {source}")]
     NotStarted { command: String, source: std::io::Error },
+    #[error("`{command}` did not end within {} s", HALCMD_TIMEOUT.as_secs())]
+    NoAnswer { command: String },
     #[error("`{command}` failed: {reply}")]
     Failed { command: String, reply: String },
     #[error("pin {pin} is `{value}`, which is not a finite number")]
@@ -22,9 +30,12 @@ impl HalError {
     pub fn remedy(&self) -> String {
         match self {
             Self::NotStarted { .. } => {
-                "run trued on the computer of the control, or set halcmd in [compensation], e.g. [\"ssh\", \"control\", \
-                 \"halcmd\"]"
+                "run trued on the computer of the control, or set halcmd in [compensation], e.g. [\"ssh\", \"-o\", \"BatchMode=yes\", \
+                 \"control\", \"halcmd\"]"
                     .to_owned()
+            }
+            Self::NoAnswer { .. } => {
+                "check the connection to the control; `ssh` must not ask for a password (ssh -o BatchMode=yes)".to_owned()
             }
             Self::Failed { .. } | Self::NotANumber { .. } => {
                 "check that LinuxCNC is running and that this user may use halcmd".to_owned()
@@ -63,14 +74,11 @@ impl ComponentPins {
         self.pin(name).map(|pin| pin.value)
     }
 
-    /// As [`Self::value`], for a pin whose value can be set.
-    ///
     /// # Errors
     /// The component has no such pin; a signal sets it.
-    pub fn settable_value(&self, name: &str) -> Result<f64, HalError> {
-        let PinState { value, signal } = self.pin(name)?;
-        match signal {
-            None => Ok(*value),
+    pub fn check_settable(&self, name: &str) -> Result<(), HalError> {
+        match &self.pin(name)?.signal {
+            None => Ok(()),
             Some(signal) => Err(HalError::Connected { pin: self.full_name(name), signal: signal.clone() }),
         }
     }
@@ -103,6 +111,11 @@ impl HalPins {
         }
     }
 
+    /// Program and first arguments.
+    pub fn describe(&self) -> String {
+        [std::slice::from_ref(&self.program), &self.first_arguments].concat().join(" ")
+    }
+
     /// The float and bit pins of `component`.
     ///
     /// # Errors
@@ -126,10 +139,24 @@ impl HalPins {
         let first_arguments = self.first_arguments.iter().map(String::as_str);
         let arguments: Vec<&str> = first_arguments.chain(arguments.iter().copied()).collect();
         let command = || format!("{} {}", self.program, arguments.join(" "));
-        let output = Command::new(&self.program)
+        let not_started = |source| HalError::NotStarted { command: command(), source };
+        let mut child = Command::new(&self.program)
             .args(&arguments)
-            .output()
-            .map_err(|source| HalError::NotStarted { command: command(), source })?;
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(not_started)?;
+        let started = Instant::now();
+        while child.try_wait().map_err(not_started)?.is_none() {
+            if started.elapsed() > HALCMD_TIMEOUT {
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err(HalError::NoAnswer { command: command() });
+            }
+            thread::sleep(HALCMD_POLL_PERIOD);
+        }
+        let output = child.wait_with_output().map_err(not_started)?;
         match output.status.success() {
             true => Ok(String::from_utf8_lossy(&output.stdout).into_owned()),
             false => {
@@ -182,9 +209,10 @@ mod tests {
     #[test]
     fn pins_of_a_component_are_read_with_their_signals() {
         let pins = pins_of(PIN_LINES).unwrap();
-        assert_eq!(pins.settable_value("x-rot-point").unwrap(), 0.05);
+        assert_eq!(pins.value("x-rot-point").unwrap(), 0.05);
+        pins.check_settable("x-rot-point").unwrap();
         assert_eq!(pins.value("conventional-directions").unwrap(), 1.0);
-        let connected = pins.settable_value("tool-offset").unwrap_err();
+        let connected = pins.check_settable("tool-offset").unwrap_err();
         assert_eq!(
             connected.to_string(),
             "pin xyzbc-trt-kins.tool-offset is connected to the signal tool-offset: its value cannot be set"

@@ -17,8 +17,9 @@ const ISO_SENSE_PIN: &str = "conventional-directions";
 /// Component of the mode of the kinematics and of the state of the motion.
 const MOTION_COMPONENT: &str = "motion";
 
-/// Half a step of the values: `halcmd` prints seven digits.
-const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
+/// Greatest deviation, mm, of a value that counts as equal: half a step of a pin below 1000 mm, of which `halcmd`
+/// prints seven digits.
+pub const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TrunnionError {
@@ -32,7 +33,7 @@ pub enum TrunnionError {
     NotMillimetres { path: PathBuf },
     #[error("the kinematics apply the values now (motion.switchkins-type is {mode}): a change would move the axes")]
     KinematicsActive { mode: f64 },
-    #[error("the machine moves, or a program runs (pin motion.{pin})")]
+    #[error("the machine moves (pin motion.{pin})")]
     InMotion { pin: &'static str },
     #[error("after the write, pin {pin} reads {read_mm} mm instead of {written_mm} mm")]
     ReadBack { pin: String, written_mm: f64, read_mm: f64 },
@@ -75,6 +76,7 @@ pub struct TrunnionState {
 #[derive(Debug)]
 pub struct TrunnionTarget {
     pins: HalPins,
+    ini: PathBuf,
     module: &'static str,
     tilting_axis: Axis,
     /// Value of `motion.switchkins-type` in identity mode.
@@ -102,22 +104,31 @@ impl TrunnionTarget {
             return Err(TrunnionError::NotMillimetres { path: ini.to_owned() });
         }
         let identity_mode = identity_switchkins_type(&file).ok_or_else(other)?;
-        Ok(Self { pins: HalPins::new(halcmd), module, tilting_axis, identity_mode })
+        Ok(Self { pins: HalPins::new(halcmd), ini: ini.to_owned(), module, tilting_axis, identity_mode })
+    }
+
+    /// INI file and command.
+    pub fn describe(&self) -> String {
+        format!("{} of {}, by `{}`", self.module, self.ini.display(), self.pins.describe())
+    }
+
+    fn offset_pin(&self) -> &'static str {
+        if self.tilting_axis == Axis::A { "y-offset" } else { "x-offset" }
     }
 
     /// # Errors
-    /// The pins cannot be read, or not be set because they are connected.
+    /// The pins cannot be read.
     pub fn read(&self) -> Result<TrunnionState, TrunnionError> {
         let pins = self.pins.read_component(self.module)?;
         let is_iso = pins.value(ISO_SENSE_PIN).is_ok_and(|value| value != 0.0);
         Ok(TrunnionState {
             tilting_axis: self.tilting_axis,
             sense: if is_iso { AxisSense::Iso } else { AxisSense::Reversed },
-            x_rot_point: pins.settable_value("x-rot-point")?,
-            y_rot_point: pins.settable_value("y-rot-point")?,
-            z_rot_point: pins.settable_value("z-rot-point")?,
-            offset: pins.settable_value(if self.tilting_axis == Axis::A { "y-offset" } else { "x-offset" })?,
-            z_offset: pins.settable_value("z-offset")?,
+            x_rot_point: pins.value("x-rot-point")?,
+            y_rot_point: pins.value("y-rot-point")?,
+            z_rot_point: pins.value("z-rot-point")?,
+            offset: pins.value(self.offset_pin())?,
+            z_offset: pins.value("z-offset")?,
         })
     }
 
@@ -126,7 +137,7 @@ impl TrunnionTarget {
     /// # Errors
     /// The kinematics are not in identity mode; the machine moves; the pin cannot be set, or reads back otherwise.
     pub fn write(&self, name: &str, value_mm: f64) -> Result<(), TrunnionError> {
-        self.check_at_rest_in_identity_mode()?;
+        self.check_writable()?;
         self.pins.set(name, value_mm)?;
         let own_name = name.strip_prefix(self.module).and_then(|rest| rest.strip_prefix('.')).unwrap_or(name);
         let read_mm = self.pins.read_component(self.module)?.value(own_name)?;
@@ -137,16 +148,20 @@ impl TrunnionTarget {
     }
 
     /// # Errors
-    /// The kinematics are not in identity mode; the machine moves.
-    pub fn check_at_rest_in_identity_mode(&self) -> Result<(), TrunnionError> {
+    /// The kinematics are not in identity mode; the machine moves; a signal sets one of the pins.
+    pub fn check_writable(&self) -> Result<(), TrunnionError> {
         let motion: ComponentPins = self.pins.read_component(MOTION_COMPONENT)?;
         let mode = motion.value("switchkins-type")?;
         if mode != self.identity_mode {
             return Err(TrunnionError::KinematicsActive { mode });
         }
-        match motion.value("in-position")? {
-            0.0 => Err(TrunnionError::InMotion { pin: "in-position" }),
-            _ => Ok(()),
+        if motion.value("in-position")? == 0.0 {
+            return Err(TrunnionError::InMotion { pin: "in-position" });
         }
+        let pins = self.pins.read_component(self.module)?;
+        for pin in ["x-rot-point", "y-rot-point", "z-rot-point", self.offset_pin(), "z-offset"] {
+            pins.check_settable(pin)?;
+        }
+        Ok(())
     }
 }

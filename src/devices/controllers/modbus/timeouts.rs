@@ -17,7 +17,7 @@ pub struct ModbusTimeouts {
     pub poll_interval: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
     pub stall_timeout: Duration,
-    /// Maximum time without a change of the control's heartbeat.
+    /// After this time with an unchanged heartbeat, the control counts as frozen.
     pub heartbeat_timeout: Duration,
 }
 

@@ -81,6 +81,7 @@ struct ResultKeys {
     sequence: RegisterKeys,
     row: RegisterKeys,
     contact: RegisterKeys,
+    /// 1 until the result is acknowledged.
     valid: RegisterKeys,
 }
 
