@@ -27,7 +27,7 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_running_runs_interrupted(&lock).wait()?;
-    if let Some(last) = journal.last_compensation(&machine.machine.name)?.filter(|last| last.state.is_unfinished()) {
+    if let Some(last) = journal.unfinished_compensation(&machine.machine.name)? {
         let error = CompensationWriteError::Unfinished { id: last.id, machine: last.machine };
         return Err(error.into());
     }

@@ -17,7 +17,7 @@ use crate::compensation::{
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
 use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, MachineLock, RunId};
-use methods::compensation::{AxisCoordinate, ControlValue, ProposalOptions, ProposedPosition, ProposedValue};
+use methods::compensation::{AxisCoordinate, ProposalOptions, ProposedPosition, ProposedValue};
 
 impl From<ControlProposalError> for CommandFailure {
     fn from(error: ControlProposalError) -> Self {
@@ -130,7 +130,7 @@ impl CompensateContext<'_> {
             outln!("{:<32} {:>10} mm", value.name, format_fixed(value.present_mm, 4));
         }
         if let Some(path) = hal {
-            write_hal_file(path, present.values())?;
+            write_new_file(path, &CompensationTarget::hal_lines(present.values()))?;
         }
         let Some(last) = self.journal.last_compensation(&self.file.machine.name)? else {
             outln!("no compensation of {} is in the journal", self.file.machine.name);
@@ -160,10 +160,8 @@ impl CompensateContext<'_> {
     }
 }
 
-/// A new file with lines of a HAL file that set the values.
-fn write_hal_file(path: &Path, values: &[ControlValue]) -> Result<(), CommandFailure> {
-    let lines: String = values.iter().map(|value| format!("setp {} {}\n", value.name, value.present_mm)).collect();
-    let written = File::create_new(path).and_then(|mut file| file.write_all(lines.as_bytes()));
+fn write_new_file(path: &Path, text: &str) -> Result<(), CommandFailure> {
+    let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|error| {
         CommandFailure::new(format!("{} cannot be written: {error}", path.display()), "name a new file with --hal")
     })

@@ -5,7 +5,7 @@ mod target;
 mod values_record;
 mod write;
 
-pub use proposal::{ControlProposal, ControlProposalError, PredictedError, propose_for_control};
+pub use proposal::{ControlProposal, ControlProposalError, propose_for_control};
 pub use target::{CompensationTarget, TargetError};
 pub use values_record::describe_values_of_control;
 pub use write::{CompensationWriteError, CompensationWriter};

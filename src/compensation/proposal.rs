@@ -97,7 +97,8 @@ pub struct ControlProposal {
     pub remaining: Vec<RemainingError>,
     /// Warnings of the estimate.
     pub warnings: Vec<String>,
-    /// With the present values, and with the proposed ones. Positions that the run does not determine count as right. Absent: the run states no measured ranges.
+    /// With the present values, and with the proposed ones. Positions that the run does not determine count as right.
+    /// Absent: the run states no measured ranges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub predicted: Option<[PredictedError; 2]>,
 }

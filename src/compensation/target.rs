@@ -4,7 +4,7 @@ use devices::compensation::linuxcnc_trunnion::{TrunnionError, TrunnionState, Tru
 use machine::Axis;
 use machine::kinematics::{KinematicChain, KinematicsError};
 use machine::record::machine::{AxisSense, Machine};
-use methods::compensation::{ControlModel, TrunnionPins};
+use methods::compensation::{ControlModel, ControlValue, TrunnionPins};
 
 use crate::setup::{CompensationConfig, ControlConfig, MachineFile};
 
@@ -92,6 +92,11 @@ impl<'a> CompensationTarget<'a> {
     /// The machine moves, or the control applies its values now; the value cannot be set, or reads back otherwise.
     pub fn write(&self, name: &str, value_mm: f64) -> Result<(), TargetError> {
         Ok(self.trunnion.write(name, value_mm)?)
+    }
+
+    /// Lines of a HAL file that set the values, for each start of LinuxCNC.
+    pub fn hal_lines(values: &[ControlValue]) -> String {
+        values.iter().map(|value| format!("setp {} {}\n", value.name, value.present_mm)).collect()
     }
 
     /// Refuses a write that would move the machine.

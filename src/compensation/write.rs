@@ -109,7 +109,9 @@ impl CompensationWriter<'_> {
     /// The approval is of another proposal, or too old; an earlier compensation is unfinished; the control refuses a
     /// write or reads back another value. From the first write on the compensation is unfinished after an error.
     pub fn write(&self, proposal: &ControlProposal, approved_sha256: &str) -> Result<i64, CompensationWriteError> {
-        self.check_none_unfinished()?;
+        if let Some(last) = self.journal.unfinished_compensation(self.lock.machine())? {
+            return Err(CompensationWriteError::Unfinished { id: last.id, machine: last.machine });
+        }
         let present = proposal.sha256()?;
         if approved_sha256 != present {
             return Err(CompensationWriteError::OtherProposal { approved: approved_sha256.to_owned(), present });
@@ -147,7 +149,8 @@ impl CompensationWriter<'_> {
     /// # Errors
     /// There is none; a value is neither as before nor as after; the control refuses a write.
     pub fn undo(&self) -> Result<StoredCompensation, CompensationWriteError> {
-        let last = self.last()?.filter(|last| last.state != CompensationState::Undone);
+        let last = self.journal.last_compensation(self.lock.machine())?;
+        let last = last.filter(|last| last.state != CompensationState::Undone);
         let nothing = || CompensationWriteError::NothingToUndo { machine: self.lock.machine().to_owned() };
         let last = last.ok_or_else(nothing)?;
         self.rewrite(&last, WriteDirection::ToValuesBefore)?;
@@ -159,7 +162,7 @@ impl CompensationWriter<'_> {
     /// # Errors
     /// None is unfinished; a value is neither as before nor as after; the control refuses a write.
     pub fn finish(&self) -> Result<StoredCompensation, CompensationWriteError> {
-        let last = self.last()?.filter(|last| last.state.is_unfinished());
+        let last = self.journal.unfinished_compensation(self.lock.machine())?;
         let nothing = || CompensationWriteError::NothingToFinish { machine: self.lock.machine().to_owned() };
         let last = last.ok_or_else(nothing)?;
         self.rewrite(&last, WriteDirection::ToNewValues)?;
@@ -201,18 +204,5 @@ impl CompensationWriter<'_> {
         }
         let [_, end] = direction.states();
         Ok(self.journal.set_compensation_state(id, end, self.who).wait()?)
-    }
-
-    fn last(&self) -> Result<Option<StoredCompensation>, StoreError> {
-        self.journal.last_compensation(self.lock.machine())
-    }
-
-    fn check_none_unfinished(&self) -> Result<(), CompensationWriteError> {
-        match self.last()? {
-            Some(last) if last.state.is_unfinished() => {
-                Err(CompensationWriteError::Unfinished { id: last.id, machine: last.machine })
-            }
-            _ => Ok(()),
-        }
     }
 }

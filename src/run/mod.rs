@@ -187,11 +187,8 @@ impl<'a> Run<'a> {
 
     /// Prepares control and thermometers; returns the position of the machine.
     async fn prepare_devices(&mut self) -> Result<Position, RunError> {
-        match self.journal.last_compensation(&self.plan.machine.name)? {
-            Some(last) if last.state.is_unfinished() => {
-                return Err(RunError::UnfinishedCompensation { id: last.id });
-            }
-            _ => {}
+        if let Some(unfinished) = self.journal.unfinished_compensation(&self.plan.machine.name)? {
+            return Err(RunError::UnfinishedCompensation { id: unfinished.id });
         }
         let prepared = self.devices.open_controller.prepare().await?;
         self.record_event(RunEvent::ControlPrepared { identity: prepared.identity.to_string() }).await?;

@@ -43,7 +43,7 @@ impl CompensationState {
     }
 
     /// Whether some values may be new and others old.
-    pub fn is_unfinished(self) -> bool {
+    fn is_unfinished(self) -> bool {
         matches!(self, Self::Writing | Self::Undoing)
     }
 }
@@ -83,6 +83,14 @@ impl Journal {
     pub fn set_compensation_state(&self, id: i64, state: CompensationState, who: &str) -> AwaitableWrite<()> {
         let who = who.to_owned();
         self.submit_job(move |connection| insert_state(connection, id, state, &who))
+    }
+
+    /// The newest compensation of `machine`, if it may be incomplete: then the machine must not move.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn unfinished_compensation(&self, machine: &str) -> Result<Option<StoredCompensation>, StoreError> {
+        Ok(self.last_compensation(machine)?.filter(|last| last.state.is_unfinished()))
     }
 
     /// The newest compensation of `machine`.

@@ -18,7 +18,8 @@ const MAX_STEP_COUNT: usize = 12;
 /// Number of points per parallel sum. The sums are added in order, so the result does not depend on the threads.
 const POINTS_PER_BLOCK: usize = 4096;
 
-/// Gauss–Newton fit for many points: each step needs only sums over the points, which are computed in parallel. `None`: too few points, or the fit fails; the caller then uses [`fit_gauss_newton`].
+/// Gauss–Newton fit for many points: each step needs only sums over the points, which are computed in parallel.
+/// `None`: too few points, or the fit fails; the caller then uses [`fit_gauss_newton`].
 pub(super) fn fit_many_points<const D: usize>(points: &[[f64; D]]) -> Option<RadialFit<D>> {
     if points.len() < MIN_POINT_COUNT_FOR_SUMS {
         return None;

@@ -1,4 +1,5 @@
-//! Where the beam of a displacement sensor meets a datum cylinder: at which section, or on the face, and at which angle. Machine frame, mm.
+//! Where the beam of a displacement sensor meets a datum cylinder: at which section, or on the face, and at which
+//! angle. Machine frame, mm.
 
 use nalgebra::Vector3;
 

@@ -23,6 +23,13 @@ pub struct AxisLine {
     pub carrier_pose: Pose,
 }
 
+impl AxisLine {
+    /// The point on the axis that is nearest to `at`, mm.
+    pub fn point_nearest_to(&self, at: Vector3<f64>) -> Vector3<f64> {
+        self.point + self.direction * self.direction.dot(&(at - self.point))
+    }
+}
+
 impl KinematicChain {
     /// Axis of rotation of `axis` while the axes that carry it are at `position`. `None` for a linear axis, and for
     /// an axis that the machine does not have.
@@ -58,9 +65,8 @@ impl KinematicChain {
     ) -> Result<Vector3<f64>, KinematicsError> {
         let index = self.workpiece_joints.iter().position(|joint| joint.axis == axis && !axis.is_linear());
         let joints = &self.workpiece_joints[..=index.ok_or(KinematicsError::NoTableAxis { axis })?];
-        let AxisLine { point, direction, .. } =
-            self.axis_line(axis, &Position::new()).ok_or(KinematicsError::NoTableAxis { axis })?;
-        let on_axis = point + direction * direction.dot(&(at - point));
+        let line = self.axis_line(axis, &Position::new()).ok_or(KinematicsError::NoTableAxis { axis })?;
+        let on_axis = line.point_nearest_to(at);
         let position = self.solve_linear_axes(Point::from_vec(at), tip, &Position::new(), &[])?;
         let carried = |errors: &[ErrorTerm]| branch_pose(joints, &position, errors) * Point3::from(on_axis);
         let tip_at = |errors: &[ErrorTerm]| self.machine_from_spindle(&position, errors) * Point3::from(tip.mm);

@@ -2,7 +2,7 @@
 
 use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::MethodRefusal;
 use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
@@ -17,7 +17,7 @@ const MIN_DERIVATIVE: f64 = 1e-9;
 
 /// Position of a rotary `axis` of the table along `component`: X, Y or Z of the control with the tip on the axis and the
 /// rotary axes at zero, minus the same coordinate of the stated stylus.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct AxisCoordinate {
     pub axis: Axis,
     pub component: Axis,
@@ -146,7 +146,6 @@ fn reference_point(
 /// Coordinate of the stated axis at its point nearest to `at`, mm.
 pub(super) fn nominal_coordinate(chain: &KinematicChain, coordinate: AxisCoordinate, at: Vector3<f64>) -> f64 {
     let line = chain.axis_line(coordinate.axis, &Position::new());
-    let nearest =
-        line.map_or(Vector3::zeros(), |line| line.point + line.direction * line.direction.dot(&(at - line.point)));
+    let nearest = line.map_or(Vector3::zeros(), |line| line.point_nearest_to(at));
     coordinate.component.nominal_direction().dot(&nearest)
 }

@@ -182,7 +182,7 @@ fn inseparable_from_stylus(estimate: &Estimate, component: Axis) -> Undetermined
     let (what, remedy) = match component {
         Axis::Z => (
             "the length of the stylus from the position of the axes",
-            "state its uncertainty as u_stylus_length_um in [probe]",
+            "state the uncertainty of the stylus length as u_stylus_length_um in [probe]",
         ),
         _ => (
             "the stylus from the axis of the spindle",

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use machine::Axis;
 use machine::record::machine::AxisSense;
 
-use self::hal_pins::{ComponentPins, HalError, HalPins};
+use self::hal_pins::{HalError, HalPins};
 use crate::controllers::ControllerError;
 use crate::controllers::linuxcnc::{IniFile, identity_switchkins_type};
 
@@ -33,8 +33,8 @@ pub enum TrunnionError {
     NotMillimetres { path: PathBuf },
     #[error("the kinematics apply the values now (motion.switchkins-type is {mode}): a change would move the axes")]
     KinematicsActive { mode: f64 },
-    #[error("the machine moves (pin motion.{pin})")]
-    InMotion { pin: &'static str },
+    #[error("the machine moves (pin motion.in-position is FALSE)")]
+    InMotion,
     #[error("after the write, pin {pin} reads {read_mm} mm instead of {written_mm} mm")]
     ReadBack { pin: String, written_mm: f64, read_mm: f64 },
 }
@@ -48,7 +48,7 @@ impl TrunnionError {
             Self::OtherKinematics { .. } => "remove [compensation], or correct [controller] ini".to_owned(),
             Self::NotMillimetres { .. } => "values in inches are not supported: enter them by hand".to_owned(),
             Self::KinematicsActive { .. } => "switch the kinematics to identity (M429), then try again".to_owned(),
-            Self::InMotion { .. } => "wait until the machine is at rest, then try again".to_owned(),
+            Self::InMotion => "wait until the machine is at rest, then try again".to_owned(),
             Self::ReadBack { .. } => {
                 "check which other program or signal sets the pin; then restore the values with `trued compensate undo`"
                     .to_owned()
@@ -150,13 +150,13 @@ impl TrunnionTarget {
     /// # Errors
     /// The kinematics are not in identity mode; the machine moves; a signal sets one of the pins.
     pub fn check_writable(&self) -> Result<(), TrunnionError> {
-        let motion: ComponentPins = self.pins.read_component(MOTION_COMPONENT)?;
+        let motion = self.pins.read_component(MOTION_COMPONENT)?;
         let mode = motion.value("switchkins-type")?;
         if mode != self.identity_mode {
             return Err(TrunnionError::KinematicsActive { mode });
         }
         if motion.value("in-position")? == 0.0 {
-            return Err(TrunnionError::InMotion { pin: "in-position" });
+            return Err(TrunnionError::InMotion);
         }
         let pins = self.pins.read_component(self.module)?;
         for pin in ["x-rot-point", "y-rot-point", "z-rot-point", self.offset_pin(), "z-offset"] {

@@ -217,7 +217,8 @@ impl AccessControl {
         named.unwrap_or(peer).to_string()
     }
 
-    /// Whether the request is addressed to a host name of the proxy (header Host, which a client can choose). A browser returns a secure cookie only under the proxy's name.
+    /// Whether the request is addressed to a host name of the proxy (header Host, which a client can choose). A
+    /// browser returns a secure cookie only under the proxy's name.
     fn is_request_through_proxy(&self, headers: &HeaderMap) -> bool {
         let host = header_text(headers, HOST).unwrap_or("");
         self.proxy_names.iter().any(|name| name.eq_ignore_ascii_case(host))
