@@ -13,7 +13,7 @@ use super::{ExitStatus, show};
 use crate::commissioning::{
     CheckFinding, CheckStop, CheckSummary, CheckVerdict, MachineCheck, NoOperator, OperatorInterface,
 };
-use crate::compensation::CompensationWriteError;
+use crate::compensation::{CompensationError, CompensationWriteError};
 use crate::setup::{self, ReopenableMachine};
 use crate::store::{ArtefactRegister, Journal, MachineLock};
 
@@ -29,7 +29,7 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     journal.mark_running_runs_interrupted(&lock).wait()?;
     if let Some(last) = journal.unfinished_compensation(&machine.machine.name)? {
         let error = CompensationWriteError::Unfinished { id: last.id, machine: last.machine };
-        return Err(error.into());
+        return Err(CompensationError::from(error).into());
     }
     let reopenable_machine = ReopenableMachine::new(&machine)?;
     let stop = CheckStop::default();

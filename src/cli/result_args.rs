@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
+use methods::compensation::ProposalOptions;
 
 #[derive(Debug, Args)]
 pub struct RunsArgs {
@@ -93,7 +94,7 @@ pub struct ProposalSourceArgs {
     #[arg(long)]
     pub with_insignificant: bool,
     /// Largest change of a position, mm.
-    #[arg(long, value_name = "MM", default_value_t = 0.5)]
+    #[arg(long, value_name = "MM", default_value_t = ProposalOptions::DEFAULT_MAX_CHANGE_MM)]
     pub max_change_mm: f64,
 }
 

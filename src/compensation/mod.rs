@@ -1,11 +1,17 @@
 //! Compensation of measured errors in the control: proposal from a stored run, write with read-back, and undo.
 
+mod machine_compensation;
 mod proposal;
+mod proposal_table;
 mod target;
 mod values_record;
 mod write;
 
-pub use proposal::{ControlProposal, ControlProposalError, propose_for_control};
-pub use target::{CompensationTarget, TargetError};
+pub use machine_compensation::{
+    CompensationError, CompensationStatus, HashedProposal, MachineCompensation, ProposalSource,
+};
+pub use proposal::{ControlProposal, propose_for_control};
+pub use proposal_table::{PositionRow, ProposalTable, ValueRow};
+pub use target::CompensationTarget;
 pub use values_record::describe_values_of_control;
 pub use write::{CompensationWriteError, CompensationWriter};

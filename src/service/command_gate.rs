@@ -23,7 +23,7 @@ use devices::controllers::HaltHandle;
 
 /// State of a [`CommandGate`].
 pub(super) struct CommandGateState {
-    machine_state: MachineState,
+    pub(super) machine_state: MachineState,
     /// Halt handle of the run in progress.
     halt_handle: Option<HaltHandle>,
     is_hold_requested: bool,
@@ -179,7 +179,7 @@ impl CommandGate {
 
     /// Sends the command `what` to the worker if `accepted` is `Ok`. No other command is accepted until this one
     /// is finished.
-    fn send_command<'a>(
+    pub(super) fn send_command<'a>(
         &self,
         mut inner: MutexGuard<'a, CommandGateState>,
         accepted: Result<(), Refusal>,
@@ -205,13 +205,7 @@ impl CommandGate {
         cycle: u16,
         interlocks: Interlocks,
     ) -> Result<(), Refusal> {
-        match inner.machine_state.state {
-            ServiceState::Waiting => {}
-            ServiceState::Running => return Err(Refusal::Busy),
-            ServiceState::Held => return Err(Refusal::Held),
-            ServiceState::Failed => return Err(Refusal::Failed),
-            ServiceState::Starting | ServiceState::Ending => return Err(Refusal::NotReady),
-        }
+        inner.machine_state.state.check_waiting()?;
         if !self.cycle_numbers.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }

@@ -40,6 +40,17 @@ impl ServiceState {
             Self::Ending => "ending",
         }
     }
+
+    /// Only a machine that waits accepts a start, or new values of its control.
+    pub(super) fn check_waiting(self) -> Result<(), Refusal> {
+        match self {
+            Self::Waiting => Ok(()),
+            Self::Running => Err(Refusal::Busy),
+            Self::Held => Err(Refusal::Held),
+            Self::Failed => Err(Refusal::Failed),
+            Self::Starting | Self::Ending => Err(Refusal::NotReady),
+        }
+    }
 }
 
 /// Why a request is refused.

@@ -10,6 +10,7 @@ mod captures;
 pub mod command_gate;
 #[cfg(test)]
 mod command_gate_tests;
+mod compensation;
 pub mod config;
 mod cycle_failure;
 mod daemon;

@@ -23,7 +23,7 @@ use super::worker_command::{InspectionReport, WorkerCommand};
 use super::{ExitState, Log, ServeError, schedule, triggers};
 use crate::run::{self, CycleError, IdentificationError};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SetupError, SimulationPace};
-use crate::store::{Journal, MachineLock, RunId, StoreError, sha256_text};
+use crate::store::{Journal, MachineLock, RunId, StoreError};
 use link::LinkMode;
 use machine::record::estimate::Estimate;
 use machine::record::event::RunEvent;
@@ -135,6 +135,10 @@ impl MachineWorker {
                     let span = info_span!("cycle", machine = self.machine_name(), cycle, run = Empty);
                     self.run_cycle(cycle, journal).instrument(span).await
                 }
+                WorkerCommand::Compensate(job) => {
+                    self.execute_compensation(job, journal);
+                    None
+                }
                 WorkerCommand::ResumeRun { run, report } => {
                     let span = info_span!("cycle", machine = self.machine_name(), run = run.0);
                     self.resume_cycle(run, report, journal).instrument(span).await
@@ -181,11 +185,10 @@ impl MachineWorker {
     pub fn served_machine(&self) -> ServedMachine {
         ServedMachine {
             name: self.machine_name().to_owned(),
-            machine_file_sha256: sha256_text(self.machine_file.text()),
+            machine_file: Arc::new(self.machine_file.clone()),
             gate: self.gate.clone(),
             cycles: self.config.cycles.clone(),
             required_interlocks: self.config.required_interlocks.clone(),
-            tolerances: self.machine_file.tolerances.clone(),
             verdict_validity: self.config.verdict_validity,
             live_part_cache: Arc::default(),
         }

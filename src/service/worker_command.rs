@@ -1,9 +1,13 @@
 //! Commands to a machine's worker, and a person's report that the machine has been inspected.
 
+use std::fmt;
+
 use tokio::sync::oneshot;
 
 use super::machine_state::Refusal;
-use crate::store::RunId;
+use crate::compensation::{CompensationError, MachineCompensation};
+use crate::setup::MachineFile;
+use crate::store::{Journal, MachineLock, RunId};
 
 /// Commands to the worker. While one is in progress, no other is accepted.
 #[derive(Debug)]
@@ -11,6 +15,7 @@ pub enum WorkerCommand {
     StartCycle { cycle: u16 },
     ReportInspection(InspectionReport),
     ResumeRun { run: RunId, report: InspectionReport },
+    Compensate(CompensationJob),
     ShutDown,
 }
 
@@ -43,6 +48,39 @@ impl Inspection<'_> {
 
 /// Receiver of the result of an accepted inspection report.
 pub type InspectionResultReceiver = oneshot::Receiver<Result<(), Refusal>>;
+
+/// Writes values of the control, or restores them, and sends its result to the person who decided it.
+pub struct CompensationJob(Box<ExecuteCompensation>);
+
+type ExecuteCompensation = dyn FnOnce(&MachineFile, &Journal, &MachineLock) + Send;
+
+/// Receiver of the result of a [`CompensationJob`].
+pub type CompensationResultReceiver<T> = oneshot::Receiver<Result<T, CompensationError>>;
+
+impl CompensationJob {
+    pub(super) fn new<T: Send + 'static>(
+        decide: impl FnOnce(&MachineCompensation<'_>, &MachineLock) -> Result<T, CompensationError> + Send + 'static,
+    ) -> (Self, CompensationResultReceiver<T>) {
+        let (result_sender, result_receiver) = oneshot::channel();
+        let job = move |file: &MachineFile, journal: &Journal, lock: &MachineLock| {
+            let result = MachineCompensation::open(file, journal).and_then(|compensation| decide(&compensation, lock));
+            // The receiver may have been dropped.
+            let _ = result_sender.send(result);
+        };
+        (Self(Box::new(job)), result_receiver)
+    }
+
+    /// Blocks the thread.
+    pub(super) fn execute(self, file: &MachineFile, journal: &Journal, lock: &MachineLock) {
+        (self.0)(file, journal, lock);
+    }
+}
+
+impl fmt::Debug for CompensationJob {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("CompensationJob").finish_non_exhaustive()
+    }
+}
 
 /// Effect of a hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -51,7 +51,9 @@ impl HttpClient {
             "{method} {path} HTTP/1.1\r\n{host}{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
         )?;
         let mut response = String::new();
-        stream.read_to_string(&mut response)?;
+        if stream.read_to_string(&mut response)? == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
         let status = response.split(' ').nth(1).unwrap().parse().unwrap();
         Ok((status, response.split_once("\r\n\r\n").unwrap().1.to_owned()))
     }

@@ -5,6 +5,7 @@ use crate::MethodRefusal;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain};
 use nalgebra::Vector3;
+use serde::Serialize;
 
 /// Steps of a HAL pin per mm, as it is written.
 const MAX_PIN_STEPS_PER_MM: f64 = 1e4;
@@ -12,7 +13,7 @@ const MAX_PIN_STEPS_PER_MM: f64 = 1e4;
 const PIN_DIGITS: i32 = 7;
 
 /// One value of a control.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ControlValue {
     /// Name at the control, e.g. `xyzbc-trt-kins.x-rot-point`.
     pub name: String,

@@ -15,6 +15,10 @@ pub struct ProposalOptions {
     pub max_change_mm: f64,
 }
 
+impl ProposalOptions {
+    pub const DEFAULT_MAX_CHANGE_MM: f64 = 0.5;
+}
+
 /// One position of a rotary axis, mm: present in the control, measured and proposed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ProposedPosition {

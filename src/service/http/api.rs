@@ -54,7 +54,7 @@ async fn get_trends(
     Path(name): Path<String>,
 ) -> Result<Json<Vec<ParameterSeries>>, Problem> {
     // A machine that is no longer served has no tolerances, but may still have runs in the journal.
-    let tolerances = app.find_machine(&name).map(|machine| machine.tolerances.clone()).ok();
+    let tolerances = app.find_machine(&name).map(|machine| machine.machine_file.tolerances.clone()).ok();
     let series =
         app.read_journal(move |journal| match tolerances.is_some() || journal.machine_names()?.contains(&name) {
             true => Ok(machine_history(journal, &name, &tolerances.unwrap_or_default())?),

@@ -7,6 +7,7 @@ mod access;
 mod actions;
 mod api;
 mod api_errors;
+mod compensation;
 mod connections;
 mod events;
 mod machine_status;
@@ -45,21 +46,20 @@ use super::command_gate::CommandGate;
 use super::config::{CycleConfig, HttpConfig, StartInterlock};
 use super::metrics::Metrics;
 use super::{Log, ServeError, spawn_thread};
+use crate::compensation::{CompensationError, MachineCompensation};
 use crate::run::{HTTP_NICE, lower_priority};
-use crate::store::Journal;
-use machine::record::estimate::ParameterTolerance;
+use crate::setup::MachineFile;
+use crate::store::{Journal, sha256_text};
 
 /// A machine that the web page shows.
 #[derive(Clone)]
 pub struct ServedMachine {
     pub name: String,
-    /// SHA-256 of its machine file.
-    pub machine_file_sha256: String,
+    pub machine_file: Arc<MachineFile>,
     pub gate: CommandGate,
     pub cycles: Vec<CycleConfig>,
     /// Conditions that a person must confirm to start a cycle.
     pub required_interlocks: Vec<StartInterlock>,
-    pub tolerances: Vec<ParameterTolerance>,
     /// Time for which a verdict stays valid.
     pub verdict_validity: Duration,
     /// Live part of its page.
@@ -74,6 +74,8 @@ struct AppState {
     metrics: Metrics,
     access: Arc<AccessControl>,
     journal_reader_permits: Arc<Semaphore>,
+    /// Permits to read values of the controls.
+    control_reader_permits: Arc<Semaphore>,
     hold_log: actions::HoldLog,
 }
 
@@ -88,18 +90,36 @@ impl AppState {
         read: impl FnOnce(&Journal) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let journal = Arc::clone(&self.journal);
-        // If the client disconnects while it waits for a permit to read the journal, nothing is read.
-        let permit = Arc::clone(&self.journal_reader_permits).acquire_owned().await;
-        let read = move || {
-            let read = read(&journal);
-            drop(permit);
-            read
-        };
-        tokio::task::spawn_blocking(read).await.map_err(|_| {
-            let status = StatusCode::INTERNAL_SERVER_ERROR;
-            Problem::new(status, "no-answer", "the journal query ended without a result", "repeat the request")
-        })
+        read_with_permit(&self.journal_reader_permits, move || read(&journal)).await
     }
+
+    /// Reads values of the control of `machine`, which may be slow, and the journal.
+    async fn read_control<T: Send + 'static>(
+        &self,
+        machine: &ServedMachine,
+        read: impl FnOnce(&MachineCompensation<'_>) -> Result<T, CompensationError> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let (journal, file) = (Arc::clone(&self.journal), Arc::clone(&machine.machine_file));
+        let read = move || read(&MachineCompensation::open(&file, &journal)?);
+        Ok(read_with_permit(&self.control_reader_permits, read).await??)
+    }
+}
+
+/// If the client disconnects while it waits for a permit, nothing is read.
+async fn read_with_permit<T: Send + 'static>(
+    permits: &Arc<Semaphore>,
+    read: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Problem> {
+    let permit = Arc::clone(permits).acquire_owned().await;
+    let read = move || {
+        let read = read();
+        drop(permit);
+        read
+    };
+    tokio::task::spawn_blocking(read).await.map_err(|_| {
+        let status = StatusCode::INTERNAL_SERVER_ERROR;
+        Problem::new(status, "no-answer", "the query ended without a result", "repeat the request")
+    })
 }
 
 /// The machine that the path names.
@@ -129,7 +149,7 @@ pub fn start_http_server(
     let at = listener.local_addr().map_err(listen_error)?;
     let names = request_checks::OwnHostNames::new(at, &config.proxy_names);
     let access = AccessControl::new(config, journal.state_dir(), log)?;
-    let files = machines.iter().map(|machine| (machine.name.clone(), machine.machine_file_sha256.clone()));
+    let files = machines.iter().map(|machine| (machine.name.clone(), sha256_text(machine.machine_file.text())));
     let address_file =
         PageAddressFile { pid: std::process::id(), page: at, machine_file_sha256_by_machine: files.collect() };
     if let Err(error) = address_file.write(journal.state_dir()) {
@@ -142,13 +162,13 @@ pub fn start_http_server(
             log.error(&format!("the last result of {} cannot be read: {error}", machine.name));
         }
     }
-    let (machines, reader_permits) = (machines.into(), Arc::new(Semaphore::new(MAX_JOURNAL_READERS)));
     let app = AppState {
-        machines,
+        machines: machines.into(),
         journal,
         metrics,
         access,
-        journal_reader_permits: reader_permits,
+        journal_reader_permits: Arc::new(Semaphore::new(MAX_JOURNAL_READERS)),
+        control_reader_permits: Arc::new(Semaphore::new(MAX_CONTROL_READERS)),
         hold_log: actions::HoldLog::default(),
     };
     let (router, server_log) = (build_router(app.clone(), names), log.clone());
@@ -165,10 +185,12 @@ pub fn start_http_server(
 
 /// Maximum number of concurrent readers of the journal; others wait, so that the run has the rest of the computer.
 const MAX_JOURNAL_READERS: usize = 2;
+/// Maximum number of concurrent readers of values of controls, which may wait for another computer.
+const MAX_CONTROL_READERS: usize = 1;
 
 fn run_http_server(listener: TcpListener, app: AppState, router: Router) -> std::io::Result<()> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();
-    let runtime = runtime.enable_all().max_blocking_threads(MAX_JOURNAL_READERS).build()?;
+    let runtime = runtime.enable_all().max_blocking_threads(MAX_JOURNAL_READERS + MAX_CONTROL_READERS).build()?;
     runtime.block_on(async {
         for machine in app.machines.iter() {
             tokio::spawn(newest_result::refresh_newest_runs(app.clone(), machine.clone()));

@@ -3,7 +3,7 @@
 mod api_errors;
 mod audit_log;
 pub mod crowd;
-mod hostile_requests;
+pub mod hostile_requests;
 mod line_trigger;
 mod lists;
 mod live_values;

@@ -15,7 +15,7 @@ pub enum Role {
     Viewer,
     /// May start, acknowledge, resume and answer prompts.
     Operator,
-    /// May sign results, and arm scheduled cycles.
+    /// May sign results, arm scheduled cycles, and decide which values are written to the control.
     Metrologist,
 }
 

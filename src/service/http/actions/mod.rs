@@ -21,8 +21,7 @@ use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use self::body::JsonOrFormBody;
-pub(super) use self::body::{ActionRequest, truncate_reason};
+pub(super) use self::body::{ActionRequest, JsonOrFormBody, truncate_reason};
 pub(super) use self::hold_log::HoldLog;
 use super::access::Caller;
 use super::machine_status::MachineStatus;

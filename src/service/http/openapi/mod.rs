@@ -14,7 +14,7 @@ use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 
 use super::problem::Problem;
-use super::{AppState, actions, api, events, run_files, schedule};
+use super::{AppState, actions, api, compensation, events, run_files, schedule};
 
 /// Name of the security scheme.
 const SECURITY_SCHEME_NAME: &str = "token";
@@ -35,6 +35,7 @@ fn describe_routes() -> (Router<AppState>, OpenApi) {
     let all = OpenApiRouter::with_openapi(head.build());
     let all = all.merge(api::api_routes()).merge(actions::action_routes()).merge(events::event_routes());
     let all = all.merge(schedule::schedule_routes()).merge(run_files::run_file_routes());
+    let all = all.merge(compensation::compensation_routes());
     let (router, mut described) = all.split_for_parts();
     described.paths.paths.values_mut().flat_map(get_and_post_operations).for_each(add_security_and_error_response);
     (router, described)

@@ -9,8 +9,8 @@ use jiff::Timestamp;
 use minijinja::value::Serde;
 use minijinja::{Value, context};
 
+use super::{compensation, run_drawings, schedule, sensors, trends};
 use super::{machine_page_path, render_page, render_template, row_of_run_on};
-use super::{run_drawings, schedule, sensors, trends};
 use crate::archive::history::machine_history;
 use crate::report::result_row::{ResultRow, RunContext, headline, result_rows, verdict_class};
 use crate::report::time::format_local_time;
@@ -35,12 +35,12 @@ pub async fn machine_page(State(app): State<AppState>, machine: ServedMachine) -
 }
 
 fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> {
-    let ServedMachine { name, gate, tolerances: tolerance, .. } = machine;
+    let ServedMachine { name, gate, machine_file, .. } = machine;
     // Before the journal, in which a held run appears first. If a change comes between the two reads, the page is
     // notified and reloads.
     let status = status_values(machine);
     let (all, (runs, waits)) =
-        (machine_history(journal, name, tolerance)?, run_rows_and_resume_values(journal, machine)?);
+        (machine_history(journal, name, &machine_file.tolerances)?, run_rows_and_resume_values(journal, machine)?);
     let views = run_drawings::views_of_run(journal, RunId(gate.machine_state().run.into()))?;
     gate.refresh_newest_runs(journal, name)?;
     Ok(context! {
@@ -50,6 +50,7 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
         vouch => machine.required_interlocks.iter().map(confirmation_values).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::trend_values).collect::<Vec<_>>(),
         runs,
+        compensation => compensation::last_compensation_values(journal, name)?,
         schedule => schedule::schedule_values(&load_agenda(journal, gate.machine_state().planned_schedules, name)?),
     })
 }
@@ -192,21 +193,21 @@ mod tests {
     use super::*;
     use crate::service::command_gate::CommandGate;
     use crate::service::machine_state::ServiceState;
+    use crate::setup::MachineFile;
 
     /// The last state reported by a hung worker is not shown as the current one.
     #[test]
     fn page_of_a_hung_worker_shows_state_unknown_and_no_run_values() {
         let ((gate, _asks), verdict_validity) = (CommandGate::for_tests(), Duration::from_secs(3600));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
-        let (file_sha256, tolerance) = (String::new(), Vec::new());
+        let machine_file = Arc::new(MachineFile::embedded_for("self-calibration").unwrap());
         let (required_interlocks, live_part) = (demand, Arc::default());
         let machine = ServedMachine {
             name,
-            machine_file_sha256: file_sha256,
+            machine_file,
             gate,
             cycles,
             required_interlocks,
-            tolerances: tolerance,
             verdict_validity,
             live_part_cache: live_part,
         };

@@ -1,5 +1,7 @@
 //! Page of one run: its result, figures, events and signatures.
 
+use std::sync::Arc;
+
 use axum::extract::{Path, State};
 use axum::response::Html;
 use minijinja::value::Serde;
@@ -25,11 +27,13 @@ use methods::symbol_names::ResultGroup;
 const MAX_COMPARABLE_RUNS: usize = 50;
 
 pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
-    let tokens = app.access.requires_tokens;
+    let (tokens, machines) = (app.access.requires_tokens, Arc::clone(&app.machines));
     app.read_journal(move |journal| {
         let stored = journal.load_run(RunId(run))?;
         let earlier = earlier_finished_runs(journal, &stored.summary, MAX_COMPARABLE_RUNS)?;
-        super::render_page("run.html", tokens, values_of_run(&stored, &earlier))
+        let machine = machines.iter().find(|machine| machine.name == stored.summary.machine);
+        let has_compensation = machine.is_some_and(|machine| machine.machine_file.compensation.is_some());
+        super::render_page("run.html", tokens, context! { has_compensation, ..values_of_run(&stored, &earlier) })
     })
     .await?
 }

@@ -1,6 +1,8 @@
 //! `trued compensate` with a substitute for `halcmd` that keeps pins in a file, refuses, falsifies a read-back, or kills
 //! the program at a given call.
 
+mod page;
+
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
@@ -17,8 +19,8 @@ use trued::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, NewRun, RunId, RunState,
 };
 
-const MACHINE_TEXT: &str = include_str!("../../config/linuxcnc-sim.toml");
-const INI_TEXT: &str = include_str!("../peers/linuxcnc/rig.ini");
+const MACHINE_TEXT: &str = include_str!("../../../config/linuxcnc-sim.toml");
+const INI_TEXT: &str = include_str!("../../peers/linuxcnc/rig.ini");
 /// Prints the pins as `halcmd -s show pin PREFIX` of LinuxCNC 2.9 does, and sets them as `setp`. At the call whose number
 /// is in the file `kill-at` it kills the program: before it acts, or after it if the number ends with a plus sign.
 const HALCMD_TEXT: &str = r#"#!/bin/sh
@@ -79,6 +81,11 @@ impl CompensationShop {
         std::fs::write(shop.path("pins"), PIN_LINES).unwrap();
         store_run(&shop.state_folder(), &MachineFile::read(Path::new(&shop.machine_path())).unwrap());
         Self { shop }
+    }
+
+    fn append_to_machine_file(&self, text: &str) {
+        let machine_text = std::fs::read_to_string(self.shop.machine_path()).unwrap();
+        self.shop.replace_machine_file(&format!("{machine_text}{text}"));
     }
 
     fn compensate(&self, arguments: &[&str]) -> std::process::Output {
@@ -365,6 +372,9 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 0;
+        page::metrologist_approves_values_on_the_page,
+        page::daemon_killed_during_a_write_shows_and_finishes_it,
+        page::page_without_tokens_writes_nothing,
         approved_values_are_written_and_restored,
         write_that_is_not_safe_is_refused,
         value_changed_during_the_write_is_kept,

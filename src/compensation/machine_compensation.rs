@@ -1,0 +1,116 @@
+//! The compensation of one machine, as the command line and the service use it.
+
+use serde::Serialize;
+
+use super::proposal::{ControlProposal, ControlProposalError, propose_for_control};
+use super::target::{CompensationTarget, TargetError};
+use super::write::{CompensationWriteError, CompensationWriter};
+use crate::setup::MachineFile;
+use crate::store::{Journal, MachineLock, RunId, StoreError, StoredCompensation};
+use methods::compensation::{ControlValue, ProposalOptions};
+
+#[derive(Debug, thiserror::Error)]
+pub enum CompensationError {
+    #[error(transparent)]
+    Target(#[from] TargetError),
+    #[error(transparent)]
+    Proposal(#[from] ControlProposalError),
+    #[error(transparent)]
+    Write(#[from] CompensationWriteError),
+    #[error(transparent)]
+    Journal(#[from] StoreError),
+}
+
+impl CompensationError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Target(error) => error.remedy(),
+            Self::Proposal(error) => error.remedy(),
+            Self::Write(error) => error.remedy(),
+            Self::Journal(error) => error.remedy().to_owned(),
+        }
+    }
+}
+
+/// A run, and how values are proposed from it.
+#[derive(Debug, Clone, Copy)]
+pub struct ProposalSource {
+    pub run: RunId,
+    pub options: ProposalOptions,
+}
+
+/// The proposal, with the hash by which a person approves it.
+#[derive(Debug, Clone, Serialize)]
+pub struct HashedProposal {
+    pub sha256: String,
+    #[serde(flatten)]
+    pub proposal: ControlProposal,
+}
+
+/// What the control holds, and what was written last.
+#[derive(Debug, Clone, Serialize)]
+pub struct CompensationStatus {
+    pub values: Vec<ControlValue>,
+    pub last: Option<StoredCompensation>,
+}
+
+/// The control of one machine with the journal. Each call blocks the thread.
+pub struct MachineCompensation<'a> {
+    file: &'a MachineFile,
+    journal: &'a Journal,
+    target: CompensationTarget<'a>,
+}
+
+impl<'a> MachineCompensation<'a> {
+    /// # Errors
+    /// The machine file describes no values of a control, or the control's configuration is not supported.
+    pub fn open(file: &'a MachineFile, journal: &'a Journal) -> Result<Self, CompensationError> {
+        Ok(Self { file, journal, target: CompensationTarget::open(file)? })
+    }
+
+    /// # Errors
+    /// As [`propose_for_control`].
+    pub fn propose(&self, source: ProposalSource) -> Result<HashedProposal, CompensationError> {
+        let proposal = propose_for_control(self.journal, source.run, self.file, &self.target, source.options)?;
+        Ok(HashedProposal { sha256: proposal.sha256().map_err(ControlProposalError::from)?, proposal })
+    }
+
+    /// Writes the proposal, of which `who` has approved the hash. Returns the number of the compensation.
+    ///
+    /// # Errors
+    /// As [`Self::propose`] and [`CompensationWriter::write`].
+    pub fn write(
+        &self,
+        lock: &MachineLock,
+        who: &str,
+        source: ProposalSource,
+        approved_sha256: &str,
+    ) -> Result<(i64, ControlProposal), CompensationError> {
+        let HashedProposal { proposal, .. } = self.propose(source)?;
+        Ok((self.writer(lock, who).write(&proposal, approved_sha256)?, proposal))
+    }
+
+    /// # Errors
+    /// As [`CompensationWriter::undo`].
+    pub fn undo(&self, lock: &MachineLock, who: &str) -> Result<StoredCompensation, CompensationError> {
+        Ok(self.writer(lock, who).undo()?)
+    }
+
+    /// # Errors
+    /// As [`CompensationWriter::finish`].
+    pub fn finish(&self, lock: &MachineLock, who: &str) -> Result<StoredCompensation, CompensationError> {
+        Ok(self.writer(lock, who).finish()?)
+    }
+
+    /// # Errors
+    /// The control or the journal cannot be read.
+    pub fn status(&self) -> Result<CompensationStatus, CompensationError> {
+        let values = self.target.read()?.values().to_vec();
+        Ok(CompensationStatus { values, last: self.journal.last_compensation(&self.file.machine.name)? })
+    }
+
+    fn writer<'w>(&'w self, lock: &'w MachineLock, who: &'w str) -> CompensationWriter<'w> {
+        CompensationWriter { journal: self.journal, lock, target: &self.target, who }
+    }
+}

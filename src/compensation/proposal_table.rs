@@ -1,0 +1,105 @@
+//! The proposal in rows and sentences, for the terminal and the page.
+
+use serde::Serialize;
+
+use super::proposal::ControlProposal;
+use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
+use methods::compensation::{AxisCoordinate, ProposedPosition, ProposedValue};
+
+/// Decimals of a value in mm.
+const MM_DECIMALS: usize = 4;
+
+/// A position of a rotary axis, mm. Missing numbers are a dash.
+#[derive(Debug, Serialize)]
+pub struct PositionRow {
+    /// e.g. `X of C`.
+    pub name: String,
+    pub present: String,
+    pub measured: String,
+    pub expanded: String,
+    pub proposed: String,
+    /// Why the present position is kept, and what to do about it.
+    pub kept: Option<String>,
+}
+
+/// A value of the control, mm.
+#[derive(Debug, Serialize)]
+pub struct ValueRow {
+    pub name: String,
+    pub present: String,
+    pub proposed: String,
+    pub is_changed: bool,
+}
+
+#[derive(Debug, Serialize)]
+pub struct ProposalTable {
+    pub positions: Vec<PositionRow>,
+    pub values: Vec<ValueRow>,
+    /// Where the positions hold, the predicted error, warnings, and what is not corrected.
+    pub sentences: Vec<String>,
+}
+
+impl ProposalTable {
+    pub fn new(proposal: &ControlProposal) -> Self {
+        let values = proposal.proposal.values.iter().map(|ProposedValue { name, present_mm, proposed_mm }| ValueRow {
+            name: name.clone(),
+            present: format_fixed(*present_mm, MM_DECIMALS),
+            proposed: format_fixed(*proposed_mm, MM_DECIMALS),
+            is_changed: present_mm != proposed_mm,
+        });
+        Self {
+            positions: proposal.proposal.positions.iter().map(position_row).collect(),
+            values: values.collect(),
+            sentences: sentences(proposal),
+        }
+    }
+}
+
+fn position_row(position: &ProposedPosition) -> PositionRow {
+    let number = |mm: f64| format_fixed(mm, MM_DECIMALS);
+    let number_or_dash = |mm: Option<f64>| mm.map_or("–".to_owned(), number);
+    PositionRow {
+        name: position_name(position),
+        present: number(position.present_mm),
+        measured: number_or_dash(position.measured_mm),
+        expanded: number_or_dash(position.expanded_mm),
+        proposed: number(position.proposed_mm),
+        kept: position.kept.as_ref().map(|why| format!("{}; {}", why.reason, why.remedy)),
+    }
+}
+
+fn sentences(proposal: &ControlProposal) -> Vec<String> {
+    let [x, y, z] = proposal.proposal.at_mm.map(|mm| format_fixed(mm, 1));
+    let mut sentences = vec![format!(
+        "positions with the tip at X {x} Y {y} Z {z} mm of the machine, and a stylus of {} mm",
+        format_fixed(proposal.stylus_length_mm, 1)
+    )];
+    if let Some(predicted) = proposal.predicted {
+        let [present, proposed] = predicted.map(|error| {
+            format!("({} ± {}) µm", format_fixed(error.largest_um, 1), format_fixed(error.expanded_largest_um, 1))
+        });
+        sentences.push(format!(
+            "largest position error of the tool with tool centre point control, predicted over the measured ranges: \
+             {present} with the present values, {proposed} with the proposed ones (U, k = 2)"
+        ));
+    }
+    let undetermined = proposal.proposal.positions.iter().filter(|position| position.measured_mm.is_none());
+    let undetermined: Vec<String> = undetermined.map(position_name).collect();
+    if !undetermined.is_empty() {
+        sentences.push(format!("the prediction takes the present {} as right", undetermined.join(", ")));
+    }
+    let warnings = proposal.warnings.iter();
+    sentences.extend(warnings.map(|warning| format!("warning of the run: {}", with_one_line_symbols(warning))));
+    sentences.extend(proposal.remaining.iter().map(|error| {
+        let decimals = decimals_for_uncertainty(error.expanded);
+        let [value, expanded] = [error.value, error.expanded].map(|number| format_fixed(number, decimals));
+        let unit = error.unit.symbol();
+        format!("not corrected: {} {value} {unit}, U {expanded} {unit}", one_line_symbol(&error.symbol))
+    }));
+    sentences
+}
+
+fn position_name(position: &ProposedPosition) -> String {
+    let AxisCoordinate { axis, component } = position.coordinate;
+    format!("{component} of {axis}")
+}

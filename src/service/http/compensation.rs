@@ -1,0 +1,203 @@
+//! Compensation: values for the control of a machine, proposed from a run; a metrologist approves them.
+
+use axum::Json;
+use axum::extract::{Extension, Path, Query, State};
+use axum::http::StatusCode;
+use axum::middleware::from_fn;
+use axum::response::{IntoResponse, Redirect, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::access::Caller;
+use super::actions::{JsonOrFormBody, audit_entry, run_to_completion};
+use super::openapi::schemas::DocumentedObject;
+use super::page::{errors_as_pages, machine_page_path};
+use super::problem::Problem;
+use super::{AppState, ServedMachine};
+use crate::compensation::{CompensationError, CompensationStatus, HashedProposal, ProposalSource};
+use crate::service::machine_state::Refusal;
+use crate::service::worker_command::CompensationResultReceiver;
+use crate::store::RunId;
+use methods::compensation::ProposalOptions;
+
+pub fn compensation_routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new()
+        .routes(routes!(get_proposal, write_compensation))
+        .routes(routes!(get_compensation))
+        .routes(routes!(undo_compensation))
+        .routes(routes!(finish_compensation))
+        .layer(from_fn(errors_as_pages))
+}
+
+/// How values are proposed, as the options of `trued compensate propose`.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ProposalQuery {
+    /// Also change positions that deviate by less than their U.
+    #[serde(default)]
+    with_insignificant: bool,
+    /// Largest change of a position, mm.
+    max_change_mm: Option<f64>,
+}
+
+impl ProposalQuery {
+    pub(super) fn source(self, run: i64) -> ProposalSource {
+        let options = ProposalOptions {
+            with_insignificant_changes: self.with_insignificant,
+            max_change_mm: self.max_change_mm.unwrap_or(ProposalOptions::DEFAULT_MAX_CHANGE_MM),
+        };
+        ProposalSource { run: RunId(run), options }
+    }
+}
+
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct WriteCompensationRequest {
+    who: String,
+    /// SHA-256 of the proposal that this person has read.
+    approve: String,
+    /// As in the request for the proposal.
+    #[serde(default)]
+    with_insignificant: bool,
+    max_change_mm: Option<f64>,
+}
+
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct CompensationDecision {
+    who: String,
+}
+
+/// Number of a compensation.
+#[derive(Debug, Serialize, ToSchema)]
+struct CompensationNumber {
+    id: i64,
+}
+
+/// Values for the control, proposed from a run. Writes nothing to the control.
+#[utoipa::path(get, path = "/api/v1/runs/{run}/compensation", operation_id = "proposal", params(("run" = i64, Path), ProposalQuery), responses((status = OK, body = DocumentedObject)))]
+async fn get_proposal(
+    State(app): State<AppState>,
+    Path(run): Path<i64>,
+    Query(query): Query<ProposalQuery>,
+) -> Result<Json<HashedProposal>, Problem> {
+    let machine = app.machine_of_run(run).await?;
+    Ok(Json(app.read_control(&machine, move |compensation| compensation.propose(query.source(run))).await?))
+}
+
+/// Write the proposed values to the control and read them back. A metrologist approves the hash of the proposal.
+#[utoipa::path(post, path = "/api/v1/runs/{run}/compensation", operation_id = "compensate", params(("run" = i64, Path)), request_body = WriteCompensationRequest, responses((status = CREATED, body = CompensationNumber)))]
+async fn write_compensation(
+    State(app): State<AppState>,
+    Path(run): Path<i64>,
+    Extension(caller): Extension<Caller>,
+    JsonOrFormBody { body, is_form }: JsonOrFormBody<WriteCompensationRequest>,
+) -> Result<Response, Problem> {
+    let machine = app.machine_of_run(run).await?;
+    let WriteCompensationRequest { who, approve, with_insignificant, max_change_mm } = body;
+    let source = ProposalQuery { with_insignificant, max_change_mm }.source(run);
+    let who = decision_name(&caller, &who)?;
+    let (what, by) = (format!("compensation from run {run}"), who.clone());
+    let accepted = machine
+        .gate
+        .compensate(&what, move |compensation, lock| compensation.write(lock, &by, source, &approve).map(|(id, _)| id));
+    audit_and_respond(app, machine, is_form, who, what, accepted).await
+}
+
+/// Values that the control holds, and the last compensation.
+#[utoipa::path(get, path = "/api/v1/machines/{name}/compensation", operation_id = "compensation", params(("name" = String, Path)), responses((status = OK, body = DocumentedObject)))]
+async fn get_compensation(
+    State(app): State<AppState>,
+    machine: ServedMachine,
+) -> Result<Json<CompensationStatus>, Problem> {
+    Ok(Json(app.read_control(&machine, |compensation| compensation.status()).await?))
+}
+
+/// Restore the values before the last compensation.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/undo", operation_id = "undo", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber)))]
+async fn undo_compensation(
+    State(app): State<AppState>,
+    machine: ServedMachine,
+    Extension(caller): Extension<Caller>,
+    JsonOrFormBody { body, is_form }: JsonOrFormBody<CompensationDecision>,
+) -> Result<Response, Problem> {
+    let who = decision_name(&caller, &body.who)?;
+    let (what, by) = ("undo of the last compensation".to_owned(), who.clone());
+    let accepted =
+        machine.gate.compensate(&what, move |compensation, lock| compensation.undo(lock, &by).map(|last| last.id));
+    audit_and_respond(app, machine, is_form, who, what, accepted).await
+}
+
+/// Write the rest of a compensation that was interrupted.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/finish", operation_id = "finish", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber)))]
+async fn finish_compensation(
+    State(app): State<AppState>,
+    machine: ServedMachine,
+    Extension(caller): Extension<Caller>,
+    JsonOrFormBody { body, is_form }: JsonOrFormBody<CompensationDecision>,
+) -> Result<Response, Problem> {
+    let who = decision_name(&caller, &body.who)?;
+    let (what, by) = ("end of an interrupted compensation".to_owned(), who.clone());
+    let accepted =
+        machine.gate.compensate(&what, move |compensation, lock| compensation.finish(lock, &by).map(|last| last.id));
+    audit_and_respond(app, machine, is_form, who, what, accepted).await
+}
+
+/// Name of the person who decides. Without tokens nobody is known to be a metrologist.
+fn decision_name(caller: &Caller, who: &str) -> Result<String, Problem> {
+    match caller.has_token() {
+        true => caller.audit_name(who),
+        false => Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            "no-token",
+            "without tokens the service cannot know that a metrologist decides",
+            "set `tokens = true` in [serve.http] and add a token with `trued token add`, or use `trued compensate`",
+        )),
+    }
+}
+
+/// Waits for the result and writes it to the audit log, even if the client has disconnected.
+async fn audit_and_respond(
+    app: AppState,
+    machine: ServedMachine,
+    is_form: bool,
+    who: String,
+    what: String,
+    accepted: Result<CompensationResultReceiver<i64>, Refusal>,
+) -> Result<Response, Problem> {
+    run_to_completion(async move {
+        let result = match accepted {
+            // An error: the worker has dropped the command, because the service is ending.
+            Ok(receiver) => receiver.await.map_err(|_| Problem::from(Refusal::NotReady))?.map_err(Problem::from),
+            Err(why) => Err(Problem::from(why)),
+        };
+        let outcome = result.as_ref().map(drop).map_err(|problem| &problem.message);
+        app.journal.add_audit_entry(&audit_entry(&machine, who, what, "", &outcome)).await?;
+        let id = result?;
+        Ok(match is_form {
+            true => Redirect::to(&machine_page_path(&machine.name)).into_response(),
+            false => (StatusCode::CREATED, Json(CompensationNumber { id })).into_response(),
+        })
+    })
+    .await
+}
+
+impl AppState {
+    /// The machine that the run measured, if it is served.
+    pub(super) async fn machine_of_run(&self, run: i64) -> Result<ServedMachine, Problem> {
+        let stored = self.read_journal(move |journal| journal.load_run(RunId(run))).await??;
+        self.find_machine(&stored.summary.machine).cloned()
+    }
+}
+
+impl From<CompensationError> for Problem {
+    fn from(error: CompensationError) -> Self {
+        let remedy = error.remedy();
+        match error {
+            CompensationError::Journal(error) => error.into(),
+            other => Self::new(StatusCode::CONFLICT, "no-compensation", other.to_string(), remedy),
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Page of the values that are proposed from a run for the control.
+
+use axum::extract::{Path, Query, State};
+use axum::response::Html;
+use minijinja::value::Serde;
+use minijinja::{Value, context};
+
+use super::{machine_page_path, render_page};
+use crate::compensation::ProposalTable;
+use crate::report::time::format_local_time;
+use crate::service::http::AppState;
+use crate::service::http::compensation::ProposalQuery;
+use crate::service::http::problem::Problem;
+use crate::store::{CompensationState, Journal, StoreError};
+
+pub async fn proposal_page(
+    State(app): State<AppState>,
+    Path(run): Path<i64>,
+    Query(query): Query<ProposalQuery>,
+) -> Result<Html<String>, Problem> {
+    let machine = app.machine_of_run(run).await?;
+    let hashed = app.read_control(&machine, move |compensation| compensation.propose(query.source(run))).await?;
+    let table = ProposalTable::new(&hashed.proposal);
+    render_page(
+        "compensation.html",
+        app.access.requires_tokens,
+        context! {
+            run,
+            machine => machine.name.as_str(),
+            machine_path => machine_page_path(&machine.name),
+            control => hashed.proposal.control.as_str(),
+            measured => format_local_time(hashed.proposal.measured_at),
+            sha256 => hashed.sha256.as_str(),
+            has_changes => table.values.iter().any(|value| value.is_changed),
+            table => Serde(table),
+            query => Serde(query),
+        },
+    )
+}
+
+/// The last compensation of `machine`, for its page. `None`: there is none, or it is undone.
+pub fn last_compensation_values(journal: &Journal, machine: &str) -> Result<Option<Value>, StoreError> {
+    let last = journal.last_compensation(machine)?.filter(|last| last.state != CompensationState::Undone);
+    Ok(last.map(|last| {
+        context! {
+            id => last.id,
+            run => last.run.0,
+            who => last.who.as_str(),
+            at => format_local_time(last.at),
+            is_unfinished => last.state != CompensationState::Written,
+        }
+    }))
+}
