@@ -13,7 +13,6 @@ use super::{ExitStatus, show};
 use crate::commissioning::{
     CheckFinding, CheckStop, CheckSummary, CheckVerdict, MachineCheck, NoOperator, OperatorInterface,
 };
-use crate::compensation::{CompensationError, CompensationWriteError};
 use crate::setup::{self, ReopenableMachine};
 use crate::store::{ArtefactRegister, Journal, MachineLock};
 
@@ -27,9 +26,8 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_running_runs_interrupted(&lock).wait()?;
-    if let Some(last) = journal.unfinished_compensation(&machine.machine.name)? {
-        let error = CompensationWriteError::Unfinished { id: last.id, machine: last.machine };
-        return Err(CompensationError::from(error).into());
+    if let Some(unfinished) = journal.unfinished_compensation(&machine.machine.name)? {
+        return Err(CommandFailure::new(&unfinished, unfinished.remedy()));
     }
     let reopenable_machine = ReopenableMachine::new(&machine)?;
     let stop = CheckStop::default();

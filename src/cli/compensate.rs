@@ -6,11 +6,13 @@ use std::path::Path;
 
 use super::failure::CommandFailure;
 use super::files::state_folder;
-use super::result_args::{CompensateAction, CompensateArgs, ProposalSourceArgs, ProposeArgs, WriteCompensationArgs};
+use super::result_args::{
+    CompensateAction, CompensateArgs, ProposalSourceArgs, ProposeArgs, TargetArgs, WriteCompensationArgs,
+};
 use super::{ExitStatus, show};
 use crate::compensation::{
-    CompensationError, CompensationStatus, CompensationTarget, HashedProposal, MachineCompensation, PositionRow,
-    ProposalSource, ProposalTable, ValueRow,
+    CompensationError, CompensationStatus, HashedProposal, MachineCompensation, PositionRow, ProposalSource,
+    ProposalTable, ValueRow,
 };
 use crate::report::number::format_fixed;
 use crate::setup::{MachineFile, SetupError};
@@ -33,10 +35,11 @@ impl ProposalSourceArgs {
 }
 
 pub fn compensate_command(args: &CompensateArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
-    let file = MachineFile::read(args.action.machine()).map_err(SetupError::from)?;
+    let TargetArgs { machine, target } = args.action.target();
+    let file = MachineFile::read(machine).map_err(SetupError::from)?;
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
-    let compensation = MachineCompensation::open(&file, &journal)?;
+    let compensation = MachineCompensation::open(&file, &journal, target.as_deref())?;
     let lock = || MachineLock::acquire(&folder, &file.machine.name);
     match &args.action {
         CompensateAction::Propose(ProposeArgs { source, json }) => {
@@ -44,12 +47,12 @@ pub fn compensate_command(args: &CompensateArgs, state: Option<&Path>) -> Result
             if *json { show::print_json(&proposal)? } else { print_proposal(&proposal) }
         }
         CompensateAction::Write(write) => print_written(&compensation, &lock()?, write)?,
-        CompensateAction::Undo(by) => print_undone(&compensation.undo(&lock()?, &by.who)?),
+        CompensateAction::Undo(by) => print_undone(&compensation, &compensation.undo(&lock()?, &by.who)?),
         CompensateAction::Finish(by) => {
             let finished = compensation.finish(&lock()?, &by.who)?;
-            outln!("compensation {} is written and read back", finished.id);
+            outln!("compensation {} is finished", finished.id);
         }
-        CompensateAction::Status(args) => print_status(&compensation.status()?, args.hal.as_deref())?,
+        CompensateAction::Status(args) => print_status(&compensation, args.hal.as_deref())?,
     }
     Ok(ExitStatus::Pass)
 }
@@ -61,31 +64,37 @@ fn print_written(
 ) -> Result<(), CommandFailure> {
     let (id, proposal) = compensation.write(lock, &args.who, args.source.source(), &args.approve)?;
     let changed = proposal.proposal.values.iter().filter(|value| value.present_mm != value.proposed_mm);
-    for ProposedValue { name, present_mm, proposed_mm } in changed {
+    for ProposedValue { name, present_mm, proposed_mm, .. } in changed {
         outln!("{name}: {} mm, was {} mm", format_fixed(*proposed_mm, 4), format_fixed(*present_mm, 4));
     }
     outln!(
-        "compensation {id} is written and read back. Measure again: only a measurement shows that it is right. \
-         LinuxCNC loses the values when it ends: `trued compensate status --hal FILE` writes them as lines of a HAL file"
+        "compensation {id} is written and read back. Measure again: only a measurement shows that it is right. Then, or \
+         before: {}",
+        compensation.target().advice_after_write()
     );
     Ok(())
 }
 
-fn print_undone(undone: &StoredCompensation) {
+fn print_undone(compensation: &MachineCompensation<'_>, undone: &StoredCompensation) {
     for change in &undone.changes {
         outln!("{}: {} mm, as before compensation {}", change.name, format_fixed(change.before_mm, 4), undone.id);
     }
-    outln!("if a HAL file contains the values of the compensation, restore it too: LinuxCNC reads it at each start");
+    outln!("{}", compensation.target().advice_after_write());
 }
 
-fn print_status(status: &CompensationStatus, hal: Option<&Path>) -> Result<(), CommandFailure> {
-    for value in &status.values {
+fn print_status(compensation: &MachineCompensation<'_>, hal: Option<&Path>) -> Result<(), CommandFailure> {
+    let CompensationStatus { values, last } = compensation.status()?;
+    for value in &values {
         outln!("{:<32} {:>10} mm", value.name, format_fixed(value.present_mm, 4));
     }
     if let Some(path) = hal {
-        write_new_file(path, &CompensationTarget::hal_lines(&status.values))?;
+        let lines = compensation
+            .target()
+            .startup_lines(&values)
+            .ok_or_else(|| CommandFailure::new("these values are not lines of a HAL file", "leave out --hal"))?;
+        write_new_file(path, &lines)?;
     }
-    let Some(last) = &status.last else {
+    let Some(last) = &last else {
         outln!("no compensation of this machine is in the journal");
         return Ok(());
     };
@@ -105,18 +114,27 @@ fn write_new_file(path: &Path, text: &str) -> Result<(), CommandFailure> {
     })
 }
 
+fn print_rows([name, present, measured]: [&str; 3], rows: &[PositionRow]) {
+    if rows.is_empty() {
+        return;
+    }
+    let width = rows.iter().map(|row| row.name.len()).fold(name.len(), usize::max);
+    outln!("{name:<width$} {present:>10} {measured:>10} {:>9} {:>10}  unit", "U", "proposed");
+    for PositionRow { name, present, measured, expanded, proposed, kept } in rows {
+        let kept = kept.as_ref().map_or(String::new(), |why| format!("  kept: {why}"));
+        outln!("{name:<width$} {present:>10} {measured:>10} {expanded:>9} {proposed:>10}  mm{kept}");
+    }
+}
+
 fn print_proposal(proposal: &HashedProposal) {
     outln!(
         "proposal from run {} for {}; nothing is written to the control",
         proposal.proposal.run,
         proposal.proposal.machine
     );
-    let ProposalTable { positions, values, sentences } = ProposalTable::new(&proposal.proposal);
-    outln!("{:<12} {:>10} {:>10} {:>9} {:>10}  unit", "position", "control", "measured", "U", "proposed");
-    for PositionRow { name, present, measured, expanded, proposed, kept } in positions {
-        let kept = kept.map_or(String::new(), |why| format!("  kept: {why}"));
-        outln!("{name:<12} {present:>10} {measured:>10} {expanded:>9} {proposed:>10}  mm{kept}");
-    }
+    let ProposalTable { positions, travels, values, sentences } = ProposalTable::new(&proposal.proposal);
+    print_rows(["position", "control", "measured"], &positions);
+    print_rows(["correction of travel", "control", "required"], &travels);
     outln!("{:<32} {:>10} {:>10}  unit", "value of the control", "present", "proposed");
     for ValueRow { name, present, proposed, .. } in values {
         outln!("{name:<32} {present:>10} {proposed:>10}  mm");

@@ -1,6 +1,6 @@
 //! Arguments for stored runs and estimates.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 use methods::compensation::ProposalOptions;
@@ -59,20 +59,19 @@ pub enum CompensateAction {
     Write(WriteCompensationArgs),
     /// Restore the values before the last compensation.
     Undo(DecisionArgs),
-    /// Write the rest of a compensation that was interrupted.
+    /// Write the rest of a compensation that was interrupted, or confirm the restart of the control.
     Finish(DecisionArgs),
     /// Show the values of the control, and the last compensation.
     Status(CompensationStatusArgs),
 }
 
 impl CompensateAction {
-    /// The machine file.
-    pub fn machine(&self) -> &Path {
+    pub fn target(&self) -> &TargetArgs {
         match self {
-            Self::Propose(args) => &args.source.target.machine,
-            Self::Write(args) => &args.source.target.machine,
-            Self::Undo(args) | Self::Finish(args) => &args.target.machine,
-            Self::Status(args) => &args.target.machine,
+            Self::Propose(args) => &args.source.target,
+            Self::Write(args) => &args.source.target,
+            Self::Undo(args) | Self::Finish(args) => &args.target,
+            Self::Status(args) => &args.target,
         }
     }
 }
@@ -82,6 +81,9 @@ pub struct TargetArgs {
     /// Machine file with the section [compensation].
     #[arg(long, value_name = "FILE")]
     pub machine: PathBuf,
+    /// Key of [compensation], if it has several.
+    #[arg(long, value_name = "KIND")]
+    pub target: Option<String>,
 }
 
 #[derive(Debug, Args)]

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::proposal::{ControlProposal, ControlProposalError, propose_for_control};
 use super::target::{CompensationTarget, TargetError};
+use super::targets::open_target;
 use super::write::{CompensationWriteError, CompensationWriter};
 use crate::setup::MachineFile;
 use crate::store::{Journal, MachineLock, RunId, StoreError, StoredCompensation};
@@ -59,20 +60,25 @@ pub struct CompensationStatus {
 pub struct MachineCompensation<'a> {
     file: &'a MachineFile,
     journal: &'a Journal,
-    target: CompensationTarget<'a>,
+    target: Box<dyn CompensationTarget + 'a>,
 }
 
 impl<'a> MachineCompensation<'a> {
     /// # Errors
     /// The machine file describes no values of a control, or the control's configuration is not supported.
-    pub fn open(file: &'a MachineFile, journal: &'a Journal) -> Result<Self, CompensationError> {
-        Ok(Self { file, journal, target: CompensationTarget::open(file)? })
+    /// `kind`: as for [`open_target`].
+    pub fn open(file: &'a MachineFile, journal: &'a Journal, kind: Option<&str>) -> Result<Self, CompensationError> {
+        Ok(Self { file, journal, target: open_target(file, kind)? })
+    }
+
+    pub fn target(&self) -> &dyn CompensationTarget {
+        &*self.target
     }
 
     /// # Errors
     /// As [`propose_for_control`].
     pub fn propose(&self, source: ProposalSource) -> Result<HashedProposal, CompensationError> {
-        let proposal = propose_for_control(self.journal, source.run, self.file, &self.target, source.options)?;
+        let proposal = propose_for_control(self.journal, source.run, self.file, &*self.target, source.options)?;
         Ok(HashedProposal { sha256: proposal.sha256().map_err(ControlProposalError::from)?, proposal })
     }
 
@@ -107,10 +113,13 @@ impl<'a> MachineCompensation<'a> {
     /// The control or the journal cannot be read.
     pub fn status(&self) -> Result<CompensationStatus, CompensationError> {
         let values = self.target.read()?.values().to_vec();
-        Ok(CompensationStatus { values, last: self.journal.last_compensation(&self.file.machine.name)? })
+        Ok(CompensationStatus {
+            values,
+            last: self.journal.last_compensation(&self.file.machine.name, self.target.kind())?,
+        })
     }
 
     fn writer<'w>(&'w self, lock: &'w MachineLock, who: &'w str) -> CompensationWriter<'w> {
-        CompensationWriter { journal: self.journal, lock, target: &self.target, who }
+        CompensationWriter { journal: self.journal, lock, target: &*self.target, who }
     }
 }

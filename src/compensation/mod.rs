@@ -4,6 +4,7 @@ mod machine_compensation;
 mod proposal;
 mod proposal_table;
 mod target;
+mod targets;
 mod values_record;
 mod write;
 
@@ -13,5 +14,6 @@ pub use machine_compensation::{
 pub use proposal::{ControlProposal, propose_for_control};
 pub use proposal_table::{PositionRow, ProposalTable, ValueRow};
 pub use target::CompensationTarget;
+pub use targets::open_target;
 pub use values_record::describe_values_of_control;
 pub use write::{CompensationWriteError, CompensationWriter};

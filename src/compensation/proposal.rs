@@ -4,6 +4,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::target::{CompensationTarget, TargetError};
+use super::values_record::has_run_with_values;
 use crate::setup::{ControlConfig, MachineFile, MachineFileError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use machine::kinematics::KinematicChain;
@@ -34,6 +35,11 @@ pub enum ControlProposalError {
     UnreadableMachineFile { run: RunId, error: Box<MachineFileError> },
     #[error("run {0} was measured on a simulated control")]
     Simulated(RunId),
+    #[error(
+        "the record of run {0} does not say that the control held its present values: the readings contain their effect, and \
+         a correction could be made twice"
+    )]
+    OtherValues(RunId),
     #[error("the proposal cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
 }
@@ -52,7 +58,7 @@ impl ControlProposalError {
                 format!("read the warnings with `trued show {run}`, remove the cause, and measure again")
             }
             Self::OtherMachine { .. } => "give the machine file of this machine with --machine".to_owned(),
-            Self::ChangedMachine(_) => "measure again with this machine file".to_owned(),
+            Self::ChangedMachine(_) | Self::OtherValues(_) => "measure again with this machine file".to_owned(),
             Self::UnreadableMachineFile { .. } => "measure again with this version".to_owned(),
             Self::Simulated(_) => "measure on the machine".to_owned(),
             Self::Json(_) => "report this error".to_owned(),
@@ -86,6 +92,8 @@ pub struct ControlProposal {
     /// Start of the run.
     pub measured_at: Timestamp,
     pub machine: String,
+    /// Kind of the values, as a key of `[compensation]`.
+    pub target: &'static str,
     /// The control whose values these are.
     pub control: String,
     pub estimate_sha256: String,
@@ -93,7 +101,7 @@ pub struct ControlProposal {
     pub proposal: Proposal,
     /// Length of the stylus: the positions hold for tools of this length, if the spindle is not parallel to Z.
     pub stylus_length_mm: f64,
-    /// Errors of the axes that no position of a rotary axis corrects.
+    /// Errors of the axes that the values do not correct.
     pub remaining: Vec<RemainingError>,
     /// Warnings of the estimate.
     pub warnings: Vec<String>,
@@ -121,7 +129,7 @@ pub fn propose_for_control(
     journal: &Journal,
     run: RunId,
     file: &MachineFile,
-    target: &CompensationTarget<'_>,
+    target: &dyn CompensationTarget,
     options: ProposalOptions,
 ) -> Result<ControlProposal, ControlProposalError> {
     let stored = journal.load_run(run)?;
@@ -131,6 +139,9 @@ pub fn propose_for_control(
         return Err(ControlProposalError::ContradictedModel(run));
     }
     let control = target.read()?;
+    if control.is_in_readings() && !has_run_with_values(&stored, target.kind(), control.values()) {
+        return Err(ControlProposalError::OtherValues(run));
+    }
     let plan = &stored.plan;
     // Without coordinates of the stylus, its uncertainty is in the estimate as the run stated it.
     let has_stylus = last.estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("tool_"));
@@ -144,10 +155,11 @@ pub fn propose_for_control(
         run,
         measured_at: stored.summary.started,
         machine: plan.machine.name.clone(),
+        target: target.kind(),
         control: target.describe(),
         estimate_sha256: last.sha256.clone(),
         stylus_length_mm: plan.machine.tool_mm[2].abs(),
-        remaining: remaining_errors(&last.estimate),
+        remaining: remaining_errors(&last.estimate, &proposal),
         warnings: last.estimate.warnings.clone(),
         predicted: predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
         proposal,
@@ -191,7 +203,8 @@ fn predict_before_and_after(
     }
     let chain = KinematicChain::new(machine)?;
     let predict = |values_mm: &[f64]| -> Result<PredictedError, MethodRefusal> {
-        let errors = control.location_errors(&chain, values_mm, proposal.at_mm, |own| proposal.is_determined(own))?;
+        let errors =
+            control.compensated_errors(&chain, values_mm, proposal.at_mm, |own| proposal.is_determined(own))?;
         let predictor =
             ErrorPredictor::new(machine, stylus, estimate, WorkZero::TableOrigin)?.with_compensated_errors(errors);
         let poses = predictor.volume_grid_poses()?;
@@ -209,10 +222,14 @@ fn predict_before_and_after(
     Ok(Some([predict(&before)?, predict(&after)?]))
 }
 
-/// Errors of the axes, except positions: tilts, squareness, gains.
-fn remaining_errors(estimate: &Estimate) -> Vec<RemainingError> {
+/// Errors of the axes that the control cannot correct: tilts and squareness, gains without a table. Positions are not
+/// listed: a control without them shows none.
+fn remaining_errors(estimate: &Estimate, proposal: &Proposal) -> Vec<RemainingError> {
+    let is_corrected =
+        |own: &Parameter| proposal.travels.iter().any(|travel| own.symbol == format!("E{0}{0}1", travel.travel.axis));
     let is_angle_or_gain = |own: &&Parameter| matches!(own.unit, Unit::Urad | Unit::UmPerM) && own.identifiable;
-    let remaining = estimate.parameters.iter().filter(is_angle_or_gain).map(|own| RemainingError {
+    let remaining = estimate.parameters.iter().filter(is_angle_or_gain).filter(|own| !is_corrected(own));
+    let remaining = remaining.map(|own| RemainingError {
         symbol: own.symbol.clone(),
         value: own.value,
         expanded: own.expanded,

@@ -4,15 +4,15 @@ use serde::Serialize;
 
 use super::proposal::ControlProposal;
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
-use methods::compensation::{AxisCoordinate, ProposedPosition, ProposedValue};
+use methods::compensation::{AxisCoordinate, AxisTravel, ProposedPosition, ProposedTravel, ProposedValue};
 
 /// Decimals of a value in mm.
 const MM_DECIMALS: usize = 4;
 
-/// A position of a rotary axis, mm. Missing numbers are a dash.
+/// A position of a rotary axis, or the correction of the travel of a linear axis, mm. Missing numbers are a dash.
 #[derive(Debug, Serialize)]
 pub struct PositionRow {
-    /// e.g. `X of C`.
+    /// e.g. `X of C`, or `X from -300 to 300`.
     pub name: String,
     pub present: String,
     pub measured: String,
@@ -34,6 +34,7 @@ pub struct ValueRow {
 #[derive(Debug, Serialize)]
 pub struct ProposalTable {
     pub positions: Vec<PositionRow>,
+    pub travels: Vec<PositionRow>,
     pub values: Vec<ValueRow>,
     /// Where the positions hold, the predicted error, warnings, and what is not corrected.
     pub sentences: Vec<String>,
@@ -41,14 +42,16 @@ pub struct ProposalTable {
 
 impl ProposalTable {
     pub fn new(proposal: &ControlProposal) -> Self {
-        let values = proposal.proposal.values.iter().map(|ProposedValue { name, present_mm, proposed_mm }| ValueRow {
-            name: name.clone(),
-            present: format_fixed(*present_mm, MM_DECIMALS),
-            proposed: format_fixed(*proposed_mm, MM_DECIMALS),
-            is_changed: present_mm != proposed_mm,
-        });
+        let values =
+            proposal.proposal.values.iter().map(|ProposedValue { name, present_mm, proposed_mm, .. }| ValueRow {
+                name: name.clone(),
+                present: format_fixed(*present_mm, MM_DECIMALS),
+                proposed: format_fixed(*proposed_mm, MM_DECIMALS),
+                is_changed: present_mm != proposed_mm,
+            });
         Self {
             positions: proposal.proposal.positions.iter().map(position_row).collect(),
+            travels: proposal.proposal.travels.iter().map(travel_row).collect(),
             values: values.collect(),
             sentences: sentences(proposal),
         }
@@ -68,12 +71,29 @@ fn position_row(position: &ProposedPosition) -> PositionRow {
     }
 }
 
+fn travel_row(own: &ProposedTravel) -> PositionRow {
+    let AxisTravel { axis, from_mm, to_mm } = own.travel;
+    let number = |mm: f64| format_fixed(mm, MM_DECIMALS);
+    let number_or_dash = |mm: Option<f64>| mm.map_or("–".to_owned(), number);
+    PositionRow {
+        name: format!("{axis} from {} to {}", format_fixed(from_mm, 0), format_fixed(to_mm, 0)),
+        present: number(own.present_mm),
+        measured: number_or_dash(own.required_mm),
+        expanded: number_or_dash(own.expanded_mm),
+        proposed: number(own.proposed_mm),
+        kept: own.kept.as_ref().map(|why| format!("{}; {}", why.reason, why.remedy)),
+    }
+}
+
 fn sentences(proposal: &ControlProposal) -> Vec<String> {
-    let [x, y, z] = proposal.proposal.at_mm.map(|mm| format_fixed(mm, 1));
-    let mut sentences = vec![format!(
-        "positions with the tip at X {x} Y {y} Z {z} mm of the machine, and a stylus of {} mm",
-        format_fixed(proposal.stylus_length_mm, 1)
-    )];
+    let mut sentences = Vec::new();
+    if let Some(at_mm) = proposal.proposal.at_mm.filter(|_| !proposal.proposal.positions.is_empty()) {
+        let [x, y, z] = at_mm.map(|mm| format_fixed(mm, 1));
+        sentences.push(format!(
+            "positions with the tip at X {x} Y {y} Z {z} mm of the machine, and a stylus of {} mm",
+            format_fixed(proposal.stylus_length_mm, 1)
+        ));
+    }
     if let Some(predicted) = proposal.predicted {
         let [present, proposed] = predicted.map(|error| {
             format!("({} ± {}) µm", format_fixed(error.largest_um, 1), format_fixed(error.expanded_largest_um, 1))

@@ -1,24 +1,29 @@
-//! The control that holds the values, as `[compensation]` of the machine file describes it.
+//! Values of a control that compensate measured errors: the interface of each kind.
 
-use devices::compensation::linuxcnc_trunnion::{TrunnionError, TrunnionState, TrunnionTarget};
+use std::fmt;
+
+use devices::compensation::linuxcnc_joints::JointTableError;
+use devices::compensation::linuxcnc_trunnion::TrunnionError;
 use machine::Axis;
-use machine::kinematics::{KinematicChain, KinematicsError};
-use machine::record::machine::{AxisSense, Machine};
-use methods::compensation::{ControlModel, ControlValue, TrunnionPins};
+use machine::kinematics::KinematicsError;
+use methods::compensation::{ControlModel, ControlValue};
 
-use crate::setup::{CompensationConfig, ControlConfig, MachineFile};
-
-/// Greatest difference of a direction in the machine file from that of the machine frame.
-const DIRECTION_TOLERANCE: f64 = 1e-9;
+use crate::store::CompensationChange;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TargetError {
     #[error("the machine file has no section [compensation]")]
     NotConfigured,
+    #[error("the machine file has no section [compensation.{0}]")]
+    NoSuchTarget(String),
+    #[error("the machine file has several sections of [compensation]: {0}")]
+    SeveralTargets(String),
     #[error("[compensation] is for LinuxCNC, and [controller] names no INI file of it")]
     NoIniFile,
     #[error(transparent)]
     Trunnion(#[from] TrunnionError),
+    #[error(transparent)]
+    JointTable(#[from] JointTableError),
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
     #[error(
@@ -27,110 +32,81 @@ pub enum TargetError {
     OtherTopology { tilt: Axis, topology: String },
     #[error("the machine file states {axis} in another direction or sense than the control")]
     OtherDirection { axis: Axis },
+    #[error("the compensation file of {axis} has no travel")]
+    NoTravel { axis: Axis },
 }
 
 impl TargetError {
     /// What to do next.
     pub fn remedy(&self) -> String {
         let text = match self {
-            Self::NotConfigured => "state the control's kinematics: [compensation] with kind = \"linuxcnc-trunnion\"",
+            Self::NotConfigured => "state the values of the control, e.g. [compensation.linuxcnc-trunnion]",
+            Self::NoSuchTarget(_) | Self::SeveralTargets(_) => "name one of the sections with --target",
             Self::NoIniFile => "set [controller] ini to the INI file that LinuxCNC was started with",
             Self::Trunnion(error) => return error.remedy(),
+            Self::JointTable(error) => return error.remedy(),
             Self::Kinematics(_) => "correct [machine] and [axes] in the machine file",
-            Self::OtherTopology { .. } => "correct topology in [machine], or remove [compensation]",
+            Self::OtherTopology { .. } => "correct topology in [machine], or remove this section of [compensation]",
             Self::OtherDirection { .. } => {
-                "correct `direction` and `positive` of the axis in the machine file: LinuxCNC's trt-kins need axes along \
-                 X, Y and Z, and count rotary axes against ISO 841 (`reversed`) unless the pin conventional-directions \
-                 is 1"
+                "correct `direction` and `positive` of the axis in the machine file: LinuxCNC needs axes along X, Y and Z; its \
+                 trt-kins count rotary axes against ISO 841 (`reversed`) unless the pin conventional-directions is 1"
             }
+            Self::NoTravel { .. } => "state two positions of the axis in its compensation file",
         };
         text.to_owned()
     }
 }
 
-/// A control whose values can be read and written.
-#[derive(Debug)]
-pub struct CompensationTarget<'a> {
-    machine: &'a Machine,
-    trunnion: TrunnionTarget,
-}
+/// Values of a control that can be read and written. Each call blocks the thread.
+pub trait CompensationTarget: fmt::Debug {
+    /// Key of `[compensation]`.
+    fn kind(&self) -> &'static str;
 
-impl<'a> CompensationTarget<'a> {
-    /// # Errors
-    /// The machine file describes no target; the control's own configuration cannot be read or is not supported.
-    pub fn open(file: &'a MachineFile) -> Result<Self, TargetError> {
-        let CompensationConfig::LinuxcncTrunnion { halcmd } =
-            file.compensation.as_ref().ok_or(TargetError::NotConfigured)?;
-        let ini = match &file.controller_section.control {
-            ControlConfig::Real(control) => control.configuration_file(),
-            ControlConfig::Simulated(_) => None,
-        };
-        let trunnion = TrunnionTarget::new(ini.ok_or(TargetError::NoIniFile)?, halcmd)?;
-        Ok(Self { machine: &file.machine, trunnion })
-    }
-
-    /// INI file and command of the control.
-    pub fn describe(&self) -> String {
-        self.trunnion.describe()
-    }
+    /// The control, in words.
+    fn describe(&self) -> String;
 
     /// The values that the control holds now, and what they mean.
     ///
     /// # Errors
-    /// The control cannot be read; its kinematics are not those of the machine file.
-    pub fn read(&self) -> Result<ControlModel, TargetError> {
-        let state = self.trunnion.read()?;
-        check_same_kinematics(self.machine, &state)?;
-        let TrunnionState { tilting_axis, x_rot_point, y_rot_point, z_rot_point, offset, z_offset, .. } = state;
-        let pins = TrunnionPins { x_rot_point, y_rot_point, z_rot_point, offset, z_offset };
-        Ok(ControlModel::linuxcnc_trunnion(tilting_axis, pins))
-    }
-
-    /// Sets one value and reads it back.
-    ///
-    /// # Errors
-    /// The machine moves, or the control applies its values now; the value cannot be set, or reads back otherwise.
-    pub fn write(&self, name: &str, value_mm: f64) -> Result<(), TargetError> {
-        Ok(self.trunnion.write(name, value_mm)?)
-    }
-
-    /// Lines of a HAL file that set the values, for each start of LinuxCNC.
-    pub fn hal_lines(values: &[ControlValue]) -> String {
-        values.iter().map(|value| format!("setp {} {}\n", value.name, value.present_mm)).collect()
-    }
+    /// The control cannot be read; it is not that of the machine file.
+    fn read(&self) -> Result<ControlModel, TargetError>;
 
     /// Refuses a write that would move the machine.
     ///
     /// # Errors
     /// The machine moves, or the control applies its values now.
-    pub fn check_writable(&self) -> Result<(), TargetError> {
-        Ok(self.trunnion.check_writable()?)
+    fn check_writable(&self) -> Result<(), TargetError>;
+
+    /// Sets one value, in mm, and reads it back.
+    ///
+    /// # Errors
+    /// The machine moves, or the control applies its values now; the value cannot be set, or reads back otherwise.
+    fn write(&self, name: &str, text: &str) -> Result<(), TargetError>;
+
+    /// Whether the control uses new values only after it was started again.
+    fn needs_restart(&self) -> bool {
+        false
+    }
+
+    /// Checks that the control uses the values that it holds, and not `replaced`.
+    ///
+    /// # Errors
+    /// It uses others, or does not show which ones.
+    fn check_in_effect(&self, _replaced: &[(String, f64)]) -> Result<(), TargetError> {
+        Ok(())
+    }
+
+    /// What a person must do after a write, besides measuring again.
+    fn advice_after_write(&self) -> &'static str;
+
+    /// Lines of a file that set the values at each start of the control. `None`: it keeps them.
+    fn startup_lines(&self, _values: &[ControlValue]) -> Option<String> {
+        None
     }
 }
 
-/// Checks that the control turns the table as the machine file states.
-fn check_same_kinematics(machine: &Machine, state: &TrunnionState) -> Result<(), TargetError> {
-    let tilt = state.tilting_axis;
-    let chain = KinematicChain::new(machine)?;
-    let branch = chain.topology().workpiece_branch();
-    let is_tool_turned = chain.topology().tool_branch().iter().any(|axis| !axis.is_linear() && *axis != Axis::S);
-    // No linear axis between the rotary ones, nor nearer to the workpiece.
-    if !branch.ends_with(&[tilt, Axis::C])
-        || branch.iter().filter(|axis| !axis.is_linear()).count() != 2
-        || is_tool_turned
-    {
-        return Err(TargetError::OtherTopology { tilt, topology: machine.topology.clone() });
-    }
-    let is_other = |axis: &Axis| {
-        machine.axes.get(axis).is_some_and(|stated| {
-            let sense = if axis.is_linear() { AxisSense::Iso } else { state.sense };
-            let direction = nalgebra::Vector3::from(stated.direction);
-            let deviation = direction.normalize() - axis.nominal_direction();
-            stated.positive != sense || (direction.norm() > 0.0 && deviation.norm() > DIRECTION_TOLERANCE)
-        })
-    };
-    match [Axis::X, Axis::Y, Axis::Z, tilt, Axis::C].into_iter().find(is_other) {
-        Some(axis) => Err(TargetError::OtherDirection { axis }),
-        None => Ok(()),
-    }
+/// The values before and after a compensation.
+pub(super) fn values_of(changes: &[CompensationChange], is_after: bool) -> Vec<(String, f64)> {
+    let value = |own: &CompensationChange| (own.name.clone(), if is_after { own.after_mm } else { own.before_mm });
+    changes.iter().map(value).collect()
 }

@@ -1,29 +1,53 @@
 //! The values of the control at the start of a run, for its record, and their comparison with the journal.
 
-use super::target::{CompensationTarget, TargetError};
-use crate::setup::MachineFile;
-use crate::store::{CompensationState, StoredCompensation};
-use devices::compensation::linuxcnc_trunnion::MAX_READ_BACK_DEVIATION_MM;
+use super::targets::open_target;
+use crate::setup::{CompensationConfig, MachineFile};
+use crate::store::{StoredCompensation, StoredRun};
+use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
+use machine::record::event::RunEvent;
 use methods::compensation::ControlValue;
 
-/// Sentences on the values that the control holds now, and on differences from the `last` compensation of its machine.
-/// Blocks the thread.
-pub fn describe_values_of_control(file: &MachineFile, last: Option<&StoredCompensation>) -> Vec<String> {
-    let values = match read_values(file) {
-        Ok(values) => values,
-        Err(error) => return vec![format!("the compensation values of the control are unknown: {error}")],
+/// Sentences on the values that the control holds now, and on differences from the `stored` compensations of its machine,
+/// newest first. Blocks the thread.
+pub fn describe_values_of_control(file: &MachineFile, stored: &[StoredCompensation]) -> Vec<String> {
+    let of_target = |config: &CompensationConfig| {
+        let last = stored.iter().find(|own| own.target == config.kind());
+        describe_values(file, config.kind(), last)
     };
-    let listed: Vec<String> = values.iter().map(|value| format!("{} {} mm", value.name, value.present_mm)).collect();
-    let listed = format!("compensation values of the control: {}", listed.join(", "));
-    [listed].into_iter().chain(last.and_then(|last| describe_differences(&values, last))).collect()
+    file.compensation.iter().flat_map(of_target).collect()
 }
 
-fn read_values(file: &MachineFile) -> Result<Vec<ControlValue>, TargetError> {
-    Ok(CompensationTarget::open(file)?.read()?.values().to_vec())
+fn describe_values(file: &MachineFile, kind: &str, last: Option<&StoredCompensation>) -> Vec<String> {
+    let values = open_target(file, Some(kind)).and_then(|target| Ok(target.read()?.values().to_vec()));
+    let values = match values {
+        Ok(values) => values,
+        Err(error) => return vec![format!("the compensation values of the control ({kind}) are unknown: {error}")],
+    };
+    [list_values(kind, &values)].into_iter().chain(last.and_then(|last| describe_differences(&values, last))).collect()
+}
+
+fn list_values(kind: &str, values: &[ControlValue]) -> String {
+    let listed: Vec<String> = values.iter().map(|value| format!("{} {} mm", value.name, value.text)).collect();
+    format!("{}{}", list_prefix(kind), listed.join(", "))
+}
+
+fn list_prefix(kind: &str) -> String {
+    format!("compensation values of the control ({kind}): ")
+}
+
+/// Whether the record of the run says that the control held these values at its start, and after each resume.
+pub(super) fn has_run_with_values(stored: &StoredRun, kind: &str, values: &[ControlValue]) -> bool {
+    let [prefix, present] = [list_prefix(kind), list_values(kind, values)];
+    let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
+        RunEvent::Announced { text } => text.starts_with(&prefix).then_some(text),
+        _ => None,
+    });
+    let first = recorded.next();
+    first.is_some_and(|text| *text == present) && recorded.all(|text| *text == present)
 }
 
 fn describe_differences(values: &[ControlValue], last: &StoredCompensation) -> Option<String> {
-    let is_undone = last.state == CompensationState::Undone;
+    let is_undone = last.state.is_undone();
     let differences = last.changes.iter().filter_map(|change| {
         let expected_mm = if is_undone { change.before_mm } else { change.after_mm };
         let present_mm = values.iter().find(|value| value.name == change.name)?.present_mm;
@@ -33,8 +57,8 @@ fn describe_differences(values: &[ControlValue], last: &StoredCompensation) -> O
     let differences: Vec<String> = differences.collect();
     (!differences.is_empty()).then(|| {
         format!(
-            "the control does not hold the values of compensation {}, which is {}: {}. After a restart LinuxCNC has the \
-             values of its HAL files",
+            "the control does not hold the values of compensation {}, which is {}: {}. A control may lose them at a \
+             restart",
             last.id,
             last.state.as_str(),
             differences.join(", ")

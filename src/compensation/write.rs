@@ -2,12 +2,13 @@
 
 use crate::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, StoreError, StoredCompensation,
+    UnfinishedCompensation,
 };
-use devices::compensation::linuxcnc_trunnion::MAX_READ_BACK_DEVIATION_MM;
+use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
 use jiff::{SignedDuration, Timestamp};
 
 use super::proposal::ControlProposal;
-use super::target::{CompensationTarget, TargetError};
+use super::target::{CompensationTarget, TargetError, values_of};
 
 /// Age at which a measurement no longer describes the machine well enough to change the control: its temperatures differ.
 const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
@@ -30,8 +31,8 @@ pub enum CompensationWriteError {
     Expired { run: i64 },
     #[error("the proposal changes no value")]
     NothingToWrite,
-    #[error("compensation {id} of `{machine}` is unfinished: some values may be new and others old")]
-    Unfinished { id: i64, machine: String },
+    #[error(transparent)]
+    Unfinished(#[from] UnfinishedCompensation),
     #[error("there is nothing to undo: the last compensation of `{machine}`, if there is one, is undone")]
     NothingToUndo { machine: String },
     #[error("there is nothing to finish: no compensation of `{machine}` is unfinished")]
@@ -54,10 +55,7 @@ impl CompensationWriteError {
             }
             Self::Expired { .. } => "measure again; check the clock of this computer",
             Self::NothingToWrite => "nothing needs to be done",
-            Self::Unfinished { .. } => {
-                "restore the values before with `trued compensate undo --machine FILE --who NAME`, or write the rest with \
-                 `finish` in place of `undo`"
-            }
+            Self::Unfinished(unfinished) => return unfinished.remedy(),
             Self::NothingToUndo { .. } | Self::NothingToFinish { .. } => {
                 "list the values of the control with `trued compensate status`"
             }
@@ -74,7 +72,7 @@ impl CompensationWriteError {
 pub struct CompensationWriter<'a> {
     pub journal: &'a Journal,
     pub lock: &'a MachineLock,
-    pub target: &'a CompensationTarget<'a>,
+    pub target: &'a (dyn CompensationTarget + 'a),
     /// Name of the person who decides.
     pub who: &'a str,
 }
@@ -87,17 +85,26 @@ enum WriteDirection {
 }
 
 impl WriteDirection {
-    fn states(self) -> [CompensationState; 2] {
+    fn intent(self) -> CompensationState {
         match self {
-            Self::ToNewValues => [CompensationState::Writing, CompensationState::Written],
-            Self::ToValuesBefore => [CompensationState::Undoing, CompensationState::Undone],
+            Self::ToNewValues => CompensationState::Writing,
+            Self::ToValuesBefore => CompensationState::Undoing,
         }
     }
 
-    fn value_mm(self, change: &CompensationChange) -> f64 {
+    fn end(self, needs_restart: bool) -> CompensationState {
+        match (self, needs_restart) {
+            (Self::ToNewValues, true) => CompensationState::AwaitingRestart,
+            (Self::ToNewValues, false) => CompensationState::Written,
+            (Self::ToValuesBefore, true) => CompensationState::UndoneAwaitingRestart,
+            (Self::ToValuesBefore, false) => CompensationState::Undone,
+        }
+    }
+
+    fn value_text(self, change: &CompensationChange) -> String {
         match self {
-            Self::ToNewValues => change.after_mm,
-            Self::ToValuesBefore => change.before_mm,
+            Self::ToNewValues => change.after_mm.to_string(),
+            Self::ToValuesBefore => change.before_text.clone(),
         }
     }
 }
@@ -109,8 +116,8 @@ impl CompensationWriter<'_> {
     /// The approval is of another proposal, or too old; an earlier compensation is unfinished; the control refuses a
     /// write or reads back another value. From the first write on the compensation is unfinished after an error.
     pub fn write(&self, proposal: &ControlProposal, approved_sha256: &str) -> Result<i64, CompensationWriteError> {
-        if let Some(last) = self.journal.unfinished_compensation(self.lock.machine())? {
-            return Err(CompensationWriteError::Unfinished { id: last.id, machine: last.machine });
+        if let Some(unfinished) = self.journal.unfinished_compensation(self.lock.machine())? {
+            return Err(unfinished.into());
         }
         let present = proposal.sha256()?;
         if approved_sha256 != present {
@@ -125,6 +132,7 @@ impl CompensationWriter<'_> {
             .map(|value| CompensationChange {
                 name: value.name.clone(),
                 before_mm: value.present_mm,
+                before_text: value.present_text.clone(),
                 after_mm: value.proposed_mm,
             })
             .collect();
@@ -134,6 +142,7 @@ impl CompensationWriter<'_> {
         self.target.check_writable()?;
         let new = NewCompensation {
             machine: self.lock.machine().to_owned(),
+            target: self.target.kind().to_owned(),
             run: proposal.run,
             who: self.who.to_owned(),
             proposal_sha256: present,
@@ -149,38 +158,52 @@ impl CompensationWriter<'_> {
     /// # Errors
     /// There is none; a value is neither as before nor as after; the control refuses a write.
     pub fn undo(&self) -> Result<StoredCompensation, CompensationWriteError> {
-        let last = self.journal.last_compensation(self.lock.machine())?;
-        let last = last.filter(|last| last.state != CompensationState::Undone);
+        let last = self.last_compensation()?.filter(|last| !last.state.is_undone());
         let nothing = || CompensationWriteError::NothingToUndo { machine: self.lock.machine().to_owned() };
         let last = last.ok_or_else(nothing)?;
         self.rewrite(&last, WriteDirection::ToValuesBefore)?;
         Ok(last)
     }
 
-    /// Writes the rest of an unfinished compensation.
+    /// Writes the rest of an unfinished compensation; or confirms that the control uses the values after a restart.
     ///
     /// # Errors
-    /// None is unfinished; a value is neither as before nor as after; the control refuses a write.
+    /// None is unfinished; a value is neither as before nor as after; the control refuses a write, or still uses the
+    /// other values.
     pub fn finish(&self) -> Result<StoredCompensation, CompensationWriteError> {
-        let last = self.journal.unfinished_compensation(self.lock.machine())?;
+        let last = self.last_compensation()?.filter(|last| last.state.is_unfinished());
         let nothing = || CompensationWriteError::NothingToFinish { machine: self.lock.machine().to_owned() };
         let last = last.ok_or_else(nothing)?;
-        self.rewrite(&last, WriteDirection::ToNewValues)?;
+        if last.state.awaits_restart() {
+            self.confirm_restart(&last)?;
+        } else {
+            self.rewrite(&last, WriteDirection::ToNewValues)?;
+        }
         Ok(last)
+    }
+
+    fn last_compensation(&self) -> Result<Option<StoredCompensation>, StoreError> {
+        self.journal.last_compensation(self.lock.machine(), self.target.kind())
+    }
+
+    fn confirm_restart(&self, last: &StoredCompensation) -> Result<(), CompensationWriteError> {
+        let is_undone = last.state.is_undone();
+        self.target.check_in_effect(&values_of(&last.changes, is_undone))?;
+        let end = if is_undone { CompensationState::Undone } else { CompensationState::Written };
+        Ok(self.journal.set_compensation_state(last.id, end, self.who).wait()?)
     }
 
     fn rewrite(&self, last: &StoredCompensation, direction: WriteDirection) -> Result<(), CompensationWriteError> {
         self.check_known_values(&last.changes)?;
         self.target.check_writable()?;
-        let [intent, _] = direction.states();
-        self.journal.set_compensation_state(last.id, intent, self.who).wait()?;
+        self.journal.set_compensation_state(last.id, direction.intent(), self.who).wait()?;
         self.write_values(last.id, &last.changes, direction)
     }
 
     /// Refuses values that are neither those before nor those after: another person has changed them.
     fn check_known_values(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
         let present = self.target.read()?;
-        for CompensationChange { name, before_mm, after_mm } in changes {
+        for CompensationChange { name, before_mm, after_mm, .. } in changes {
             let present_mm = present.values().iter().find(|value| value.name == *name).map(|value| value.present_mm);
             let present_mm = present_mm.unwrap_or(f64::NAN);
             let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM;
@@ -200,9 +223,9 @@ impl CompensationWriter<'_> {
     ) -> Result<(), CompensationWriteError> {
         for change in changes.iter().filter(|change| change.before_mm != change.after_mm) {
             self.check_known_values(changes)?;
-            self.target.write(&change.name, direction.value_mm(change))?;
+            self.target.write(&change.name, &direction.value_text(change))?;
         }
-        let [_, end] = direction.states();
+        let end = direction.end(self.target.needs_restart());
         Ok(self.journal.set_compensation_state(id, end, self.who).wait()?)
     }
 }

@@ -1,7 +1,7 @@
 //! Errors that end a run early.
 
 use super::counted_turn::EncoderCountFault;
-use crate::store::StoreError;
+use crate::store::{StoreError, UnfinishedCompensation};
 use devices::controllers::ControllerError;
 use devices::sensors::SensorError;
 use machine::record::plan::Step;
@@ -64,14 +64,11 @@ pub enum RunError {
         describe_shifts(shifts), scatter.describe()
     )]
     ReferencesShifted { shifts: Vec<ReferenceShift>, scatter: TouchScatter },
-    #[error("compensation {id} is unfinished: some values of the control may be new and others old")]
-    UnfinishedCompensation { id: i64 },
+    #[error(transparent)]
+    UnfinishedCompensation(UnfinishedCompensation),
     #[error("the run stopped, because the journal could not be written: {0}")]
     Store(#[from] StoreError),
 }
-
-const UNFINISHED_COMPENSATION_REMEDY: &str = "restore the values before with `trued compensate undo --machine FILE --who \
-    NAME`, or write the rest with `finish` in place of `undo`";
 
 const PROBE_INPUT_REMEDY: &str = "make sure that the probe input of the control reads open while a sensor is in the spindle. \
     If the machine was in motion, first check whether the sensor has touched a body. Check that \
@@ -129,7 +126,7 @@ impl RunError {
             Self::NoContactPosition { .. } => {
                 "report this fault to the developers and attach the export of the run".to_owned()
             }
-            Self::UnfinishedCompensation { .. } => UNFINISHED_COMPENSATION_REMEDY.to_owned(),
+            Self::UnfinishedCompensation(unfinished) => unfinished.remedy(),
             Self::Store(error) => error.remedy().to_owned(),
             RunError::ReferencesNotRemeasured { .. } => {
                 "find out why the sensor has no valid value at these positions, then run `trued resume` \

@@ -188,7 +188,7 @@ impl<'a> Run<'a> {
     /// Prepares control and thermometers; returns the position of the machine.
     async fn prepare_devices(&mut self) -> Result<Position, RunError> {
         if let Some(unfinished) = self.journal.unfinished_compensation(&self.plan.machine.name)? {
-            return Err(RunError::UnfinishedCompensation { id: unfinished.id });
+            return Err(RunError::UnfinishedCompensation(unfinished));
         }
         let prepared = self.devices.open_controller.prepare().await?;
         self.record_event(RunEvent::ControlPrepared { identity: prepared.identity.to_string() }).await?;
@@ -247,12 +247,12 @@ impl<'a> Run<'a> {
 
     /// Journals the compensation values that the control holds, and how they differ from the journal.
     async fn record_values_of_control(&mut self, machine: &MachineFile) -> Result<(), RunError> {
-        if machine.compensation.is_none() {
+        if machine.compensation.is_empty() {
             return Ok(());
         }
-        let last = self.journal.last_compensation(&machine.machine.name)?;
+        let stored = self.journal.compensations(&machine.machine.name)?;
         let machine = machine.clone();
-        let reading = tokio::task::spawn_blocking(move || describe_values_of_control(&machine, last.as_ref()));
+        let reading = tokio::task::spawn_blocking(move || describe_values_of_control(&machine, &stored));
         let lines = match tokio::time::timeout(VALUES_OF_CONTROL_TIMEOUT, reading).await {
             Ok(Ok(lines)) => lines,
             _ => vec!["the compensation values of the control are unknown: the control does not answer".to_owned()],

@@ -17,11 +17,12 @@ impl CommandGate {
     pub fn compensate<T: Send + 'static>(
         &self,
         what: &str,
+        target: Option<String>,
         decide: impl FnOnce(&MachineCompensation<'_>, &MachineLock) -> Result<T, CompensationError> + Send + 'static,
     ) -> Result<CompensationResultReceiver<T>, Refusal> {
         let inner = self.lock_state();
         let judged = inner.machine_state.state.check_waiting();
-        let (job, result) = CompensationJob::new(decide);
+        let (job, result) = CompensationJob::new(target, decide);
         drop(self.send_command(inner, judged, WorkerCommand::Compensate(job), what)?);
         Ok(result)
     }

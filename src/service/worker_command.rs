@@ -59,11 +59,13 @@ pub type CompensationResultReceiver<T> = oneshot::Receiver<Result<T, Compensatio
 
 impl CompensationJob {
     pub(super) fn new<T: Send + 'static>(
+        target: Option<String>,
         decide: impl FnOnce(&MachineCompensation<'_>, &MachineLock) -> Result<T, CompensationError> + Send + 'static,
     ) -> (Self, CompensationResultReceiver<T>) {
         let (result_sender, result_receiver) = oneshot::channel();
         let job = move |file: &MachineFile, journal: &Journal, lock: &MachineLock| {
-            let result = MachineCompensation::open(file, journal).and_then(|compensation| decide(&compensation, lock));
+            let opened = MachineCompensation::open(file, journal, target.as_deref());
+            let result = opened.and_then(|compensation| decide(&compensation, lock));
             // The receiver may have been dropped.
             let _ = result_sender.send(result);
         };

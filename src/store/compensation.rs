@@ -2,7 +2,7 @@
 //! Rows are never changed.
 
 use jiff::Timestamp;
-use rusqlite::{Connection, OptionalExtension, Row, params};
+use rusqlite::{Connection, Row, params};
 use serde::{Deserialize, Serialize};
 
 use super::{AwaitableWrite, Journal, RunId, StoreError, StoreFault, columns};
@@ -13,6 +13,8 @@ pub struct CompensationChange {
     /// Name at the control.
     pub name: String,
     pub before_mm: f64,
+    /// The value before, as the control stated it.
+    pub before_text: String,
     pub after_mm: f64,
 }
 
@@ -22,29 +24,79 @@ pub struct CompensationChange {
 pub enum CompensationState {
     /// The write may be incomplete.
     Writing,
-    /// All values were written and read back.
+    /// All values were written and read back. The control uses them after its next start.
+    AwaitingRestart,
+    /// All values were written and read back, and the control uses them.
     Written,
     /// The return to the values before may be incomplete.
     Undoing,
-    /// All values are as before.
+    /// All values are as before. The control uses them after its next start.
+    UndoneAwaitingRestart,
+    /// All values are as before, and the control uses them.
     Undone,
 }
 
 impl CompensationState {
-    const ALL: [Self; 4] = [Self::Writing, Self::Written, Self::Undoing, Self::Undone];
+    const ALL: [Self; 6] =
+        [Self::Writing, Self::AwaitingRestart, Self::Written, Self::Undoing, Self::UndoneAwaitingRestart, Self::Undone];
 
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Writing => "writing",
+            Self::AwaitingRestart => "awaiting-restart",
             Self::Written => "written",
             Self::Undoing => "undoing",
+            Self::UndoneAwaitingRestart => "undone-awaiting-restart",
             Self::Undone => "undone",
         }
     }
 
-    /// Whether some values may be new and others old.
-    fn is_unfinished(self) -> bool {
-        matches!(self, Self::Writing | Self::Undoing)
+    /// Whether the machine must not move.
+    pub fn is_unfinished(self) -> bool {
+        !matches!(self, Self::Written | Self::Undone)
+    }
+
+    /// Whether the values before are in the control again.
+    pub fn is_undone(self) -> bool {
+        matches!(self, Self::UndoneAwaitingRestart | Self::Undone)
+    }
+
+    /// Whether the control must be started again.
+    pub fn awaits_restart(self) -> bool {
+        matches!(self, Self::AwaitingRestart | Self::UndoneAwaitingRestart)
+    }
+}
+
+/// The machine must not move: a person must end this compensation.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("compensation {id} is unfinished: {}", self.reason())]
+pub struct UnfinishedCompensation {
+    pub id: i64,
+    target: String,
+    state: CompensationState,
+}
+
+impl UnfinishedCompensation {
+    fn reason(&self) -> &'static str {
+        match self.state.awaits_restart() {
+            true => "the control uses its values only after a restart",
+            false => "some values of the control may be new and others old",
+        }
+    }
+
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        let target = &self.target;
+        match self.state.awaits_restart() {
+            true => format!(
+                "restart the control and home all axes, then confirm with `trued compensate finish --target {target} \
+                 --machine FILE --who NAME`"
+            ),
+            false => format!(
+                "restore the values before with `trued compensate undo --target {target} --machine FILE --who NAME`, or write \
+                 the rest with `finish` in place of `undo`"
+            ),
+        }
     }
 }
 
@@ -52,6 +104,8 @@ impl CompensationState {
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewCompensation {
     pub machine: String,
+    /// Kind of the values, as a key of `[compensation]`.
+    pub target: String,
     /// Run whose estimate is the reason.
     pub run: RunId,
     pub who: String,
@@ -64,6 +118,7 @@ pub struct NewCompensation {
 pub struct StoredCompensation {
     pub id: i64,
     pub machine: String,
+    pub target: String,
     pub run: RunId,
     pub changes: Vec<CompensationChange>,
     pub state: CompensationState,
@@ -85,20 +140,29 @@ impl Journal {
         self.submit_job(move |connection| insert_state(connection, id, state, &who))
     }
 
-    /// The newest compensation of `machine`, if it may be incomplete: then the machine must not move.
+    /// The compensation of `machine` that a person must end, if there is one: until then the machine must not move.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn unfinished_compensation(&self, machine: &str) -> Result<Option<StoredCompensation>, StoreError> {
-        Ok(self.last_compensation(machine)?.filter(|last| last.state.is_unfinished()))
+    pub fn unfinished_compensation(&self, machine: &str) -> Result<Option<UnfinishedCompensation>, StoreError> {
+        let unfinished = self.compensations(machine)?.into_iter().find(|own| own.state.is_unfinished());
+        Ok(unfinished.map(|StoredCompensation { id, target, state, .. }| UnfinishedCompensation { id, target, state }))
     }
 
-    /// The newest compensation of `machine`.
+    /// The newest compensation of these values of `machine`.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn last_compensation(&self, machine: &str) -> Result<Option<StoredCompensation>, StoreError> {
-        self.query(|connection| select_last(connection, machine))
+    pub fn last_compensation(&self, machine: &str, target: &str) -> Result<Option<StoredCompensation>, StoreError> {
+        Ok(self.compensations(machine)?.into_iter().find(|own| own.target == target))
+    }
+
+    /// The compensations of `machine`, newest first.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn compensations(&self, machine: &str) -> Result<Vec<StoredCompensation>, StoreError> {
+        self.query(|connection| select_compensations(connection, machine))
     }
 }
 
@@ -107,8 +171,8 @@ fn insert_compensation(connection: &mut Connection, new: &NewCompensation) -> Re
     let transaction = connection.transaction()?;
     transaction
         .execute(
-            "INSERT INTO compensations (machine, run, proposal_sha256, changes) VALUES (?1, ?2, ?3, ?4)",
-            params![new.machine, new.run.0, new.proposal_sha256, changes],
+            "INSERT INTO compensations (machine, target, run, proposal_sha256, changes) VALUES (?1, ?2, ?3, ?4, ?5)",
+            params![new.machine, new.target, new.run.0, new.proposal_sha256, changes],
         )
         .map_err(StoreFault::from_run_error(new.run))?;
     let id = transaction.last_insert_rowid();
@@ -125,23 +189,27 @@ fn insert_state(connection: &Connection, id: i64, state: CompensationState, who:
     Ok(())
 }
 
-fn select_last(connection: &Connection, machine: &str) -> Result<Option<StoredCompensation>, StoreFault> {
-    let select = "SELECT id, machine, run, changes, state, at, who FROM compensations
-         JOIN compensation_states ON compensation = id WHERE machine = ?1
-         ORDER BY id DESC, compensation_states.seq DESC LIMIT 1";
-    Ok(connection.query_row(select, params![machine], read_row).optional()?)
+fn select_compensations(connection: &Connection, machine: &str) -> Result<Vec<StoredCompensation>, StoreFault> {
+    let select = "SELECT id, machine, target, run, changes, state, at, who FROM compensations
+         JOIN compensation_states AS states ON compensation = id
+         WHERE machine = ?1 AND seq = (SELECT max(seq) FROM compensation_states WHERE compensation = id)
+         ORDER BY id DESC";
+    let mut statement = connection.prepare(select)?;
+    let rows = statement.query_map(params![machine], read_row)?;
+    Ok(rows.collect::<Result<_, _>>()?)
 }
 
 fn read_row(row: &Row<'_>) -> rusqlite::Result<StoredCompensation> {
-    let text: String = row.get(4)?;
+    let text: String = row.get(5)?;
     let state = CompensationState::ALL.into_iter().find(|state| state.as_str() == text);
     Ok(StoredCompensation {
         id: row.get(0)?,
         machine: row.get(1)?,
-        run: RunId(row.get(2)?),
-        changes: columns::parse_json_column(row, 3)?,
-        state: state.ok_or_else(|| columns::damaged_column_error(4, "unknown state of a compensation".into()))?,
-        at: columns::parse_text_column(row, 5)?,
-        who: row.get(6)?,
+        target: row.get(2)?,
+        run: RunId(row.get(3)?),
+        changes: columns::parse_json_column(row, 4)?,
+        state: state.ok_or_else(|| columns::damaged_column_error(5, "unknown state of a compensation".into()))?,
+        at: columns::parse_text_column(row, 6)?,
+        who: row.get(7)?,
     })
 }

@@ -40,7 +40,9 @@ mod write;
 pub use artefact_register::{ArtefactRegister, ArtefactRegisterError, CertificateState, RegisteredArtefact};
 pub use audit::{AuditEntry, StoredAuditEntry};
 pub use backup::{BackupContent, backup};
-pub use compensation::{CompensationChange, CompensationState, NewCompensation, StoredCompensation};
+pub use compensation::{
+    CompensationChange, CompensationState, NewCompensation, StoredCompensation, UnfinishedCompensation,
+};
 pub use error::{StoreError, StoreFault};
 pub use journal::{AwaitableWrite, Journal};
 pub use lock::{LockError, LockHolder, MachineLock};

@@ -193,6 +193,7 @@ CREATE TRIGGER signatures_stand BEFORE UPDATE OF seq, run, at, who, remark, esti
 CREATE TABLE compensations (
     id INTEGER PRIMARY KEY,
     machine TEXT NOT NULL,
+    target TEXT NOT NULL,
     run INTEGER NOT NULL REFERENCES runs (id),
     proposal_sha256 TEXT NOT NULL,
     changes TEXT NOT NULL,
@@ -212,7 +213,8 @@ CREATE TRIGGER compensations_are_kept BEFORE DELETE ON compensations
     BEGIN SELECT RAISE(ABORT, 'compensations are kept'); END;
 CREATE TRIGGER compensation_states_are_kept BEFORE DELETE ON compensation_states
     BEGIN SELECT RAISE(ABORT, 'states of compensations are kept'); END;
-CREATE TRIGGER compensations_stand BEFORE UPDATE OF id, machine, run, proposal_sha256, changes ON compensations
+CREATE TRIGGER compensations_stand BEFORE UPDATE OF id, machine, target, run, proposal_sha256, changes
+    ON compensations
     BEGIN SELECT RAISE(ABORT, 'compensations are not changed'); END;
 CREATE TRIGGER compensation_states_stand BEFORE UPDATE OF seq, compensation, at, who, state ON compensation_states
     BEGIN SELECT RAISE(ABORT, 'states of compensations are not changed'); END;

@@ -1,3 +1,27 @@
-//! Values of controls that compensate errors of the axes: one folder for each kind of control.
+//! Values of controls that compensate errors of the axes: one module for each kind of control.
 
+use std::path::Path;
+
+use crate::controllers::ControllerError;
+use crate::controllers::linuxcnc::IniFile;
+
+mod hal_pins;
+pub mod linuxcnc_joints;
 pub mod linuxcnc_trunnion;
+
+/// Greatest deviation, mm, of a value that counts as equal: half a step of a pin below 1000 mm, of which `halcmd`
+/// prints seven digits.
+pub const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
+
+/// # Errors
+/// The control counts in inches.
+fn check_unit_is_mm(file: &IniFile, path: &Path) -> Result<(), ControllerError> {
+    let units = file.value("TRAJ", "LINEAR_UNITS").map(str::to_ascii_lowercase);
+    match units.as_deref() {
+        Some("mm" | "metric") => Ok(()),
+        _ => Err(ControllerError::not_ready(
+            format!("LINEAR_UNITS of {} is not mm", path.display()),
+            "values in inches are not supported: enter them by hand",
+        )),
+    }
+}

@@ -82,7 +82,7 @@ pub enum ControllerError {
 impl ControllerError {
     /// Error for a control whose state prevents a measurement; `remedy` is what the operator must do before the next
     /// start.
-    pub(in crate::controllers) fn not_ready(state: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn not_ready(state: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self::NotReady { state: state.into(), remedy: remedy.into() }
     }
 

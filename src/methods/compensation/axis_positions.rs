@@ -4,6 +4,7 @@ use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use super::travel::{AxisTravel, error_by_gain_mm, gain_of};
 use crate::MethodRefusal;
 use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
 use machine::frame::{Point, SpindleFrame};
@@ -23,26 +24,27 @@ pub struct AxisCoordinate {
     pub component: Axis,
 }
 
-/// A measured position in mm, with its expanded uncertainty (coverage probability 95.45 %).
+/// A measured position, or error of a travel, in mm, with its expanded uncertainty (coverage probability 95.45 %).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasuredPosition {
     pub mm: f64,
     pub expanded_mm: f64,
 }
 
-/// Positions of the rotary axes by an estimate.
+/// Positions of the rotary axes, and errors of the travel of linear axes, by an estimate.
 pub struct MeasuredAxisPositions<'a> {
     chain: KinematicChain,
     estimate: &'a Estimate,
     known: KnownErrors<'a>,
     undetermined_spindle: Vec<UndeterminedPosition>,
-    at: Vector3<f64>,
+    /// Absent: the table has no axis along Z.
+    at: Option<Vector3<f64>>,
     tip: Point<SpindleFrame>,
 }
 
 impl<'a> MeasuredAxisPositions<'a> {
     /// # Errors
-    /// The machine has no kinematics, or no axis along Z in the table; the estimate has no errors of its axes.
+    /// The machine has no kinematics; the estimate has no errors of its axes.
     pub fn new(
         machine: &Machine,
         stylus: StatedStylusUncertainty,
@@ -51,7 +53,7 @@ impl<'a> MeasuredAxisPositions<'a> {
         let chain = KinematicChain::new(machine)?;
         let known = KnownErrors::from_estimate(estimate, &chain)?;
         let spindle = SpindlePosition::new(estimate, machine, &chain, &known, stylus);
-        let at = reference_point(machine, &chain, estimate)?;
+        let at = reference_point(machine, &chain, estimate);
         let known = known.with_spindle_position(&spindle);
         let tip = Point::from_vec(Vector3::z() * machine.tool_mm[2]);
         Ok(Self { chain, estimate, known, undetermined_spindle: spindle.undetermined, at, tip })
@@ -59,8 +61,27 @@ impl<'a> MeasuredAxisPositions<'a> {
 
     /// Point for which the positions are valid: machine frame with all axes at zero, mm. Each axis is measured at its
     /// point nearest to it, with the tip there.
-    pub fn at_mm(&self) -> [f64; 3] {
-        self.at.into()
+    pub fn at_mm(&self) -> Option<[f64; 3]> {
+        self.at.map(Into::into)
+    }
+
+    /// By how much the tool moves too far relative to the workpiece over `travel`, by the gain of the axis.
+    ///
+    /// # Errors
+    /// The estimate does not determine the gain.
+    pub fn travel_error(&self, travel: AxisTravel) -> Result<MeasuredPosition, MethodRefusal> {
+        let symbol = gain_of(travel.axis)?.to_string();
+        let gain = self.estimate.parameters.iter().find(|own| own.symbol == symbol && own.identifiable);
+        let gain = gain.ok_or_else(|| {
+            MethodRefusal::new(
+                format!("the {} run does not determine the scale of {}", self.estimate.method, travel.axis),
+                format!("give a run that determines {symbol}, e.g. of samba with a calibrated length"),
+            )
+        })?;
+        let per_unit = gain.unit.to_reported_value(1.0);
+        let by_gain_mm = error_by_gain_mm(&self.chain, travel)?;
+        let (mm, expanded_mm) = (by_gain_mm * gain.value / per_unit, by_gain_mm.abs() * gain.expanded / per_unit);
+        Ok(MeasuredPosition { mm, expanded_mm })
     }
 
     /// # Errors
@@ -68,8 +89,11 @@ impl<'a> MeasuredAxisPositions<'a> {
     pub fn position(&self, coordinate: AxisCoordinate) -> Result<MeasuredPosition, MethodRefusal> {
         self.check_is_determined(coordinate)?;
         let AxisCoordinate { axis, component } = coordinate;
+        let at = self.at.ok_or_else(|| {
+            MethodRefusal::new("the table does not turn about Z", "check the topology and the directions of the axes")
+        })?;
         let derivative = |error: &ErrorTerm| -> Result<f64, MethodRefusal> {
-            let by = self.chain.axis_displacement_derivative(axis, self.at, self.tip, error.parameter)?;
+            let by = self.chain.axis_displacement_derivative(axis, at, self.tip, error.parameter)?;
             Ok(by.dot(&component.nominal_direction()))
         };
         let derivatives = self.known.errors.iter().map(derivative).collect::<Result<Vec<f64>, _>>()?;
@@ -91,9 +115,9 @@ impl<'a> MeasuredAxisPositions<'a> {
             self.known.symbols.iter().zip(&derivatives).filter(|(_, derivative)| derivative.abs() > MIN_DERIVATIVE);
         let dof_of = |symbol: &str| self.estimate.parameters.iter().find(|own| own.symbol == symbol)?.dof;
         let smallest_dof = used.filter_map(|(symbol, _)| dof_of(symbol)).fold(f64::INFINITY, f64::min);
-        let displacement = self.chain.axis_displacement_from_tip(axis, self.at, self.tip, &self.known.errors)?;
+        let displacement = self.chain.axis_displacement_from_tip(axis, at, self.tip, &self.known.errors)?;
         Ok(MeasuredPosition {
-            mm: nominal_coordinate(&self.chain, coordinate, self.at) + displacement.dot(&component.nominal_direction()),
+            mm: nominal_coordinate(&self.chain, coordinate, at) + displacement.dot(&component.nominal_direction()),
             expanded_mm: coverage_factor(smallest_dof) * variance.max(0.0).sqrt(),
         })
     }
@@ -127,20 +151,14 @@ impl<'a> MeasuredAxisPositions<'a> {
 }
 
 /// Where the estimate states its positions; otherwise on the stated axis along Z, at the middle of the measured Z.
-fn reference_point(
-    machine: &Machine,
-    chain: &KinematicChain,
-    estimate: &Estimate,
-) -> Result<Vector3<f64>, MethodRefusal> {
+fn reference_point(machine: &Machine, chain: &KinematicChain, estimate: &Estimate) -> Option<Vector3<f64>> {
     if let Some(at_mm) = estimate.location_at_mm {
-        return Ok(at_mm.into());
+        return Some(at_mm.into());
     }
     let axis = ZParallelTableAxis::of_machine(machine, chain).map(|own| own.axis);
-    let line = axis.and_then(|axis| chain.axis_line(axis, &Position::new())).ok_or_else(|| {
-        MethodRefusal::new("the table does not turn about Z", "check the topology and the directions of the axes")
-    })?;
+    let line = axis.and_then(|axis| chain.axis_line(axis, &Position::new()))?;
     let measured_z = estimate.measured.get(&Axis::Z).map(|[least, most]| (least + most) / 2.0 + machine.tool_mm[2]);
-    Ok(Vector3::new(line.point.x, line.point.y, measured_z.unwrap_or(line.point.z)))
+    Some(Vector3::new(line.point.x, line.point.y, measured_z.unwrap_or(line.point.z)))
 }
 
 /// Coordinate of the stated axis at its point nearest to `at`, mm.

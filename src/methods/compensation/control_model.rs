@@ -1,14 +1,15 @@
-//! Where a control takes its rotary axes to be, by its values.
+//! What a control takes the axes to be, by its values: positions of rotary axes, corrections of linear axes.
 
 use super::axis_positions::{AxisCoordinate, nominal_coordinate};
+use super::travel::{ControlledTravel, compensated_gain};
 use crate::MethodRefusal;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Steps of a HAL pin per mm, as it is written.
-const MAX_PIN_STEPS_PER_MM: f64 = 1e4;
+/// Steps per mm of a value, as it is written.
+const MAX_STEPS_PER_MM: f64 = 1e4;
 /// Digits that `halcmd` prints of a value.
 const PIN_DIGITS: i32 = 7;
 
@@ -18,6 +19,8 @@ pub struct ControlValue {
     /// Name at the control, e.g. `xyzbc-trt-kins.x-rot-point`.
     pub name: String,
     pub present_mm: f64,
+    /// The value as the control states it.
+    pub text: String,
 }
 
 /// A position that the control computes from its values.
@@ -34,8 +37,10 @@ pub(super) struct ControlledPosition {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlModel {
     values: Vec<ControlValue>,
-    /// The value that is added to another comes before it.
+    /// The value that is added to another comes before it. The readings do not contain the effect of these values.
     pub(super) positions: Vec<ControlledPosition>,
+    /// The readings contain the effect of these values.
+    pub(super) travels: Vec<ControlledTravel>,
 }
 
 /// Values of the pins of LinuxCNC's `xyzac-trt-kins` or `xyzbc-trt-kins`, mm.
@@ -58,7 +63,8 @@ impl ControlModel {
             Axis::A => ("xyzac-trt-kins", Axis::Y, "y-offset"),
             _ => ("xyzbc-trt-kins", Axis::X, "x-offset"),
         };
-        let value = |pin: &str, present_mm: f64| ControlValue { name: format!("{module}.{pin}"), present_mm };
+        let value =
+            |pin: &str, mm: f64| ControlValue { name: format!("{module}.{pin}"), present_mm: mm, text: mm.to_string() };
         let position = |axis: Axis, component: Axis, adjusted_value: usize, added_value: Option<usize>| {
             ControlledPosition { coordinate: AxisCoordinate { axis, component }, adjusted_value, added_value }
         };
@@ -77,7 +83,18 @@ impl ControlModel {
                 position(tilt, across, 3, Some(c_across)),
                 position(tilt, Axis::Z, 4, Some(2)),
             ],
+            travels: Vec::new(),
         }
+    }
+
+    /// Tables that correct the travel of linear axes; the indices of their entries are those of `values`.
+    pub fn of_travels(values: Vec<ControlValue>, travels: Vec<ControlledTravel>) -> Self {
+        Self { values, positions: Vec::new(), travels }
+    }
+
+    /// Whether the readings contain the effect of the values.
+    pub fn is_in_readings(&self) -> bool {
+        !self.travels.is_empty()
     }
 
     pub fn values(&self) -> &[ControlValue] {
@@ -95,35 +112,57 @@ impl ControlModel {
         self.positions.iter().map(|position| values_mm[position.adjusted_value] + added(position)).collect()
     }
 
-    /// The values for these positions, in the steps of the control, mm. The present value is kept where it is as near as
-    /// the nearest step.
-    pub(super) fn values_mm(&self, positions_mm: &[f64]) -> Vec<f64> {
-        let mut values_mm = self.present_mm();
+    /// The values for these positions and corrections of travels, in the steps of the control, mm. The present value is
+    /// kept where it is as near as the nearest step.
+    pub(super) fn values_mm(&self, positions_mm: &[f64], corrections_mm: &[f64]) -> Vec<f64> {
+        let present_mm = self.present_mm();
+        let mut values_mm = present_mm.clone();
         for (position, mm) in self.positions.iter().zip(positions_mm) {
             let exact = mm - position.added_value.map_or(0.0, |index| values_mm[index]);
-            let present_mm = self.values[position.adjusted_value].present_mm;
-            let steps_per_mm = pin_steps_per_mm(exact);
-            let is_unchanged = (exact - present_mm).abs() <= 0.5 / steps_per_mm;
-            let nearest = (exact * steps_per_mm).round() / steps_per_mm;
-            values_mm[position.adjusted_value] = if is_unchanged { present_mm } else { nearest };
+            values_mm[position.adjusted_value] = nearest_step(exact, present_mm[position.adjusted_value]);
+        }
+        for (travel, mm) in self.travels.iter().zip(corrections_mm) {
+            let change_mm = mm - travel.correction_mm(&present_mm);
+            for entry in &travel.entries {
+                let present_mm = present_mm[entry.value];
+                values_mm[entry.value] = nearest_step(present_mm + travel.change_of(entry, change_mm), present_mm);
+            }
         }
         values_mm
     }
 
-    /// Location errors of the machine, relative to the stated axes, that a control with `values_mm` takes into account.
-    /// Positions for which `is_determined` is false count as right in the control. `at_mm`: as
-    /// [`super::MeasuredAxisPositions::at_mm`].
+    /// Errors of the machine that a control with `values_mm` takes into account, and that the readings contain: location
+    /// errors relative to the stated axes, and gains of linear axes by the change of the values. Positions for which
+    /// `is_determined` is false count as right in the control. `at_mm`: as [`super::MeasuredAxisPositions::at_mm`].
     ///
     /// # Errors
     /// The machine has no such axis.
-    pub fn location_errors(
+    pub fn compensated_errors(
         &self,
         chain: &KinematicChain,
         values_mm: &[f64],
-        at_mm: [f64; 3],
+        at_mm: Option<[f64; 3]>,
         is_determined: impl Fn(AxisCoordinate) -> bool,
     ) -> Result<Vec<ErrorTerm>, MethodRefusal> {
-        let at = Vector3::from(at_mm);
+        let locations = match at_mm {
+            Some(at_mm) => self.location_errors(chain, values_mm, at_mm.into(), is_determined)?,
+            None => Vec::new(),
+        };
+        let present_mm = self.present_mm();
+        let gains = self.travels.iter().map(|travel| {
+            let change_mm = travel.correction_mm(values_mm) - travel.correction_mm(&present_mm);
+            compensated_gain(chain, travel.travel, change_mm)
+        });
+        Ok(locations.into_iter().chain(gains.collect::<Result<Vec<_>, _>>()?).collect())
+    }
+
+    fn location_errors(
+        &self,
+        chain: &KinematicChain,
+        values_mm: &[f64],
+        at: Vector3<f64>,
+        is_determined: impl Fn(AxisCoordinate) -> bool,
+    ) -> Result<Vec<ErrorTerm>, MethodRefusal> {
         let positions = self.positions.iter().map(|position| position.coordinate).zip(self.positions_mm(values_mm));
         let deviations: Vec<(AxisCoordinate, f64)> = positions
             .filter(|(coordinate, _)| is_determined(*coordinate))
@@ -147,8 +186,15 @@ impl ControlModel {
     }
 }
 
-/// Steps per mm in which a pin can be set and read back.
-fn pin_steps_per_mm(value_mm: f64) -> f64 {
+/// The step nearest to `exact_mm`; the present value where it is as near.
+fn nearest_step(exact_mm: f64, present_mm: f64) -> f64 {
+    let steps_per_mm = steps_per_mm(exact_mm);
+    let is_unchanged = (exact_mm - present_mm).abs() <= 0.5 / steps_per_mm;
+    if is_unchanged { present_mm } else { (exact_mm * steps_per_mm).round() / steps_per_mm }
+}
+
+/// Steps per mm in which a value can be set and read back.
+fn steps_per_mm(value_mm: f64) -> f64 {
     let digits_before_point = value_mm.abs().max(1.0).log10().floor() as i32 + 1;
-    10_f64.powi(PIN_DIGITS - digits_before_point).min(MAX_PIN_STEPS_PER_MM)
+    10_f64.powi(PIN_DIGITS - digits_before_point).min(MAX_STEPS_PER_MM)
 }

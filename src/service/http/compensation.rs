@@ -32,9 +32,11 @@ pub fn compensation_routes() -> OpenApiRouter<AppState> {
 }
 
 /// How values are proposed, as the options of `trued compensate propose`.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ProposalQuery {
+    /// Key of [compensation] in the machine file, if it has several.
+    pub(super) target: Option<String>,
     /// Also change positions that deviate by less than their U.
     #[serde(default)]
     with_insignificant: bool,
@@ -43,13 +45,20 @@ pub(super) struct ProposalQuery {
 }
 
 impl ProposalQuery {
-    pub(super) fn source(self, run: i64) -> ProposalSource {
+    pub(super) fn source(&self, run: i64) -> ProposalSource {
         let options = ProposalOptions {
             with_insignificant_changes: self.with_insignificant,
             max_change_mm: self.max_change_mm.unwrap_or(ProposalOptions::DEFAULT_MAX_CHANGE_MM),
         };
         ProposalSource { run: RunId(run), options }
     }
+}
+
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+struct TargetQuery {
+    /// Key of [compensation] in the machine file, if it has several.
+    target: Option<String>,
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
@@ -62,12 +71,15 @@ struct WriteCompensationRequest {
     #[serde(default)]
     with_insignificant: bool,
     max_change_mm: Option<f64>,
+    target: Option<String>,
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct CompensationDecision {
     who: String,
+    /// Key of [compensation] in the machine file, if it has several.
+    target: Option<String>,
 }
 
 /// Number of a compensation.
@@ -84,7 +96,8 @@ async fn get_proposal(
     Query(query): Query<ProposalQuery>,
 ) -> Result<Json<HashedProposal>, Problem> {
     let machine = app.machine_of_run(run).await?;
-    Ok(Json(app.read_control(&machine, move |compensation| compensation.propose(query.source(run))).await?))
+    let source = query.source(run);
+    Ok(Json(app.read_control(&machine, query.target, move |compensation| compensation.propose(source)).await?))
 }
 
 /// Write the proposed values to the control and read them back. A metrologist approves the hash of the proposal.
@@ -96,23 +109,25 @@ async fn write_compensation(
     JsonOrFormBody { body, is_form }: JsonOrFormBody<WriteCompensationRequest>,
 ) -> Result<Response, Problem> {
     let machine = app.machine_of_run(run).await?;
-    let WriteCompensationRequest { who, approve, with_insignificant, max_change_mm } = body;
-    let source = ProposalQuery { with_insignificant, max_change_mm }.source(run);
+    let WriteCompensationRequest { who, approve, with_insignificant, max_change_mm, target } = body;
+    let query = ProposalQuery { target, with_insignificant, max_change_mm };
+    let source = query.source(run);
     let who = decision_name(&caller, &who)?;
     let (what, by) = (format!("compensation from run {run}"), who.clone());
-    let accepted = machine
-        .gate
-        .compensate(&what, move |compensation, lock| compensation.write(lock, &by, source, &approve).map(|(id, _)| id));
+    let accepted = machine.gate.compensate(&what, query.target, move |compensation, lock| {
+        compensation.write(lock, &by, source, &approve).map(|(id, _)| id)
+    });
     audit_and_respond(app, machine, is_form, who, what, accepted).await
 }
 
 /// Values that the control holds, and the last compensation.
-#[utoipa::path(get, path = "/api/v1/machines/{name}/compensation", operation_id = "compensation", params(("name" = String, Path)), responses((status = OK, body = DocumentedObject)))]
+#[utoipa::path(get, path = "/api/v1/machines/{name}/compensation", operation_id = "compensation", params(("name" = String, Path), TargetQuery), responses((status = OK, body = DocumentedObject)))]
 async fn get_compensation(
     State(app): State<AppState>,
     machine: ServedMachine,
+    Query(TargetQuery { target }): Query<TargetQuery>,
 ) -> Result<Json<CompensationStatus>, Problem> {
-    Ok(Json(app.read_control(&machine, |compensation| compensation.status()).await?))
+    Ok(Json(app.read_control(&machine, target, |compensation| compensation.status()).await?))
 }
 
 /// Restore the values before the last compensation.
@@ -125,12 +140,13 @@ async fn undo_compensation(
 ) -> Result<Response, Problem> {
     let who = decision_name(&caller, &body.who)?;
     let (what, by) = ("undo of the last compensation".to_owned(), who.clone());
-    let accepted =
-        machine.gate.compensate(&what, move |compensation, lock| compensation.undo(lock, &by).map(|last| last.id));
+    let accepted = machine
+        .gate
+        .compensate(&what, body.target, move |compensation, lock| compensation.undo(lock, &by).map(|last| last.id));
     audit_and_respond(app, machine, is_form, who, what, accepted).await
 }
 
-/// Write the rest of a compensation that was interrupted.
+/// Write the rest of a compensation that was interrupted, or confirm that the control was restarted.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/finish", operation_id = "finish", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber)))]
 async fn finish_compensation(
     State(app): State<AppState>,
@@ -139,9 +155,10 @@ async fn finish_compensation(
     JsonOrFormBody { body, is_form }: JsonOrFormBody<CompensationDecision>,
 ) -> Result<Response, Problem> {
     let who = decision_name(&caller, &body.who)?;
-    let (what, by) = ("end of an interrupted compensation".to_owned(), who.clone());
-    let accepted =
-        machine.gate.compensate(&what, move |compensation, lock| compensation.finish(lock, &by).map(|last| last.id));
+    let (what, by) = ("end of an unfinished compensation".to_owned(), who.clone());
+    let accepted = machine
+        .gate
+        .compensate(&what, body.target, move |compensation, lock| compensation.finish(lock, &by).map(|last| last.id));
     audit_and_respond(app, machine, is_form, who, what, accepted).await
 }
 

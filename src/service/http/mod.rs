@@ -97,10 +97,11 @@ impl AppState {
     async fn read_control<T: Send + 'static>(
         &self,
         machine: &ServedMachine,
+        target: Option<String>,
         read: impl FnOnce(&MachineCompensation<'_>) -> Result<T, CompensationError> + Send + 'static,
     ) -> Result<T, Problem> {
         let (journal, file) = (Arc::clone(&self.journal), Arc::clone(&machine.machine_file));
-        let read = move || read(&MachineCompensation::open(&file, &journal)?);
+        let read = move || read(&MachineCompensation::open(&file, &journal, target.as_deref())?);
         Ok(read_with_permit(&self.control_reader_permits, read).await??)
     }
 }

@@ -43,7 +43,7 @@ mod tolerance;
 use super::built_in::{BuiltInMachineFile, built_in_machine_file};
 use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
-pub use compensation::CompensationConfig;
+pub use compensation::{CompensationConfig, LinuxcncHalConfig};
 pub use controller::{ControlConfig, ControllerTable};
 pub use document::TomlDocument;
 pub use encoder::AxisEncoder;
@@ -79,8 +79,8 @@ pub struct MachineFile {
     pub machine: Machine,
     /// Configuration of the control, from `[controller]`.
     pub controller_section: ControllerTable,
-    /// Values of the control that compensate measured errors, if the file describes them.
-    pub compensation: Option<CompensationConfig>,
+    /// Values of the control that compensate measured errors, as the file describes them.
+    pub compensation: Vec<CompensationConfig>,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
     /// Encoder whose count the sensors' samples contain.

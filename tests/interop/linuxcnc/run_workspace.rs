@@ -73,7 +73,7 @@ impl RunWorkspace {
             // The tools of this control are as long as the stylus.
             ("stylus_offset_um = 0.3", "stylus_offset_um = 0.3\nu_stylus_length_um = 0.0"),
         ];
-        let target = "[compensation]\nkind = \"linuxcnc-trunnion\"\n";
+        let target = "[compensation.linuxcnc-trunnion]\n";
         Self::from_machine_text(rig, &format!("{head}{target}{SAMBA_SECTIONS}"), &changes)
     }
 

@@ -1,6 +1,7 @@
 //! `trued compensate` with a substitute for `halcmd` that keeps pins in a file, refuses, falsifies a read-back, or kills
 //! the program at a given call.
 
+mod joints;
 mod page;
 
 use std::fs::Permissions;
@@ -12,7 +13,7 @@ use crate::support::machine_shop::{MachineShop, built_in_machine_text, stderr};
 use machine::record::estimate::Estimate;
 use serde_json::{Value, json};
 use trued::compensation::{
-    CompensationTarget, CompensationWriteError, CompensationWriter, describe_values_of_control, propose_for_control,
+    CompensationWriteError, CompensationWriter, describe_values_of_control, open_target, propose_for_control,
 };
 use trued::setup::{self, MachineFile};
 use trued::store::{
@@ -73,7 +74,7 @@ impl CompensationShop {
             text = text.replace(from, to);
         }
         shop.replace_machine_file(&format!(
-            "{text}\n[compensation]\nkind = \"linuxcnc-trunnion\"\nhalcmd = [\"{folder}halcmd\"]\n"
+            "{text}\n[compensation.linuxcnc-trunnion]\nhalcmd = [\"{folder}halcmd\"]\n"
         ));
         std::fs::write(shop.path("rig.ini"), INI_TEXT).unwrap();
         std::fs::write(shop.path("halcmd"), HALCMD_TEXT).unwrap();
@@ -135,7 +136,7 @@ impl CompensationShop {
 
     fn state(&self) -> Option<CompensationState> {
         let journal = Journal::open(&self.shop.state_folder()).unwrap();
-        journal.last_compensation("linuxcnc-sim5").unwrap().map(|last| last.state)
+        journal.last_compensation("linuxcnc-sim5", "linuxcnc-trunnion").unwrap().map(|last| last.state)
     }
 
     fn assert_refused(&self, output: &std::process::Output, expected: &str) {
@@ -146,18 +147,26 @@ impl CompensationShop {
 
 /// C is at (50, −30) µm, U = 1 µm.
 fn store_run(folder: &Path, file: &MachineFile) {
+    store_run_with(folder, file, "self-calibration", &[("EX0C", "um", 50.0), ("EY0C", "um", -30.0)]);
+}
+
+/// Each value with u = 0.5.
+fn store_run_with(folder: &Path, file: &MachineFile, method: &str, values: &[(&str, &str, f64)]) {
     let journal = Journal::open(folder).unwrap();
-    let plan = setup::plan_without_steps(file, "self-calibration", json!({}));
+    let plan = setup::plan_without_steps(file, method, json!({}));
     let new = NewRun { machine_file_text: file.text().to_owned(), plan };
     let run = journal.begin_run(&new).wait().unwrap();
-    let parameter = |symbol: &str, value: f64| {
-        json!({"symbol": symbol, "value": value, "unit": "um", "u": 0.5, "U": 1.0, "k": 2.0, "dof": null,
+    let parameter = |(symbol, unit, value): &(&str, &str, f64)| {
+        json!({"symbol": symbol, "value": value, "unit": unit, "u": 0.5, "U": 1.0, "k": 2.0, "dof": null,
             "identifiable": true})
     };
+    let symbols: Vec<&str> = values.iter().map(|(symbol, ..)| *symbol).collect();
+    let row = |i: usize| (0..symbols.len()).map(|j| if i == j { 0.25 } else { 0.0 }).collect::<Vec<f64>>();
+    let rows: Vec<Vec<f64>> = (0..symbols.len()).map(row).collect();
     let estimate: Estimate = serde_json::from_value(json!({
-        "trued_estimate": 1, "method": "self-calibration", "functions": [], "rank": 2, "unknowns": 2,
-        "parameters": [parameter("EX0C", 50.0), parameter("EY0C", -30.0)],
-        "covariance": {"symbols": ["EX0C", "EY0C"], "rows": [[0.25, 0.0], [0.0, 0.25]]}, "condition": 1.0,
+        "trued_estimate": 1, "method": method, "functions": [], "rank": 2, "unknowns": 2,
+        "parameters": values.iter().map(parameter).collect::<Vec<_>>(),
+        "covariance": {"symbols": symbols, "rows": rows}, "condition": 1.0,
         "gauge": [], "not_identifiable": [], "residual_rms_um": 0.1, "degrees_of_freedom": 10, "chi2_per_dof": 1.0,
         "verdict": "none", "warnings": [], "priors": [], "location_at_mm": [0.0, 0.0, 90.0],
         "measured": {"X": [-60.0, 60.0], "Y": [-60.0, 60.0], "Z": [90.0, 90.0], "B": [0.0, 0.0], "C": [0.0, 315.0]},
@@ -313,10 +322,10 @@ fn expired_proposal_is_refused() {
     let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
     let folder = shop.shop.state_folder();
     let (journal, lock) = (Journal::open(&folder).unwrap(), MachineLock::acquire(&folder, "linuxcnc-sim5").unwrap());
-    let target = CompensationTarget::open(&file).unwrap();
+    let target = open_target(&file, None).unwrap();
     let options = methods::compensation::ProposalOptions { with_insignificant_changes: false, max_change_mm: 0.5 };
-    let mut proposal = propose_for_control(&journal, RunId(1), &file, &target, options).unwrap();
-    let writer = CompensationWriter { journal: &journal, lock: &lock, target: &target, who: "Ada" };
+    let mut proposal = propose_for_control(&journal, RunId(1), &file, &*target, options).unwrap();
+    let writer = CompensationWriter { journal: &journal, lock: &lock, target: &*target, who: "Ada" };
     proposal.measured_at -= std::time::Duration::from_secs(25 * 3600);
     let refused = writer.write(&proposal, &proposal.sha256().unwrap()).unwrap_err();
     assert!(matches!(refused, CompensationWriteError::Expired { run: 1 }), "{refused}");
@@ -331,7 +340,7 @@ fn run_records_values_of_the_control_and_their_differences() {
     let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
     let describe = || {
         let journal = Journal::open(&shop.shop.state_folder()).unwrap();
-        describe_values_of_control(&file, journal.last_compensation("linuxcnc-sim5").unwrap().as_ref())
+        describe_values_of_control(&file, &journal.compensations("linuxcnc-sim5").unwrap())
     };
     assert!(shop.write(&shop.hash()).status.success());
     let [values] = &describe()[..] else { panic!("{:?}", describe()) };
@@ -343,7 +352,7 @@ fn run_records_values_of_the_control_and_their_differences() {
     );
     std::fs::remove_file(shop.shop.path("pins")).unwrap();
     let [unknown] = &describe()[..] else { panic!("{:?}", describe()) };
-    assert!(unknown.starts_with("the compensation values of the control are unknown"), "{unknown}");
+    assert!(unknown.starts_with("the compensation values of the control (linuxcnc-trunnion) are unknown"), "{unknown}");
 }
 
 fn no_run_starts_while_a_compensation_is_unfinished() {
@@ -354,17 +363,22 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
         let plan = setup::plan_without_steps(&file, "self-calibration", json!({}));
         let run = journal.begin_run(&NewRun { machine_file_text: String::new(), plan }).wait().unwrap();
         journal.set_state(run, RunState::Closed).wait().unwrap();
-        let changes = vec![CompensationChange { name: "x".to_owned(), before_mm: 0.0, after_mm: 0.1 }];
+        let (name, before_text) = ("x".to_owned(), "0".to_owned());
+        let changes = vec![CompensationChange { name, before_mm: 0.0, before_text, after_mm: 0.1 }];
         let (machine, who) = (file.machine.name.clone(), "Ada".to_owned());
-        let new = NewCompensation { machine, run, who, proposal_sha256: String::new(), changes };
+        let target = "linuxcnc-trunnion".to_owned();
+        let new = NewCompensation { machine, target, run, who, proposal_sha256: String::new(), changes };
         journal.begin_compensation(&new).wait().unwrap();
     }
     let refused = shop.run_self_calibration();
     let text = stderr(&refused);
-    assert!(text.contains("compensation 1 is unfinished") && text.contains("compensate undo"), "{text}");
+    assert!(
+        text.contains("compensation 1 is unfinished") && text.contains("compensate undo --target linuxcnc-trunnion"),
+        "{text}"
+    );
     assert_eq!(shop.run_states(), ["closed", "failed"]);
     let refused = shop.run_trued(&["check", "--machine", &shop.machine_path()]);
-    assert!(stderr(&refused).contains("compensation 1 of"), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("compensation 1 is unfinished"), "{}", stderr(&refused));
     let journal = Journal::open(&shop.state_folder()).unwrap();
     journal.set_compensation_state(1, CompensationState::Undone, "Ada").wait().unwrap();
     assert!(shop.run_self_calibration().status.success());
@@ -372,6 +386,7 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 0;
+        joints::corrections_of_travel_are_written_confirmed_and_restored,
         page::metrologist_approves_values_on_the_page,
         page::daemon_killed_during_a_write_shows_and_finishes_it,
         page::page_without_tokens_writes_nothing,

@@ -61,7 +61,7 @@ pub fn metrologist_approves_values_on_the_page() {
     let hash = serve.proposal_hash();
     assert_eq!(hash, json!(shop.hash()), "the page and the command line propose the same");
     let (_, page) = serve.get("/runs/1", viewer);
-    assert!(page.contains("href=\"/runs/1/compensation\""), "{page}");
+    assert!(page.contains("href=\"/runs/1/compensation?target=linuxcnc-trunnion\""), "{page}");
     let (_, page) = serve.get("/runs/1/compensation", viewer);
     for part in ["X of C", "xyzbc-trt-kins.x-rot-point", "Approve and write", hash.as_str().unwrap()] {
         assert!(page.contains(part), "{part}: {page}");

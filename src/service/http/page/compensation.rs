@@ -11,7 +11,8 @@ use crate::report::time::format_local_time;
 use crate::service::http::AppState;
 use crate::service::http::compensation::ProposalQuery;
 use crate::service::http::problem::Problem;
-use crate::store::{CompensationState, Journal, StoreError};
+use crate::setup::MachineFile;
+use crate::store::{CompensationState, Journal, StoreError, StoredCompensation};
 
 pub async fn proposal_page(
     State(app): State<AppState>,
@@ -19,7 +20,8 @@ pub async fn proposal_page(
     Query(query): Query<ProposalQuery>,
 ) -> Result<Html<String>, Problem> {
     let machine = app.machine_of_run(run).await?;
-    let hashed = app.read_control(&machine, move |compensation| compensation.propose(query.source(run))).await?;
+    let (source, target) = (query.source(run), query.target.clone());
+    let hashed = app.read_control(&machine, target, move |compensation| compensation.propose(source)).await?;
     let table = ProposalTable::new(&hashed.proposal);
     render_page(
         "compensation.html",
@@ -38,16 +40,23 @@ pub async fn proposal_page(
     )
 }
 
-/// The last compensation of `machine`, for its page. `None`: there is none, or it is undone.
-pub fn last_compensation_values(journal: &Journal, machine: &str) -> Result<Option<Value>, StoreError> {
-    let last = journal.last_compensation(machine)?.filter(|last| last.state != CompensationState::Undone);
-    Ok(last.map(|last| {
-        context! {
-            id => last.id,
-            run => last.run.0,
-            who => last.who.as_str(),
-            at => format_local_time(last.at),
-            is_unfinished => last.state != CompensationState::Written,
-        }
-    }))
+/// The last compensation of each kind of values of the machine, for its page, without those that are undone.
+pub fn last_compensation_values(journal: &Journal, machine: &MachineFile) -> Result<Vec<Value>, StoreError> {
+    let stored = journal.compensations(&machine.machine.name)?;
+    let last = machine.compensation.iter().filter_map(|own| stored.iter().find(|stored| stored.target == own.kind()));
+    let shown = last.filter(|last| last.state != CompensationState::Undone);
+    Ok(shown.map(compensation_values).collect())
+}
+
+fn compensation_values(last: &StoredCompensation) -> Value {
+    context! {
+        id => last.id,
+        target => last.target.as_str(),
+        run => last.run.0,
+        who => last.who.as_str(),
+        at => format_local_time(last.at),
+        is_unfinished => last.state.is_unfinished(),
+        is_undone => last.state.is_undone(),
+        awaits_restart => last.state.awaits_restart(),
+    }
 }

@@ -50,7 +50,7 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
         vouch => machine.required_interlocks.iter().map(confirmation_values).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::trend_values).collect::<Vec<_>>(),
         runs,
-        compensation => compensation::last_compensation_values(journal, name)?,
+        compensations => compensation::last_compensation_values(journal, machine_file)?,
         schedule => schedule::schedule_values(&load_agenda(journal, gate.machine_state().planned_schedules, name)?),
     })
 }

@@ -19,6 +19,7 @@ use crate::report::time::format_local_time;
 use crate::report::{figure_values, temperature};
 use crate::service::http::AppState;
 use crate::service::http::problem::Problem;
+use crate::setup::CompensationConfig;
 use crate::store::{RunId, RunState, RunSummary, StoredRun};
 use ::machine::record::estimate::Estimate;
 use methods::symbol_names::ResultGroup;
@@ -32,8 +33,9 @@ pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Resu
         let stored = journal.load_run(RunId(run))?;
         let earlier = earlier_finished_runs(journal, &stored.summary, MAX_COMPARABLE_RUNS)?;
         let machine = machines.iter().find(|machine| machine.name == stored.summary.machine);
-        let has_compensation = machine.is_some_and(|machine| machine.machine_file.compensation.is_some());
-        super::render_page("run.html", tokens, context! { has_compensation, ..values_of_run(&stored, &earlier) })
+        let targets = machine.map(|machine| machine.machine_file.compensation.iter().map(CompensationConfig::kind));
+        let targets: Vec<&str> = targets.into_iter().flatten().collect();
+        super::render_page("run.html", tokens, context! { targets, ..values_of_run(&stored, &earlier) })
     })
     .await?
 }

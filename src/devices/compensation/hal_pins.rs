@@ -127,12 +127,12 @@ impl HalPins {
         Ok(ComponentPins { component: component.to_owned(), pins })
     }
 
-    /// Sets the pin `name` to a value in the form of Rust's shortest decimal number.
+    /// Sets the pin `name`.
     ///
     /// # Errors
     /// `halcmd` fails.
-    pub fn set(&self, name: &str, value: f64) -> Result<(), HalError> {
-        self.run_halcmd(&["setp", name, &value.to_string()]).map(drop)
+    pub fn set(&self, name: &str, value: &str) -> Result<(), HalError> {
+        self.run_halcmd(&["setp", name, value]).map(drop)
     }
 
     fn run_halcmd(&self, arguments: &[&str]) -> Result<String, HalError> {
@@ -234,7 +234,7 @@ mod tests {
             error("/nowhere/halcmd").starts_with("`/nowhere/halcmd -s show pin xyzbc-trt-kins.` cannot be started")
         );
         assert_eq!(error("false"), "`false -s show pin xyzbc-trt-kins.` failed: ");
-        let set = HalPins::new(&["false".to_owned()]).set("xyzbc-trt-kins.x-offset", -0.0125).unwrap_err();
+        let set = HalPins::new(&["false".to_owned()]).set("xyzbc-trt-kins.x-offset", "-0.0125").unwrap_err();
         assert_eq!(set.to_string(), "`false setp xyzbc-trt-kins.x-offset -0.0125` failed: ");
     }
 }

@@ -1,6 +1,8 @@
 //! Comparison with LinuxCNC's own equations (`trtfuncs.c` of LinuxCNC 2.9), written here as rotations, and with the
 //! machine of paper 4, computed by plain matrix products.
 
+mod travel;
+
 use nalgebra::{Rotation3, Vector3};
 
 use super::*;
@@ -128,7 +130,7 @@ fn control_model_equals_the_equations_of_linuxcnc() {
         let pins = TrunnionPins { x_rot_point: 0.3, y_rot_point: -0.2, z_rot_point: 5.0, offset: 0.7, z_offset: -55.4 };
         let control = TrunnionKinematics { tilt, pins };
         let model = control.model();
-        let errors = model.location_errors(&chain, &model.present_mm(), [0.0; 3], |_| true).unwrap();
+        let errors = model.compensated_errors(&chain, &model.present_mm(), Some([0.0; 3]), |_| true).unwrap();
         let tip = |pose| chain.tip_in_table(&position(tilt, pose), Point::from_vec(Vector3::zeros()), &errors).mm;
         // LinuxCNC's workpiece frame is that of the machine at the first pose; ours moves with the errors of the axes.
         let shift = tip(POSES[0]) - control.workpiece_from_joints(POSES[0]);
@@ -237,14 +239,14 @@ fn predicted_errors_before_and_after_are_those_of_the_true_machine() {
     let pins = TrunnionPins { x_rot_point: 0.0, y_rot_point: 0.0, z_rot_point: 0.0, offset: 0.0, z_offset: 0.0 };
     let before = TrunnionKinematics { tilt: Axis::B, pins };
     let proposal = propose_for(&machine, STATED, before, &estimate).unwrap();
-    assert_eq!(proposal.at_mm, [0.0, 0.0, 10.0]);
+    assert_eq!(proposal.at_mm, Some([0.0, 0.0, 10.0]));
     let chain = KinematicChain::new(&machine).unwrap();
     // This machine turns as ISO 841 states, LinuxCNC's the other way.
     let tip = |(joints, [b, c]): Pose| truth.tip_in_table(Vector3::from(joints) - tool, [-b, -c, 0.0]);
     let errors_with = |control: TrunnionKinematics| {
         let actual = control.tool_errors(tip);
         let model = control.model();
-        let errors = model.location_errors(&chain, &model.present_mm(), proposal.at_mm, |_| true).unwrap();
+        let errors = model.compensated_errors(&chain, &model.present_mm(), proposal.at_mm, |_| true).unwrap();
         let at = |(tip, [b, c]): Pose| {
             let others = Position::new().with(Axis::B, -b).with(Axis::C, -c);
             let target = Point::from_vec(Vector3::from(tip));
@@ -324,7 +326,7 @@ fn unmeasured_axis_stays_where_it_is() {
         let model = after.model();
         let chain = KinematicChain::new(&trunnion(tilt)).unwrap();
         let is_determined = |own| proposal.is_determined(own);
-        let errors = model.location_errors(&chain, &model.present_mm(), proposal.at_mm, is_determined).unwrap();
+        let errors = model.compensated_errors(&chain, &model.present_mm(), proposal.at_mm, is_determined).unwrap();
         let errors: Vec<(String, f64)> = errors.iter().map(|own| (own.parameter.to_string(), own.value)).collect();
         assert_eq!(errors, [("EX0C".to_owned(), 0.05), ("EY0C".to_owned(), -0.03)]);
         let reason = &proposal.positions[2].kept.as_ref().unwrap().reason;

@@ -1,14 +1,13 @@
 //! LinuxCNC's kinematics for a tilting rotary table, `xyzac-trt-kins` and `xyzbc-trt-kins`: the values are HAL pins.
 //! Which of the two, its identity mode and the units come from the INI file.
 
-mod hal_pins;
-
 use std::path::{Path, PathBuf};
 
 use machine::Axis;
 use machine::record::machine::AxisSense;
 
-use self::hal_pins::{HalError, HalPins};
+use super::hal_pins::{HalError, HalPins};
+use super::{MAX_READ_BACK_DEVIATION_MM, check_unit_is_mm};
 use crate::controllers::ControllerError;
 use crate::controllers::linuxcnc::{IniFile, identity_switchkins_type};
 
@@ -16,10 +15,6 @@ use crate::controllers::linuxcnc::{IniFile, identity_switchkins_type};
 const ISO_SENSE_PIN: &str = "conventional-directions";
 /// Component of the mode of the kinematics and of the state of the motion.
 const MOTION_COMPONENT: &str = "motion";
-
-/// Greatest deviation, mm, of a value that counts as equal: half a step of a pin below 1000 mm, of which `halcmd`
-/// prints seven digits.
-pub const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TrunnionError {
@@ -29,14 +24,12 @@ pub enum TrunnionError {
     Ini(#[from] ControllerError),
     #[error("the kinematics of {path} are `{kinematics}`, not xyzac-trt-kins or xyzbc-trt-kins", path = path.display())]
     OtherKinematics { path: PathBuf, kinematics: String },
-    #[error("LINEAR_UNITS of {path} is not mm", path = path.display())]
-    NotMillimetres { path: PathBuf },
     #[error("the kinematics apply the values now (motion.switchkins-type is {mode}): a change would move the axes")]
     KinematicsActive { mode: f64 },
     #[error("the machine moves (pin motion.in-position is FALSE)")]
     InMotion,
-    #[error("after the write, pin {pin} reads {read_mm} mm instead of {written_mm} mm")]
-    ReadBack { pin: String, written_mm: f64, read_mm: f64 },
+    #[error("after the write, pin {pin} reads {read_mm} mm instead of {written} mm")]
+    ReadBack { pin: String, written: String, read_mm: f64 },
 }
 
 impl TrunnionError {
@@ -46,7 +39,6 @@ impl TrunnionError {
             Self::Hal(error) => error.remedy(),
             Self::Ini(error) => error.remedy(),
             Self::OtherKinematics { .. } => "remove [compensation], or correct [controller] ini".to_owned(),
-            Self::NotMillimetres { .. } => "values in inches are not supported: enter them by hand".to_owned(),
             Self::KinematicsActive { .. } => "switch the kinematics to identity (M429), then try again".to_owned(),
             Self::InMotion => "wait until the machine is at rest, then try again".to_owned(),
             Self::ReadBack { .. } => {
@@ -99,10 +91,7 @@ impl TrunnionTarget {
             Some("xyzbc-trt-kins") => ("xyzbc-trt-kins", Axis::B),
             _ => return Err(other()),
         };
-        let units = file.value("TRAJ", "LINEAR_UNITS").map(str::to_ascii_lowercase);
-        if !matches!(units.as_deref(), Some("mm" | "metric")) {
-            return Err(TrunnionError::NotMillimetres { path: ini.to_owned() });
-        }
+        check_unit_is_mm(&file, ini)?;
         let identity_mode = identity_switchkins_type(&file).ok_or_else(other)?;
         Ok(Self { pins: HalPins::new(halcmd), ini: ini.to_owned(), module, tilting_axis, identity_mode })
     }
@@ -132,18 +121,19 @@ impl TrunnionTarget {
         })
     }
 
-    /// Sets the pin `name` (with its component) and reads it back.
+    /// Sets the pin `name` (with its component) to `text`, mm, and reads it back.
     ///
     /// # Errors
     /// The kinematics are not in identity mode; the machine moves; the pin cannot be set, or reads back otherwise.
-    pub fn write(&self, name: &str, value_mm: f64) -> Result<(), TrunnionError> {
+    pub fn write(&self, name: &str, text: &str) -> Result<(), TrunnionError> {
         self.check_writable()?;
-        self.pins.set(name, value_mm)?;
+        self.pins.set(name, text)?;
         let own_name = name.strip_prefix(self.module).and_then(|rest| rest.strip_prefix('.')).unwrap_or(name);
         let read_mm = self.pins.read_component(self.module)?.value(own_name)?;
-        match (read_mm - value_mm).abs() < MAX_READ_BACK_DEVIATION_MM {
+        let is_equal = text.parse().is_ok_and(|mm: f64| (read_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM);
+        match is_equal {
             true => Ok(()),
-            false => Err(TrunnionError::ReadBack { pin: name.to_owned(), written_mm: value_mm, read_mm }),
+            false => Err(TrunnionError::ReadBack { pin: name.to_owned(), written: text.to_owned(), read_mm }),
         }
     }
 

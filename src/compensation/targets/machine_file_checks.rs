@@ -1,0 +1,36 @@
+//! What the kinds of values need of the machine file.
+
+use std::path::Path;
+
+use crate::compensation::target::TargetError;
+use crate::setup::{ControlConfig, MachineFile};
+use machine::Axis;
+use machine::record::machine::{AxisSense, Machine};
+
+/// Greatest difference of a direction in the machine file from that of the machine frame.
+const DIRECTION_TOLERANCE: f64 = 1e-9;
+
+/// The INI file that LinuxCNC was started with.
+pub fn ini_file(file: &MachineFile) -> Result<&Path, TargetError> {
+    let ini = match &file.controller_section.control {
+        ControlConfig::Real(control) => control.configuration_file(),
+        ControlConfig::Simulated(_) => None,
+    };
+    ini.ok_or(TargetError::NoIniFile)
+}
+
+/// Checks that the machine file states the axes along those of the machine frame, and rotary axes with this sense.
+pub fn check_directions(machine: &Machine, axes: &[Axis], rotary_sense: AxisSense) -> Result<(), TargetError> {
+    let is_other = |axis: &&Axis| {
+        machine.axes.get(axis).is_some_and(|stated| {
+            let sense = if axis.is_linear() { AxisSense::Iso } else { rotary_sense };
+            let direction = nalgebra::Vector3::from(stated.direction);
+            let deviation = direction.normalize() - axis.nominal_direction();
+            stated.positive != sense || (direction.norm() > 0.0 && deviation.norm() > DIRECTION_TOLERANCE)
+        })
+    };
+    match axes.iter().find(is_other) {
+        Some(axis) => Err(TargetError::OtherDirection { axis: *axis }),
+        None => Ok(()),
+    }
+}

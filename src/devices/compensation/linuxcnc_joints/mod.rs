@@ -1,0 +1,248 @@
+//! LinuxCNC's compensation files for linear axes. LinuxCNC reads them when it starts, interpolates between the
+//! positions, and adds the correction to the position of the motor; the position that it reports does not contain it
+//! (User Manual, "INI Configuration", `COMP_FILE`; seen on LinuxCNC 2.9).
+
+mod table_file;
+
+use std::path::{Path, PathBuf};
+
+use machine::Axis;
+
+use self::table_file::TableFile;
+pub use self::table_file::{MotionDirection, TableFileError, TableValue};
+use super::hal_pins::{ComponentPins, HalError, HalPins};
+use super::{MAX_READ_BACK_DEVIATION_MM, check_unit_is_mm};
+use crate::controllers::ControllerError;
+use crate::controllers::linuxcnc::IniFile;
+
+#[derive(Debug, thiserror::Error)]
+pub enum JointTableError {
+    #[error(transparent)]
+    Hal(#[from] HalError),
+    #[error(transparent)]
+    Ini(#[from] ControllerError),
+    #[error(transparent)]
+    File(#[from] TableFileError),
+    #[error("{path} names no compensation file (COMP_FILE) for a joint of X, Y or Z", path = path.display())]
+    NoTable { path: PathBuf },
+    #[error("COMP_FILE_TYPE of [JOINT_{joint}] in {path} is not 0 or 1", path = path.display())]
+    UnknownType { path: PathBuf, joint: usize },
+    #[error("two joints have the compensation file {path}", path = path.display())]
+    SharedFile { path: PathBuf },
+    #[error("LinuxCNC corrects {axis} at {position_mm} mm by {active_mm} mm, not by {expected_mm} mm as the file says")]
+    NotInEffect { axis: Axis, position_mm: f64, active_mm: f64, expected_mm: f64 },
+    #[error("at {position_mm} mm of {axis} LinuxCNC's correction does not show whether it uses the new file")]
+    NotDistinguishable { axis: Axis, position_mm: f64 },
+    #[error("after the write, `{name}` reads {read_mm} mm instead of {written}")]
+    ReadBack { name: String, written: String, read_mm: f64 },
+}
+
+impl JointTableError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        let text = match self {
+            Self::Hal(error) => return error.remedy(),
+            Self::Ini(error) => return error.remedy(),
+            Self::File(error) => error.remedy(),
+            Self::NoTable { .. } => {
+                "add to the section of the joint, e.g. [JOINT_0]: COMP_FILE = x.comp and COMP_FILE_TYPE = 1; write the file \
+                 with the first and the last position of the travel, each with zeros (`-300 0 0`, `300 0 0`); restart \
+                 LinuxCNC and home the axes"
+            }
+            Self::UnknownType { .. } => "set COMP_FILE_TYPE = 1",
+            Self::SharedFile { .. } => "give each joint a file of its own",
+            Self::NotInEffect { .. } => "restart LinuxCNC and home all axes, then try again",
+            Self::NotDistinguishable { .. } => {
+                "move the axis near an end of its travel, where the old and the new correction differ most, then try again"
+            }
+            Self::ReadBack { .. } => "check which other program writes the file, then try again",
+        };
+        text.to_owned()
+    }
+}
+
+/// Meaning of the values of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableKind {
+    /// `COMP_FILE_TYPE = 0`: the actual position.
+    ActualPosition,
+    /// `COMP_FILE_TYPE = 1`: the correction.
+    Correction,
+}
+
+/// The table of one axis, as read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointTable {
+    pub axis: Axis,
+    pub kind: TableKind,
+    /// Name of the file.
+    pub file_name: String,
+    /// Position by position, forward and reverse.
+    pub values: Vec<TableValue>,
+}
+
+impl JointTable {
+    /// Name of a value at the control, e.g. `x.comp -300 forward`.
+    pub fn value_name(&self, value: &TableValue) -> String {
+        format!("{} {}", self.file_name, value.name())
+    }
+
+    /// The correction at a position of the joint, in between the positions of the table; at its ends beyond them.
+    fn correction_mm(&self, direction: MotionDirection, position_mm: f64) -> f64 {
+        let correction = |value: &TableValue| match self.kind {
+            TableKind::Correction => value.mm,
+            TableKind::ActualPosition => value.position_mm - value.mm,
+        };
+        let of_direction: Vec<&TableValue> = self.values.iter().filter(|value| value.direction == direction).collect();
+        let after = of_direction.iter().position(|value| value.position_mm > position_mm);
+        match (after, of_direction.first(), of_direction.last()) {
+            (Some(0), Some(first), _) => correction(first),
+            (Some(after), ..) => {
+                let [low, high] = [of_direction[after - 1], of_direction[after]];
+                let fraction = (position_mm - low.position_mm) / (high.position_mm - low.position_mm);
+                correction(low) + fraction * (correction(high) - correction(low))
+            }
+            (None, _, Some(last)) => correction(last),
+            (None, ..) => 0.0,
+        }
+    }
+}
+
+#[derive(Debug)]
+struct JointFile {
+    joint: usize,
+    axis: Axis,
+    kind: TableKind,
+    path: PathBuf,
+}
+
+/// A control with compensation files.
+#[derive(Debug)]
+pub struct JointTables {
+    pins: HalPins,
+    ini: PathBuf,
+    files: Vec<JointFile>,
+}
+
+impl JointTables {
+    /// `ini`: the INI file that LinuxCNC was started with. `halcmd`: as for [`HalPins::new`].
+    ///
+    /// # Errors
+    /// The INI file is not readable, is not in mm, or names no compensation file.
+    pub fn new(ini: &Path, halcmd: &[String]) -> Result<Self, JointTableError> {
+        let file = IniFile::read(ini)?;
+        check_unit_is_mm(&file, ini)?;
+        let files = joint_files(&file, ini)?;
+        for (index, own) in files.iter().enumerate() {
+            if files[..index].iter().any(|other| other.path == own.path) {
+                return Err(JointTableError::SharedFile { path: own.path.clone() });
+            }
+        }
+        match files.is_empty() {
+            true => Err(JointTableError::NoTable { path: ini.to_owned() }),
+            false => Ok(Self { pins: HalPins::new(halcmd), ini: ini.to_owned(), files }),
+        }
+    }
+
+    /// INI file and command.
+    pub fn describe(&self) -> String {
+        format!("compensation files of {}, by `{}`", self.ini.display(), self.pins.describe())
+    }
+
+    /// The tables of the files.
+    ///
+    /// # Errors
+    /// A file cannot be read, or is not valid.
+    pub fn read(&self) -> Result<Vec<JointTable>, JointTableError> {
+        self.files.iter().map(JointFile::read).collect()
+    }
+
+    /// Writes one value and reads it back. LinuxCNC uses it from its next start on.
+    ///
+    /// # Errors
+    /// There is no such value; the file cannot be written, or reads back otherwise.
+    pub fn write(&self, name: &str, text: &str) -> Result<(), JointTableError> {
+        let of_name =
+            |file: &&JointFile| name.strip_prefix(&file.file_name()).is_some_and(|rest| rest.starts_with(' '));
+        let file = self.files.iter().find(of_name);
+        let no_such_value = || TableFileError::NoSuchValue { path: self.ini.clone(), name: name.to_owned() };
+        let file = file.ok_or_else(no_such_value)?;
+        let own_name = name[file.file_name().len()..].trim_start();
+        TableFile::read(&file.path)?.write_value(own_name, text)?;
+        let table = file.read()?;
+        let read = table.values.iter().find(|value| value.name() == own_name).ok_or_else(no_such_value)?;
+        match read.text == text {
+            true => Ok(()),
+            false => {
+                Err(JointTableError::ReadBack { name: name.to_owned(), written: text.to_owned(), read_mm: read.mm })
+            }
+        }
+    }
+
+    /// Checks that LinuxCNC corrects each axis, where it stands, as its file says, and not as `before` said. `before`:
+    /// the tables as they were, in the order of [`Self::read`].
+    ///
+    /// # Errors
+    /// LinuxCNC still uses other tables, or its correction does not show which ones.
+    pub fn check_in_effect(&self, before: &[JointTable]) -> Result<(), JointTableError> {
+        let tables = self.read()?;
+        for ((file, table), before) in self.files.iter().zip(&tables).zip(before) {
+            if table != before {
+                let pins = self.pins.read_component(&format!("joint.{}", file.joint))?;
+                check_table_in_effect(&pins, table, before)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The axis stands where a motion in either direction has ended.
+fn check_table_in_effect(pins: &ComponentPins, table: &JointTable, before: &JointTable) -> Result<(), JointTableError> {
+    let position_mm = pins.value("pos-cmd")?;
+    let active_mm = pins.value("backlash-corr")?;
+    let axis = table.axis;
+    let is_active = |own: &JointTable| {
+        [MotionDirection::Forward, MotionDirection::Reverse].iter().any(|direction| {
+            (own.correction_mm(*direction, position_mm) - active_mm).abs() < MAX_READ_BACK_DEVIATION_MM
+        })
+    };
+    match (is_active(table), is_active(before)) {
+        (true, false) => Ok(()),
+        (true, true) => Err(JointTableError::NotDistinguishable { axis, position_mm }),
+        (false, _) => {
+            let expected_mm = table.correction_mm(MotionDirection::Forward, position_mm);
+            Err(JointTableError::NotInEffect { axis, position_mm, active_mm, expected_mm })
+        }
+    }
+}
+
+impl JointFile {
+    fn file_name(&self) -> String {
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    fn read(&self) -> Result<JointTable, JointTableError> {
+        let values = TableFile::read(&self.path)?.values()?;
+        Ok(JointTable { axis: self.axis, kind: self.kind, file_name: self.file_name(), values })
+    }
+}
+
+/// The files of the joints of X, Y and Z. Joints are in the order of the axes, as `COORDINATES` lists them.
+fn joint_files(file: &IniFile, ini: &Path) -> Result<Vec<JointFile>, JointTableError> {
+    let coordinates = file.value("TRAJ", "COORDINATES").unwrap_or_default();
+    let letters = coordinates.chars().filter(|letter| !letter.is_whitespace());
+    let mut files = Vec::new();
+    for (joint, letter) in letters.enumerate() {
+        let section = format!("JOINT_{joint}");
+        let axis = [Axis::X, Axis::Y, Axis::Z].into_iter().find(|axis| axis.to_string() == letter.to_string());
+        let (Some(axis), Some(name)) = (axis, file.value(&section, "COMP_FILE")) else { continue };
+        let kind = match file.value(&section, "COMP_FILE_TYPE") {
+            Some("0") => TableKind::ActualPosition,
+            Some("1") => TableKind::Correction,
+            _ => return Err(JointTableError::UnknownType { path: ini.to_owned(), joint }),
+        };
+        let path = ini.parent().unwrap_or(Path::new("")).join(name);
+        files.push(JointFile { joint, axis, kind, path });
+    }
+    Ok(files)
+}

@@ -1,0 +1,97 @@
+//! Correction of the travel of a linear axis by a table of the control.
+
+use serde::Serialize;
+
+use crate::MethodRefusal;
+use machine::frame::Point;
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain};
+use machine::{Axis, Position};
+use nalgebra::Vector3;
+
+/// Travel of a linear axis between two positions of the control.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AxisTravel {
+    pub axis: Axis,
+    pub from_mm: f64,
+    pub to_mm: f64,
+}
+
+impl AxisTravel {
+    fn length_mm(self) -> f64 {
+        self.to_mm - self.from_mm
+    }
+}
+
+/// An entry of the table: the correction at one position of the axis, for one direction of its motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TravelEntry {
+    pub nominal_mm: f64,
+    /// Index of the value.
+    pub value: usize,
+    /// Change of the value with the correction: 1, or -1 where the value states the actual position.
+    pub sign: f64,
+}
+
+/// A table that the control adds to the positions of a linear axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlledTravel {
+    pub(super) travel: AxisTravel,
+    pub(super) entries: Vec<TravelEntry>,
+    first: TravelEntry,
+    last: TravelEntry,
+}
+
+impl ControlledTravel {
+    /// `None`: the entries have fewer than two positions. Their positions increase; the entries of one position are in
+    /// the same order everywhere.
+    pub fn new(axis: Axis, entries: Vec<TravelEntry>) -> Option<Self> {
+        let first = *entries.first()?;
+        // For the same direction of motion as the first.
+        let end_mm = entries.last()?.nominal_mm;
+        let last = *entries.iter().find(|entry| entry.nominal_mm == end_mm)?;
+        let travel = AxisTravel { axis, from_mm: first.nominal_mm, to_mm: last.nominal_mm };
+        (travel.length_mm() > 0.0).then_some(Self { travel, entries, first, last })
+    }
+
+    /// By how much the table makes the travel longer than commanded, mm.
+    pub(super) fn correction_mm(&self, values_mm: &[f64]) -> f64 {
+        let at = |entry: TravelEntry| match entry.sign < 0.0 {
+            true => entry.nominal_mm - values_mm[entry.value],
+            false => values_mm[entry.value],
+        };
+        at(self.last) - at(self.first)
+    }
+
+    /// Change of the value of `entry` where the travel becomes longer by `change_mm`. The correction at zero does not
+    /// change, because homing has set this position.
+    pub(super) fn change_of(&self, entry: &TravelEntry, change_mm: f64) -> f64 {
+        entry.sign * change_mm * entry.nominal_mm / self.travel.length_mm()
+    }
+}
+
+/// The gain for which a table that makes the travel longer by `change_mm` is the correction.
+pub(super) fn compensated_gain(
+    chain: &KinematicChain,
+    travel: AxisTravel,
+    change_mm: f64,
+) -> Result<ErrorTerm, MethodRefusal> {
+    Ok(ErrorTerm { parameter: gain_of(travel.axis)?, value: -change_mm / error_by_gain_mm(chain, travel)? })
+}
+
+/// The gain of a linear axis, such as `EXX1`.
+pub(super) fn gain_of(axis: Axis) -> Result<ErrorParameter, MethodRefusal> {
+    ErrorParameter::new(axis, axis, ErrorShape::Gain)
+        .map_err(|error| MethodRefusal::new(error.to_string(), "state the tables of linear axes only"))
+}
+
+/// By how much the tool moves too far relative to the workpiece over the travel, by the gain of the axis, mm per mm/mm.
+pub(super) fn error_by_gain_mm(chain: &KinematicChain, travel: AxisTravel) -> Result<f64, MethodRefusal> {
+    // The model is linear in a gain of this size.
+    const GAIN: f64 = 1e-3;
+    let error = [ErrorTerm { parameter: gain_of(travel.axis)?, value: GAIN }];
+    let tip = |q_mm: f64, errors: &[ErrorTerm]| {
+        chain.tip_in_table(&Position::new().with(travel.axis, q_mm), Point::from_vec(Vector3::zeros()), errors).mm
+    };
+    let at = |q_mm: f64| (tip(q_mm, &error) - tip(q_mm, &[])).dot(&travel.axis.nominal_direction()) / GAIN;
+    Ok(at(travel.to_mm) - at(travel.from_mm))
+}
