@@ -2,17 +2,18 @@
 
 use std::fs::File;
 use std::io::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::result_args::{
-    CompensateAction, CompensateArgs, ProposalSourceArgs, ProposeArgs, TargetArgs, WriteCompensationArgs,
+    CompensateAction, CompensateArgs, ControlAction, ProposalSourceArgs, ProposeArgs, SheetArgs, TargetArgs,
+    WriteCompensationArgs,
 };
 use super::{ExitStatus, show};
 use crate::compensation::{
     CompensationError, CompensationStatus, HashedProposal, MachineCompensation, PositionRow, ProposalSource,
-    ProposalTable, ValueRow,
+    ProposalTable, ValueRow, render_correction_sheet,
 };
 use crate::report::number::format_fixed;
 use crate::setup::{MachineFile, SetupError};
@@ -35,26 +36,44 @@ impl ProposalSourceArgs {
 }
 
 pub fn compensate_command(args: &CompensateArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
-    let TargetArgs { machine, target } = args.action.target();
-    let file = MachineFile::read(machine).map_err(SetupError::from)?;
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
-    let compensation = MachineCompensation::open(&file, &journal, target.as_deref())?;
-    let lock = || MachineLock::acquire(&folder, &file.machine.name);
     match &args.action {
-        CompensateAction::Propose(ProposeArgs { source, json }) => {
+        CompensateAction::Sheet(args) => write_sheet(&journal, args)?,
+        CompensateAction::Control(action) => act_on_control(action, &folder, &journal)?,
+    }
+    Ok(ExitStatus::Pass)
+}
+
+fn write_sheet(journal: &Journal, SheetArgs { run, out }: &SheetArgs) -> Result<(), CommandFailure> {
+    let sheet = render_correction_sheet(journal, RunId(*run)).map_err(CompensationError::from)?;
+    for (ending, content) in [("html", sheet.html.as_bytes()), ("csv", &sheet.csv)] {
+        let path = PathBuf::from(format!("{out}.{ending}"));
+        write_new_file(&path, content, "--out")?;
+        outln!("{}", path.display());
+    }
+    Ok(())
+}
+
+fn act_on_control(action: &ControlAction, folder: &Path, journal: &Journal) -> Result<(), CommandFailure> {
+    let TargetArgs { machine, target } = action.target();
+    let file = MachineFile::read(machine).map_err(SetupError::from)?;
+    let compensation = MachineCompensation::open(&file, journal, target.as_deref())?;
+    let lock = || MachineLock::acquire(folder, &file.machine.name);
+    match action {
+        ControlAction::Propose(ProposeArgs { source, json }) => {
             let proposal = compensation.propose(source.source())?;
             if *json { show::print_json(&proposal)? } else { print_proposal(&proposal) }
         }
-        CompensateAction::Write(write) => print_written(&compensation, &lock()?, write)?,
-        CompensateAction::Undo(by) => print_undone(&compensation, &compensation.undo(&lock()?, &by.who)?),
-        CompensateAction::Finish(by) => {
+        ControlAction::Write(write) => print_written(&compensation, &lock()?, write)?,
+        ControlAction::Undo(by) => print_undone(&compensation, &compensation.undo(&lock()?, &by.who)?),
+        ControlAction::Finish(by) => {
             let finished = compensation.finish(&lock()?, &by.who)?;
             outln!("compensation {} is finished", finished.id);
         }
-        CompensateAction::Status(args) => print_status(&compensation, args.hal.as_deref())?,
+        ControlAction::Status(args) => print_status(&compensation, args.hal.as_deref())?,
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 fn print_written(
@@ -92,7 +111,7 @@ fn print_status(compensation: &MachineCompensation<'_>, hal: Option<&Path>) -> R
             .target()
             .startup_lines(&values)
             .ok_or_else(|| CommandFailure::new("these values are not lines of a HAL file", "leave out --hal"))?;
-        write_new_file(path, &lines)?;
+        write_new_file(path, lines.as_bytes(), "--hal")?;
     }
     let Some(last) = &last else {
         outln!("no compensation of this machine is in the journal");
@@ -107,10 +126,13 @@ fn print_status(compensation: &MachineCompensation<'_>, hal: Option<&Path>) -> R
     Ok(())
 }
 
-fn write_new_file(path: &Path, text: &str) -> Result<(), CommandFailure> {
-    let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
+fn write_new_file(path: &Path, content: &[u8], option: &str) -> Result<(), CommandFailure> {
+    let written = File::create_new(path).and_then(|mut file| file.write_all(content));
     written.map_err(|error| {
-        CommandFailure::new(format!("{} cannot be written: {error}", path.display()), "name a new file with --hal")
+        CommandFailure::new(
+            format!("{} cannot be written: {error}", path.display()),
+            format!("name a new file with {option}"),
+        )
     })
 }
 

@@ -53,6 +53,14 @@ pub struct CompensateArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum CompensateAction {
+    #[command(flatten)]
+    Control(ControlAction),
+    /// Write a sheet of the measured errors, for a person who enters them into a control or a CAM system.
+    Sheet(SheetArgs),
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ControlAction {
     /// Propose values from a stored run. Writes nothing to the control.
     Propose(ProposeArgs),
     /// Write the proposed values to the control and read them back.
@@ -65,7 +73,7 @@ pub enum CompensateAction {
     Status(CompensationStatusArgs),
 }
 
-impl CompensateAction {
+impl ControlAction {
     pub fn target(&self) -> &TargetArgs {
         match self {
             Self::Propose(args) => &args.source.target,
@@ -128,6 +136,15 @@ pub struct CompensationStatusArgs {
     /// Also write the values as lines of a HAL file, into a new file.
     #[arg(long, value_name = "FILE")]
     pub hal: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct SheetArgs {
+    /// Number of the run; `trued runs` lists the numbers.
+    pub run: i64,
+    /// The new files are NAME.html and NAME.csv.
+    #[arg(long, value_name = "NAME")]
+    pub out: String,
 }
 
 #[derive(Debug, Args)]

@@ -3,6 +3,7 @@
 mod machine_compensation;
 mod proposal;
 mod proposal_table;
+mod sheet;
 mod target;
 mod targets;
 mod values_record;
@@ -13,6 +14,7 @@ pub use machine_compensation::{
 };
 pub use proposal::{ControlProposal, propose_for_control};
 pub use proposal_table::{PositionRow, ProposalTable, ValueRow};
+pub use sheet::{RenderedSheet, render_correction_sheet};
 pub use target::CompensationTarget;
 pub use targets::open_target;
 pub use values_record::describe_values_of_control;

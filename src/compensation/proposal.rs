@@ -6,12 +6,12 @@ use serde::Serialize;
 use super::target::{CompensationTarget, TargetError};
 use super::values_record::has_run_with_values;
 use crate::setup::{ControlConfig, MachineFile, MachineFileError};
-use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
+use crate::store::{Journal, RunId, StoreError, StoredEstimate, StoredRun, sha256};
 use machine::kinematics::KinematicChain;
 use machine::record::estimate::{Estimate, Parameter, Unit, Verdict};
 use machine::record::machine::Machine;
 use methods::MethodRefusal;
-use methods::compensation::{ControlModel, MeasuredAxisPositions, Proposal, ProposalOptions, propose};
+use methods::compensation::{ControlModel, MeasuredAxisPositions, Proposal, ProposalOptions, ProposedTravel, propose};
 use methods::identification::StatedStylusUncertainty;
 use methods::prediction::{ErrorPredictor, WorkZero};
 
@@ -42,6 +42,10 @@ pub enum ControlProposalError {
     OtherValues(RunId),
     #[error("the proposal cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
+    #[error("the sheet cannot be written: {0}")]
+    Template(#[from] minijinja::Error),
+    #[error("the sheet cannot be written: {0}")]
+    Csv(#[from] std::io::Error),
 }
 
 impl ControlProposalError {
@@ -61,7 +65,7 @@ impl ControlProposalError {
             Self::ChangedMachine(_) | Self::OtherValues(_) => "measure again with this machine file".to_owned(),
             Self::UnreadableMachineFile { .. } => "measure again with this version".to_owned(),
             Self::Simulated(_) => "measure on the machine".to_owned(),
-            Self::Json(_) => "report this error".to_owned(),
+            Self::Json(_) | Self::Template(_) | Self::Csv(_) => "report this error".to_owned(),
         }
     }
 }
@@ -133,11 +137,8 @@ pub fn propose_for_control(
     options: ProposalOptions,
 ) -> Result<ControlProposal, ControlProposalError> {
     let stored = journal.load_run(run)?;
-    let last = stored.estimates.last().ok_or(ControlProposalError::NoEstimate(run))?;
+    let last = last_usable_estimate(run, &stored)?;
     check_machine(run, &stored, file)?;
-    if last.estimate.verdict == Verdict::UndecidedModel {
-        return Err(ControlProposalError::ContradictedModel(run));
-    }
     let control = target.read()?;
     if control.is_in_readings() && !has_run_with_values(&stored, target.kind(), control.values()) {
         return Err(ControlProposalError::OtherValues(run));
@@ -159,11 +160,21 @@ pub fn propose_for_control(
         control: target.describe(),
         estimate_sha256: last.sha256.clone(),
         stylus_length_mm: plan.machine.tool_mm[2].abs(),
-        remaining: remaining_errors(&last.estimate, &proposal),
+        remaining: remaining_errors(&last.estimate, &proposal.travels),
         warnings: last.estimate.warnings.clone(),
         predicted: predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
         proposal,
     })
+}
+
+/// # Errors
+/// There is no estimate; its readings contradict the model.
+pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&StoredEstimate, ControlProposalError> {
+    let last = stored.estimates.last().ok_or(ControlProposalError::NoEstimate(run))?;
+    match last.estimate.verdict {
+        Verdict::UndecidedModel => Err(ControlProposalError::ContradictedModel(run)),
+        _ => Ok(last),
+    }
 }
 
 /// Checks that the run measured the machine of `file` with its real control.
@@ -224,9 +235,9 @@ fn predict_before_and_after(
 
 /// Errors of the axes that the control cannot correct: tilts and squareness, gains without a table. Positions are not
 /// listed: a control without them shows none.
-fn remaining_errors(estimate: &Estimate, proposal: &Proposal) -> Vec<RemainingError> {
+pub(super) fn remaining_errors(estimate: &Estimate, travels: &[ProposedTravel]) -> Vec<RemainingError> {
     let is_corrected =
-        |own: &Parameter| proposal.travels.iter().any(|travel| own.symbol == format!("E{0}{0}1", travel.travel.axis));
+        |own: &Parameter| travels.iter().any(|travel| own.symbol == format!("E{0}{0}1", travel.travel.axis));
     let is_angle_or_gain = |own: &&Parameter| matches!(own.unit, Unit::Urad | Unit::UmPerM) && own.identifiable;
     let remaining = estimate.parameters.iter().filter(is_angle_or_gain).filter(|own| !is_corrected(own));
     let remaining = remaining.map(|own| RemainingError {

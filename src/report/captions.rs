@@ -115,6 +115,12 @@ fn circle_figure_values(circle: &CircleFigure) -> Value {
     }
 }
 
+/// Whether a sketch shows errors of the estimate.
+pub fn has_location_errors(estimate: &Estimate) -> bool {
+    let symbols: Vec<&str> = estimate.parameters.iter().map(|parameter| parameter.symbol.as_str()).collect();
+    !figure::axes_with_location_errors(&symbols).is_empty()
+}
+
 /// Template values of the sketch of each axis with location errors.
 pub(super) fn sketch_values(estimate: &Estimate) -> Vec<Value> {
     let symbols: Vec<&str> = estimate.parameters.iter().map(|parameter| parameter.symbol.as_str()).collect();

@@ -4,6 +4,7 @@
 mod budget;
 mod captions;
 mod clearance;
+pub mod correction_sheet;
 mod correlation;
 pub mod difference;
 mod figure;
@@ -22,7 +23,7 @@ mod tests;
 pub mod time;
 mod vectors;
 
-pub use captions::figure_values;
+pub use captions::{figure_values, has_location_errors};
 pub use figure::{ErrorMap, IndividualsChart, TemperatureCurves};
 
 /// Colours, type and spacing of the report and of the page of the daemon.

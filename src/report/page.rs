@@ -63,18 +63,23 @@ pub struct ReportFacts {
 /// # Errors
 /// The template is invalid.
 pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Result<String, minijinja::Error> {
-    let mut environment = Environment::new();
-    environment.set_undefined_behavior(UndefinedBehavior::Strict);
-    environment.set_auto_escape_callback(|_| AutoEscape::Html);
-    environment.add_filter("one_line_symbols", with_one_line_symbols);
-    environment.add_global("base_css", Value::from_safe_string(BASE_CSS.to_owned()));
     let rows = result_rows(RunContext::from_estimate(estimate), &estimate.parameters);
     let values = context! {
         ..result_values(estimate, &rows),
         ..figure_sections(estimate, facts),
         ..record_sections(plan, estimate, facts)
     };
-    environment.render_str(PAGE_TEMPLATE, values)
+    html_environment().render_str(PAGE_TEMPLATE, values)
+}
+
+/// For templates of whole pages: strict, escaped, with the style.
+pub(super) fn html_environment() -> Environment<'static> {
+    let mut environment = Environment::new();
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    environment.add_filter("one_line_symbols", with_one_line_symbols);
+    environment.add_global("base_css", Value::from_safe_string(BASE_CSS.to_owned()));
+    environment
 }
 
 /// Template values of the figures.

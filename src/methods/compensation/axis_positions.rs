@@ -65,6 +65,11 @@ impl<'a> MeasuredAxisPositions<'a> {
         self.at.map(Into::into)
     }
 
+    /// The position that the machine file states, mm.
+    pub fn stated_mm(&self, coordinate: AxisCoordinate) -> Option<f64> {
+        self.at.map(|at| nominal_coordinate(&self.chain, coordinate, at))
+    }
+
     /// By how much the tool moves too far relative to the workpiece over `travel`, by the gain of the axis.
     ///
     /// # Errors

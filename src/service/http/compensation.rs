@@ -15,8 +15,11 @@ use super::actions::{JsonOrFormBody, audit_entry, run_to_completion};
 use super::openapi::schemas::DocumentedObject;
 use super::page::{errors_as_pages, machine_page_path};
 use super::problem::Problem;
+use super::run_files::{CSV_CONTENT_TYPE, attachment};
 use super::{AppState, ServedMachine};
-use crate::compensation::{CompensationError, CompensationStatus, HashedProposal, ProposalSource};
+use crate::compensation::{
+    CompensationError, CompensationStatus, HashedProposal, ProposalSource, render_correction_sheet,
+};
 use crate::service::machine_state::Refusal;
 use crate::service::worker_command::CompensationResultReceiver;
 use crate::store::RunId;
@@ -28,6 +31,7 @@ pub fn compensation_routes() -> OpenApiRouter<AppState> {
         .routes(routes!(get_compensation))
         .routes(routes!(undo_compensation))
         .routes(routes!(finish_compensation))
+        .routes(routes!(get_sheet_file))
         .layer(from_fn(errors_as_pages))
 }
 
@@ -160,6 +164,14 @@ async fn finish_compensation(
         .gate
         .compensate(&what, body.target, move |compensation, lock| compensation.finish(lock, &by).map(|last| last.id));
     audit_and_respond(app, machine, is_form, who, what, accepted).await
+}
+
+/// Measured errors for a control or a CAM system, as `trued compensate sheet` writes them.
+#[utoipa::path(get, path = "/api/v1/runs/{run}/sheet.csv", operation_id = "sheet_file", params(("run" = i64, Path)), responses((status = OK, body = String, content_type = "text/csv", headers(("content-disposition" = String, description = "attachment with its file name")))))]
+async fn get_sheet_file(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Response, Problem> {
+    let sheet = app.read_journal(move |journal| render_correction_sheet(journal, RunId(run))).await?;
+    let csv = sheet.map_err(CompensationError::from)?.csv;
+    Ok(attachment(CSV_CONTENT_TYPE, &format!("run-{run}-errors.csv"), csv))
 }
 
 /// Name of the person who decides. Without tokens nobody is known to be a metrologist.

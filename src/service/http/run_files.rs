@@ -14,7 +14,7 @@ use crate::archive::report::ReportError;
 use crate::archive::run_files;
 use crate::store::RunId;
 
-const CSV_CONTENT_TYPE: &str = "text/csv; charset=utf-8";
+pub(super) const CSV_CONTENT_TYPE: &str = "text/csv; charset=utf-8";
 const JSON_CONTENT_TYPE: &str = "application/json";
 
 pub fn run_file_routes() -> OpenApiRouter<AppState> {
@@ -54,7 +54,7 @@ async fn get_results_file(State(app): State<AppState>, Path(run): Path<i64>) -> 
 }
 
 /// `file_name`: only letters, digits, `-` and `.`, so that it needs no escaping.
-fn attachment(content_type: &'static str, file_name: &str, content: Vec<u8>) -> Response {
+pub(super) fn attachment(content_type: &'static str, file_name: &str, content: Vec<u8>) -> Response {
     let disposition = format!("attachment; filename=\"{file_name}\"");
     ([(CONTENT_TYPE, content_type.to_owned()), (CONTENT_DISPOSITION, disposition)], content).into_response()
 }

@@ -206,6 +206,24 @@ fn approved_values_are_written_and_restored() {
     assert!(shop.write(&hash).status.success() && shop.is_corrected());
 }
 
+/// The sheet needs no control.
+fn sheet_lists_the_measured_positions() {
+    let shop = CompensationShop::new();
+    let name = shop.shop.path_text("errors");
+    let write_sheet = || shop.shop.run_trued(&["compensate", "sheet", "1", "--out", &name]);
+    assert!(write_sheet().status.success());
+    let table = std::fs::read_to_string(format!("{name}.csv")).unwrap();
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(lines[0], "quantity,value,U,unit,stated,remark");
+    assert_eq!(lines[3..], ["X of C,0.0500,0.0010,mm,0.0000,", "Y of C,-0.0300,0.0010,mm,0.0000,"]);
+    assert!(lines[1].starts_with("X of B,,,mm,0.0000,\"the self-calibration run does not determine"), "{table}");
+    let page = std::fs::read_to_string(format!("{name}.html")).unwrap();
+    assert!(page.contains("Not verified on this control") && page.contains("<svg"), "{page}");
+    assert!(!page.contains("simulated machine"), "{page}");
+    shop.assert_refused(&write_sheet(), "cannot be written");
+    assert_eq!(std::fs::read_to_string(format!("{name}.csv")).unwrap(), table);
+}
+
 fn write_that_is_not_safe_is_refused() {
     let shop = CompensationShop::new();
     let hash = shop.hash();
@@ -387,6 +405,7 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
 pub fn trials() -> Trials {
     trials![Pool::Computing, 0;
         joints::corrections_of_travel_are_written_confirmed_and_restored,
+        sheet_lists_the_measured_positions,
         page::metrologist_approves_values_on_the_page,
         page::daemon_killed_during_a_write_shows_and_finishes_it,
         page::page_without_tokens_writes_nothing,

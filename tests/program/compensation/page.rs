@@ -66,6 +66,8 @@ pub fn metrologist_approves_values_on_the_page() {
     for part in ["X of C", "xyzbc-trt-kins.x-rot-point", "Approve and write", hash.as_str().unwrap()] {
         assert!(page.contains(part), "{part}: {page}");
     }
+    assert!(serve.get("/runs/1/sheet", viewer).1.contains("Not verified on this control"));
+    assert!(serve.get("/api/v1/runs/1/sheet.csv", viewer).1.contains("X of C,0.0500,0.0010,mm"));
     let approval = json!({"who": "Ada", "approve": hash});
     for token in ["", viewer, operator] {
         let (status, _) = serve.post(RUN_PATH, token, &approval);

@@ -6,13 +6,13 @@ use minijinja::value::Serde;
 use minijinja::{Value, context};
 
 use super::{machine_page_path, render_page};
-use crate::compensation::ProposalTable;
+use crate::compensation::{CompensationError, ProposalTable, render_correction_sheet};
 use crate::report::time::format_local_time;
 use crate::service::http::AppState;
 use crate::service::http::compensation::ProposalQuery;
 use crate::service::http::problem::Problem;
 use crate::setup::MachineFile;
-use crate::store::{CompensationState, Journal, StoreError, StoredCompensation};
+use crate::store::{CompensationState, Journal, RunId, StoreError, StoredCompensation};
 
 pub async fn proposal_page(
     State(app): State<AppState>,
@@ -38,6 +38,12 @@ pub async fn proposal_page(
             query => Serde(query),
         },
     )
+}
+
+/// The sheet of the measured errors, as a page of its own.
+pub async fn sheet_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
+    let sheet = app.read_journal(move |journal| render_correction_sheet(journal, RunId(run))).await?;
+    Ok(Html(sheet.map_err(CompensationError::from)?.html))
 }
 
 /// The last compensation of each kind of values of the machine, for its page, without those that are undone.

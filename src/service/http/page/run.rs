@@ -16,7 +16,7 @@ use crate::archive::run_story::{
 use crate::report::residuals::{residual_figure_values, residual_figures};
 use crate::report::result_row::{ResultRow, RunContext, not_passed, result_rows};
 use crate::report::time::format_local_time;
-use crate::report::{figure_values, temperature};
+use crate::report::{figure_values, has_location_errors, temperature};
 use crate::service::http::AppState;
 use crate::service::http::problem::Problem;
 use crate::setup::CompensationConfig;
@@ -94,6 +94,7 @@ fn estimate_values(estimate: &Estimate) -> Value {
         main => Serde(&main),
         details => Serde(&details),
         not_passed => Serde(&not_passed(&rows)),
+        has_location_errors => has_location_errors(estimate),
         warnings => estimate.warnings.clone(),
     }
 }
