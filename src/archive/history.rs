@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
 use crate::report::{self, IndividualsChart};
-use crate::store::{FinishedRunResult, Journal, RunId, StoreError};
+use crate::store::{CompensationEvent, FinishedRunResult, Journal, RunId, StoreError};
 use machine::record::estimate::{Parameter, ParameterTolerance, Unit};
 use machine::record::reading::Temperatures;
 use methods::decision::trend::{self, ChangeKind, NamedTrend, Trend, TrendPoint};
@@ -35,6 +35,9 @@ pub struct ParameterSeries {
     pub tolerance: Option<f64>,
     pub values: Vec<RunParameter>,
     pub trend: Trend,
+    /// Compensations of the machine.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub compensations: Vec<CompensationEvent>,
 }
 
 /// Maximum number of runs of each method in a history: twice the number that is searched for changes.
@@ -53,7 +56,8 @@ pub fn machine_history(
     let mut all: Vec<ParameterValues> = Vec::new();
     journal.visit_finished_run_results(machine, MAX_RUNS_PER_METHOD, |measured| add_run_values(&mut all, measured))?;
     all.sort_by(|one, other| one.method.cmp(&other.method));
-    Ok(all.into_iter().map(|parameter| parameter.into_series(tolerances)).collect())
+    let compensations = journal.compensation_history(machine)?;
+    Ok(all.into_iter().map(|parameter| parameter.into_series(tolerances, &compensations)).collect())
 }
 
 /// Values of one parameter so far.
@@ -78,7 +82,7 @@ fn add_run_values(all: &mut Vec<ParameterValues>, measured: FinishedRunResult) {
 }
 
 impl ParameterValues {
-    fn into_series(self, tolerances: &[ParameterTolerance]) -> ParameterSeries {
+    fn into_series(self, tolerances: &[ParameterTolerance], compensations: &[CompensationEvent]) -> ParameterSeries {
         let Self { method, symbol, unit, values } = self;
         let point = |value: &RunParameter| TrendPoint {
             measurement_time_s: value.started.as_duration().as_secs_f64(),
@@ -86,7 +90,8 @@ impl ParameterValues {
         };
         let trend = Trend::from_points(values.iter().map(point).collect());
         let limit = tolerances.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
-        ParameterSeries { method, symbol, unit, tolerance: limit.map(|limit| limit.limit), values, trend }
+        let (tolerance, compensations) = (limit.map(|limit| limit.limit), compensations.to_vec());
+        ParameterSeries { method, symbol, unit, tolerance, values, trend, compensations }
     }
 }
 
@@ -123,6 +128,7 @@ pub fn draw_series_chart(series: &ParameterSeries) -> Option<String> {
             ([lower, chart.centre, upper], from)
         }),
         step_times_s: steps.filter_map(|step| between(step.first)).collect(),
+        compensation_times_s: series.compensations.iter().map(|event| unix_s(event.at)).collect(),
         tolerance: series.tolerance,
         temperatures: thermometer_series(values, unix_s),
     };

@@ -10,7 +10,7 @@ use crate::archive::history::{ParameterSeries, describe_changes, machine_history
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
 use crate::report::result_row::format_plus_minus_limit;
 use crate::setup::MachineFile;
-use crate::store::Journal;
+use crate::store::{CompensationEvent, Journal};
 use machine::record::estimate::ParameterTolerance;
 
 pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
@@ -76,6 +76,12 @@ fn print_trend(machine: &str, all: &[ParameterSeries], days: u32) {
             number(newest.expanded),
             series.unit.symbol(),
         );
+    }
+    for CompensationEvent { id, target, run, is_undone, at } in
+        all.iter().take(1).flat_map(|series| &series.compensations)
+    {
+        let what = if *is_undone { "undone" } else { "written" };
+        outln!("compensation {id} ({target}) from run {run}: {what} {at:.0}");
     }
     outln!("{}\n", with_one_line_symbols(&describe_changes(all, days)));
 }

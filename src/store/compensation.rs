@@ -127,6 +127,16 @@ pub struct StoredCompensation {
     pub who: String,
 }
 
+/// A compensation came into effect, or the values before it did again.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CompensationEvent {
+    pub id: i64,
+    pub target: String,
+    pub run: RunId,
+    pub is_undone: bool,
+    pub at: Timestamp,
+}
+
 impl Journal {
     /// Adds the intent to write. Returns the number of the compensation.
     pub fn begin_compensation(&self, new: &NewCompensation) -> AwaitableWrite<i64> {
@@ -155,6 +165,14 @@ impl Journal {
     /// The journal cannot be read.
     pub fn last_compensation(&self, machine: &str, target: &str) -> Result<Option<StoredCompensation>, StoreError> {
         Ok(self.compensations(machine)?.into_iter().find(|own| own.target == target))
+    }
+
+    /// When compensations of `machine` came into effect, and when they were undone; oldest first.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn compensation_history(&self, machine: &str) -> Result<Vec<CompensationEvent>, StoreError> {
+        self.query(|connection| select_history(connection, machine))
     }
 
     /// The compensations of `machine`, newest first.
@@ -196,6 +214,23 @@ fn select_compensations(connection: &Connection, machine: &str) -> Result<Vec<St
          ORDER BY id DESC";
     let mut statement = connection.prepare(select)?;
     let rows = statement.query_map(params![machine], read_row)?;
+    Ok(rows.collect::<Result<_, _>>()?)
+}
+
+fn select_history(connection: &Connection, machine: &str) -> Result<Vec<CompensationEvent>, StoreFault> {
+    let select = "SELECT id, target, run, state, at FROM compensations
+         JOIN compensation_states ON compensation = id
+         WHERE machine = ?1 AND state IN ('written', 'undone') ORDER BY seq";
+    let mut statement = connection.prepare(select)?;
+    let rows = statement.query_map(params![machine], |row| {
+        Ok(CompensationEvent {
+            id: row.get(0)?,
+            target: row.get(1)?,
+            run: RunId(row.get(2)?),
+            is_undone: row.get::<_, String>(3)? == CompensationState::Undone.as_str(),
+            at: columns::parse_text_column(row, 4)?,
+        })
+    })?;
     Ok(rows.collect::<Result<_, _>>()?)
 }
 

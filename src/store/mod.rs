@@ -41,7 +41,8 @@ pub use artefact_register::{ArtefactRegister, ArtefactRegisterError, Certificate
 pub use audit::{AuditEntry, StoredAuditEntry};
 pub use backup::{BackupContent, backup};
 pub use compensation::{
-    CompensationChange, CompensationState, NewCompensation, StoredCompensation, UnfinishedCompensation,
+    CompensationChange, CompensationEvent, CompensationState, NewCompensation, StoredCompensation,
+    UnfinishedCompensation,
 };
 pub use error::{StoreError, StoreFault};
 pub use journal::{AwaitableWrite, Journal};

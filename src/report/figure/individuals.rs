@@ -30,6 +30,8 @@ pub struct IndividualsChart {
     pub tolerance: Option<f64>,
     /// Times of the steps.
     pub step_times_s: Vec<f64>,
+    /// Times at which values were written to the control, or restored.
+    pub compensation_times_s: Vec<f64>,
     pub temperatures: TemperatureCurves,
 }
 
@@ -120,6 +122,8 @@ impl IndividualsChart {
             (LegendSymbol::DashedLine, format!("tolerance ±{limit} {}{beyond}", unit.symbol()))
         }));
         legend_entries.extend((!self.step_times_s.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
+        let has_compensation = !self.compensation_times_s.is_empty();
+        legend_entries.extend(has_compensation.then(|| (LegendSymbol::CompensationMark, "compensation".to_owned())));
         legend_entries
     }
 
@@ -153,6 +157,10 @@ impl IndividualsChart {
         for t_s in &self.step_times_s {
             let line = vec![(*t_s, *low), (*t_s, *high)];
             chart.draw_series([PathElement::new(line, INK_COLOUR.stroke_width(3))])?;
+        }
+        for t_s in self.compensation_times_s.iter().filter(|t_s| (*first..=*last).contains(*t_s)) {
+            let (line, (dash, gap)) = ([(*t_s, *low), (*t_s, *high)], legend::COMPENSATION_DASH_AND_GAP_LENGTH);
+            chart.draw_series(DashedLineSeries::new(line, dash, gap, FIT_COLOUR.stroke_width(4)))?;
         }
         let bars = samples.iter().map(|PlotPoint { x, y, uncertainty_half_width: half }| {
             let ends = vec![(*x, y - half), (*x, y + half)];
@@ -266,6 +274,25 @@ mod tests {
             text_y(1000.0, "tolerance") - text_y(1000.0, "control limits"),
             f64::from(legend::LEGEND_ROW_HEIGHT)
         );
+    }
+
+    #[test]
+    fn compensation_is_marked_at_its_time() {
+        let at = -86_400.0 * 3.5;
+        let chart = IndividualsChart { compensation_times_s: vec![at, 1e6], ..daily_chart(None) };
+        let svg = chart.draw_shapes(Unit::Um).unwrap();
+        assert!(svg.contains("compensation"), "{svg}");
+        let circles: Vec<f64> = svg
+            .lines()
+            .filter(|line| line.contains("<circle"))
+            .map(|line| attribute_values(line, "cx")[0].parse().unwrap())
+            .collect();
+        let height: f64 = attribute_values(&svg, "viewBox")[0].split(' ').nth(3).unwrap().parse().unwrap();
+        let is_below_legend = |[_, y]: &[f64; 2]| *y > height - f64::from(PICTURE_SIZE.1);
+        let marks = svg.lines().filter(|line| line.contains("<polyline") && line.contains("#C2571A"));
+        let marks = marks.map(|line| polyline_points(line)[0]).filter(is_below_legend).map(|[x, _]| x);
+        let marks: Vec<f64> = marks.filter(|x| *x > circles[0]).collect();
+        assert!(!marks.is_empty() && marks.iter().all(|x| *x > circles[6] && *x < circles[7]), "{marks:?} {circles:?}");
     }
 
     /// For values of one or two µm, a tolerance of a millimetre is named in the legend, and the values stay

@@ -1,5 +1,6 @@
 //! Plot legend: a sample of each line with its name.
 
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 
 use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, text_style};
@@ -19,6 +20,9 @@ pub(super) const SHADE_OPACITY: f64 = 0.6;
 /// Length and gap of the dashes of a line.
 pub(super) const DASH_AND_GAP_LENGTH: (i32, i32) = (40, 24);
 
+/// Lengths of a dash and of the gap after it in the mark of a compensation.
+pub(super) const COMPENSATION_DASH_AND_GAP_LENGTH: (i32, i32) = (10, 7);
+
 /// Sample and name of a line or area.
 pub(super) type LegendEntry = (LegendSymbol, String);
 
@@ -33,6 +37,8 @@ pub(super) enum LegendSymbol {
     DashedLine,
     /// Vertical line at the time of a step.
     StepMark,
+    /// Dashed vertical line at the time of a compensation.
+    CompensationMark,
     /// Marker of the thermometer with this number.
     ThermometerMarker(usize),
 }
@@ -99,6 +105,11 @@ fn draw_legend_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) 
         LegendSymbol::StepMark => {
             let line = vec![(x + LINE_SAMPLE_LENGTH / 2, y - 18), (x + LINE_SAMPLE_LENGTH / 2, y + 18)];
             area.draw(&PathElement::new(line, INK_COLOUR.stroke_width(3)))?;
+        }
+        LegendSymbol::CompensationMark => {
+            let line = [(x + LINE_SAMPLE_LENGTH / 2, y - 18), (x + LINE_SAMPLE_LENGTH / 2, y + 18)];
+            let (dash, gap) = COMPENSATION_DASH_AND_GAP_LENGTH;
+            area.draw(&DashedPathElement::new(line, dash as u32, gap as u32, FIT_COLOUR.stroke_width(4)))?;
         }
         LegendSymbol::ThermometerMarker(number) => {
             area.draw(&PathElement::new(across(x, LINE_SAMPLE_LENGTH, y), LINE_COLOUR.stroke_width(2)))?;

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{CompensationShop, INI_TEXT, PIN_LINES, stderr, store_run_with};
+use super::shop::{CompensationShop, INI_TEXT, PIN_LINES, store_run_with};
+use crate::support::machine_shop::stderr;
 use machine::record::event::RunEvent;
 use trued::compensation::describe_values_of_control;
 use trued::setup::MachineFile;

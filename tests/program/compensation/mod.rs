@@ -1,17 +1,15 @@
-//! `trued compensate` with a substitute for `halcmd` that keeps pins in a file, refuses, falsifies a read-back, or kills
-//! the program at a given call.
+//! `trued compensate` with a substitute for `halcmd`.
 
 mod joints;
 mod page;
+mod shop;
 
-use std::fs::Permissions;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
+use self::shop::{CALLS_OF_WRITE, CompensationShop, INI_TEXT, PIN_LINES};
 use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, built_in_machine_text, stderr};
-use machine::record::estimate::Estimate;
-use serde_json::{Value, json};
+use serde_json::json;
 use trued::compensation::{
     CompensationWriteError, CompensationWriter, describe_values_of_control, open_target, propose_for_control,
 };
@@ -19,162 +17,6 @@ use trued::setup::{self, MachineFile};
 use trued::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, NewRun, RunId, RunState,
 };
-
-const MACHINE_TEXT: &str = include_str!("../../../config/linuxcnc-sim.toml");
-const INI_TEXT: &str = include_str!("../../peers/linuxcnc/rig.ini");
-/// Prints the pins as `halcmd -s show pin PREFIX` of LinuxCNC 2.9 does, and sets them as `setp`. At the call whose number
-/// is in the file `kill-at` it kills the program: before it acts, or after it if the number ends with a plus sign.
-const HALCMD_TEXT: &str = r#"#!/bin/sh
-cd "$(dirname "$0")" || exit 1
-count=$(($(cat calls 2>/dev/null || echo 0) + 1)); echo $count > calls
-kill_at=$(cat kill-at 2>/dev/null)
-if [ "$kill_at" = "$count" ]; then kill -9 $PPID; exit 1; fi
-if [ "$1" = setp ]; then
-    if [ "$2" = "$(cat refused 2>/dev/null)" ]; then echo "pin '$2' is refused" >&2; exit 1; fi
-    value=$3
-    [ -e falsified ] && value=$(awk "BEGIN { print $3 + 0.0001 }")
-    [ -e intruder ] && sed -i 's/ 0.02 / 7.0 /' pins
-    awk -v name="$2" -v value="$value" '$5 == name { $4 = value } { print }' pins > new && mv new pins
-else
-    grep " $4" pins
-fi
-[ "$kill_at" = "$count+" ] && kill -9 $PPID
-exit 0
-"#;
-const PIN_LINES: &str = "10 float IN 0.0123 xyzbc-trt-kins.x-rot-point
-10 float IN 0.02 xyzbc-trt-kins.y-rot-point
-10 float IN -3.5 xyzbc-trt-kins.z-rot-point
-10 float IN 0.25 xyzbc-trt-kins.x-offset
-10 float IN 3.5 xyzbc-trt-kins.z-offset
-10 float IN 0 motion.switchkins-type
-10 bit OUT TRUE motion.in-position
-";
-/// x-rot-point, y-rot-point and x-offset after the correction: C is where it was measured, B where it was.
-const CORRECTED: [(&str, f64); 3] = [("x-rot-point", 0.05), ("y-rot-point", -0.03), ("x-offset", 0.2123)];
-/// Calls of `halcmd` by one `write`: one reads the values, two the state of the machine and the signals of the pins; then
-/// for each value one reads all values, two the state, one sets it and one reads it back.
-const CALLS_OF_WRITE: usize = 3 + 5 * CORRECTED.len();
-
-/// A machine file, a control and a journal with one run of a self-calibration.
-struct CompensationShop {
-    shop: MachineShop,
-}
-
-impl CompensationShop {
-    fn new() -> Self {
-        let shop = MachineShop::with_machine_file("");
-        let folder = shop.path_text("");
-        let ini = format!("ini = \"{folder}rig.ini\"");
-        let mut text = MACHINE_TEXT.to_owned();
-        for (from, to) in [
-            ("# ini = \"/home/cnc/linuxcnc/configs/mine/mine.ini\"", &*ini),
-            ("/tmp/trued-linuxcnc", folder.trim_end_matches('/')),
-        ] {
-            assert!(text.contains(from), "{from}");
-            text = text.replace(from, to);
-        }
-        shop.replace_machine_file(&format!(
-            "{text}\n[compensation.linuxcnc-trunnion]\nhalcmd = [\"{folder}halcmd\"]\n"
-        ));
-        std::fs::write(shop.path("rig.ini"), INI_TEXT).unwrap();
-        std::fs::write(shop.path("halcmd"), HALCMD_TEXT).unwrap();
-        std::fs::set_permissions(shop.path("halcmd"), Permissions::from_mode(0o755)).unwrap();
-        std::fs::write(shop.path("pins"), PIN_LINES).unwrap();
-        store_run(&shop.state_folder(), &MachineFile::read(Path::new(&shop.machine_path())).unwrap());
-        Self { shop }
-    }
-
-    fn append_to_machine_file(&self, text: &str) {
-        let machine_text = std::fs::read_to_string(self.shop.machine_path()).unwrap();
-        self.shop.replace_machine_file(&format!("{machine_text}{text}"));
-    }
-
-    fn compensate(&self, arguments: &[&str]) -> std::process::Output {
-        self.shop.run_trued(&[&["compensate"], arguments, &["--machine", &self.shop.machine_path()]].concat())
-    }
-
-    fn proposal(&self) -> Value {
-        let output = self.compensate(&["propose", "1", "--json"]);
-        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)))
-    }
-
-    fn hash(&self) -> String {
-        let output = self.compensate(&["propose", "1"]);
-        let text = String::from_utf8(output.stdout.clone()).unwrap();
-        let hash = text.lines().find_map(|line| line.strip_prefix("SHA-256 of the proposal: "));
-        hash.unwrap_or_else(|| panic!("{text}{}", stderr(&output))).to_owned()
-    }
-
-    fn write(&self, hash: &str) -> std::process::Output {
-        self.compensate(&["write", "1", "--approve", hash, "--who", "Ada"])
-    }
-
-    fn pin(&self, name: &str) -> f64 {
-        let text = std::fs::read_to_string(self.shop.path("pins")).unwrap();
-        let end = format!("xyzbc-trt-kins.{name}");
-        let line = text.lines().find(|line| line.ends_with(&end)).unwrap();
-        line.split(' ').nth(3).unwrap().parse().unwrap()
-    }
-
-    fn are_pins(&self, expected: impl Fn(&(&str, f64)) -> bool) -> bool {
-        self.pin("z-rot-point") == -3.5 && self.pin("z-offset") == 3.5 && CORRECTED.iter().all(expected)
-    }
-
-    fn is_corrected(&self) -> bool {
-        self.are_pins(|(name, mm)| self.pin(name) == *mm)
-    }
-
-    fn is_as_before(&self) -> bool {
-        std::fs::read_to_string(self.shop.path("pins")).unwrap() == PIN_LINES
-    }
-
-    fn replace_pins(&self, from: &str, to: &str) {
-        let text = std::fs::read_to_string(self.shop.path("pins")).unwrap();
-        assert!(text.contains(from), "{from}");
-        std::fs::write(self.shop.path("pins"), text.replace(from, to)).unwrap();
-    }
-
-    fn state(&self) -> Option<CompensationState> {
-        let journal = Journal::open(&self.shop.state_folder()).unwrap();
-        journal.last_compensation("linuxcnc-sim5", "linuxcnc-trunnion").unwrap().map(|last| last.state)
-    }
-
-    fn assert_refused(&self, output: &std::process::Output, expected: &str) {
-        let text = stderr(output);
-        assert!(output.status.code() != Some(0) && text.contains(expected), "{text}");
-    }
-}
-
-/// C is at (50, −30) µm, U = 1 µm.
-fn store_run(folder: &Path, file: &MachineFile) {
-    store_run_with(folder, file, "self-calibration", &[("EX0C", "um", 50.0), ("EY0C", "um", -30.0)]);
-}
-
-/// Each value with u = 0.5.
-fn store_run_with(folder: &Path, file: &MachineFile, method: &str, values: &[(&str, &str, f64)]) {
-    let journal = Journal::open(folder).unwrap();
-    let plan = setup::plan_without_steps(file, method, json!({}));
-    let new = NewRun { machine_file_text: file.text().to_owned(), plan };
-    let run = journal.begin_run(&new).wait().unwrap();
-    let parameter = |(symbol, unit, value): &(&str, &str, f64)| {
-        json!({"symbol": symbol, "value": value, "unit": unit, "u": 0.5, "U": 1.0, "k": 2.0, "dof": null,
-            "identifiable": true})
-    };
-    let symbols: Vec<&str> = values.iter().map(|(symbol, ..)| *symbol).collect();
-    let row = |i: usize| (0..symbols.len()).map(|j| if i == j { 0.25 } else { 0.0 }).collect::<Vec<f64>>();
-    let rows: Vec<Vec<f64>> = (0..symbols.len()).map(row).collect();
-    let estimate: Estimate = serde_json::from_value(json!({
-        "trued_estimate": 1, "method": method, "functions": [], "rank": 2, "unknowns": 2,
-        "parameters": values.iter().map(parameter).collect::<Vec<_>>(),
-        "covariance": {"symbols": symbols, "rows": rows}, "condition": 1.0,
-        "gauge": [], "not_identifiable": [], "residual_rms_um": 0.1, "degrees_of_freedom": 10, "chi2_per_dof": 1.0,
-        "verdict": "none", "warnings": [], "priors": [], "location_at_mm": [0.0, 0.0, 90.0],
-        "measured": {"X": [-60.0, 60.0], "Y": [-60.0, 60.0], "Z": [90.0, 90.0], "B": [0.0, 0.0], "C": [0.0, 315.0]},
-    }))
-    .unwrap();
-    journal.add_estimate(run, &estimate).wait().unwrap();
-    journal.set_state(run, RunState::Finished).wait().unwrap();
-}
 
 fn approved_values_are_written_and_restored() {
     let shop = CompensationShop::new();
@@ -200,6 +42,10 @@ fn approved_values_are_written_and_restored() {
     shop.assert_refused(&shop.write(&hash), "is not the present one");
     let undone = shop.compensate(&["undo", "--who", "Bob"]);
     assert!(undone.status.success() && shop.is_as_before(), "{}", stderr(&undone));
+    let trend = String::from_utf8(shop.shop.run_trued(&["trend"]).stdout).unwrap();
+    for part in ["compensation 1 (linuxcnc-trunnion) from run 1: written", "from run 1: undone"] {
+        assert!(trend.contains(part), "{part}: {trend}");
+    }
     shop.assert_refused(&shop.compensate(&["undo", "--who", "Bob"]), "nothing to undo");
     shop.assert_refused(&shop.compensate(&["finish", "--who", "Bob"]), "nothing to finish");
     // The values are as before, and so is the proposal.

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::CompensationShop;
+use super::shop::CompensationShop;
 use crate::serve::hostile_requests::{bearer_header, create_token};
 use crate::support::daemon_process::DaemonProcess;
 use crate::support::http::{HttpClient, JSON_HEADER};
