@@ -86,11 +86,7 @@ fn print_written(
     for ProposedValue { name, present_mm, proposed_mm, .. } in changed {
         outln!("{name}: {} mm, was {} mm", format_fixed(*proposed_mm, 4), format_fixed(*present_mm, 4));
     }
-    outln!(
-        "compensation {id} is written and read back. Measure again: only a measurement shows that it is right. Then, or \
-         before: {}",
-        compensation.target().advice_after_write()
-    );
+    outln!("compensation {id} is written and read back. {}", compensation.target().advice_after_write());
     Ok(())
 }
 

@@ -65,7 +65,7 @@ pub enum TokenCommand {
         /// Name of the token's user, e.g. tablet-hall-2, as shown in the audit log.
         name: String,
         /// Role of the user: viewer (can read and hold), operator (can also start, confirm and resume runs),
-        /// metrologist (can also sign runs and arm cycles).
+        /// metrologist (can also sign runs, arm cycles and write values to the control).
         #[arg(long)]
         role: Role,
     },

@@ -4,10 +4,11 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::target::{CompensationTarget, TargetError};
+use super::targets::open_target;
 use super::values_record::has_run_with_values;
 use crate::setup::{ControlConfig, MachineFile, MachineFileError};
 use crate::store::{Journal, RunId, StoreError, StoredEstimate, StoredRun, sha256};
-use machine::kinematics::KinematicChain;
+use machine::kinematics::{ErrorParameter, KinematicChain};
 use machine::record::estimate::{Estimate, Parameter, Unit, Verdict};
 use machine::record::machine::Machine;
 use methods::MethodRefusal;
@@ -36,10 +37,10 @@ pub enum ControlProposalError {
     #[error("run {0} was measured on a simulated control")]
     Simulated(RunId),
     #[error(
-        "the record of run {0} does not say that the control held its present values: the readings contain their effect, and \
-         a correction could be made twice"
+        "the record of run {run} does not say that the control used its present values ({kind}): the readings contain their \
+         effect, and a correction could be made twice"
     )]
-    OtherValues(RunId),
+    OtherValues { run: RunId, kind: &'static str },
     #[error("the proposal cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
     #[error("the sheet cannot be written: {0}")]
@@ -62,7 +63,8 @@ impl ControlProposalError {
                 format!("read the warnings with `trued show {run}`, remove the cause, and measure again")
             }
             Self::OtherMachine { .. } => "give the machine file of this machine with --machine".to_owned(),
-            Self::ChangedMachine(_) | Self::OtherValues(_) => "measure again with this machine file".to_owned(),
+            Self::OtherValues { .. } => "finish a compensation that is unfinished, then measure again".to_owned(),
+            Self::ChangedMachine(_) => "measure again with this machine file".to_owned(),
             Self::UnreadableMachineFile { .. } => "measure again with this version".to_owned(),
             Self::Simulated(_) => "measure on the machine".to_owned(),
             Self::Json(_) | Self::Template(_) | Self::Csv(_) => "report this error".to_owned(),
@@ -110,7 +112,7 @@ pub struct ControlProposal {
     /// Warnings of the estimate.
     pub warnings: Vec<String>,
     /// With the present values, and with the proposed ones. Positions that the run does not determine count as right.
-    /// Absent: the run states no measured ranges.
+    /// Absent: the run states no measured ranges, or the values are not positions of rotary axes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub predicted: Option<[PredictedError; 2]>,
 }
@@ -140,9 +142,7 @@ pub fn propose_for_control(
     let last = last_usable_estimate(run, &stored)?;
     check_machine(run, &stored, file)?;
     let control = target.read()?;
-    if control.is_in_readings() && !has_run_with_values(&stored, target.kind(), control.values()) {
-        return Err(ControlProposalError::OtherValues(run));
-    }
+    check_values_in_readings(run, &stored, file)?;
     let plan = &stored.plan;
     // Without coordinates of the stylus, its uncertainty is in the estimate as the run stated it.
     let has_stylus = last.estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("tool_"));
@@ -160,7 +160,7 @@ pub fn propose_for_control(
         control: target.describe(),
         estimate_sha256: last.sha256.clone(),
         stylus_length_mm: plan.machine.tool_mm[2].abs(),
-        remaining: remaining_errors(&last.estimate, &proposal.travels),
+        remaining: remaining_errors(&last.estimate, |own| is_corrected(own, &proposal)),
         warnings: last.estimate.warnings.clone(),
         predicted: predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
         proposal,
@@ -175,6 +175,17 @@ pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&St
         Verdict::UndecidedModel => Err(ControlProposalError::ContradictedModel(run)),
         _ => Ok(last),
     }
+}
+
+/// Checks that the control held its present values during the run, where the readings contain their effect.
+fn check_values_in_readings(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
+    for config in &file.compensation {
+        let control = open_target(file, Some(config.kind()))?.read()?;
+        if control.is_in_readings() && !has_run_with_values(stored, config.kind(), control.values()) {
+            return Err(ControlProposalError::OtherValues { run, kind: config.kind() });
+        }
+    }
+    Ok(())
 }
 
 /// Checks that the run measured the machine of `file` with its real control.
@@ -209,7 +220,7 @@ fn predict_before_and_after(
     control: &ControlModel,
     proposal: &Proposal,
 ) -> Result<Option<[PredictedError; 2]>, MethodRefusal> {
-    if estimate.measured.is_empty() {
+    if estimate.measured.is_empty() || proposal.positions.is_empty() {
         return Ok(None);
     }
     let chain = KinematicChain::new(machine)?;
@@ -233,13 +244,10 @@ fn predict_before_and_after(
     Ok(Some([predict(&before)?, predict(&after)?]))
 }
 
-/// Errors of the axes that the control cannot correct: tilts and squareness, gains without a table. Positions are not
-/// listed: a control without them shows none.
-pub(super) fn remaining_errors(estimate: &Estimate, travels: &[ProposedTravel]) -> Vec<RemainingError> {
-    let is_corrected =
-        |own: &Parameter| travels.iter().any(|travel| own.symbol == format!("E{0}{0}1", travel.travel.axis));
-    let is_angle_or_gain = |own: &&Parameter| matches!(own.unit, Unit::Urad | Unit::UmPerM) && own.identifiable;
-    let remaining = estimate.parameters.iter().filter(is_angle_or_gain).filter(|own| !is_corrected(own));
+/// Errors of the axes that are not corrected.
+pub(super) fn remaining_errors(estimate: &Estimate, is_corrected: impl Fn(&Parameter) -> bool) -> Vec<RemainingError> {
+    let is_error = |own: &&Parameter| own.identifiable && own.symbol.parse::<ErrorParameter>().is_ok();
+    let remaining = estimate.parameters.iter().filter(is_error).filter(|own| !is_corrected(own));
     let remaining = remaining.map(|own| RemainingError {
         symbol: own.symbol.clone(),
         value: own.value,
@@ -247,4 +255,9 @@ pub(super) fn remaining_errors(estimate: &Estimate, travels: &[ProposedTravel]) 
         unit: own.unit,
     });
     remaining.collect()
+}
+
+fn is_corrected(own: &Parameter, proposal: &Proposal) -> bool {
+    let is_scale = |travel: &ProposedTravel| own.symbol == format!("E{0}{0}1", travel.travel.axis);
+    (own.unit == Unit::Um && !proposal.positions.is_empty()) || proposal.travels.iter().any(is_scale)
 }

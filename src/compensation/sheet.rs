@@ -8,6 +8,7 @@ use crate::setup::{ControlConfig, MachineFile};
 use crate::store::{Journal, RunId, StoredRun};
 use machine::Axis;
 use machine::kinematics::KinematicChain;
+use machine::record::estimate::Unit;
 use methods::compensation::{AxisCoordinate, MeasuredAxisPositions};
 use methods::identification::StatedStylusUncertainty;
 
@@ -57,7 +58,7 @@ fn correction_sheet(run: RunId, stored: &StoredRun) -> Result<CorrectionSheet, C
             let [x, y, z] = at_mm.map(|mm| format_fixed(mm, 1));
             format!("with the tip at X {x} Y {y} Z {z} mm of the machine")
         }),
-        others: remaining_errors(&last.estimate, &[])
+        others: remaining_errors(&last.estimate, |own| own.unit == Unit::Um)
             .into_iter()
             .map(|own| {
                 let decimals = decimals_for_uncertainty(own.expanded);

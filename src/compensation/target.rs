@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use devices::compensation::linuxcnc_joints::JointTableError;
+use devices::compensation::linuxcnc_joints::{JointTableError, NamedText};
 use devices::compensation::linuxcnc_trunnion::TrunnionError;
 use machine::Axis;
 use machine::kinematics::KinematicsError;
@@ -32,8 +32,8 @@ pub enum TargetError {
     OtherTopology { tilt: Axis, topology: String },
     #[error("the machine file states {axis} in another direction or sense than the control")]
     OtherDirection { axis: Axis },
-    #[error("the compensation file of {axis} has no travel")]
-    NoTravel { axis: Axis },
+    #[error("the compensation file of {axis} covers {from_mm} to {to_mm} mm, not the travel {min_mm} to {max_mm} mm")]
+    ShortTable { axis: Axis, from_mm: f64, to_mm: f64, min_mm: f64, max_mm: f64 },
 }
 
 impl TargetError {
@@ -51,7 +51,10 @@ impl TargetError {
                 "correct `direction` and `positive` of the axis in the machine file: LinuxCNC needs axes along X, Y and Z; its \
                  trt-kins count rotary axes against ISO 841 (`reversed`) unless the pin conventional-directions is 1"
             }
-            Self::NoTravel { .. } => "state two positions of the axis in its compensation file",
+            Self::ShortTable { .. } => {
+                "state the first and the last position of the travel in the compensation file, or correct min and max of the \
+                 axis in the machine file; then restart LinuxCNC and measure again"
+            }
         };
         text.to_owned()
     }
@@ -77,18 +80,24 @@ pub trait CompensationTarget: fmt::Debug {
     /// The machine moves, or the control applies its values now.
     fn check_writable(&self) -> Result<(), TargetError>;
 
-    /// Sets one value, in mm, and reads it back.
+    /// Whether [`Self::write`] is called once with all values, and not once for each.
+    fn is_written_at_once(&self) -> bool {
+        false
+    }
+
+    /// Sets values, in mm, and reads them back.
     ///
     /// # Errors
-    /// The machine moves, or the control applies its values now; the value cannot be set, or reads back otherwise.
-    fn write(&self, name: &str, text: &str) -> Result<(), TargetError>;
+    /// The machine moves, or the control applies its values now; a value cannot be set, or reads back otherwise.
+    fn write(&self, values: &[NamedText<'_>]) -> Result<(), TargetError>;
 
     /// Whether the control uses new values only after it was started again.
     fn needs_restart(&self) -> bool {
         false
     }
 
-    /// Checks that the control uses the values that it holds, and not `replaced`.
+    /// Checks that the control uses the values that it holds. If `replaced` has values, the control must also show that it
+    /// does not use them.
     ///
     /// # Errors
     /// It uses others, or does not show which ones.
@@ -96,7 +105,7 @@ pub trait CompensationTarget: fmt::Debug {
         Ok(())
     }
 
-    /// What a person must do after a write, besides measuring again.
+    /// What a person must do after a write or an undo, in order.
     fn advice_after_write(&self) -> &'static str;
 
     /// Lines of a file that set the values at each start of the control. `None`: it keeps them.

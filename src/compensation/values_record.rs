@@ -1,5 +1,6 @@
 //! The values of the control at the start of a run, for its record, and their comparison with the journal.
 
+use super::target::TargetError;
 use super::targets::open_target;
 use crate::setup::{CompensationConfig, MachineFile};
 use crate::store::{StoredCompensation, StoredRun};
@@ -18,12 +19,18 @@ pub fn describe_values_of_control(file: &MachineFile, stored: &[StoredCompensati
 }
 
 fn describe_values(file: &MachineFile, kind: &str, last: Option<&StoredCompensation>) -> Vec<String> {
-    let values = open_target(file, Some(kind)).and_then(|target| Ok(target.read()?.values().to_vec()));
-    let values = match values {
+    let values = match read_values_in_effect(file, kind) {
         Ok(values) => values,
         Err(error) => return vec![format!("the compensation values of the control ({kind}) are unknown: {error}")],
     };
     [list_values(kind, &values)].into_iter().chain(last.and_then(|last| describe_differences(&values, last))).collect()
+}
+
+fn read_values_in_effect(file: &MachineFile, kind: &str) -> Result<Vec<ControlValue>, TargetError> {
+    let target = open_target(file, Some(kind))?;
+    let values = target.read()?.values().to_vec();
+    target.check_in_effect(&[])?;
+    Ok(values)
 }
 
 fn list_values(kind: &str, values: &[ControlValue]) -> String {

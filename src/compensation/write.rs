@@ -1,11 +1,14 @@
 //! Writing approved values to a control: the intent is in the journal before the first write, each value is read back.
 
+use crate::archive::run_story::is_abandoned;
 use crate::store::{
-    CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, StoreError, StoredCompensation,
-    UnfinishedCompensation,
+    CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, RunFilter, RunId, StoreError,
+    StoredCompensation, UnfinishedCompensation,
 };
 use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
+use devices::compensation::linuxcnc_joints::NamedText;
 use jiff::{SignedDuration, Timestamp};
+use methods::compensation::ControlModel;
 
 use super::proposal::ControlProposal;
 use super::target::{CompensationTarget, TargetError, values_of};
@@ -33,6 +36,8 @@ pub enum CompensationWriteError {
     NothingToWrite,
     #[error(transparent)]
     Unfinished(#[from] UnfinishedCompensation),
+    #[error("run {0} of this machine can still be resumed: with other values its readings would not fit together")]
+    ResumableRun(RunId),
     #[error("there is nothing to undo: the last compensation of `{machine}`, if there is one, is undone")]
     NothingToUndo { machine: String },
     #[error("there is nothing to finish: no compensation of `{machine}` is unfinished")]
@@ -41,6 +46,8 @@ pub enum CompensationWriteError {
         "{name} is {present_mm} mm, neither {before_mm} mm nor {after_mm} mm: another program or person has changed it"
     )]
     ChangedByOther { name: String, present_mm: f64, before_mm: f64, after_mm: f64 },
+    #[error("{name} is {present_mm} mm, not {expected_mm} mm as written: another program or person has changed it")]
+    NotAsWritten { name: String, present_mm: f64, expected_mm: f64 },
 }
 
 impl CompensationWriteError {
@@ -55,9 +62,18 @@ impl CompensationWriteError {
             }
             Self::Expired { .. } => "measure again; check the clock of this computer",
             Self::NothingToWrite => "nothing needs to be done",
+            Self::ResumableRun(run) => {
+                return format!(
+                    "finish run {run} with `trued resume {run}`, or leave it unfinished at the page of the machine"
+                );
+            }
             Self::Unfinished(unfinished) => return unfinished.remedy(),
             Self::NothingToUndo { .. } | Self::NothingToFinish { .. } => {
                 "list the values of the control with `trued compensate status`"
+            }
+            Self::NotAsWritten { .. } => {
+                "restore the values before with `trued compensate undo`, or set the value as it was written, then start the \
+                 control again"
             }
             Self::ChangedByOther { .. } => {
                 "set the value at the control to the one before or after, then try again; `trued compensate status` lists \
@@ -119,6 +135,7 @@ impl CompensationWriter<'_> {
         if let Some(unfinished) = self.journal.unfinished_compensation(self.lock.machine())? {
             return Err(unfinished.into());
         }
+        self.check_no_resumable_run()?;
         let present = proposal.sha256()?;
         if approved_sha256 != present {
             return Err(CompensationWriteError::OtherProposal { approved: approved_sha256.to_owned(), present });
@@ -161,6 +178,9 @@ impl CompensationWriter<'_> {
         let last = self.last_compensation()?.filter(|last| !last.state.is_undone());
         let nothing = || CompensationWriteError::NothingToUndo { machine: self.lock.machine().to_owned() };
         let last = last.ok_or_else(nothing)?;
+        if !last.state.is_unfinished() {
+            self.check_no_resumable_run()?;
+        }
         self.rewrite(&last, WriteDirection::ToValuesBefore)?;
         Ok(last)
     }
@@ -182,12 +202,28 @@ impl CompensationWriter<'_> {
         Ok(last)
     }
 
+    fn check_no_resumable_run(&self) -> Result<(), CompensationWriteError> {
+        let of_machine = RunFilter { machine: Some(self.lock.machine()), ..RunFilter::default() };
+        let last = self.journal.list_runs(of_machine, 1)?.pop().filter(|run| run.state.is_resumable());
+        match last.map(|run| self.journal.load_run(run.id)).transpose()? {
+            Some(stored) if !is_abandoned(&stored) => Err(CompensationWriteError::ResumableRun(stored.summary.id)),
+            _ => Ok(()),
+        }
+    }
+
     fn last_compensation(&self) -> Result<Option<StoredCompensation>, StoreError> {
         self.journal.last_compensation(self.lock.machine(), self.target.kind())
     }
 
     fn confirm_restart(&self, last: &StoredCompensation) -> Result<(), CompensationWriteError> {
         let is_undone = last.state.is_undone();
+        let present = self.target.read()?;
+        for (name, expected_mm) in values_of(&last.changes, !is_undone) {
+            let present_mm = value_mm(&present, &name);
+            if (present_mm - expected_mm).abs() >= MAX_READ_BACK_DEVIATION_MM || present_mm.is_nan() {
+                return Err(CompensationWriteError::NotAsWritten { name, present_mm, expected_mm });
+            }
+        }
         self.target.check_in_effect(&values_of(&last.changes, is_undone))?;
         let end = if is_undone { CompensationState::Undone } else { CompensationState::Written };
         Ok(self.journal.set_compensation_state(last.id, end, self.who).wait()?)
@@ -204,8 +240,7 @@ impl CompensationWriter<'_> {
     fn check_known_values(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
         let present = self.target.read()?;
         for CompensationChange { name, before_mm, after_mm, .. } in changes {
-            let present_mm = present.values().iter().find(|value| value.name == *name).map(|value| value.present_mm);
-            let present_mm = present_mm.unwrap_or(f64::NAN);
+            let present_mm = value_mm(&present, name);
             let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM;
             if ![before_mm, after_mm].into_iter().any(is_at) {
                 let (name, before_mm, after_mm) = (name.clone(), *before_mm, *after_mm);
@@ -221,11 +256,21 @@ impl CompensationWriter<'_> {
         changes: &[CompensationChange],
         direction: WriteDirection,
     ) -> Result<(), CompensationWriteError> {
-        for change in changes.iter().filter(|change| change.before_mm != change.after_mm) {
+        let changed = changes.iter().filter(|change| change.before_mm != change.after_mm);
+        let texts: Vec<(&str, String)> =
+            changed.map(|change| (change.name.as_str(), direction.value_text(change))).collect();
+        let values: Vec<NamedText<'_>> = texts.iter().map(|(name, text)| NamedText { name, text }).collect();
+        let batch_len = if self.target.is_written_at_once() { values.len().max(1) } else { 1 };
+        for batch in values.chunks(batch_len) {
             self.check_known_values(changes)?;
-            self.target.write(&change.name, &direction.value_text(change))?;
+            self.target.write(batch)?;
         }
         let end = direction.end(self.target.needs_restart());
         Ok(self.journal.set_compensation_state(id, end, self.who).wait()?)
     }
+}
+
+/// NaN: the control has no such value.
+fn value_mm(control: &ControlModel, name: &str) -> f64 {
+    control.values().iter().find(|value| value.name == name).map_or(f64::NAN, |value| value.present_mm)
 }

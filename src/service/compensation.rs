@@ -40,8 +40,14 @@ impl MachineWorker {
                     .spawn_scoped(scope, execute)
                     .map(|thread| thread.join())
             });
-            if let Err(error) = executed {
-                self.log.error(&format!("the compensation is not executed: no thread can be started: {error}"));
+            match executed {
+                Ok(Ok(())) => {}
+                Ok(Err(_)) => {
+                    self.log.error("the compensation ended by a fault of the program: read its state on the page")
+                }
+                Err(error) => {
+                    self.log.error(&format!("the compensation is not executed: no thread can be started: {error}"));
+                }
             }
         }
         self.gate.finish_command(ServiceState::Waiting);

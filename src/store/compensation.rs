@@ -72,7 +72,7 @@ impl CompensationState {
 #[error("compensation {id} is unfinished: {}", self.reason())]
 pub struct UnfinishedCompensation {
     pub id: i64,
-    target: String,
+    pub target: String,
     state: CompensationState,
 }
 
@@ -89,8 +89,8 @@ impl UnfinishedCompensation {
         let target = &self.target;
         match self.state.awaits_restart() {
             true => format!(
-                "restart the control and home all axes, then confirm with `trued compensate finish --target {target} \
-                 --machine FILE --who NAME`"
+                "restart the control, home all axes, and move each corrected axis near an end of its travel, then confirm with \
+                 `trued compensate finish --target {target} --machine FILE --who NAME`"
             ),
             false => format!(
                 "restore the values before with `trued compensate undo --target {target} --machine FILE --who NAME`, or write \
@@ -127,6 +127,14 @@ pub struct StoredCompensation {
     pub who: String,
 }
 
+impl StoredCompensation {
+    /// `None`: the machine may move.
+    pub fn unfinished(&self) -> Option<UnfinishedCompensation> {
+        let Self { id, target, state, .. } = self;
+        state.is_unfinished().then(|| UnfinishedCompensation { id: *id, target: target.clone(), state: *state })
+    }
+}
+
 /// A compensation came into effect, or the values before it did again.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompensationEvent {
@@ -155,8 +163,7 @@ impl Journal {
     /// # Errors
     /// The journal cannot be read.
     pub fn unfinished_compensation(&self, machine: &str) -> Result<Option<UnfinishedCompensation>, StoreError> {
-        let unfinished = self.compensations(machine)?.into_iter().find(|own| own.state.is_unfinished());
-        Ok(unfinished.map(|StoredCompensation { id, target, state, .. }| UnfinishedCompensation { id, target, state }))
+        Ok(self.compensations(machine)?.iter().find_map(StoredCompensation::unfinished))
     }
 
     /// The newest compensation of these values of `machine`.

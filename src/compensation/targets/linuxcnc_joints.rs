@@ -3,7 +3,7 @@
 use super::machine_file_checks::{check_directions, ini_file};
 use crate::compensation::target::{CompensationTarget, TargetError};
 use crate::setup::{LinuxcncHalConfig, MachineFile};
-use devices::compensation::linuxcnc_joints::{JointTable, JointTables, TableKind, TableValue};
+use devices::compensation::linuxcnc_joints::{JointTable, JointTables, NamedText, TableKind, TableValue};
 use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
 use methods::compensation::{ControlModel, ControlValue, ControlledTravel, TravelEntry};
@@ -41,8 +41,8 @@ impl CompensationTarget for LinuxcncJoints<'_> {
             let entries =
                 positions_mm.zip(values.len()..).map(|(nominal_mm, value)| TravelEntry { nominal_mm, value, sign });
             let entries = entries.collect();
-            let no_travel = || TargetError::NoTravel { axis: table.axis };
-            travels.push(ControlledTravel::new(table.axis, entries).ok_or_else(no_travel)?);
+            check_covers_travel(self.machine, &table)?;
+            travels.extend(ControlledTravel::new(table.axis, entries));
             values.extend(control_values(&table));
         }
         Ok(ControlModel::of_travels(values, travels))
@@ -53,8 +53,12 @@ impl CompensationTarget for LinuxcncJoints<'_> {
         Ok(())
     }
 
-    fn write(&self, name: &str, text: &str) -> Result<(), TargetError> {
-        Ok(self.tables.write(name, text)?)
+    fn is_written_at_once(&self) -> bool {
+        true
+    }
+
+    fn write(&self, values: &[NamedText<'_>]) -> Result<(), TargetError> {
+        Ok(self.tables.write(values)?)
     }
 
     fn needs_restart(&self) -> bool {
@@ -75,8 +79,22 @@ impl CompensationTarget for LinuxcncJoints<'_> {
     }
 
     fn advice_after_write(&self) -> &'static str {
-        "restart LinuxCNC, home all axes, move each corrected axis near an end of its travel, then confirm with `trued \
-         compensate finish`: until then no run starts"
+        "Restart LinuxCNC, home all axes, and move each corrected axis near an end of its travel. Then confirm with `trued \
+         compensate finish`; until then no run starts. Then measure again, positions of rotary axes too: only a \
+         measurement shows that the values are right"
+    }
+}
+
+/// Beyond its positions a table corrects less than the error.
+fn check_covers_travel(machine: &Machine, table: &JointTable) -> Result<(), TargetError> {
+    let (axis, positions) = (table.axis, table.values.iter().map(|value| value.position_mm));
+    let from_mm = positions.clone().fold(f64::INFINITY, f64::min);
+    let to_mm = positions.fold(f64::NEG_INFINITY, f64::max);
+    match machine.axes.get(&axis) {
+        Some(stated) if stated.min < from_mm || stated.max > to_mm => {
+            Err(TargetError::ShortTable { axis, from_mm, to_mm, min_mm: stated.min, max_mm: stated.max })
+        }
+        _ => Ok(()),
     }
 }
 

@@ -3,6 +3,7 @@
 use super::machine_file_checks::{check_directions, ini_file};
 use crate::compensation::target::{CompensationTarget, TargetError};
 use crate::setup::{LinuxcncHalConfig, MachineFile};
+use devices::compensation::linuxcnc_joints::NamedText;
 use devices::compensation::linuxcnc_trunnion::{TrunnionState, TrunnionTarget};
 use machine::Axis;
 use machine::kinematics::KinematicChain;
@@ -44,13 +45,14 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
         Ok(self.trunnion.check_writable()?)
     }
 
-    fn write(&self, name: &str, text: &str) -> Result<(), TargetError> {
-        Ok(self.trunnion.write(name, text)?)
+    fn write(&self, values: &[NamedText<'_>]) -> Result<(), TargetError> {
+        Ok(values.iter().try_for_each(|value| self.trunnion.write(value.name, value.text))?)
     }
 
     fn advice_after_write(&self) -> &'static str {
-        "LinuxCNC loses the values when it ends, and reads those of its HAL files at each start: enter the present values \
-         there (`trued compensate status --hal FILE` writes them as lines of a HAL file)"
+        "Measure again: only a measurement shows that the values are right. LinuxCNC loses them when it ends, and reads \
+         those of its HAL files at each start: enter the present values there (`trued compensate status --hal FILE` writes \
+         them as lines of a HAL file)"
     }
 
     fn startup_lines(&self, values: &[ControlValue]) -> Option<String> {

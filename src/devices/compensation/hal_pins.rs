@@ -30,7 +30,7 @@ impl HalError {
     pub fn remedy(&self) -> String {
         match self {
             Self::NotStarted { .. } => {
-                "run trued on the computer of the control, or set halcmd in [compensation], e.g. [\"ssh\", \"-o\", \"BatchMode=yes\", \
+                "run trued on the computer of the control, or set halcmd in the section of [compensation], e.g. [\"ssh\", \"-o\", \"BatchMode=yes\", \
                  \"control\", \"halcmd\"]"
                     .to_owned()
             }

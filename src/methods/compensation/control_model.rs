@@ -119,13 +119,15 @@ impl ControlModel {
         let mut values_mm = present_mm.clone();
         for (position, mm) in self.positions.iter().zip(positions_mm) {
             let exact = mm - position.added_value.map_or(0.0, |index| values_mm[index]);
-            values_mm[position.adjusted_value] = nearest_step(exact, present_mm[position.adjusted_value]);
+            let present_mm = present_mm[position.adjusted_value];
+            values_mm[position.adjusted_value] = nearest_step(exact, present_mm, pin_steps_per_mm(exact));
         }
         for (travel, mm) in self.travels.iter().zip(corrections_mm) {
             let change_mm = mm - travel.correction_mm(&present_mm);
             for entry in &travel.entries {
                 let present_mm = present_mm[entry.value];
-                values_mm[entry.value] = nearest_step(present_mm + travel.change_of(entry, change_mm), present_mm);
+                values_mm[entry.value] =
+                    nearest_step(present_mm + travel.change_of(entry, change_mm), present_mm, MAX_STEPS_PER_MM);
             }
         }
         values_mm
@@ -187,14 +189,13 @@ impl ControlModel {
 }
 
 /// The step nearest to `exact_mm`; the present value where it is as near.
-fn nearest_step(exact_mm: f64, present_mm: f64) -> f64 {
-    let steps_per_mm = steps_per_mm(exact_mm);
+fn nearest_step(exact_mm: f64, present_mm: f64, steps_per_mm: f64) -> f64 {
     let is_unchanged = (exact_mm - present_mm).abs() <= 0.5 / steps_per_mm;
     if is_unchanged { present_mm } else { (exact_mm * steps_per_mm).round() / steps_per_mm }
 }
 
-/// Steps per mm in which a value can be set and read back.
-fn steps_per_mm(value_mm: f64) -> f64 {
+/// Steps per mm in which a pin can be set and read back.
+fn pin_steps_per_mm(value_mm: f64) -> f64 {
     let digits_before_point = value_mm.abs().max(1.0).log10().floor() as i32 + 1;
     10_f64.powi(PIN_DIGITS - digits_before_point).min(MAX_STEPS_PER_MM)
 }

@@ -1,5 +1,7 @@
 //! Compensation: values for the control of a machine, proposed from a run; a metrologist approves them.
 
+use std::time::Duration;
+
 use axum::Json;
 use axum::extract::{Extension, Path, Query, State};
 use axum::http::StatusCode;
@@ -11,7 +13,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::access::Caller;
-use super::actions::{JsonOrFormBody, audit_entry, run_to_completion};
+use super::actions::{JsonOrFormBody, audit_entry};
 use super::openapi::schemas::DocumentedObject;
 use super::page::{errors_as_pages, machine_page_path};
 use super::problem::Problem;
@@ -25,14 +27,18 @@ use crate::service::worker_command::CompensationResultReceiver;
 use crate::store::RunId;
 use methods::compensation::ProposalOptions;
 
+/// Less than the time limit of a request.
+const MAX_RESPONSE_TIME: Duration = Duration::from_secs(7);
+
 pub fn compensation_routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
-        .routes(routes!(get_proposal, write_compensation))
-        .routes(routes!(get_compensation))
+        .routes(routes!(write_compensation))
         .routes(routes!(undo_compensation))
         .routes(routes!(finish_compensation))
-        .routes(routes!(get_sheet_file))
         .layer(from_fn(errors_as_pages))
+        .routes(routes!(get_proposal))
+        .routes(routes!(get_compensation))
+        .routes(routes!(get_sheet_file))
 }
 
 /// How values are proposed, as the options of `trued compensate propose`.
@@ -86,10 +92,12 @@ struct CompensationDecision {
     target: Option<String>,
 }
 
-/// Number of a compensation.
+/// Number of a compensation. Absent: the control is slow, and the values are still being written; the page of the machine
+/// and the audit log show the end.
 #[derive(Debug, Serialize, ToSchema)]
 struct CompensationNumber {
-    id: i64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    id: Option<i64>,
 }
 
 /// Values for the control, proposed from a run. Writes nothing to the control.
@@ -187,7 +195,7 @@ fn decision_name(caller: &Caller, who: &str) -> Result<String, Problem> {
     }
 }
 
-/// Waits for the result and writes it to the audit log, even if the client has disconnected.
+/// Waits for the result, but not longer than a response may take. The result is in the audit log in any case.
 async fn audit_and_respond(
     app: AppState,
     machine: ServedMachine,
@@ -196,21 +204,36 @@ async fn audit_and_respond(
     what: String,
     accepted: Result<CompensationResultReceiver<i64>, Refusal>,
 ) -> Result<Response, Problem> {
-    run_to_completion(async move {
-        let result = match accepted {
-            // An error: the worker has dropped the command, because the service is ending.
-            Ok(receiver) => receiver.await.map_err(|_| Problem::from(Refusal::NotReady))?.map_err(Problem::from),
-            Err(why) => Err(Problem::from(why)),
-        };
-        let outcome = result.as_ref().map(drop).map_err(|problem| &problem.message);
-        app.journal.add_audit_entry(&audit_entry(&machine, who, what, "", &outcome)).await?;
-        let id = result?;
-        Ok(match is_form {
-            true => Redirect::to(&machine_page_path(&machine.name)).into_response(),
-            false => (StatusCode::CREATED, Json(CompensationNumber { id })).into_response(),
-        })
+    let page = machine_page_path(&machine.name);
+    let work = tokio::spawn(await_and_audit(app, machine, who, what, accepted));
+    let id = match tokio::time::timeout(MAX_RESPONSE_TIME, work).await {
+        Ok(ended) => Some(ended.unwrap_or_else(|_| Err(Refusal::NotReady.into()))?),
+        Err(_) => None,
+    };
+    Ok(match is_form {
+        true => Redirect::to(&page).into_response(),
+        false => {
+            let status = if id.is_some() { StatusCode::CREATED } else { StatusCode::ACCEPTED };
+            (status, Json(CompensationNumber { id })).into_response()
+        }
     })
-    .await
+}
+
+async fn await_and_audit(
+    app: AppState,
+    machine: ServedMachine,
+    who: String,
+    what: String,
+    accepted: Result<CompensationResultReceiver<i64>, Refusal>,
+) -> Result<i64, Problem> {
+    let result = match accepted {
+        // An error: the worker has dropped the command, because the service is ending.
+        Ok(receiver) => receiver.await.map_err(|_| Problem::from(Refusal::NotReady)).and_then(|id| Ok(id?)),
+        Err(why) => Err(Problem::from(why)),
+    };
+    let outcome = result.as_ref().map(drop).map_err(|problem| &problem.message);
+    app.journal.add_audit_entry(&audit_entry(&machine, who, what, "", &outcome)).await?;
+    result
 }
 
 impl AppState {

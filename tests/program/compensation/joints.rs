@@ -30,11 +30,7 @@ fn table_shop() -> CompensationShop {
     write_tables(&shop, X_TABLE, Z_TABLE);
     let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
     store_run_with(&shop.shop.state_folder(), &file, "samba", &SCALES);
-    // As a run records it.
-    let journal = Journal::open(&shop.shop.state_folder()).unwrap();
-    for text in describe_values_of_control(&file, &[]) {
-        journal.add_event(RunId(2), &RunEvent::Announced { text }).wait().unwrap();
-    }
+    record_values(&shop, &file, RunId(2));
     shop
 }
 
@@ -62,18 +58,90 @@ fn state(shop: &CompensationShop) -> CompensationState {
     journal.last_compensation("linuxcnc-sim5", "linuxcnc-joints").unwrap().unwrap().state
 }
 
+/// The second file cannot be replaced: the first one is new as a whole.
+pub fn interrupted_write_leaves_whole_files() {
+    let shop = table_shop();
+    let compensate = |arguments: &[&str]| shop.compensate(&[arguments, &["--target", "linuxcnc-joints"]].concat());
+    let text = String::from_utf8(compensate(&["propose", "2"]).stdout).unwrap();
+    let hash = text.lines().find_map(|line| line.strip_prefix("SHA-256 of the proposal: ")).unwrap();
+    // Where the new file would be written.
+    let obstacle = shop.shop.path(".z.comp.trued");
+    std::fs::create_dir(&obstacle).unwrap();
+    shop.assert_refused(&compensate(&["write", "2", "--approve", hash, "--who", "Ada"]), "cannot be read or written");
+    assert_eq!(tables(&shop), [NEW_X_TABLE, Z_TABLE]);
+    assert_eq!(state(&shop), CompensationState::Writing);
+    shop.assert_refused(&compensate(&["write", "2", "--approve", hash, "--who", "Ada"]), "could be made twice");
+    std::fs::remove_dir(&obstacle).unwrap();
+    assert!(compensate(&["undo", "--who", "Ada"]).status.success());
+    assert_eq!(tables(&shop), [X_TABLE, Z_TABLE]);
+    set_corrections(&shop, 300.0, -0.03, 0.0);
+    assert!(compensate(&["finish", "--who", "Ada"]).status.success());
+}
+
+/// A link stays a link; equal names in two folders are two files; a table must cover the travel.
+pub fn files_of_the_control_are_found_and_kept() {
+    let shop = table_shop();
+    let compensate = |arguments: &[&str]| shop.compensate(&[arguments, &["--target", "linuxcnc-joints"]].concat());
+    std::fs::create_dir(shop.shop.path("z")).unwrap();
+    std::fs::rename(shop.shop.path("z.comp"), shop.shop.path("z/x.comp")).unwrap();
+    std::fs::rename(shop.shop.path("x.comp"), shop.shop.path("real")).unwrap();
+    std::os::unix::fs::symlink("real", shop.shop.path("x.comp")).unwrap();
+    let ini = std::fs::read_to_string(shop.shop.path("rig.ini")).unwrap();
+    std::fs::write(shop.shop.path("rig.ini"), ini.replace("z.comp", "z/x.comp")).unwrap();
+    let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
+    store_run_with(&shop.shop.state_folder(), &file, "samba", &SCALES);
+    record_values(&shop, &file, RunId(3));
+    let text = String::from_utf8(compensate(&["propose", "3"]).stdout).unwrap();
+    let hash = text.lines().find_map(|line| line.strip_prefix("SHA-256 of the proposal: ")).unwrap();
+    assert!(compensate(&["write", "3", "--approve", hash, "--who", "Ada"]).status.success(), "{text}");
+    assert!(shop.shop.path("x.comp").is_symlink());
+    assert_eq!(std::fs::read_to_string(shop.shop.path("real")).unwrap(), NEW_X_TABLE);
+    assert_eq!(std::fs::read_to_string(shop.shop.path("z/x.comp")).unwrap(), NEW_Z_TABLE);
+    std::fs::write(shop.shop.path("real"), "-10 0 0\n10 0 0\n").unwrap();
+    shop.assert_refused(&compensate(&["status"]), "covers -10 to 10 mm, not the travel -300 to 300 mm");
+}
+
+/// As a run records it, with LinuxCNC at X = Z = 0.
+fn record_values(shop: &CompensationShop, file: &MachineFile, run: RunId) {
+    set_corrections(shop, 0.0, 0.0, 0.0);
+    let journal = Journal::open(&shop.shop.state_folder()).unwrap();
+    for text in describe_values_of_control(file, &[]) {
+        journal.add_event(run, &RunEvent::Announced { text }).wait().unwrap();
+    }
+}
+
+/// LinuxCNC does not use the file: the readings of this run contain another correction.
+pub fn run_with_a_file_that_is_not_in_effect_gives_no_proposal() {
+    let shop = table_shop();
+    let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
+    set_corrections(&shop, 290.0, -0.05, 0.0);
+    let lines = describe_values_of_control(&file, &[]);
+    assert!(lines.iter().any(|line| line.contains("LinuxCNC corrects X at 290 mm by -0.05 mm")), "{lines:?}");
+    store_run_with(&shop.shop.state_folder(), &file, "samba", &SCALES);
+    let journal = Journal::open(&shop.shop.state_folder()).unwrap();
+    for text in lines {
+        journal.add_event(RunId(3), &RunEvent::Announced { text }).wait().unwrap();
+    }
+    drop(journal);
+    let refused = shop.compensate(&["propose", "3", "--target", "linuxcnc-joints"]);
+    shop.assert_refused(&refused, "a correction could be made twice");
+    // Positions measured with other tables are not those of the control either.
+    let refused = shop.compensate(&["propose", "1", "--target", "linuxcnc-trunnion"]);
+    shop.assert_refused(&refused, "(linuxcnc-joints): the readings contain their effect");
+}
+
 pub fn corrections_of_travel_are_written_confirmed_and_restored() {
     let shop = table_shop();
     let compensate = |arguments: &[&str]| shop.compensate(&[arguments, &["--target", "linuxcnc-joints"]].concat());
     shop.assert_refused(&shop.compensate(&["propose", "2"]), "several sections of [compensation]");
     let text = String::from_utf8(compensate(&["propose", "2"]).stdout).unwrap();
-    for part in ["X from −300 to 300", "x.comp 300.0 forward", "z.comp 300 reverse"] {
+    for part in ["X from −300 to 300", "X x.comp 300.0 forward", "Z z.comp 300 reverse"] {
         assert!(text.contains(part), "{part}: {text}");
     }
     let hash = text.lines().find_map(|line| line.strip_prefix("SHA-256 of the proposal: ")).unwrap();
     let written = compensate(&["write", "2", "--approve", hash, "--who", "Ada"]);
     assert!(written.status.success(), "{}", stderr(&written));
-    assert!(String::from_utf8_lossy(&written.stdout).contains("restart LinuxCNC"), "{written:?}");
+    assert!(String::from_utf8_lossy(&written.stdout).contains("Restart LinuxCNC"), "{written:?}");
     assert_eq!(tables(&shop), [NEW_X_TABLE, NEW_Z_TABLE]);
     assert_eq!(state(&shop), CompensationState::AwaitingRestart);
     // LinuxCNC still uses the old tables: a run would measure the same error again.
@@ -84,6 +152,14 @@ pub fn corrections_of_travel_are_written_confirmed_and_restored() {
         "a correction could be made twice",
     );
     let finish = || compensate(&["finish", "--who", "Ada"]);
+    // A person has restored the old files, or entered others, and LinuxCNC uses them.
+    write_tables(&shop, X_TABLE, Z_TABLE);
+    set_corrections(&shop, 300.0, -0.03, 0.0);
+    shop.assert_refused(&finish(), "X x.comp -300.0 forward is 0.03 mm, not 0.06 mm as written");
+    write_tables(&shop, &NEW_X_TABLE.replace("-0.06", "-0.9"), NEW_Z_TABLE);
+    set_corrections(&shop, 300.0, -0.9, 0.015);
+    shop.assert_refused(&finish(), "X x.comp 300.0 forward is -0.9 mm, not -0.06 mm as written");
+    write_tables(&shop, NEW_X_TABLE, NEW_Z_TABLE);
     set_corrections(&shop, 300.0, -0.03, 0.0);
     shop.assert_refused(&finish(), "corrects X at 300 mm by -0.03 mm, not by -0.06 mm");
     set_corrections(&shop, 0.0, 0.0, 0.0);

@@ -198,6 +198,21 @@ fn expired_proposal_is_refused() {
     shop.assert_refused(&shop.write(&shop.hash()), "is in use");
 }
 
+/// The readings before and after the write would be of two machines.
+fn write_is_refused_while_a_run_can_be_resumed() {
+    let shop = CompensationShop::new();
+    let hash = shop.hash();
+    let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
+    let journal = Journal::open(&shop.shop.state_folder()).unwrap();
+    let plan = setup::plan_without_steps(&file, "self-calibration", json!({}));
+    let held = journal.begin_run(&NewRun { machine_file_text: file.text().to_owned(), plan }).wait().unwrap();
+    journal.set_state(held, RunState::Held).wait().unwrap();
+    shop.assert_refused(&shop.write(&hash), "run 2 of this machine can still be resumed");
+    assert!(shop.is_as_before() && shop.state().is_none());
+    journal.set_state(held, RunState::Closed).wait().unwrap();
+    assert!(shop.write(&hash).status.success());
+}
+
 /// After a restart the control has the values of its HAL files again.
 fn run_records_values_of_the_control_and_their_differences() {
     let shop = CompensationShop::new();
@@ -251,6 +266,9 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
 pub fn trials() -> Trials {
     trials![Pool::Computing, 0;
         joints::corrections_of_travel_are_written_confirmed_and_restored,
+        joints::interrupted_write_leaves_whole_files,
+        joints::files_of_the_control_are_found_and_kept,
+        joints::run_with_a_file_that_is_not_in_effect_gives_no_proposal,
         sheet_lists_the_measured_positions,
         page::metrologist_approves_values_on_the_page,
         page::daemon_killed_during_a_write_shows_and_finishes_it,
@@ -261,6 +279,7 @@ pub fn trials() -> Trials {
         false_read_back_is_reported,
         program_killed_at_any_step_leaves_a_known_state,
         expired_proposal_is_refused,
+        write_is_refused_while_a_run_can_be_resumed,
         run_records_values_of_the_control_and_their_differences,
         no_run_starts_while_a_compensation_is_unfinished,
     ]

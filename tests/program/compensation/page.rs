@@ -68,6 +68,8 @@ pub fn metrologist_approves_values_on_the_page() {
     }
     assert!(serve.get("/runs/1/sheet", viewer).1.contains("Not verified on this control"));
     assert!(serve.get("/api/v1/runs/1/sheet.csv", viewer).1.contains("X of C,0.0500,0.0010,mm"));
+    let (status, problem) = serve.get("/api/v1/runs/99/compensation", viewer);
+    assert!(status == 404 && problem.starts_with('{'), "{problem}");
     let approval = json!({"who": "Ada", "approve": hash});
     for token in ["", viewer, operator] {
         let (status, _) = serve.post(RUN_PATH, token, &approval);

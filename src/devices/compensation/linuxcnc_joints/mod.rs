@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use machine::Axis;
 
 use self::table_file::TableFile;
-pub use self::table_file::{MotionDirection, TableFileError, TableValue};
+pub use self::table_file::{MotionDirection, NamedText, TableFileError, TableValue};
 use super::hal_pins::{ComponentPins, HalError, HalPins};
 use super::{MAX_READ_BACK_DEVIATION_MM, check_unit_is_mm};
 use crate::controllers::ControllerError;
@@ -33,8 +33,10 @@ pub enum JointTableError {
     NotInEffect { axis: Axis, position_mm: f64, active_mm: f64, expected_mm: f64 },
     #[error("at {position_mm} mm of {axis} LinuxCNC's correction does not show whether it uses the new file")]
     NotDistinguishable { axis: Axis, position_mm: f64 },
-    #[error("after the write, `{name}` reads {read_mm} mm instead of {written}")]
-    ReadBack { name: String, written: String, read_mm: f64 },
+    #[error("after the write, `{name}` reads `{read}` instead of `{written}`")]
+    ReadBack { name: String, written: String, read: String },
+    #[error("{path} gives {axis} to several joints", path = path.display())]
+    Gantry { path: PathBuf, axis: Axis },
 }
 
 impl JointTableError {
@@ -49,7 +51,10 @@ impl JointTableError {
                  with the first and the last position of the travel, each with zeros (`-300 0 0`, `300 0 0`); restart \
                  LinuxCNC and home the axes"
             }
-            Self::UnknownType { .. } => "set COMP_FILE_TYPE = 1",
+            Self::UnknownType { .. } => {
+                "set COMP_FILE_TYPE to the type of the file: 0 if its values are actual positions, 1 if they are corrections"
+            }
+            Self::Gantry { .. } => "correct the files of these joints by hand",
             Self::SharedFile { .. } => "give each joint a file of its own",
             Self::NotInEffect { .. } => "restart LinuxCNC and home all axes, then try again",
             Self::NotDistinguishable { .. } => {
@@ -75,16 +80,16 @@ pub enum TableKind {
 pub struct JointTable {
     pub axis: Axis,
     pub kind: TableKind,
-    /// Name of the file.
+    /// Name of the file, for the names of its values.
     pub file_name: String,
     /// Position by position, forward and reverse.
     pub values: Vec<TableValue>,
 }
 
 impl JointTable {
-    /// Name of a value at the control, e.g. `x.comp -300 forward`.
+    /// Name of a value at the control, e.g. `X x.comp -300 forward`.
     pub fn value_name(&self, value: &TableValue) -> String {
-        format!("{} {}", self.file_name, value.name())
+        format!("{} {} {}", self.axis, self.file_name, value.name())
     }
 
     /// The correction at a position of the joint, in between the positions of the table; at its ends beyond them.
@@ -157,47 +162,47 @@ impl JointTables {
         self.files.iter().map(JointFile::read).collect()
     }
 
-    /// Writes one value and reads it back. LinuxCNC uses it from its next start on.
+    /// Writes these values, each file at once, and reads them back. LinuxCNC uses them from its next start on.
     ///
     /// # Errors
-    /// There is no such value; the file cannot be written, or reads back otherwise.
-    pub fn write(&self, name: &str, text: &str) -> Result<(), JointTableError> {
-        let of_name =
-            |file: &&JointFile| name.strip_prefix(&file.file_name()).is_some_and(|rest| rest.starts_with(' '));
-        let file = self.files.iter().find(of_name);
-        let no_such_value = || TableFileError::NoSuchValue { path: self.ini.clone(), name: name.to_owned() };
-        let file = file.ok_or_else(no_such_value)?;
-        let own_name = name[file.file_name().len()..].trim_start();
-        TableFile::read(&file.path)?.write_value(own_name, text)?;
-        let table = file.read()?;
-        let read = table.values.iter().find(|value| value.name() == own_name).ok_or_else(no_such_value)?;
-        match read.text == text {
-            true => Ok(()),
-            false => {
-                Err(JointTableError::ReadBack { name: name.to_owned(), written: text.to_owned(), read_mm: read.mm })
+    /// There is no such value; a file cannot be written, or reads back otherwise.
+    pub fn write(&self, values: &[NamedText<'_>]) -> Result<(), JointTableError> {
+        for file in &self.files {
+            let prefix = file.name_prefix();
+            let own = values
+                .iter()
+                .filter_map(|value| value.name.strip_prefix(&prefix).map(|name| NamedText { name, text: value.text }));
+            let own: Vec<NamedText<'_>> = own.collect();
+            if !own.is_empty() {
+                TableFile::read(&file.path)?.write_values(&own)?;
+                file.check_read_back(&own)?;
             }
         }
+        Ok(())
     }
 
-    /// Checks that LinuxCNC corrects each axis, where it stands, as its file says, and not as `before` said. `before`:
-    /// the tables as they were, in the order of [`Self::read`].
+    /// Checks that LinuxCNC corrects each axis, where it stands, as its file says, and not as `others` say. `others`: the
+    /// tables that it must not use, in the order of [`Self::read`]; where they are equal to the file, or none are given,
+    /// only the first is checked.
     ///
     /// # Errors
-    /// LinuxCNC still uses other tables, or its correction does not show which ones.
-    pub fn check_in_effect(&self, before: &[JointTable]) -> Result<(), JointTableError> {
+    /// LinuxCNC uses other tables, or its correction does not show which ones.
+    pub fn check_in_effect(&self, others: &[JointTable]) -> Result<(), JointTableError> {
         let tables = self.read()?;
-        for ((file, table), before) in self.files.iter().zip(&tables).zip(before) {
-            if table != before {
-                let pins = self.pins.read_component(&format!("joint.{}", file.joint))?;
-                check_table_in_effect(&pins, table, before)?;
-            }
+        for (index, (file, table)) in self.files.iter().zip(&tables).enumerate() {
+            let pins = self.pins.read_component(&format!("joint.{}", file.joint))?;
+            check_table_in_effect(&pins, table, others.get(index).filter(|other| *other != table))?;
         }
         Ok(())
     }
 }
 
 /// The axis stands where a motion in either direction has ended.
-fn check_table_in_effect(pins: &ComponentPins, table: &JointTable, before: &JointTable) -> Result<(), JointTableError> {
+fn check_table_in_effect(
+    pins: &ComponentPins,
+    table: &JointTable,
+    other: Option<&JointTable>,
+) -> Result<(), JointTableError> {
     let position_mm = pins.value("pos-cmd")?;
     let active_mm = pins.value("backlash-corr")?;
     let axis = table.axis;
@@ -206,7 +211,7 @@ fn check_table_in_effect(pins: &ComponentPins, table: &JointTable, before: &Join
             (own.correction_mm(*direction, position_mm) - active_mm).abs() < MAX_READ_BACK_DEVIATION_MM
         })
     };
-    match (is_active(table), is_active(before)) {
+    match (is_active(table), other.is_some_and(is_active)) {
         (true, false) => Ok(()),
         (true, true) => Err(JointTableError::NotDistinguishable { axis, position_mm }),
         (false, _) => {
@@ -221,27 +226,52 @@ impl JointFile {
         self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
+    /// What the names of its values begin with.
+    fn name_prefix(&self) -> String {
+        format!("{} {} ", self.axis, self.file_name())
+    }
+
+    fn check_read_back(&self, written: &[NamedText<'_>]) -> Result<(), JointTableError> {
+        let table = self.read()?;
+        for NamedText { name, text } in written {
+            let read = table.values.iter().find(|value| value.name() == *name).map_or("", |value| &value.text);
+            if read != *text {
+                let (name, written) = (format!("{}{name}", self.name_prefix()), (*text).to_owned());
+                return Err(JointTableError::ReadBack { name, written, read: read.to_owned() });
+            }
+        }
+        Ok(())
+    }
+
     fn read(&self) -> Result<JointTable, JointTableError> {
         let values = TableFile::read(&self.path)?.values()?;
         Ok(JointTable { axis: self.axis, kind: self.kind, file_name: self.file_name(), values })
     }
 }
 
-/// The files of the joints of X, Y and Z. Joints are in the order of the axes, as `COORDINATES` lists them.
+/// The files of the joints of X, Y and Z. The joints are in the order of the axes: as the kinematics are told, otherwise as
+/// `COORDINATES` lists them.
 fn joint_files(file: &IniFile, ini: &Path) -> Result<Vec<JointFile>, JointTableError> {
-    let coordinates = file.value("TRAJ", "COORDINATES").unwrap_or_default();
-    let letters = coordinates.chars().filter(|letter| !letter.is_whitespace());
-    let mut files = Vec::new();
+    let of_kinematics = file.kinematics().unwrap_or_default().split_whitespace();
+    let of_kinematics = of_kinematics.filter_map(|word| word.strip_prefix("coordinates=")).next();
+    let coordinates = of_kinematics.or_else(|| file.value("TRAJ", "COORDINATES")).unwrap_or_default();
+    let letters = coordinates.to_ascii_uppercase();
+    let letters = letters.chars().filter(|letter| !letter.is_whitespace());
+    let mut files: Vec<JointFile> = Vec::new();
     for (joint, letter) in letters.enumerate() {
         let section = format!("JOINT_{joint}");
         let axis = [Axis::X, Axis::Y, Axis::Z].into_iter().find(|axis| axis.to_string() == letter.to_string());
         let (Some(axis), Some(name)) = (axis, file.value(&section, "COMP_FILE")) else { continue };
+        if files.iter().any(|other| other.axis == axis) {
+            return Err(JointTableError::Gantry { path: ini.to_owned(), axis });
+        }
         let kind = match file.value(&section, "COMP_FILE_TYPE") {
-            Some("0") => TableKind::ActualPosition,
+            None | Some("0") => TableKind::ActualPosition,
             Some("1") => TableKind::Correction,
             _ => return Err(JointTableError::UnknownType { path: ini.to_owned(), joint }),
         };
         let path = ini.parent().unwrap_or(Path::new("")).join(name);
+        let path = path.canonicalize().map_err(|source| TableFileError::Io { path, source })?;
         files.push(JointFile { joint, axis, kind, path });
     }
     Ok(files)

@@ -1,17 +1,20 @@
 //! A compensation file of LinuxCNC: lines of a nominal position and one value for each direction of motion.
 
 use std::fs::{self, File};
-use std::io::Write as _;
+use std::io::{self, Write as _};
+use std::os::unix::fs::{MetadataExt as _, fchown};
 use std::path::{Path, PathBuf};
 
 /// Most lines that LinuxCNC reads (User Manual, "INI Configuration", `COMP_FILE`).
 const MAX_LINES: usize = 256;
+/// Longest line that LinuxCNC reads at once, bytes.
+const MAX_LINE_BYTES: usize = 250;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableFileError {
     #[error("the compensation file {path} cannot be read or written: {source}", path = path.display())]
     Io { path: PathBuf, source: std::io::Error },
-    #[error("line {line} of {path} is not a position and two values, or its position does not increase", path = path.display())]
+    #[error("line {line} of {path} is not a position and two values, or its position does not increase; LinuxCNC ignores all lines from there on", path = path.display())]
     InvalidLine { path: PathBuf, line: usize },
     #[error("{path} has {count} lines; LinuxCNC reads 2 to {MAX_LINES}", path = path.display())]
     LineCount { path: PathBuf, count: usize },
@@ -25,8 +28,8 @@ impl TableFileError {
         match self {
             Self::Io { .. } => "run trued on the computer of the control, as a user who may write this file",
             Self::InvalidLine { .. } | Self::LineCount { .. } => {
-                "correct the file: each line has the position and the values for both directions, in increasing order; \
-                 without a correction the first and the last position of the travel, each with zeros"
+                "correct the file: each line has the position and the values for both directions, in increasing order, without \
+                 empty lines; without a correction the first and the last position of the travel, each with zeros"
             }
             Self::NoSuchValue { .. } => "do not edit the file between a proposal and its end; restore it from a backup",
         }
@@ -49,6 +52,13 @@ impl MotionDirection {
             Self::Reverse => "reverse",
         }
     }
+}
+
+/// A value to be written.
+#[derive(Debug, Clone, Copy)]
+pub struct NamedText<'a> {
+    pub name: &'a str,
+    pub text: &'a str,
 }
 
 /// One value of the file.
@@ -92,9 +102,9 @@ impl TableFile {
     pub fn values(&self) -> Result<Vec<TableValue>, TableFileError> {
         let mut values: Vec<TableValue> = Vec::new();
         let mut count = 0;
-        for (index, line) in self.text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        for (index, line) in self.text.trim_end().lines().enumerate() {
             let invalid = || TableFileError::InvalidLine { path: self.path.clone(), line: index + 1 };
-            let pair = parse_line(line).ok_or_else(invalid)?;
+            let pair = parse_line(line).filter(|_| line.len() <= MAX_LINE_BYTES).ok_or_else(invalid)?;
             let is_increasing = values.last().is_none_or(|last| pair[0].position_mm > last.position_mm);
             values.extend(is_increasing.then_some(pair).ok_or_else(invalid)?);
             count += 1;
@@ -105,39 +115,53 @@ impl TableFile {
         }
     }
 
-    /// Replaces the file by one in which the value `name` reads `text`. All other bytes are as before.
+    /// Replaces the file at once by one with these values. All other bytes are as before.
     ///
     /// # Errors
     /// There is no such value; the file cannot be written.
-    pub fn write_value(&self, name: &str, text: &str) -> Result<(), TableFileError> {
-        let no_such_value = || TableFileError::NoSuchValue { path: self.path.clone(), name: name.to_owned() };
-        let replace = |line: &str| {
-            let [_, forward, reverse] = words_with_offsets(line)?;
-            let [of_forward, of_reverse] = parse_line(line)?;
-            let found = [(of_forward, forward), (of_reverse, reverse)].into_iter().find(|(own, _)| own.name() == name);
-            found.map(|(own, offset)| format!("{}{text}{}", &line[..offset], &line[offset + own.text.len()..]))
-        };
-        let lines: Vec<&str> = self.text.split_inclusive('\n').collect();
-        let changed = lines.iter().enumerate().find_map(|(index, line)| Some((index, replace(line)?)));
-        let (changed_index, changed_line) = changed.ok_or_else(no_such_value)?;
-        let is_changed = |index: usize| index == changed_index;
-        let new = lines.iter().enumerate();
-        let new = new.map(|(index, line)| if is_changed(index) { changed_line.as_str() } else { line });
-        self.replace_file(&new.collect::<String>())
+    pub fn write_values(&self, values: &[NamedText<'_>]) -> Result<(), TableFileError> {
+        let mut text = self.text.clone();
+        for value in values {
+            text = with_value(&text, value)
+                .ok_or_else(|| TableFileError::NoSuchValue { path: self.path.clone(), name: value.name.to_owned() })?;
+        }
+        self.replace_file(&text).map_err(|source| TableFileError::Io { path: self.path.clone(), source })
     }
 
-    /// The new file is on the disk before it takes the place of the old one.
-    fn replace_file(&self, text: &str) -> Result<(), TableFileError> {
-        let error = |source| TableFileError::Io { path: self.path.clone(), source };
-        let mut new_name = self.path.clone().into_os_string();
-        new_name.push(".new");
-        let new_path = PathBuf::from(new_name);
-        let mut file = File::create(&new_path).map_err(error)?;
-        let permissions = fs::metadata(&self.path).map_err(error)?.permissions();
-        file.set_permissions(permissions).map_err(error)?;
-        file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(error)?;
-        fs::rename(&new_path, &self.path).map_err(error)
+    /// The new file is on the disk before it takes the place of the old one; it keeps owner and permissions.
+    fn replace_file(&self, text: &str) -> io::Result<()> {
+        let folder = self.path.parent().unwrap_or(Path::new("."));
+        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
+        let new_path = folder.join(format!(".{name}.trued"));
+        match fs::remove_file(&new_path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            // A write before this one was interrupted.
+            _ => {}
+        }
+        let metadata = fs::metadata(&self.path)?;
+        let mut file = File::create_new(&new_path)?;
+        file.set_permissions(metadata.permissions())?;
+        fchown(&file, Some(metadata.uid()), Some(metadata.gid()))?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&new_path, &self.path)?;
+        File::open(folder)?.sync_all()
     }
+}
+
+/// The text of a file with one value replaced. `None`: there is no such value.
+fn with_value(text: &str, value: &NamedText<'_>) -> Option<String> {
+    let replace = |line: &str| {
+        let [_, forward, reverse] = words_with_offsets(line)?;
+        let [of_forward, of_reverse] = parse_line(line)?;
+        let mut found = [(of_forward, forward), (of_reverse, reverse)].into_iter();
+        let (own, offset) = found.find(|(own, _)| own.name() == value.name)?;
+        Some(format!("{}{}{}", &line[..offset], value.text, &line[offset + own.text.len()..]))
+    };
+    let mut lines: Vec<String> = text.split_inclusive('\n').map(str::to_owned).collect();
+    let (index, changed) = lines.iter().enumerate().find_map(|(index, line)| Some((index, replace(line)?)))?;
+    lines[index] = changed;
+    Some(lines.concat())
 }
 
 /// `None`: not three numbers.
@@ -176,19 +200,21 @@ mod tests {
     }
 
     #[test]
-    fn one_value_is_replaced_and_restored_byte_for_byte() {
+    fn values_are_replaced_and_restored_byte_for_byte() {
         let folder = tempfile::tempdir().unwrap();
-        let text = "-300.00   0.0300\t0.020 \r\n\n 0 0.0 -0.0\n300 -3e-2 -0.04";
+        let text = "-300.00   0.0300\t0.020 \r\n 0 0.0 -0.0\n300 -3e-2 -0.04\n\n";
         let file = file_of(folder.path(), text);
         let names: Vec<String> = file.values().unwrap().iter().map(TableValue::name).collect();
         assert_eq!(names[..3], ["-300.00 forward", "-300.00 reverse", "0 forward"]);
-        file.write_value("300 forward", "-0.0312").unwrap();
+        let named = |name, text| NamedText { name, text };
+        file.write_values(&[named("300 forward", "-0.0312"), named("-300.00 reverse", "0.0212")]).unwrap();
         let changed = TableFile::read(&folder.path().join("x.comp")).unwrap();
-        assert_eq!(changed.text, text.replace("-3e-2", "-0.0312"));
+        assert_eq!(changed.text, text.replace("-3e-2", "-0.0312").replace("0.020", "0.0212"));
         assert_eq!(changed.values().unwrap()[4].mm, -0.0312);
-        changed.write_value("300 forward", "-3e-2").unwrap();
+        changed.write_values(&[named("-300.00 reverse", "0.020"), named("300 forward", "-3e-2")]).unwrap();
         assert_eq!(std::fs::read_to_string(folder.path().join("x.comp")).unwrap(), text);
-        assert!(matches!(file.write_value("1 forward", "0"), Err(TableFileError::NoSuchValue { .. })));
+        assert!(matches!(file.write_values(&[named("1 forward", "0")]), Err(TableFileError::NoSuchValue { .. })));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]
@@ -202,6 +228,9 @@ mod tests {
             ("0 0 0\n1 0 nan\n", "line 2"),
             ("0 0 0\n0 0 0\n", "line 2"),
             ("; X\n0 0 0\n1 0 0\n", "line 1"),
+            // LinuxCNC ends there.
+            ("0 0 0\n\n1 0 0\n", "line 2"),
+            (&format!("0 0 0\n1 0 {}0\n", " ".repeat(250)), "line 2"),
             (&(0..257).map(|at| format!("{at} 0 0\n")).collect::<String>(), "has 257 lines"),
         ] {
             assert!(error(text).contains(expected), "{text}: {}", error(text));

@@ -43,7 +43,8 @@ impl TableOfX {
 #[test]
 fn repeated_corrections_follow_a_drifting_scale() {
     // Where X carries the tool, and where it carries the table.
-    for (topology, sign) in [("w-C-B-Y-F-X-Z-S-t", 1.0), ("w-C-B-X-Y-F-Z-S-t", -1.0)] {
+    let topologies = ["w-C-B-Y-F-X-Z-S-t", "w-C-B-X-Y-F-Z-S-t"];
+    for (topology, sign) in topologies.into_iter().flat_map(|topology| [(topology, 1.0), (topology, -1.0)]) {
         let mut machine = trunnion(Axis::B);
         machine.topology = topology.to_owned();
         let mut table = TableOfX { nominal_mm: [-300.0, 50.0, 300.0], trims_mm: [0.0; 3] };

@@ -61,7 +61,7 @@ fn compensation_values(last: &StoredCompensation) -> Value {
         run => last.run.0,
         who => last.who.as_str(),
         at => format_local_time(last.at),
-        is_unfinished => last.state.is_unfinished(),
+        unfinished => last.unfinished().map(|unfinished| unfinished.to_string()),
         is_undone => last.state.is_undone(),
         awaits_restart => last.state.awaits_restart(),
     }
