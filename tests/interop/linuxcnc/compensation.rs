@@ -9,10 +9,14 @@ use super::rig::{LinuxCncRig, halcmd};
 use super::run_workspace::RunWorkspace;
 use super::samba::{TrueAxes, point_on_table};
 
-const MODULE: &str = "xyzbc-trt-kins";
-const PINS: [&str; 5] = ["x-rot-point", "y-rot-point", "z-rot-point", "x-offset", "z-offset"];
+/// Names of the pins for a table that tilts on A, or on B.
+fn pin_names(tilts_on_a: bool) -> [String; 5] {
+    let (module, offset) = if tilts_on_a { ("xyzac-trt-kins", "y-offset") } else { ("xyzbc-trt-kins", "x-offset") };
+    ["x-rot-point", "y-rot-point", "z-rot-point", offset, "z-offset"].map(|pin| format!("{module}.{pin}"))
+}
 
-/// Positions of the tool in the workpiece, mm, and B and C, degrees. The run measured B from −30° to 30°.
+/// Positions of the tool in the workpiece, mm, and the tilting axis and C, degrees. The run measured the tilting axis from
+/// −30° to 30°.
 const POSES: [([f64; 3], [f64; 2]); 20] = [
     ([60.0, 40.0, 110.0], [0.0, 0.0]),
     ([60.0, 40.0, 110.0], [30.0, 0.0]),
@@ -54,7 +58,8 @@ pub fn check_correction_by_run(
     let machine = workspace.machine_file_path().display().to_string();
     let compensate =
         |arguments: &[&str]| workspace.run_stdout(&[&["compensate"], arguments, &["--machine", &machine]].concat());
-    let before = pin_values()?;
+    let pins = pin_names(truth.tilts_on_a);
+    let before = pin_values(&pins)?;
     let proposal: Value = serde_json::from_str(&compensate(&["propose", "1", "--json"])?)?;
     let text = compensate(&["propose", "1"])?;
     eprintln!("{text}");
@@ -64,12 +69,12 @@ pub fn check_correction_by_run(
         return Err("another hash was accepted".into());
     }
     rig.set_tool_centre_point_mode(true)?;
-    if compensate(&["write", "1", "--approve", hash, "--who", "Ada"]).is_ok() || pin_values()? != before {
+    if compensate(&["write", "1", "--approve", hash, "--who", "Ada"]).is_ok() || pin_values(&pins)? != before {
         return Err("values were written while the kinematics applied them".into());
     }
     rig.set_tool_centre_point_mode(false)?;
     compensate(&["write", "1", "--approve", hash, "--who", "Ada"])?;
-    check_pins(&proposal)?;
+    check_pins(&pins, &proposal)?;
     let after_write = tool_errors(rig, truth)?;
     eprintln!("before: {before_write:.2?}, after: {after_write:.2?}");
     let predicted = &proposal["predicted"][1];
@@ -80,18 +85,44 @@ pub fn check_correction_by_run(
         return Err(format!("{largest_um} um was predicted, U = {expanded_um} um").into());
     }
     compensate(&["undo", "--who", "Ada"])?;
-    if pin_values()? == before { Ok(after_write) } else { Err("the values are not as before".into()) }
+    if pin_values(&pins)? == before { Ok(after_write) } else { Err("the values are not as before".into()) }
 }
 
-fn pin_values() -> Result<Vec<f64>, Failed> {
-    PINS.iter().map(|pin| Ok(halcmd(&["getp", &format!("{MODULE}.{pin}")])?.parse()?)).collect()
+/// Writes what `run` proposes for the compensation files.
+pub fn write_by_run(workspace: &RunWorkspace, run: u32) -> Result<(), Failed> {
+    let (machine, run) = (workspace.machine_file_path().display().to_string(), run.to_string());
+    let text = workspace.run_stdout(&["compensate", "propose", &run, "--machine", &machine])?;
+    eprintln!("{text}");
+    let hash = text.lines().find_map(|line| line.strip_prefix("SHA-256 of the proposal: ")).ok_or("no hash")?;
+    let write = ["compensate", "write", &run, "--approve", hash, "--who", "Ada", "--machine", &machine];
+    workspace.run_stdout(&write).map(drop)
 }
 
-fn check_pins(proposal: &Value) -> Result<(), Failed> {
-    for ((pin, actual), value) in PINS.iter().zip(pin_values()?).zip(proposal["values"].as_array().ok_or("no values")?)
+/// Confirms the restart: near zero LinuxCNC does not show which file it uses, near the end of the travel it does.
+pub fn finish_after_restart(rig: &LinuxCncRig, workspace: &RunWorkspace) -> Result<(), Failed> {
+    let machine = workspace.machine_file_path().display().to_string();
+    let finish = || workspace.run_stdout(&["compensate", "finish", "--who", "Ada", "--machine", &machine]);
+    if finish().is_ok() {
+        return Err("X = 0 does not show the correction".into());
+    }
+    let mut person = rig.connect_client()?;
+    person.run_mdi("G53 G0 X250")?;
+    rig.wait_for_rest()?;
+    finish()?;
+    person.run_mdi("G53 G0 X0")?;
+    rig.wait_for_rest().map(drop)
+}
+
+fn pin_values(pins: &[String]) -> Result<Vec<f64>, Failed> {
+    pins.iter().map(|pin| Ok(halcmd(&["getp", pin])?.parse()?)).collect()
+}
+
+fn check_pins(pins: &[String], proposal: &Value) -> Result<(), Failed> {
+    for ((pin, actual), value) in
+        pins.iter().zip(pin_values(pins)?).zip(proposal["values"].as_array().ok_or("no values")?)
     {
         let proposed = value["proposed_mm"].as_f64().ok_or("no value")?;
-        if value["name"] != format!("{MODULE}.{pin}") || (actual - proposed).abs() > 1e-6 {
+        if value["name"] != *pin || (actual - proposed).abs() > 1e-6 {
             return Err(format!("{pin} is {actual}: {value}").into());
         }
     }
@@ -102,9 +133,10 @@ fn check_pins(proposal: &Value) -> Result<(), Failed> {
 fn tool_errors(rig: &LinuxCncRig, truth: &TrueAxes) -> Result<ToolErrors, Failed> {
     rig.set_tool_centre_point_mode(true)?;
     let mut person = rig.connect_client()?;
+    let tilt = if truth.tilts_on_a { 'A' } else { 'B' };
     let mut errors = Vec::new();
     for ([x, y, z], [b, c]) in POSES {
-        person.run_mdi(&format!("G53 G0 X{x} Y{y} Z{z} B{b} C{c}"))?;
+        person.run_mdi(&format!("G53 G0 X{x} Y{y} Z{z} {tilt}{b} C{c}"))?;
         let joints = rig.wait_for_rest()?;
         let [joint_x, joint_y, joint_z, joint_b, joint_c] = joints[..] else { return Err("five joints".into()) };
         if (joint_b - b).abs() > 1e-6 || (joint_c - c).abs() > 1e-6 {
@@ -114,7 +146,7 @@ fn tool_errors(rig: &LinuxCncRig, truth: &TrueAxes) -> Result<ToolErrors, Failed
         let on_table = point_on_table(truth, tool, joint_b.to_radians(), joint_c.to_radians());
         errors.push((on_table - Vector3::new(x, y, z)) * 1e3);
     }
-    person.run_mdi("G53 G0 X0 Y0 Z200 B0 C0")?;
+    person.run_mdi(&format!("G53 G0 X0 Y0 Z200 {tilt}0 C0"))?;
     rig.wait_for_rest()?;
     rig.set_tool_centre_point_mode(false)?;
     let largest = |count: usize| errors.iter().take(count).map(|error| (error - errors[0]).norm()).fold(0.0, f64::max);

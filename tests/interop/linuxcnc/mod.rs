@@ -66,6 +66,8 @@ pub fn trials() -> Trials {
             faults::run_resumes_after_a_stuck_probe,
             samba::samba_finds_the_true_axes,
             samba::control_is_corrected_by_a_samba_run,
+            samba::control_of_a_table_on_a_is_corrected,
+            samba::scale_of_x_is_corrected_in_its_file,
             samba::chase_the_ball_finds_the_true_axes,
             scan_in_motion::latency_follows_the_laser_delay_within_1_ms,
             multiprobe_turns::multiprobe_finds_the_true_error_motions,

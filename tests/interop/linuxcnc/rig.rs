@@ -15,12 +15,13 @@ use libtest_mimic::Failed;
 use super::rsh_client::RshClient;
 
 /// Pins of the true machine, and their values at the start of a trial.
-const TRUE_MACHINE_PINS: [(&str, f64); 20] = [
+const TRUE_MACHINE_PINS: [(&str, f64); 21] = [
     ("radius", 45.0),
     ("ball-radius-0", 0.0),
     ("ball-radius-1", 0.0),
     ("ball-radius-2", 0.0),
     ("ball-radius-3", 0.0),
+    ("scale-x", 0.0),
     ("b-x", 0.0),
     ("b-z", 0.0),
     ("b-a", 0.0),
@@ -40,7 +41,20 @@ const TRUE_MACHINE_PINS: [(&str, f64); 20] = [
 /// Limit of X, as in rig.ini.
 const X_LIMIT_MM: f64 = 300.0;
 
+/// What differs between the controls of the rig.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RigVariant {
+    /// Axis on which the table tilts.
+    pub tilt: char,
+    /// Joint X has a compensation file.
+    pub has_x_table: bool,
+}
+
+/// The table tilts on B.
+const DEFAULT_VARIANT: RigVariant = RigVariant { tilt: 'B', has_x_table: false };
+
 pub struct LinuxCncRig {
+    variant: RigVariant,
     /// The rig ends when its standard input is closed.
     rig_process: Child,
     /// Id of the session in which all of LinuxCNC runs.
@@ -51,9 +65,19 @@ pub struct LinuxCncRig {
 
 /// Locks the one rig for one trial; the machine is enabled and homed, and the truth is restored.
 pub fn lock_rig() -> Result<MutexGuard<'static, LinuxCncRig>, Failed> {
+    lock_rig_variant(DEFAULT_VARIANT)
+}
+
+/// As [`lock_rig`]; LinuxCNC is restarted if it is another variant.
+pub fn lock_rig_variant(variant: RigVariant) -> Result<MutexGuard<'static, LinuxCncRig>, Failed> {
     static SHARED_RIG: OnceLock<Result<Mutex<LinuxCncRig>, String>> = OnceLock::new();
-    let rig = SHARED_RIG.get_or_init(|| start_rig(None).map(Mutex::new).map_err(|error| error.to_string()));
+    let rig = SHARED_RIG.get_or_init(|| start_rig(None, variant).map(Mutex::new).map_err(|error| error.to_string()));
     let mut rig = rig.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+    if rig.variant != variant {
+        rig.variant = variant;
+        let _ = std::fs::remove_file(rig.directory.join("x.comp"));
+        rig.restart()?;
+    }
     rig.restore_or_restart()?;
     Ok(rig)
 }
@@ -64,13 +88,13 @@ pub fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
 
 /// Starts the rig in up to three attempts: on a busy computer LinuxCNC does not always start. Without `port`, each
 /// attempt takes a free port.
-fn start_rig(port: Option<u16>) -> Result<LinuxCncRig, Box<dyn std::error::Error>> {
+fn start_rig(port: Option<u16>, variant: RigVariant) -> Result<LinuxCncRig, Box<dyn std::error::Error>> {
     let directory = std::env::temp_dir().join(format!("trued-rig-{}", std::process::id()));
     std::fs::create_dir_all(&directory)?;
     let mut why = String::new();
     for attempt in 1..=3 {
         let port = port.map_or_else(free_port, Ok)?;
-        if let Some(rig) = try_start_rig(port, &directory)? {
+        if let Some(rig) = try_start_rig(port, &directory, variant)? {
             return Ok(rig);
         }
         why += &format!("attempt {attempt} at port {port}\n{}", log_tails(&directory));
@@ -79,10 +103,16 @@ fn start_rig(port: Option<u16>) -> Result<LinuxCncRig, Box<dyn std::error::Error
 }
 
 /// `None` if the rig ended before it was ready; it has then cleaned up.
-fn try_start_rig(port: u16, directory: &Path) -> Result<Option<LinuxCncRig>, Box<dyn std::error::Error>> {
+fn try_start_rig(
+    port: u16,
+    directory: &Path,
+    variant: RigVariant,
+) -> Result<Option<LinuxCncRig>, Box<dyn std::error::Error>> {
     let mut process = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/rig"))
         .arg(directory)
         .arg(port.to_string())
+        .env("RIG_TILT", variant.tilt.to_string())
+        .env("RIG_X_TABLE", if variant.has_x_table { "1" } else { "" })
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(File::create(directory.join("rig.log"))?)
@@ -93,7 +123,13 @@ fn try_start_rig(port: u16, directory: &Path) -> Result<Option<LinuxCncRig>, Box
         process.wait()?;
         return Ok(None);
     };
-    Ok(Some(LinuxCncRig { rig_process: process, session_id: session, rsh_port: port, directory: directory.to_owned() }))
+    Ok(Some(LinuxCncRig {
+        variant,
+        rig_process: process,
+        session_id: session,
+        rsh_port: port,
+        directory: directory.to_owned(),
+    }))
 }
 
 /// Last output of the rig and of LinuxCNC.
@@ -245,8 +281,13 @@ impl LinuxCncRig {
     pub fn restart(&mut self) -> Result<(), Failed> {
         drop(self.rig_process.stdin.take());
         self.rig_process.wait()?;
-        *self = start_rig(Some(self.rsh_port)).map_err(|error| error.to_string())?;
+        *self = start_rig(Some(self.rsh_port), self.variant).map_err(|error| error.to_string())?;
         self.restore_start_state()
+    }
+
+    /// The INI file that LinuxCNC was started with.
+    pub fn ini_path(&self) -> PathBuf {
+        self.directory.join("rig.ini")
     }
 
     /// Waits until the machine is at rest; returns the joint positions.
@@ -301,7 +342,7 @@ impl LinuxCncRig {
         person.repeat_until_status("feed_override", "100", &["set feed_override 100"])?;
         for _ in 0..3 {
             person.run_mdi("G53 G0 Z200")?;
-            person.run_mdi("G53 G0 X0 Y0 B0 C0")?;
+            person.run_mdi(&format!("G53 G0 X0 Y0 {}0 C0", self.variant.tilt))?;
             let mut off = 0.0_f64;
             for (joint, to) in [0.0, 0.0, 200.0, 0.0, 0.0].into_iter().enumerate() {
                 off = off.max((self.joint_position(joint)? - to).abs());

@@ -9,7 +9,6 @@ use machine::record::plan::Plan;
 use tempfile::TempDir;
 
 use super::data_streams::StreamsProcess;
-use super::driver::rig_ini_path;
 use super::rig::LinuxCncRig;
 use crate::support::terminal_operator;
 
@@ -18,6 +17,9 @@ const MACHINE_FILE: &str = include_str!("../../../config/linuxcnc-sim.toml");
 const SAMBA_SECTIONS: &str = include_str!("samba.toml");
 const LASER_SECTIONS: &str = include_str!("laser.toml");
 const MULTIPROBE_SECTIONS: &str = include_str!("multiprobe.toml");
+
+/// Parameters of SAMBA in `SAMBA_SECTIONS`.
+const SAMBA_PARAMETERS_OF_B: &str = "[\"EA0B\", \"EC0B\", \"EX0C\", \"EA0C\", \"EB0C\"]";
 
 /// Fewer and faster touches.
 const QUICK_TOUCH_TEXT_CHANGES: [(&str, &str); 4] = [
@@ -77,6 +79,35 @@ impl RunWorkspace {
         Self::from_machine_text(rig, &format!("{head}{target}{SAMBA_SECTIONS}"), &changes)
     }
 
+    /// As [`Self::with_balls`], for a table that tilts on A.
+    pub fn with_balls_on_a(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        let workspace = Self::with_balls(rig)?;
+        workspace.change_machine_file(&[
+            ("w-C-B-b", "w-C-A-b"),
+            // With these kinematics LinuxCNC refuses Z300 after a touch, by rounding.
+            ("max = 300.0", "max = 299.0"),
+            ("[axes.B]", "[axes.A]"),
+            ("on = \"B\"", "on = \"A\""),
+            (SAMBA_PARAMETERS_OF_B, "[\"EB0A\", \"EC0A\", \"EY0C\", \"EA0C\", \"EB0C\"]"),
+        ])?;
+        Ok(workspace)
+    }
+
+    /// As [`Self::with_balls`], with the scale of X and its compensation file.
+    pub fn with_balls_and_x_table(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        let workspace = Self::with_balls(rig)?;
+        workspace.change_machine_file(&[
+            ("[compensation.linuxcnc-trunnion]", "[compensation.linuxcnc-joints]"),
+            (SAMBA_PARAMETERS_OF_B, "[\"EA0B\", \"EC0B\", \"EX0C\", \"EA0C\", \"EB0C\", \"EXX1\"]"),
+        ])?;
+        Ok(workspace)
+    }
+
+    fn change_machine_file(&self, changes: &[(&str, &str)]) -> Result<(), Failed> {
+        let text = replace_all(&std::fs::read_to_string(self.machine_file_path())?, changes)?;
+        Ok(std::fs::write(self.machine_file_path(), text)?)
+    }
+
     /// With a laser over one ball, and LinuxCNC's sampler, whose table has this additional line.
     pub fn with_laser(rig: &LinuxCncRig, streams: &StreamsProcess, line: &str) -> Result<Self, Failed> {
         let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
@@ -119,7 +150,7 @@ impl RunWorkspace {
     fn from_machine_text(rig: &LinuxCncRig, machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
         let port = format!("127.0.0.1:{}", rig.rsh_port);
         let directory = rig.directory.display().to_string();
-        let ini = format!("ini = \"{}\"", rig_ini_path().display());
+        let ini = format!("ini = \"{}\"", rig.ini_path().display());
         let here = [
             ("127.0.0.1:5007", &*port),
             ("/tmp/trued-linuxcnc", &*directory),
@@ -131,13 +162,7 @@ impl RunWorkspace {
 
     /// A folder with the machine file `machine_text`, in which each first text of `changes` is replaced by the second.
     pub fn with_changed_machine_file(machine_text: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
-        let mut machine = machine_text.to_owned();
-        for (from, to) in changes {
-            if !machine.contains(from) {
-                return Err(format!("`{from}` does not stand in the machine file").into());
-            }
-            machine = machine.replace(from, to);
-        }
+        let machine = replace_all(machine_text, changes)?;
         let workspace = Self(TempDir::new()?);
         std::fs::write(workspace.machine_file_path(), machine)?;
         Ok(workspace)
@@ -217,6 +242,17 @@ impl RunWorkspace {
         let mut command = self.trued_command_with_journal(&["run", method, "--json", "--machine", &machine]);
         Ok(terminal_operator::confirm_prompts_with_enter(&mut command).spawn()?)
     }
+}
+
+fn replace_all(machine_text: &str, changes: &[(&str, &str)]) -> Result<String, Failed> {
+    let mut machine = machine_text.to_owned();
+    for (from, to) in changes {
+        if !machine.contains(from) {
+            return Err(format!("`{from}` does not stand in the machine file").into());
+        }
+        machine = machine.replace(from, to);
+    }
+    Ok(machine)
 }
 
 pub fn failure_text(output: &Output) -> String {

@@ -13,15 +13,18 @@ use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use nalgebra::{Rotation3, Vector3};
 
-use super::compensation::check_correction_by_run;
+use super::compensation::{check_correction_by_run, finish_after_restart, write_by_run};
 use super::driver::{block_on, open_driver, prove_without_collision_check, z_position};
-use super::rig::{LinuxCncRig, lock_rig};
+use super::rig::{LinuxCncRig, RigVariant, lock_rig, lock_rig_variant};
 use super::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
 
 /// The true rotary axes and the true stylus: the rig's pins.
 pub struct TrueAxes {
+    /// The table tilts on A, not on B.
+    pub tilts_on_a: bool,
+    /// Of the tilting axis.
     b_point_mm: Vector3<f64>,
-    /// Orientation about X and Z, rad.
+    /// Orientation of B about X and Z, rad.
     b_tilt_rad: [f64; 2],
     c_point_mm: Vector3<f64>,
     /// Orientation about X and Y, rad.
@@ -30,6 +33,7 @@ pub struct TrueAxes {
 }
 
 pub const TILTED_AXES: TrueAxes = TrueAxes {
+    tilts_on_a: false,
     b_point_mm: Vector3::new(0.035, 0.0, -0.060),
     b_tilt_rad: [40e-6, -30e-6],
     c_point_mm: Vector3::new(0.110, -0.030, 0.0),
@@ -38,6 +42,21 @@ pub const TILTED_AXES: TrueAxes = TrueAxes {
 };
 /// Location errors only.
 const DISPLACED_AXES: TrueAxes = TrueAxes { b_tilt_rad: [0.0; 2], c_tilt_rad: [0.0; 2], ..TILTED_AXES };
+/// The same for a table that tilts on A, with other signs.
+const DISPLACED_AXES_ON_A: TrueAxes = TrueAxes {
+    tilts_on_a: true,
+    b_point_mm: Vector3::new(0.0, -0.045, 0.050),
+    c_point_mm: Vector3::new(-0.090, 0.070, 0.0),
+    ..DISPLACED_AXES
+};
+/// X moves this much too far.
+const TRUE_SCALE_OF_X_UM_PER_M: f64 = 120.0;
+
+impl TrueAxes {
+    fn tilting_axis(&self) -> Vector3<f64> {
+        if self.tilts_on_a { Vector3::x() } else { Vector3::y() }
+    }
+}
 
 /// Positions of the balls with all axes at zero, up to half a millimetre from those of samba.toml; the first two
 /// are 150 mm apart.
@@ -75,7 +94,7 @@ const TRUE_CHASE_THE_BALL_PARAMETERS: [(&str, f64, f64); 8] = [
 /// Removes the cylinder, puts the balls on the table, and sets the axis errors above.
 pub fn place_balls_and_axis_errors(rig: &LinuxCncRig, truth: &TrueAxes) -> Result<(), Failed> {
     let axes = [
-        ("b-x", truth.b_point_mm.x),
+        ("b-x", if truth.tilts_on_a { truth.b_point_mm.y } else { truth.b_point_mm.x }),
         ("b-z", truth.b_point_mm.z),
         ("b-a", truth.b_tilt_rad[0]),
         ("b-c", truth.b_tilt_rad[1]),
@@ -106,11 +125,11 @@ fn tool_position_at_ball(truth: &TrueAxes, ball: [f64; 3], b: f64, c: f64) -> Ve
     let about = |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
         through + lies * turn * lies.inverse() * (p - through)
     };
-    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let ([x, y, z], tilt) = ([Vector3::x(), Vector3::y(), Vector3::z()], truth.tilting_axis());
     let c_lies = Rotation3::new(y * truth.c_tilt_rad[1]) * Rotation3::new(x * truth.c_tilt_rad[0]);
     let b_lies = Rotation3::new(z * truth.b_tilt_rad[1]) * Rotation3::new(x * truth.b_tilt_rad[0]);
     let turned = about(Vector3::from(ball), truth.c_point_mm, c_lies, Rotation3::new(z * c));
-    about(turned, truth.b_point_mm, b_lies, Rotation3::new(y * b)) - truth.stylus_error_mm
+    about(turned, truth.b_point_mm, b_lies, Rotation3::new(tilt * b)) - truth.stylus_error_mm
 }
 
 /// Point of the table, at its position with all axes at zero, where a tool on the axis of the spindle is: the inverse of
@@ -119,11 +138,11 @@ pub fn point_on_table(truth: &TrueAxes, tool: Vector3<f64>, b: f64, c: f64) -> V
     let back = |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
         through + lies * turn.inverse() * lies.inverse() * (p - through)
     };
-    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let ([x, y, z], tilt) = ([Vector3::x(), Vector3::y(), Vector3::z()], truth.tilting_axis());
     let c_lies = Rotation3::new(y * truth.c_tilt_rad[1]) * Rotation3::new(x * truth.c_tilt_rad[0]);
     let b_lies = Rotation3::new(z * truth.b_tilt_rad[1]) * Rotation3::new(x * truth.b_tilt_rad[0]);
     let tip = tool + z * truth.stylus_error_mm.z;
-    back(back(tip, truth.b_point_mm, b_lies, Rotation3::new(y * b)), truth.c_point_mm, c_lies, Rotation3::new(z * c))
+    back(back(tip, truth.b_point_mm, b_lies, Rotation3::new(tilt * b)), truth.c_point_mm, c_lies, Rotation3::new(z * c))
 }
 
 /// A touch of the ball at `centre` against `normal`, from above and back up.
@@ -216,6 +235,36 @@ pub fn control_is_corrected_by_a_samba_run() -> Result<(), Failed> {
         true => Ok(()),
         false => Err(format!("{errors:?}").into()),
     }
+}
+
+/// As above, with xyzac-trt-kins.
+pub fn control_of_a_table_on_a_is_corrected() -> Result<(), Failed> {
+    let rig = lock_rig_variant(RigVariant { tilt: 'A', has_x_table: false })?;
+    place_balls_and_axis_errors(&rig, &DISPLACED_AXES_ON_A)?;
+    let workspace = RunWorkspace::with_balls_on_a(&rig)?;
+    run_and_check_parameters(&workspace, "samba", &[])?;
+    let errors = check_correction_by_run(&rig, &workspace, &DISPLACED_AXES_ON_A)?;
+    match errors.largest_um < 3.0 {
+        true => Ok(()),
+        false => Err(format!("{errors:?}").into()),
+    }
+}
+
+/// The scale of X is measured, corrected in the compensation file, in effect after a restart, and measured again.
+pub fn scale_of_x_is_corrected_in_its_file() -> Result<(), Failed> {
+    let mut rig = lock_rig_variant(RigVariant { tilt: 'B', has_x_table: true })?;
+    let place = |rig: &LinuxCncRig| {
+        place_balls_and_axis_errors(rig, &DISPLACED_AXES)?;
+        rig.set_true_value("scale-x", TRUE_SCALE_OF_X_UM_PER_M * 1e-6)
+    };
+    place(&rig)?;
+    let workspace = RunWorkspace::with_balls_and_x_table(&rig)?;
+    run_and_check_parameters(&workspace, "samba", &[("EXX1", TRUE_SCALE_OF_X_UM_PER_M, 5.0)])?;
+    write_by_run(&workspace, 1)?;
+    rig.restart()?;
+    place(&rig)?;
+    finish_after_restart(&rig, &workspace)?;
+    run_and_check_parameters(&workspace, "samba", &[("EXX1", 0.0, 5.0)])
 }
 
 /// Runs `trued run laser-r-test` with the touch probe, on one ball.

@@ -25,9 +25,11 @@ pin io float ball_x_#[4] = 0.0 "where its centre stands";
 pin io float ball_y_#[4] = 0.0;
 pin io float ball_z_#[4] = 0.0;
 
-pin io float b_x = 0.0 "where the true B axis stands at Y = 0";
+pin io bit tilt_about_x = 0 "the table tilts about X, not about Y: then joint B is an axis A";
+pin io float scale_x = 0.0 "X moves too far by this ratio";
+pin io float b_x = 0.0 "where the true tilting axis stands across it (X of B, Y of A)";
 pin io float b_z = 0.0;
-pin io float b_a = 0.0 "its direction is Y's, turned by this about X, rad";
+pin io float b_a = 0.0 "its direction is Y's, turned by this about X, rad; X's about Y";
 pin io float b_c = 0.0 "and then by this about Z, rad";
 pin io float c_x = 0.0 "where the true C axis stands at Z = 0";
 pin io float c_y = 0.0;
@@ -112,9 +114,14 @@ static int along_beam(const double p[3], const double q[3], const double centre[
 }
 
 FUNCTION(_) {
-    double p[3] = { x + stylus_x, y + stylus_y, z + stylus_z }, d = 1e9;
+    double true_x = x * (1.0 + scale_x);
+    double p[3] = { true_x + stylus_x, y + stylus_y, z + stylus_z }, d = 1e9;
     double at_b[3] = { b_x, 0.0, b_z }, at_c[3] = { c_x, c_y, 0.0 };
     double along_b[3] = { -sin(b_c) * cos(b_a), cos(b_c) * cos(b_a), sin(b_a) };
+    if (tilt_about_x) {
+        at_b[0] = 0.0; at_b[1] = b_x;
+        along_b[0] = cos(b_c) * cos(b_a); along_b[1] = sin(b_c) * cos(b_a); along_b[2] = -sin(b_a);
+    }
     double along_c[3] = { sin(c_b) * cos(c_a), -sin(c_a), cos(c_b) * cos(c_a) };
 
     if (!ready) {
@@ -136,7 +143,7 @@ FUNCTION(_) {
     d -= ball;
 
     /* The beam, carried back as the stylus is. */
-    double from[3] = { x + laser_x, y + laser_y, z + laser_z }, far = 0.0;
+    double from[3] = { true_x + laser_x, y + laser_y, z + laser_z }, far = 0.0;
     double to[3] = { from[0] - cos(laser_a) * sin(laser_b), from[1] + sin(laser_a),
         from[2] - cos(laser_a) * cos(laser_b) };
     double at_ball[3] = { ball_x(0), ball_y(0), ball_z(0) };
