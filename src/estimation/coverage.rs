@@ -57,6 +57,11 @@ pub fn chi_square_bounds(dof: f64, probability: f64) -> Option<(f64, f64)> {
     inside.then(|| (distribution.inverse_cdf(tail), distribution.inverse_cdf(1.0 - tail)))
 }
 
+/// Probability that χ² with `dof` degrees of freedom is above `chi2`; NaN for a `dof` that is not positive.
+pub fn chi_square_tail(chi2: f64, dof: f64) -> f64 {
+    ChiSquared::new(dof).map_or(f64::NAN, |distribution| distribution.sf(chi2))
+}
+
 /// Bound that the ratio of two sample variances of the same distribution does not exceed with `probability`. `None` for degrees of freedom that are not positive or
 /// a probability outside (0, 1).
 pub fn variance_ratio_bound(probability: f64, numerator_dof: f64, denominator_dof: f64) -> Option<f64> {
@@ -120,6 +125,9 @@ mod tests {
         assert!((low - 3.247).abs() < 1e-3 && (high - 20.483).abs() < 1e-3);
         assert_eq!(chi_square_bounds(0.0, 0.95), None);
         assert_eq!(chi_square_bounds(5.0, 1.0), None);
+        // Upper 5 % and 1 % points.
+        assert!((chi_square_tail(18.307, 10.0) - 0.05).abs() < 1e-5);
+        assert!((chi_square_tail(6.635, 1.0) - 0.01).abs() < 1e-5 && chi_square_tail(1.0, 0.0).is_nan());
     }
 
     /// Tables of the F distribution: 99 % and 95 % points.

@@ -11,6 +11,7 @@ use serde::de::DeserializeOwned;
 pub mod ball_dome;
 mod ball_measurement;
 pub mod ball_plate;
+pub mod combination;
 pub mod compensation;
 pub mod decision;
 pub mod identification;

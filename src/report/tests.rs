@@ -94,6 +94,7 @@ pub(super) fn example_estimate() -> Estimate {
         measurement_checks: Vec::new(),
         priors: Vec::new(),
         measured: Default::default(),
+        source_effects: Vec::new(),
     }
 }
 

@@ -189,6 +189,7 @@ fn estimate_provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> 
         compensations_active: plan.compensations_active.clone(),
         duration_s: last.zip(first).map_or(0.0, |(last, first)| last - first),
         temperatures_c,
+        combined_runs: Vec::new(),
     })
 }
 

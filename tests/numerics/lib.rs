@@ -17,6 +17,7 @@ mod machine_text;
 mod multiprobe;
 mod multiprobe_centring;
 mod nist_strd;
+mod run_combinations;
 mod run_differences;
 
 mod outliers;

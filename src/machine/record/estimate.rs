@@ -147,6 +147,11 @@ pub struct BudgetLine {
 }
 
 impl Estimate {
+    /// Numbers of the runs that the estimate combines; empty for an estimate of one run.
+    pub fn combined_runs(&self) -> &[i64] {
+        self.provenance.as_ref().map_or(&[], |provenance| &provenance.combined_runs)
+    }
+
     /// Sets the point for which the displacements along X and Y over an angle are valid, machine frame with all
     /// axes at zero, mm.
     pub fn with_displacement_point(mut self, at_mm: [f64; 3]) -> Self {
@@ -290,6 +295,15 @@ impl fmt::Display for Verdict {
     }
 }
 
+/// Effect of an uncertainty source that several runs may share on the parameters of the covariance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourceEffect {
+    pub source: String,
+    /// For each independent draw of the source (unit variance) the change of each parameter, in the order and in the
+    /// units of the covariance.
+    pub changes_by_draw: Vec<Vec<f64>>,
+}
+
 /// Inputs of an estimate. Hashes are of JSON without white space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
@@ -311,6 +325,10 @@ pub struct Provenance {
     /// Lowest and highest reading of each thermometer, °C.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub temperatures_c: BTreeMap<String, [f64; 2]>,
+    /// Numbers of the runs that the estimate combines, in ascending order. The other fields are those of the newest of
+    /// them. Empty: the estimate is of one run.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub combined_runs: Vec<i64>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -371,4 +389,7 @@ pub struct Estimate {
     /// Measured ranges of the axes, mm and degrees.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub measured: BTreeMap<Axis, [f64; 2]>,
+    /// Effects of the sources that other runs may share. Not in the JSON: only the identification gives them.
+    #[serde(skip)]
+    pub source_effects: Vec<SourceEffect>,
 }

@@ -5,29 +5,45 @@ use serde::Serialize;
 use estimation::coverage::coverage_factor;
 use machine::record::estimate::{BudgetLine, Estimate, EvaluationType, Parameter, Provenance, Unit};
 
-/// Field of the provenance that identifies what a source of uncertainty belongs to.
-type ProvenanceField = fn(&Provenance) -> &str;
-
-const PROBE_FIELD: ProvenanceField = |provenance| &provenance.probe_sha256;
-const MACHINE_FIELD: ProvenanceField = |provenance| &provenance.machine;
-const ARTEFACT_FIELD: ProvenanceField = |provenance| &provenance.artefact_sha256;
+/// What a source of uncertainty belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SourceOwner {
+    Probe,
+    Machine,
+    Artefact,
+}
 
 /// Sources of type B that have the same value in every run with the same owner. Every other source, including
 /// unknown ones, counts as independent; U of a difference is then rather too large.
-const PERSISTENT_SOURCES: [(&str, ProvenanceField); 7] = [
-    ("stylus offset", PROBE_FIELD),
-    ("probe lobing", PROBE_FIELD),
-    ("backlash", MACHINE_FIELD),
-    ("error motions of X, Y and Z", MACHINE_FIELD),
-    ("squareness of X, Y and Z", MACHINE_FIELD),
-    ("error motions of rotary axes", MACHINE_FIELD),
-    ("certified length", ARTEFACT_FIELD),
+const PERSISTENT_SOURCES: [(&str, SourceOwner); 7] = [
+    ("stylus offset", SourceOwner::Probe),
+    ("probe lobing", SourceOwner::Probe),
+    ("backlash", SourceOwner::Machine),
+    ("error motions of X, Y and Z", SourceOwner::Machine),
+    ("squareness of X, Y and Z", SourceOwner::Machine),
+    ("error motions of rotary axes", SourceOwner::Machine),
+    ("certified length", SourceOwner::Artefact),
 ];
+
+/// Owner of a persistent source of type B. `None`: it is not known whether the source is the same in several runs.
+pub fn source_owner(source: &str) -> Option<SourceOwner> {
+    PERSISTENT_SOURCES.iter().find(|(name, _)| *name == source).map(|(_, owner)| *owner)
+}
+
+impl SourceOwner {
+    /// Field of the provenance that identifies the owner.
+    fn provenance_field(self, provenance: &Provenance) -> &str {
+        match self {
+            Self::Probe => &provenance.probe_sha256,
+            Self::Machine => &provenance.machine,
+            Self::Artefact => &provenance.artefact_sha256,
+        }
+    }
+}
 
 /// Whether the source of a budget line has the same value in each run with the same machine, probe and artefact.
 pub fn is_persistent_source(line: &BudgetLine) -> bool {
-    let is_listed = PERSISTENT_SOURCES.iter().any(|(source, _)| *source == line.source);
-    is_listed && line.evaluation_type == Some(EvaluationType::B)
+    source_owner(&line.source).is_some() && line.evaluation_type == Some(EvaluationType::B)
 }
 
 /// Difference of one parameter between two estimates, second minus first.
@@ -50,7 +66,7 @@ pub struct ParameterDifference {
 }
 
 /// Returns |by|/expanded, or 0 if both are 0.
-pub(super) fn normalized_error(by: f64, expanded: f64) -> f64 {
+pub fn normalized_error(by: f64, expanded: f64) -> f64 {
     if by == 0.0 { 0.0 } else { by.abs() / expanded }
 }
 
@@ -62,8 +78,7 @@ pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
     for line in first.parameters.iter().flat_map(|parameter| &parameter.budget) {
         let is_type_b = |line: &BudgetLine| line.evaluation_type == Some(EvaluationType::B);
         let is_in_both = others.iter().any(|other| other.source == line.source && is_type_b(other));
-        let known = PERSISTENT_SOURCES.iter().find(|(source, _)| *source == line.source);
-        let is_same = known.is_some_and(|(_, owner)| have_same_provenance_field(*owner, first, second));
+        let is_same = source_owner(&line.source).is_some_and(|owner| have_same_owner(owner, first, second));
         if is_type_b(line) && is_in_both && is_same && !names.contains(&line.source) {
             names.push(line.source.clone());
         }
@@ -71,9 +86,9 @@ pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
     names
 }
 
-fn have_same_provenance_field(owner: ProvenanceField, first: &Estimate, second: &Estimate) -> bool {
+fn have_same_owner(owner: SourceOwner, first: &Estimate, second: &Estimate) -> bool {
     let pair = first.provenance.as_ref().zip(second.provenance.as_ref());
-    pair.is_none_or(|(first, second)| owner(first) == owner(second))
+    pair.is_none_or(|(first, second)| owner.provenance_field(first) == owner.provenance_field(second))
 }
 
 /// Differences of all parameters that both results identify, in the order of the first. The sources `common`
@@ -210,6 +225,7 @@ mod tests {
             compensations_active: Vec::new(),
             duration_s: 0.0,
             temperatures_c: Default::default(),
+            combined_runs: Vec::new(),
         }
     }
 

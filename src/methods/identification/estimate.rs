@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use estimation::coverage::{COVERAGE_PROBABILITY, coverage_factor};
 use estimation::monte_carlo::TrialStatistics;
 use machine::record::estimate::{
-    BudgetLine, ESTIMATE_VERSION, Estimate, EstimatedFunction, Parameter, ParameterCovariance, Unit, Verdict,
+    BudgetLine, ESTIMATE_VERSION, Estimate, EstimatedFunction, Parameter, ParameterCovariance, SourceEffect, Unit,
+    Verdict,
 };
 
 use super::misfit_causes::{LikelyMisfitCause, find_likely_misfit_causes};
@@ -13,7 +14,7 @@ use super::monte_carlo_trials::{TrialSettings, propagate_by_trials};
 use super::observation_model::{FitQuality, SolvedModel};
 use super::outliers::OutlierCheck;
 use super::outputs::{IdentificationOutputs, OutputCurve, OutputParameter};
-use super::propagation::{Propagation, Uncertainty};
+use super::propagation::{OutputEffect, Propagation, Uncertainty};
 use super::uncertainty_source::UncertaintySource;
 use crate::IdentifyError;
 
@@ -103,7 +104,24 @@ impl Identification {
             measurement_checks: self.outlier_check.measurement_checks.clone(),
             priors: Vec::new(),
             measured: BTreeMap::new(),
+            source_effects: self.build_source_effects(),
         }
+    }
+
+    /// Effects of the sources that other runs may share on the linear parameters, in their reported units.
+    fn build_source_effects(&self) -> Vec<SourceEffect> {
+        let slopes = self.outputs.linear_parameter_slopes(self.propagation.unknown_count());
+        let factors: Vec<f64> =
+            self.outputs.linear_parameters.iter().map(|output| output.unit.to_reported_value(1.0)).collect();
+        let in_reported_units =
+            |draw: &[f64]| draw.iter().zip(&factors).map(|(change, factor)| change * factor).collect();
+        let effect = |OutputEffect { source, changes_by_draw }: OutputEffect<'_>| SourceEffect {
+            source: source.to_owned(),
+            changes_by_draw: (0..changes_by_draw.ncols())
+                .map(|draw| in_reported_units(changes_by_draw.col_as_slice(draw)))
+                .collect(),
+        };
+        self.propagation.shareable_effects(&slopes).into_iter().map(effect).collect()
     }
 
     fn build_parameter(&self, index: usize, output: &OutputParameter) -> Parameter {

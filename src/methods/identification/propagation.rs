@@ -7,7 +7,7 @@ use faer::Mat;
 use machine::record::estimate::{BudgetLine, Distribution, EvaluationType};
 
 use super::observation_model::{LinearResponse, SolvedModel};
-use super::uncertainty_source::{ResidualTreatment, UncertaintySource};
+use super::uncertainty_source::{ResidualTreatment, UncertaintySource, may_be_shared};
 
 /// The effects of the sources on the unknowns.
 pub struct Propagation {
@@ -27,6 +27,13 @@ struct EffectOnUnknowns {
     dof: f64,
     /// Change of the unknowns by draws of one standard deviation, unknowns × draws.
     changes_by_draw: Mat<f64>,
+}
+
+/// Effect of one source on outputs, in their internal units.
+pub struct OutputEffect<'a> {
+    pub source: &'a str,
+    /// Outputs × draws.
+    pub changes_by_draw: Mat<f64>,
 }
 
 /// Uncertainty of one output, in its internal unit.
@@ -148,6 +155,15 @@ impl Propagation {
             covariance += &changes * changes.transpose();
         }
         covariance
+    }
+
+    /// Effects of the sources that other runs may share on the outputs with the derivatives `slopes` (outputs ×
+    /// unknowns), outputs × draws, in their internal units.
+    pub fn shareable_effects(&self, slopes: &Mat<f64>) -> Vec<OutputEffect<'_>> {
+        let shareable = self.effects.iter().filter(|effect| may_be_shared(&effect.name, effect.evaluation));
+        shareable
+            .map(|effect| OutputEffect { source: &effect.name, changes_by_draw: slopes * &effect.changes_by_draw })
+            .collect()
     }
 
     /// Number of unknowns.

@@ -9,6 +9,22 @@ pub use machine::record::estimate::EvaluationType;
 use machine::record::estimate::{Estimate, Parameter};
 use nalgebra::{SMatrix, SVector};
 
+/// Sources of type B that are independent in each run.
+const INDEPENDENT_SOURCES: [&str; 6] = [
+    "resolution",
+    "resolution of the axes",
+    "thermal drift",
+    "change of the drift rate",
+    "steps at interruptions",
+    "what moved when interrupted",
+];
+
+/// Whether the source may have the same value in several runs. Every source of type B counts that is not known to be
+/// independent in each run.
+pub fn may_be_shared(name: &str, evaluation: EvaluationType) -> bool {
+    evaluation == EvaluationType::B && !INDEPENDENT_SOURCES.contains(&name)
+}
+
 /// How χ² of the residuals treats a source. Each value includes the one before it. The misfit scales
 /// a source if the residuals can show its size (scatter of a touch). A source whose size is certified, or that
 /// moves all observations alike, is only expected in χ². One that the unknowns absorb completely may be excluded.
