@@ -93,10 +93,19 @@ pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<Ru
         other_differences.extend(gauges.map(line));
     }
     other_differences.extend(describe_height_differences(&of_one, &of_other));
+    other_differences.extend([(first, &of_one), (second, &of_other)].into_iter().filter_map(describe_combination));
     if !unit_differences.is_empty() {
         other_differences.push(format!("the two runs have different units for {}", unit_differences.join(", ")));
     }
     Ok(RunComparison { runs, differences, functions, common_sources, besides: other_differences })
+}
+
+/// Sentence about an estimate that combines several runs.
+fn describe_combination((run, estimate): (RunId, &Estimate)) -> Option<String> {
+    let runs: Vec<String> = estimate.combined_runs().iter().map(i64::to_string).collect();
+    (!runs.is_empty()).then(|| {
+        format!("the estimate of run {run} combines the runs {}: it is not independent of them", runs.join(", "))
+    })
 }
 
 /// Maximum difference of two heights that count as equal, mm.

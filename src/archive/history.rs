@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
 use crate::report::{self, IndividualsChart};
-use crate::store::{CompensationEvent, FinishedRunResult, Journal, RunId, StoreError};
+use crate::store::{CompensationEvent, EstimateSelection, FinishedRunResult, Journal, RunId, StoreError};
 use machine::record::estimate::{Parameter, ParameterTolerance, Unit};
 use machine::record::reading::Temperatures;
 use methods::decision::trend::{self, ChangeKind, NamedTrend, Trend, TrendPoint};
@@ -54,7 +54,9 @@ pub fn machine_history(
     tolerances: &[ParameterTolerance],
 ) -> Result<Vec<ParameterSeries>, StoreError> {
     let mut all: Vec<ParameterValues> = Vec::new();
-    journal.visit_finished_run_results(machine, MAX_RUNS_PER_METHOD, |measured| add_run_values(&mut all, measured))?;
+    journal.visit_finished_run_results(machine, MAX_RUNS_PER_METHOD, EstimateSelection::LastOwn, |measured| {
+        add_run_values(&mut all, measured)
+    })?;
     all.sort_by(|one, other| one.method.cmp(&other.method));
     let compensations = journal.compensation_history(machine)?;
     Ok(all.into_iter().map(|parameter| parameter.into_series(tolerances, &compensations)).collect())

@@ -2,7 +2,7 @@ use super::compare::{CompareError, compare_runs};
 use super::history::{draw_series_chart, machine_history};
 use super::report::render_report;
 use super::run_story::{describe_events_with_times, describe_signatures, may_have_lost_position};
-use crate::store::{EstimateSignature, Journal, NewRun, RunId, RunState};
+use crate::store::{EstimateSelection, EstimateSignature, Journal, NewRun, RunId, RunState};
 use machine::record::estimate::{Estimate, Parameter, ParameterTolerance, Unit};
 use machine::record::plan::Plan;
 
@@ -42,6 +42,31 @@ fn estimate_with_parameters(values: &[(&str, f64, bool)]) -> Estimate {
     estimate
 }
 
+/// A combination of runs is the last estimate of a run, but no value of its own.
+#[test]
+fn history_leaves_combinations_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let new = NewRun { machine_file_text: String::new(), plan: plan("samba", "mill") };
+    let run = journal.begin_run(&new).wait().unwrap();
+    let estimate = |value: f64, combined_runs: &[i64]| {
+        let provenance = serde_json::from_value(serde_json::json!({
+            "program": "", "machine": "mill", "plan_sha256": "", "readings_sha256": "", "probe_sha256": "",
+            "artefact_sha256": "", "compensations_active": [], "duration_s": 1.0, "combined_runs": combined_runs,
+        }));
+        Estimate { provenance: Some(provenance.unwrap()), ..estimate_with_parameters(&[("EX0C", value, true)]) }
+    };
+    for (value, combined_runs) in [(1.0, &[][..]), (2.0, &[]), (3.0, &[1, 2])] {
+        journal.add_estimate(run, &estimate(value, combined_runs)).wait().unwrap();
+    }
+    journal.set_state(run, RunState::Finished).wait().unwrap();
+    assert_eq!(machine_history(&journal, "mill", &[]).unwrap()[0].values[0].value, 2.0);
+    let stored = journal.load_run(run).unwrap();
+    assert_eq!(stored.own_estimate().unwrap().parameters[0].value, 2.0);
+    assert_eq!(stored.estimates.last().unwrap().estimate.combined_runs(), [1, 2]);
+    assert_eq!(journal.newest_measured_runs("mill").unwrap().newest_result.unwrap().parameters[0].value, 3.0);
+}
+
 /// Finished runs of this machine only; the last estimate of each, with its identified parameters.
 #[test]
 fn history_has_the_last_estimate_of_each_finished_run() {
@@ -79,7 +104,11 @@ fn history_has_the_last_estimate_of_each_finished_run() {
     assert_eq!(told, ["laser-r-test EX0C 5:5", wanted.as_str()]);
     // The newest runs of each method, limited in number.
     let mut newest = Vec::new();
-    journal.visit_finished_run_results("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
+    journal
+        .visit_finished_run_results("mill", 1, EstimateSelection::Last, |measured| {
+            newest.push((measured.method, measured.run))
+        })
+        .unwrap();
     let laser = RunId(last.0 - 1);
     assert_eq!(newest, [("laser-r-test".to_owned(), laser), ("samba".to_owned(), last)]);
 }

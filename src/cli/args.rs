@@ -9,7 +9,8 @@ use super::artefact::ArtefactArgs;
 use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs, TokenArgs};
 use super::method_list::{method_name_parser, methods_help};
 use super::result_args::{
-    BackupArgs, CompareArgs, CompensateArgs, ExportArgs, PredictArgs, RepeatabilityArgs, RunsArgs, ShowArgs,
+    BackupArgs, CombineArgs, CompareArgs, CompensateArgs, ExportArgs, PredictArgs, RepeatabilityArgs, RunsArgs,
+    ShowArgs,
 };
 use crate::setup::control_kinds;
 use devices::controllers::linuxcnc;
@@ -66,6 +67,9 @@ pub enum Command {
     Show(ShowArgs),
     /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
     Compare(CompareArgs),
+    /// Combine stored runs of one machine into one estimate, and test whether they agree. It is stored as the estimate
+    /// of the newest run.
+    Combine(CombineArgs),
     /// Correct the control by a stored run: propose, write, undo.
     Compensate(CompensateArgs),
     /// Scatter and drift of repeated measurements: the passes of one run, or several runs.

@@ -17,6 +17,7 @@ mod args_tests;
 mod artefact;
 mod backup;
 mod check;
+mod combine;
 mod compare;
 mod compensate;
 mod daemon_args;
@@ -128,6 +129,7 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Arm(args) => schedule::arm_command(&args, state),
         Command::Disarm(args) => schedule::disarm_command(&args, state),
         Command::Compare(args) => compare::compare_stored_runs(&args, state),
+        Command::Combine(args) => combine::combine_command(&args, state),
         Command::Compensate(args) => compensate::compensate_command(&args, state),
         Command::Repeatability(args) => repeatability::repeatability_command(&args, state),
         Command::Show(args) => runs::show_run(&args, state),

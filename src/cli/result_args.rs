@@ -36,6 +36,16 @@ pub struct CompareArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct CombineArgs {
+    /// Numbers of two or more runs of one method on one machine; `trued runs` lists the numbers.
+    #[arg(required = true, num_args = 2.., value_name = "RUN")]
+    pub runs: Vec<i64>,
+    /// Print the combination and its estimate as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
 pub struct RepeatabilityArgs {
     /// Number of one run with several passes (`trued run --repeat`), or of several runs of one method on one machine.
     #[arg(required = true, value_name = "RUN")]

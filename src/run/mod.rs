@@ -4,6 +4,7 @@
 //!
 //! After a fault or a stop the machine holds; this module does not move it again.
 
+mod combination;
 mod counted_turn;
 mod cycle;
 mod equal_angles;
@@ -31,6 +32,7 @@ mod timeline;
 mod unrounded_position;
 mod watched_sensors;
 
+pub use combination::{CombinationError, combine_stored_runs};
 pub use cycle::{Cycle, CycleError, identify_judge_and_store};
 pub use error::RunError;
 pub use identify::{

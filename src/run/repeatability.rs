@@ -115,7 +115,7 @@ fn results_of_runs(runs: &[StoredRun]) -> Result<Vec<RepetitionResult>, Repeatab
         if let Some((what, _)) = differences.into_iter().find(|(_, is_other)| *is_other) {
             return Err(RepeatabilityError::OtherSetup(id, first.id, what));
         }
-        let estimate = &run.estimates.last().ok_or(RepeatabilityError::NoEstimate(id))?.estimate;
+        let estimate = run.own_estimate().ok_or(RepeatabilityError::NoEstimate(id))?;
         let begun_s = run.summary.started.duration_since(first.started).as_secs_f64();
         results.push(RepetitionResult::new(&run.readings, begun_s, estimate.parameters.clone()));
     }

@@ -14,8 +14,8 @@ use tokio::sync::oneshot;
 
 use super::durable_dir::{self, JOURNAL_FILE_NAME};
 use super::{
-    EstimateSignature, FinishedRunResult, MachineLock, NewRun, RunId, RunProgress, RunState, RunSummary, StoreError,
-    StoreFault, StoredRun,
+    EstimateSelection, EstimateSignature, FinishedRunResult, MachineLock, NewRun, RunId, RunProgress, RunState,
+    RunSummary, StoreError, StoreFault, StoredRun,
 };
 use super::{connection, read, scan, signature, write};
 use machine::record::estimate::Estimate;
@@ -158,15 +158,18 @@ impl Journal {
         self.query(|connection| read::newest_run_with_estimate(connection, machine, method))
     }
 
-    /// Calls `visit` with the last estimate of each of the newest `runs_per_method` finished runs of each method on
+    /// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs of each method on
     /// `machine`, oldest first.
     pub fn visit_finished_run_results(
         &self,
         machine: &str,
         runs_per_method: u32,
+        selection: EstimateSelection,
         visit: impl FnMut(FinishedRunResult),
     ) -> Result<(), StoreError> {
-        self.query(|connection| read::visit_finished_run_results(connection, machine, runs_per_method, visit))
+        self.query(|connection| {
+            read::visit_finished_run_results(connection, machine, runs_per_method, selection, visit)
+        })
     }
 
     /// All data of one run, as of one instant.

@@ -161,6 +161,14 @@ pub struct StoredRun {
     pub signatures: Vec<(Timestamp, EstimateSignature)>,
 }
 
+impl StoredRun {
+    /// Last estimate of the readings of this run alone.
+    pub fn own_estimate(&self) -> Option<&Estimate> {
+        let estimates = self.estimates.iter().rev().map(|stored| &stored.estimate);
+        estimates.into_iter().find(|estimate| estimate.combined_runs().is_empty())
+    }
+}
+
 /// Progress of a run; cheap enough for polling.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunProgress {
@@ -181,7 +189,16 @@ pub struct StoredEstimate {
     pub program_version: String,
 }
 
-/// Result of a finished run from its last estimate.
+/// Which estimate of a run is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EstimateSelection {
+    /// The valid one, which may combine several runs.
+    Last,
+    /// The last one of the readings of the run alone.
+    LastOwn,
+}
+
+/// Result of a finished run from one of its estimates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FinishedRunResult {
     pub run: RunId,

@@ -4,7 +4,10 @@ use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
 
 use super::columns::{damaged_column_error, parse_json_column, parse_text_column, select_rows_of_run};
-use super::{FinishedRunResult, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun};
+use super::{
+    EstimateSelection, FinishedRunResult, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate,
+    StoredRun,
+};
 use super::{checksum, scan, signature};
 use machine::Axis;
 use machine::record::estimate::{Parameter, Provenance, Verdict};
@@ -34,6 +37,13 @@ pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, 
                                    ORDER BY seq DESC LIMIT 1) END
                               FROM runs";
 
+/// Last estimate of the readings of one run alone, without combinations of runs.
+const SELECT_OWN_RESULT: &str =
+    "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}'), coalesce(ended, started)
+            FROM runs JOIN estimates ON run = runs.id
+            WHERE runs.id = ?1 AND json_extract(estimate, '$.provenance.combined_runs') IS NULL
+            ORDER BY estimates.seq DESC LIMIT 1";
+
 /// Last estimate of one run, for [`finished_run_result_from_row`].
 pub(super) const SELECT_FINISHED_RUN_RESULT: &str =
     "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}'), coalesce(ended, started)
@@ -61,12 +71,13 @@ pub(super) fn newest_run_with_estimate(
     Ok(id.map(RunId))
 }
 
-/// Calls `visit` with the last estimate of each of the newest `runs_per_method` finished runs of each method on
+/// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs of each method on
 /// `machine`, oldest first. Only one estimate is in memory at a time, as the journal covers years.
 pub(super) fn visit_finished_run_results(
     connection: &Connection,
     machine: &str,
     runs_per_method: u32,
+    selection: EstimateSelection,
     mut visit: impl FnMut(FinishedRunResult),
 ) -> Result<(), StoreFault> {
     let finished = RunState::Finished.as_str();
@@ -78,7 +89,10 @@ pub(super) fn visit_finished_run_results(
     )?;
     let ids = newest_first.query_map(params![machine, finished, runs_per_method], |row| row.get(0))?;
     // One query for each run: a single sorted query would hold all estimates in memory.
-    let mut one = connection.prepare(SELECT_FINISHED_RUN_RESULT)?;
+    let mut one = connection.prepare(match selection {
+        EstimateSelection::Last => SELECT_FINISHED_RUN_RESULT,
+        EstimateSelection::LastOwn => SELECT_OWN_RESULT,
+    })?;
     let ids = ids.collect::<Result<Vec<i64>, _>>()?;
     checksum::verify_estimates(connection, &ids)?;
     for id in ids {

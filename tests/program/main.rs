@@ -7,6 +7,7 @@ mod artefact_register;
 mod check_command;
 mod cli_bad_input;
 mod cli_run;
+mod combine_command;
 mod command_line;
 mod compensation;
 mod contract_files;
@@ -53,6 +54,7 @@ fn main() {
         check_command::trials(),
         cli_bad_input::trials(),
         cli_run::trials(),
+        combine_command::trials(),
         command_line::trials(),
         compensation::trials(),
         contract_files::trials(),

@@ -12,7 +12,9 @@ use super::{AppState, ServedMachine};
 use crate::service::command_gate::CommandGate;
 use crate::service::machine_state::ServiceState;
 use crate::service::result_metrics::NewestMethodResult;
-use crate::store::{FinishedRunResult, Journal, NewestMeasuredRuns, RunFilter, RunState, StoreError};
+use crate::store::{
+    EstimateSelection, FinishedRunResult, Journal, NewestMeasuredRuns, RunFilter, RunState, StoreError,
+};
 use machine::record::estimate::Verdict;
 
 /// Period of the journal query; another process that measures does not notify this service.
@@ -62,7 +64,7 @@ pub fn newest_result_of_each_method(
     now: Timestamp,
 ) -> Result<Vec<NewestMethodResult>, StoreError> {
     let mut results = Vec::new();
-    journal.visit_finished_run_results(&machine.name, 1, |result| results.push(result))?;
+    journal.visit_finished_run_results(&machine.name, 1, EstimateSelection::Last, |result| results.push(result))?;
     let with_validity = |result: FinishedRunResult| {
         let unidentified = RunFilter {
             newer_than: Some(result.run),

@@ -215,6 +215,7 @@ fn damaged_estimate_is_an_error_in_result_queries() {
     let change = "UPDATE estimates SET estimate = replace(estimate, '\"value\":0.1', '\"value\":0.3')";
     raw.execute(change, []).unwrap();
     assert!(matches!(journal.newest_measured_runs("mill").unwrap_err().fault, StoreFault::Damaged(_)));
-    let all = journal.visit_finished_run_results("mill", 9, |_| panic!("a damaged estimate was read"));
+    let all = journal
+        .visit_finished_run_results("mill", 9, EstimateSelection::Last, |_| panic!("a damaged estimate was read"));
     assert!(matches!(all.unwrap_err().fault, StoreFault::Damaged(_)));
 }

@@ -34,7 +34,7 @@ fn ended_run_has_mean_temperatures_but_older_formats_have_none() {
     journal.set_state(run, RunState::Held).wait().unwrap();
     let measured = || {
         let mut all = Vec::new();
-        journal.visit_finished_run_results(&before.machine, 100, |it| all.push(it)).unwrap();
+        journal.visit_finished_run_results(&before.machine, 100, EstimateSelection::Last, |it| all.push(it)).unwrap();
         all
     };
     assert_eq!(measured(), []);

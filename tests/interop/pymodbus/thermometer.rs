@@ -10,7 +10,7 @@ use machine::Position;
 use machine::record::event::RunEvent;
 use machine::record::reading::Reading;
 use trued::setup::{self, EarlierSessions, MachineFile, SimulationPace};
-use trued::store::{Journal, NewRun, RunState};
+use trued::store::{EstimateSelection, Journal, NewRun, RunState};
 
 use super::server::{PymodbusServer, block_on};
 
@@ -59,7 +59,9 @@ async fn run_measurement(
         _ => None,
     });
     let mut measured = None;
-    journal.visit_finished_run_results(&file.machine.name, 1, |it| measured = Some(it)).unwrap();
+    journal
+        .visit_finished_run_results(&file.machine.name, 1, EstimateSelection::Last, |it| measured = Some(it))
+        .unwrap();
     let measured = measured.unwrap();
     (readings, told.collect(), measured.temperatures_c.into())
 }
