@@ -95,7 +95,7 @@ pub struct PredictedError {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ControlProposal {
     pub run: RunId,
-    /// Start of the run.
+    /// Start of the run; for a combination, of the oldest run.
     pub measured_at: Timestamp,
     pub machine: String,
     /// Kind of the values, as a key of `[compensation]`.
@@ -142,7 +142,13 @@ pub fn propose_for_control(
     let last = last_usable_estimate(run, &stored)?;
     check_machine(run, &stored, file)?;
     let control = target.read()?;
-    check_values_in_readings(run, &stored, file)?;
+    check_values_in_readings(&stored, file)?;
+    let mut measured_at = stored.summary.started;
+    for combined in last.estimate.combined_runs() {
+        let combined = journal.load_run(RunId(*combined))?;
+        check_values_in_readings(&combined, file)?;
+        measured_at = measured_at.min(combined.summary.started);
+    }
     let plan = &stored.plan;
     // Without coordinates of the stylus, its uncertainty is in the estimate as the run stated it.
     let has_stylus = last.estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("tool_"));
@@ -154,7 +160,7 @@ pub fn propose_for_control(
     let proposal = propose(&measured, &control, options)?;
     Ok(ControlProposal {
         run,
-        measured_at: stored.summary.started,
+        measured_at,
         machine: plan.machine.name.clone(),
         target: target.kind(),
         control: target.describe(),
@@ -178,11 +184,11 @@ pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&St
 }
 
 /// Checks that the control held its present values during the run, where the readings contain their effect.
-fn check_values_in_readings(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
+fn check_values_in_readings(stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
     for config in &file.compensation {
         let control = open_target(file, Some(config.kind()))?.read()?;
         if control.is_in_readings() && !has_run_with_values(stored, config.kind(), control.values()) {
-            return Err(ControlProposalError::OtherValues { run, kind: config.kind() });
+            return Err(ControlProposalError::OtherValues { run: stored.summary.id, kind: config.kind() });
         }
     }
     Ok(())

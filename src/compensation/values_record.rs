@@ -1,5 +1,7 @@
 //! The values of the control at the start of a run, for its record, and their comparison with the journal.
 
+use std::collections::BTreeSet;
+
 use super::target::TargetError;
 use super::targets::open_target;
 use crate::setup::{CompensationConfig, MachineFile};
@@ -40,6 +42,16 @@ fn list_values(kind: &str, values: &[ControlValue]) -> String {
 
 fn list_prefix(kind: &str) -> String {
     format!("compensation values of the control ({kind}): ")
+}
+
+/// What the record of the run says about values whose effect the readings contain: compensation files.
+pub fn recorded_values_in_readings(stored: &StoredRun) -> BTreeSet<&str> {
+    const KIND: &str = "linuxcnc-joints";
+    let texts = stored.events.iter().filter_map(|(_, event)| match event {
+        RunEvent::Announced { text } if text.starts_with(&list_prefix(KIND)) => Some(text.as_str()),
+        _ => None,
+    });
+    texts.collect()
 }
 
 /// Whether the record of the run says that the control held these values at its start, and after each resume.

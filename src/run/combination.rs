@@ -1,6 +1,7 @@
 //! Combination of stored runs of one machine into one estimate of the newest of them.
 
 use super::identify::{IdentificationError, judge_estimate, setup_of_stored_run};
+use crate::compensation::recorded_values_in_readings;
 use crate::setup::{ControlConfig, MachineFile};
 use crate::store::{Journal, RunId, RunState, StoreError, StoredRun};
 use machine::record::estimate::{Estimate, SourceEffect};
@@ -20,6 +21,10 @@ pub enum CombinationError {
     NotFinished(RunId),
     #[error("run {run}, of the method {method}, has an estimate of other inputs or of another version of this program")]
     OtherEstimate { run: RunId, method: String },
+    #[error(
+        "the control had other compensation files during run {one} than during run {other}: the readings contain their effect"
+    )]
+    OtherValuesOfControl { one: RunId, other: RunId },
     #[error("run {simulated} was measured on a simulated control, run {real} on the machine")]
     SimulatedAndReal { simulated: RunId, real: RunId },
 }
@@ -35,6 +40,7 @@ impl CombinationError {
             Self::OtherEstimate { run, method } => {
                 Some(format!("compute its estimate again with `trued identify {method} --run {run}`"))
             }
+            Self::OtherValuesOfControl { .. } => Some("choose runs after the last compensation".to_owned()),
             Self::SimulatedAndReal { .. } => Some("choose runs of the machine alone".to_owned()),
         }
     }
@@ -72,6 +78,7 @@ pub fn combine_stored_runs(journal: &Journal, runs: &[RunId]) -> Result<Combinat
         identified.push(identify_again(journal.load_run(*run)?)?);
     }
     check_controls(&identified)?;
+    check_values_of_control(&identified)?;
     let measured = identified.iter().map(|run| MeasuredRun {
         number: run.id().0,
         plan: &run.stored.plan,
@@ -124,6 +131,17 @@ fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
             is_near(value(one, symbol) - value(other, symbol), u(i))
                 && entries.into_iter().all(|(j, (a, b))| is_near(a - b, u(i) * u(j)))
         })
+}
+
+/// Checks that the readings of all runs contain the effect of the same compensation files.
+fn check_values_of_control(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
+    let is_same = |pair: &&[IdentifiedRun]| {
+        recorded_values_in_readings(&pair[0].stored) == recorded_values_in_readings(&pair[1].stored)
+    };
+    match runs.windows(2).find(|pair| !is_same(pair)) {
+        Some([one, other]) => Err(CombinationError::OtherValuesOfControl { one: one.id(), other: other.id() }),
+        _ => Ok(()),
+    }
 }
 
 /// Checks that all runs have a simulated control, or none.
