@@ -49,11 +49,13 @@ fn print_combination(combination: &Combination) {
         outln!("warning: {}", with_one_line_symbols(warning));
     }
     outln!("verdict: {}", estimate.verdict);
-    if let Some(newest) = runs.last() {
-        outln!(
-            "stored as the estimate of run {newest}; `trued identify {} --run {newest}` gives back its own",
+    match runs.last().filter(|_| consistency.is_consistent()) {
+        Some(newest) => outln!(
+            "stored as the estimate of run {newest}, to which no earlier signature applies; `trued identify {} --run \
+             {newest}` gives back its own",
             estimate.method
-        );
+        ),
+        None => outln!("not stored: each run keeps its estimate"),
     }
 }
 

@@ -1,7 +1,5 @@
 //! The values of the control at the start of a run, for its record, and their comparison with the journal.
 
-use std::collections::BTreeSet;
-
 use super::target::TargetError;
 use super::targets::open_target;
 use crate::setup::{CompensationConfig, MachineFile};
@@ -44,14 +42,18 @@ fn list_prefix(kind: &str) -> String {
     format!("compensation values of the control ({kind}): ")
 }
 
-/// What the record of the run says about values whose effect the readings contain: compensation files.
-pub fn recorded_values_in_readings(stored: &StoredRun) -> BTreeSet<&str> {
-    const KIND: &str = "linuxcnc-joints";
-    let texts = stored.events.iter().filter_map(|(_, event)| match event {
-        RunEvent::Announced { text } if text.starts_with(&list_prefix(KIND)) => Some(text.as_str()),
+/// What the record of the run says about values whose effect the readings contain: compensation files. Empty: the machine
+/// has none. `None`: the record does not say which ones the control used all the time.
+pub fn recorded_values_in_readings<'a>(file: &MachineFile, stored: &'a StoredRun) -> Option<&'a str> {
+    let in_readings = |own: &&CompensationConfig| matches!(own, CompensationConfig::LinuxcncJoints(_));
+    let Some(config) = file.compensation.iter().find(in_readings) else { return Some("") };
+    let prefix = list_prefix(config.kind());
+    let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
+        RunEvent::Announced { text } if text.starts_with(&prefix) => Some(text.as_str()),
         _ => None,
     });
-    texts.collect()
+    let first = recorded.next()?;
+    recorded.all(|text| text == first).then_some(first)
 }
 
 /// Whether the record of the run says that the control held these values at its start, and after each resume.

@@ -204,11 +204,13 @@ impl CompensationWriter<'_> {
 
     fn check_no_resumable_run(&self) -> Result<(), CompensationWriteError> {
         let of_machine = RunFilter { machine: Some(self.lock.machine()), ..RunFilter::default() };
-        let last = self.journal.list_runs(of_machine, 1)?.pop().filter(|run| run.state.is_resumable());
-        match last.map(|run| self.journal.load_run(run.id)).transpose()? {
-            Some(stored) if !is_abandoned(&stored) => Err(CompensationWriteError::ResumableRun(stored.summary.id)),
-            _ => Ok(()),
+        let runs = self.journal.list_runs(of_machine, usize::MAX)?;
+        for run in runs.into_iter().filter(|run| run.state.is_resumable()) {
+            if !is_abandoned(&self.journal.load_run(run.id)?) {
+                return Err(CompensationWriteError::ResumableRun(run.id));
+            }
         }
+        Ok(())
     }
 
     fn last_compensation(&self) -> Result<Option<StoredCompensation>, StoreError> {

@@ -22,7 +22,8 @@ pub enum CombinationError {
     #[error("run {run}, of the method {method}, has an estimate of other inputs or of another version of this program")]
     OtherEstimate { run: RunId, method: String },
     #[error(
-        "the control had other compensation files during run {one} than during run {other}: the readings contain their effect"
+        "the records do not say that the control used the same compensation files during the runs {one} and {other}: the \
+         readings contain their effect"
     )]
     OtherValuesOfControl { one: RunId, other: RunId },
     #[error("run {simulated} was measured on a simulated control, run {real} on the machine")]
@@ -65,7 +66,7 @@ impl IdentifiedRun {
 }
 
 /// Combines the own estimates of the runs, judges the result by the tolerances of the newest run and stores it as a new
-/// estimate of this run. `trued identify --run` gives the run its own estimate back.
+/// estimate of this run, if the runs agree. `trued identify --run` gives the run its own estimate back.
 ///
 /// # Errors
 /// A run has no estimate of its own readings, or the runs cannot be combined.
@@ -88,7 +89,9 @@ pub fn combine_stored_runs(journal: &Journal, runs: &[RunId]) -> Result<Combinat
     let mut combination = combine_runs(&measured.collect::<Vec<_>>())?;
     if let Some(newest) = identified.iter().max_by_key(|run| run.id()) {
         combination.estimate = judge_estimate(combination.estimate, &newest.stored.plan, &newest.machine.tolerances);
-        journal.add_estimate(newest.id(), &combination.estimate).wait()?;
+        if combination.consistency.is_consistent() {
+            journal.add_estimate(newest.id(), &combination.estimate).wait()?;
+        }
     }
     Ok(combination)
 }
@@ -136,7 +139,8 @@ fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
 /// Checks that the readings of all runs contain the effect of the same compensation files.
 fn check_values_of_control(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
     let is_same = |pair: &&[IdentifiedRun]| {
-        recorded_values_in_readings(&pair[0].stored) == recorded_values_in_readings(&pair[1].stored)
+        let one = recorded_values_in_readings(&pair[0].machine, &pair[0].stored);
+        one.is_some() && one == recorded_values_in_readings(&pair[1].machine, &pair[1].stored)
     };
     match runs.windows(2).find(|pair| !is_same(pair)) {
         Some([one, other]) => Err(CombinationError::OtherValuesOfControl { one: one.id(), other: other.id() }),

@@ -185,7 +185,7 @@ fn erroneous_measurement_is_named() {
 /// All alarms of a correct machine together: 1 %.
 #[test]
 fn a_sound_machine_is_not_flagged() {
-    let worlds = if is_full_test_run() { 300 } else { 15 };
+    let worlds = if is_full_test_run() { 300 } else { 6 };
     for case in &OUTLIER_CASES {
         let is_flagged = |seed: u64| {
             let estimate = case.measure_in_world(seed).estimate();

@@ -69,6 +69,9 @@ fn contradicting_runs_are_named_and_unusable_runs_refused() {
     assert_eq!((disagreeing.len(), &disagreeing[0]["deviation"]["run"]), (1, &Value::from(3)));
     assert_eq!(disagreeing[0]["deviation"]["symbol"], "EX0C");
     assert_eq!(combination["estimate"]["verdict"], "undecided (model)");
+    // The run keeps its own estimate.
+    let kept = shop.run_json(&["show", "3", "--json"]);
+    assert!(kept["verdict"] != "undecided (model)" && kept["provenance"]["combined_runs"].is_null(), "{kept}");
     let warning = combination["estimate"]["warnings"][0].as_str().unwrap();
     assert!(warning.starts_with("run 3 contradicts the combination of the runs 1, 2: EX0C deviates by"), "{warning}");
     shop.replace_in_machine_file("# point_mm = [0.0, 0.0, 0.0]", "point_mm = [0.05, 0.0, 0.0]");

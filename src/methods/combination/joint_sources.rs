@@ -7,10 +7,8 @@ use super::result_rows::ResultRows;
 use crate::decision::parameter_difference::{SourceOwner, source_owner};
 use machine::record::plan::{Plan, StepKind};
 
-/// A source whose draws are values of a function at the measured points. The draws of two runs are the same only if the
-/// points are.
-const FUNCTION_SOURCE: &str = "error motions of X, Y and Z";
-/// Largest relative difference of the effects of [`FUNCTION_SOURCE`] in runs with the same points.
+/// Largest relative difference of the effects of a source of the machine in runs with the same points. Its draws belong to
+/// axes and points: in runs with other points they are other quantities.
 const SAME_EFFECT_TOLERANCE: f64 = 0.01;
 
 /// A source that one or several runs contain.
@@ -25,7 +23,8 @@ pub struct JointSource {
     pub changes: DMatrix<f64>,
 }
 
-/// All sources of the runs that may be shared; one entry for each owner of a source.
+/// All sources that the runs may share. A statement that differs between the runs does not make a source independent: the
+/// same probe may be stated with another feed, the same bar with another temperature.
 pub fn joint_sources(rows: &ResultRows, runs: &[MeasuredRun<'_>]) -> Vec<JointSource> {
     let mut names: Vec<&str> = Vec::new();
     for effect in runs.iter().flat_map(|run| run.source_effects) {
@@ -33,18 +32,8 @@ pub fn joint_sources(rows: &ResultRows, runs: &[MeasuredRun<'_>]) -> Vec<JointSo
             names.push(&effect.source);
         }
     }
-    let mut sources = Vec::new();
-    for name in names {
-        let mut left = effects_of_runs(rows, runs, name);
-        while let Some(first) = left.first().map(|effect| effect.run_index) {
-            let is_of_same_owner =
-                |effect: &RunEffect| has_same_owner(name, runs[effect.run_index].plan, runs[first].plan);
-            let (own, others) = left.into_iter().partition(is_of_same_owner);
-            sources.push(join_effects(rows, runs, name, own));
-            left = others;
-        }
-    }
-    sources
+    let of_name = |name: &str| join_effects(rows, runs, name, effects_of_runs(rows, runs, name));
+    names.into_iter().map(of_name).filter(|source| !source.run_indices.is_empty()).collect()
 }
 
 /// Effect of a source of one run.
@@ -62,13 +51,13 @@ fn effects_of_runs(rows: &ResultRows, runs: &[MeasuredRun<'_>], source: &str) ->
     runs.iter().enumerate().filter_map(of_run).collect()
 }
 
-/// The source of runs with the same owner.
+/// The source of all runs that contain it.
 fn join_effects(rows: &ResultRows, runs: &[MeasuredRun<'_>], name: &str, effects: Vec<RunEffect>) -> JointSource {
     let plan = |effect: &RunEffect| runs[effect.run_index].plan;
     let is_stated_alike = effects.windows(2).all(|pair| is_stated_alike(name, plan(&pair[0]), plan(&pair[1])));
     let is_matched = |pair: &[RunEffect]| {
         pair[0].changes.ncols() == pair[1].changes.ncols()
-            && (name != FUNCTION_SOURCE || has_same_effect(rows, &pair[0], &pair[1]))
+            && (source_owner(name) != Some(SourceOwner::Machine) || has_same_effect(rows, &pair[0], &pair[1]))
     };
     let has_matched_draws = is_stated_alike && effects.windows(2).all(is_matched);
     let factor = if has_matched_draws { 1.0 } else { (effects.len() as f64).sqrt() };
@@ -97,17 +86,8 @@ fn has_same_effect(rows: &ResultRows, one: &RunEffect, other: &RunEffect) -> boo
     difference <= SAME_EFFECT_TOLERANCE.powi(2) * size
 }
 
-/// Whether two runs may share the source. A source without a known owner may be shared by all.
-fn has_same_owner(source: &str, one: &Plan, other: &Plan) -> bool {
-    match source_owner(source) {
-        Some(SourceOwner::Probe) => one.probe.identity() == other.probe.identity(),
-        Some(SourceOwner::Artefact) => one.artefact == other.artefact,
-        Some(SourceOwner::Machine) | None => true,
-    }
-}
-
-/// Whether the draws of the source are the same quantities in two runs with the same owner: both state the same sizes,
-/// and no person mounts anything. A mounted sphere or sensor has another offset each time.
+/// Whether the draws of the source are the same quantities in two runs: both state the same probe, machine or artefact, and
+/// no person mounts anything. A mounted sphere or sensor has another offset each time.
 fn is_stated_alike(source: &str, one: &Plan, other: &Plan) -> bool {
     let needs_mounting =
         |plan: &Plan| !plan.sensors.is_empty() || plan.steps.iter().any(|step| step.kind == StepKind::Prompt);
@@ -116,7 +96,7 @@ fn is_stated_alike(source: &str, one: &Plan, other: &Plan) -> bool {
             (&one.probe, &one.priors) == (&other.probe, &other.priors) && !needs_mounting(one) && !needs_mounting(other)
         }
         Some(SourceOwner::Machine) => one.machine == other.machine,
-        Some(SourceOwner::Artefact) => true,
+        Some(SourceOwner::Artefact) => one.artefact == other.artefact,
         None => false,
     }
 }

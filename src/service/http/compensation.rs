@@ -113,7 +113,7 @@ async fn get_proposal(
 }
 
 /// Write the proposed values to the control and read them back. A metrologist approves the hash of the proposal.
-#[utoipa::path(post, path = "/api/v1/runs/{run}/compensation", operation_id = "compensate", params(("run" = i64, Path)), request_body = WriteCompensationRequest, responses((status = CREATED, body = CompensationNumber)))]
+#[utoipa::path(post, path = "/api/v1/runs/{run}/compensation", operation_id = "compensate", params(("run" = i64, Path)), request_body = WriteCompensationRequest, responses((status = CREATED, body = CompensationNumber), (status = ACCEPTED, body = CompensationNumber)))]
 async fn write_compensation(
     State(app): State<AppState>,
     Path(run): Path<i64>,
@@ -143,7 +143,7 @@ async fn get_compensation(
 }
 
 /// Restore the values before the last compensation.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/undo", operation_id = "undo", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber)))]
+#[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/undo", operation_id = "undo", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber), (status = ACCEPTED, body = CompensationNumber)))]
 async fn undo_compensation(
     State(app): State<AppState>,
     machine: ServedMachine,
@@ -159,7 +159,7 @@ async fn undo_compensation(
 }
 
 /// Write the rest of a compensation that was interrupted, or confirm that the control was restarted.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/finish", operation_id = "finish", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber)))]
+#[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/finish", operation_id = "finish", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber), (status = ACCEPTED, body = CompensationNumber)))]
 async fn finish_compensation(
     State(app): State<AppState>,
     machine: ServedMachine,

@@ -262,7 +262,7 @@ fn joint_files(file: &IniFile, ini: &Path) -> Result<Vec<JointFile>, JointTableE
         let section = format!("JOINT_{joint}");
         let axis = [Axis::X, Axis::Y, Axis::Z].into_iter().find(|axis| axis.to_string() == letter.to_string());
         let (Some(axis), Some(name)) = (axis, file.value(&section, "COMP_FILE")) else { continue };
-        if files.iter().any(|other| other.axis == axis) {
+        if coordinates.to_ascii_uppercase().matches(letter).count() > 1 {
             return Err(JointTableError::Gantry { path: ini.to_owned(), axis });
         }
         let kind = match file.value(&section, "COMP_FILE_TYPE") {
@@ -275,4 +275,39 @@ fn joint_files(file: &IniFile, ini: &Path) -> Result<Vec<JointFile>, JointTableE
         files.push(JointFile { joint, axis, kind, path });
     }
     Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Without a type LinuxCNC takes the values as actual positions.
+    #[test]
+    fn files_of_the_joints_are_found_in_the_ini_file() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["x.comp", "y.comp"] {
+            std::fs::write(folder.path().join(name), "-9 -9 -9\n9 9 9\n").unwrap();
+        }
+        let tables = |kinematics: &str, joint_1: &str| {
+            let path = folder.path().join("mine.ini");
+            let text = format!(
+                "[KINS]\nKINEMATICS = {kinematics}\n[TRAJ]\nLINEAR_UNITS = mm\nCOORDINATES = X Y Z\n[JOINT_0]\nCOMP_FILE = \
+                 x.comp\n[JOINT_1]\n{joint_1}\n"
+            );
+            std::fs::write(&path, text).unwrap();
+            JointTables::new(&path, &[])
+        };
+        let read = tables("trivkins", "COMP_FILE = y.comp\nCOMP_FILE_TYPE = 1").unwrap().read().unwrap();
+        let found: Vec<(Axis, TableKind)> = read.iter().map(|table| (table.axis, table.kind)).collect();
+        assert_eq!(found, [(Axis::X, TableKind::ActualPosition), (Axis::Y, TableKind::Correction)]);
+        assert_eq!(read[1].value_name(&read[1].values[2]), "Y y.comp 9 forward");
+        assert_eq!(read[0].correction_mm(MotionDirection::Forward, 3.0), 0.0);
+        // The joints of the kinematics count, not those of COORDINATES.
+        let gantry = tables("trivkins coordinates=XXYZ", "").unwrap_err();
+        assert!(matches!(gantry, JointTableError::Gantry { axis: Axis::X, .. }), "{gantry}");
+        let shared = tables("trivkins", "COMP_FILE = ./x.comp").unwrap_err();
+        assert!(matches!(shared, JointTableError::SharedFile { .. }), "{shared}");
+        let unknown = tables("trivkins", "COMP_FILE = y.comp\nCOMP_FILE_TYPE = 2").unwrap_err();
+        assert!(matches!(unknown, JointTableError::UnknownType { joint: 1, .. }), "{unknown}");
+    }
 }

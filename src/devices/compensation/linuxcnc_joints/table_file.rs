@@ -138,14 +138,20 @@ impl TableFile {
             // A write before this one was interrupted.
             _ => {}
         }
+        if let Err(error) = self.write_beside(&new_path, text).and_then(|()| fs::rename(&new_path, &self.path)) {
+            let _ = fs::remove_file(&new_path);
+            return Err(error);
+        }
+        File::open(folder)?.sync_all()
+    }
+
+    fn write_beside(&self, new_path: &Path, text: &str) -> io::Result<()> {
         let metadata = fs::metadata(&self.path)?;
-        let mut file = File::create_new(&new_path)?;
+        let mut file = File::create_new(new_path)?;
         file.set_permissions(metadata.permissions())?;
         fchown(&file, Some(metadata.uid()), Some(metadata.gid()))?;
         file.write_all(text.as_bytes())?;
-        file.sync_all()?;
-        fs::rename(&new_path, &self.path)?;
-        File::open(folder)?.sync_all()
+        file.sync_all()
     }
 }
 

@@ -164,13 +164,21 @@ fn opposite_effects_of_a_shared_source_cancel() {
 
 /// The probe of the second run has another stylus qualification radius, so its source is independent: u² = (1 + 3²)/2.
 #[test]
-fn sources_of_different_probes_are_independent() {
-    let run = |number| TestRun::of_one_parameter(number, 5.0, 1.0).with_source("stylus offset", &[&[3.0]]);
-    let mut runs = [run(1), run(2)];
-    runs[1].plan.probe.ball_radius_mm = 2.0;
-    let combined = combine(&runs).unwrap();
-    near(combined.estimate.parameters[0].u.powi(2), 5.0);
-    assert!(combined.shared_sources.is_empty());
+fn sources_do_not_average_out_where_the_statements_differ() {
+    for (source, change) in [
+        ("stylus offset", (|plan| plan.probe.feed_mm_min = 61.0) as fn(&mut Plan)),
+        ("probe lobing", |plan| plan.probe.ball_radius_mm = 2.0),
+        ("certified length", |plan| plan.artefact = machine::record::artefact::Artefact::None),
+        ("backlash", |plan| plan.machine.drift_um_per_h = 9.0),
+    ] {
+        let run = |number| TestRun::of_one_parameter(number, 5.0, 1.0).with_source(source, &[&[3.0]]);
+        let mut runs = [run(1), run(2)];
+        change(&mut runs[1].plan);
+        let combined = combine(&runs).unwrap();
+        // 9 is the variance of the source, 1/2 that of the rest.
+        near(combined.estimate.parameters[0].u.powi(2), 9.5);
+        assert_eq!(combined.shared_sources[0].runs, [1, 2]);
+    }
 }
 
 #[test]
@@ -189,24 +197,18 @@ fn draws_match_only_where_both_runs_state_the_same() {
     assert!(!is_known(motions, [3.0, -3.0], |_| ()), "other points");
 }
 
-/// GUM, G.4.1: two own variances of 1/4 with 4 degrees of freedom each: (1/2)²/(2·(1/4)²/4) = 8. A shared source of
-/// variance 1/2 has infinitely many: 1²/(2·(1/4)²/4) = 32.
+/// Not more than the run with the fewest has.
 #[test]
-fn degrees_of_freedom_follow_welch_and_satterthwaite() {
-    let run = |number| {
-        let mut run = TestRun::of_one_parameter(number, 5.0, 1.0);
-        run.estimate.parameters[0].dof = Some(4.0);
+fn degrees_of_freedom_are_the_smallest_of_the_runs() {
+    let run = |number, dof| {
+        let mut run = TestRun::of_one_parameter(number, 5.0, 1.0).with_source("stylus offset", &[&[0.5]]);
+        run.estimate.parameters[0].dof = dof;
         run
     };
-    let dof = |runs: &[TestRun]| combine(runs).unwrap().estimate.parameters[0].dof.unwrap();
-    near(dof(&[run(1), run(2)]), 8.0);
-    let with_source = |number| {
-        let mut run = run(number).with_source("stylus offset", &[&[0.5f64.sqrt()]]);
-        // 1.5²/(1/4) = 9.
-        run.estimate.parameters[0].dof = Some(9.0);
-        run
-    };
-    near(dof(&[with_source(1), with_source(2)]), 32.0);
+    let dof = |runs: &[TestRun]| combine(runs).unwrap().estimate.parameters[0].dof;
+    assert_eq!(dof(&[run(1, Some(9.0)), run(2, Some(4.0))]), Some(4.0));
+    assert_eq!(dof(&[run(1, None), run(2, Some(7.0))]), Some(7.0));
+    assert_eq!(dof(&[run(1, None), run(2, None)]), None);
 }
 
 /// The balls of the older run were at other places: they have no influence.
