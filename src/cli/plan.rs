@@ -171,7 +171,7 @@ fn print_plan_and_return_time_s(plan: &Plan, stages: &[Stage]) -> Result<f64, Co
     outln!(
         "share of touches {:.0} %, travel of X, Y, Z {:.0} %, travel of rotary axes {:.0} %, dwells {:.0} %",
         percent(time.touch_s),
-        percent(time.linear_s),
+        percent(time.linear_move_s),
         percent(time.rotary_s),
         percent(time.dwell_s)
     );

@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use devices::compensation::linuxcnc_joints::{JointTableError, NamedText};
+use devices::compensation::NamedText;
+use devices::compensation::linuxcnc_joints::JointTableError;
 use devices::compensation::linuxcnc_trunnion::TrunnionError;
 use machine::Axis;
 use machine::kinematics::KinematicsError;

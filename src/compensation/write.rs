@@ -5,8 +5,7 @@ use crate::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, RunFilter, RunId, StoreError,
     StoredCompensation, UnfinishedCompensation,
 };
-use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
-use devices::compensation::linuxcnc_joints::NamedText;
+use devices::compensation::{MAX_READ_BACK_DEVIATION_MM, NamedText};
 use jiff::{SignedDuration, Timestamp};
 use methods::compensation::ControlModel;
 
@@ -120,6 +119,7 @@ impl WriteDirection {
     fn value_text(self, change: &CompensationChange) -> String {
         match self {
             Self::ToNewValues => change.after_mm.to_string(),
+            Self::ToValuesBefore if change.before_text.is_empty() => change.before_mm.to_string(),
             Self::ToValuesBefore => change.before_text.clone(),
         }
     }
@@ -185,7 +185,8 @@ impl CompensationWriter<'_> {
         Ok(last)
     }
 
-    /// Writes the rest of an unfinished compensation; or confirms that the control uses the values after a restart.
+    /// Writes the new values of an unfinished compensation, also after an interrupted undo; or confirms that the control uses
+    /// the values after a restart.
     ///
     /// # Errors
     /// None is unfinished; a value is neither as before nor as after; the control refuses a write, or still uses the

@@ -10,8 +10,8 @@ use machine::{Axis, Position};
 pub struct MachineTime {
     /// Touches: to contact and back.
     pub touch_s: f64,
-    /// Moves of X, Y, Z alone.
-    pub linear_s: f64,
+    /// Moves of X, Y, Z alone, without touches.
+    pub linear_move_s: f64,
     /// Moves in which a rotary axis or the spindle turns.
     pub rotary_s: f64,
     /// Dwells.
@@ -29,7 +29,7 @@ impl MachineTime {
     }
 
     pub fn total_s(&self) -> f64 {
-        self.touch_s + self.linear_s + self.rotary_s + self.dwell_s
+        self.touch_s + self.linear_move_s + self.rotary_s + self.dwell_s
     }
 
     fn add_block(&mut self, block: &MotionBlock, position: &mut Position, machine: &Machine) {
@@ -52,7 +52,7 @@ impl MachineTime {
             let spent = match motion {
                 Motion::Probe { .. } | Motion::BackOff { .. } => &mut self.touch_s,
                 _ if to.iter().any(turns) => &mut self.rotary_s,
-                _ => &mut self.linear_s,
+                _ => &mut self.linear_move_s,
             };
             *spent += motion_time_s(position, &to, feed, machine);
             *position = position.updated_by(&to);

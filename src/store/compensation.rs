@@ -13,7 +13,8 @@ pub struct CompensationChange {
     /// Name at the control.
     pub name: String,
     pub before_mm: f64,
-    /// The value before, as the control stated it.
+    /// The value before, as the control stated it. Empty: as `before_mm`, in journals before format 10.
+    #[serde(default)]
     pub before_text: String,
     pub after_mm: f64,
 }

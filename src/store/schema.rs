@@ -12,7 +12,7 @@ pub(super) const CURRENT_FORMAT: i64 = MIGRATIONS.len() as i64;
 
 /// Migrations, one entry per format. Never change a released entry; add another one. After the migrations the
 /// checksum of every row is computed again, and verified before if the journal has checksums.
-pub(super) const MIGRATIONS: [&str; 9] = [
+pub(super) const MIGRATIONS: [&str; 10] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -193,7 +193,6 @@ CREATE TRIGGER signatures_stand BEFORE UPDATE OF seq, run, at, who, remark, esti
 CREATE TABLE compensations (
     id INTEGER PRIMARY KEY,
     machine TEXT NOT NULL,
-    target TEXT NOT NULL,
     run INTEGER NOT NULL REFERENCES runs (id),
     proposal_sha256 TEXT NOT NULL,
     changes TEXT NOT NULL,
@@ -213,11 +212,17 @@ CREATE TRIGGER compensations_are_kept BEFORE DELETE ON compensations
     BEGIN SELECT RAISE(ABORT, 'compensations are kept'); END;
 CREATE TRIGGER compensation_states_are_kept BEFORE DELETE ON compensation_states
     BEGIN SELECT RAISE(ABORT, 'states of compensations are kept'); END;
-CREATE TRIGGER compensations_stand BEFORE UPDATE OF id, machine, target, run, proposal_sha256, changes
-    ON compensations
+CREATE TRIGGER compensations_stand BEFORE UPDATE OF id, machine, run, proposal_sha256, changes ON compensations
     BEGIN SELECT RAISE(ABORT, 'compensations are not changed'); END;
 CREATE TRIGGER compensation_states_stand BEFORE UPDATE OF seq, compensation, at, who, state ON compensation_states
     BEGIN SELECT RAISE(ABORT, 'states of compensations are not changed'); END;
+",
+    // Controls have several kinds of values; until now they had one.
+    "
+ALTER TABLE compensations ADD COLUMN target TEXT NOT NULL DEFAULT 'linuxcnc-trunnion';
+DROP TRIGGER compensations_stand;
+CREATE TRIGGER compensations_stand BEFORE UPDATE OF id, machine, target, run, proposal_sha256, changes ON compensations
+    BEGIN SELECT RAISE(ABORT, 'compensations are not changed'); END;
 ",
 ];
 

@@ -31,7 +31,7 @@ fn travel_time_and_end_position(
     // The move to the start position takes no time.
     let here = MotionBlock { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: from.clone() }] };
     let all: Vec<MotionBlock> = std::iter::once(here).chain(blocks).collect();
-    (MachineTime::from_blocks(&all, &plan.machine).linear_s, ends)
+    (MachineTime::from_blocks(&all, &plan.machine).linear_move_s, ends)
 }
 
 /// Durations of a stage in the planned order, with its tour. `stands`: machine position before the stage, then

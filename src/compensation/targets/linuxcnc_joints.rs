@@ -3,7 +3,8 @@
 use super::machine_file_checks::{check_directions, ini_file};
 use crate::compensation::target::{CompensationTarget, TargetError};
 use crate::setup::{LinuxcncHalConfig, MachineFile};
-use devices::compensation::linuxcnc_joints::{JointTable, JointTables, NamedText, TableKind, TableValue};
+use devices::compensation::NamedText;
+use devices::compensation::linuxcnc_joints::{JointTable, JointTables, TableKind, TableValue};
 use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
 use methods::compensation::{ControlModel, ControlValue, ControlledTravel, TravelEntry};

@@ -3,7 +3,7 @@
 use super::machine_file_checks::{check_directions, ini_file};
 use crate::compensation::target::{CompensationTarget, TargetError};
 use crate::setup::{LinuxcncHalConfig, MachineFile};
-use devices::compensation::linuxcnc_joints::NamedText;
+use devices::compensation::NamedText;
 use devices::compensation::linuxcnc_trunnion::{TrunnionState, TrunnionTarget};
 use machine::Axis;
 use machine::kinematics::KinematicChain;

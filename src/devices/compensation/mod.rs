@@ -13,6 +13,13 @@ pub mod linuxcnc_trunnion;
 /// prints seven digits.
 pub const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
 
+/// A value of a control to be written, mm, with its name there.
+#[derive(Debug, Clone, Copy)]
+pub struct NamedText<'a> {
+    pub name: &'a str,
+    pub text: &'a str,
+}
+
 /// # Errors
 /// The control counts in inches.
 fn check_unit_is_mm(file: &IniFile, path: &Path) -> Result<(), ControllerError> {

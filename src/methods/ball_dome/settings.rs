@@ -63,7 +63,7 @@ impl BallDomeSettings {
             search_mode: self.find,
             touch_count: self.touches,
             has_references: self.references,
-            watch_duration_s: 60.0 * self.watch_min,
+            min_rest_check_s: 60.0 * self.watch_min,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_hold_limit_mm: self.form_limit_um * 1e-3,

@@ -32,7 +32,7 @@ struct Creep {
 /// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the watch
 /// again.
 pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
-    let watch_s = setup.touch_settings.watch_duration_s;
+    let watch_s = setup.touch_settings.min_rest_check_s;
     // The watch ends when the measurement begins, also for a resumed run.
     if watch_s <= 0.0 || has_measurement_begun(setup) {
         return Ok(false);

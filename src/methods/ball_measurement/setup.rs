@@ -46,7 +46,7 @@ pub struct TouchSettings {
     /// Whether one ball is measured again at the start, the middle and the end.
     pub has_references: bool,
     /// Minimum duration of the rest check before the run, in which one ball is measured repeatedly, s; 0: no check.
-    pub watch_duration_s: f64,
+    pub min_rest_check_s: f64,
     /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
     /// Maximum travel of a slow touch beyond the expected contact, mm.
@@ -76,7 +76,7 @@ impl TouchSettings {
             "choose touches = 5, or 15 for a form check",
         )?;
         MethodRefusal::require(
-            (0.0..=MAX_WATCH_S).contains(&self.watch_duration_s),
+            (0.0..=MAX_WATCH_S).contains(&self.min_rest_check_s),
             "watch_min must be 0 to 120",
             "choose watch_min = 10, or 0 to start without a rest check",
         )?;

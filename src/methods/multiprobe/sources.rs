@@ -42,7 +42,7 @@ fn change_face_radius(layout: &mut ProbeLayout, by_mm: f64) {
 }
 
 /// Effect on all observations, mm, of the standard uncertainty `u` of the quantity that `change` changes by mm or rad.
-fn layout_error_effect(
+fn observation_changes_by_layout_error(
     layout: &ProbeLayout,
     rows: &[ChannelAtMounting],
     fit: &SeparationFit,
@@ -66,13 +66,17 @@ pub fn uncertainty_sources(
 ) -> Vec<UncertaintySource> {
     let declared = sizes.settings;
     let (rows, u_index) = (&data.row_keys, declared.u_index_angle_deg.to_radians());
-    let index_error =
-        |index| layout_error_effect(layout, rows, fit, u_index, |layout, by| layout.index_angles_rad[index] += by);
+    let index_error = |index| {
+        observation_changes_by_layout_error(layout, rows, fit, u_index, |layout, by| {
+            layout.index_angles_rad[index] += by
+        })
+    };
     // The first mounting defines the angle of the artefact.
     let index_errors = (1..layout.index_angles_rad.len()).map(index_error).collect();
     let distance_error =
-        layout_error_effect(layout, rows, fit, declared.u_section_distance_mm, change_section_distance);
-    let radius_error = layout_error_effect(layout, rows, fit, declared.u_face_radius_mm, change_face_radius);
+        observation_changes_by_layout_error(layout, rows, fit, declared.u_section_distance_mm, change_section_distance);
+    let radius_error =
+        observation_changes_by_layout_error(layout, rows, fit, declared.u_face_radius_mm, change_face_radius);
     let mut all = vec![
         noise_source(data, fit),
         fit.unweighted_source("gain and angle of the sensors", sensor_error_effects(layout, data, fit, sizes)),
@@ -105,7 +109,8 @@ fn sensor_error_effects(
     let gains = (0..count).map(|channel| gain_effect(data, channel));
     let angle = |channel: usize| {
         let change = |layout: &mut ProbeLayout, by| layout.channels[channel].angle_rad += by;
-        let changes = layout_error_effect(layout, &data.row_keys, fit, DERIVATIVE_ANGLE_STEP_RAD, change);
+        let changes =
+            observation_changes_by_layout_error(layout, &data.row_keys, fit, DERIVATIVE_ANGLE_STEP_RAD, change);
         changes.into_iter().map(|effect| effect / DERIVATIVE_ANGLE_STEP_RAD).collect()
     };
     let effects: Vec<Vec<f64>> = gains.chain((0..count).map(angle)).collect();

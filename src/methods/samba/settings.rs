@@ -114,7 +114,7 @@ impl SambaSettings {
             search_mode: self.find,
             touch_count: self.touches,
             has_references: self.references,
-            watch_duration_s: 0.0,
+            min_rest_check_s: 0.0,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_hold_limit_mm: self.form_limit_um * 1e-3,

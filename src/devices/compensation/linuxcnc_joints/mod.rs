@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use machine::Axis;
 
 use self::table_file::TableFile;
-pub use self::table_file::{MotionDirection, NamedText, TableFileError, TableValue};
+pub use self::table_file::{MotionDirection, TableFileError, TableValue};
 use super::hal_pins::{ComponentPins, HalError, HalPins};
-use super::{MAX_READ_BACK_DEVIATION_MM, check_unit_is_mm};
+use super::{MAX_READ_BACK_DEVIATION_MM, NamedText, check_unit_is_mm};
 use crate::controllers::ControllerError;
 use crate::controllers::linuxcnc::IniFile;
 

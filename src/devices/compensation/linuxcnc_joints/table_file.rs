@@ -5,6 +5,8 @@ use std::io::{self, Write as _};
 use std::os::unix::fs::{MetadataExt as _, fchown};
 use std::path::{Path, PathBuf};
 
+use crate::compensation::NamedText;
+
 /// Most lines that LinuxCNC reads (User Manual, "INI Configuration", `COMP_FILE`).
 const MAX_LINES: usize = 256;
 /// Longest line that LinuxCNC reads at once, bytes.
@@ -52,13 +54,6 @@ impl MotionDirection {
             Self::Reverse => "reverse",
         }
     }
-}
-
-/// A value to be written.
-#[derive(Debug, Clone, Copy)]
-pub struct NamedText<'a> {
-    pub name: &'a str,
-    pub text: &'a str,
 }
 
 /// One value of the file.

@@ -207,7 +207,7 @@ pub(super) fn error_meaning(code: u32) -> &'static str {
         10 => "soft limits need homing",
         11 => "the line is too long",
         15 => "the target is outside the limits",
-        20 => "a word of the dialect is unknown to this control",
+        20 => "this control does not know a word of the G-code",
         21 => "two words of the same modal group",
         22 => "no feed is set",
         26 => "no axis words",

@@ -103,14 +103,14 @@ pub(super) fn settings_findings(
         let description = "soft limits are off ($20=0): the control does not refuse moves beyond the travel";
         add_blocking(description.to_owned(), "enter $20=1 once the axes are homed");
     }
-    findings.extend(missing_travel_finding(settings, axes));
+    findings.extend(zero_travel_finding(settings, axes));
     findings.extend(homing_cycle_finding(settings, axes, homed_axes));
     findings
 }
 
-/// Remark on axes without limits: soft limits do not limit an axis whose stored travel is zero. A rotary
-/// axis may turn without end.
-fn missing_travel_finding(settings: &GrblSettings, axes: &[(Axis, u16)]) -> Option<ReadinessFinding> {
+/// Blocking finding if the stored travel of a linear axis is zero: soft limits do not limit this axis. A rotary axis may
+/// turn without end.
+fn zero_travel_finding(settings: &GrblSettings, axes: &[(Axis, u16)]) -> Option<ReadinessFinding> {
     let zero = |(axis, index): &&(Axis, u16)| axis.is_linear() && settings.value(130 + index) == Some(0.0);
     let without: Vec<&(Axis, u16)> = axes.iter().filter(zero).collect();
     let (_, first) = without.first()?;

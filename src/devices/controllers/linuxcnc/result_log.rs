@@ -39,7 +39,9 @@ pub(super) enum ProgramResult {
 }
 
 impl ResultLog {
-    /// Parses what the block of `step` has written; a last line without a line end is still incomplete.
+    /// Parses what the block of `step` has written; a last line without a line end is still incomplete. `from`, `guarded`
+    /// and `touch` have the step, the index of the motion in its block, for the last two whether the probe made contact (1
+    /// or 0), and the position.
     pub fn parse(text: &str, step: u32) -> Result<Self, ControllerError> {
         let mut log = Self::default();
         let mut from = Vec::new();
