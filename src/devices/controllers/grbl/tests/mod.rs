@@ -275,7 +275,7 @@ async fn alarms_errors_and_resets_are_reported_with_their_meaning() {
     let (outcome, tape) = execute_touch(reply_to_guarded_move("error:20\r\n")).await;
     let error = outcome.unwrap_err();
     assert!(error.to_string().contains("`error:20`"), "{error}");
-    assert!(error.to_string().contains("unknown to this control"), "{error}");
+    assert!(error.to_string().contains("does not know a word"), "{error}");
     assert_eq!(tape.lines().count(), 3);
     for (code, meaning) in [(1, "hard limit"), (2, "soft limits"), (9, "homing"), (99, "manual")] {
         let alarm = format!("ALARM:{code}\r\n");
