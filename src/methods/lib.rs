@@ -67,7 +67,7 @@ impl NextStage {
     }
 }
 
-/// A request that cannot be met, and an alternative that would work.
+/// Reason why the method refuses a request, and what the operator can do instead.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, serde::Serialize)]
 #[error("{reason}")]
 pub struct MethodRefusal {
@@ -161,7 +161,7 @@ pub enum IdentifyError {
     #[error("step {step} ({label}) has no reading; measure the step again or give a plan without it")]
     MissingReading { step: u32, label: String },
     #[error(
-        "a reading is of step {step}, but the plan has no such step; check that plan and readings are of \
+        "a reading is of step {step}, which is not in the plan; check that plan and readings are of \
         the same run"
     )]
     UnknownStep { step: u32 },
@@ -310,9 +310,9 @@ pub struct MethodDescription {
     pub machine_file: &'static str,
     /// Publication or document that describes the method.
     pub source: &'static str,
-    /// Names of its results, besides the errors of axes and the coordinates of stylus and balls.
+    /// Names of the method's results, except axis errors and the coordinates of stylus and balls.
     pub symbol_names: &'static [SymbolPattern],
-    /// Whether its setting `repeats` is the number of passes of the whole cycle.
+    /// Whether the method's setting `repeats` is the number of passes of the whole cycle.
     pub has_passes: bool,
 }
 

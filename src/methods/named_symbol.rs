@@ -34,7 +34,8 @@ const COMMON_SYMBOLS: &[SymbolPattern] = &[
     setup("ball_*_z", "ball *: Z"),
 ];
 
-/// Name of `symbol` in an estimate or a figure of `method`. `None`: the symbol is a text in itself.
+/// Name of `symbol` in an estimate or a figure of `method`. `None`: the symbol has no name here, because it is already
+/// plain text.
 pub fn named_symbol(method: &str, symbol: &str) -> Option<NamedSymbol> {
     if let Some((own, height_mm)) = symbol.split_once("@Z") {
         let NamedSymbol { name, group } = named_symbol(method, own)?;

@@ -1,5 +1,5 @@
-//! Outliers are measured again after the last stage, each step at most twice. The last measurement counts:
-//! the wrapped method gets it in place of the first.
+//! Outliers are measured again after the last stage, each step at most twice. The wrapped method gets the last
+//! measurement of a step in place of the first.
 
 use std::borrow::Cow;
 
@@ -45,7 +45,8 @@ fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, 
     readings.iter().filter(counts).filter(is_kept).map(renumbered).collect::<Vec<_>>().into()
 }
 
-/// Whether `label` belongs to the measurement `measurement_label`: it is equal, or a label below it.
+/// Whether `label` belongs to the measurement `measurement_label`: it is the same label, or starts with this label and
+/// a slash.
 fn is_part_of_measurement(label: &str, measurement_label: &str) -> bool {
     let rest = label.strip_prefix(measurement_label);
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
@@ -58,8 +59,8 @@ fn outlier_steps<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = 
 }
 
 impl OutlierRepeater {
-    /// The stage that repeats the suspects of the earliest stage that has any. They are of one stage because
-    /// the proof of a repeated stage uses what was known when that stage was planned.
+    /// The stage that repeats the suspect steps of the earliest stage with suspects. All of its steps are of one stage,
+    /// because the proof of a repeated stage uses the artefact position (`found`) of the original stage.
     fn outlier_repeat_stage(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
         // An error is reported when the run is identified.
         let estimate =
@@ -82,7 +83,7 @@ impl OutlierRepeater {
         })
     }
 
-    /// Adds the outliers that were measured again to the estimate, as they were found before each round.
+    /// Adds to the estimate the outliers that were measured again, with the deviations found before each round.
     /// Measurements that are still outliers come first.
     fn add_repeated_outliers(&self, plan: &Plan, readings: &[Reading], estimate: &mut Estimate) {
         let mut rounds: Vec<u32> = readings.iter().map(|reading| reading.repeat).collect();
@@ -113,7 +114,7 @@ impl OutlierRepeater {
                 let off = off.map(|one| format!("{} by {:.1} µm", one.label, one.deviation_um));
                 let off: Vec<String> = off.collect();
                 estimate.warnings.push(format!(
-                    "an outlier was found, deviation from the fit to all others: {}; {}",
+                    "an outlier was found, with its deviation from the fit to all other measurements: {}; {}",
                     off.join(" or "),
                     Outlier::REPLACED
                 ));

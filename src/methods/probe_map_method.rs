@@ -1,5 +1,5 @@
-//! Use of the map of a qualified probe that is among the priors of a plan: the spindle is oriented as the map
-//! needs it, and the method identifies from readings without pre-travel.
+//! Applies the pre-travel map of a qualified probe from the priors of a plan: orients the spindle as the map requires,
+//! and subtracts the pre-travel from the readings before the identification.
 
 use super::identification::probe_map::{ProbeMap, is_probe_touch, subtract_pre_travel};
 use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
@@ -16,8 +16,8 @@ impl Method for ProbeMapMethod {
         self.0.settings()
     }
 
-    /// A map is valid for an oriented spindle only. If a touch leaves a positionable spindle unoriented, the
-    /// spindle is turned to 0°, or to the nearest angle within its limits.
+    /// A map is valid for an oriented spindle only. If a touch has no spindle angle, although the spindle is an axis,
+    /// the spindle is turned to 0°, or to the nearest angle within its limits.
     fn next_stage(
         &self,
         plan: &Plan,

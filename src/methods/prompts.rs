@@ -1,6 +1,5 @@
-//! Prompts of the machine file that the operator acknowledges before the first stage of any method. They are
-//! steps at the head of the plan. The wrapped method sees neither these steps nor the numbering that includes
-//! them.
+//! Prompts of the machine file that the operator acknowledges before the first stage of any method. They are the first
+//! steps of the plan. The wrapped method gets a plan without these steps. For planning, its steps are numbered from 0.
 
 use std::borrow::Cow;
 

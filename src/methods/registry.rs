@@ -1,5 +1,5 @@
-//! The list of methods. Method names, the help of the command line and the built-in machines derive from it.
-//! A test compares the table in the README with it.
+//! The list of methods. Method names, the help of the command line and the built-in machines derive from this list. A
+//! test compares the table in the README with the list.
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};

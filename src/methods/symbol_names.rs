@@ -19,7 +19,7 @@ pub enum ResultGroup {
 pub struct SymbolPattern {
     /// A symbol in which `*` stands for any text, such as the number of a ball.
     pub pattern: &'static str,
-    /// Its name; `*` is replaced by that text.
+    /// Name of the symbol. `*` is replaced by the text that `*` stands for in the pattern.
     pub name: &'static str,
     pub group: ResultGroup,
 }
@@ -44,7 +44,7 @@ pub const fn setup(pattern: &'static str, name: &'static str) -> SymbolPattern {
     SymbolPattern { pattern, name, group: ResultGroup::Setup }
 }
 
-/// The first of `patterns` that `symbol` has.
+/// Name and group of `symbol` by the first of the `patterns` that matches it.
 pub fn find_pattern(patterns: &[SymbolPattern], symbol: &str) -> Option<NamedSymbol> {
     patterns.iter().find_map(|SymbolPattern { pattern, name, group }| {
         let name = match pattern.split_once('*') {

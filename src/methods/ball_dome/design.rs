@@ -70,7 +70,7 @@ pub fn design_visits(
     let visits = order_visits(&setup.plan.machine, visits);
     match setup.touch_settings.search_mode {
         SearchMode::Once => order_balls_by_path(setup, visits),
-        // The path goes there and back, so the path in X and Y counts twice.
+        // Each visit takes the path twice: search forward, slow measurement backward.
         SearchMode::Every => order_balls_in_xy(setup, &access, visits),
     }
 }

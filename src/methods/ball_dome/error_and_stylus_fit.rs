@@ -13,7 +13,7 @@ use super::variant::StylusEstimate;
 use crate::identification::KnownErrors;
 use machine::kinematics::{ErrorParameter, ErrorTerm};
 
-/// Number of Gauss–Newton steps. The equations are so nearly linear that the third changes less than 0.001
+/// Number of Gauss–Newton steps. The equations are nearly linear: the third step changes the result by less than 0.001
 /// µm.
 const GAUSS_NEWTON_STEPS: usize = 3;
 /// Number of unknowns besides the errors: stylus, translation and rotation of the artefact.

@@ -109,7 +109,7 @@ fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
     let balls: BTreeSet<usize> = observed.centres.iter().map(|centre| centre.ball_index).collect();
     MethodRefusal::require(
         balls.len() >= 3,
-        format!("{} balls are measured: the position of the artefact requires three or more", balls.len()),
+        format!("only {} balls were measured: the fit of the artefact position requires at least three", balls.len()),
         "continue the run, or give all readings of the run",
     )
 }
@@ -121,8 +121,8 @@ fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<
     whitening_matrices(sources, points.point_count()).zip(&points.table_from_axes).map(weight).collect()
 }
 
-/// Rank and condition of the equations for stylus, translation and rotation, and the residuals of the variant.
-/// `is_compared`: whether its residuals are compared with the declared sources; if not, the degrees of freedom are 0.
+/// Rank and condition of the equations for stylus, translation and rotation, and the residuals of the variant. If the
+/// residuals are not compared with the declared sources (`is_compared` false), the degrees of freedom are 0.
 fn quality_of_fit(points: &MeasuredPoints, best: &DomeVariant, is_compared: bool) -> Result<FitQuality, IdentifyError> {
     let stylus_derivatives = points.point_derivatives_by_stylus(&[]);
     let entry = |row: usize, column: usize| {

@@ -1,5 +1,5 @@
-//! Verification of a calibration. A calibrated ball dome is measured at many indexations. Its balls are
-//! transformed into the table frame with the nominal machine and with that of a SAMBA run, and compared with
+//! Verification of a calibration. A calibrated ball dome is measured at many indexations. Its balls are transformed
+//! into the table frame twice, with the nominal machine and with the machine errors of a SAMBA run, and compared with
 //! the certificate (paper 4, sections 6 to 8; METHODS section 4).
 
 mod design;

@@ -63,8 +63,8 @@ impl DomeModel<'_> {
         self.variants.iter().map(|variant| variant.first_order_deviation_and_stylus_changes(&changes)).collect()
     }
 
-    /// Largest and mean deviation of each variant, then the styluses that are results, then the mean
-    /// deviations of the groups, variant by variant, mm.
+    /// Largest and mean deviation of each variant, then the fitted styluses, then the mean deviations of the groups,
+    /// variant by variant, mm.
     pub fn result_values(&self, change: &[f64]) -> Vec<f64> {
         let changes = self.deviation_and_stylus_changes_of_variants(change);
         let norms = |(variant, (moved, _)): (&DomeVariant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
@@ -88,7 +88,7 @@ impl DomeModel<'_> {
         self.group_point_indices.iter().map(of).collect()
     }
 
-    /// Index of the mean of a group among the values.
+    /// Index of the mean deviation of a group in [`Self::result_values`].
     pub fn group_mean_value_index(&self, variant: usize, group: usize) -> usize {
         let styluses = self.variants.iter().filter(|variant| variant.has_fitted_stylus()).count();
         2 * self.variants.len() + 3 * styluses + variant * self.group_point_indices.len() + group

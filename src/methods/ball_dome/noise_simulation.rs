@@ -1,4 +1,4 @@
-//! Deviations that the readings and the certificate alone cause on a machine without errors.
+//! Simulated deviations on a machine without errors, from the uncertainty of the readings and the certificate.
 
 use estimation::monte_carlo::{DrawDistribution, DrawStream};
 use nalgebra::{Matrix3, Vector3};
@@ -6,9 +6,9 @@ use nalgebra::{Matrix3, Vector3};
 const NOISE_TRIAL_COUNT: usize = 100;
 const NOISE_SEED: u64 = 0x6e6f_6973;
 
-/// Largest and mean deviation, mm, after the rigid fit and the stylus have absorbed their part. `weights`:
-/// matrix of each point to independent unit variances; `ball_indices`: index of its ball; `certificate_u_mm`: standard
-/// uncertainty of a coordinate of a certified position.
+/// Largest and mean deviation, mm, averaged over the trials, without the rigid fit and the fit of the stylus.
+/// `weights`: whitening matrix of each point; `ball_indices`: index of the ball of each point; `certificate_u_mm`:
+/// standard uncertainty of a certified coordinate.
 pub fn simulate_max_and_mean_deviation_mm(
     weights: &[Matrix3<f64>],
     ball_indices: &[usize],

@@ -8,12 +8,12 @@ use crate::ball_measurement::{ConfiguredPositions, RotaryPositions, SearchMode, 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BallDomeSettings {
-    /// Commanded positions of a rotary axis that tilts the artefact. The indexations are all pairs with `turn_deg`. The
-    /// defaults of both are restricted to the limits of the axes.
+    /// Commanded positions of a rotary axis that tilts the artefact. The indexations are all combinations of `tilt_deg`
+    /// and `turn_deg`. Default positions outside the limits of an axis are omitted.
     pub tilt_deg: Vec<f64>,
     /// Commanded positions of a rotary axis parallel to the spindle.
     pub turn_deg: Vec<f64>,
-    /// Name of the ball that gives the stylus of N2 and S2; empty: the first ball of the artefact.
+    /// Name of the ball to which the stylus of variants N2 and S2 is fitted; empty: the first ball of the artefact.
     pub tool_ball: String,
     /// When fast touches search for a ball before it is measured slowly.
     pub find: SearchMode,
@@ -21,8 +21,8 @@ pub struct BallDomeSettings {
     pub touches: usize,
     /// Whether one ball is measured again at the start, the middle and the end, to detect drift.
     pub references: bool,
-    /// Duration of the watch before the run, min: one ball is measured repeatedly until the machine creeps no
-    /// faster than its `drift_um_per_h` declares; 0: no watch.
+    /// Minimum duration of the rest check before the run, min: one ball is measured repeatedly until the machine creeps
+    /// no faster than the declared `drift_um_per_h`; 0: no rest check.
     pub watch_min: f64,
     /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
@@ -31,8 +31,8 @@ pub struct BallDomeSettings {
     /// Maximum form of one measurement of a ball (largest minus smallest residual of its sphere), µm; beyond
     /// it the run is held.
     pub form_limit_um: f64,
-    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
-    /// is held.
+    /// Maximum difference between measured and stated ball diameter, including the probe's pre-travel, µm; beyond it
+    /// the run is held.
     pub diameter_limit_um: f64,
     /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,

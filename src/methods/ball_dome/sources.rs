@@ -29,7 +29,7 @@ pub fn certificate_source(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource
     certified_source("certificate of the balls", effect_of_nonzero_spans((0..coordinates).map(span)))
 }
 
-/// Temperature of the artefact: if it is higher than stated, all distances between the balls are larger.
+/// Source of the artefact temperature: all distances between the balls change by the same relative amount.
 pub fn temperature_source(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySource {
     let mut column = vec![0.0; model.observation_count()];
     let coordinates = balls.balls.iter().flat_map(|ball| ball.centre_mm);

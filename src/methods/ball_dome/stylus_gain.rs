@@ -11,8 +11,8 @@ const MIN_SINGULAR_VALUE_RATIO: f64 = 1e-6;
 /// gain·change.
 pub type StylusGain = Vec<Matrix3<f64>>;
 
-/// The least-squares gain; zero for points of balls that are not included. `point_derivatives`: derivative of
-/// each point by the stylus; `ball_indices`: its ball. `None`: the indexations do not determine the stylus.
+/// The least-squares gain; zero for points of balls that are not included. `point_derivatives`: derivative of each
+/// point by the stylus; `ball_indices`: ball of each point. `None`: the indexations do not determine the stylus.
 pub fn stylus_gain(
     point_derivatives: &[Matrix3<f64>],
     ball_indices: &[usize],

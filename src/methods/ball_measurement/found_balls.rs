@@ -1,4 +1,4 @@
-//! Positions of the balls that were found so far, from the nominal machine.
+//! Positions of the balls found so far, computed with the nominal machine.
 
 use std::collections::BTreeMap;
 
@@ -67,9 +67,9 @@ impl FoundBalls {
         self.centres_by_ball.iter().all(|centres| !centres.is_empty())
     }
 
-    /// Expected position of a ball at a visit: as found at this visit, or as last found at another one. Until
-    /// all balls are found, the stated position is used: path planning and proof can use only one artefact,
-    /// which is the stated one until then.
+    /// Expected position of a ball at a visit: the position found at this visit, or else the position found last. Until
+    /// all balls are found, the stated position is used, because path planning and collision check use one artefact
+    /// with either stated or found positions.
     pub fn expected_centre(&self, setup: &MeasurementSetup<'_>, ball: usize, visit: usize) -> Vector3<f64> {
         let found = self.centres_by_ball.get(ball).filter(|_| self.has_all_balls());
         let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
@@ -78,10 +78,10 @@ impl FoundBalls {
         last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
     }
 
-    /// Maximum distance of a ball from its expected position, mm: the stated one until all balls are found. A position
-    /// that was found at another indexation deviates by twice the location errors of the rotary axes, which
-    /// are unknown before the identification. The standoff of a slow touch is allowed for them, but never
-    /// more than the stated uncertainty.
+    /// Maximum assumed distance of a ball from [`Self::expected_centre`], mm. Until all balls are found, it is the
+    /// stated uncertainty. A position found at another indexation deviates by up to twice the location errors of the
+    /// rotary axes, which are not yet identified: the standoff of a slow touch is allowed for them, at most the stated
+    /// uncertainty.
     pub fn max_distance_from_expected_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
         let stated = setup.balls.uncertainty_mm;
         if self.has_all_balls() { stated.min(setup.touch_settings.standoff_mm) } else { stated }
@@ -89,7 +89,7 @@ impl FoundBalls {
 }
 
 impl BallReadings<'_> {
-    /// The measured ball by the nominal machine. `None`: touches are missing.
+    /// The ball fitted with the nominal machine. `None`: touches are missing.
     pub fn fit_ball(&self, setup: &MeasurementSetup<'_>) -> Option<Result<MeasuredBall, BallCheckError>> {
         let touches: Vec<Position> = self.readings.iter().map(|r| r.position.clone()).collect();
         let complete = self.steps.len() == touches.len();

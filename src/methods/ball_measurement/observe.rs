@@ -123,8 +123,8 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
     Ok(observed)
 }
 
-/// Removes measurements that were repeated because of dirt or a loose ball: the newest one counts.
-/// Measurements that were repeated after a stop are a reference check and replace nothing.
+/// Removes measurements that were repeated because of dirt or a loose ball: only the newest is used. A measurement
+/// repeated after a stop is a reference check and replaces no other measurement.
 fn remove_superseded_measurements<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String> {
     let ordinary = |visit: &&MeasurementKey| visit.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP;
     let key = |visit: &MeasurementKey| (visit.pass, visit.indexation_index, visit.ball.clone());

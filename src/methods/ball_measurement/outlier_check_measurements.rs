@@ -6,8 +6,8 @@ use super::observe::ObservedBalls;
 use super::setup::describe_rotary_axes_in_degrees;
 use crate::identification::CheckedMeasurement;
 
-/// `of_centre`: the residual of a measured centre, mm, the index of its first of three rows, and the standard
-/// uncertainty of a coordinate, mm.
+/// `of_centre`: the residual of a measured centre, mm, the index of the first of its three residual rows, and the
+/// standard uncertainty of a coordinate, mm.
 pub fn measurements_for_outlier_check(
     observed: &ObservedBalls,
     of_centre: impl Fn(usize) -> (Vector3<f64>, usize, f64),

@@ -18,10 +18,9 @@ const TRIED_START_BALL_COUNT: usize = 4;
 /// Number of touches of a measurement without a form check.
 const TOUCH_COUNT_WITHOUT_FORM_CHECK: usize = 5;
 
-/// As [`super::order_balls_in_xy`], but from the time of each planned path with all its heights. This is worth
-/// the computing time for many balls at different heights. The function also chooses the order of the touches of
-/// each ball; a form check, with more than five touches, keeps its order. Every ball counts as found at its stated
-/// position.
+/// Like [`super::order_balls_in_xy`], but with the time of each planned path, vertical motions included. This is worth
+/// the computing time for many balls at different heights. The function also chooses the order of the touches of each
+/// ball, except with a form check (more than five touches). Every ball counts as found at its stated position.
 ///
 /// # Errors
 /// A ball cannot be measured at its visit.
@@ -125,8 +124,8 @@ impl PathPlanner<'_> {
         (0..balls.len()).into_par_iter().map(of_ball).collect()
     }
 
-    /// Path times to the first contact of each ball, s. Paths are planned only to the nearest balls in XY,
-    /// because a tour uses few others.
+    /// Path times to the first contact of each ball, s. Paths are planned only to the nearest balls in XY, because a
+    /// short tour rarely goes to farther ones.
     fn path_times_to_balls_s(&self, from: &Position, balls: &[Vec<Step>]) -> Result<Vec<f64>, MethodRefusal> {
         let places: Vec<Position> =
             balls.iter().filter_map(|steps| steps.first()).map(|step| step.from.clone()).collect();

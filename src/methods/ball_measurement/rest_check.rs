@@ -1,4 +1,4 @@
-//! Check that the machine is at rest before a long measurement: one ball is measured repeatedly until it is.
+//! Check before a long measurement that the machine is at rest: one ball is measured repeatedly.
 
 use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
@@ -29,8 +29,8 @@ struct Creep {
 /// machine creeps no faster than declared.
 ///
 /// # Errors
-/// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the watch
-/// again.
+/// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times the requested duration. A resumed run starts the
+/// rest check again.
 pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
     let watch_s = setup.touch_settings.min_rest_check_s;
     // The watch ends when the measurement begins, also for a resumed run.
@@ -50,8 +50,8 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
     let newest = &rounds[older.min(rounds.len() - MIN_WATCH_ROUNDS)..];
     // The declared rate is a standard deviation; k = 2.
     let allowed = 2.0 * drift_rate_sd_mm_per_s(setup.plan);
-    // If the uncertainty of the rate exceeds the limit, rest is not shown. All rounds together have a smaller
-    // uncertainty than the newest ones.
+    // If the uncertainty of the rate exceeds the limit, the machine is not confirmed at rest. All rounds together give
+    // a smaller uncertainty than the newest rounds.
     let may_creep =
         |creep: &Creep| creep.rate_mm_per_s.abs() > allowed || creep.rate_expanded_uncertainty_mm_per_s > allowed;
     let creeping = |rounds: &[(f64, Vector3<f64>)]| fit_creep(rounds).into_iter().find(may_creep);

@@ -54,7 +54,7 @@ pub struct TouchSettings {
     /// Maximum form of one measurement (largest minus smallest residual of its sphere), mm; beyond it the run
     /// is held.
     pub form_hold_limit_mm: f64,
-    /// Maximum difference from the stated diameter, including pre-travel, mm; beyond it the run is held.
+    /// Maximum difference between measured and stated diameter, pre-travel included, mm; beyond it the run is held.
     pub diameter_deviation_hold_limit_mm: f64,
 }
 
@@ -87,8 +87,8 @@ impl TouchSettings {
         )
     }
 
-    /// Maximum distance of a ball from the position where it was found, mm: half of the standoff of a slow
-    /// touch, or of its search distance if that is smaller.
+    /// Maximum assumed distance of a ball from its found position, mm: half of the standoff or of the search distance
+    /// of a slow touch, whichever is smaller.
     pub fn found_position_tolerance_mm(&self) -> f64 {
         self.standoff_mm.min(self.search_mm) / 2.0
     }

@@ -18,7 +18,7 @@ use crate::identification::{
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// Standard uncertainty that is added to that of each coordinate in the weights, mm.
+/// Standard uncertainty added in quadrature to that of each coordinate in the weights, mm.
 const COORDINATE_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// Whitening matrix of each measured centre, from the sources that enter the weights. The correlation between
@@ -52,13 +52,12 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
             draw_distribution: DrawDistribution::Rectangular,
             ..named("resolution", per_touch_effect(centres, |normal| resolution_u_mm(plan, normal)))
         },
-        // Equal in all measurements: it does not change their relative weights.
+        // Lobing and backlash are equal in all measurements: they do not change the relative weights.
         UncertaintySource { is_in_weights: false, ..named("probe lobing", lobing_effect(plan, observed)) },
         UncertaintySource { is_in_weights: false, ..named("backlash", backlash_effect(plan, centres)) },
         named("error motions of X, Y and Z", linear_error_motion_effect(plan, centres)),
         named("thermal drift", drift_effect(plan, centres)),
-        // If the steps entered the weights, the measurements after an interruption would have less weight
-        // than those before.
+        // In the weights, the steps would give the measurements after an interruption less weight than those before it.
         UncertaintySource {
             is_in_weights: false,
             ..named("steps at interruptions", interruption_effect(plan, centres))
@@ -102,7 +101,7 @@ fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     effect_of_nonzero_columns((0..3).map(column))
 }
 
-/// Evaluated at the touches, not at the centre, because the slope of a motion distorts the sphere.
+/// Error motions are evaluated at the touches, not at the centre, because their slope distorts the sphere.
 fn linear_error_motion_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let touches = || centres.iter().flat_map(|centre| &centre.touches);
     let points: Vec<Vector3<f64>> = touches().map(|touch| touch.axis_positions_mm).collect();

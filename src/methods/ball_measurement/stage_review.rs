@@ -14,9 +14,8 @@ use planning::{BallCheckError, BallLimits};
 /// Checks the measurements of the `last` stage. Returns the steps of those that must be measured again, and
 /// the number of their repeat.
 ///
-/// # Errors
-/// A measurement was outside the limits for the second time; a ball is outside its possible range. Neither is
-/// an error if the run was stopped and resumed since then.
+/// A measurement was outside the limits for the second time; a ball is outside its possible range. If the run was
+/// stopped and resumed since the measurement, it is measured again instead.
 pub fn review_stage(
     setup: &MeasurementSetup<'_>,
     last: &Stage,
@@ -45,8 +44,8 @@ pub fn review_stage(
     Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
 }
 
-/// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals;
-/// for them it is sufficient that they lie on a sphere.
+/// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals: fast
+/// touches need only lie on a sphere.
 fn find_measurement_fault(setup: &MeasurementSetup<'_>, measurement: &BallReadings<'_>) -> Option<BallCheckError> {
     let measured = match measurement.fit_ball(setup)? {
         Ok(measured) => measured,
@@ -73,7 +72,7 @@ fn repeated_fault_refusal(setup: &MeasurementSetup<'_>, fault: &BallCheckError) 
     }
 }
 
-/// How to continue. A run can be resumed only by its references, and the first searches precede them.
+/// Advice how to continue. A run can be resumed only after its first reference measurement.
 pub fn continuation_advice(setup: &MeasurementSetup<'_>) -> &'static str {
     match setup.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
         true => "then resume the run, which measures the ball again",
@@ -100,7 +99,7 @@ fn check_ball_position(
     if measurement.label.pass != MeasurementPass::Find {
         return Ok(());
     }
-    // The results of its own stage were unknown when the stage was planned.
+    // When a stage is planned, its own results are not yet known.
     let stage = |of: &BallReadings<'_>| (of.label.pass, of.label.indexation_index);
     let before = all.iter().take_while(|other| stage(other) != stage(measurement));
     let known = FoundBalls::from_measurements(setup, before);

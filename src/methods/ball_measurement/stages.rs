@@ -16,7 +16,7 @@ use planning::plan_blocks_and_time_s_by_stage;
 #[derive(Debug, Clone, PartialEq)]
 struct StageRequest {
     pass: MeasurementPass,
-    /// Index in the labels, from 0: of the visit; for a reference and the watch, of the round.
+    /// Zero-based index in the labels: of the visit, or of the round of a reference or a rest check.
     label_index: usize,
     /// Index of the visit that gives the indexation.
     visit_index: usize,
@@ -72,7 +72,7 @@ fn planned_watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
 }
 
 /// Requests for all stages in measuring order. First every ball is searched for: at the indexation where most balls are
-/// accessible, then at others for the remaining balls. Then one ball is watched, and the visits follow.
+/// accessible, then at others for the remaining balls. The rest check with one ball and the visits follow.
 fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch_rounds: usize) -> Vec<StageRequest> {
     let searches = choose_search_visits(visits);
     let request = |pass, number: usize, balls: &[usize]| StageRequest {
@@ -112,7 +112,7 @@ fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch
     requests
 }
 
-/// Visits that together give access to every ball, and the balls that are new at each.
+/// Visits that together give access to every ball; for each, the balls not accessible at an earlier one of them.
 fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
     let mut found: Vec<usize> = Vec::new();
     let mut searches = Vec::new();
@@ -120,7 +120,7 @@ fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
         let new = |visit: &BallVisit| -> Vec<usize> {
             visit.ball_indices.iter().copied().filter(|ball| !found.contains(ball)).collect()
         };
-        // The first of equal visits.
+        // Of equally good visits, the first is chosen.
         let best = visits.iter().enumerate().rev().max_by_key(|(_, visit)| new(visit).len());
         let Some((number, balls)) = best.map(|(number, visit)| (number, new(visit))) else { break };
         if balls.is_empty() {

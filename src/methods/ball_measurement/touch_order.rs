@@ -56,7 +56,7 @@ struct OrderCandidate {
     touch_order: TouchOrder,
     touch_indices: Vec<usize>,
     shortest_time_s: f64,
-    /// Index of the order of the previous ball.
+    /// Index of the candidate of the previous ball on the fastest path.
     previous_candidate_index: usize,
 }
 

@@ -11,7 +11,7 @@ use machine::record::plan::Plan;
 #[derive(Default)]
 pub struct VisitCache(Mutex<Option<CachedDesign>>);
 
-/// Inputs of a design, besides the settings, and the design.
+/// A design and its inputs, without the settings.
 struct CachedDesign {
     machine: Machine,
     probe: Probe,
@@ -20,7 +20,7 @@ struct CachedDesign {
 }
 
 impl VisitCache {
-    /// The visits of the plan. `design` computes them if the cached ones are of other inputs.
+    /// The visits of the plan. `design` computes them if the cached visits belong to other inputs.
     ///
     /// # Errors
     /// The errors of `design`.

@@ -36,8 +36,8 @@ pub fn order_balls_in_xy(
     Ok(visits)
 }
 
-/// Sorts by tilt. The axis parallel to the spindle sweeps forward at one tilt and backward at the next, so
-/// that backlash and drift do not correlate with its angle. The spindle does the same within it.
+/// Sorts by tilt. The axis parallel to the spindle sweeps forward at one tilt and backward at the next, so that
+/// backlash and drift do not correlate with its angle. At each of its positions the spindle sweeps in the same way.
 pub fn order_visits(machine: &Machine, visits: Vec<BallVisit>) -> Vec<BallVisit> {
     let mut axes: Vec<Axis> = machine.axes.keys().copied().filter(|a| !a.is_linear()).collect();
     axes.sort_by_key(|axis| (*axis == Axis::S, is_parallel_to_spindle(*axis, machine)));

@@ -17,7 +17,7 @@ pub struct LargestCoefficientDifference {
     pub unit: Unit,
     /// Difference of the coefficient, in its internal unit.
     pub difference: f64,
-    /// Expanded uncertainty U of the coefficient, in its internal unit.
+    /// Expanded uncertainty U of the coefficient (not of the difference), in its internal unit.
     pub expanded: f64,
 }
 

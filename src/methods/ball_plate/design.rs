@@ -1,4 +1,4 @@
-//! The stops of the table and the visits of the balls, and the harmonics that the layout loses.
+//! The stops of the table, the visits of the balls, and the harmonics that the layout does not determine.
 
 use std::f64::consts::TAU;
 
@@ -143,8 +143,8 @@ pub fn undetermined_harmonics(steps: &[usize], position_count: usize, order: usi
     (1..=order).filter(is_lost).collect()
 }
 
-/// Steps for `ball_count` balls, nearly evenly spaced, at which no harmonic is lost or nearly lost. The candidates
-/// shift each ball further than the one before; the one with the best worst harmonic is chosen.
+/// Positions of `ball_count` balls, in steps, nearly evenly spaced, that determine every harmonic well. Each candidate
+/// shifts each ball further than the ball before it; the candidate with the best worst harmonic is chosen.
 pub fn stagger_balls(ball_count: usize, position_count: usize) -> Vec<usize> {
     let width = (position_count / ball_count.max(1)).max(1);
     let candidate = |shift: usize| -> Vec<usize> {

@@ -24,9 +24,9 @@ pub struct BallObservation {
     /// Axis positions X, Y, Z at which the stylus ball coincides with the ball, minus those of the nominal
     /// machine for the expected position of the ball, mm.
     pub axis_position_deviation_mm: Vector3<f64>,
-    /// Derivative of that deviation by each error motion of the rotary axis, mm per mm or rad.
+    /// Derivative of `axis_position_deviation_mm` by each error motion of the rotary axis, mm per mm or rad.
     pub derivatives_by_error_motion: [Vector3<f64>; MOTION_COMPONENTS.len()],
-    /// Derivative of that deviation by the position of the ball in the table frame.
+    /// Derivative of `axis_position_deviation_mm` by the position of the ball in the table frame.
     pub derivative_by_ball_position: Matrix3<f64>,
 }
 
@@ -90,7 +90,7 @@ pub fn solve_equations(
 /// Null space of the equations of the visits, with or without the gauge.
 ///
 /// # Errors
-/// The errors of [`linear::analyse_rank`].
+/// The errors of [`linear_least_squares::analyse_rank`].
 pub fn analyse_equation_rank(
     layout: &UnknownsLayout,
     stops: &[TableStop],

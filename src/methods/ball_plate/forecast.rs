@@ -14,7 +14,7 @@ use crate::identification::{
 use machine::record::plan::Plan;
 
 /// Lines for the user: expected U of the error motions, then one line for each unknown that is not identifiable.
-/// `plan`: all stages, planned from nominal positions. `machine_time_s`: its machine time, s.
+/// `plan`: all stages, planned from nominal positions. `machine_time_s`: machine time of the plan, s.
 ///
 /// # Errors
 /// The visits of the plan do not separate the unknowns.

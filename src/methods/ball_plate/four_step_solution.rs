@@ -20,7 +20,7 @@ pub fn solve_in_four_steps(
     observations: &[BallObservation],
     deviations: &[Vector3<f64>],
 ) -> Option<Vec<f64>> {
-    // 1. The measuring positions: every ball visits each, and the mean of the error motions there is zero.
+    // 1. Measuring positions: every ball visits each, and the error motions at each have mean zero.
     let places = group_means(observations, deviations, |observation| observation.measuring_position_index);
     let from_place =
         |(observation, value): (&BallObservation, &Vector3<f64>)| value - places[&observation.measuring_position_index];

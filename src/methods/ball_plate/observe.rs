@@ -20,7 +20,7 @@ use machine::record::reading::Reading;
 pub struct PlateMeasurements {
     /// The slow measurements only, in order of time.
     pub observed_balls: ObservedBalls,
-    /// The observation of each of `observed.centres`.
+    /// The observation of each of `observed_balls.centres`.
     pub observations: Vec<BallObservation>,
     /// Position of each ball by the nominal machine from its first measurement, table frame, mm.
     pub first_measured_centres_mm: Vec<Vector3<f64>>,

@@ -34,7 +34,7 @@ pub fn build_outputs(solved: &SolvedRun<'_>) -> IdentificationOutputs {
     }
 }
 
-/// Each motion as its harmonics; empty with values at the stops.
+/// Harmonics of each error motion; empty if each stop has a separate value.
 pub fn harmonic_functions(solved: &SolvedRun<'_>) -> Vec<HarmonicFunction> {
     let (layout, axis) = (&solved.design.layout, solved.plate.rotary_axis);
     let unknowns = layout.unknown_count();
@@ -58,7 +58,7 @@ pub fn component_unit(component: Axis) -> Unit {
 /// Harmonics and reversal of each component, then eccentricity and tilt of the plate.
 fn build_parameters(solved: &SolvedRun<'_>) -> Vec<OutputParameter> {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.rotary_axis, &solved.solution.x);
-    // Values at the stops are the points of the curves.
+    // Separate values at the stops are reported as points of the curves, not as parameters.
     let function_suffixes = if solved.settings.values { Vec::new() } else { layout.angle_basis.function_suffixes() };
     let mut parameters = Vec::new();
     for (k, component) in MOTION_COMPONENTS.into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The plate on its table: the axis that turns it, and the positions of its balls about that axis.
+//! The ball plate on the rotary table: the axis of the table, and the positions of the balls about that axis.
 
 use std::f64::consts::TAU;
 
@@ -12,10 +12,10 @@ use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
-/// Maximum distance of a ball from its measuring position, mm. Within it the deviations of the linear axes
-/// are the same (paper 5, section 2.2).
+/// Maximum distance of a ball from its measuring position, mm. Within this distance the deviations of the linear axes
+/// count as equal (paper 5, section 2.2).
 pub const MAX_BALL_OFFSET_FROM_MEASURING_POSITION_MM: f64 = 1.0;
-/// Minimum radius of the circle, mm: a smaller one does not show tilt sufficiently.
+/// Minimum radius of the circle, mm: a smaller circle does not determine tilt sufficiently.
 const MIN_CIRCLE_RADIUS_MM: f64 = 10.0;
 
 pub struct Plate<'a> {
@@ -107,8 +107,8 @@ impl<'a> Plate<'a> {
         heights.sum::<f64>() / self.balls.balls.len().max(1) as f64
     }
 
-    /// Measuring position of a ball at a stop `number` steps from zero: a step of the machine's circle,
-    /// counted from the position of the first ball at zero.
+    /// Index of the measuring position of a ball at the stop `number` steps from zero. Measuring positions are counted
+    /// in steps of 360°/M from the position of the first ball at table zero.
     pub fn measuring_position_index(&self, ball: usize, number: i64, positions: usize) -> usize {
         let turned = if self.turn_sign > 0.0 { number } else { -number };
         let step = self.ball_steps.get(ball).copied().unwrap_or(0) as i64;

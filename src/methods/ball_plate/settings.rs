@@ -36,8 +36,8 @@ pub struct BallPlateSettings {
     pub search_mm: f64,
     /// Maximum form of one measurement of a ball, µm; beyond it the run is held.
     pub form_limit_um: f64,
-    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
-    /// is held.
+    /// Maximum difference between measured and stated ball diameter, including the probe's pre-travel, µm; beyond it
+    /// the run is held.
     pub diameter_limit_um: f64,
     /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
@@ -89,7 +89,7 @@ impl BallPlateSettings {
         MethodRefusal::require(
             self.revolutions > 0 && self.sub_harmonics <= self.revolutions,
             format!(
-                "sub-harmonics up to θ/{} require as many revolutions in one direction, not {}",
+                "sub-harmonics up to θ/{0} require {0} revolutions in one direction, but revolutions = {1}",
                 self.sub_harmonics, self.revolutions
             ),
             format!("choose revolutions = {}", self.sub_harmonics.max(1)),

@@ -19,7 +19,7 @@ pub fn uncertainty_sources(plan: &Plan, measured: &PlateMeasurements) -> Vec<Unc
     let centres = &measured.observed_balls.centres;
     let mut list = touch_sources(plan, &measured.observed_balls);
     let first_s = centres.first().map_or(0.0, |centre| centre.mean_time_s);
-    // The fitted polynomial absorbs a constant rate; this is the assumed change of the rate.
+    // Displacement by a drift whose rate decays. The fitted polynomial absorbs a constant rate.
     let settled = |t_s: f64| THERMAL_TIME_CONSTANT_S * (1.0 - (-(t_s - first_s) / THERMAL_TIME_CONSTANT_S).exp());
     let rate = drift_rate_sd_mm_per_s(plan);
     let column = |axis: Axis| {

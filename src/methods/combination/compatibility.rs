@@ -41,7 +41,7 @@ impl CombinationRefusal {
             Self::ContradictedModel(run) => {
                 format!("read the warnings with `trued show {run}`; leave the run out, or measure again")
             }
-            Self::HeldAtZero { .. } => "measure with the same parameters of the method".to_owned(),
+            Self::HeldAtZero { .. } => "measure all runs with the same method parameters".to_owned(),
             Self::OtherUnit(_) => "compute new estimates with `trued identify METHOD --run RUN`".to_owned(),
             Self::NoUncertainty { .. } | Self::SingularCovariance => {
                 "declare the uncertainty of probe and axes in the machine file, and measure again".to_owned()

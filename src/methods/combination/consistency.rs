@@ -28,16 +28,16 @@ pub struct RunDeviation {
     /// Normalized error |by|/U (ISO 13528).
     #[serde(rename = "E_n")]
     pub normalized_error: f64,
-    /// Whether the deviation is too large for the largest of all deviations.
+    /// Whether the deviation exceeds the limit for the largest of all deviations (Bonferroni).
     pub disagrees: bool,
 }
 
 /// A run that contradicts others.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Disagreement {
-    /// Its largest deviation.
+    /// Largest deviation of the run.
     pub deviation: RunDeviation,
-    /// The runs with which it is compared.
+    /// Runs with whose combination the run is compared.
     pub others: Vec<i64>,
 }
 

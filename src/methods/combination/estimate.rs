@@ -18,9 +18,9 @@ use machine::record::estimate::{
 /// Name of the budget line for all sources that are independent in each run.
 const OWN_SOURCES_NAME: &str = "sources that differ from run to run";
 
-/// The estimate. Its conventions and its provenance are those of the newest run. It has no functions and no figures:
-/// those of the runs have no covariance. Rank, degrees of freedom and χ² are those of the combination, the residuals
-/// those of the runs.
+/// The estimate. Its conventions and its provenance are those of the newest run. It has no functions and no figures,
+/// because the runs store no covariance for them. Rank, degrees of freedom and χ² are those of the combination; the
+/// residuals are those of the runs.
 pub fn combined_estimate(
     runs: &[MeasuredRun<'_>],
     joint: &JointResults,
@@ -167,8 +167,8 @@ fn priors(runs: &[MeasuredRun<'_>]) -> Vec<String> {
     all
 }
 
-/// Ranges within which at least one run measured, since one run determines the errors over its own ranges. If the ranges
-/// of an axis do not overlap, the range of the newest run: between them no run measured.
+/// Ranges within which at least one run measured, since one run determines the errors over its own ranges. If the
+/// ranges of an axis do not overlap, only the range of the newest run: between two such ranges no run measured.
 fn measured_ranges(runs: &[MeasuredRun<'_>]) -> BTreeMap<Axis, [f64; 2]> {
     let mut ranges: BTreeMap<Axis, [f64; 2]> = BTreeMap::new();
     for (axis, [low, high]) in runs.iter().rev().flat_map(|run| &run.estimate.measured) {

@@ -6,7 +6,7 @@ use super::MeasuredRun;
 use super::joint_sources::{JointSource, joint_sources};
 use super::result_rows::{ResultRow, ResultRows};
 
-/// Share of the standard uncertainty from which on a parameter contributes to a sum.
+/// Minimum share of the standard uncertainty of a sum for a parameter to count in the degrees of freedom.
 const MIN_CONTRIBUTION: f64 = 0.01;
 
 /// The parameters of all runs and their joint covariance, in the scales of the unknowns.

@@ -7,8 +7,8 @@ use super::result_rows::ResultRows;
 use crate::decision::parameter_difference::{SourceOwner, source_owner};
 use machine::record::plan::{Plan, StepKind};
 
-/// Largest relative difference of the effects of a source of the machine in runs with the same points. Its draws belong to
-/// axes and points: in runs with other points they are other quantities.
+/// Maximum relative difference between the effects of a machine source in two runs, up to which its draws count as the
+/// same quantities. At other points the draws are other quantities.
 const SAME_EFFECT_TOLERANCE: f64 = 0.01;
 
 /// A source that one or several runs contain.
@@ -86,8 +86,8 @@ fn has_same_effect(rows: &ResultRows, one: &RunEffect, other: &RunEffect) -> boo
     difference <= SAME_EFFECT_TOLERANCE.powi(2) * size
 }
 
-/// Whether the draws of the source are the same quantities in two runs: both state the same probe, machine or artefact, and
-/// no person mounts anything. A mounted sphere or sensor has another offset each time.
+/// Whether the draws of the source are the same quantities in two runs: both state the same probe, machine or artefact,
+/// and a probe source requires that neither run mounts a sphere or sensor, since its offset changes with each mounting.
 fn is_stated_alike(source: &str, one: &Plan, other: &Plan) -> bool {
     let needs_mounting =
         |plan: &Plan| !plan.sensors.is_empty() || plan.steps.iter().any(|step| step.kind == StepKind::Prompt);

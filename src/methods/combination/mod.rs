@@ -51,8 +51,8 @@ pub struct MeasuredRun<'a> {
 pub struct CombinedParameter {
     pub symbol: String,
     pub unit: Unit,
-    /// Value of each run, in the order of the runs. `None`: the run does not identify it, or it belongs to another
-    /// set-up.
+    /// Value of each run, in the order of the runs. `None`: the run does not identify the parameter, or the parameter
+    /// belongs to another set-up.
     pub values: Vec<Option<f64>>,
     pub combined: f64,
     #[serde(rename = "U")]

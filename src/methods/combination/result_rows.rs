@@ -12,7 +12,8 @@ use machine::record::estimate::{Parameter, Unit};
 pub struct Unknown {
     pub symbol: String,
     pub unit: Unit,
-    /// Standard uncertainty in the first run that has it: unit of the values and covariances of the rows.
+    /// Standard uncertainty of the parameter in the first run that has it; divides the values and covariances of the
+    /// rows.
     pub scale: f64,
 }
 
@@ -89,7 +90,7 @@ impl ResultRows {
     }
 }
 
-/// Identified parameters of the covariance, each with its index there; without the set-up unless `with_setup`.
+/// Identified parameters of the run with their index in its covariance; without the set-up unless `with_setup`.
 fn used_parameters<'a>(
     run: &MeasuredRun<'a>,
     with_setup: bool,

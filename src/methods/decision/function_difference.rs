@@ -12,8 +12,8 @@ pub struct FunctionDifference {
     pub argument: String,
     pub argument_unit: String,
     pub unit: Unit,
-    /// Argument of the reference point. Functions of an angle are compared after their value at this argument
-    /// is subtracted; `null`: they are compared as they are.
+    /// Argument of the reference point. Functions of an angle are compared after their value at this argument is
+    /// subtracted; `null`: the functions are compared without this subtraction.
     pub gauge_at: Option<f64>,
     /// Arguments, without that of the reference point, where the difference is zero by definition.
     pub x: Vec<f64>,
@@ -178,8 +178,8 @@ mod tests {
         assert!(found.iter().zip(expected).all(is_near), "{found:?} {expected:?}");
     }
 
-    /// The second function has fewer points and an offset of 5 µm. At 90° the first is 1.5, between 1 and 2;
-    /// minus its value 1 at 0° this is 0.5, against 3 of the second. U = 2·√(2·0.3² + 2·0.4²) = √2.
+    /// The second function has fewer points and an offset of 5 µm. At 90° the first is 1.5, which is 0.5 above its
+    /// value at 0°; the second is 3 above its value at 0°. U = 2·√(2·0.3² + 2·0.4²) = √2.
     #[test]
     fn functions_are_compared_from_their_value_at_zero() {
         let one = function(&[0.0, 60.0, 120.0, 180.0, 240.0], &[1.0, 1.0, 2.0, 2.0, 0.0], 0.3);

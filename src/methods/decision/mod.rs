@@ -49,12 +49,12 @@ pub fn judge_estimate(estimate: &mut Estimate, tolerances: &[ParameterTolerance]
     };
 }
 
-/// Tolerances that match no parameter of the estimate, in words.
+/// One text for each tolerance that matches no parameter of the estimate.
 pub fn describe_unmatched_tolerances(estimate: &Estimate, tolerances: &[ParameterTolerance]) -> Vec<String> {
     let known = |limit: &&ParameterTolerance| {
         estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit)
     };
-    // Between backquotes: as the machine file writes them.
+    // Backquotes mark a symbol as it is written in the machine file.
     let symbols: Vec<String> = estimate.parameters.iter().map(|p| format!("`{}`", p.symbol)).collect();
     tolerances
         .iter()

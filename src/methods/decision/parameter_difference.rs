@@ -5,7 +5,7 @@ use serde::Serialize;
 use estimation::coverage::coverage_factor;
 use machine::record::estimate::{BudgetLine, Estimate, EvaluationType, Parameter, Provenance, Unit};
 
-/// What a source of uncertainty belongs to.
+/// The object to which a source of uncertainty belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SourceOwner {
     Probe,
@@ -102,7 +102,7 @@ pub fn parameter_differences(first: &Estimate, second: &Estimate, common: &[Stri
     known.filter_map(|(one, other)| parameter_difference(one, other, common)).collect()
 }
 
-/// Difference of one parameter. `None`: a number is missing.
+/// Difference of one parameter. `None`: the difference or its uncertainty is not finite.
 fn parameter_difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<ParameterDifference> {
     let independent = one.u.powi(2) + other.u.powi(2);
     let shared = |source: &String| u_from_source(one, source) * u_from_source(other, source);

@@ -16,7 +16,7 @@ struct ReferencePoint<'a> {
     /// The newest step that measured the reference point.
     newest_step: &'a Step,
     point_index: usize,
-    /// In the order of measurement.
+    /// Measurements of the point before the stop, in their order.
     measurements: Vec<ReferenceMeasurement<'a>>,
 }
 
@@ -34,8 +34,8 @@ struct ReferenceMeasurement<'a> {
     time_in_run_s: f64,
 }
 
-/// Measurements of the references, in the order of measurement. Flagged readings are ignored, except good ones
-/// before which others were lost.
+/// Measurements of the references, in the order of measurement. Flagged readings are ignored, except those with the
+/// flag `Gap`: they are good, only earlier readings were lost.
 fn reference_measurements<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<ReferenceMeasurement<'a>> {
     let good = |reading: &&Reading| matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap);
     let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
@@ -120,7 +120,7 @@ impl<'a> ReferencePoints<'a> {
         let last = stages.last();
         let touches =
             |stage: &&Stage| self.points.iter().any(|reference| stage.steps.contains(&reference.newest_step.id));
-        // The steps are planned for the artefact as found in that stage, not for what a later stage searches.
+        // A stage records the artefact position for which its steps are planned; a later stage may assume another.
         let mut steps: Vec<u32> = self.points.iter().map(|reference| reference.newest_step.id).collect();
         // The points of a scan are reference points of one step.
         steps.dedup();
@@ -140,8 +140,8 @@ impl<'a> ReferencePoints<'a> {
         if self.declared_repeatability_mm().is_some() { 1 } else { 2 }
     }
 
-    /// Declared repeatability of a touch, mm. The repeatability of means of samples is not declared: the part
-    /// of the machine is unknown.
+    /// Declared repeatability of a touch, mm. `None` for a method with sensors: the repeatability of a mean of samples
+    /// includes an unknown part from the machine.
     fn declared_repeatability_mm(&self) -> Option<f64> {
         let touched = self.plan.sensors.is_empty();
         self.plan.probe.repeatability_um.filter(|_| touched).map(|um| um * 1e-3)
@@ -253,8 +253,8 @@ fn have_same_direction(one: &Step, other: &Step) -> bool {
     along > MIN_SAME_DIRECTION_COSINE
 }
 
-/// Position against the direction of the touch, mm; for a sample, minus the distance to the surface. The axes
-/// are at the same position then, and only changes count.
+/// Position against the direction of the touch, mm; for a sample, minus the distance to the surface, because only
+/// changes count and the axes are at the same position for every sample of a point.
 fn outward_position_mm(step: &Step, reading: &Reading) -> f64 {
     match reading.value_mm {
         Some(distance) => -distance,

@@ -9,8 +9,8 @@ use machine::record::plan::{Plan, Step, StepKind};
 /// references (0°, 90°, 180°, Z) then has limits of ±3 standard deviations, each of the 26 points of a scan
 /// ±3.5.
 const AGREEMENT_PROBABILITY: f64 = 0.989_244_470_5;
-/// A larger allowance for drift is replaced by this one, a multiple of the standard deviation of the touch
-/// difference. A reference that may move more gives no information; after so long a stop a new run is needed.
+/// Maximum allowance for drift, as a multiple of the standard deviation of the touch difference. A reference that may
+/// drift further gives no information: after so long a stop a new run is needed.
 const DRIFT_ALLOWANCE_CAP_RATIO: f64 = 3.0;
 
 /// Measurements of one reference before and after the stop.
@@ -52,7 +52,7 @@ impl TouchScatter {
         }
     }
 
-    /// Origin of the limit, in words.
+    /// Text on the origin of the limit.
     pub fn describe(self) -> String {
         match self {
             Self::Declared { u_mm } => {

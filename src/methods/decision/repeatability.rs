@@ -39,14 +39,14 @@ pub struct Repeatability {
     /// Between the repetitions: experimental standard deviation of the values (GUM 4.2.2), which is the repeatability
     /// standard deviation s_r of ISO 5725-2.
     pub between: f64,
-    /// `between` / `within`. Below 1 it is no fault: u contains systematic errors that all repetitions share.
+    /// `between` / `within`. A ratio below 1 is no fault: u contains systematic errors that all repetitions share.
     pub ratio: f64,
     /// Whether the ratio is above the upper bound of its 95 % interval by χ²: u is too small, or the machine drifts.
     pub exceeds_u: bool,
     /// Drift against time, per hour; absent for fewer than three repetitions.
     pub per_hour: Option<Slope>,
-    /// Change with each thermometer, per kelvin. Each is a fit of its own: where temperature and time change
-    /// together, these do not separate them.
+    /// Change with each thermometer, per kelvin. Each slope is a separate fit: where temperature and time change
+    /// together, the slopes do not separate their effects.
     pub per_kelvin: Vec<ThermometerSlope>,
 }
 

@@ -1,4 +1,4 @@
-//! What decides an undecided result: more runs, or smaller systematic sources.
+//! The change that would decide an undecided result: more runs, or smaller systematic sources.
 
 use super::parameter_difference::is_persistent_source;
 use machine::record::estimate::{Parameter, Verdict};
@@ -9,15 +9,15 @@ const MAX_PROPOSED_RUNS: u32 = 100;
 /// What would decide an undecided parameter if its value stays the same.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DecidingChange {
-    /// The mean of this number of such runs has a U below the distance from the value to the limit.
+    /// Number of equal runs whose mean has a U below the distance from the value to the limit.
     Runs(u32),
     /// More than [`MAX_PROPOSED_RUNS`] runs: the value is too close to the limit.
     TooManyRuns,
     /// No number of runs suffices, because the sources that have the same value in each run are too large.
     SmallerSources {
-        /// U by these sources alone, in the unit of the parameter.
+        /// U from the sources with the same value in each run alone, in the unit of the parameter.
         expanded: f64,
-        /// Name of the largest of them.
+        /// Name of the largest source with the same value in each run.
         largest: String,
     },
 }

@@ -4,7 +4,7 @@
 use machine::Axis;
 use machine::record::plan::{Plan, StepKind};
 
-/// Orders that are checked.
+/// Harmonic orders that are checked for aliasing.
 const CHECKED_HARMONIC_ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
 const COSINE_TOLERANCE: f64 = 1e-6;
 
@@ -19,7 +19,7 @@ fn aliased_orders(angles: &[f64]) -> Vec<u32> {
     CHECKED_HARMONIC_ORDERS.filter(is_aliased).collect()
 }
 
-/// What the error motions of an axis are inseparable from, if the method gives nothing more exact.
+/// Default text for the quantity from which the error motions of an axis are inseparable.
 pub const LOCATION_ERRORS_TEXT: &str = "its location errors";
 
 /// A sentence for `not_identifiable`. `inseparable_from` names what the aliased orders cannot be separated from.

@@ -29,8 +29,8 @@ pub struct BlockEquations {
     pub group_indices: Vec<usize>,
 }
 
-/// Solution of one block of unknowns. Before the fit the observations of each group are reduced to the
-/// components that the unknowns can explain. The rest of the residuals is an effect of no unknown.
+/// Solution of one block of unknowns. Before the fit the observations of each group are reduced to the components that
+/// the unknowns can explain. No unknown affects the other components of the residuals.
 pub struct BlockFit {
     /// Reduction matrix, reduced observations (of standard uncertainty 1) × observations, 1/mm.
     pub reduction_matrix: Mat<f64>,
@@ -40,7 +40,7 @@ pub struct BlockFit {
     /// Unknowns × nullity: the directions that the rows do not determine. The solution has no component along
     /// them.
     pub null_space: Mat<f64>,
-    /// The undetermined directions in words.
+    /// Names of the undetermined directions.
     pub undetermined_names: Vec<String>,
     /// Residuals of all observations, measured minus model, mm.
     residuals_mm: Vec<f64>,
@@ -91,9 +91,9 @@ impl BlockFit {
         })
     }
 
-    /// Derivatives by the unknowns of the cosine and sine part of a harmonic, without their components along
-    /// the orthogonal `removed_directions`. The two parts are the unknowns 2·`pair_index` and 2·`pair_index` + 1.
-    /// `None`: the rows do not determine them.
+    /// Derivatives by the unknowns of the cosine and sine part of a harmonic, without their components along the
+    /// orthogonal `removed_directions`. The two parts are the unknowns 2·`pair_index` and 2·`pair_index` + 1. `None`:
+    /// the rows do not determine both parts.
     pub fn identifiable_harmonic_slopes(
         &self,
         pair_index: usize,

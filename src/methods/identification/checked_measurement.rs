@@ -1,5 +1,4 @@
-//! A measurement that is compared with all others: a touch, a ball centre or a mean. Each method
-//! chooses which.
+//! A measurement that is compared with all others: a touch, a ball centre or a mean, depending on the method.
 
 use std::ops::Range;
 
@@ -18,7 +17,7 @@ pub struct CheckedMeasurement {
     pub residual_mm: f64,
     /// Standard uncertainty from the sources in the weights, mm.
     pub u_mm: f64,
-    /// Mean time of its readings, on their clock, s.
+    /// Mean time of the readings of the measurement, on the clock of the readings, s.
     pub mean_time_s: f64,
 }
 

@@ -15,8 +15,8 @@ use nalgebra::Vector3;
 use super::azimuth_dependence::{azimuth_patterns, harmonic_sd_by_order};
 use super::probe_map::ProbeMap;
 
-/// Harmonic orders of the error motion of a rotary axis if none are declared. The mean is the location of the
-/// axis, and the first harmonic is inseparable from the position of what the axis carries.
+/// Harmonic orders of the error motion of a rotary axis if none are declared. The mean is the location of the axis, and
+/// the first harmonic is inseparable from the position of the carried artefact or sensor.
 pub const DEFAULT_ROTARY_MOTION_ORDERS: [u32; 4] = [2, 3, 4, 5];
 /// Assumed standard uncertainty of one touch if none is declared, mm; the residuals rescale it.
 const ASSUMED_REPEATABILITY_MM: f64 = 1e-3;
@@ -62,8 +62,8 @@ pub fn drift_rate_sd_mm_per_s(plan: &Plan) -> f64 {
     plan.machine.drift_um_per_h * 1e-3 / 3600.0
 }
 
-/// Standard uncertainty of one coordinate of a point, mm, from what the plan declares for the axes and, for a
-/// touch, for the probe. `t_s`: time since the start of the run, s, for the drift.
+/// Standard uncertainty of one coordinate of a point, mm, from the declared errors of the axes and, for a touch, of the
+/// probe. `t_s`: time since the start of the run, s, for the drift.
 pub fn coordinate_std_u_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
     let along = |axis: Axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
     let rounding = Axis::LINEAR.map(along).into_iter().fold(0.0, f64::max) * 1e-3 / 12f64.sqrt();

@@ -7,9 +7,9 @@ use super::estimate::parameter_without_budget;
 use super::harmonics::HarmonicFunction;
 use super::output_range::{RangeOutput, value_range};
 
-/// Synchronous error motion value in the fixed sensitive direction of the motion. An axial motion also has
-/// the fundamental and the residual synchronous value (the first harmonic of the other motions is
-/// eccentricity or tilt). Only identifiable harmonics are included; a motion without one has no value.
+/// Synchronous error motion value in the fixed sensitive direction of the motion. An axial motion also has the
+/// fundamental and the residual synchronous value (the first harmonic of the other motions is eccentricity or tilt).
+/// Only identifiable harmonics are included; without an identifiable harmonic there is no value.
 pub fn synchronous_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<RangeOutput> {
     let symbol = &motion.symbol;
     let mut ranges = vec![motion.range_output(format!("{symbol}_synchronous"))];

@@ -112,8 +112,8 @@ pub fn function_over_harmonic_orders(
     }
 }
 
-/// Function in um of values in mm, numbered from 1 in the order given, without a stated uncertainty. If they are in
-/// order of time, a step in them shows that something has shifted.
+/// Function in um of values in mm, numbered from 1 in the order given, without a stated uncertainty. If the values are
+/// in order of time, a step between them indicates a shift during the measurement.
 pub fn function_of_numbered_values(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = (1..).map(f64::from).zip(mm.map(|mm| mm * 1e3)).unzip();
     EstimatedFunction {

@@ -104,8 +104,9 @@ fn check_identifiable(estimate: &Estimate, parameters: &[&Parameter]) -> Result<
     )
 }
 
-/// The error of the kinematic model for an error of the estimate, and its sign. An estimate with `location_at_mm` has the
-/// squareness of X and Y as EC0Y. Where Y carries X, an error of Y turns X too: there it is EC0X with the opposite sign.
+/// The error of the kinematic model for an error of the estimate, and its sign. An estimate with `location_at_mm` has
+/// the squareness of X and Y as EC0Y. Where Y carries X, EC0Y would also turn X: the model then has EC0X with the
+/// opposite sign.
 fn error_of_model(estimate: &Estimate, chain: &KinematicChain, error: ErrorTerm) -> (ErrorTerm, f64) {
     let location = |axis| ErrorParameter::new(Axis::C, axis, ErrorShape::Location);
     let is_squareness = location(Axis::Y) == Ok(error.parameter);
@@ -122,8 +123,8 @@ fn error_of_model(estimate: &Estimate, chain: &KinematicChain, error: ErrorTerm)
 }
 
 /// Derivatives of the errors of the kinematic model by the errors of the estimate. An estimate with `location_at_mm`
-/// states the position of the rotary axis relative to the tip at that point: the model's location errors along X and Y
-/// are these plus the effect of the other errors there.
+/// states the position of the rotary axis relative to the tip at that point: the location errors of the model along X
+/// and Y are these positions plus the effect of the other errors at that point.
 fn model_derivatives(
     estimate: &Estimate,
     chain: &KinematicChain,

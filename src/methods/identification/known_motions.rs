@@ -193,7 +193,7 @@ fn harmonic_order(parameter: ErrorParameter) -> Option<u32> {
     }
 }
 
-/// The error of a function `EXC` to `ECC` of a rotary axis over its angle.
+/// Location error with the component and axis of a function `EXC` to `ECC` of a rotary axis over its angle.
 fn location_error_of_function(function: &EstimatedFunction) -> Option<ErrorParameter> {
     let mut letters = function.symbol.strip_prefix('E')?.chars();
     let mut axis = || letters.next()?.to_string().parse::<Axis>().ok();

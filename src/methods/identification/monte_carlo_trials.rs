@@ -10,7 +10,7 @@ use super::outputs::IdentificationOutputs;
 use super::uncertainty_source::{ObservationEffect, UncertaintySource};
 use crate::IdentifyError;
 
-/// Number of trials and the seed of their streams: the same readings give the same bytes.
+/// Number of trials and seed of their random streams. A fixed seed gives the same bytes for the same readings.
 #[derive(Debug, Clone, Copy)]
 pub struct TrialSettings {
     pub seed: u64,

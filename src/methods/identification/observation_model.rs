@@ -91,8 +91,8 @@ pub trait ObservationModel: Sync {
         Vec::new()
     }
 
-    /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
-    /// observations, mm). The solution is nonlinear if the model is.
+    /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials × observations, mm). A
+    /// nonlinear model solves each trial nonlinearly.
     fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
 
     /// Linear functions of the unknowns of [`Self::unknowns_for_each_perturbation`]: trials × functions. `slopes`: functions × unknowns.
@@ -115,9 +115,9 @@ pub trait ObservationEquation: Sync {
     fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64>;
 }
 
-/// Number of Gauss–Newton steps to a nearby solution with one Jacobian. After the second step the error is of
-/// third order in a change that the model explains. For a change that it does not explain, the curvature
-/// times the residuals remains.
+/// Number of Gauss–Newton steps to a nearby solution with one Jacobian. After the second step the error is of third
+/// order in a change that the model explains. For a change that the model does not explain, an error of curvature times
+/// residuals remains.
 const GAUSS_NEWTON_STEPS: usize = 2;
 
 /// A problem solved by [`estimation::nonlinear_least_squares::minimise_squares`].

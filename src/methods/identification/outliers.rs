@@ -50,7 +50,7 @@ impl OutlierCheck {
         Self { outliers, measurement_checks, warnings }
     }
 
-    /// Smallest detectable deviations in words. `None`: no measurement is checked.
+    /// Text on the smallest detectable deviations. `None`: no measurement is checked.
     pub fn describe_detection_limits(&self) -> Option<String> {
         let mut sizes: Vec<(f64, &str)> = self
             .measurement_checks
@@ -105,7 +105,7 @@ impl OutlierSearch<'_> {
         self.residuals.studentised_limit(measurement.residual_rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
 
-    /// Single-row measurements whose deviations leave the same pattern in the residuals, including this one.
+    /// Single-row measurements, `measurement` included, whose deviations leave the same pattern in the residuals.
     fn indistinguishable_measurements<'m>(
         &'m self,
         measurement: &'m CheckedMeasurement,

@@ -68,7 +68,7 @@ pub struct NonlinearOutputs {
     pub trial_values: TrialFunction,
 }
 
-/// What an identification reports.
+/// Quantities that an identification reports.
 #[derive(Default)]
 pub struct IdentificationOutputs {
     /// Linear parameters with budget and covariance. Each has a slope.
@@ -112,8 +112,8 @@ impl IdentificationOutputs {
     }
 }
 
-/// Derivatives of `function` at `arguments` by central differences of half width `step`: values
-/// × arguments. `None`: `function` has no value there.
+/// Derivatives of `function` at `arguments` by central differences of half width `step`: values × arguments. `None`:
+/// `function` has no value at one of these points.
 pub fn central_differences(
     arguments: &[f64],
     step: f64,

@@ -74,7 +74,7 @@ impl<'a> ProbeMap<'a> {
             "read the warnings of the qualification and qualify the probe again",
         )?;
         let mut parts = read_map_coefficients(prior);
-        // A part that is known less well than [probe] declares would increase the uncertainty.
+        // A part whose u exceeds the size declared in [probe] would increase the uncertainty.
         parts.retain(|part| declared_order_sd_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm));
         let map = Self { prior, coefficients: parts };
         let known: Vec<&str> = map.subtracted_coefficients().map(|part| part.symbol.as_str()).collect();

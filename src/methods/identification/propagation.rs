@@ -125,7 +125,7 @@ impl Propagation {
                 false => components.push((*variance, effect.dof)),
             }
         }
-        // The degrees of freedom of the misfit may be NaN if it scales nothing.
+        // The degrees of freedom of the misfit may be NaN if the misfit scales no source.
         components.extend(is_scaled.then_some((scaled_variance, self.misfit.effective_dof)));
         let lines = self.effects.iter().zip(&variances);
         let line = |(effect, variance): (&EffectOnUnknowns, &f64)| {

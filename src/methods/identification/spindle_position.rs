@@ -9,16 +9,16 @@ use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain}
 use machine::record::estimate::Estimate;
 use machine::record::machine::{Machine, Probe};
 
-/// Range of the spindle, degrees, above which it was turned: measured ranges are rounded outwards.
+/// Minimum measured range of the spindle that counts as a turn, degrees: measured ranges are rounded outwards.
 const MIN_SPINDLE_TURN_DEG: f64 = 1.0;
 const STYLUS_OFFSET_KEY: &str = "probe.stylus_offset_um";
 
 /// Standard uncertainties of the stylus as the machine file states it, mm. `None`: not stated.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StatedStylusUncertainty {
-    /// Of the offset of the stylus ball from the axis of the spindle, in each of X and Y.
+    /// Standard uncertainty of the offset of the stylus ball from the spindle axis, in each of X and Y.
     pub offset_mm: Option<f64>,
-    /// Of the stylus length, relative to the tool lengths in the control.
+    /// Standard uncertainty of the stylus length, relative to the tool lengths in the control.
     pub length_mm: Option<f64>,
 }
 
@@ -33,7 +33,7 @@ pub struct SpindleTerm<'a> {
     pub u_stylus_mm: f64,
 }
 
-/// Position of the spindle by an estimate: the measured minus the stated stylus.
+/// Position of the spindle from an estimate: the measured minus the stated stylus.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SpindlePosition<'a> {
     pub terms: Vec<SpindleTerm<'a>>,
@@ -90,7 +90,7 @@ impl<'a> KnownErrors<'a> {
 }
 
 impl<'a> SpindlePosition<'a> {
-    /// Empty for a machine that turns its tool: there the stylus is separable from the axes.
+    /// Empty for a machine whose rotary axes turn the tool: its stylus is separable from the axes.
     pub fn new(
         estimate: &'a Estimate,
         machine: &Machine,
@@ -128,7 +128,7 @@ impl<'a> SpindlePosition<'a> {
     }
 }
 
-/// The spindle was turned, and its position is among the errors of the estimate.
+/// Whether the estimate contains the position of the spindle, which requires that the spindle was turned.
 fn has_spindle_location(component: Axis, known: &KnownErrors<'_>) -> bool {
     let location = ErrorParameter::new(component, Axis::S, ErrorShape::Location);
     component != Axis::Z && location.is_ok_and(|location| known.has_error(location))
@@ -153,7 +153,7 @@ fn stylus_symbol(estimate: &Estimate, component: Axis) -> Option<&str> {
     Some(&parameter.symbol)
 }
 
-/// Value in mm. `None`: not determined, or without covariance.
+/// Value of a stylus coordinate, mm. `None`: not determined, or without covariance.
 fn stylus_value(estimate: &Estimate, symbol: &str) -> Option<f64> {
     let parameter = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol)?;
     (parameter.identifiable && prior_covariance(estimate, &[symbol]).is_some()).then(|| internal_value(parameter))

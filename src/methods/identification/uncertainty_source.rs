@@ -25,9 +25,9 @@ pub fn may_be_shared(name: &str, evaluation: EvaluationType) -> bool {
     evaluation == EvaluationType::B && !INDEPENDENT_SOURCES.contains(&name)
 }
 
-/// How χ² of the residuals treats a source. Each value includes the one before it. The misfit scales
-/// a source if the residuals can show its size (scatter of a touch). A source whose size is certified, or that
-/// moves all observations alike, is only expected in χ². One that the unknowns absorb completely may be excluded.
+/// How χ² of the residuals treats a source; each treatment includes the one before it. The misfit scales a source if
+/// the residuals can show its size (scatter of a touch). A source of certified size, or one that moves all observations
+/// alike, is only expected in χ². A source that the unknowns absorb completely may be excluded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ResidualTreatment {
     /// χ² is evaluated without the source.

@@ -14,15 +14,15 @@ use crate::identification::ObservationEquation;
 use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution, minimise_squares};
 use estimation::schur::BlockRows;
 
-/// Number of unknowns of the beam: its tilt along two perpendicular directions, and its gain less 1.
+/// Number of unknowns of the beam: its tilt along two perpendicular directions, and its gain minus 1.
 pub const BEAM_UNKNOWN_COUNT: usize = 3;
-/// Index of the gain less 1 among the unknowns of the beam.
+/// Index of the gain minus 1 among the unknowns of the beam.
 pub const BEAM_GAIN_INDEX: usize = 2;
 
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]
 pub struct DwellPoint {
-    /// Index of the group of scans, which has one centre.
+    /// Index of the group of scans. All scans of a group have one centre.
     pub group_index: usize,
     /// Displacement of the spindle relative to the table, machine frame, mm.
     pub spindle_displacement_mm: Vector3<f64>,
@@ -43,7 +43,7 @@ pub struct CentreEquations {
     /// Dwell points, group after group.
     pub dwell_points: Vec<DwellPoint>,
     pub group_count: usize,
-    /// Whether the beam is unknown. If not, it is given by `fixed_beam_values`.
+    /// Whether the beam is unknown. Otherwise `fixed_beam_values` gives the beam.
     pub is_beam_free: bool,
     /// Whether the radius of each scan is unknown. This is the case for a touched sphere, as the radius includes
     /// the probe's pre-travel.
@@ -203,5 +203,5 @@ pub fn determines_centre(scan: &MeasuredScan, beam: Vector3<f64>, radius: f64) -
     points.len() >= 4 && sum.determinant() > MIN_NORMAL_DETERMINANT * (points.len() as f64 / 3.0).powi(3)
 }
 
-/// Determinant of Σn·nᵀ relative to the largest possible one, below which a scan is flat.
+/// Minimum determinant of Σn·nᵀ relative to the largest possible one. Below it a scan counts as flat.
 const MIN_NORMAL_DETERMINANT: f64 = 1e-5;

@@ -12,7 +12,7 @@ use crate::identification::{
     multiply_vector, solve_each_trial,
 };
 
-/// Standard uncertainty that is added to that of each centre, which limits its weight, mm.
+/// Standard uncertainty added in quadrature to that of each centre, to limit the weight of the centre, mm.
 const CENTRE_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and sphere; the

@@ -83,7 +83,7 @@ fn noise_warning(result: &IdentificationResult<'_>) -> Option<String> {
     })
 }
 
-/// Location errors that are equivalent to the zero position, the sphere or reported errors.
+/// Location errors held at zero, because they are equivalent to the zero position, the sphere or reported errors.
 pub fn equivalent_errors(result: &IdentificationResult<'_>) -> Vec<String> {
     let held = result.selection.held_at_zero.iter().filter(|error| error.shape() == ErrorShape::Location);
     held.map(ToString::to_string).collect()
@@ -118,7 +118,7 @@ pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
     lines
 }
 
-/// Corrections of the continuous scans: latency and lost motion.
+/// Text on the corrections of the continuous scans: latency and lost motion.
 fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
     let ObservedScans { latency, unused_continuous_sample_count: unused_count, .. } = &result.observed;
     let latency = latency.as_ref()?;

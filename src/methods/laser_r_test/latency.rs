@@ -1,6 +1,6 @@
 //! The latency between sensor and axis positions, and the lost motion of the axes at reversals, from forward and
-//! backward passes at two feeds. The latency shifts a pass in proportion to the velocity, lost motion only by its
-//! sign. At one feed they are not separable.
+//! backward passes at two feeds. Latency shifts a pass in proportion to the velocity, lost motion by the sign of the
+//! velocity only. At one feed latency and lost motion are not separable.
 //!
 //! Only passes through the same cell are compared. The contributions of the sphere, the sensor's linearity and the
 //! tilt of its beam are the same there in both directions, and are an unknown of the cell.
@@ -22,7 +22,7 @@ use machine::Axis;
 const ASSUMED_SAMPLE_STD_U_MM: f64 = 1e-3;
 /// A smaller standard uncertainty of a sample is replaced by this one, which limits its weight, mm.
 const SAMPLE_STD_U_FLOOR_MM: f64 = 1e-6;
-/// Maximum number of iterations, each of which interpolates the positions again. After it the fit is refused.
+/// Maximum number of iterations, each with newly interpolated positions. If it is reached, the fit is refused.
 const MAX_LATENCY_ITERATIONS: usize = 30;
 /// The iteration ends when the latency changes by less than this, s, or by less than the fraction
 /// [`LATENCY_TOLERANCE_RATIO`] of its standard uncertainty.
@@ -42,8 +42,8 @@ pub struct LatencyEstimate {
     pub latency_s: f64,
     /// Linear axes that moved.
     pub moved_axes: Vec<Axis>,
-    /// Lag of X, Y and Z behind the indicated position after a forward motion less that after a backward motion,
-    /// mm. Lost motion is positive. 0 where it is unknown.
+    /// Lag of X, Y and Z behind the indicated position after a forward motion, minus the lag after a backward motion,
+    /// mm. Lost motion is positive; 0: unknown.
     pub lost_motion_mm: Vector3<f64>,
     /// Lower root of the covariance of τ (s) and of the lags of `moved_axes` (mm).
     pub covariance_root: Mat<f64>,
@@ -109,8 +109,8 @@ pub fn fit_latency(setup: &LaserSetup<'_>, scans: &[TimedScan<'_>]) -> Result<La
     }
     Err(MethodRefusal::new(
         "the latency between sensor and axis positions does not converge",
-        "check that the time stamps of both are evenly spaced (`trued watch` lists those of the sensor) and measure \
-         again, or measure with dwell points: sampling = \"dwell\"",
+        "check that the time stamps of sensor and axis positions are evenly spaced (`trued watch` lists those of the \
+         sensor) and measure again, or measure with dwell points: sampling = \"dwell\"",
     )
     .into())
 }
@@ -134,7 +134,7 @@ impl<'a> ReliableSamples<'a> {
     }
 }
 
-/// The samples at the positions that one value of the latency gives.
+/// The samples with their positions for one value of the latency.
 struct LatencyIteration {
     moved_axes: Vec<Axis>,
     /// Rows of each cell, from the samples of one scan.
@@ -142,7 +142,7 @@ struct LatencyIteration {
 }
 
 struct LatencyRow {
-    /// Reading less that of the fitted sphere, mm.
+    /// Reading minus the reading predicted from the fitted sphere, mm.
     deviation_mm: f64,
     /// Derivatives of `deviation_mm` by τ (per s) and by the lags (per mm).
     deviation_derivatives: Vec<f64>,
@@ -265,7 +265,7 @@ const LATENCY_REMEDY: &str = "measure the complete stage `latency`: both lines f
                               backward, at feed_mm_min and at a fast_feed_mm_min of at least 1.5 \
                               times feed_mm_min; or measure again with sampling = \"dwell\"";
 
-/// Refusal that names the unknowns that are not separable, without the unknowns of cells.
+/// Refusal that names the latency and lost-motion unknowns that are not separable.
 fn not_separable_error(rank: &str, names: Vec<String>) -> IdentifyError {
     let is_latency_unknown = |name: &&String| name.contains("latency") || name.contains("reversal");
     let names = names.iter().filter(is_latency_unknown).map(|name| names_without_cells(name));

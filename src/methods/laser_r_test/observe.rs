@@ -29,7 +29,7 @@ pub struct ObservedScans {
     pub excluded_sample_counts_by_reason: BTreeMap<&'static str, usize>,
     /// Number of all samples, used or not.
     pub sample_count: usize,
-    /// Scatter of the samples at each dwell point and in each cell: Σ(sample less mean)² in mm², and its degrees of
+    /// Scatter of the samples at each dwell point and in each cell: Σ(sample − mean)² in mm², and its degrees of
     /// freedom.
     pub scatter_square_sum_and_dof: (f64, usize),
     /// Latency of the continuous scans. `None` if there are no continuous scans.
@@ -249,7 +249,7 @@ fn group_into_points(step: &Step, samples: Vec<SampleMean>) -> Vec<Vec<SampleMea
     points
 }
 
-/// Mean of samples at one place; adds Σ(sample less mean)² in mm² and its degrees of freedom to the second argument.
+/// Mean of the samples of one point; adds Σ(sample − mean)², mm², and its degrees of freedom to the second argument.
 fn average_samples(all: &[SampleMean], square_sum_and_dof: &mut (f64, usize)) -> SampleMean {
     let count = all.len().max(1) as f64;
     let average = |pick: fn(&SampleMean) -> f64| all.iter().map(pick).sum::<f64>() / count;

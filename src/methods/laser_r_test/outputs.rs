@@ -59,7 +59,7 @@ pub fn build_outputs(
     IdentificationOutputs { linear_parameters: parameters, ..IdentificationOutputs::default() }
 }
 
-/// Position of the sphere by the machine with the errors in `x`, less its estimated position: machine frame, mm.
+/// Position of the sphere on the machine with the errors in `x`, minus its estimated position: machine frame, mm.
 pub fn position_residuals(problem: &MachineEquations, groups: &[PoseGroup], x: &[f64]) -> Vec<Vector3<f64>> {
     let centre_observations = problem.centre_observations.iter().zip(groups);
     centre_observations
@@ -67,7 +67,7 @@ pub fn position_residuals(problem: &MachineEquations, groups: &[PoseGroup], x: &
         .collect()
 }
 
-/// Measured less commanded position of the sphere at each pose, machine frame (paper 2, Fig. 9). The commanded
+/// Measured minus commanded position of the sphere at each pose, machine frame (paper 2, Fig. 9). The commanded
 /// position follows from the positions of sphere and zero point on a machine without errors.
 fn deviation_arrows(result: &IdentificationResult<'_>, residuals: &[Vector3<f64>]) -> ArrowFigure {
     let mut without = result.machine_fit.x.clone();

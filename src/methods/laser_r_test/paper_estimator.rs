@@ -95,7 +95,7 @@ pub fn nominal_rotation(b: f64, c: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::y_axis(), -b) * Rotation3::from_axis_angle(&Vector3::z_axis(), -c)
 }
 
-/// ∂d/∂W at one pose: ∂q̂/∂W less the contribution of the measurement at B = C = 0.
+/// ∂d/∂W at one pose: ∂q̂/∂W minus the contribution of the measurement at B = C = 0.
 pub fn location_error_derivatives(b: f64, c: f64, w: Vector3<f64>) -> [Vector3<f64>; 5] {
     let rotation = nominal_rotation(b, c);
     let (here, first) = (sphere_derivatives(b, rotation * w, w), sphere_derivatives(0.0, w, w));

@@ -1,4 +1,4 @@
-//! Selection of the machine errors that are unknown, and of those that one sphere does not separate.
+//! Selection of the machine errors to identify. Errors that one sphere does not separate are held at zero.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -13,8 +13,8 @@ use machine::{Axis, Position, frame::Point};
 /// Number of poses with incommensurate angles. Errors that are separable at any poses are separable at these.
 const TEST_POSE_COUNT: usize = 24;
 const TEST_POSE_STEPS_RAD: [f64; 3] = [2.399_963, 1.618_034, 0.754_877];
-/// Minimum fraction of a column's length that is independent of the other columns. A column with less is their
-/// combination.
+/// Minimum fraction of a column that is independent of the other columns. Below it the column counts as a combination
+/// of the other columns.
 const MIN_INDEPENDENT_SHARE: f64 = 1e-6;
 /// Components of a joint's error, in order.
 const ERROR_COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
@@ -40,9 +40,9 @@ pub fn tilts_table(chain: &KinematicChain, axis: Axis) -> bool {
     turned.rotation[(2, 2)] < 1.0 - 1e-6
 }
 
-/// Selects the machine errors: the user's `names`, or all location errors of the table's rotary axes that one
-/// sphere separates. Then adds the harmonics of the tilting axis of these `orders`, except those equivalent to
-/// errors already selected: first harmonics of B are in part the location of what B carries.
+/// Selects the machine errors: the user's `names`, or all location errors of the table's rotary axes that one sphere
+/// separates. Then adds the harmonics of the tilting axis of these `orders`, except those equivalent to errors already
+/// selected: first harmonics of B are partly equivalent to the location of the axis that B carries.
 ///
 /// # Errors
 /// A name is invalid, belongs to an axis that the machine does not have, or is given twice.

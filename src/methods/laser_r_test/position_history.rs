@@ -16,7 +16,7 @@ const MIN_GAP_TO_MEDIAN_INTERVAL_RATIO: f64 = 5.0;
 const REVERSAL_EXCLUSION_DISTANCE_MM: f64 = 0.05;
 /// Fraction of the fastest speed below which a sample is excluded: the lost motion is uncertain at standstill.
 const STANDSTILL_SPEED_RATIO: f64 = 0.05;
-/// Largest error of interpolated positions, mm. Samples at a larger one, where the velocity changes too abruptly
+/// Largest error of interpolated positions, mm. Samples with a larger error, where the velocity changes too abruptly
 /// for the stamps, are not used.
 const MAX_INTERPOLATION_ERROR_MM: f64 = 0.1e-3;
 /// Apparent motion of an axis at standstill, mm.
@@ -90,8 +90,8 @@ impl PositionHistory {
         }
     }
 
-    /// Values with the axis positions for this latency. Omitted are values at reversals, at abrupt changes of
-    /// velocity, and without a nearby stamp.
+    /// Values with the axis positions for this latency. Values at reversals, at abrupt changes of velocity, and without
+    /// a nearby stamp are omitted.
     pub fn timed_samples(&self, latency_s: f64) -> Vec<TimedSample> {
         let timed_sample = |&(stamp_s, reading_mm): &(f64, f64)| {
             let t_s = stamp_s - latency_s;
@@ -124,8 +124,8 @@ impl PositionHistory {
         self.sensor_times_and_values.len()
     }
 
-    /// Position between two stamps by cubic (Hermite) interpolation with their slopes. Linear interpolation would
-    /// be wrong by the motion under acceleration, 1 um at 500 mm/s² and 4 ms.
+    /// Position between two stamps by cubic (Hermite) interpolation with the velocities at the stamps. The error of
+    /// linear interpolation under acceleration would be 1 um at 500 mm/s² and 4 ms.
     fn position_at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let next = self.stamp_times_s.partition_point(|stamp| *stamp < t_s);
         let node =
@@ -140,7 +140,7 @@ impl PositionHistory {
         (duration_s <= self.min_gap_s).then(|| from + (to - from) * u + bent * u * (1.0 - u))
     }
 
-    /// Velocity from the stamped positions to either side, or to one side at the ends.
+    /// Velocity from the interpolated positions before and after `t_s`; at the ends from one side only.
     fn velocity_at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let (here, before, after) = (
             self.position_at(t_s)?,
@@ -171,8 +171,8 @@ fn stamp_intervals(t_s: &[f64], xyz: &[Vector3<f64>]) -> Vec<StampInterval> {
     t_s.windows(2).zip(xyz.windows(2)).map(interval).collect()
 }
 
-/// Whether the interpolation error in the interval `i` is small enough. For different accelerations at the ends it
-/// is a sixteenth of the second difference of the neighbouring velocities, times the duration.
+/// Whether the interpolation error in the interval `i` is small enough. For different accelerations at its ends the
+/// error is a sixteenth of the second difference of the neighbouring velocities, times the duration.
 fn is_interval_interpolable(intervals: &[StampInterval], i: usize) -> bool {
     let StampInterval { duration_s, velocity } = intervals[i];
     let neighbour = |k: Option<usize>| k.and_then(|k| intervals.get(k)).map_or(velocity, |interval| interval.velocity);
@@ -180,8 +180,8 @@ fn is_interval_interpolable(intervals: &[StampInterval], i: usize) -> bool {
     (before + after - velocity * 2.0).norm() * duration_s / 16.0 <= MAX_INTERPOLATION_ERROR_MM
 }
 
-/// Derivative at a stamp, from the parabola through the stamp and its neighbours. At a gap, from the one neighbour
-/// on the same side.
+/// Derivative at a stamp, from the parabola through the stamp and its neighbours. Next to a gap: mean velocity to the
+/// neighbour on the same side of the gap.
 fn stamp_velocity(intervals: &[StampInterval], stamp_index: usize, min_gap_s: f64) -> Vector3<f64> {
     let interval = |k: usize| intervals.get(k).filter(|interval| interval.duration_s <= min_gap_s);
     match (stamp_index.checked_sub(1).and_then(interval), interval(stamp_index)) {
@@ -220,7 +220,7 @@ fn last_motion_signs_of_axis(positions: &[f64]) -> Vec<Option<f64>> {
             };
         let extreme = if turned > 0.0 { least } else { most };
         let within = |k: usize, mm: f64| positions.get(k).is_none_or(|p| (p - extreme) * turned <= mm);
-        // A real standstill, not only one or two stamps near the turning point, between which the motion would
+        // Standstill must last longer than one or two stamps near the turning point, between which the motion would
         // appear uniform.
         let is_standstill = |k: usize| (k.saturating_sub(1)..=k + 1).all(|k| within(k, STANDSTILL_JITTER_MM));
         let near_reversal =
@@ -311,7 +311,7 @@ mod tests {
         assert_eq!((ways[149], ways[150], ways[152]), (None, None, None));
         // Positions before the reversal are omitted over the same distance as after it.
         assert_eq!((ways[143], ways[146]), (Some(1.0), None));
-        // 10 to 50 um from the start; to the reversal, and from there.
+        // Excluded: 10 to 50 um from the start, and the range before and after the reversal.
         assert!((15..=18).contains(&count(None)), "{ways:?}");
     }
 }

@@ -24,7 +24,7 @@ pub struct IdentificationResult<'a> {
 }
 
 impl IdentificationResult<'_> {
-    /// Form error of each pose group: largest less smallest residual, mm.
+    /// Form error of each pose group: largest minus smallest residual, mm.
     pub fn form_error_of_each_group_mm(&self) -> Vec<f64> {
         let deviations = self.grouped.centre_equations.surface_deviations_mm(&self.centre_fit.x);
         let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); self.grouped.groups.len()];

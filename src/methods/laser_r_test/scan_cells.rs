@@ -25,8 +25,8 @@ const CELL_WIDTH_FLOOR_MM: f64 = 0.01;
 /// Standard uncertainty of a sample in the fit of the sphere to one scan, mm.
 const SAMPLE_STD_U_IN_SPHERE_FIT_MM: f64 = 0.01;
 
-/// One mean for each cell of this scan in the order of time, and the scatter within cells: Σ(sample less mean)² in
-/// mm² with its degrees of freedom. The means in `scan` are not used.
+/// One mean for each cell of this scan in the order of time, and the scatter within cells: Σ(sample − mean)² in mm²
+/// with its degrees of freedom. The means in `scan` are not used.
 pub fn average_samples_by_cell(
     setup: &LaserSetup<'_>,
     scan: &MeasuredScan,
@@ -108,7 +108,7 @@ impl FittedScanSphere {
         Some(Self { machine_from_xyz, centre_mm: centre, radius_mm: setup.measuring_radius_mm(), beam_direction: beam })
     }
 
-    /// Reading less the predicted one. `None`: the beam misses the sphere.
+    /// Measured minus predicted reading. `None`: the beam misses the sphere.
     pub fn deviation_mm(&self, sample: &TimedSample) -> Option<f64> {
         Some(sample.reading_mm - self.predicted_reading_mm(sample.xyz)?)
     }

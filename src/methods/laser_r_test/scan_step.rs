@@ -24,7 +24,7 @@ pub struct ExpectedGeometry {
     pub max_position_error_mm: f64,
 }
 
-/// Whether a scan stops at its points, or its feed if it does not.
+/// Motion of a scan: with a stop at each point, or continuous at one of two feeds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScanMotion {
     /// Dwell points with a stop at each.

@@ -56,7 +56,7 @@ pub struct LaserRTestSettings {
     pub feed_mm_min: f64,
     /// Second feed of the continuous scans that determine the sensor's latency, at least 1.5 times `feed_mm_min`.
     pub fast_feed_mm_min: f64,
-    /// Samples per second of a continuous scan. Of a faster sensor some samples are skipped.
+    /// Samples per second of a continuous scan. If the sensor is faster, some of its samples are skipped.
     pub rate_hz: f64,
     /// Dwell time at a point before its first sample.
     pub dwell_s: f64,
@@ -66,7 +66,7 @@ pub struct LaserRTestSettings {
     pub radius_u_um: f64,
     /// Standard deviation of the sphere's form about its mean sphere, along any direction.
     pub form_u_um: f64,
-    /// Largest less smallest residual of one pose group, µm, above which a warning is issued.
+    /// Limit of largest minus smallest residual of one pose group, µm, above which a warning is issued.
     pub form_limit_um: f64,
     /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
@@ -99,7 +99,7 @@ impl Default for LaserRTestSettings {
     }
 }
 
-/// Minimum ratio of the second to the first feed of continuous scans. A smaller one is refused.
+/// Minimum ratio of the second to the first feed of continuous scans. A smaller ratio is refused.
 const MIN_FEED_RATIO: f64 = 1.5;
 /// Readings at the pole that differ by at most this distance count as one height, mm.
 pub const SAME_HEIGHT_TOLERANCE_MM: f64 = 0.5;

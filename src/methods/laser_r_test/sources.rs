@@ -115,9 +115,9 @@ impl DwellPointGeometry<'_> {
         UncertaintySource::new("probe lobing", ObservationEffect::Joint(patterns))
     }
 
-    /// Backlash of the linear axes. Continuous scans estimate it together with the latency. Otherwise the axes lag
-    /// at a dwell point on the side that they came from: along the `path` of all readings, those of the search and
-    /// those without a value among them.
+    /// Backlash of the linear axes. Continuous scans estimate it together with the latency. At a dwell point an axis
+    /// lags behind its last motion, which follows from the path of all readings, including those of the search and
+    /// those without a value.
     fn backlash_source(&self, observed: &ObservedScans) -> UncertaintySource {
         let half = declared_sources::half_backlash_mm(self.setup.plan);
         let path: Vec<Vector3<f64>> = observed.positions_by_time.iter().map(|(_, xyz)| *xyz).collect();
@@ -219,8 +219,8 @@ impl DwellPointGeometry<'_> {
         UncertaintySource::new("steps at interruptions", ObservationEffect::Joint(columns.collect()))
     }
 
-    /// Displacement of the sphere along the axis `k`, mm, that changes the most sensitive reading of a reference by 1
-    /// mm. It is 1 if no reference responds.
+    /// Displacement of the sphere along the linear axis `k`, mm, that changes the most sensitive reading of a reference
+    /// by 1 mm; 1 if no reference responds.
     fn displacement_per_reference_change(&self, k: usize) -> f64 {
         let steps = self.setup.plan.steps.iter();
         let references = steps.filter(|step| step.kind == StepKind::Reference);
@@ -287,7 +287,7 @@ impl DwellPointGeometry<'_> {
         let outward = rows.map(|(row, normal)| groups[row.group_index].machine_from_table.inverse() * normal);
         let outward: Vec<Vector3<f64>> = outward.collect();
         let column = |effect: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * effect(u)).collect();
-        // Variances 1 on the diagonal and 1/2 off it, less the trace: the variance along every u is 2/3.
+        // Variances 1 on the diagonal and 1/2 off the diagonal, minus the trace: the variance along every u is 2/3.
         let own = |k: usize| column(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
         let mixed = |i: usize, j: usize| column(&move |u| 3f64.sqrt() * u[i] * u[j]);
         let columns = [own(0), own(1), own(2), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
@@ -300,7 +300,7 @@ impl DwellPointGeometry<'_> {
     fn incidence_source(&self) -> UncertaintySource {
         let name = "lean of the surface";
         let sigma = self.setup.sensor.incidence_um * 1e-3;
-        // Touches surround the sphere, where the tangent is not bounded.
+        // Touches are all around the sphere: the tangent of the inclination is not bounded there.
         if sigma == 0.0 || self.setup.uses_touch_probe() {
             return common_source(name, ObservationEffect::Joint(Vec::new()));
         }

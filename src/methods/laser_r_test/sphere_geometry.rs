@@ -10,7 +10,7 @@ use super::sphere_model::{CentreObservation, MachineEquations, SphereModel};
 use crate::{IdentifyError, MethodRefusal};
 use machine::record::reading::Reading;
 
-/// Assumed standard uncertainty of the stated zero point before it is measured, and maximum allowed error, mm.
+/// Assumed standard uncertainty of the stated zero point before its measurement, and maximum error allowed, mm.
 const MAX_ZERO_POINT_ERROR_MM: f64 = 1.0;
 /// Assumed standard uncertainty of the sphere centre from one group of scans, for fits while the run goes on, mm.
 const PROVISIONAL_CENTRE_STD_U_MM: f64 = 1e-3;

@@ -46,7 +46,7 @@ impl SphereModel {
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
-    /// Zero point at the axis positions `at`, less the sphere's centre: table frame, mm.
+    /// Zero point at the axis positions `at`, minus the sphere's centre: table frame, mm.
     pub fn misclosure(&self, at: &Position, x: &[f64]) -> Vector3<f64> {
         let tip = Point::from_vec(self.zero_point(x));
         self.chain.tip_in_table(at, tip, &self.error_terms(x)).mm - self.ball_centre(x)
@@ -80,7 +80,7 @@ pub struct CentreObservation {
 pub struct MachineEquations {
     pub model: SphereModel,
     pub centre_observations: Vec<CentreObservation>,
-    /// Zero point known beforehand, and its standard uncertainty in mm. It is used before all poses are measured.
+    /// Prior value of the zero point and its standard uncertainty, mm. It is used before all poses are measured.
     pub zero_point_prior: Option<(Vector3<f64>, f64)>,
 }
 

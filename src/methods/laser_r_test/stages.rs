@@ -1,4 +1,4 @@
-//! Scans of each stage.
+//! The stages of the method and the scans of each stage.
 
 use super::parameter_selection;
 use super::scan_purpose::ScanPurpose;

@@ -1,11 +1,11 @@
-//! The two feeds, and the distance that a touch at the faster one needs.
+//! The slow and the fast feed, and the distance that a touch at the fast feed needs.
 
 use crate::MethodRefusal;
 use machine::record::machine::{Machine, Probe};
 
 use super::settings::LatchDelaySettings;
 
-/// Minimum ratio of the fast to the measuring feed. A smaller one is refused.
+/// Minimum ratio of the fast to the measuring feed. A smaller ratio is refused.
 const MIN_FEED_RATIO: f64 = 2.0;
 /// Longest latch delay for which the touches are planned, s: the fast touch keeps its feed for this time after contact.
 const MAX_LATCH_DELAY_S: f64 = 0.05;
@@ -22,8 +22,8 @@ pub struct TouchFeeds {
     pub fast_mm_min: f64,
     /// Distance over which the fast touch accelerates to its feed, mm.
     pub fast_run_up_mm: f64,
-    /// Distance that the fast touch needs before the first and beyond the last possible contact, mm, so that it
-    /// moves at its feed for longer than any delay.
+    /// Distance that the fast touch needs before the first and beyond the last possible contact, mm. Within this
+    /// distance the touch reaches its feed and keeps it for longer than any latch delay.
     pub fast_touch_margin_mm: f64,
 }
 
@@ -31,7 +31,8 @@ impl TouchFeeds {
     /// Chooses the feeds. `length_mm`: length of a touch for a given `margin_mm`.
     ///
     /// # Errors
-    /// The feeds are too close to each other, no axis reaches one of them, or the touch would be longer than the
+    /// The feeds are too close to each other, the fast feed exceeds the rapid rate of an axis, or the touch would be
+    /// longer than the
     /// overtravel.
     pub fn from_settings(
         machine: &Machine,

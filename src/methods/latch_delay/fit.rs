@@ -12,7 +12,8 @@ use crate::identification::{
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
 
-/// Number of iterations: weights from the scatter, scatter from the residuals. They converge within this number.
+/// Number of iterations: weights from the scatter, scatter from the residuals. Scatter and weights converge within this
+/// number.
 const FIT_ITERATIONS: usize = 5;
 
 /// Part of the error message for unsolvable equations.
@@ -36,7 +37,7 @@ pub struct FittedDelay {
     pub scatter_by_feed: [FeedScatter; 2],
     /// Drift, mm/s, positive towards the part.
     pub drift_mm_s: f64,
-    /// Position of each touch less its position without delay, mm.
+    /// Position of each touch minus the fitted position without delay, mm.
     pub overtravel_of_touches_mm: Vec<f64>,
 }
 

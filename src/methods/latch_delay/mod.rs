@@ -96,7 +96,8 @@ pub struct LatchDelayResult {
     pub delay_s: f64,
     /// Description of a delay that exceeds its uncertainty. `None` for a smaller delay.
     pub delay_text: Option<String>,
-    /// Description of slow touches that scatter more than explained. `None` if they do not, or no scatter is declared.
+    /// Description of slow touches that scatter more than explained. `None`: the scatter is explained, or no scatter is
+    /// declared.
     pub scatter_text: Option<String>,
     /// Standard deviation of a slow touch, mm.
     pub slow_touch_std_dev_mm: f64,

@@ -1,4 +1,4 @@
-//! From readings to positions along the touch.
+//! Computes the contact positions along the touches from the readings.
 
 use super::feeds::{TouchFeeds, acceleration_distance_mm};
 use super::touch_path::SEARCH_STEP_LABEL;
@@ -18,7 +18,7 @@ const SAME_START_TOLERANCE_MM: f64 = 1e-3;
 pub struct ObservedTouch {
     /// Distance from the start towards contact, mm.
     pub contact_distance_mm: f64,
-    /// Index of the feed: 0 is the slow one.
+    /// Index of the feed: 0 slow, 1 fast.
     pub feed_index: usize,
     /// Time of the touch on the clock of the run, s. If the readings have no times, the number of the touch in their
     /// order.
@@ -65,7 +65,7 @@ fn distance_along_touch(step: &Step, position: &Position) -> Option<f64> {
 /// Checks that the search found the part where touches at both feeds are possible.
 ///
 /// # Errors
-/// The part is so near to the start, or so far from it, that a fast touch would not have its feed.
+/// The part is too near to the start or to the end of the touch: a fast touch would not be at its feed at contact.
 pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]) -> Result<(), MethodRefusal> {
     let search = plan.steps.iter().find(|step| step.label == SEARCH_STEP_LABEL);
     let contact = search.and_then(|step| {

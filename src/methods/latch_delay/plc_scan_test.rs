@@ -9,14 +9,15 @@ pub const SIGNIFICANCE_LEVEL: f64 = 0.01;
 /// Fourth moment of a rectangular distribution divided by its squared variance.
 const RECTANGULAR_KURTOSIS: f64 = 1.8;
 
-/// Location of the latch, as far as the touches determine it.
+/// Where contacts are latched (control or PLC), as far as the touches determine this.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LatchDiagnosis {
-    /// The control latches. No scan is detected; a scan longer than `max_undetected_s` would have been.
+    /// The control latches. No PLC scan is detected. A scan longer than `max_undetected_s` would have been detected.
     NoPlcScan { max_undetected_s: f64 },
     /// A scan of a PLC of this duration latches the contact.
     PlcScan(PlcScanTime),
-    /// Fast touches scatter more than slow ones, but their delay is too short for a scan of that duration.
+    /// Fast touches scatter more than slow touches, but the delay is too short for the PLC scan that would explain the
+    /// scatter.
     ExcessScatter(PlcScanTime),
 }
 
@@ -42,8 +43,8 @@ impl PlcScanTime {
 /// Result of the F test for a scan.
 pub struct PlcScanTest {
     pub latch_diagnosis: LatchDiagnosis,
-    /// Variance at the fast feed divided by that at the slow one, and the limit that it does not exceed with
-    /// probability 1 − [`SIGNIFICANCE_LEVEL`] without a scan.
+    /// Variance at the fast feed divided by the variance at the slow feed, and the limit of this ratio. Without a PLC
+    /// scan, the ratio exceeds the limit with probability [`SIGNIFICANCE_LEVEL`].
     pub fast_to_slow_variance_ratio: f64,
     pub variance_ratio_limit: f64,
 }
@@ -93,8 +94,8 @@ fn plc_scan_time(speeds: [f64; 2], slow: FeedScatter, fast: FeedScatter) -> PlcS
     PlcScanTime { duration_s: t_s, u_s, dof: 2.0 * more * more / variance }
 }
 
-/// Longest scan that is compatible with the scatter and with the mean delay, which is at least half of its
-/// duration.
+/// Longest scan duration that is compatible with the scatter and with the mean delay. The mean delay is at least half
+/// of the scan duration.
 fn max_undetected_plc_scan_s(speeds: [f64; 2], fitted: &FittedDelay, variance_ratio: f64) -> f64 {
     let [slow, fast] = fitted.scatter_by_feed;
     let widest_ratio = variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, slow.dof, fast.dof).unwrap_or(f64::INFINITY);

@@ -6,8 +6,8 @@ use super::observe::ObservedTouches;
 use super::plc_scan_test::{LatchDiagnosis, PlcScanTest, PlcScanTime, SIGNIFICANCE_LEVEL};
 use estimation::coverage::chi_square_bounds;
 
-/// Probability that the observed scatter lies within its bounds if the declared one is true. Outside of them the
-/// declared scatter is contradicted.
+/// Probability that the observed scatter lies within its bounds if the declared scatter is true. Scatter outside the
+/// bounds contradicts the declared scatter.
 const SCATTER_BOUNDS_PROBABILITY: f64 = 0.998;
 
 /// Largest standard deviation of the slow touches that the declared scatter and a PLC scan explain, mm. `None`: no
@@ -70,8 +70,8 @@ pub fn describe_delay(EvaluatedRun { observed, fitted, .. }: &EvaluatedRun) -> O
         ))
     } else if delay_ms < -expanded_ms {
         Some(format!(
-            "a contact is latched {:.2} ms early (U = {expanded_ms:.2} ms): the control subtracts \
-             too much for a delay of the probe, or does not move at the commanded feed",
+            "a contact is latched {:.2} ms early (U = {expanded_ms:.2} ms): the control corrects \
+             for too long a probe delay, or the axes do not move at the commanded feed",
             -delay_ms
         ))
     } else {
@@ -79,7 +79,7 @@ pub fn describe_delay(EvaluatedRun { observed, fitted, .. }: &EvaluatedRun) -> O
     }
 }
 
-/// Text on slow touches that scatter more than explained. `None` if they do not, or no scatter is declared.
+/// Text on slow touches that scatter more than explained. `None`: the scatter is explained, or no scatter is declared.
 pub fn describe_scatter(run: &EvaluatedRun) -> Option<String> {
     let (declared_mm, scatter_mm) = (run.declared_scatter_mm?, run.fitted.scatter_by_feed[0].std_dev_mm);
     if scatter_mm <= max_explained_slow_touch_std_dev_mm(run)? {

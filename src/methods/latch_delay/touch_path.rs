@@ -1,4 +1,4 @@
-//! Touches of the plan: one position, always in the same direction.
+//! Touches of the plan. All touches are at one position of the part and in one direction.
 //!
 //! All touches are as long as a search for the part. They take a few seconds longer than touches near the found
 //! position, but each is proven against the part at every possible position: one contact determines the position of

@@ -9,7 +9,8 @@ use super::settings::MultiprobeSettings;
 use crate::IdentifyError;
 use crate::identification::parameter_without_budget;
 
-/// A deviation of a sensor is reported if its standard uncertainty is below this fraction of the declared one.
+/// A gain or angle deviation of a sensor is reported if its standard uncertainty is below this fraction of the declared
+/// standard uncertainty.
 const MAX_REPORTED_TO_DECLARED_U_RATIO: f64 = 0.9;
 
 /// Determines gains and angles of the sensors.

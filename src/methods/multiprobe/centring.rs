@@ -73,8 +73,8 @@ impl CentringResult {
     }
 }
 
-/// Centre of a section relative to the axis with the table at the angle `table_angle`, rad: the first harmonic of its
-/// sensors over the table's angle, which has the phase of γ − σq.
+/// Centre of a section relative to the axis with the table at the angle `table_angle`, rad: the mean over the section's
+/// sensors of the first harmonic of the deviation over the table angle. A sensor at γ has the phase γ − σq.
 fn section_offset_mm(
     setup: &MultiprobeSetup<'_>,
     section: usize,

@@ -36,7 +36,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 ///
 /// # Errors
 /// The readings do not belong to the plan or do not separate motion and artefact; channels are swapped or have a
-/// separate clock; all indexes from one on are wrong.
+/// separate clock; the index angles of one mounting and all later ones are wrong.
 pub fn build_estimate(
     plan: &Plan,
     settings: &MultiprobeSettings,
@@ -113,7 +113,7 @@ fn harmonic_data(settings: &MultiprobeSettings, rows: &[ChannelRevolutions]) -> 
     HarmonicData::from_revolutions(&rows.iter().map(without_drift).collect::<Vec<_>>(), settings.harmonics)
 }
 
-/// Separates motion and artefact. `sizes`: without the linearity of the sensors, which depends on the rows.
+/// Separates motion and artefact. `sizes.linearity_effects` is ignored and computed from `rows`.
 fn separate_motions(
     setup: &MultiprobeSetup<'_>,
     rows: &[ChannelRevolutions],
@@ -127,8 +127,8 @@ fn separate_motions(
     Ok((data, separated))
 }
 
-/// Noise gains of the sensors of the first section, for each separation: standard uncertainty of a coefficient of
-/// EXC if those of one sensor have 1 µm. Undetermined orders are omitted.
+/// Noise gains of the sensors of the first section, for each separation method: standard uncertainty of a coefficient
+/// of EXC if the coefficients of one sensor have a standard uncertainty of 1 µm. Undetermined orders are omitted.
 fn noise_gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
     let layout = setup.layout.reduced_to_first_section();
     let separations = [
@@ -145,7 +145,7 @@ fn noise_gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
     separations.into_iter().filter_map(function).collect()
 }
 
-/// Mean of each revolution of each sensor, less that of its mounting, in the order of time.
+/// Mean of each revolution of each sensor, minus the mean of the sensor over that mounting, in the order of time.
 fn sensor_stability_functions(setup: &MultiprobeSetup<'_>, rows: &[ChannelRevolutions]) -> Vec<EstimatedFunction> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
     let of_row = |row: &ChannelRevolutions| {
@@ -179,7 +179,7 @@ fn estimate_warnings(
     lines
 }
 
-/// Checks the mountings by the form of the artefact and removes the rows of a single wrong one. Returns a warning.
+/// Checks the mountings by the form of the artefact and removes the rows of a single wrong mounting. Returns a warning.
 fn check_and_remove_wrong_mounting(
     setup: &MultiprobeSetup<'_>,
     sizes: &SourceSizes<'_>,

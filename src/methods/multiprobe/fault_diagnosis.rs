@@ -14,10 +14,10 @@ use crate::IdentifyError;
 const MAX_CORRECTED_CHI2_RATIO: f64 = 0.1;
 /// Probability that χ² of a correct layout is below the bound.
 const CHI2_PROBABILITY: f64 = 0.998;
-/// The indexes count as verifiable if a wrong one would increase χ² by more than this.
+/// The index angles count as verifiable if a wrong index angle would increase χ² by more than this value.
 const VERIFIABLE_INDEX_CHI2_INCREASE: f64 = 25.0;
-/// The index offset is searched in steps of a quarter of the period of the highest harmonic, then near the best of
-/// them in steps of this size.
+/// Step of the second search for the index offset, near the best offset of the first search. The first search uses
+/// steps of a quarter of the period of the highest harmonic.
 const FINE_INDEX_OFFSET_STEP_DEG: f64 = 0.1;
 
 /// Fault of the layout or of a channel that explains the data.
@@ -64,8 +64,9 @@ fn is_chi2_plausible(chi2: f64, dof: usize, expected_chi2_ratio: f64, data: &Har
 }
 
 /// Checks channels and mounting angles against the form of the artefact. Searches for one change of the layout that
-/// explains the residuals: two exchanged channels, one index, or all indexes from one on, wrong by the same angle.
-/// Without redundancy (one index, three sensors per section) nothing is found. `expected_chi2_ratio`: χ² divided by its
+/// explains the residuals: two exchanged channels, one wrong index, or the same index error at one mounting and all
+/// later ones. Without redundancy (one index, three sensors per section) nothing is found. `expected_chi2_ratio`: χ²
+/// divided by its
 /// degrees of freedom if all sources are as declared.
 ///
 /// # Errors
@@ -105,8 +106,7 @@ pub fn check_layout(
     })
 }
 
-/// Layouts that would explain a fault: each with two channels exchanged, and one with all mountings in the opposite
-/// direction.
+/// Layouts with one fault each: every pair of channels exchanged, and all mountings turned in the opposite direction.
 fn candidate_faulty_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, LayoutFault)> {
     let channels = layout.channels.len();
     let pairs = (1..channels).flat_map(|second| (0..second).map(move |first| (first, second)));
@@ -128,8 +128,8 @@ fn chi2_increase_of_index_shift(layout: &ProbeLayout, data: &HarmonicData, fit: 
     fit.difference_chi2(&shifted, data, &fit.predicted_observations(layout, &data.row_keys))
 }
 
-/// Smallest χ² of all rows, and the offset of the moved rows, rad, at which it is reached with the motions and the form
-/// from the other rows. `None`: there are fewer than two other indexes.
+/// Smallest χ² of all rows, and the index offset of the moved rows at which χ² is smallest, rad. Motions and form are
+/// fitted to the other rows. `None`: there are fewer than two other indexes.
 fn least_chi2_and_index_offset_rad(
     layout: &ProbeLayout,
     data: &HarmonicData,

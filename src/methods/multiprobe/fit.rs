@@ -8,8 +8,8 @@ use super::model::ProbeLayout;
 use crate::IdentifyError;
 use crate::identification::{BlockEquations, BlockFit, BlockwiseFit, multiply_vector};
 
-/// Fit of all harmonics from 1 on; each harmonic is one block. The observations of a channel form a group: the parts
-/// over the indexes that a motion or a form can absorb.
+/// Fit of all harmonics from 1 on; each harmonic is one block. The observations of a channel form a group. Each group
+/// is reduced to the components that a motion or a form can explain.
 pub struct SeparationFit(BlockwiseFit);
 
 impl Deref for SeparationFit {
@@ -50,7 +50,8 @@ impl SeparationFit {
     }
 
     /// Σ(difference/σ)² between the observations that the solution predicts with another layout and
-    /// `other_observations`, without the first harmonic. These are measured, or predicted for another layout.
+    /// `other_observations`, without the first harmonic. `other_observations` are measured, or predicted for another
+    /// layout.
     pub fn difference_chi2(&self, layout: &ProbeLayout, data: &HarmonicData, other_observations: &[f64]) -> f64 {
         let sigma = (1..=data.max_order()).flat_map(|order| data.observation_std_u_mm(order));
         let predicted = self.predicted_observations(layout, &data.row_keys);

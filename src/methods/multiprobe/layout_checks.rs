@@ -17,7 +17,7 @@ const MIN_HOUSING_ANGLE_DEG: f64 = 30.0;
 /// Refuses surfaces that the observation equation does not describe.
 ///
 /// # Errors
-/// A section has no height; a face has no two sections, or its sensors have different radii.
+/// A section has no height; the layout has a face but not two sections; the sensors of the face have different radii.
 pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
     let sections = layout.section_z_mm.len();
     let is_placed = |c: &SensorChannel| !matches!(c.surface, MeasuredSurface::Section(i) if i >= sections);
@@ -144,7 +144,7 @@ pub fn describe_weak_points(
     Ok([lost, weakest, third].into_iter().flatten().collect())
 }
 
-/// Noise gain of three sensors of one section in one mounting, and the best angle of the third.
+/// Text with the noise gain of three sensors of one section in one mounting, and the best angle of the third sensor.
 fn describe_third_sensor(
     section: &ProbeLayout,
     obstructed_ranges: &[AngleRange],

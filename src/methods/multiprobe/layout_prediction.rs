@@ -13,8 +13,8 @@ use crate::MethodRefusal;
 
 /// Harmonics by which layouts are ranked.
 pub const LAYOUT_RANKING_HARMONICS: RangeInclusive<usize> = 2..=20;
-/// Minimum angle between two sensors, and between a sensor and the opposite side of another. Below it they do not
-/// separate X from Y.
+/// Minimum angle between two sensors, and between a sensor and the opposite side of another. Sensors at a smaller angle
+/// do not separate X from Y.
 pub const MIN_ANGLE_BETWEEN_SENSORS_DEG: f64 = 5.0;
 /// Step of the search for the angle of a third sensor.
 const THIRD_ANGLE_SEARCH_STEP_DEG: usize = 10;
@@ -74,7 +74,7 @@ pub fn unit_noise_fit(
 }
 
 /// Angles of the third sensor in steps of [`THIRD_ANGLE_SEARCH_STEP_DEG`] outside the `obstructed_ranges`, with the
-/// noise gain of the multiprobe separation, in ascending order of it. Angles that do not determine all
+/// noise gain of the multiprobe separation, in ascending order of the noise gain. Angles that do not determine all
 /// [`LAYOUT_RANKING_HARMONICS`] are omitted.
 pub fn third_sensor_angles_and_gains(pair_deg: [f64; 2], obstructed_ranges: &[AngleRange]) -> Vec<(f64, f64)> {
     let is_free = |deg: &f64| {

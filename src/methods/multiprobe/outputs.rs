@@ -65,7 +65,8 @@ impl<'a> ReportedMotions<'a> {
         own.is_some_and(|(_, parts)| matches!(parts.get(order - 1), Some(Some(_))))
     }
 
-    /// The identifiable harmonics of one component. The first harmonic of a form is omitted, as it is eccentricity.
+    /// The identifiable harmonics of one component. The first harmonic of a form is omitted, because it is the
+    /// eccentricity of the artefact.
     fn harmonic_function(
         &self,
         (component, parts): &(MotionOrForm, Vec<Option<HarmonicDerivatives>>),

@@ -51,7 +51,7 @@ pub struct MultiprobeSettings {
     /// sensor positions. All readings are evaluated.
     #[serde(rename = "excluded_deg")]
     pub obstructed_ranges_deg: Vec<[f64; 2]>,
-    /// Standard uncertainties of the values declared in the machine file. That of a sensor's gain is relative.
+    /// Standard uncertainties of the values declared in the machine file. `u_gain` is relative.
     pub u_gain: f64,
     pub u_sensor_angle_deg: f64,
     pub u_section_distance_mm: f64,

@@ -70,7 +70,7 @@ impl<'a> MultiprobeSetup<'a> {
         })
     }
 
-    /// Checks before motion what the sensors and indexes do not separate.
+    /// Checks before motion that the sensors and indexes separate the motions from the form of the artefact.
     ///
     /// # Errors
     /// The first undetermined quantity, with a better layout.

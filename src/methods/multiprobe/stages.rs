@@ -113,8 +113,8 @@ fn mounting_steps(
         }
     };
     let turns = |label, angles| turn_scan(setup, label, StepKind::Scan, angles, sampling);
-    // After an interruption the reference of the same mounting is repeated. It has two stops, so that the scan is a
-    // turn.
+    // After an interruption the reference of the same mounting is repeated. The reference has two stops, so that the
+    // scan is a turn.
     let reference = vec![start, start + 90.0];
     let reference = turn_scan(
         setup,

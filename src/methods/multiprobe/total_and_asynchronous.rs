@@ -9,8 +9,9 @@ use super::model::{MotionOrForm, ProbeLayout};
 use super::outputs::ReportedMotions;
 use crate::identification::{ErrorMotionValues, HarmonicFunction, total_and_asynchronous_parameters};
 
-/// Total and asynchronous value of each error motion over the indexes, from turns in one direction: between two
-/// directions the reversal would count. An index with one revolution has no value. A motion that the channels of an
+/// Total and asynchronous value of each error motion over the indexes, from turns in one direction: turns in both
+/// directions would include the reversal error. An index with one revolution has no value. A motion that the channels
+/// of an
 /// index do not determine has no value from that index.
 pub fn total_and_asynchronous_values(
     layout: &ProbeLayout,
@@ -32,7 +33,8 @@ pub fn total_and_asynchronous_values(
     motions.error_motions().flat_map(parameters).collect()
 }
 
-/// The motion in each revolution of one index, except for the form of the artefact, which is the same in all.
+/// The motion in each revolution of one index. It includes the form of the artefact, which is the same in all
+/// revolutions.
 /// `None`: the channels do not determine the motion.
 fn motion_in_each_revolution(
     layout: &ProbeLayout,

@@ -1,5 +1,5 @@
-//! Error of the tip over two axes at a time, with the others fixed: before a correction, and the uncertainty
-//! that remains after it.
+//! Error of the tip over two axes at a time, with the other axes fixed, and its uncertainty, which remains after a
+//! correction of the error.
 
 use super::ErrorPredictor;
 use crate::MethodRefusal;
@@ -8,7 +8,7 @@ use machine::{Axis, Position};
 /// Number of positions of an axis over its range.
 const POSITIONS_PER_AXIS: usize = 7;
 
-/// Predicted error of the tip on a grid of two axes; the others are fixed.
+/// Predicted error of the tip on a grid of two axes; the other axes are fixed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorSlice {
     /// The two axes of the slice, each with its positions, mm or degrees.

@@ -37,8 +37,8 @@ pub struct PoseError {
     /// True minus nominal position of the tip, minus the same at the work zero, mm.
     pub tip_error_mm: Vector3<f64>,
     pub u_tip_error_mm: Vector3<f64>,
-    /// True minus nominal direction of the tool, from its tip to the spindle, rad. The work zero has no
-    /// effect on it.
+    /// True minus nominal direction of the tool, from its tip to the spindle, rad. The work zero has no effect on the
+    /// direction.
     pub direction_error_rad: Vector3<f64>,
     pub u_direction_error_rad: Vector3<f64>,
 }
@@ -67,7 +67,8 @@ pub enum WorkZero {
 pub struct ErrorPredictor<'a> {
     chain: KinematicChain,
     known_errors: KnownErrors<'a>,
-    /// Directions in which the estimate does not give the position of the spindle: it counts as without error.
+    /// Directions in which the estimate does not give the position of the spindle. The spindle is assumed to have no
+    /// error in these directions.
     undetermined_spindle: Vec<UndeterminedPosition>,
     /// Errors that the control takes into account.
     compensated_errors: Vec<ErrorTerm>,
@@ -76,7 +77,7 @@ pub struct ErrorPredictor<'a> {
     measured_ranges: &'a BTreeMap<Axis, [f64; 2]>,
     /// Pose of the work zero. `None`: a work zero for each position of the rotary axes.
     work_zero: Option<Position>,
-    /// Displacement of the tip at the work zero. `None`: as for `work_zero`.
+    /// Displacement of the tip at the work zero. `None`: each position of the rotary axes has its own work zero.
     work_zero_displacement: Option<DisplacementWithDerivatives>,
 }
 
@@ -161,7 +162,7 @@ impl<'a> ErrorPredictor<'a> {
         let undetermined = self.undetermined_spindle.chunk_by(|one, other| one.reason == other.reason).map(|group| {
             let components: Vec<String> = group.iter().map(|position| position.component.to_string()).collect();
             let (reason, remedy) = group.first().map_or(("", ""), |first| (&first.reason, &first.remedy));
-            format!("; the spindle counts as without error in {}, because {reason}: {remedy}", components.join(", "))
+            format!("; the spindle is assumed error-free in {}, because {reason}: {remedy}", components.join(", "))
         });
         format!(
             "by {} of the estimate of {}; all other errors of the machine count as 0, without uncertainty{}",
@@ -179,7 +180,7 @@ impl<'a> ErrorPredictor<'a> {
     /// Displacement of the tip at the work zero that applies to the pose `at`.
     fn displacement_at_work_zero(&self, at: &Position) -> DisplacementWithDerivatives {
         self.work_zero_displacement.clone().unwrap_or_else(|| {
-            // X, Y, Z that are linearly independent with all axes at 0 are so everywhere.
+            // If X, Y, Z are linearly independent with all axes at 0, they are linearly independent at every position.
             let zero = linear_axes_at_table_origin(&self.chain, self.tip, at).unwrap_or_default();
             self.point_displacement(&at.updated_by(&zero), self.tip)
         })

@@ -43,8 +43,8 @@ pub struct VolumeError {
 pub const VOLUMETRIC_ERROR_SYMBOL: &str = "E_vol";
 
 impl ErrorPredictor<'_> {
-    /// The largest position error of the tool relative to the work zero as a result, µm: the derived quantity of an
-    /// estimate to which a limit may apply.
+    /// Largest position error of the tool relative to the work zero, as a parameter of the estimate. A tolerance limit
+    /// may apply to this parameter.
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
@@ -174,7 +174,7 @@ fn describe_pose(at: &Position) -> String {
     axes.collect::<Vec<_>>().join(" ")
 }
 
-/// The value below which the share [`COVERAGE_PROBABILITY`] of the values lies.
+/// Quantile of the values at [`COVERAGE_PROBABILITY`].
 fn quantile_at_coverage_probability(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);

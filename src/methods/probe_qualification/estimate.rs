@@ -141,8 +141,8 @@ fn describe_not_identifiable(setup: &QualificationSetup<'_>, fitted: &Qualificat
     lines
 }
 
-/// Probability that the scatter of correct touches is within its two-sided bounds. A warning needs the upper bound
-/// to be exceeded.
+/// Probability that the scatter of correct touches is within its two-sided bounds. Only scatter above the upper bound
+/// causes a warning.
 const SCATTER_BOUNDS_PROBABILITY: f64 = 0.998;
 
 fn estimate_warnings(setup: &QualificationSetup<'_>, fitted: &QualificationFit) -> Vec<String> {

@@ -1,4 +1,4 @@
-//! From readings to distances of the stylus centre from the centre of the ball.
+//! Computes the distances of the stylus centre from the ball centre from the readings.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -120,7 +120,7 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
     })
 }
 
-/// All valid readings except those of the search.
+/// All valid readings except the readings of the search touches, each with its step.
 fn match_readings<'a>(
     setup: &QualificationSetup<'a>,
     readings: &'a [Reading],

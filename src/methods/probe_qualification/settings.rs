@@ -7,7 +7,7 @@ use crate::MethodRefusal;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProbeQualificationSettings {
-    /// Id of the ball to be touched. Empty: the first one that is accessible all around.
+    /// Id of the ball to be touched. Empty: the first ball that is accessible all around.
     pub ball: String,
     /// Number of directions around the ball, at equal angles.
     pub azimuths: u32,
@@ -15,7 +15,7 @@ pub struct ProbeQualificationSettings {
     pub repeats: u32,
     /// Highest harmonic order of the map, unless `[probe] lobing_orders` has a higher one.
     pub orders: u32,
-    /// Roundness of the ball by its certificate: largest less smallest radius of a section (RONt, ISO 12181-1).
+    /// Roundness of the ball by its certificate: largest minus smallest radius of a section (RONt, ISO 12181-1).
     /// Absent: not certified.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub form_um: Option<f64>,
@@ -53,7 +53,8 @@ const MAX_HARMONIC_ORDER: u32 = 100;
 /// Distance before and beyond the expected contact that a touch needs in addition to the stylus offset, mm. A smaller
 /// sum is refused.
 const MIN_TOUCH_TRAVEL_MM: f64 = 0.1;
-/// Number of standard uncertainties of the stylus offset in that distance. A half turn of the spindle displaces the
+/// Number of standard uncertainties of the stylus offset that are added to the minimum travel of a touch. A half turn
+/// of the spindle displaces the
 /// stylus by twice its offset.
 const STYLUS_OFFSET_SIGMAS: f64 = 6.0;
 

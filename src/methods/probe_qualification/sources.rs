@@ -94,8 +94,8 @@ fn resolution_columns(
     columns
 }
 
-/// For a section with largest less smallest radius f, any order may have the amplitude f/2 at any phase: its cosine
-/// and sine parts have the standard deviation f/√8 each.
+/// If the largest and smallest radius of a section differ by f, any order may have the amplitude f/2 at any phase. The
+/// cosine and sine parts of the order then have the standard deviation f/√8 each.
 fn form_columns(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
     let size_mm = setup.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
     let orders = layout.map_orders.iter().filter(|order| **order > 1);

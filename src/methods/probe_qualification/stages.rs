@@ -11,7 +11,7 @@ use planning::{BallAccessError, BallMeasurementRequest, BallTouchMode, TouchAcce
 
 /// Number of search touches per ball.
 const SEARCH_TOUCHES_PER_BALL: usize = 5;
-/// Elevations of the circle, degrees. The lowest one at which all directions are accessible is used.
+/// Candidate elevations of the circle, degrees. The lowest elevation at which all directions are accessible is used.
 const CANDIDATE_CIRCLE_ELEVATIONS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
 /// Elevation of the second circle above the first one. The touches on the second circle check that the pre-travel map
 /// of the probe decreases towards the pole.
@@ -92,7 +92,7 @@ impl<'a> OrientationPlan<'a> {
         })
     }
 
-    /// Repeats of the slow touches. At the first orientation they alternate with repeats of the fast ones.
+    /// Steps of all repeats of the slow touches. At the first orientation, repeats of slow and fast touches alternate.
     fn measuring_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
         let (ball, level) = self.accessible_ball_and_elevation()?;
         let mut steps = Vec::new();
@@ -135,8 +135,8 @@ impl<'a> OrientationPlan<'a> {
         (0..count).map(|k| [f64::from(k) * pitch, elevation_deg]).collect()
     }
 
-    /// Steps of one repeat at the measuring feed: a circle, half as many touches above it at the first orientation, and
-    /// the pole.
+    /// Steps of one repeat at the measuring feed: a circle, a second circle above it with half as many touches (first
+    /// orientation only), and the pole.
     fn slow_repeat_steps(&self, ball: &Ball, elevation_deg: f64, repeat: u32) -> Result<Vec<Step>, MethodRefusal> {
         let mut directions = self.circle_azimuths_and_elevations(elevation_deg);
         let count = directions.len();

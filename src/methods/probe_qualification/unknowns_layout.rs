@@ -15,7 +15,7 @@ use crate::identification::azimuth_dependence::azimuth_factor;
 /// Selection and order of the unknowns.
 #[derive(Debug, Clone)]
 pub struct UnknownsLayout {
-    /// Number of parts of the run between interruptions. Each has its own centre of the ball.
+    /// Number of parts of the run between interruptions. The centre of the ball is a separate unknown in each part.
     segment_count: usize,
     /// Orders of the probe map.
     pub map_orders: Vec<u32>,
@@ -40,7 +40,7 @@ impl UnknownsLayout {
         Self {
             segment_count: observed.touches.iter().map(|touch| touch.segment_index + 1).max().unwrap_or(1),
             map_orders: (first..=highest_order).collect(),
-            // The first order that does not turn with the spindle is the centre of the ball.
+            // Order 1 of the part that does not turn with the spindle is the centre of the ball.
             ball_form_orders: separable_orders.into_iter().filter(|k| *k > 1).collect(),
             fast_orders: (1..=highest_order).filter(|_| has_fast).collect(),
         }
@@ -69,7 +69,8 @@ impl UnknownsLayout {
         self.map_cosine_index(self.map_orders.len())
     }
 
-    /// Index of the latch delay. Without fast touches there is none.
+    /// Index of the latch delay. Without fast touches there is no latch delay unknown, and this is the number of
+    /// unknowns.
     pub fn latch_delay_index(&self) -> usize {
         self.first_ball_form_index() + 2 * self.ball_form_orders.len()
     }

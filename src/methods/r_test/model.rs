@@ -169,7 +169,7 @@ impl<'a> SensorEquations<'a> {
         slopes
     }
 
-    /// Displayed position of the sphere less the unknown one: X, Y.
+    /// Displayed minus fitted position of the sphere in X and Y.
     fn sphere_residuals(&self, x: &[f64]) -> [f64; 2] {
         let first = self.unknowns.sphere_position_index();
         [0, 1].map(|k| self.nest.sphere_offset_from_axis_mm[k] - x[first + k])
@@ -196,7 +196,7 @@ impl<'a> SensorEquations<'a> {
     }
 
     /// # Errors
-    /// The gradient of a sensor differs from its declared direction: it has another direction or gain.
+    /// A sensor has another direction or gain than declared.
     pub fn check_sensor_directions_and_gains(&self, x: &[f64]) -> Result<(), MethodRefusal> {
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
             let gradient = self.sensor_gradient(x, number);

@@ -69,15 +69,16 @@ pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<Obse
     Ok(observed)
 }
 
-/// Readings for which this point of the path is the nearest. All visits of a point count for the first one.
+/// Readings for which this point of the path is the nearest. If the path visits a point several times, the readings of
+/// all visits are assigned to the first one.
 fn readings_nearest_to_point<'r>(readings: &[&'r Reading], scan: &Scan, point: usize) -> Vec<&'r Reading> {
     let is_nearest = |reading: &&&Reading| scan.nearest_point_index(&reading.position) == Some(point);
     readings.iter().filter(is_nearest).copied().collect()
 }
 
 impl ObservedMeans {
-    /// Numbers the interruptions. Only those with means on either side count: an interrupted scan is measured again
-    /// as a whole.
+    /// Numbers the interruptions that have means before and after them. Other interruptions have no effect, because an
+    /// interrupted scan is measured again as a whole.
     fn number_interruptions(&mut self) {
         let counts: BTreeSet<usize> = self.means.iter().map(|mean| mean.earlier_interruption_count).collect();
         for mean in &mut self.means {

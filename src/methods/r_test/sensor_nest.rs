@@ -13,7 +13,7 @@ use machine::{Axis, Position};
 /// Largest distance between the centre of the nest and the axis, mm: the sphere does not follow a nest that moves
 /// around the axis.
 const MAX_NEST_AXIS_DISTANCE_MM: f64 = 0.5;
-/// Minimum determinant of the three sensor directions. It is 1 for orthogonal ones.
+/// Minimum determinant of the three sensor directions. The determinant is 1 for orthogonal directions.
 const MIN_DIRECTION_DETERMINANT: f64 = 0.1;
 /// Largest distance between the line of a sensor and the common point, mm.
 const MAX_SENSOR_LINE_DISTANCE_MM: f64 = 0.5;

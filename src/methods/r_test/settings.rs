@@ -43,7 +43,7 @@ impl Default for RTestSettings {
     }
 }
 
-/// Minimum number of stops. Fewer do not separate the axis position from an error motion of low order.
+/// Minimum number of stops. With fewer stops, the axis position and an error motion of low order are inseparable.
 const MIN_STOPS_PER_REVOLUTION: usize = 4;
 const MAX_STOPS_PER_REVOLUTION: usize = 720;
 /// Maximum feed of the turns. With an axis 5 mm from its stated position the sphere moves at 2 mm/s relative to the

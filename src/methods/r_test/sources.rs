@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample if none is declared, mm. The residuals rescale it.
 const DEFAULT_SAMPLE_NOISE_STD_MM: f64 = 1e-4;
-/// A smaller standard uncertainty of an observation is replaced by this one, which limits its weight, mm.
+/// Lower bound of the standard uncertainty of an observation, mm. It limits the weight of the observation.
 const OBSERVATION_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// All sources at the solution `x`.
@@ -56,7 +56,7 @@ struct SourceBuilder<'a> {
 }
 
 impl SourceBuilder<'_> {
-    /// A source whose size the residuals do not change, and that does not enter the weights.
+    /// A source with the declared size, independent of the residuals, that does not enter the weights.
     fn unweighted_joint_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
         UncertaintySource {
             residual_treatment: ResidualTreatment::InExpectedChi2,
@@ -133,7 +133,8 @@ impl SourceBuilder<'_> {
         self.unweighted_joint_source("linearity of the sensor", columns)
     }
 
-    /// Form of the sphere. The sensors turn around the sphere, so its first harmonic is its position.
+    /// Form of the sphere. The sensors turn around the sphere, so the first harmonic of the form is a displacement of
+    /// the sphere.
     fn sphere_form_source(&self) -> UncertaintySource {
         let form_sd_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
         let normals = self.equation.means.iter().map(|mean| {
@@ -152,7 +153,7 @@ impl SourceBuilder<'_> {
         vec![self.observation_column(|_| 0.0, [u, 0.0]), self.observation_column(|_| 0.0, [0.0, u])]
     }
 
-    /// Backlash. During the calibration it follows the path; at the stops it remains as at the end of the
+    /// Backlash. During the calibration the backlash follows the path. At the stops it is the same as at the end of the
     /// calibration.
     fn backlash_columns(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;

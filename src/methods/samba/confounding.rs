@@ -1,5 +1,5 @@
-//! Errors that measurements in all directions can separate, independent of the design: columns of the
-//! equations on poses without symmetry and without limits.
+//! Determines which errors measurements in all directions can separate, independent of the design. The equations are
+//! evaluated at poses without symmetry. Axis limits are ignored.
 
 use std::f64::consts::TAU;
 
@@ -24,12 +24,12 @@ const SEPARABILITY_BALL_CENTRES_MM: [[f64; 3]; 5] =
 const POSE_ANGLE_PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
 /// Stylus on the axis of the spindle, mm. Only there is a tilt of the spindle equivalent to an offset.
 const SEPARABILITY_STYLUS_MM: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
-/// Minimum share of its length that an independent column keeps after projection out of the others; below it
-/// the column is a linear combination of them.
+/// Minimum share of its length that a column keeps after the other columns are projected out. Below this share, the
+/// column is a linear combination of the others.
 const MIN_INDEPENDENT_SHARE: f64 = 1e-6;
 /// Minimum coefficient of a named member of a linear combination, mm/mm.
 const MIN_NAMED_COEFFICIENT: f64 = 1e-2;
-/// Tolerance within which a coefficient counts as one. A deviation within it comes from the slant of a bar.
+/// Tolerance within which a coefficient counts as one. Smaller deviations come from the slant of a bar.
 const UNIT_COEFFICIENT_TOLERANCE: f64 = 0.05;
 
 /// Distance of two balls with a certified length from their midpoint, mm.
@@ -37,8 +37,9 @@ const SEPARABILITY_HALF_LENGTH_MM: f64 = 150.0;
 /// Weight of a certified length relative to a measured coordinate, large enough to keep the length nearly
 /// fixed.
 const CERTIFIED_LENGTH_WEIGHT: f64 = 30.0;
-/// Minimum share of its length that the column of a gain keeps; otherwise even a slight slant of a length
-/// would show a gain, without use. About 0.65·cos² of the angle between length and axis; 12° of slant.
+/// Minimum share of its length that the column of a gain keeps. With a smaller limit, a certified length with a slight
+/// slant would count as a measurement of the gain. The share is about 0.65·cos² of the angle between length and axis,
+/// so the limit corresponds to a slant of 12°.
 const MIN_INDEPENDENT_GAIN_SHARE: f64 = 0.03;
 /// Cosine above which the directions of two lengths are parallel.
 const MIN_PARALLEL_COSINE: f64 = 0.9999;
@@ -47,8 +48,8 @@ const MIN_PARALLEL_COSINE: f64 = 0.9999;
 pub const COORDINATE_NAMES: [&str; 3] = ["x", "y", "z"];
 
 /// Measuring conditions of a machine: its rotary axes, including S, that stay at zero; and the directions on
-/// the table of the certified lengths. Without lengths one along X is assumed; the measurements will show
-/// that it is missing.
+/// the table of the certified lengths. Without certified lengths, one along X is assumed; the rank check of the
+/// measurements reports later that it is missing.
 #[derive(Debug, Clone, Copy)]
 pub struct MeasuringConditions<'a> {
     pub chain: &'a KinematicChain,
@@ -64,7 +65,7 @@ struct UnknownColumns {
     machine: Vec<Vec<f64>>,
 }
 
-/// The errors, stylus coordinates or balls from which an error is inseparable.
+/// The other unknowns (errors, stylus coordinates, balls) from which one error is inseparable.
 #[derive(Debug, Default)]
 pub struct Confounding {
     /// Names of errors, coordinates of the stylus (`tool_x`), or the balls. Empty: the error has no effect on
@@ -89,7 +90,7 @@ pub fn length_directions(balls: &Balls) -> Vec<Vector3<f64>> {
 }
 
 impl MeasuringConditions<'_> {
-    /// The coordinates of the stylus that do more than shift all balls alike.
+    /// The stylus coordinates whose effect is not only an equal shift of all balls.
     pub fn free_stylus_coordinates(&self) -> Vec<usize> {
         let UnknownColumns { stylus, balls, .. } = self.unknown_columns(&[]);
         independent_candidate_indices(&balls, &stylus, |_| MIN_INDEPENDENT_SHARE)

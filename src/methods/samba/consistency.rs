@@ -1,5 +1,5 @@
-//! Detection of inconsistent data: single measurements, balls that moved between two visits, lengths. They
-//! are flagged and named, not removed.
+//! Detection of inconsistent data: single measurements, balls that moved between two visits, lengths. Inconsistent data
+//! are reported, not removed.
 
 use std::collections::BTreeSet;
 
@@ -16,11 +16,12 @@ use machine::record::artefact::Ball;
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
-/// Minimum share of χ² that the step of a ball must explain to be named.
+/// Minimum share of χ² that the displacement of a ball must explain to be reported.
 const MIN_EXPLAINED_CHI2_SHARE: f64 = 0.3;
 /// Leverage above which no other row checks a row.
 const MAX_CHECKED_LEVERAGE: f64 = 1.0 - 1e-4;
-/// Disagreement of a certified length with its balls beyond what a machine can have, mm/mm.
+/// Maximum plausible disagreement between a certified length and the distance of its balls, mm/mm. The scale error of a
+/// machine is smaller.
 const MAX_RELATIVE_LENGTH_DISAGREEMENT: f64 = 1e-4;
 
 impl GeometrySolution<'_> {
@@ -41,8 +42,8 @@ impl GeometrySolution<'_> {
         })
     }
 
-    /// Sentence about a ball, if any, whose displacement on the table between two visits explains the misfit:
-    /// the displacement that reduces χ² most.
+    /// Warning about the ball displacement between two visits that reduces χ² most. `None`: no displacement explains
+    /// the misfit.
     pub fn moved_ball_warning(&self) -> Option<String> {
         let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
             .flat_map(|ball| {
@@ -108,8 +109,8 @@ impl GeometrySolution<'_> {
         (displacement_mm.dot(&right), displacement_mm)
     }
 
-    /// Lengths that disagree with their balls by more than 100 µm/m. The reference is the balls as measured
-    /// without this length; if nothing else gives the scale, it is the scales of the machine.
+    /// Lengths that disagree with their balls by more than 100 µm/m. The reference is the ball distance measured
+    /// without this length. If only this length determines the scale, the reference is the scales of the machine.
     pub fn length_disagreement_warnings(&self) -> Vec<String> {
         let leverage = self.minimum.factorisation.leverage();
         let lines = self.balls.lengths.iter().enumerate().filter_map(|(i, length)| {
@@ -133,7 +134,8 @@ impl GeometrySolution<'_> {
         lines.collect()
     }
 
-    /// The mean gain of the linear axes: the information of the only length about the machine's scales.
+    /// Mean gain of the linear axes. If only one length determines the scale, this gain is the disagreement between the
+    /// length and the machine's scales.
     fn mean_linear_axis_gain(&self) -> f64 {
         let named = self.problem.model().parameters().iter().zip(&self.minimum.x);
         let gains: Vec<f64> = named
@@ -152,8 +154,8 @@ impl GeometrySolution<'_> {
             let count = positions.len();
             (count < 3).then(|| {
                 format!(
-                    "ball {id} was measured at {count} indexations: fewer than three determine only its position \
-                    and do not check it"
+                    "ball {id} was measured at {count} indexations: fewer than three measurements determine only \
+                    its position and do not check it"
                 )
             })
         });

@@ -309,8 +309,9 @@ impl GeometryProblem {
         }
     }
 
-    /// The measurements without noise if the unknowns are `x`. Only rows linearised there show the true null
-    /// space: with nonzero residuals a uniform shrinking would reduce them and appear determined.
+    /// The measurements without noise for the unknowns `x`. Only rows that are linearised at these measurements show
+    /// the true null space. With nonzero residuals, a uniform shrinking would reduce the residuals and appear
+    /// determined.
     pub fn noise_free_observations(&self, x: &[f64]) -> ObservedValues {
         let tip_functions = self.tip_functions(x);
         let xyz = self.measurements.iter().map(|measurement| {

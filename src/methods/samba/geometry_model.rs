@@ -195,7 +195,7 @@ impl AffineFunctionOfXyz {
     }
 }
 
-/// The certified length at its temperature during the measurement, mm; at 20 °C if none is stated.
+/// The certified length at its temperature during the measurement, mm; at 20 °C if no temperature is stated.
 pub fn length_at_its_temperature_mm(length: &CertifiedLength) -> f64 {
     let kelvin = length.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_TEMPERATURE_C);
     length.mm * (1.0 + length.expansion_um_per_m_k * 1e-6 * kelvin)

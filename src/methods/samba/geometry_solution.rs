@@ -79,8 +79,8 @@ impl GeometrySolution<'_> {
         self.minimum.residuals.len().saturating_sub(self.problem.unknown_count())
     }
 
-    /// Residual of each ball measurement: its position from the identified machine, minus that of the ball;
-    /// table frame, mm.
+    /// Residual of each ball measurement: measured position by the identified machine, minus the fitted position of the
+    /// ball; table frame, mm.
     pub fn position_residuals(&self) -> Vec<Vector3<f64>> {
         let Self { problem, minimum, .. } = self;
         let tips = problem.centres_from_measured_axes(&minimum.x, &self.measured);
@@ -96,7 +96,7 @@ pub fn observed_values(observed: &ObservedBalls, lengths: &[CertifiedLength]) ->
     }
 }
 
-/// Checks the rank of the measurements before the solution, and returns the survey and a first solution.
+/// Checks the rank of the measurements, and returns the rank analysis and a first solution.
 fn solve_from_initial_values(
     problem: &GeometryProblem,
     measured: &ObservedValues,
@@ -150,8 +150,7 @@ fn remove_unmeasured_balls(stated: &Balls, observed: &mut ObservedBalls) -> Ball
     balls
 }
 
-/// Sets up the problem. The weights ignore the correlation between measurements that a source changes
-/// together.
+/// Sets up the problem. The weights ignore the correlation between measurements that share a source of uncertainty.
 fn build_problem(
     plan: &Plan,
     model: GeometryModel,
@@ -204,7 +203,7 @@ pub fn describe_undetermined(survey: &RankAnalysis, names: &[String]) -> Vec<Str
     lines.collect()
 }
 
-/// Whether an undetermined direction is the uniform scale: it names more than one gain.
+/// Whether an undetermined direction is the uniform scale: its text contains more than one gain.
 pub fn is_uniform_scale(direction: &str) -> bool {
     ["EXX1", "EYY1", "EZZ1"].iter().filter(|gain| direction.contains(**gain)).count() > 1
 }

@@ -10,7 +10,7 @@ use machine::kinematics::{ErrorParameter, ErrorShape};
 /// An error that is not identified.
 pub struct OmittedError {
     pub error: ErrorParameter,
-    /// What it is inseparable from. `None`: it is separable, but was not selected.
+    /// Unknowns from which the error is inseparable. `None`: the error is separable, but was not selected.
     confounding: Option<Confounding>,
     reason: &'static str,
 }
@@ -18,8 +18,7 @@ pub struct OmittedError {
 const SPINDLE_NOT_TURNED: &str = "the spindle was not turned";
 const SPINDLE_UPRIGHT: &str = "balls are touched from above only, so the axis stays at 0";
 
-/// Errors that would be separable if each rotary axis turned, and the gains, without those that are
-/// identified.
+/// Errors that are not identified: all gains, and all errors that would be separable if each rotary axis turned.
 pub fn omitted_errors(model: &GeometryModel) -> Vec<OmittedError> {
     let (conditions, identified) = (model.measuring_conditions(), model.parameters());
     let chain = conditions.chain;

@@ -1,4 +1,4 @@
-//! Which machine errors are unknown: those that the topology implies, unless the user names others.
+//! Selects the machine errors to identify: the errors that the topology implies, unless the user names others.
 
 use super::confounding::MeasuringConditions;
 use super::settings::{SambaSettings, SpindleOrientMode};
@@ -9,8 +9,8 @@ use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
 use machine::record::plan::Plan;
 
 /// Rotary axes that stay at zero in every design: the spindle if it is not oriented, and an axis that tilts
-/// the spindle. Balls are touched from above only; if the plan does turn such an axis, the plan takes
-/// precedence.
+/// the spindle. Balls are touched from above only. An axis that tilts the spindle counts as movable if a step of the
+/// plan moves it.
 pub fn fixed_axes(plan: &Plan, settings: &SambaSettings, chain: &KinematicChain) -> Vec<Axis> {
     let (machine, topology) = (&plan.machine, chain.topology());
     let has_turned = |axis: Axis| {
@@ -60,8 +60,8 @@ fn refuse_parameters(reason: impl ToString) -> MethodRefusal {
 /// The set is found from the equations. Candidates are tried in the order of preference, and kept if their
 /// columns are not linear combinations of the earlier ones, on poses in all directions, without limits. The
 /// order is: the spindle, the rotary axes, the linear axes, each kind from the end of the chain towards the
-/// bed, with X last. X is therefore the primary axis, squareness belongs to the carried axis, and the offset
-/// between two rotary axes to the one nearer to the workpiece. The set is listed from the bed outwards, gains
+/// bed, with X last. X is therefore the primary axis, squareness belongs to the carried axis, and the offset between
+/// two rotary axes belongs to the axis nearer to the workpiece. The set is listed from the bed outwards, gains
 /// last. For wCBXFZYSt it is the thirteen errors of paper 4. An axis that does not move has no identifiable
 /// errors.
 pub fn implied_parameters(conditions: MeasuringConditions<'_>) -> Vec<ErrorParameter> {

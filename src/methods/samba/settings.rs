@@ -41,7 +41,7 @@ pub enum SpindleOrientMode {
 #[serde(deny_unknown_fields, default)]
 pub struct SambaSettings {
     /// Machine errors to identify, by ISO names (`EX0C`, `EXX1`, `EXC_sin2`). Empty: the set that ISO 10791-6
-    /// implies for the topology, without those that an upright spindle cannot show.
+    /// implies for the topology, without the errors that are not identifiable with an upright spindle.
     pub parameters: Vec<String>,
     pub design: Design,
     pub criterion: OptimalityCriterion,
@@ -55,8 +55,8 @@ pub struct SambaSettings {
     pub find: SearchMode,
     pub spindle: SpindleOrientMode,
     /// Candidate positions of rotary axes that tilt the workpiece or the head (A, B), as commanded. The
-    /// defaults are restricted to the limits of the axes; a position that the user states must lie within
-    /// them. An axis that tilts the head stays at 0: balls are touched from above only.
+    /// defaults are restricted to the limits of the axes; a position that the user states must be within the limits. An
+    /// axis that tilts the head stays at 0: balls are touched from above only.
     pub tilt_deg: Vec<f64>,
     /// Candidate positions of a rotary axis parallel to the spindle (C).
     pub turn_deg: Vec<f64>,
@@ -70,11 +70,10 @@ pub struct SambaSettings {
     pub standoff_mm: f64,
     /// Maximum travel of a slow touch beyond the expected contact.
     pub search_mm: f64,
-    /// Maximum form of one measurement of a ball (largest minus smallest residual of its sphere), µm; beyond
-    /// it the run is held.
+    /// Maximum form deviation of one ball measurement (largest minus smallest residual of the fitted sphere), µm. A
+    /// larger value holds the run.
     pub form_limit_um: f64,
-    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
-    /// is held.
+    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm. A larger value holds the run.
     pub diameter_limit_um: f64,
     /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,

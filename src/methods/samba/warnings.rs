@@ -31,8 +31,8 @@ fn misfit_warning(solved: &GeometrySolution<'_>, identified: &Identification) ->
     Some(if is_above { warning + &describe_sag_errors(solved) } else { warning })
 }
 
-/// Sag follows the tilt: its effect resembles a rotation about the tilting axis, and offsets of the axes that
-/// it carries.
+/// Sag follows the tilt. The effect of sag resembles a rotation about the tilting axis, and offsets of the axes that
+/// the tilting axis carries.
 fn describe_sag_errors(solved: &GeometrySolution<'_>) -> String {
     let model = solved.problem.model();
     let table = model.chain().topology().workpiece_branch();

@@ -58,8 +58,8 @@ impl AngleGridDesign {
     /// The design of the settings.
     ///
     /// # Errors
-    /// There are fewer than five positions, probe angles off the grid, or gcd(k_b, N) ≠ 1: the rank deficiency is
-    /// gcd − 1 (METHODS section 1). The refusal names a design that works.
+    /// There are fewer than 5 or more than 120 positions, a probe angle is off the grid, or gcd(k_b, N) ≠ 1 (rank
+    /// deficiency gcd − 1, METHODS section 1). The refusal names a design that works.
     pub fn new(settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let n = settings.positions;
         MethodRefusal::require(

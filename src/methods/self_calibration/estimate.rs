@@ -71,7 +71,7 @@ fn describe_gauge(parts: &SolvedRun<'_>, estimate: &Estimate) -> Vec<String> {
     lines
 }
 
-/// Texts on the known error motions, and on the parameters that are conventional as a result.
+/// Texts on the known error motions, and on the parameters that depend on a convention because of them.
 fn describe_known_motions(parts: &SolvedRun<'_>) -> Vec<String> {
     let (axis, known_motions) = (parts.setup.axis.axis, &parts.setup.known_motions);
     if known_motions.is_empty() {
@@ -155,7 +155,7 @@ fn collect_warnings(parts: &SolvedRun<'_>, radial: &RadialErrorCheck) -> Vec<Str
     lines
 }
 
-/// Texts on the steps of the machine in the interruptions, with U.
+/// Texts on the steps that are fitted at the interruptions, with U.
 fn describe_interruption_steps(parts: &SolvedRun<'_>) -> Vec<String> {
     let layout = &parts.fit.layout;
     let um = |gap: usize, quantity: usize| {
@@ -172,7 +172,7 @@ fn describe_interruption_steps(parts: &SolvedRun<'_>) -> Vec<String> {
         .collect();
     if parts.short_segment_reading_count > 0 {
         lines.push(format!(
-            "{} readings between interruptions without references were not used",
+            "{} readings were not used: fewer than three directions were touched between their interruptions",
             parts.short_segment_reading_count
         ));
     }
@@ -192,7 +192,8 @@ fn describe_paper_solution_difference(parts: &SolvedRun<'_>) -> Option<String> {
     let axis = parts.setup.axis.axis;
     is_far.then(|| {
         format!(
-            "the paper's form (differences, no drift, first order) gives EX0{axis} {:.2}, EY0{axis} {:.2} um",
+            "the paper's own identification (differences, no drift, first order) gives EX0{axis} = {:.2} µm and \
+             EY0{axis} = {:.2} µm",
             paper[0] * 1e3,
             paper[1] * 1e3
         )

@@ -9,8 +9,8 @@ use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearS
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
 pub const SELF_CALIBRATION_RANK_THRESHOLD: f64 = 1e-9;
-/// Maximum number of iterations of the second-order correction. The correction is some 20 µm times the error of E
-/// over the radius. It contracts by a factor of about 1e-3 per iteration.
+/// Maximum number of iterations of the second-order correction. An error of E changes the correction by about 20 µm
+/// times this error divided by the radius, so each iteration reduces the error by a factor of about 1e-3.
 const MAX_CORRECTION_ITERATIONS: usize = 8;
 /// Largest change of an unknown by the last correction, mm.
 const CONVERGENCE_TOLERANCE_MM: f64 = 1e-10;
@@ -33,7 +33,7 @@ pub struct Fit {
 
 impl Fit {
     /// # Errors
-    /// The combinations of unknowns that these observations do not separate.
+    /// The observations do not separate the unknowns. The error contains the inseparable combinations.
     pub fn new(
         layout: UnknownsLayout,
         observations: Vec<Observation>,
@@ -102,8 +102,8 @@ impl Fit {
         }
     }
 
-    /// Unknowns × observations: the derivative of the complete solution by each radius, including second order. For
-    /// an eccentric part it differs from the linear gain by about W′/L, 2 % per mm.
+    /// Unknowns × observations: the derivative of the complete solution by each radius, including second order. For an
+    /// eccentric part this derivative differs from the linear gain by about W′/L, 2 % per mm of eccentricity.
     fn sensitivity(&self) -> Mat<f64> {
         if self.second_order.is_none() {
             return self.solution.gain.clone();
@@ -158,8 +158,8 @@ impl ObservationModel for FitWithSensitivity<'_> {
         self.evaluate_each_perturbation(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
     }
 
-    /// First order, then one second-order correction at that point. The correction contracts an error of some 1e-8
-    /// mm by 2e-2 or less.
+    /// First-order solution, then one second-order correction at this solution. The correction reduces the remaining
+    /// error of about 1e-8 mm to 2 % or less.
     fn evaluate_each_perturbation(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         let Fit { x, second_order: bend, solution, .. } = self.fit;
         let mut radii = changes.to_owned();

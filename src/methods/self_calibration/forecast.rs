@@ -64,7 +64,7 @@ fn suggest_position_count(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
     Some(format!("positions = {better} would separate all error_motion_orders of {axis}"))
 }
 
-/// Steps of touches that no other touch checks after all passes.
+/// Ids of the steps whose touches are not checked by any other touch after all passes.
 ///
 /// # Errors
 /// The errors of [`forecast_results`].
@@ -81,7 +81,7 @@ pub fn unchecked_step_ids(setup: &SelfCalibrationSetup<'_>) -> Result<Vec<u32>, 
 fn forecast_plan(plan: &Plan) -> Plan {
     let mut declared = plan_with_assumed_repeatability(plan);
     declared.steps.retain(|step| step.text.is_none());
-    // The times of nominal readings are not those of the run.
+    // The interruption times of the run do not apply to the nominal readings.
     declared.gaps_s.clear();
     declared
 }

@@ -91,7 +91,7 @@ pub struct FittedRun {
 }
 
 /// # Errors
-/// Readings are missing or do not belong to the plan; they do not separate the unknowns.
+/// Readings are missing, do not belong to the plan, or do not separate the unknowns.
 pub fn fit_readings(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result<FittedRun, IdentifyError> {
     let (layout, observed) = observe_readings(setup, readings)?;
     let ObservedReadings {

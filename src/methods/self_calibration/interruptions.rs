@@ -1,4 +1,5 @@
-//! Interruptions of the run. They are removed from the time, and the drift model may have a step there.
+//! Interruptions of the run. Their duration is removed from the times, and the drift model has a step at each
+//! interruption.
 //!
 //! The drift model does not interpolate through hours without measurements. After an interruption the drift
 //! continues at the same rate, from the machine position that the references determine.
@@ -15,7 +16,7 @@ const MIN_SEGMENT_DIRECTIONS: usize = 3;
 /// time scale, and the number of removed observations.
 ///
 /// # Errors
-/// The readings have no times, so those before an interruption are unknown.
+/// The readings have no times, so it is unknown which readings precede an interruption.
 pub fn remove_interruptions(
     observations: &mut Vec<Observation>,
     gaps_s: &[f64],

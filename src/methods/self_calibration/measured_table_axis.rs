@@ -62,7 +62,7 @@ impl MeasuredTableAxis {
         })
     }
 
-    /// The rotary axes besides the measured one that are not at 0, such as `A at 90°`. Empty if all are at 0.
+    /// Text of the rotary axes, except the measured axis, that are not at 0, such as `A at 90°`. Empty if all are at 0.
     pub fn describe_other_nonzero_axes(&self) -> String {
         describe_positions(
             &self

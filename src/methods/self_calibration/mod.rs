@@ -61,8 +61,8 @@ impl SelfCalibration {
     }
 
     /// The artefact at its measured position. When the table turns, the artefact may be displaced by twice the
-    /// offset of the rotary axis, which is the quantity to be measured. The touches allow for a displacement of
-    /// their standoff, and half of that is the position uncertainty.
+    /// offset of the rotary axis, which is the quantity to be measured. The touches tolerate a displacement of the
+    /// smaller of standoff_mm and search_mm. Half of this value is stated as the position uncertainty.
     fn measured_artefact(&self, setup: &SelfCalibrationSetup<'_>, part: PartGeometry) -> Artefact {
         let stated = &setup.stated_part;
         let ball = setup.plan.probe.ball_radius_mm;

@@ -27,7 +27,7 @@ pub struct Observation {
     pub along_ray_mm: f64,
     /// Position of the ball centre across the ray, counter-clockwise positive, mm.
     pub across_ray_mm: f64,
-    /// Time of the reading, on its clock, s.
+    /// Time of the reading on the clock of the run, s.
     pub time_s: f64,
     /// Time, scaled so that the measurement spans −1 … 1 without the interruptions.
     pub relative_time: f64,
@@ -150,8 +150,8 @@ impl UnknownsLayout {
         a
     }
 
-    /// The six gauge conditions per height that the touches do not determine (paper 1, boundary conditions 1–3), as
-    /// rows of C·x = 0.
+    /// Six gauge conditions per height, for the combinations of unknowns that the touches do not determine (paper 1,
+    /// boundary conditions 1–3), as rows of C·x = 0.
     pub fn gauge_matrix(&self) -> Mat<f64> {
         let per_height = 6;
         let n = self.design.angle_count;

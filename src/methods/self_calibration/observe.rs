@@ -25,13 +25,14 @@ pub struct ObservedReadings {
     pub short_segment_reading_count: usize,
 }
 
-/// Largest deviation of the table from its planned angle, rad (0.1°). A larger one is a skipped index.
+/// Largest deviation of the table from its planned angle, rad (0.1°). A larger deviation is treated as a skipped index
+/// position.
 const GRID_ANGLE_TOLERANCE_RAD: f64 = 1.8e-3;
 /// Largest deviation of an angle of the plan from the grid, in steps of the grid.
 const GRID_TOLERANCE_STEPS: f64 = 1.8e-3;
 
 /// # Errors
-/// Missing or unknown steps, duplicates, or a table at another angle than planned.
+/// A step has no reading, a reading has no step, a reading occurs twice, or the table was not at the planned angle.
 pub fn extract_observations(
     setup: &SelfCalibrationSetup<'_>,
     readings: &[Reading],

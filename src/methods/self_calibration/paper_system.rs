@@ -1,6 +1,7 @@
 //! The identification exactly as the paper describes it (paper 1, Eqs. 1–4 with the erratum of METHODS section 1):
 //! 4N differences to the first touch of Test 1a, boundary conditions 1–3, all differences taken as independent. It
-//! serves as a gate and a comparison. The estimate of `trued` starts from the raw readings, because these
+//! serves as a test gate and as a comparison with the estimate. The estimate of `trued` starts from the raw readings,
+//! because these
 //! differences share one reference.
 
 use faer::Mat;
@@ -47,8 +48,8 @@ impl PaperSystem {
         })
     }
 
-    /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions. `None` if one is
-    /// missing.
+    /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions. `None`: a position has no
+    /// reading.
     pub fn axis_position(&self, observations: &[Observation]) -> Option<[f64; 2]> {
         let radius = |t: &AngleGridTouch| {
             observations

@@ -19,8 +19,8 @@ pub fn is_top_touch(step: &Step) -> bool {
 }
 
 impl SelfCalibrationSetup<'_> {
-    /// A search touch on the top of the part and four around it, with a length for the stated position uncertainty.
-    /// The first three confirm the position of the machine. The steps have no numbers.
+    /// Search touches, one on the top of the part and four around it, as long as the stated position uncertainty
+    /// requires. The first three confirm the position of the machine. The steps are not numbered yet.
     pub fn locating_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
         let uncertainty_mm = self.stated_part.uncertainty_mm;
         let part = self.nominal_part();
@@ -52,8 +52,8 @@ impl SelfCalibrationSetup<'_> {
         Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top_contact_z_mm)
     }
 
-    /// All touches after locating, at every height, around the part at its measured position. The steps have no
-    /// numbers.
+    /// All touches after locating, at every height, around the part at its measured position. The steps are not
+    /// numbered yet.
     pub fn steps_after_locating(&self, part: PartGeometry) -> Result<Vec<Step>, MethodRefusal> {
         let touches = self.design.cycle_touches(self.settings.references);
         let mut steps = Vec::new();

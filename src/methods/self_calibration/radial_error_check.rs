@@ -30,8 +30,8 @@ pub struct RadialHarmonics {
     pub is_excessive: bool,
 }
 
-/// The second harmonic, which is reported as parameters, and the higher ones, which are in no parameter. `None`:
-/// the grid of angles does not have them.
+/// The second harmonic, which is reported as parameters, and the higher harmonics, which are in no parameter. `None`:
+/// the grid of angles does not determine the harmonics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadialErrorCheck {
     pub second_harmonic: Option<RadialHarmonics>,

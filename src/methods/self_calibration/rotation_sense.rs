@@ -16,7 +16,7 @@ pub enum RotationSenseCheck {
 }
 
 /// Solves with the opposite sense as well. With the wrong sense an eccentric part appears as an error motion of
-/// twice its eccentricity. With the correct one the error motion is small.
+/// twice its eccentricity. With the correct sense the error motion is small.
 pub fn check_rotation_sense(fit: &Fit) -> RotationSenseCheck {
     let n = fit.layout.design.angle_count;
     let turned: Vec<Observation> = fit

@@ -92,8 +92,8 @@ impl ObservationContact {
     }
 }
 
-/// The terms of one contact in all trials. A struct instead of a closure: only this form is inlined with the wide
-/// registers enabled.
+/// The terms of one contact in all trials. This is a struct instead of a closure, because only a struct is inlined with
+/// the wide SIMD registers enabled.
 struct SecondOrderTerms<'a> {
     normal_x: f64,
     normal_y: f64,

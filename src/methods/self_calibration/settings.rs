@@ -30,18 +30,18 @@ pub struct SelfCalibrationSettings {
     /// give the tilts E_A0C and E_B0C.
     pub heights_mm: Vec<f64>,
     pub spindle: SpindleMode,
-    /// Positions of the other rotary axes during the cycle, degrees, 0 for axes that are not named. The measured
-    /// axis is the one of the table that is along Z there.
+    /// Positions of the other rotary axes during the cycle, degrees, 0 for axes that are not named. The measured axis
+    /// is the table axis that is along Z at these positions.
     #[serde(rename = "at", skip_serializing_if = "Position::is_empty")]
     pub other_rotary_positions: Position,
-    /// Whether to locate the part first, by four slow touches.
+    /// Whether to locate the part first, by four search touches around it, and one on its top if `z_reference` is set.
     pub locate: bool,
     /// Whether to touch the part at 0°, 90° and 180° between the tests, to measure drift.
     pub references: bool,
     /// Whether to touch the top face of the part with each round of references, to measure drift of Z.
     pub z_reference: bool,
-    /// Position of the touch on the top face relative to the part's axis in X and Y with the axis at 0, mm. Set it
-    /// if the part has a bore, for example.
+    /// Position of the touch on the top face relative to the part's axis in X and Y with the axis at 0, mm. Required if
+    /// the part has a bore, for example.
     pub z_reference_at_mm: [f64; 2],
     /// Order of the drift polynomial in X, Y and radius. 0: no drift is fitted.
     pub drift_order: usize,

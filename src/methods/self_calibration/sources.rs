@@ -48,8 +48,9 @@ fn source_absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> Uncertainty
     UncertaintySource::new_unweighted(name, columns, ResidualTreatment::ExcludedFromChi2)
 }
 
-/// Error motions of the measured axis: the uncertainty of the known ones, and the declared ones at orders that are
-/// multiples of N. Orders that are multiples of N look like the location of the axis at N equally spaced angles
+/// Error motions of the measured axis: the uncertainty of the known error motions, and the declared error motions at
+/// orders that are multiples of N. Orders that are multiples of N look like the location of the axis at N equally
+/// spaced angles
 /// (METHODS section 1). If the declared motion has no orders, all of it counts. All other error motions are measured.
 pub fn rotary_axis_sources(
     setup: &SelfCalibrationSetup<'_>,
@@ -122,7 +123,8 @@ impl<'a> MeasuredTouches<'a> {
         Self { plan, observations, normals, points }
     }
 
-    /// Offset of the stylus from its stated position. If the spindle follows the probe angle, it changes only R.
+    /// Offset of the stylus from its stated position. If the spindle follows the probe angle, the offset changes only
+    /// R.
     fn stylus_offset_columns(&self, spindle: SpindleMode) -> Vec<Vec<f64>> {
         let u = stylus_offset_u_mm(self.plan);
         match spindle {
@@ -131,7 +133,7 @@ impl<'a> MeasuredTouches<'a> {
         }
     }
 
-    /// Direction-dependent pre-travel. If the spindle follows the probe angle, it changes only R.
+    /// Direction-dependent pre-travel. If the spindle follows the probe angle, the pre-travel changes only R.
     fn lobing_columns(&self, spindle: SpindleMode) -> Vec<Vec<f64>> {
         match spindle {
             SpindleMode::Follow => vec![vec![self.plan.probe.lobing_um * 1e-3; self.normals.len()]],
@@ -176,9 +178,9 @@ impl<'a> MeasuredTouches<'a> {
     }
 }
 
-/// Steps in interruptions. The references are touched with the axis at 0. They measure a step, but not whether the
-/// table moved, as the fit assumes, or the part on the table, which turns with the axis. All shares are equally
-/// likely. `x`: the solution with its steps.
+/// Cause of the steps at interruptions. The references are touched with the axis at 0. They measure a step, but not its
+/// cause: the table moved, as the fit assumes, or the part moved on the table and turns with the axis. All shares of
+/// the two causes are equally likely. `x`: the solution, including the steps.
 pub fn interruption_source(layout: &UnknownsLayout, observations: &[Observation], x: &[f64]) -> UncertaintySource {
     let column = |gap: usize, k: usize| {
         let step = x[layout.interruption_step_index(k, gap)] / 3f64.sqrt();

@@ -203,7 +203,7 @@ pub fn run_resumes_after_any_number_of_stops() {
     assert_near_truth(&successful_json_output(&resumed));
     let warnings = successful_json_output(&resumed)["warnings"].to_string();
     assert_eq!(warnings.matches("a step was fitted").count(), 2, "{warnings}");
-    assert!(warnings.contains("2 readings between interruptions"), "{warnings}");
+    assert!(warnings.contains("2 readings were not used"), "{warnings}");
     // 69 readings of the cycle, two references, then twice four.
     assert_eq!(shop.exported_reading_steps().len(), 69 + 2 + 4 + 4);
     let plan = std::fs::read_to_string(shop.path_text("export/run-1-plan.json")).unwrap();

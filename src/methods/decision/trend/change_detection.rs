@@ -18,9 +18,8 @@ const MIN_VALUES_AFTER_DRIFT_START: usize = 3;
 pub(super) const MIN_CHANGE_DETECTION_VALUES: usize = 6;
 /// Only the newest values, at most this number, are evaluated.
 const MAX_EVALUATED_VALUES: usize = 100;
-/// Probability threshold: a change is reported if random series explain as much in a smaller fraction of the
-/// draws. It is small, because a parameter that is checked daily for years must not give frequent false
-/// alarms.
+/// Significance level: a change is reported if at most this fraction of random series contains a change that explains
+/// as much. It is small, because a parameter that is checked daily for years must not give frequent false alarms.
 const SIGNIFICANCE_LEVEL: f64 = 0.001;
 const SIMULATED_SERIES_COUNT: u32 = 4999;
 /// Probability of the interval in which a change happened.
@@ -49,12 +48,12 @@ pub struct Change {
     pub first: usize,
     /// Index of the last value certainly before the change, and of the first certainly after it.
     pub between: [usize; 2],
-    /// Probability that random scatter explains as much.
+    /// Probability that random scatter explains as much of the scatter as this change.
     pub chance: f64,
 }
 
-/// The changes in `points` (ordered), oldest first. After a step, the newer values are evaluated by
-/// themselves.
+/// The changes in `points` (ordered), oldest first. The values after a step are evaluated separately from those before
+/// it.
 pub(super) fn detect_changes(points: &[TrendPoint]) -> Vec<Change> {
     let mut changes: Vec<Change> = Vec::new();
     let mut begin = points.len().saturating_sub(MAX_EVALUATED_VALUES);

@@ -42,7 +42,7 @@ impl IndividualsChart {
     }
 }
 
-/// Exponentially weighted moving average (EWMA), with the narrower limits of its first values.
+/// Exponentially weighted moving average (EWMA) chart, with narrower limits at the first values.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EwmaChart {
     pub centre: f64,

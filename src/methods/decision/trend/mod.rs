@@ -32,7 +32,7 @@ pub struct Trend {
     /// Control limits from the values since the last step. The newest value is excluded, because the limits
     /// judge it. `None`: fewer than [`MIN_CHART_VALUES`] such values.
     pub individuals: Option<IndividualsChart>,
-    /// EWMA of the same values and the newest one.
+    /// EWMA chart of the values since the last step, the newest value included.
     pub ewma: Option<EwmaChart>,
 }
 

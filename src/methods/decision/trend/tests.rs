@@ -158,14 +158,14 @@ fn values_not_measured_since_the_given_time_are_listed() {
     let named = |symbol, trend| NamedTrend { symbol, unit: "µm", trend };
     assert_eq!(
         describe_changes(&[named("EA0B", &same)], day_to_s(50.0), day_name),
-        "Since day 50: no run; the newest values are of day 39."
+        "Since day 50: no run; the newest values are from day 39."
     );
     assert_eq!(
         describe_changes(&[named("EA0B", &same), named("EB0B", &newer)], day_to_s(50.0), day_name),
-        "Since day 50: no new value of EA0B, the newest is of day 39; no change beyond the scatter."
+        "Since day 50: no new value of EA0B, the newest value is from day 39; no change beyond the scatter."
     );
     let drifts = describe_changes(&[named("EA0B", &same), named("EY0C", &drift)], day_to_s(50.0), day_name);
-    let words = "Since day 50: no run; the newest values are of day 39; EY0C drifts by ";
+    let words = "Since day 50: no run; the newest values are from day 39; EY0C drifts by ";
     assert!(drifts.starts_with(words) && !drifts.contains("did not change"), "{drifts}");
 }
 

@@ -1,4 +1,4 @@
-//! Changes of the values, in one sentence.
+//! Text on the changes of the values, as one sentence.
 
 use super::change_detection::MIN_CHANGE_DETECTION_VALUES;
 use super::{Change, ChangeKind, Trend};
@@ -52,8 +52,8 @@ fn describe_unmeasured(all: &[NamedTrend<'_>], since_s: f64, format_day: &impl F
     let newest_s = old.iter().map(|named| named.newest_time_s()).reduce(f64::max);
     let newest = newest_s.filter(|newest_s| newest_s.is_finite()).map(format_day);
     let named = newest.map(|newest| match old.len() == all.len() {
-        true => format!("no run; the newest values are of {newest}"),
-        false => format!("no new value of {}, the newest is of {newest}", join_symbols(&old)),
+        true => format!("no run; the newest values are from {newest}"),
+        false => format!("no new value of {}, the newest value is from {newest}", join_symbols(&old)),
     });
     named.into_iter().collect()
 }

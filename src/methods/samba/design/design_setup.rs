@@ -18,7 +18,7 @@ use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 
 /// Required uncertainties of the machine's parameters at a noise of 1 µm (METHODS section 4, G4), in rad and
-/// mm/mm. With [`OFFSET_AND_COORDINATE_UNIT_MM`] they are the units in which the criteria compare the parameters.
+/// mm/mm. The optimality criteria compare the parameters in these units and [`OFFSET_AND_COORDINATE_UNIT_MM`].
 const ANGLE_UNIT_RAD: f64 = 2e-6;
 const GAIN_UNIT: f64 = 2.5e-6;
 /// Standard uncertainty of a coordinate of a ball centre if none is declared, mm.

@@ -1,5 +1,5 @@
-//! Greedy design: ball measurements are added one by one, each time the one with the most information about
-//! the machine per time.
+//! Greedy design: ball measurements are added one by one, each time the measurement with the most information about the
+//! machine per unit of time.
 
 use std::collections::BTreeSet;
 
@@ -7,8 +7,8 @@ use super::machine_information::{CandidateMeasurement, MachineInformation};
 use crate::MethodRefusal;
 use crate::samba::settings::SambaSettings;
 
-/// Minimum number of measurements of a ball. An uncalibrated ball adds three unknowns; with fewer
-/// measurements it gives hardly any information about the machine.
+/// Minimum number of measurements of a ball. An uncalibrated ball adds three unknowns. With fewer measurements, the
+/// ball gives hardly any information about the machine.
 pub const MIN_VISITS_PER_BALL: usize = 3;
 
 /// Additional time for a new indexation, in units of the time of a ball measurement: the rotation and the
@@ -33,7 +33,7 @@ struct GreedyChoice<'a> {
     visit_counts: Vec<usize>,
 }
 
-/// Chooses candidates. `lengths` holds the information of the lengths only.
+/// Chooses candidates. `lengths` is the information from the certified lengths alone.
 ///
 /// First an indexation with most balls is chosen, then indexations for the remaining balls, then every ball
 /// at [`MIN_VISITS_PER_BALL`] indexations, then the candidates with the most information.
@@ -72,7 +72,7 @@ impl GreedyChoice<'_> {
         let indexations = self.candidates.iter().map(|candidate| candidate.indexation_index);
         let count = |at: usize| self.candidates.iter().filter(|s| s.indexation_index == at).filter(is_new).count();
         let indexation_set: BTreeSet<usize> = indexations.collect();
-        // The first of equal indexations.
+        // Of indexations with equal counts, the first one is chosen.
         let best = indexation_set.into_iter().rev().max_by_key(|at| count(*at));
         let Some(best) = best.filter(|at| count(*at) > 0) else { return false };
         let is_there = |(_, candidate): &(usize, &CandidateMeasurement)| {

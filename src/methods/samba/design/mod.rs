@@ -88,7 +88,7 @@ fn choose_optimal_visits(
             remedy: "increase minutes, choose find = \"once\", or remove balls from [artefact]".to_owned(),
         });
     }
-    // Bisection: `fits` is known to fit.
+    // Bisection: `fits` measurements are within the time limit, `exceeds` measurements are not.
     let (mut fits, mut exceeds) = (chosen.count_with_min_visits, chosen.candidate_indices.len() + 1);
     while exceeds - fits > 1 {
         let middle = (fits + exceeds) / 2;
@@ -145,8 +145,8 @@ impl DesignCandidates {
     }
 }
 
-/// Whether a ball can be measured at each indexation, or the reason why not. The check uses the search at the
-/// stated position, enlarged by its uncertainty; the ball can then be measured wherever it is found.
+/// For each indexation, `Ok` if the ball can be measured there, otherwise the reason. The check uses the search at the
+/// stated position, enlarged by the position uncertainty; the ball can then be measured wherever it is found.
 fn ball_access_by_indexation(
     setup: &DesignSetup<'_>,
     access: &TouchAccess,

@@ -1,7 +1,8 @@
 //! The design with the counts of paper 4, section 3: 32 positions of B, C and S, 109 balls; B at 0, ±10, ±30,
 //! ±60 and ±90°, C in steps of 90° forward and reverse, S in steps of 90°.
 //!
-//! The paper does not list its positions. This is one assignment with exactly its counts. The tilts ascend. At
+//! The paper does not list its positions. The design here is one assignment with exactly the counts of the paper. The
+//! tilts ascend. At
 //! 0° C takes all four quarters forward and then in reverse. At each other tilt C takes three quarters,
 //! alternately forward and in reverse, and the omitted quarter rotates. S advances by a quarter from position
 //! to position, starts a quarter later at each tilt, and is opposite in the reverse pass at 0°, so that no
@@ -102,7 +103,7 @@ fn remove_most_measured_ball(visits: &mut [BallVisit]) {
     for ball in visits.iter().flat_map(|visit| &visit.ball_indices) {
         counts[*ball] += 1;
     }
-    // The first of equal visits.
+    // Of visits with equal counts, the first one is chosen.
     let fullest = visits.iter_mut().rev().max_by_key(|visit| visit.ball_indices.len());
     let Some(visit) = fullest else { return };
     let most = visit.ball_indices.iter().rev().copied().max_by_key(|ball| counts[*ball]);

@@ -10,8 +10,8 @@ use crate::samba::geometry_solution::is_uniform_scale;
 use estimation::linear_least_squares::{RANK_THRESHOLD, RankAnalysis, analyse_rank};
 use estimation::null_space_names::name_null_space;
 
-/// Maximum scaled condition number. Beyond it a mistake in the design is more likely than a machine that
-/// needs it.
+/// Maximum scaled condition number. A larger value indicates a mistake in the design rather than a property of the
+/// machine.
 const MAX_SCALED_CONDITION: f64 = 1e4;
 
 /// All rows of the design, weighted, for machine errors, tool and balls; and the names of these unknowns.
@@ -48,7 +48,8 @@ pub fn design_matrix(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<(M
 }
 
 /// # Errors
-/// The design leaves a combination undetermined; the text names it.
+/// The design leaves a combination of unknowns undetermined, or its condition is too large. The text names the
+/// combination.
 pub fn check_rank_and_condition(setup: &DesignSetup<'_>, visits: &[BallVisit]) -> Result<RankAnalysis, MethodRefusal> {
     let (matrix, names) = design_matrix(setup, visits)?;
     let result = analyse_rank(matrix.as_ref(), None, RANK_THRESHOLD).map_err(|error| {

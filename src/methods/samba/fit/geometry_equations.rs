@@ -26,7 +26,7 @@ impl ObservationEquation for GeometryEquations<'_> {
         self.problem.weighted_residuals(x, &measured)
     }
 
-    /// The change with the weights, which are those of the machine without errors.
+    /// The weighted change. The weights are those of the machine without errors.
     fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64> {
         let problem = self.problem;
         let mut rows = vec![0.0; problem.row_count()];
