@@ -5,12 +5,12 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, Normal, St
 /// The probability of ±2 standard deviations of a normal distribution, 95.45 %.
 pub const COVERAGE_PROBABILITY: f64 = 0.954_499_736_103_641_6;
 
-/// Degrees of freedom from which factors are computed by a series in 1/dof, exact to 1e-7: the inverse beta function
-/// loses digits there.
+/// From this number of degrees of freedom on, factors are computed by a series in 1/dof, exact to 1e-7, because the
+/// inverse beta function loses digits.
 const MIN_DOF_FOR_SERIES_EXPANSION: f64 = 1e4;
 
-/// k such that ±k·u covers with [`COVERAGE_PROBABILITY`]: 2 for `f64::INFINITY`, 2.65 for 5
-/// effective degrees of freedom. Without degrees of freedom (0, negative, NaN) k is infinite.
+/// Coverage factor k for [`COVERAGE_PROBABILITY`]: 2 for `f64::INFINITY`, 2.65 for 5 effective degrees of freedom.
+/// Without degrees of freedom (0, negative, NaN) k is infinite.
 pub fn coverage_factor(dof: f64) -> f64 {
     if dof >= MIN_DOF_FOR_SERIES_EXPANSION {
         // Abramowitz & Stegun 26.7.5: z + (z³ + z)/(4·dof) with z = 2.
@@ -62,8 +62,8 @@ pub fn chi_square_tail(chi2: f64, dof: f64) -> f64 {
     ChiSquared::new(dof).map_or(f64::NAN, |distribution| distribution.sf(chi2))
 }
 
-/// Bound that the ratio of two sample variances of the same distribution does not exceed with `probability`. `None` for degrees of freedom that are not positive or
-/// a probability outside (0, 1).
+/// Bound that the ratio of two sample variances of the same distribution does not exceed with `probability`. `None` for
+/// degrees of freedom that are not positive or a probability outside (0, 1).
 pub fn variance_ratio_bound(probability: f64, numerator_dof: f64, denominator_dof: f64) -> Option<f64> {
     let distribution = FisherSnedecor::new(numerator_dof, denominator_dof).ok()?;
     let inside = probability > 0.0 && probability < 1.0;

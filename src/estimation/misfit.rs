@@ -16,7 +16,7 @@ pub struct Misfit {
     pub expected_chi2: f64,
     /// Effective degrees of freedom of χ².
     pub effective_dof: f64,
-    /// Factor on the standard uncertainties of the sources that contribute to the residuals.
+    /// Factor by which the standard uncertainties of the sources in the residuals are multiplied.
     pub uncertainty_factor: f64,
     /// Whether χ² is above its upper bound, and whether it is below its lower bound.
     pub is_above_bound: bool,

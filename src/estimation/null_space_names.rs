@@ -7,8 +7,8 @@ const NEGLIGIBLE_ENTRY_RATIO: f64 = 1e-7;
 /// Maximum number of unknowns that are named in one direction.
 const MAX_LISTED_UNKNOWNS: usize = 6;
 
-/// Names the undetermined directions. `null_space` (unknowns × nullity, e.g. of
-/// [`RankAnalysis`](super::linear::RankAnalysis)) is reduced to a sparse basis, and each direction becomes one of
+/// Names the undetermined directions. `null_space` (unknowns × nullity, e.g. that of
+/// [`RankAnalysis`](super::linear_least_squares::RankAnalysis)) is reduced to a sparse basis. The forms of a name are:
 ///
 /// - `EXX1 (not seen)`: one unknown that changes no row;
 /// - `EX0S + t_x (inseparable)`: the rows determine only this combination of two unknowns;

@@ -1,11 +1,11 @@
-//! Seeded random streams: ChaCha8 (named, so that the same seed gives the same numbers on every
-//! release), one independent stream for every key.
+//! Seeded random streams: one independent ChaCha8 stream for each key. The algorithm is fixed, so that a seed gives
+//! the same numbers in every release.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 /// Random stream of `seed` for `key`, e.g. `[step, repeat number]`. The same arguments give the same stream;
-/// different keys give independent ones.
+/// different keys give independent streams.
 pub fn seeded_stream(seed: u64, key: &[u64]) -> ChaCha8Rng {
     let mixed =
         key.iter().fold(split_mix_64(seed), |state, part| split_mix_64(state ^ split_mix_64(*part ^ 0x5851_F42D)));

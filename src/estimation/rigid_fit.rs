@@ -34,7 +34,7 @@ impl RigidFit {
         Self { rotation, rotated_points_about_centroid: arms, deviations, inverse_inertia }
     }
 
-    /// Subtracts the part that a small rigid motion explains from small changes of the deviations.
+    /// Subtracts from small changes of the deviations the part that a small rigid motion explains.
     pub fn subtract_rigid_motion(&self, changes: &mut [Vector3<f64>]) {
         let mean = changes.iter().sum::<Vector3<f64>>() / changes.len().max(1) as f64;
         let moment: Vector3<f64> =

@@ -13,7 +13,8 @@ use faer::Mat;
 use super::gram_schmidt::ColumnMatrix;
 use super::linear_least_squares::{LinearError, RANK_THRESHOLD, RankAnalysis, analyse_rank};
 
-/// Rows that share own unknowns, beside the common unknowns of all rows. Each is divided by its standard uncertainty.
+/// Rows of one block, with the block's own unknowns and the common unknowns of all blocks. Each row is divided by its
+/// standard uncertainty.
 #[derive(Debug, Clone)]
 pub struct BlockRows {
     own_unknown_count: usize,
@@ -21,7 +22,7 @@ pub struct BlockRows {
 }
 
 impl BlockRows {
-    /// Creates `row_count` rows of zeros over `own_count` unknowns of the block and `common_count` unknowns.
+    /// Creates `row_count` rows of zeros for `own_count` unknowns of the block and `common_count` common unknowns.
     pub fn zeros(row_count: usize, own_count: usize, common_count: usize) -> Self {
         Self { own_unknown_count: own_count, columns: ColumnMatrix::zeros(row_count, own_count + common_count + 1) }
     }
@@ -187,7 +188,7 @@ impl BlockFactorisation {
         x
     }
 
-    /// R as a square matrix, with the rank, the singular values and the null space of all rows.
+    /// R as a square matrix. It has the same rank, singular values and null space as the matrix of all rows.
     fn r_factor(&self) -> Mat<f64> {
         let (common, all) = (self.common_columns.column_count(), self.unknown_count());
         let mut square = Mat::zeros(all, all);
@@ -223,8 +224,8 @@ impl BlockFactorisation {
         &root * root.transpose()
     }
 
-    /// Column norms of the rows. Multiplied by the standard uncertainties of the unknowns they do not depend on the
-    /// units.
+    /// Norm of the column of each unknown over all rows. The product of a norm and the standard uncertainty of its
+    /// unknown does not depend on the unit.
     pub fn column_norms(&self) -> Vec<f64> {
         let square = self.r_factor();
         (0..square.ncols()).map(|j| square.col(j).norm_l2()).collect()

@@ -1,5 +1,5 @@
-//! Accessible touches of a ball at a rotary position. The bounds are simple and conservative; the final decision is
-//! the proof's.
+//! Accessible touches of a ball at a rotary position. The checks here are simple and conservative; the proof makes the
+//! final decision.
 
 use std::f64::consts::{PI, TAU};
 
@@ -33,7 +33,7 @@ const ALTERNATIVE_AZIMUTH_OFFSET_AND_ELEVATION_DEG: [(f64, f64); 12] = [
 /// Names and azimuths, degrees, of the four touches around the ball; paper 4, section 3.
 const SIDE_TOUCH_AZIMUTHS_DEG: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
 pub const POLE_TOUCH_DIRECTION_NAME: &str = "pole";
-/// Number of candidate points, spread over the upper half, for touches beyond the five.
+/// Number of candidate points on the upper half of the ball for touches in addition to the pole and the four sides.
 const SPREAD_TOUCH_CANDIDATE_COUNT: u32 = 90;
 /// Maximum standard deviation of the fitted centre in its worst direction, relative to that of one touch; with all
 /// five touches it is 1.1.
@@ -42,8 +42,8 @@ const MAX_CENTRE_SD_RATIO: f64 = 3.0;
 /// Name and outward normal of a touch that no obstacle blocks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchDirection {
-    /// Name: `+45`, `-135`, `-45`, `+135` or `pole` for the nominal position, although the touch may be moved away
-    /// from an obstacle; further touches by azimuth and elevation, `+117^35`.
+    /// `+45`, `-135`, `-45`, `+135` or `pole`: the nominal direction, even if the touch is moved away from an obstacle.
+    /// Further touches are named by azimuth and elevation, e.g. `+117^35`.
     pub name: String,
     /// Outward normal, machine frame.
     pub normal: Vector3<f64>,
@@ -102,8 +102,8 @@ pub struct TouchAccess {
 }
 
 impl TouchAccess {
-    /// Builds the check whether a ball can be touched. `artefact`: all balls and stems at their assumed positions,
-    /// enlarged by its uncertainty.
+    /// `artefact`: all balls and stems at their assumed positions; the checks enlarge them by the uncertainty of the
+    /// artefact.
     ///
     /// # Errors
     /// The machine has no kinematics.
@@ -117,8 +117,8 @@ impl TouchAccess {
         ball.radius_mm + self.stylus_ball_radius_mm
     }
 
-    /// Free touches of `ball` with the rotary axes as in `rotary`: `touch_count` of them, the five of the paper first;
-    /// at least four, including the pole, and well distributed.
+    /// Selects `touch_count` free, well distributed touches of `ball` with the rotary axes as in `rotary`: first the
+    /// pole and the four sides, of which at least three must be free, then others.
     pub(super) fn select_touches(
         &self,
         ball: &Ball,
@@ -160,7 +160,7 @@ impl TouchAccess {
                 Vec::new()
             };
         add_farthest_touches(&mut contacts, more, touch_count);
-        // Neighbours are adjacent; the pole comes last.
+        // In order of azimuth, so that the path from touch to touch is short; the pole comes last.
         contacts.sort_by(|one, other| one.sort_key().total_cmp(&other.sort_key()));
         Ok(contacts)
     }
@@ -245,7 +245,7 @@ impl TouchAccess {
         self.check_within_travel(&from)?;
         self.check_within_travel(&place(-extent.uncertainty_mm)?)?;
         let over = self.surroundings.clear_z_command_on_path(&from, &from, MIN_TOOL_CLEARANCE_MM);
-        // Nothing is below: no height is needed.
+        // `over` is −∞ if no body is below; then no clearance height is needed.
         if over > f64::NEG_INFINITY {
             self.check_within_travel(&from.clone().with(Axis::Z, over))?;
         }
@@ -283,7 +283,7 @@ fn spread_touch_directions() -> impl Iterator<Item = (String, f64, f64)> {
     })
 }
 
-/// Adds contacts one after the other, each time the one farthest from all present contacts.
+/// Adds contacts from `more` up to `touch_count`, each time the contact farthest from all present contacts.
 fn add_farthest_touches(contacts: &mut Vec<TouchDirection>, mut more: Vec<TouchDirection>, touch_count: usize) {
     while contacts.len() < touch_count {
         let nearest = |one: &TouchDirection| {

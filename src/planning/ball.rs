@@ -13,10 +13,10 @@ const SEARCH_OVERRUN_MM: f64 = 0.3;
 /// Search or measurement of a ball, with the lengths of its touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BallTouchMode {
-    /// Fast, from a distance at which the ball is found within `uncertainty_mm` of its expected position.
+    /// At the search feed, over a length that finds the ball anywhere within `uncertainty_mm` of its expected position.
     Search { uncertainty_mm: f64, standoff_mm: f64 },
-    /// Slow, along the normals of the ball at its found position: from `standoff_mm` before contact to `search_mm`
-    /// beyond.
+    /// At the measuring feed, along the normals of the ball at its found position: from `standoff_mm` before the
+    /// expected contact to `search_mm` beyond it.
     Measure { standoff_mm: f64, search_mm: f64 },
 }
 

@@ -21,8 +21,8 @@ const POSITION_TOLERANCE_MM: f64 = 1e-6;
 /// Maximum distance, seen from above, between the starts of two touches that count as touches of one ball, mm.
 const MAX_SAME_BALL_DISTANCE_MM: f64 = 60.0;
 
-/// Plans the path to the start of the touch, or above it. Returns the position at which the block ends: beside the
-/// ball, or otherwise above it.
+/// Plans the path to the start of the touch, or to a point above the start. Returns the position at which the block
+/// ends: beside the ball if possible, otherwise above the ball.
 pub(super) fn plan_ball_approach(
     path: &mut MotionSequence,
     plan: &Plan,
@@ -86,7 +86,7 @@ impl BallApproachPath<'_> {
         path.add_rapids_above(self.touch_start, high);
     }
 
-    /// Moves the rotary axes and X, Y together: all obstacles are lower during the whole motion.
+    /// Moves the rotary axes, X and Y together, at a Z above all obstacles during the whole motion.
     fn move_with_rotary_axes(&self, path: &mut MotionSequence, high: f64) -> Result<(), PlanningError> {
         let needed = self.safe_heights.turning_clearance_z(&path.end_position, self.touch_start)?.max(high);
         self.raise_z(path, needed);

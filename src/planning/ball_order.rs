@@ -28,8 +28,8 @@ impl TravelTimes {
         Self { pairwise_s: places.iter().map(from).collect(), from_start_s: position.map(from) }
     }
 
-    /// Indices of the places in visiting order. With a start position, `first_count` first places are tried, the
-    /// nearest first.
+    /// Indices of the places in visiting order. With a start position, only the `first_candidate_count` places nearest
+    /// to the start are tried as first place.
     pub fn visiting_order(&self, first_count: usize) -> Vec<usize> {
         let pairwise_s = &self.pairwise_s;
         let Some(from_start_s) = &self.from_start_s else {
@@ -79,7 +79,7 @@ fn nearest_neighbour_tour(pairwise_s: &[Vec<f64>], mut tour: Vec<usize>) -> Vec<
 /// Applies 2-opt and Or-opt until neither helps; the first `fixed_count` nodes keep their place.
 fn improve_tour(mut tour: Vec<usize>, fixed_count: usize, pairwise_s: &[Vec<f64>]) -> Vec<usize> {
     let mut best = tour_time_s(&tour, pairwise_s);
-    // Minimum gain of a step, s; a smaller gain is rounding.
+    // Minimum time saving that counts as an improvement, s; a smaller saving is rounding error.
     const MIN_TIME_SAVING_S: f64 = 1e-9;
     loop {
         let candidates = neighbour_tours(&tour, fixed_count);

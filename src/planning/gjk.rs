@@ -1,5 +1,6 @@
-//! Separation of two convex bodies. parry's GJK proposes directions, and the supporting planes across them decide.
-//! If the search does not converge, the result is a false refusal, never a collision.
+//! Separation of two convex bodies. The GJK algorithm of `parry3d` only proposes directions; the proof of separation is
+//! the gap between the supporting planes across a direction. If GJK does not converge, a free motion may be refused,
+//! but a collision is never accepted.
 
 use machine::frame::unit_vector;
 use nalgebra::Vector3;
@@ -50,6 +51,6 @@ pub(super) fn candidate_separating_directions(
             vec![direction]
         }
     };
-    // The gap is a bound only across a vector of length 1.
+    // `gap_of_supporting_planes_mm` is a lower bound of the distance only for a unit vector.
     found.into_iter().filter_map(|direction| unit_vector(direction.into())).collect()
 }

@@ -1,5 +1,5 @@
 //! Converts steps to motions: touch cycle, ball measurement, clearances, order, first checks of travel, machine
-//! time. Contains no method. Collisions are not checked here but in the rendered text, by `proof`.
+//! time. The measuring methods are in `methods`. Module `proof` checks the rendered text for collisions.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -83,7 +83,7 @@ pub(super) fn motion_time_s(from: &Position, to: &Position, feed_per_min: Option
     if axis_distances.is_empty() {
         return 0.0;
     }
-    // Speed and acceleration in shares of the whole path: the slowest axis limits them.
+    // Speed and acceleration as fractions of the whole path per s and per s²; the slowest axis limits them.
     let (mut speed, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, distance) in &axis_distances {
         if let Some(spec) = machine.axes.get(axis) {
@@ -110,7 +110,7 @@ fn feed_path_length_mm_or_deg(axis_distances: &[(Axis, f64)]) -> f64 {
     if norm(true) > 0.0 { norm(true) } else { norm(false) }
 }
 
-/// Time for the distance 1, from rest to rest.
+/// Time of a move over the distance 1 from rest to rest, s; `speed` per s and `acceleration` per s² of this distance.
 fn trapezoid_time_of_unit_distance_s(speed: f64, acceleration: f64) -> f64 {
     if speed * speed < acceleration { 1.0 / speed + speed / acceleration } else { 2.0 / acceleration.sqrt() }
 }

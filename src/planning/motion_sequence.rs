@@ -23,7 +23,7 @@ impl MotionSequence {
         self.add_motion(to, |to| Motion::Rapid { to });
     }
 
-    /// Turns the rotary axes, orients the spindle, moves X and Y as in `to`, and last Z to `z`.
+    /// Adds motions in this order: rotary axes, spindle orientation, X and Y as in `to`, and last Z to `z`.
     pub fn add_rapids_above(&mut self, to: &Position, z: f64) {
         self.add_rapid(&to.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
         self.add_spindle_orientation(to.get(Axis::S));

@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::gjk::{SupportMapping, candidate_separating_directions, gap_of_supporting_planes_mm};
 
-/// Height of the tool cylinder, mm: more than any machine's.
+/// Height of the tool cylinder, mm: greater than the height of any machine.
 const TOOL_CYLINDER_HEIGHT_MM: f64 = 2000.0;
 
 /// Space that a part of the tool occupies on a straight path: a cylinder along Z without an upper end. If a body
@@ -105,7 +105,7 @@ impl SupportMapping for SweptToolSpace {
     }
 }
 
-/// Whether the two are at least `distance` apart; false if this cannot be shown.
+/// Whether tool and body are at least `distance` apart, mm; false if this cannot be proven.
 pub(super) fn are_apart_by(tool: &SweptToolSpace, body: &ObstacleBody, distance: f64) -> bool {
     candidate_separating_directions(tool, body, -Vector3::z(), f64::MAX)
         .into_iter()

@@ -50,7 +50,7 @@ pub(super) fn plan_path_around_ball(
         (surroundings.tip_offset_from_ball(&ball, position), surroundings.tip_offset_from_ball(&ball, start));
     let near = ball.contact_distance_mm + ball.uncertainty_mm;
     let about_it = |off: Vector3<f64>| (near..near + 2.0 * PLANNED_GUARDED_CLEARANCE_MM).contains(&off.norm());
-    // Below the ball's centre, the stem of the stylus would come nearer than its ball.
+    // Below the centre of the ball, the stylus stem would come nearer to the ball than the stylus ball.
     let upper = here.z.min(there.z) >= -POSITION_TOLERANCE_MM;
     if !(about_it(here) && about_it(there) && upper) {
         return None;
@@ -68,8 +68,8 @@ pub(super) fn plan_path_around_ball(
     Some(places)
 }
 
-/// Position straight away from the ball that was touched from `start`, at a distance from which the next path may
-/// begin with a rapid. `None`: out of travel, or an obstacle is near.
+/// Position on the line from the centre of the touched ball through `start`, far enough from the ball for the next
+/// path to begin with a rapid. `None`: out of travel, or an obstacle is near.
 pub(super) fn block_end_beside_ball(
     surroundings: &Surroundings,
     machine: &Machine,

@@ -41,7 +41,7 @@ impl SafeHeights {
         Self::above_artefact(plan, &plan.artefact)
     }
 
-    /// Height with the knowledge at the time when a stage is planned: balls at the positions found so far, a round
+    /// Height for the planning of a stage during a run: above balls at the positions found so far, or above a round
     /// part at its position in the plan.
     ///
     /// # Errors
@@ -67,7 +67,7 @@ impl SafeHeights {
         Ok(clearance)
     }
 
-    /// Height while the rotary axes move straight from one position to the other.
+    /// Safe height while the rotary axes move straight from `one` to `next`.
     pub(super) fn turning_clearance_z(&self, one: &Position, next: &Position) -> Result<f64, PlanningError> {
         let [one, next] = [one, next].map(rotary_axis_positions);
         let ways = interpolate_rotary_positions(&one, &next);

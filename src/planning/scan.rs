@@ -14,8 +14,8 @@ use machine::{Axis, Position};
 
 /// Height above the first point at which the descent becomes a feed move, mm.
 const SLOW_DESCENT_HEIGHT_MM: f64 = 10.0;
-/// Maximum difference of each linear axis from the first point up to which the ball stays in a nest of sensors on the
-/// table, mm; from farther away it first leaves the nest.
+/// Maximum distance of each linear axis from the first point of a scan at which the ball stays in a nest of sensors on
+/// the table, mm; at a larger distance, the ball leaves the nest before it moves to the first point.
 const MAX_OFFSET_TO_STAY_IN_NEST_MM: f64 = 1.0;
 
 /// Blocks of one step. A touch is one block. A scan with dwell points is one block for each part of the path
@@ -37,11 +37,11 @@ pub fn step_blocks(
     }
 }
 
-/// If the rotary axes or the spindle turn, the path leads up to the end of Z, turns and moves across; otherwise it
-/// is no higher than its two ends. Then it leads down, the last part slowly, and from point to point. Until a scan
-/// has verified the position of the machine, the path is careful ([`super::unverified_position_approach`]), and the
-/// descent to where the sensor may reach a body is separate blocks ([`out_of_range_block_count`]). The path
-/// of the ball into a nest of sensors on the table is always planned like this; between scans, the ball stays in the nest.
+/// Plans the approach and the scan. If rotary axes or the spindle turn, Z first moves to its upper end; otherwise it is
+/// only as high as start and first point require. After turns and moves of X and Y, Z moves down, at last slowly. Until
+/// a scan has verified the position of the machine, the approach is careful ([`super::unverified_position_approach`]),
+/// and the descent to where the sensor may reach a body is in separate blocks ([`out_of_range_block_count`]). The
+/// approach of the ball to a nest of sensors on the table is always careful; between scans, the ball stays in the nest.
 fn scan_blocks(
     plan: &Plan,
     step: &Step,
@@ -101,8 +101,8 @@ fn are_unmoved_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
     still.all(|(axis, at)| path.is_at(axis, at))
 }
 
-/// Whether the ball is so near to the first point of a scan in a nest that it can stay in the nest. Until the
-/// position is verified, no axis turns for this.
+/// Whether the ball is near enough to the first point of a scan to stay in the nest. Rotary axes may differ from the
+/// first point only if the position of the machine is verified.
 fn can_stay_in_nest(path: &MotionSequence, from: &Position, touched: TouchedDirections) -> bool {
     let is_in_place = |(axis, at): (Axis, f64)| match path.end_position.get(axis) {
         Some(position) if axis.is_linear() => (position - at).abs() <= MAX_OFFSET_TO_STAY_IN_NEST_MM,
@@ -121,12 +121,12 @@ fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, 
     }
 }
 
-/// Number of the `block_count` blocks of a scan that lead to where no declared body is within the range of its sensor:
-/// straight up, then across and down. None once the position is verified; with sensors on the table, none if the
-/// ball is already between them.
+/// Number of blocks, of the `block_count` blocks of a scan, that lead to a point where no declared body is within the
+/// range of the sensor: straight up, then across and down. 0 once the position is verified; with sensors on the table,
+/// 0 if the ball is already between them.
 pub fn out_of_range_block_count(scan: &Scan, block_count: usize) -> usize {
-    // Blocks after those: one for each dwell point, or two for a scan in motion. The first of them also contains the
-    // last part of the path to the first point.
+    // The other blocks are one for each dwell point, or two for a continuous scan. The first of these also contains
+    // the last part of the path to the first point.
     let remaining_block_count = match scan.sampling {
         Sampling::Dwell { .. } => scan.path.len(),
         Sampling::Continuous { .. } => 2,
@@ -134,8 +134,8 @@ pub fn out_of_range_block_count(scan: &Scan, block_count: usize) -> usize {
     block_count.saturating_sub(remaining_block_count)
 }
 
-/// Height of Z above the first point from which on no declared body is within the range of a sensor, neither there
-/// nor on the path to it at the upper end of Z.
+/// Lowest Z above the first point at which no declared body is within the range of a sensor. Also checks that no body
+/// is within range on the path to this point at the upper end of Z.
 fn lowest_out_of_range_z(step: &Step, path: &MotionSequence, safe_heights: &SafeHeights) -> Result<f64, PlanningError> {
     let from = &step.from;
     let position = path.end_position.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));

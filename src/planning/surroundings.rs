@@ -38,7 +38,7 @@ pub(super) struct Surroundings {
     pub chain: KinematicChain,
     pub tip: Point<SpindleFrame>,
     tool_parts: Vec<ToolPart>,
-    /// Measuring range of each displacement sensor: a surface there is within its range.
+    /// Measuring range of each displacement sensor in the spindle, as a part of the tool.
     sensor_ranges: Vec<ToolPart>,
     pub obstacles: Vec<Obstacle>,
     /// Carriers of the obstacles.
@@ -154,7 +154,7 @@ impl Surroundings {
 
     /// Z command from which on no declared body is within the range of a displacement sensor in the spindle, and
     /// the stylus ball is not within the range of any sensor on the table, on the straight path in X and Y between
-    /// two positions with the same rotary axes. The ball counts as a cylinder that ends below it.
+    /// two positions with the same rotary axes. The stylus ball counts as a vertical cylinder without an upper end.
     ///
     /// # Errors
     /// Z does not reach that height; the value is the sensor and the body within its range.
@@ -195,7 +195,7 @@ impl Surroundings {
             };
             for part in parts.iter().filter(|part| part.may_collide(&path_ends, &body, margin)) {
                 let is_higher = |z: &f64| highest.is_none_or(|(highest, _)| *z > highest);
-                // The exact rise takes a search: it is needed only where the bound exceeds the highest so far.
+                // The exact rise needs a bisection; it is computed only if its bound exceeds the highest Z so far.
                 let bound = z_after_rise(part.rise_over_top_mm(&path_ends, &body, margin));
                 let exact = || z_after_rise(part.rise_until_clear_mm(&path_ends, &body, margin));
                 let z = bound.filter(is_higher).and_then(|_| exact()).filter(is_higher).filter(|z| *z <= max_z);
@@ -222,7 +222,7 @@ impl Surroundings {
             let own = obstacle.name == touched_ball;
             let path_ends = ends.each_ref().map(|at| at.tip_relative_to_carrier(obstacle));
             let body = ends[1].obstacle_in_machine_directions(obstacle);
-            // The offset of this ball also shifts the point at which the touch stops.
+            // A misplacement of the touched ball shifts the contact equally, so this ball needs no margin.
             let margin = if own { 0.0 } else { margin + obstacle.max_misplacement_mm };
             let mut parts = self.tool_parts.iter().skip(usize::from(own));
             let near = parts.find(|part| !part.is_clear(path_ends, &body, margin));
@@ -285,7 +285,7 @@ impl Surroundings {
         TipAndCarrierPoses { tip: self.tip_in_machine(at), carrier_poses: carriers }
     }
 
-    /// State at a position, and with Z 1 mm higher.
+    /// Tip and carrier poses at a position, and with Z 1 mm higher.
     fn present_and_raised_positions(&self, at: &Position) -> (TipAndCarrierPoses, TipAndCarrierPoses) {
         let higher = at.clone().with(Axis::Z, at.get_or_zero(Axis::Z) + 1.0);
         (self.tip_and_carrier_poses(at), self.tip_and_carrier_poses(&higher))

@@ -19,10 +19,10 @@ static GAP_DIRECTIONS: LazyLock<[Vector2<f64>; 16]> = LazyLock::new(|| {
         Vector2::new(cos, sin)
     })
 });
-/// Accuracy of heights, mm.
+/// Accuracy of [`ToolPart::rise_until_clear_mm`], mm.
 const CLEARANCE_RISE_ACCURACY_MM: f64 = 0.1;
 
-/// Shape of one part of the tool, seen from below.
+/// One part of the tool: a cylinder along Z without an upper end.
 #[derive(Debug, Clone)]
 pub(super) struct ToolPart {
     pub name: String,
@@ -57,7 +57,7 @@ impl ToolPart {
         (body.top_z() + margin - self.bottom_height_mm - path_ends[0].z.min(path_ends[1].z)).max(0.0)
     }
 
-    /// Rise at which the part is clear of the body by `margin`, mm; found by bisection and rounded up.
+    /// Rise at which the part is clear of the body by `margin`, mm, by bisection, rounded up; −∞ if clear already.
     pub fn rise_until_clear_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
         if are_apart_by(&self.swept_space(*path_ends, 0.0), body, margin) {
             return f64::NEG_INFINITY;

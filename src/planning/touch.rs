@@ -54,7 +54,7 @@ pub fn touch_block(
     Ok(block)
 }
 
-/// Plans the path above the start of the touch. Returns the position at which the block ends.
+/// Plans the path to a point above the start of the touch. Returns the position at which the block ends.
 fn plan_part_approach(
     path: &mut MotionSequence,
     plan: &Plan,

@@ -18,9 +18,9 @@ pub struct BlockStart<'a> {
     pub touched_directions: TouchedDirections,
 }
 
-/// Directions in which touches have met the part at its stated position since the control was prepared. A touch is
-/// not longer than the range in which the part may be, and a run stops when a touch meets nothing or when any other
-/// move meets something. By default, there is no direction.
+/// Directions in which touches have met the part at its stated position since the control was prepared. Each contact
+/// verifies the position along its normal: a touch is not longer than the range in which the part may be, and a run
+/// stops when a touch meets nothing or any other move meets something. By default, there is no direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct TouchedDirections {
     normal_dyad_sum: Matrix3<f64>,
@@ -44,8 +44,8 @@ impl TouchedDirections {
 
     /// Touched directions after `step` was measured. A sensor that has measured the artefact within its range at
     /// all points of a scan counts for all directions: its method refuses an artefact that is found at another
-    /// position than stated. A scan that moves rotary axes only verifies nothing of the linear axes. A prompt
-    /// resets all, because the operator may have moved the machine.
+    /// position than stated. A scan that moves only rotary axes verifies nothing about the linear axes. A prompt
+    /// clears all directions, because the operator may have moved the machine.
     pub fn after_step(self, step: &Step) -> Self {
         let normal = Vector3::from(step.normal);
         match step.kind {

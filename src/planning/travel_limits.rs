@@ -5,7 +5,7 @@ use machine::Position;
 use machine::record::machine::{Machine, StatedAxis};
 use machine::record::motion::MotionBlock;
 
-/// Tolerance for limits in degrees, so that rounding does not refuse a move exactly to the limit.
+/// Tolerance of travel limits, mm or degrees: rounding must not cause the refusal of a move exactly to the limit.
 const LIMIT_TOLERANCE_MM_OR_DEG: f64 = 1e-9;
 
 /// Whether the machine has all axes of a position, and the position is within their limits.

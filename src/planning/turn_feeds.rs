@@ -31,11 +31,11 @@ pub(super) fn max_turn_feed_deg_min(plan: &Plan, chain: &KinematicChain, axis: A
     let stops = max_stoppable_speed_mm_s(a, plan.probe.overtravel_mm);
     let surface = stops.min(plan.probe.guarded_feed_mm_min / 60.0);
     let turn = axis.to_mm_or_deg(surface / lever) * 60.0;
-    // No body is off the axis, so no surface moves.
+    // The feed is not finite if no body is off the axis: then no surface moves.
     if turn.is_finite() { turn.min(spec.rapid_per_min) } else { spec.rapid_per_min }
 }
 
-/// Maximum distance of any declared body that the axis carries from its line, mm.
+/// Maximum distance between the line of `axis` and any point of the declared bodies that it carries, mm.
 fn max_lever_mm(plan: &Plan, chain: &KinematicChain, axis: Axis, position: &Position) -> f64 {
     let Some(line) = chain.axis_line(axis, position) else { return 0.0 };
     let commands = Axis::ALL.map(|axis| position.get_or_zero(axis));

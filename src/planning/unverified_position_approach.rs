@@ -32,7 +32,7 @@ pub(super) struct UnverifiedPositionApproach<'a> {
     surroundings: &'a Surroundings,
     /// The upper end of Z, mm.
     top_z: f64,
-    /// Height of Z above which nothing declared is near, below the current step.
+    /// Lowest Z above the start of the current step at which no declared body is near, mm.
     lowest_clear_z: f64,
     /// Feed near the part, mm/min.
     near_part_feed_mm_min: f64,
@@ -94,8 +94,7 @@ impl<'a> UnverifiedPositionApproach<'a> {
         self.move_straight(path, &z_position(self.lowest_clear_z), self.free_space_feed_mm_min());
     }
 
-    /// Moves along octagons during the descent, down to the last necessary height; only the stylus moves below that
-    /// height.
+    /// Moves along octagons during the descent. Only the stylus descends below the height of the last octagon.
     fn probe_octagons_on_descent(&self, path: &mut MotionSequence, from: &Position) {
         let Some((_, length)) = undetected_parts_radius_and_height_mm(self.plan) else { return };
         let levels = (self.top_z - from.get_or_zero(Axis::Z)) / (OCTAGON_SPACING_TO_STYLUS_LENGTH * length);
@@ -134,8 +133,8 @@ impl<'a> UnverifiedPositionApproach<'a> {
         (0..OCTAGON_CORNER_COUNT).map(corner).collect()
     }
 
-    /// Feed where nothing declared is near. With a sensor, a hold that follows the first reported distance must
-    /// stop the machine within the sensor's range.
+    /// Feed where no declared body is near, mm/min. With a sensor, a hold after the first reported distance must stop
+    /// the machine within the sensor's range.
     fn free_space_feed_mm_min(&self) -> f64 {
         let feed = self.plan.probe.guarded_feed_mm_min;
         let ranges = self.plan.sensors.iter().map(|sensor| sensor.range_mm[1] - sensor.range_mm[0]);
@@ -170,7 +169,7 @@ pub(super) fn octagon_radius_mm(plan: &Plan) -> f64 {
     wide / (TAU / f64::from(2 * OCTAGON_CORNER_COUNT)).cos()
 }
 
-/// Feed, mm/min, from which a hold stops within `within_mm`, for every linear axis.
+/// Maximum feed, mm/min, from which a hold stops every linear axis within `within_mm`.
 fn max_stoppable_feed_mm_min(plan: &Plan, within_mm: f64) -> f64 {
     60.0 * turn_feeds::max_stoppable_speed_mm_s(plan.machine.min_linear_acceleration_mm_s2(), within_mm)
 }

@@ -95,8 +95,8 @@ impl WithSimd for FillRectangular<'_> {
     }
 }
 
-/// Fills [`DEVIATE_PAIRS_PER_BATCH`] pairs of normal deviates. A struct instead of a closure: only this form is inlined with
-/// the wide registers enabled.
+/// Fills [`DEVIATE_PAIRS_PER_BATCH`] pairs of normal deviates. A struct instead of a closure, because a closure is not
+/// inlined with the wide registers enabled.
 struct FillNormalPairs<'a> {
     lanes: &'a mut Xoshiro,
     first: &'a mut [f64],

@@ -12,8 +12,8 @@ use trial_block::{MergedTrialBlocks, TrialBlockStatistics};
 
 pub use draw_stream::DrawStream;
 
-/// Minimum number of trials of a block, unless there are fewer in total. Coverage intervals are computed in each block from its sorted values (JCGM 101, 7.9.4: at
-/// least 10⁴ trials for 95 %).
+/// Minimum number of trials of a block, unless there are fewer trials in total. Coverage intervals are computed in each
+/// block from its sorted values (JCGM 101, 7.9.4: at least 10⁴ trials for 95 %).
 const MIN_TRIALS_PER_BLOCK: usize = 10_000;
 /// Number of trials that share a random stream.
 const TRIALS_PER_RANDOM_STREAM: usize = 1_000;
@@ -78,9 +78,8 @@ impl TrialStatistics {
 }
 
 /// Propagates distributions by Monte Carlo trials: a fixed number, or block by block until the results are stable
-/// (JCGM 101, 7.9). `compute` receives a stream and a number of
-/// trials, draws the inputs and returns the outputs, trials × `output_count`. The same `seed` gives the same bytes for
-/// any number of threads.
+/// (JCGM 101, 7.9). `compute` receives a stream and a number of trials, draws the inputs and returns the outputs,
+/// trials × `output_count`. The same `seed` gives identical results for any number of threads.
 ///
 /// # Errors
 /// Fewer than two trials.

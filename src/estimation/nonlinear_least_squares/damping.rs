@@ -9,16 +9,16 @@ const INITIAL_LAMBDA: f64 = 1e-3;
 const SCALE_DECAY: f64 = 0.7;
 /// Step of the finite differences for the curvature, relative to the step (Transtrum and Sethna 2012).
 const CURVATURE_STEP_FRACTION: f64 = 0.1;
-/// Largest geodesic acceleration, relative to the step; a step with a larger one is rejected.
+/// Largest geodesic acceleration, relative to the step. A step with a larger acceleration is rejected.
 const MAX_ACCELERATION_RATIO: f64 = 0.75;
 /// A damped step is accepted if χ² decreases by more than this fraction of the predicted decrease.
 const MIN_DAMPED_DECREASE_RATIO: f64 = 1e-4;
-/// Largest λ. With a larger one the step is smaller than the rounding of the unknowns.
+/// Largest λ. With a larger λ the step is smaller than the rounding of the unknowns.
 const MAX_LAMBDA: f64 = 1e30;
 
-/// λ and the scale of the unknowns to which it is relative (Marquardt 1963). The scale is the maximum of the
-/// weighted column norms and decays by [`SCALE_DECAY`] (Moré 1978 keeps the maximum for ever), so that an unknown
-/// does not diverge where its influence has become small.
+/// λ and the scale of each unknown, to which λ is relative (Marquardt 1963). The scale is the maximum of the
+/// weighted column norms and decays by [`SCALE_DECAY`] (Moré 1978: without decay), so that an unknown does not diverge
+/// where its influence has become small.
 pub(super) struct Damping {
     lambda: f64,
     /// Factor by which λ grows at the next rejected step (Nielsen 1999). The factor doubles with each rejected step.

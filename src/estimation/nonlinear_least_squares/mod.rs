@@ -32,7 +32,7 @@ const MAX_NEAR_MINIMUM_STEP_RATIO: f64 = 0.98;
 #[derive(Debug, Clone)]
 pub struct NonlinearSolution {
     pub x: Vec<f64>,
-    /// Factorisation of the linearised model. The last step, which is negligible, is not included.
+    /// Factorisation of the model linearised before the last step, which is negligible.
     pub factorisation: BlockFactorisation,
     /// Weighted residuals: measured less model.
     pub residuals: Vec<f64>,
@@ -142,8 +142,8 @@ fn accepts_undamped_step(step_size: f64, last_step_size: f64, point: &ModelPoint
         || (near && next.residual_square_sum.is_finite())
 }
 
-/// Whether the error that remains after a step of `step_size` from `point` is negligible, assuming that steps continue
-/// to shrink at least as they did from the last step to this one; or whether the step is only rounding.
+/// Whether the error after a step of `step_size` from `point` is negligible, or the step is only rounding. It is
+/// assumed that later steps shrink at least by the ratio of `step_size` to `last_step_size`.
 fn is_converged(step_size: f64, last_step_size: f64, point: &ModelPoint, factored: &BlockFactorisation) -> bool {
     let dof = point.residuals.len().saturating_sub(point.x.len());
     let residual_sd = if dof > 0 { (point.residual_square_sum / dof as f64).sqrt() } else { 1.0 };

@@ -1,6 +1,6 @@
 //! Circle or sphere fit of very many points: the initial value comes from a subset, each step from sums over all
-//! points. The gradient is summed from small numbers (deviations; directions less their mean, rotated so that a
-//! narrow cap does not hide in a wide one), so the normal equations lose no digits by squaring.
+//! points. The gradient is summed from small numbers (deviations; directions less their mean, rotated to their
+//! principal axes), so the normal equations lose no digits by squaring, even for a narrow cap.
 
 use faer::{Mat, Side};
 use rayon::prelude::*;
@@ -30,7 +30,7 @@ pub(super) fn fit_many_points<const D: usize>(points: &[[f64; D]]) -> Option<Rad
     for _ in 0..MAX_STEP_COUNT {
         let all = sum_all_points(points, &frame);
         let step = FitStep::new(&all, &frame, points.len())?;
-        // Plain Gauss–Newton steps do not converge.
+        // The step does not become smaller: Gauss–Newton without step control does not converge.
         if step.size_in_uncertainties >= before {
             return None;
         }

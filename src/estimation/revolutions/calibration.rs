@@ -17,7 +17,7 @@ use crate::linear_least_squares::{self, LinearError, LinearProblem, RANK_THRESHO
 /// Gauss–Newton iterations. The deviations are small, so the second iteration is exact to their square.
 const ITERATION_COUNT: usize = 6;
 
-/// Standard uncertainty in the fit of a value that is declared as exactly known or with a smaller uncertainty.
+/// Minimum standard uncertainty of a declared gain or angle in the fit; replaces smaller declared values.
 const GAIN_AND_ANGLE_STD_U_FLOOR: f64 = 1e-12;
 
 /// Declared properties of a sensor.
@@ -71,7 +71,7 @@ struct CalibrationEquations<'a> {
     data: &'a HarmonicData,
     sensors: &'a [DeclaredSensor],
     turn_sign: f64,
-    /// Indices of the rows of `data`.
+    /// Indices of the rows of `data` from radial sensors.
     data_rows: Vec<usize>,
     cross_section_indices: Vec<Option<usize>>,
     mountings: Vec<MountingKey>,

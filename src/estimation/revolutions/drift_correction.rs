@@ -6,7 +6,7 @@ impl ChannelRevolutions {
     /// Returns the revolutions without a deviation that is linear in time. The revolutions are consecutive and of
     /// equal duration: the first `forward_count` of them in the direction of the angle, the others in the opposite one.
     /// The mean over the revolutions at each angle does not change. If as many revolutions turn forward as
-    /// backward, that mean is free of the drift, and the corrected revolutions scatter without it.
+    /// backward, the drift affects neither this mean nor the scatter of the corrected revolutions.
     pub fn without_linear_drift(&self, forward_count: usize) -> Self {
         let count = self.revolutions.len();
         let samples = self.revolutions.first().map_or(0, Vec::len);

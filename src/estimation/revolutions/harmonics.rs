@@ -9,8 +9,8 @@ use super::shared_revolutions::{ChannelAtMounting, ChannelRevolutions};
 /// Degrees of freedom up to which the scatter of a harmonic is pooled with that of its neighbours. With this number
 /// the expanded uncertainty is within 5 % of that of a known scatter.
 const POOLING_TARGET_DOF: f64 = 30.0;
-/// A smaller standard uncertainty of a harmonic is replaced by this one, mm. It is below the resolution of any sensor
-/// and above rounding.
+/// Minimum standard uncertainty of a harmonic, mm; replaces smaller values. It is below the resolution of any sensor
+/// and above rounding errors.
 const HARMONIC_STD_U_FLOOR_MM: f64 = 1e-9;
 
 /// Covariance between channels, mm², of the cosine or sine part of one harmonic in one revolution.
@@ -32,8 +32,8 @@ pub struct HarmonicData {
     pub harmonic_scatters: Vec<HarmonicScatter>,
 }
 
-/// Basis for M_k of the harmonics 1..=`max_order` of samples at equal angles that start at 0: samples ×
-/// e^(−ikq)·2/T, as one matrix product for many revolutions.
+/// Matrix e^(−ikq)·2/T (samples × harmonics) that gives the harmonics M_k, k = 1..=`max_order`, of one revolution of T
+/// samples at equal angles q from 0.
 pub struct HarmonicBasis(Mat<c64>);
 
 impl HarmonicBasis {
@@ -147,7 +147,7 @@ impl HarmonicData {
         half.repeat(2)
     }
 
-    /// Covariance of the observations of the harmonic, mm². Channels of one index are correlated by the
+    /// Covariance of the observations of the harmonic, mm². Channels at one mounting are correlated by the
     /// asynchronous part of the error motion.
     pub fn observation_covariance(&self, order: usize) -> Mat<f64> {
         let (rows, scatter) = (self.row_keys.len(), &self.harmonic_scatters[order - 1].channel_covariance);
@@ -161,8 +161,8 @@ impl HarmonicData {
     }
 }
 
-/// Scatter of one harmonic, pooled over the mountings. Each difference has two real parts. `revolution_harmonics`:
-/// rows × revolutions × harmonics.
+/// Scatter of one harmonic, pooled over the mountings. The real and the imaginary part of a deviation count as two
+/// observations. `revolution_harmonics`: rows × revolutions × harmonics.
 fn harmonic_scatter(
     rows: &[ChannelAtMounting],
     revolution_harmonics: &[Vec<Vec<c64>>],

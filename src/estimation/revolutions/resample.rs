@@ -173,8 +173,8 @@ impl ResampledChannel {
         (from..=to).map(move |number| (number as f64 * step, value(number)))
     }
 
-    /// Creates the result of a scan with `steps` stops per revolution at equal angles. The first of `values` belongs to the angle
-    /// with the index `first_index`.
+    /// Creates the result of a scan with `steps` stops per revolution at equal angles. The first of `values` belongs to
+    /// the angle with the index `first_index`.
     pub(super) fn from_stop_values(steps: usize, first_index: i64, values: Vec<Option<f64>>) -> Self {
         let deg = |number: i64| number as f64 * 360.0 / steps as f64;
         let missing = (first_index..).zip(&values).filter(|(_, value)| value.is_none());

@@ -4,11 +4,11 @@ use super::resample::{AngleRange, AngleSample};
 
 /// Shortest saturated range that is reported, degrees.
 const MIN_SATURATED_RANGE_DEG: f64 = 2.0;
-/// Minimum fall of a saturated signal over half of its flat top, in display steps. An unsaturated peak falls by
-/// three.
+/// A flat top counts as saturated if the signal changes by more than this, in display steps, within half the length of
+/// the flat top beyond an end. At an unsaturated peak the change is three steps.
 const MIN_FLAT_TOP_FALL_DISPLAY_STEPS: f64 = 8.0;
 
-/// Ranges of a scan in which a channel stays at its largest or smallest value, and which end abruptly.
+/// Ranges of a scan in which the signal stays at its largest or smallest value, and then changes abruptly.
 pub(super) fn saturated_ranges(samples: &[AngleSample]) -> Vec<AngleRange> {
     let values = || samples.iter().map(|sample| sample.value);
     let (low, high) = values().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));

@@ -28,7 +28,7 @@ impl ChannelRevolutions {
     }
 }
 
-/// Revolutions of a channel that cannot be used.
+/// Revolutions of a channel that are rejected because of missing samples.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
     "{rejected} of {revolutions} revolutions have missing samples ({}); measure again, or move the sensor back into its range",
@@ -51,8 +51,8 @@ fn describe_gaps(gaps: &[AngleRange]) -> String {
     }
 }
 
-/// First: the revolutions that all usable channels of one scan share; a channel without a usable revolution is left
-/// out. Second: the channels with rejected revolutions. `index`: mounting of the scan.
+/// Returns the revolutions that are complete in all usable channels of one scan, and the channels with rejected
+/// revolutions. A channel without a complete revolution is not usable. `index`: number of the mounting of the scan.
 pub fn common_and_rejected_revolutions(
     index: usize,
     channels: &[ResampledChannel],

@@ -1,4 +1,4 @@
-//! Values at stops of equal angles.
+//! Values at stops at equal angles.
 
 use std::f64::consts::TAU;
 
@@ -9,7 +9,7 @@ use crate::linear_least_squares::{self, LinearProblem, RANK_THRESHOLD};
 
 /// Maximum share of the stops of a revolution that may be missing.
 const MAX_FILLED_STOP_SHARE: f64 = 0.15;
-/// Maximum distance of a sample from its stop, in distances between stops.
+/// Maximum distance of a sample from its stop, relative to the distance between two stops.
 const MAX_OFFSET_FROM_STOP_STEPS: f64 = 1e-6;
 
 /// A scan with stops at equal angles.

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::frame::unit_vector;
 use crate::record::artefact::{Ball, Balls, CertifiedLength};
 
-/// One fault, the ball or length (counted from 0) that has it, and a text that follows the key.
+/// A fault in the declared balls: the ball or length (counted from 0), the wrong key, and a message to print after it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{key}` {message}")]
 pub struct ArtefactFault {
@@ -24,8 +24,10 @@ pub enum ArtefactEntry {
 
 type CheckResult = Result<(), ArtefactFault>;
 
+/// Checks the balls and the certified lengths.
+///
 /// # Errors
-/// The first fault: of single balls and of pairs in their order, then of the lengths.
+/// The first fault: of each ball and its pairs with earlier balls, in the order of the list, then of the lengths.
 pub fn check_balls(balls: &Balls) -> CheckResult {
     for (index, ball) in balls.balls.iter().enumerate() {
         let entry = EntryCheck(ArtefactEntry::Ball(index));

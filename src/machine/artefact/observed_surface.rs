@@ -22,7 +22,7 @@ const MAX_RADIAL_BEAM_AXIS_COSINE: f64 = 0.02;
 /// Surface point that one sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedSurface {
-    /// Number of the section; `None` for the face.
+    /// Index of the cross section in `DatumCylinder::sections`; `None` for the face.
     pub section_index: Option<usize>,
     /// Direction from the axis to the sensor, counter-clockwise from +X, rad.
     pub sensor_angle_rad: f64,
@@ -60,7 +60,7 @@ impl ObservedSurfaceError {
     }
 }
 
-/// A datum cylinder on a table whose axis is along Z.
+/// A datum cylinder on a rotary table that turns about Z, at one position of the machine.
 pub struct ObservedCylinder<'a> {
     pub chain: &'a KinematicChain,
     pub position: &'a Position,
@@ -76,6 +76,8 @@ impl ObservedCylinder<'_> {
         self.chain.machine_from_table(self.position, &[]).transform_point(&foot.into()).coords
     }
 
+    /// Surface point that `sensor` measures.
+    ///
     /// # Errors
     /// The sensor measures neither the face nor a section, or turns with the table.
     pub fn observed_surface(&self, sensor: &Sensor) -> Result<ObservedSurface, ObservedSurfaceError> {
@@ -106,7 +108,7 @@ impl ObservedCylinder<'_> {
         Ok(ObservedSurface { section_index: section, sensor_angle_rad: angle_rad, face_radius_mm: 0.0 })
     }
 
-    /// Number of the section at `height_mm` above the foot.
+    /// Index of the cross section at `height_mm` above the foot.
     fn section_index_at(&self, height_mm: f64) -> Result<usize, ObservedSurfaceError> {
         let distance_to_section = |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
         let sections = 0..self.cylinder.sections.len();

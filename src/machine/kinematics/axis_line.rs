@@ -9,7 +9,7 @@ use super::kinematic_chain::{KinematicChain, branch_pose};
 use crate::frame::{Point, Pose, SpindleFrame};
 use crate::{Axis, Position};
 
-/// Error for a derivative, rad or mm: small against the lever arms, so that the displacement is linear in it.
+/// Parameter step of a numerical derivative, rad or mm: so small that the displacement is linear in the parameter.
 const DERIVATIVE_STEP: f64 = 1e-5;
 
 /// An axis of rotation, machine frame.
@@ -19,7 +19,7 @@ pub struct AxisLine {
     pub point: Vector3<f64>,
     /// Unit vector along the axis.
     pub direction: Vector3<f64>,
-    /// Pose of the carrier of the axis: it transforms the stated point and direction to those above.
+    /// Pose of the carrier of the axis. It transforms the stated point and direction to `point` and `direction`.
     pub carrier_pose: Pose,
 }
 
@@ -49,8 +49,8 @@ impl KinematicChain {
         })
     }
 
-    /// Displacement by `errors` of the rotary axis `axis` of the table relative to the tip, mm, machine frame: of the
-    /// point on the axis that is nearest to `at`, while the nominal tip is at `at` and all rotary axes are at zero.
+    /// Displacement of a rotary axis of the table relative to the tip, caused by `errors`, mm, machine frame: that of
+    /// the point on the axis nearest to `at`, while the nominal tip is at `at` and all rotary axes are at zero.
     /// X, Y and Z that bring the tip onto the axis change by this displacement. `at`: machine frame with all axes at
     /// zero, mm.
     ///

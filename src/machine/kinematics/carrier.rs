@@ -29,7 +29,7 @@ pub struct CarrierChain {
 }
 
 /// A carrier during a motion. The proof evaluates a motion at many points, and most joints do not move in most
-/// motions: the pose of such a joint, with its sine and cosine, is computed once.
+/// motions: the pose of a joint that does not move is computed only once, with its sine and cosine.
 #[derive(Debug)]
 pub struct CarrierMotion<'a>(Vec<(&'a Joint, Option<Pose>)>);
 

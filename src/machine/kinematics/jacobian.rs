@@ -40,7 +40,7 @@ impl KinematicChain {
     }
 }
 
-/// A joint at its position: the pose of its carrier, and the same pose with the location errors of the joint.
+/// A joint: the pose of its carrier, and this pose followed by the joint's location errors and error motions.
 struct JointPoses<'a> {
     joint: &'a Joint,
     carrier_pose: Pose,

@@ -102,7 +102,7 @@ impl Balls {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ball {
-    /// Short name, unique within the artefact; without `/`, because the labels of steps contain it.
+    /// Short name, unique within the artefact; without `/`, which separates the parts of a step label.
     pub id: String,
     /// Centre, table frame. While a machine file is read: in the artefact's own coordinates, until `origin_mm` and
     /// `turned_deg` are applied.
@@ -123,7 +123,7 @@ pub struct Ball {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CertifiedLength {
-    /// `id` of the one ball; `to` is that of the other.
+    /// `id` of the first ball; `to`: `id` of the second ball.
     pub from: String,
     pub to: String,
     /// Certified length at 20 °C, mm.

@@ -11,7 +11,7 @@ pub struct AxisTrack {
     times_s: Vec<f64>,
     /// The positions in sequence, flat: one value per axis for each time; mm or rad.
     flat_positions_mm_or_rad: Vec<f64>,
-    /// Indices of the positions before which some are missing; increasing.
+    /// Indices of the positions before which other positions are missing; increasing.
     indices_after_gap: Vec<usize>,
 }
 
@@ -71,8 +71,9 @@ impl AxisTrack {
         Some(self.position_from_values(early.iter().zip(late).map(|(from, to)| from + part * (to - from))))
     }
 
-    /// Times at which the axes started and arrived: of the last position within `tolerance` (mm or rad) of the first
-    /// one, and of the first position that is as near to the last one. `None` if the axes did not move.
+    /// Times at which the axes started and arrived, s. Start: last position before any axis first leaves the start
+    /// position by more than `tolerance` (mm or rad). Arrival: first position from which on all axes stay within
+    /// `tolerance` of the last position. `None` if the axes did not move.
     pub fn motion_interval_s(&self, tolerance: f64) -> Option<(f64, f64)> {
         let (first, last) =
             (self.axis_values_of_position(0)?, self.axis_values_of_position(self.position_count().checked_sub(1)?)?);

@@ -46,8 +46,8 @@ impl Unit {
     }
 }
 
-/// GUM: `u` standard uncertainty, `U = k·u` expanded, `dof` effective degrees of freedom
-/// (`null`: infinitely many).
+/// An estimated parameter. GUM: `u` standard uncertainty, `U = k·u` expanded uncertainty, `dof` effective degrees of
+/// freedom (`null`: infinitely many).
 #[allow(non_snake_case)]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
@@ -138,10 +138,10 @@ pub struct BudgetLine {
     /// of the axes. Absent: no key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
-    /// Ratio of `u` to the size that the key declares; for several, to the largest. Absent: not proportional.
+    /// Ratio of `u` to the value of `key`; if several keys match, to the largest. Absent: not proportional.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<f64>,
-    /// Whether the size, or a part of it, is assumed instead of declared.
+    /// Whether the size of the source, or a part of this size, is assumed instead of declared.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub assumed: bool,
 }
@@ -172,7 +172,7 @@ pub struct EstimatedFunction {
     pub x: Vec<f64>,
     pub unit: Unit,
     pub y: Vec<f64>,
-    /// Uncertainty; zero if none is stated.
+    /// Standard uncertainty of each `y`; zero if none is stated.
     pub u: Vec<f64>,
     /// Kind of figure: `curve`, `polar`, `points`, `histogram` or `spectrum`.
     #[serde(default)]
@@ -192,7 +192,7 @@ pub enum FunctionFigureKind {
     Points,
     /// Frequency of each value of y.
     Histogram,
-    /// Amplitudes over the harmonic order. An order from 1 to the highest that is missing in x is not identifiable.
+    /// Amplitudes over the harmonic order. An order below the highest one in `x` is not identifiable if `x` lacks it.
     Spectrum,
 }
 
@@ -295,7 +295,7 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// Effect of an uncertainty source that several runs may share on the parameters of the covariance.
+/// Effect on the parameters of the covariance of an uncertainty source that several runs may share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceEffect {
     pub source: String,
@@ -370,8 +370,8 @@ pub struct Estimate {
     pub not_identifiable: Vec<String>,
     pub residual_rms_um: f64,
     pub degrees_of_freedom: usize,
-    /// χ² divided by its expectation when all declared values are correct: the degrees of freedom, unless sources
-    /// that affect many readings together are declared.
+    /// χ² divided by its expected value if all declared values are correct. The expected value is the number of degrees
+    /// of freedom, unless sources are declared that affect many readings together.
     pub chi2_per_dof: f64,
     pub verdict: Verdict,
     /// Decision rule of the verdict, as text.
@@ -389,7 +389,7 @@ pub struct Estimate {
     /// Measured ranges of the axes, mm and degrees.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub measured: BTreeMap<Axis, [f64; 2]>,
-    /// Effects of the sources that other runs may share. Not in the JSON: only the identification gives them.
+    /// Effects of the sources that other runs may share. Not in the JSON: only the identification computes them.
     #[serde(skip)]
     pub source_effects: Vec<SourceEffect>,
 }

@@ -20,7 +20,7 @@ pub enum RunEvent {
     ControlPrepared {
         identity: String,
     },
-    /// The text of a stage was read back and proven; the stage has not moved yet.
+    /// The text of a stage was read back and proven; the stage has not started.
     StageProven {
         stage: u32,
         proof: StageProof,

@@ -79,7 +79,7 @@ impl Machine {
     }
 }
 
-/// What `[axes.X]` of the machine file states of an axis.
+/// Properties of an axis, as declared in `[axes.X]` of the machine file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StatedAxis {

@@ -10,7 +10,7 @@ pub struct MeasurementCheck {
     /// Mean time of its readings, on their clock, s. Absent in estimates of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub t_s: Option<f64>,
-    /// Measured value minus the value of the model, outward along a touch; for a point, the length of this vector.
+    /// Measured value minus the value of the model, outward along a touch; for a point, the length of the difference.
     /// Absent in estimates of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_um: Option<f64>,
@@ -36,7 +36,7 @@ impl Outlier {
     /// `resolution` of an outlier whose measurement is replaced by a repeated one.
     pub const REPLACED: &str = "measured again: the last measurement counts";
 
-    /// Whether the estimate contains the measurement no more.
+    /// Whether a repeated measurement replaces this one, which is then no longer part of the estimate.
     pub fn is_replaced(&self) -> bool {
         self.resolution.as_deref() == Some(Self::REPLACED)
     }

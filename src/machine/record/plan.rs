@@ -1,5 +1,5 @@
 //! The plan: the machine, the measurement and its steps. It is written stage by stage during a run. It is
-//! self-contained: another program can play the machine from it.
+//! self-contained: a program that simulates the machine needs no other file.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,8 +14,8 @@ use crate::{Axis, Position};
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
 
-/// First repeat number, below [`FIRST_REPEAT_NUMBER_AFTER_STOP`], of steps that are measured again because all other
-/// readings contradict theirs; no method has that many passes.
+/// First repeat number of steps that are measured again because their readings were outliers. It is above the number
+/// of passes of any method; the numbers are below [`FIRST_REPEAT_NUMBER_AFTER_STOP`].
 pub const FIRST_OUTLIER_REPEAT_NUMBER: u32 = 500;
 
 /// First repeat number of references that are measured again after a stop.
@@ -197,12 +197,12 @@ pub struct Stage {
     pub id: u32,
     pub name: String,
     /// Code of the pass: the number of earlier measurements of each step, 0 in the first pass. From
-    /// [`FIRST_OUTLIER_REPEAT_NUMBER`] on: measured again because the value was an outlier, counted by such stages.
-    /// From [`FIRST_REPEAT_NUMBER_AFTER_STOP`] on: references measured again after a stop, counted by stops.
+    /// [`FIRST_OUTLIER_REPEAT_NUMBER`] on: measured again because the value was an outlier, one number per such stage.
+    /// From [`FIRST_REPEAT_NUMBER_AFTER_STOP`] on: references measured again after a stop, one number per stop.
     pub repeat: u32,
     /// Ids of the steps to run, in order; the steps themselves are in `Plan::steps`.
     pub steps: Vec<u32>,
-    /// The artefact as earlier stages have found it, if they have: from this stage on, proofs use it.
+    /// The artefact at the position found by earlier stages; proofs use it from this stage on. Absent: not found yet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub found: Option<Artefact>,
 }

@@ -41,7 +41,7 @@ pub enum StylusState {
     Deflected,
 }
 
-/// A question to the operator. At its end: the possible answers.
+/// A question to the operator. The comment of each variant ends with the possible answers.
 #[derive(Debug, Clone, PartialEq)]
 pub enum OperatorQuestion {
     /// The control reports this position, machine coordinates. Does its own display show the same? Yes or no.
@@ -61,7 +61,7 @@ pub enum OperatorQuestion {
         /// Result of the last answer, if the probe still reads closed.
         last_result: Option<String>,
     },
-    /// May the machine make this move, to be held during the motion? Yes or no.
+    /// May the machine make this move, during which the program holds it as a test? Yes or no.
     AllowJogWithHold(Jog),
     /// The control was held. Is the hold released at the control, and is the control ready again? `last_failure`: why
     /// the last attempt failed. Yes or no.

@@ -17,9 +17,9 @@ pub enum ReadingFlag {
     /// The sensor reports no distance: the surface is out of its range, or gives no echo.
     Range,
     Saturated,
-    /// The value is an earlier one: the sensor gave no new value.
+    /// The value repeats an earlier reading, because the sensor gave no new value.
     Stale,
-    /// Samples are missing: before this one, or at this angle.
+    /// Samples are missing, before this sample or at this angle.
     Gap,
     /// Excluded from the identification by the operator.
     Excluded,

@@ -1,4 +1,4 @@
-//! Data of the report that no computation uses: who made the machine, where it stands, which certificate applies.
+//! Data that only the report uses: manufacturer and location of the machine, calibration certificate.
 
 use serde::{Deserialize, Serialize};
 
@@ -69,7 +69,7 @@ impl ReportData {
 
     /// Whether the certificate is no longer valid on `day`, `YYYY-MM-DD`.
     pub fn is_certificate_expired(&self, day: &str) -> bool {
-        // Dates of this form are in the order of their texts.
+        // Dates in the form `YYYY-MM-DD` have the same order as their texts.
         self.certificate_due.as_deref().is_some_and(|due| due < day)
     }
 }

@@ -1,5 +1,5 @@
-//! A sensor that measures a distance without contact: its mounting and its declared properties. The connection to
-//! it is in `sensors/`.
+//! A sensor that measures a distance without contact: its mounting and its declared properties. The drivers of sensors
+//! are in `devices/sensors/`.
 
 use serde::{Deserialize, Serialize};
 

@@ -64,7 +64,7 @@ pub struct LiveSensorValue {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LiveCrossSectionValue {
     pub number: usize,
-    /// Distance from the axis to the centre of the cross section along X and Y. Null: its sensors do not determine it.
+    /// Distance from the axis to the centre of the cross section along X and Y. Null: the sensors do not determine it.
     pub eccentricity_um: Option<[f64; 2]>,
 }
 

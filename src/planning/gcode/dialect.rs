@@ -15,8 +15,8 @@ static DIALECT_FOLDERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../gcode-
 /// Languages that have a G-code reader.
 const LANGUAGES_WITH_READER: [&str; 1] = ["rs274"];
 
-/// Time after which a probe that was switched on is ready, s; the heads of dialects whose control receives the text
-/// line by line wait as long.
+/// Time from switching the probe on until it is ready, s. The head templates of dialects whose control receives single
+/// lines contain a dwell of this length.
 const PROBE_SWITCH_ON_TIME_S: f64 = 1.0;
 
 /// Format of programs for one control: words, decimals and a template for each neutral motion. If a motion has no
@@ -87,8 +87,8 @@ impl Dialect {
         Ok(self)
     }
 
-    /// Returns the same dialect without the command that switches the probe off: for a control that receives one
-    /// program per block, and the command that switches the probe off in a program of its own.
+    /// Returns the same dialect without the probe-off command: for a control that receives one program per block, and
+    /// the probe-off command in a separate program.
     pub fn without_probe_off_command(&self) -> Self {
         let mut same = self.clone();
         same.options.probe_off_command = None;

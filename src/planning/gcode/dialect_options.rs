@@ -1,6 +1,5 @@
 //! Options that a machine adds to its dialect: commands that switch probe and clamps, inputs that report the state
-//! of the probe. They come from the machine file; the G-code reader refuses an undeclared command like any other that
-//! it does not understand.
+//! of the probe. The machine file declares them. The G-code reader refuses a command that is not declared.
 
 use std::collections::BTreeMap;
 

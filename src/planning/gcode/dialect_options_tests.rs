@@ -1,4 +1,4 @@
-//! Options that a machine adds to its dialect, in both dialects.
+//! Options that a machine adds to its dialect, tested with the dialects grbl and linuxcnc.
 
 use serde_json::json;
 
@@ -139,7 +139,7 @@ fn invalid_switch_commands_are_refused_with_their_key() {
         let probe = Probe { on: Some(word.to_owned()), ..probe_with_health_inputs("0", "1") };
         let refused =
             Dialect::from_name("linuxcnc").unwrap().with_machine_options(&machine_with_clamps(), &probe).unwrap_err();
-        // `off` comes later, so of two equal words the second one is refused.
+        // `off` is declared after `on`: if both have the same command, `off` is refused.
         let key = if word == "m65 p1" { "[probe] off = " } else { "[probe] on = " };
         let text = refused.to_string();
         assert!(text.starts_with(key) && text.contains(reason), "{word}: {text}");

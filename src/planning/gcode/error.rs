@@ -2,7 +2,7 @@
 
 use machine::Axis;
 
-/// Error: a dialect is missing or incomplete.
+/// Error: a dialect is unknown or incomplete, or an option of the machine file does not suit the dialect.
 #[derive(Debug, thiserror::Error)]
 pub enum DialectError {
     #[error("unknown dialect `{name}`; available: {}", known.join(", "))]

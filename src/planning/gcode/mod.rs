@@ -1,8 +1,8 @@
 //! Renders neutral motions as text for a control, and reads the text back.
 //!
-//! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); a new dialect needs no Rust. A *language* is a
-//! reader ([`rs274`]): the text that a dialect has rendered can be read back and compared with the intended motions
-//! ([`Dialect::check_read_motions`]).
+//! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); a new dialect needs no Rust code. For each *language*
+//! there is a G-code reader ([`rs274`]), which reads rendered text back; the motions read are compared with the
+//! intended motions ([`Dialect::check_read_motions`]).
 
 mod dialect;
 mod dialect_file;

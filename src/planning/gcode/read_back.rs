@@ -53,7 +53,8 @@ impl Dialect {
 
     fn check_read_motion(&self, step: u32, motion: &Motion, read: &ReadMotion) -> Result<(), String> {
         if read.step_number != Some(step) {
-            return Err(format!("the N word is {:?}", read.step_number));
+            let found = read.step_number.map_or_else(|| "missing".to_owned(), |number| number.to_string());
+            return Err(format!("the step number (N word) is {found} instead of {step}"));
         }
         if read.frame != MotionFrame::Machine {
             return Err(format!("the motion is in the frame {:?}", read.frame));
@@ -98,7 +99,7 @@ impl Dialect {
     }
 }
 
-/// Written so that a NaN on either side is refused.
+/// Checks that two values agree; a NaN as either value is refused.
 fn check_value_within_tolerance(what: &str, expected: f64, read: f64, tolerance: f64) -> Result<(), String> {
     if (expected - read).abs() <= tolerance {
         return Ok(());

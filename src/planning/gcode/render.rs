@@ -20,7 +20,7 @@ pub struct HeadAndFootValues<'a> {
     pub title: &'a str,
     /// The machine's axes.
     pub axes: &'a [Axis],
-    /// Absolute path of the results file, on a control that writes one itself.
+    /// Absolute path of the results file, if the control itself writes the results.
     pub result_log_path: Option<&'a str>,
 }
 
@@ -58,7 +58,7 @@ impl Dialect {
     /// Lines that show `text` to the operator and wait until the operator starts the program again.
     ///
     /// # Errors
-    /// The control has no such stop.
+    /// The dialect has no template for such a stop, or the step number is too large.
     pub fn render_prompt(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
         if step > MAX_STEP_NUMBER {
             return Err(RenderError::StepNumberTooLarge(step));

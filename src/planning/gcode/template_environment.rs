@@ -1,11 +1,11 @@
-//! The template environment. Every number must pass the filter `num`; the formatter refuses any other number.
+//! The template environment. Every decimal number must pass the filter `num`; the formatter refuses it otherwise.
 
 use minijinja::value::Value;
 use minijinja::{Environment, Error, ErrorKind, Output, State, UndefinedBehavior};
 
 use super::error::RenderError;
 
-/// Environment with strict undefined names; `num` is the only way to print a number in a program.
+/// Environment that refuses undefined names; only the filter `num` can print a decimal number.
 pub(super) fn template_environment() -> Environment<'static> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
@@ -16,7 +16,7 @@ pub(super) fn template_environment() -> Environment<'static> {
 
 fn refuse_unformatted_decimal(out: &mut Output, state: &mut State, value: &Value) -> Result<(), Error> {
     if value.is_number() && !value.is_integer() {
-        let reason = "the template prints a number without the filter `num`";
+        let reason = "the template prints a decimal number without the filter `num`";
         return Err(Error::new(ErrorKind::InvalidOperation, reason));
     }
     minijinja::escape_formatter(out, state, value)

@@ -127,7 +127,8 @@ fn a_touch_stays_clear_of_other_balls_and_stems() {
     assert!(prove_plan(&at(14.01)).is_ok());
     let said = assert_refused_as_too_near(&at(13.99), TOUCH_LINE, ["stylus ball", "ball 3"]);
     assert!(said.contains("does not detect this contact: 0.50 mm"), "{said}");
-    // The approach at X = 15, which the probe detects, keeps the uncertainty only: √(2² + 13.3²) < 10 + 3 + 0.5.
+    // The probe detects contact during the approach at X = 15, which keeps only the uncertainty:
+    // √(2² + 13.3²) < 10 + 3 + 0.5.
     assert_refused_as_too_near(&at(13.3), DESCENT_LINE, ["stylus ball", "ball 3"]);
     // A horizontal stem that ends 3 + 0.5 + 0.5 mm before the line of the touch.
     let lying = |length: f64| {
@@ -150,7 +151,7 @@ fn the_stem_of_the_touched_ball_is_checked_up_to_contact() {
     assert_refused_as_too_near(&thick(9.95), TOUCH_LINE, ["stylus ball", "stem of ball 1"]);
 }
 
-/// Parts that the probe does not detect stay half a millimetre away from balls as from everything else.
+/// Parts whose contact the probe does not detect stay 0.5 mm away from balls, as from everything else.
 #[test]
 fn the_probe_body_keeps_its_clearance_from_balls() {
     let high = |y: f64| plan_with_third_ball(|third| third["centre_mm"] = json!([15.0, y, 170.0]));

@@ -29,7 +29,7 @@ pub struct CollisionShape {
 }
 
 impl CollisionShape {
-    /// Points of this and the following shapes are in the frame of the carrier.
+    /// A ball. All points that a constructor of this type takes are in the frame of the carrier.
     pub fn ball(centre: Vector3<f64>, radius: f64) -> Self {
         let carrier_from_core = Pose::from(Translation3::from(centre));
         Self { core: ShapeCore::Point, rounding_radius: radius, carrier_from_core }
@@ -157,7 +157,7 @@ pub enum BodyRole {
     SpindleOrBedSensor,
     /// The body of a displacement sensor on the table, which measures the stylus ball.
     TableSensor {
-        /// Gap to the ball at the near end of the range, at most the margin, mm.
+        /// Gap between ball and sensor at the near end of the range, mm; at most [`super::MIN_UNGUARDED_CLEARANCE_MM`].
         min_gap_mm: f64,
     },
     StylusBall,

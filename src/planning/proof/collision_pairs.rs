@@ -45,7 +45,7 @@ impl BodyPair {
         roles.contains(&BodyRole::SpindleOrBedSensor) && roles.contains(&BodyRole::DatumCylinder)
     }
 
-    /// Whether the two are nearer than the margin with all axes at zero: joined, or built close.
+    /// Whether the two are within [`MIN_UNGUARDED_CLEARANCE_MM`] with all axes at zero: joined, or built close.
     fn are_close_at_zero(&self) -> bool {
         let zero = [0.0; Axis::ALL.len()];
         let joint_path = JointPath { from: zero, to: zero };
@@ -59,16 +59,16 @@ impl BodyPair {
         check_min_clearance_on_path(&joint_path, &self.one, &self.other, &demand).is_err()
     }
 
-    /// Whether only the rotation of the spindle moves them relative to each other: the nose, and the parts that it
-    /// holds.
+    /// Whether only the rotation of the spindle moves the two relative to each other, as the spindle nose and the parts
+    /// that it holds.
     fn is_moved_by_spindle_rotation_only(&self) -> bool {
         self.one.carrier_chain.axes().chain(self.other.carrier_chain.axes()).all(|axis| axis == Axis::S)
     }
 }
 
-/// All pairs that some axis moves relative to each other, and as text those that are not checked: neighbours on one
-/// side, unless one holds the other, and a sensor with a datum cylinder. The gap of these two is the sensor's
-/// range, and the run monitors the samples while an axis moves.
+/// Pairs of bodies that an axis moves relative to each other; and, as text, the pairs that are not checked: neighbours
+/// on one side, except parts that the spindle nose holds, and a sensor with its datum cylinder. The sensor measures the
+/// gap to its cylinder, and the run monitors the samples while an axis moves.
 pub fn collision_pairs_and_unchecked(bodies: &[CollisionBody], uncertainty: f64) -> (Vec<BodyPair>, Vec<String>) {
     let (mut pairs, mut unchecked) = (Vec::new(), Vec::new());
     let all = (0..bodies.len()).flat_map(|one| (0..bodies.len()).map(move |other| (one, other)));
@@ -88,7 +88,8 @@ pub fn collision_pairs_and_unchecked(bodies: &[CollisionBody], uncertainty: f64)
     (pairs, unchecked)
 }
 
-/// Each pair once: for bodies of two sides, the tool's body first, the bed's last.
+/// Makes the pair `one`, `other` if an axis moves them relative to each other. Each pair is made in one order only: the
+/// tool's body before the workpiece's, the bed's body last; `None` for the other order.
 fn make_relatively_moving_pair(
     bodies: &[CollisionBody],
     one: usize,
@@ -146,7 +147,7 @@ fn pair_role(one: &CollisionBody, other: &CollisionBody, bodies: &[CollisionBody
     }
 }
 
-/// Whether the same linear and rotary axes move the body as the stylus ball, the rotation of the spindle apart.
+/// Whether the same axes move the body and the stylus ball, apart from the rotation of the spindle.
 fn moves_with_stylus(body: &CollisionBody, bodies: &[CollisionBody]) -> bool {
     let axes =
         |body: &CollisionBody| -> Vec<Axis> { body.carrier_chain.axes().filter(|axis| *axis != Axis::S).collect() };

@@ -20,10 +20,10 @@ use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
 use machine::record::sensor::SensorMount;
 
-/// Minimum clearance of a probing move from everything that it does not touch, mm. The probe does not detect the
-/// nose on a clamp, its own body on a stem or the table on a column, so nothing would stop there; and the declared
-/// bodies are not measured to the last tenth. The probe does detect contact of its stylus (ball and stem) with the
-/// artefact, including stems: on guarded moves, the stylus keeps only the artefact's uncertainty.
+/// Minimum clearance of a probing move from everything that it does not touch, mm. The probe does not detect contact of
+/// the spindle nose with a clamp, of the probe body with a stem, or of the table with a column, so such a contact does
+/// not stop the machine; and declared sizes are not accurate to 0.1 mm. The probe does detect contact of its stylus
+/// (ball and stem) with the artefact and its stems: on guarded moves, the stylus keeps only the artefact's uncertainty.
 const MIN_UNDETECTED_CONTACT_CLEARANCE_MM: f64 = 0.5;
 /// Tolerance for rounding of the text and of the position that the control reports, mm.
 const START_CLEARANCE_TOLERANCE_MM: f64 = 0.01;
@@ -61,8 +61,8 @@ pub enum ClearanceRule {
     /// A touch of this body of the artefact: all pairs that do not concern this body stay
     /// [`MIN_UNDETECTED_CONTACT_CLEARANCE_MM`] apart.
     TouchOtherBodies(usize),
-    /// A touch of this body, whose position may be off across the touch: parts that move with the stylus ball stay
-    /// clear of this body and its stem.
+    /// A touch of this body, which may be misplaced perpendicular to the touch: parts that move with the stylus ball
+    /// stay clear of this body and its stem.
     TouchMovingParts(usize, LateralMisplacement),
 }
 
@@ -87,7 +87,7 @@ impl CollisionScene {
         Ok(Self { bodies: builder.bodies, pairs, max_artefact_misplacement_mm: uncertainty, unchecked_items })
     }
 
-    /// Bodies that are touched, with their numbers.
+    /// Bodies that a touch may meet, with their numbers.
     pub fn touchable_bodies(&self) -> impl Iterator<Item = (usize, &CollisionBody)> {
         self.bodies.iter().filter_map(|body| match body.role {
             BodyRole::Touchable(number) => Some((number, body)),
@@ -274,7 +274,7 @@ impl CollisionSceneBuilder {
         Ok(())
     }
 
-    /// Adds the artefact. A stem begins inside the ball that it carries. Returns the names of undeclared parts.
+    /// Adds the artefact. A cylinder that begins inside a ball is its stem. Returns the names of undeclared parts.
     fn add_artefact(&mut self, artefact: &Artefact) -> Result<Vec<String>, RefusalReason> {
         let parts = artefact::artefact_bodies(artefact);
         let frame = match artefact {

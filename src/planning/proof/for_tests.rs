@@ -27,7 +27,7 @@ pub fn prove_block_text(
     prove_block_text_from(Position::new(), block, axes, dialect, transmission)
 }
 
-/// Like [`prove_block_text`], from the position `begins`, at which the machine must be.
+/// Like [`prove_block_text`], for a machine at `start_position`.
 ///
 /// # Errors
 /// The errors of [`prove_block_text`].

@@ -147,7 +147,7 @@ fn a_retract_approaches_no_declared_body() {
     assert!(prove_retract_lines(&part, "N1 G53 G1 Y1 F60", (Axis::Y, 1.0), &along).is_ok());
     // In the model the ball is inside the part, that is, in contact: either sense is accepted.
     assert!(x(&part, 47.0, 48.0).is_ok());
-    // Nor can the proof detect that the machine is far from its assumed position: 100 - 3 - 45 mm from the part.
+    // The proof assumes that the machine is at the start position: the ball is 100 - 3 - 45 mm away from the part.
     assert!(x(&part, 100.0, 99.0).is_ok());
 
     // A box with a face at X = 110: 3 mm for the ball, 2 mm for the margin.

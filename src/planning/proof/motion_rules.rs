@@ -53,7 +53,10 @@ pub fn check_max_feed(motion_name: &'static str, motion: &ReadMotion, max_feed: 
     Err(RefusalReason::WrongFeed { motion_name, feed, limit: format!("at most {max_feed}") })
 }
 
-/// Braking distance from the feed, mm, for every linear axis; it must be within the probe's overtravel.
+/// Braking distance from the feed at the smallest acceleration of the linear axes, mm.
+///
+/// # Errors
+/// The braking distance is longer than the probe's overtravel.
 pub fn braking_distance_within_overtravel_mm(
     motion: &ReadMotion,
     machine: &Machine,

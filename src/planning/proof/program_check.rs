@@ -50,7 +50,7 @@ pub struct ProgramCheck<'a> {
     proof: StageProof,
     /// Smallest clearance of the current step.
     min_clearance_of_step: Option<Clearance>,
-    /// Lines whose path is not known.
+    /// Lines whose path was not checked, because the position of an axis is unknown.
     unchecked_lines: Vec<usize>,
     pub(super) touched_directions: TouchedDirections,
     pub(super) chain: KinematicChain,
@@ -266,7 +266,7 @@ impl<'a> ProgramCheck<'a> {
             let scene = self.current_scene().ok_or(RefusalReason::MotionWithoutStep)?;
             touch::find_touch_reach(scene, &joint_path, braking, step.normal)?
         };
-        // At its start, the ball is clear of the artefact, wherever the artefact is.
+        // At the start of the touch, the ball is clear of the artefact, wherever it is within its uncertainty.
         self.check_path_clearance(&JointPath { from, to: from }, &ClearanceRule::GuardedMove)?;
         self.check_path_clearance(&joint_path, &ClearanceRule::TouchOtherBodies(reach.touched_body_number))?;
         self.check_path_clearance(

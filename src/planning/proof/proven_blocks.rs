@@ -45,8 +45,8 @@ impl StageProofError {
     }
 }
 
-/// Text of one block in the form in which it is sent, and the position at which the machine must be for it. Only
-/// the proof creates it; it is executed once, and not changed in between.
+/// Text of one block in the form in which it is sent, and the required start position of the machine. Only the proof
+/// creates a proven block; a driver executes the block once and does not change it.
 #[derive(Debug)]
 pub struct ProvenBlock {
     step: u32,

@@ -55,7 +55,7 @@ impl ProvenModeText {
 }
 
 /// Renders the head and foot of a program, which set the control's modes, and proves that they move nothing. `axes`:
-/// the axes of the machine. `log`: the results file, on a control that writes one itself.
+/// the axes of the machine. `log`: the results file, if the control itself writes the results.
 ///
 /// # Errors
 /// The text cannot be rendered, contains a motion, or cannot be read back.

@@ -88,12 +88,12 @@ pub enum RefusalReason {
     WrongBackOffTarget(PositionMismatch),
     #[error("the feed move (G1) is not the back-off from a touch")]
     UnexpectedFeedMove,
-    #[error("a rapid before touches have confirmed the machine position")]
+    #[error("a rapid before touches have verified the machine position")]
     RapidBeforePositionVerified,
-    #[error("a probing move turns an axis before touches have confirmed the machine position")]
+    #[error("a probing move turns an axis before touches have verified the machine position")]
     TurnBeforePositionVerified,
     #[error(
-        "a sideways move or a turn with {0}: until touches have confirmed the machine position, only Z \
+        "a sideways move or a turn with {0}: until touches have verified the machine position, only Z \
          may move while Z is below its upper limit"
     )]
     SidewaysMoveBelowTopZ(PositionMismatch),

@@ -62,8 +62,8 @@ impl ProgramCheck<'_> {
         }
     }
 
-    /// Maximum feed of the last move to the first point. Until the position is verified, a turn has the reduced
-    /// feed of such turns; an axis that the scan itself does not turn may turn only with Z at its upper end.
+    /// Maximum feed of the last move to the first point. Until the position is verified, the feed of a turn is limited
+    /// by [`turn_feeds`], and an axis that the scan itself does not turn may turn only with Z at its upper end.
     fn max_scan_approach_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, RefusalReason> {
         let plan = self.request.plan;
         let in_nest = self.are_step_sensors_on_table();
@@ -99,8 +99,8 @@ impl ProgramCheck<'_> {
         max_nest_feed_mm_min(self.request.plan)
     }
 
-    /// Required clearance of a feed move of a scan. A move that is too fast for a hold to stop it in time keeps the
-    /// margin from the sensors too.
+    /// Clearance rule for a feed move of a scan. A move that is too fast for a hold to stop in time keeps the full
+    /// clearance of unguarded moves also from the sensors of a nest.
     fn scan_move_clearance_rule(&self, motion: &ReadMotion) -> ClearanceRule {
         let is_slow = || motion_rules::check_max_feed("", motion, self.max_nest_feed_of_plan_mm_min()).is_ok();
         match self.are_step_sensors_on_table() && (has_rotary_motion(motion) || is_slow()) {
@@ -109,7 +109,7 @@ impl ProgramCheck<'_> {
         }
     }
 
-    /// Begins the scan immediately if a turn has its first point at the position of the machine.
+    /// Begins a scan of rotary axes without an approach if the machine is already at its first point.
     fn begin_scan_in_place(&mut self, scan: &Scan) -> CheckResult {
         let is_any = matches!(self.step_phase, StepPhase::Scanning { .. });
         if is_any || !scan.is_rotary_only() {
@@ -137,7 +137,7 @@ impl ProgramCheck<'_> {
         self.check_straight_move(&motion.target, &self.scan_move_clearance_rule(motion))
     }
 
-    /// Checks that the move reaches the point `number`, which is the next one.
+    /// Checks that the move reaches the next point of the path, which has the index `number`.
     fn check_move_to_scan_point(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> CheckResult {
         let ends = self.position.updated_by(&motion.target);
         let point = scan.path.get(number).ok_or(RefusalReason::OffScanPath)?;

@@ -16,7 +16,8 @@ use machine::kinematics::{AxisCommands, CarrierMotion};
 
 /// Accuracy of the smallest clearance of a step, mm.
 pub(super) const REPORTED_CLEARANCE_ACCURACY_MM: f64 = 0.02;
-/// Distance below which two bodies count as colliding, mm.
+/// Displacement during a part of the path below which the part is not bisected further, mm: bodies that are not proven
+/// clear then count as colliding.
 const COLLISION_RESOLUTION_MM: f64 = 1e-3;
 
 /// A straight motion in joint space.

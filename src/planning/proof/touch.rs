@@ -1,7 +1,8 @@
 //! The body that a touch meets, the length of the touch, and the bodies that may come near.
 //!
-//! The body is somewhere within its uncertainty, but the stylus ball stops at its *actual* position. An offset
-//! along the touch shifts contact and all parts that move with the ball alike; an offset across the touch does not.
+//! The true position of the body is unknown within its uncertainty, and contact occurs at the *true* position. An
+//! offset of the body along the touch shifts contact and all parts that move with the stylus ball alike; an offset
+//! across the touch does not.
 //! Therefore stem, probe body and all other parts on the spindle are checked as far as the ball gets when that body
 //! is offset across the touch in any direction. They are checked against the body (and its stem, which moves with
 //! it) enlarged across the touch. Against everything else, including the other balls of an artefact, the touch is
@@ -29,7 +30,7 @@ const MAX_CONTACT_ANGLE_ERROR_DEG: f64 = 25.0;
 /// Rounding tolerance of the text, mm.
 const TEXT_ROUNDING_TOLERANCE_MM: f64 = 2e-3;
 
-/// Part of a touch that contact allows.
+/// Part of a touch up to the farthest point that the stylus ball can reach before contact stops it.
 pub struct TouchReach {
     /// Number of the touched body, as in `BodyRole::Touchable`.
     pub touched_body_number: usize,

@@ -62,8 +62,8 @@ impl ProgramCheck<'_> {
         let known = motion.target.iter().all(|(axis, _)| self.position.get(axis).is_some());
         let dialect = self.request.dialect;
         let is_at = |place: &Position| motion_rules::find_axis_mismatch(&self.position, place, dialect).is_none();
-        // The machine may already be above a step within rounding; at the start of the touch, the next move must be
-        // the touch.
+        // A feed move to the present position may occur above a step, because of rounding. At the start of the touch
+        // it is refused: there, the next move must be the touch.
         let replaces_touch = is_at(&motion.target) && self.current_step().is_some_and(|step| is_at(&step.from));
         if turns
             || !known

@@ -86,7 +86,7 @@ fn feed_move_may_replace_a_too_short_probing_move() {
         prove_lines_with_touched_directions(&plan, &short, Some(&position_beside_part()), TouchedDirections::default())
             .is_ok()
     );
-    // A machine that is already there, within the last digit of the text.
+    // The machine is already at X50, within the last digit of the text.
     let stays = UNCONFIRMED_TOUCH_PROGRAM.replacen("X50 F1500", "X50 F1500\nN0 G53 G1 X50 F300", 1);
     assert!(
         prove_lines_with_touched_directions(&plan, &stays, Some(&position_beside_part()), TouchedDirections::default())

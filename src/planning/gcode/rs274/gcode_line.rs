@@ -78,7 +78,7 @@ impl GcodeWords {
     }
 }
 
-/// Number of a word that counts or names: an integer, not negative, below ten million.
+/// Converts the value of a word that must be an integer from 0 to 9,999,999, such as an N or M word.
 pub(super) fn parse_word_integer(value: f64, letter: char) -> Result<u32, LineError> {
     let whole = value.round();
     if (value - whole).abs() < 1e-6 && (0.0..10_000_000.0).contains(&whole) {

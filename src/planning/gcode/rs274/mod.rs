@@ -68,7 +68,7 @@ pub struct ReadError {
     pub reason: LineError,
 }
 
-/// Reason why a line is refused; the text may also follow the line itself.
+/// Reason why a line is refused, worded so that a message can print it after the text of the line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct LineError(Cow<'static, str>);
@@ -89,7 +89,7 @@ impl<T: Into<Cow<'static, str>>> From<T> for LineError {
 /// move; an axis with a clamp moves only while the clamp is open, and a probing move needs the clamp closed.
 ///
 /// # Errors
-/// The first line that is not understood, or that moves in a state not set.
+/// The first line that is not understood, or that moves before the text has set the required state.
 pub fn read_program(
     text: &str,
     zero_offset_slot: Option<&str>,

@@ -140,7 +140,7 @@ impl GcodeReaderState {
         if words.has_abort_comment {
             self.has_program_ended = true;
         }
-        // A dwell without a step belongs to the template, not to a motion.
+        // A dwell without an N word comes from a template (e.g. a wait for a clamp) and is not a motion of the plan.
         let own = |motion: &ReadMotion| n.is_none() && matches!(motion.kind, MotionKind::Dwell { .. });
         Ok(motion.filter(|motion| !own(motion)).map(|motion| ReadMotion { step_number: n, ..motion }))
     }
